@@ -128,14 +128,14 @@ def column(values: ArrayLike, rows: int, name: str) -> Floats:
     return array
 
 
-def matrix(values: ArrayLike, name: str = "matrix", size: int = 3) -> Floats:
-    """Let through a finite (size, size) array.
+def matrix(values: ArrayLike, name: str = "matrix") -> Floats:
+    """Let through a finite (3, 3) array.
 
     Raises `ArrayError` with the shape, or the first row that is not finite.
     """
     array = floats(values, name)
-    if array.shape != (size, size):
-        raise ArrayError(f"{name} has shape {array.shape}: need ({size}, {size})")
+    if array.shape != (3, 3):
+        raise ArrayError(f"{name} has shape {array.shape}: need (3, 3)")
     refuse_gaps(array, name)
     return array
 

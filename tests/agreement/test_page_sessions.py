@@ -35,7 +35,7 @@ from flinders.live.session import (
     wants_fit,
 )
 from flinders.report.view import view
-from flinders.standalone.rules import session_rules
+from flinders.standalone.package import session_rules
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -14,7 +14,7 @@ from tests.trials import examples
 
 from flinders.core.samples import Samples
 from flinders.estimators import Readings, outliers_of
-from flinders.estimators.data import LEAST, MARGIN, NO_RUN, WINDOW, Inliers, dense_enough, dense_in, left_out
+from flinders.estimators.outliers import LEAST, MARGIN, NO_RUN, WINDOW, dense_enough, dense_in, left_out
 from flinders.estimators.robust import Robust
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude
@@ -71,7 +71,7 @@ def test_the_more_strays_and_rows_there_are_the_denser_is_a_run(share: float, ro
 )
 @examples(200)
 def test_what_is_left_out_does_not_depend_on_blocks(far: NDArray[np.bool_], sizes: list[int], dense: int) -> None:
-    """And it is what is listed, what is counted and what `Inliers` leaves out."""
+    """And it is what is listed and what is counted."""
     samples = Samples(np.outer(np.where(far, 80.0, 50.0), [0.6, 0.0, 0.8]) + np.arange(len(far))[:, np.newaxis] * 1e-6)
     edges = np.unique(np.clip([0, *np.cumsum(sizes), len(far)], 0, len(far))).tolist()
     blocks = [samples[:0], *(samples[begin:end] for begin, end in pairwise(edges)), samples[:0]]
@@ -79,8 +79,6 @@ def test_what_is_left_out_does_not_depend_on_blocks(far: NDArray[np.bool_], size
     parts = np.concatenate([out for _, _, out in left_out(blocks, SPHERE, LIMIT, dense)])
     npt.assert_array_equal(parts, whole)
     assert np.all(whole[far])
-    kept = [block.field for block in Inliers(samples, SPHERE, LIMIT, dense).blocks()]
-    npt.assert_array_equal(np.concatenate(kept), samples.field[~whole])
     listed = outliers_of(blocks, SPHERE, LIMIT, dense)
     assert [str(outlier) for outlier in listed] == [
         str(outlier) for outlier in outliers_of([samples], SPHERE, LIMIT, dense)

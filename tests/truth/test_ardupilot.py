@@ -119,7 +119,7 @@ def test_what_a_vehicle_does_with_what_is_written_is_the_calibration_to_a_float3
     raw = given.unapply(given.field_strength * simulate.uniform(np.random.default_rng(seed), 100))
     for reading, expected in zip(10 * raw, 10 * given.apply(raw), strict=True):
         npt.assert_allclose(vehicle(written, reading), expected, atol=1e-3)
-    held = Parameters.of(given).as_held()
+    held = Parameters.of(given).as_float32()
     assert dict(held.rows()) == written
     npt.assert_allclose(held.to_calibration(given.field_strength).apply(raw), given.apply(raw), atol=1e-4)
 

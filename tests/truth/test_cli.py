@@ -27,8 +27,7 @@ from tests.waiting import wait_until
 import flinders
 from flinders import simulate
 from flinders.cli import _output, main
-from flinders.cli._program import EXIT_CODES
-from flinders.cli._signals import ENDING, handled, interrupt
+from flinders.cli._program import ENDING, EXIT_CODES, handled, interrupt
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
 from flinders.errors import UsageError
@@ -45,7 +44,6 @@ COMMANDS = tuple(main.commands)
 INTERRUPTIBLE = """
 import signal
 from flinders.cli import main
-from flinders.cli._signals import ENDING, handled, interrupt
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a test run in the background ignores it
 main(prog_name="flinders")
 """

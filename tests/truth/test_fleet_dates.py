@@ -15,9 +15,8 @@ from tests.trials import daily
 
 from flinders.cli import main
 from flinders.fleet.aggregate import overview_of
-from flinders.fleet.dates import arranged, date_of, is_date
 from flinders.fleet.drift import drift_of
-from flinders.fleet.history import batch_rule
+from flinders.fleet.history import arranged, batch_rule, date_of, is_date
 from flinders.fleet.results import UnitResults, objects
 from flinders.report.fleet import page
 

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from flinders.cli import main
 from flinders.report.html_file import asset
 from flinders.standalone import package
-from flinders.standalone.index_page import CSP, index_page
+from flinders.standalone.package import CSP, index_page
 
 if TYPE_CHECKING:
     from pathlib import Path

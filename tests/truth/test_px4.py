@@ -81,10 +81,10 @@ def test_what_the_vehicle_uses_is_the_calibration_turned_to_the_rounding_of_floa
     raw = given.unapply(given.field_strength * simulate.uniform(rng, 1000)) / 100
     rows = dict(parameters.rows())
     expected = np.array([vehicle(rows, each, 0.7, MOUNTINGS[rotation][1:]) for each in raw])
-    npt.assert_allclose(parameters.as_held().apply(raw, 0.7), expected, atol=1e-12)
+    npt.assert_allclose(parameters.as_float32().apply(raw, 0.7), expected, atol=1e-12)
     npt.assert_allclose(parameters.apply(raw), given.apply(100 * raw) @ mounting(rotation).T / 100, atol=1e-12)
     bound = 3 * 2.0**-24 * (np.abs(raw).max() + np.abs(parameters.offset).max()) * np.abs(parameters.matrix).sum()
-    assert np.abs(parameters.as_held().apply(raw) - parameters.apply(raw)).max() <= bound
+    assert np.abs(parameters.as_float32().apply(raw) - parameters.apply(raw)).max() <= bound
     npt.assert_allclose(parameters.unapply(parameters.apply(raw, 0.7), 0.7), raw, atol=1e-12)
 
 

@@ -18,6 +18,7 @@ from flinders.errors import NotAnEllipsoid
 from flinders.estimators import Readings, data
 from flinders.estimators.auto import Auto
 from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.outliers import MARGIN
 from flinders.estimators.robust import Robust
 from flinders.geometry.ellipsoid import upper
 from flinders.heading.error_propagation import level_error
@@ -111,7 +112,7 @@ def test_what_is_listed_is_what_was_left_out(rows: int | None, monkeypatch: pyte
     found = Robust().estimate(Readings.of(samples if rows is None else Streamed(samples, rows)))
     rejected = sum(outlier.rows for outlier in found.outliers)
     left_out = len(samples) - rejected - found.used * (1 if rows is None else 2)
-    assert left_out == 0 if rows is None else 0 <= left_out <= 4 * data.MARGIN, "around a run of every second reading"
+    assert left_out == 0 if rows is None else 0 <= left_out <= 4 * MARGIN, "around a run of every second reading"
     run = max(found.outliers, key=lambda outlier: outlier.rows)
     assert run.rows == run.last - run.first + 1 > 120
 

@@ -232,7 +232,7 @@ def test_ardupilot_holds_every_value_and_no_other_changed() -> None:
         assert autopilot.sets == []
         plan.carry_out()
     held = ardupilot.ArduPilotParameters.read(autopilot.values, 2)
-    wanted = ardupilot.ArduPilotParameters.of(found(), compass=2).as_held()
+    wanted = ardupilot.ArduPilotParameters.of(found(), compass=2).as_float32()
     np.testing.assert_array_equal(held.matrix, wanted.matrix)
     np.testing.assert_array_equal(held.offset, wanted.offset)
     changed = {name for name, value in autopilot.values.items() if value != autopilot.before[name]}
@@ -246,7 +246,7 @@ def test_px4_device_ids_travel_byte_by_byte() -> None:
         assert (plan.compass, plan.device_id) == (1, DEVICE + 1)  # looked up by the id that the calibration names
         plan.carry_out()
     held = px4.Px4Parameters.read(autopilot.values, 1)
-    wanted = px4.Px4Parameters.of(found(), compass=1).as_held()
+    wanted = px4.Px4Parameters.of(found(), compass=1).as_float32()
     np.testing.assert_array_equal(held.matrix, wanted.matrix)
     np.testing.assert_array_equal(held.offset, wanted.offset)
     assert plan.backup().splitlines()[1] == f"1\t1\tCAL_MAG1_XOFF\t{np.float32(0.1):.9g}\t9"
@@ -331,7 +331,7 @@ def test_three_of_ten_packets_lost_each_way_are_sent_again() -> None:
     with vehicle(loses=0.3, answer=0.05) as (autopilot, seen):
         ParameterPlan.of(seen, found(), compass=2, device_id=DEVICE + 1).carry_out()
     held = ardupilot.ArduPilotParameters.read(autopilot.values, 2)
-    np.testing.assert_array_equal(held.offset, ardupilot.ArduPilotParameters.of(found(), compass=2).as_held().offset)
+    np.testing.assert_array_equal(held.offset, ardupilot.ArduPilotParameters.of(found(), compass=2).as_float32().offset)
 
 
 def test_a_vehicle_that_rounds_is_left_as_it_was_and_what_it_says_is_told() -> None:

@@ -5,12 +5,16 @@ Nothing here imports NumPy until a command runs, and no command but that, so tha
 
 from __future__ import annotations
 
-from flinders.cli._signals import ENDING, end, handled
+import sys
 
-with handled(end, *ENDING):
+try:
     import click
 
     from flinders.cli._program import EXIT_CODES, Commands, Program, show_versions
+except (KeyboardInterrupt, RuntimeError) as error:  # a class that is made meanwhile hands it on as a cause
+    if not isinstance(error.__cause__ or error, KeyboardInterrupt):
+        raise
+    sys.exit(130)  # as `Program` ends, which is not there yet
 
 main = Program(
     name="flinders",

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import Provenance, SourceFile
     from flinders.core.compensation import Compensator
     from flinders.core.geomag import SiteField
-    from flinders.core.samples import Joined, Recording, Samples, Skipped
+    from flinders.core.samples import Recording, Skipped
+    from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
     from flinders.likelihood.site_field import Site
@@ -38,61 +39,29 @@ def sha256(recording: Recording) -> str:
 
 def file_of(recording: Recording) -> File:
     """The file that a recording was read from, also where a table was made of what a board printed."""
-    file: File = getattr(recording, "original", None) or recording.file  # type: ignore[attr-defined]
+    read: Any = getattr(recording, "recording", recording)
+    file: File = getattr(read, "original", None) or read.file
     return file
 
 
 @contextlib.contextmanager
-def saying_what_was_skipped(recordings: Iterable[Recording]) -> Iterator[None]:
-    """Where readings are too few, say what was left out of these recordings: it may be the reason."""
+def saying_what_was_read(parts: Sequence[CountedRecording]) -> Iterator[None]:
+    """Say afterwards what was read; an error of too few readings gets what was left out, which may be the reason."""
     try:
         yield
     except TooFewSamples as error:
-        skipped = [entry for recording in recordings for entry in getattr(recording, "skipped", ())]
         raise TooFewSamples(
             found=error.found,
             needed=error.needed,
             method=error.method,
             of=error.of,
-            skipped=skipped,
+            skipped=[entry for part in parts for entry in part.skipped],
             how=error.how,
         ) from None
-
-
-class Counted:
-    """A recording that knows how many rows its last pass gave, and says once what was read."""
-
-    def __init__(self, recording: Recording) -> None:
-        from flinders.core.samples import frame_of
-
-        self.recording, self.source = recording, recording.source
-        self.unit, self.axes, self.frame = recording.unit, recording.axes, frame_of(recording)
-        self.file = file_of(recording)
-        self.rows = 0
-        self._is_said = False
-
-    @property
-    def skipped(self) -> tuple[Skipped, ...]:
-        """What the last pass left out."""
-        skipped: tuple[Skipped, ...] = getattr(self.recording, "skipped", ())
-        return skipped
-
-    def blocks(self) -> Iterator[Samples]:
-        """Go through the recording; after the first time, or where that breaks off, say what was read."""
-        self.rows = 0
-        try:
-            for block in self.recording.blocks():
-                self.rows += len(block)
-                yield block
-        except FlindersError:
-            self._say(str(self.recording))
-            raise
-        self._say(f"{self.recording}; {read_and_left_out(self.rows, self.skipped)}")
-
-    def _say(self, words: str) -> None:
-        if not self._is_said:
-            self._is_said = True
-            say(words)
+    finally:
+        for part in parts:
+            if part.rows or part.skipped:
+                say(f"{part.recording}; {read_and_left_out(part.rows, part.skipped)}")
 
 
 def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
@@ -110,7 +79,7 @@ def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
     return ", ".join(words)
 
 
-def provenance(parts: Iterable[Counted] = (), files: Iterable[SourceFile] = ()) -> Provenance:
+def provenance(parts: Iterable[CountedRecording] = (), files: Iterable[SourceFile] = ()) -> Provenance:
     """Which release made it, when, from which files: those of the parts that were read, after `files`."""
     from datetime import UTC, datetime
 
@@ -124,7 +93,7 @@ def provenance(parts: Iterable[Counted] = (), files: Iterable[SourceFile] = ()) 
     )
 
 
-def source_file(part: Counted) -> SourceFile:
+def source_file(part: CountedRecording) -> SourceFile:
     """Name, hash and size of a file, and how many readings it gave."""
     from flinders.core.calibration_file import SourceFile
 
@@ -240,16 +209,16 @@ def open_with(calibration: Calibration, recording: str, *, sensor: str | None = 
 
 def open_all_with(
     path: str, calibration: Calibration, recordings: Sequence[str], *, sensor: str | None, **reading: Any
-) -> Joined:
-    """Open recordings as `open_with`, as one; says which magnetometer was taken."""
-    from flinders.core.samples import Joined
+) -> list[CountedRecording]:
+    """Open recordings as `open_with`; says which magnetometer was taken."""
+    from flinders.estimators.data import CountedRecording
 
     refuse_twice(recordings)
     refuse_calibrations(recordings)
     parts = [open_with(calibration, each, sensor=sensor, **reading) for each in recordings]
     for part in parts:
         say_sensor(path, calibration, part, sensor)
-    return Joined(tuple(map(Counted, parts)))
+    return list(map(CountedRecording, parts))
 
 
 def load(command: str, path: str, recordings: Sequence[str] = ()) -> Fit:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 
-from flinders.cli._inputs import Counted, fitted, provenance, saying_what_was_skipped
+from flinders.cli._inputs import fitted, provenance, saying_what_was_read
 from flinders.cli._output import Outputs, print_result, progress, say
 from flinders.cli._program import EXITS
 from flinders.errors import FitError, FlindersError, InputError, UsageError
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.comparison.multi_sensor import Together
+    from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
     from flinders.readers import Log
@@ -45,6 +46,7 @@ class MultiSensor:
 
     def calibrate(self, reading: dict[str, Any], options: dict[str, Any]) -> int:
         """Calibrate each magnetometer, or all of them jointly, and print a table of the results."""
+        from flinders.estimators.data import CountedRecording
         from flinders.readers import open_log
 
         self._refuse(options)
@@ -52,7 +54,7 @@ class MultiSensor:
         with progress("reading") as watch:
             log = open_log(self.path, progress=watch, **reading)
             _refuse_chosen(log, reading)
-            parts = {instrument.name: Counted(instrument) for instrument in log.instruments}
+            parts = {instrument.name: CountedRecording(instrument) for instrument in log.instruments}
             paths = [_named(self.output, number) for number in range(1, len(parts) + 1)]
             Outputs.of(*(("the calibration", each) for each in paths), force=self.force).check([self.path])
             options = {**options, **self.told_by(log)}
@@ -92,7 +94,7 @@ class MultiSensor:
             if self.is_joint and is_given:
                 raise UsageError(f"{option} is for one magnetometer by itself: leave it out with --joint")
 
-    def _fitted_jointly(self, log: Log, parts: dict[str, Counted], options: dict[str, Any]) -> Together:
+    def _fitted_jointly(self, log: Log, parts: dict[str, CountedRecording], options: dict[str, Any]) -> Together:
         """Fit all magnetometers of a log jointly."""
         from flinders.comparison.multi_sensor import fit_multi
 
@@ -102,20 +104,21 @@ class MultiSensor:
         if not options.get("aiding") and (site := options.get("site")):
             options = {"dip_deg": site.inclination_deg, **options, "site": None}
         asked = {name: options[name] for name in OF_JOINT_FITS if options.get(name) is not None}
-        return fit_multi(parts, reference=chosen, **asked)
+        with saying_what_was_read(list(parts.values())):
+            return fit_multi(parts, reference=chosen, **asked)
 
-    def _each(self, parts: Mapping[str, Counted], options: dict[str, Any]) -> Iterator[tuple[str, Outcome]]:
+    def _each(self, parts: Mapping[str, CountedRecording], options: dict[str, Any]) -> Iterator[tuple[str, Outcome]]:
         """Fit one magnetometer after the other; a refusal is a result like any other, and so is a dead one."""
         for name, part in parts.items():
             try:
-                with saying_what_was_skipped([part]):
+                with saying_what_was_read([part]):
                     outcome: Outcome = fitted([part], self.by, {**options, "sensor": name})
             except (FitError, InputError) as refusal:
                 outcome = refusal
             yield name, outcome
 
     def _saved(
-        self, outcomes: Iterator[tuple[str, Outcome]], parts: Iterable[Counted], paths: Sequence[str | None]
+        self, outcomes: Iterator[tuple[str, Outcome]], parts: Iterable[CountedRecording], paths: Sequence[str | None]
     ) -> Iterator[tuple[str, Outcome]]:
         """Write the calibrations that were not refused."""
         for (name, outcome), part, path in zip(outcomes, parts, paths, strict=True):

@@ -12,51 +12,19 @@ from flinders.cli._program import (
     OUTPUT,
     RECORDING,
     SITE,
-    Command,
     Field,
     Group,
     angle,
-    argument,
-    command_of,
     flag,
-    group,
     inclination,
-    is_typed,
     member,
-    numbers_of,
     only_one,
     positive,
-    same_as,
-    within,
 )
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from flinders.heading.smoothing import Filter
-
-# what a command declares its options with, beside those below
-__all__ = [
-    "AIDING",
-    "METHOD",
-    "OUTPUT",
-    "RECORDING",
-    "SITE",
-    "Command",
-    "Field",
-    "Group",
-    "angle",
-    "argument",
-    "command_of",
-    "flag",
-    "group",
-    "inclination",
-    "is_typed",
-    "member",
-    "numbers_of",
-    "positive",
-    "same_as",
-    "within",
-]
 
 
 def target(words: str = "Worst heading error that is good enough.", default: float | None = 1.0) -> Field:

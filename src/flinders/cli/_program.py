@@ -1,7 +1,7 @@
 """The program: commands made of dataclasses of options, one table of exit codes, no traceback for bad input.
 
-Each command has a dataclass whose fields are its arguments, options and groups of options, and is imported when it is
-called.
+Each command is imported when it is called, and has a dataclass whose fields are its arguments, options and groups of
+options.
 
 >>> class Show(Group):
 ...     path: str = argument("PATH")
@@ -16,13 +16,16 @@ a.csv x,y,z True
 
 from __future__ import annotations
 
+import _thread
 import atexit
 import contextlib
 import gc
 import io
 import math
 import os
+import signal
 import sys
+import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import Field as DataclassField
 from dataclasses import dataclass, field, fields
@@ -31,20 +34,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, TypeVar, dataclass_transform
 
 import click
+from click.shell_completion import CompletionItem
 
-from flinders.cli._completion import BY_METAVAR, files
 from flinders.cli._output import Output, Outputs, in_options, print_fit, print_json, say
-from flinders.cli._signals import ENDING, INTERRUPTED, handled, interrupt
 from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
-    from types import ModuleType
+    from types import FrameType, ModuleType
 
     from flinders.findings import Verdict
 
-GOOD, USAGE, LIMITED, REFUSED, UNREADABLE, UNWRITABLE, INTERNAL = 0, 2, 3, 4, 5, 6, 70
+GOOD, USAGE, LIMITED, REFUSED, UNREADABLE, UNWRITABLE, INTERNAL, INTERRUPTED = 0, 2, 3, 4, 5, 6, 70, 130
 
 EXIT_CODES: Final = {
     GOOD: "good",
@@ -57,35 +59,14 @@ EXIT_CODES: Final = {
     INTERRUPTED: "interrupted",
 }
 
+ENDING: Final = ("SIGINT", "SIGTERM", "SIGHUP")
+"""Ctrl-C, and what else ends a program from outside: kill, timeout, a closed terminal."""
+
 EXITS: Final[dict[Verdict, int]] = {"good": GOOD, "limited": LIMITED, "refused": REFUSED}
 """How a command ends by its verdict."""
 
 FIT_KEYS: Final = ("verdict", "method", "calibration", "heading_error_deg", "noise", "coverage", "findings")
 """What every result of ``calibrate --json`` has."""
-
-
-Options = TypeVar("Options", bound="Group")
-Field: TypeAlias = Any
-"""A field of a group: what declares an option, and the value of that for a type checker."""
-
-RECORDING, SITE, AIDING, METHOD, OUTPUT = HEADINGS = (
-    "Recording", "Site", "Aiding sensors and disturbances", "Method", "Output",
-)  # fmt: skip
-"""Headings of a command's help, in their order, below the options that are used most."""
-
-FEW: Final = 8
-"""So many options of a command need no headings."""
-
-RENAMED: Final[Mapping[str, Mapping[str, str]]] = {
-    "apply": {"--hold": "--fix"},
-    "calibrate": {"--together": "--joint"},
-    "check": {"--hold": "--fix"},
-    "drift": {"--most": "--limit"},
-    "heading": {"--hold": "--fix"},
-    "swing": {"--rest": "--stationary"},
-    "three-axis": {"--held": "--stationary", "--limit": "--saturation"},
-}
-"""Options by command that had another spelling in the last release, which still works for this one."""
 
 
 def show_versions(context: click.Context, _option: click.Parameter, is_asked: bool) -> None:
@@ -222,6 +203,62 @@ def _report_fault(error: Exception) -> int:
     return INTERNAL
 
 
+@contextlib.contextmanager
+def handled(handler: Callable[[int, FrameType | None], object], *names: str) -> Iterator[None]:
+    """Have signals handled by a function, those that this system has and does not ignore; only in the main thread."""
+    here = threading.current_thread() is threading.main_thread()
+    numbers = [getattr(signal, name) for name in names if here and hasattr(signal, name)]
+    awaited = [number for number in numbers if signal.getsignal(number) != signal.SIG_IGN]  # nohup ignores one
+    before = {number: signal.signal(number, handler) for number in awaited}
+    try:
+        yield
+    finally:
+        for number, handler_before in before.items():
+            signal.signal(number, handler_before)
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise `KeyboardInterrupt`, as soon as no module is imported, which would make another fault of it.
+
+    Python before 3.12 raises a `RuntimeError` while a class is made, NumPy an `ImportError` while it is loaded.
+    """
+    if not _is_importing(frame):
+        signal.default_int_handler(number, None)
+    again = threading.Timer(0.01, _send, [number])
+    again.daemon = True
+    again.start()
+
+
+def _send(number: int) -> None:
+    """Send a signal to the main thread, which may wait for input."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+    else:
+        _thread.interrupt_main(signal.Signals(number))
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    """Whether a call is one of those that import a module."""
+    while frame is not None and frame.f_globals.get("__name__") != "importlib._bootstrap":
+        frame = frame.f_back
+    return frame is not None
+
+
+@contextlib.contextmanager
+def stopping(*, patient: bool) -> Iterator[Callable[[], bool]]:
+    """Take Ctrl-C, and what ends a program from outside, as a wish."""
+    asked = False
+
+    def ask(number: int, _: object) -> None:
+        nonlocal asked
+        if asked and not patient:
+            signal.default_int_handler(number, None)
+        asked = True
+
+    with handled(ask, *ENDING):
+        yield lambda: asked
+
+
 def _let_imports_be() -> None:
     """Keep the garbage collector from what imports made: looking through it was a sixth of a short command."""
     gc.set_threshold(50_000)
@@ -247,6 +284,30 @@ def _silence_stdout() -> None:
 
 
 # ------------------------------------------------------------------------------------------------- options of a command
+
+
+Options = TypeVar("Options", bound="Group")
+Field: TypeAlias = Any
+"""A field of a group: what declares an option, and the value of that for a type checker."""
+
+RECORDING, SITE, AIDING, METHOD, OUTPUT = HEADINGS = (
+    "Recording", "Site", "Aiding sensors and disturbances", "Method", "Output",
+)  # fmt: skip
+"""Headings of a command's help, in their order, below the options that are used most."""
+
+FEW: Final = 8
+"""So many options of a command need no headings."""
+
+RENAMED: Final[Mapping[str, Mapping[str, str]]] = {
+    "apply": {"--hold": "--fix"},
+    "calibrate": {"--together": "--joint"},
+    "check": {"--hold": "--fix"},
+    "drift": {"--most": "--limit"},
+    "heading": {"--hold": "--fix"},
+    "swing": {"--rest": "--stationary"},
+    "three-axis": {"--held": "--stationary", "--limit": "--saturation"},
+}
+"""Options by command that had another spelling in the last release, which still works for this one."""
 
 
 class Option(click.Option):
@@ -418,7 +479,7 @@ def flag(name: str, words: str, **attributes: Any) -> Field:
 
 def argument(metavar: str, *, required: bool = True, nargs: int = 1) -> Field:
     """A field that is an argument, shown as `metavar`: the name of a file."""
-    attributes = {"metavar": metavar, "required": required, "nargs": nargs, "shell_complete": files}
+    attributes = {"metavar": metavar, "required": required, "nargs": nargs, "shell_complete": complete_files}
     return field(metadata={"kind": click.Argument, "names": (), "attributes": attributes})
 
 
@@ -501,3 +562,45 @@ def numbers_of(text: str) -> list[float]:
     except ValueError:
         return []
     return numbers if all(map(math.isfinite, numbers)) else []
+
+
+# ------------------------------------------------------------------------------------------- what a shell completes
+
+
+Completion: TypeAlias = list[CompletionItem]
+"""What a shell completes a word to."""
+
+
+def complete_files(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
+    """Let the shell complete names of files."""
+    return [CompletionItem(begun, type="file")]
+
+
+def complete_targets(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
+    """Names of targets.
+
+    >>> [item.value for item in complete_targets(None, None, "px")]
+    ['px4', 'px4-shell']
+    """
+    from flinders.targets import registry
+
+    return _matching(registry(), begun)
+
+
+def complete_methods(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
+    """Names of methods."""
+    from flinders.estimators import METHODS
+
+    return _matching(("auto", *METHODS), begun)
+
+
+def _matching(names: Iterable[str], begun: str) -> Completion:
+    """Items of the names that begin so."""
+    return [CompletionItem(name) for name in names if name.startswith(begun)]
+
+
+BY_METAVAR: Final = {
+    **dict.fromkeys(("FILE", "CALIBRATION", "LOG", "TRUTH", "SESSION"), complete_files),
+    "TARGET": complete_targets,
+}
+"""Completion of options by what their value is called in the help."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import in_use, open_with, say_sensor
 from flinders.cli._output import print_json, progress, say, written
 from flinders.cli._program import GOOD, LIMITED
@@ -20,14 +21,14 @@ if TYPE_CHECKING:
     from flinders.heading.smoothing import Filter
 
 
-class Apply(option.Group):
+class Apply(program.Group):
     """A calibration, a recording, and how it is corrected and written."""
 
-    calibration: str = option.argument("CALIBRATION")
-    recording: str = option.argument("RECORDING")
+    calibration: str = program.argument("CALIBRATION")
+    recording: str = program.argument("RECORDING")
     output: str = option.output("corrected readings", "Where to write [default: standard output].", default="-")
-    add: bool = option.flag("--add", "Add three columns for the corrected field instead of replacing it.")
-    reading: option.PartOfColumns = option.group(option.PartOfColumns)
+    add: bool = program.flag("--add", "Add three columns for the corrected field instead of replacing it.")
+    reading: option.PartOfColumns = program.group(option.PartOfColumns)
     sensor: str | None = option.sensor_of_calibration()
     fixed: tuple[str, ...] = option.fixed()
     by: Filter | None = option.smoothing()
@@ -35,7 +36,7 @@ class Apply(option.Group):
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "apply",
     Apply,
     common=("output", "add", "columns", "sensor", "as_json"),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._output import print_result
 from flinders.errors import UsageError
 
@@ -15,12 +16,12 @@ if TYPE_CHECKING:
     from flinders.heading.budget import Budget, UnitValue
 
 
-def _quantity(name: str, example: str, words: str) -> option.Field:
+def _quantity(name: str, example: str, words: str) -> program.Field:
     """An option that takes a number and its unit as they are typed."""
-    return option.member(f"--{name}", metavar="VALUE", help=f"{words}, such as {example}.")
+    return program.member(f"--{name}", metavar="VALUE", help=f"{words}, such as {example}.")
 
 
-class Heading(option.Group):
+class Heading(program.Group):
     """The stray field, and the heading error it makes in which field."""
 
     field: str | None = _quantity("field", "150mG", "Horizontal part of the earth's field")
@@ -29,24 +30,24 @@ class Heading(option.Group):
     as_json: bool = option.as_json(heading="")
 
 
-class Wire(option.Group):
+class Wire(program.Group):
     """A wire whose return is far away."""
 
     current: str | None = _quantity("current", "0.2A", "Current in the wire")
     distance: str | None = _quantity("distance", "1cm", "Distance from the middle of the wire")
-    heading: Heading = option.group(Heading)
+    heading: Heading = program.group(Heading)
 
 
-class Pair(option.Group):
+class Pair(program.Group):
     """A wire and its return."""
 
     current: str | None = _quantity("current", "10A", "Current in both wires, there and back")
     separation: str | None = _quantity("separation", "5mm", "Distance between the middles of the wires")
     distance: str | None = _quantity("distance", "10cm", "Distance from the middle between both")
-    heading: Heading = option.group(Heading)
+    heading: Heading = program.group(Heading)
 
 
-class Magnet(option.Group):
+class Magnet(program.Group):
     """A magnet, by its moment, or its remanence and volume."""
 
     moment: str | None = _quantity("moment", "0.24Am2", "Magnetic moment")
@@ -55,8 +56,8 @@ class Magnet(option.Group):
     )
     volume: str | None = _quantity("volume", "0.236cm3", "Volume of the magnet")
     distance: str | None = _quantity("distance", "30cm", "Distance from the middle of the magnet")
-    side: bool = option.flag("--side", "The sensor is off its side, not off its poles: half the field.")
-    heading: Heading = option.group(Heading)
+    side: bool = program.flag("--side", "The sensor is off its side, not off its poles: half the field.")
+    heading: Heading = program.group(Heading)
 
 
 @click.group(
@@ -76,7 +77,7 @@ def command() -> None:
     """
 
 
-@option.command_of(
+@program.command_of(
     "heading",
     Heading,
     command,
@@ -98,7 +99,7 @@ def heading(options: Heading) -> None:
     _print(budget, as_json=options.as_json)
 
 
-@option.command_of(
+@program.command_of(
     "wire",
     Wire,
     command,
@@ -121,7 +122,7 @@ def wire(options: Wire) -> None:
     _print(budget, as_json=options.heading.as_json)
 
 
-@option.command_of(
+@program.command_of(
     "pair",
     Pair,
     command,
@@ -144,7 +145,7 @@ def pair(options: Pair) -> None:
     _print(budget, as_json=options.heading.as_json)
 
 
-@option.command_of(
+@program.command_of(
     "magnet",
     Magnet,
     command,
@@ -169,7 +170,7 @@ def magnet(options: Magnet) -> None:
     _print(budget, as_json=options.heading.as_json)
 
 
-def _read(options: option.Group) -> dict[str, UnitValue]:
+def _read(options: program.Group) -> dict[str, UnitValue]:
     """Read what was typed, in the order of the options."""
     from flinders.heading.budget import QUANTITIES, UnitValue
 

@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._completion import methods
+from flinders.cli import _program as program
 from flinders.cli._inputs import (
-    Counted,
     fitted,
     joined,
     likely_target,
     opened,
     provenance,
-    saying_what_was_skipped,
+    saying_what_was_read,
     site_of,
     stated_site,
 )
@@ -52,37 +51,37 @@ TRACES: Final = (".svg", ".csv")
 
 def _prior(value: str) -> float | str:
     """Read the value of ``--prior``: a number, or none, which `None` cannot say, as that is "not given"."""
-    number = option.within(0, 100, "a number above 0, up to 100, such as 0.3; or none")
+    number = program.within(0, 100, "a number above 0, up to 100, such as 0.3; or none")
     return "none" if value.strip().casefold() == "none" else number(value)
 
 
-class OutputOptions(option.Group, heading=option.OUTPUT):
+class OutputOptions(program.Group, heading=program.OUTPUT):
     """What is written where."""
 
     output: str | None = option.output(
         "the calibration", "Calibration file to write, or - for standard output; without it nothing is written."
     )
-    report: str | None = option.member(
+    report: str | None = program.member(
         "--report",
         what="the HTML report",
         metavar="FILE.html",
         help="Also write a report with figures, in one HTML file.",
     )
-    report_text: str | None = option.member(
+    report_text: str | None = program.member(
         "--report-text", what="the report", metavar="FILE",
         help="Also write a page of plain words for those who will use the compass, or - for standard output.",
     )  # fmt: skip
-    exported: tuple[str, ...] = option.member(
+    exported: tuple[str, ...] = program.member(
         "--export", multiple=True, metavar="TARGET[:FILE]",
         help="Also write it for one of `flinders targets` [FILE: the target's name with its ending]; may be given "
         "several times.",
     )  # fmt: skip
-    convergence: str | None = option.member(
+    convergence: str | None = program.member(
         "--convergence", what="the convergence", metavar="FILE",
         help="Also draw (FILE.svg) or list (FILE.csv) how the estimate converges, for methods that can be watched.",
     )  # fmt: skip
-    verbose: bool = option.flag("--verbose", "Also print what is true of nearly every calibration.")
-    plots: bool = option.member("--plot/--no-plot", default=True, help="Draw the readings, on a terminal.")
+    verbose: bool = program.flag("--verbose", "Also print what is true of nearly every calibration.")
+    plots: bool = program.member("--plot/--no-plot", default=True, help="Draw the readings, on a terminal.")
     force: bool = option.force()
     as_json: bool = option.as_json()
 
@@ -125,31 +124,31 @@ class OutputOptions(option.Group, heading=option.OUTPUT):
             )
 
 
-class Estimation(option.Group, heading=option.METHOD):
+class Estimation(program.Group, heading=program.METHOD):
     """The method of estimation and its options."""
 
-    method: str = option.member(
+    method: str = program.member(
         "--method", default="auto", show_default=True, metavar="NAME", help="One of `flinders methods`.",
-        shell_complete=methods,
+        shell_complete=program.complete_methods,
     )  # fmt: skip
-    method_options: tuple[str, ...] = option.member(
+    method_options: tuple[str, ...] = program.member(
         "--option", multiple=True, metavar="NAME=VALUE",
         help="An option of the method, as `flinders methods` lists them; may be given several times.",
     )  # fmt: skip
-    minmax: str | None = option.member(
+    minmax: str | None = program.member(
         "--minmax", metavar="X0,X1,Y0,Y1,Z0,Z1",
         help="Smallest and largest reading of each axis, typed in place of a recording.",
     )  # fmt: skip
-    prior: float | str | None = option.member(
+    prior: float | str | None = program.member(
         "--prior", type=_prior, metavar="SIGMA|none",
         help="Prior standard deviation of the soft iron, for directions that were not seen [default: 0.3].",
     )  # fmt: skip
-    robust: bool = option.flag("--robust", "Look for outliers whether or not the residuals ask for it.")
-    even_if_refused: bool = option.flag(
+    robust: bool = program.flag("--robust", "Look for outliers whether or not the residuals ask for it.")
+    even_if_refused: bool = program.flag(
         "--even-if-refused", "Of a published recipe, also print the numbers that are refused, marked as such."
     )
-    alignment_sigma_deg: float | None = option.member(
-        "--alignment-sigma", type=option.positive, metavar="DEG",
+    alignment_sigma_deg: float | None = program.member(
+        "--alignment-sigma", type=program.positive, metavar="DEG",
         help="How well the mounting is known, 1 σ about each axis: its heading error is stated on its own.",
     )  # fmt: skip
 
@@ -201,18 +200,18 @@ class Estimation(option.Group, heading=option.METHOD):
             raise UsageError(f"--even-if-refused goes with --method {' or '.join(recipes)}: leave it out")
 
 
-class Sensors(option.Group):
+class Sensors(program.Group):
     """Which of several magnetometers, and whether they are fitted jointly."""
 
     sensor: str | None = option.sensor(
         "Name or serial number to store; of a log, which magnetometer, by number or name, or all of them.", "NAME|all"
     )
-    joint: bool = option.flag(
+    joint: bool = program.flag(
         "--joint", "With --sensor all: fit the magnetometers of one body jointly, and say which of them deviates.",
-        heading=option.METHOD,
+        heading=program.METHOD,
     )  # fmt: skip
-    reference: str | None = option.member(
-        "--reference", heading=option.METHOD, metavar="NAME",
+    reference: str | None = program.member(
+        "--reference", heading=program.METHOD, metavar="NAME",
         help="With --joint: into whose axes the others are turned, by number or name [default: the first].",
     )  # fmt: skip
 
@@ -228,17 +227,17 @@ class Sensors(option.Group):
         return is_all
 
 
-class SiteOptions(option.Group, heading=option.SITE):
+class SiteOptions(program.Group, heading=program.SITE):
     """Where and when a recording was made."""
 
-    place: str | None = option.member(
+    place: str | None = program.member(
         "--at", metavar="LAT,LON[,ALT]|none",
         help="Site of the recording: its dip and strength then count (World Magnetic Model; with --date) [default: "
         "what a log says; none leaves that out].",
     )  # fmt: skip
-    date: str | None = option.member("--date", metavar="DAY", help="Day of the recording, such as 2026-11-21.")
-    gain_sigma: float | None = option.member(
-        "--gain-sigma", type=option.within(0, 1, "a share above 0, up to 1, such as 0.01"), metavar="SHARE",
+    date: str | None = program.member("--date", metavar="DAY", help="Day of the recording, such as 2026-11-21.")
+    gain_sigma: float | None = program.member(
+        "--gain-sigma", type=program.within(0, 1, "a share above 0, up to 1, such as 0.01"), metavar="SHARE",
         help="With --at: how well the sensor's mean gain is known, 1 σ [default: 0.05].",
     )  # fmt: skip
 
@@ -273,35 +272,35 @@ class SiteOptions(option.Group, heading=option.SITE):
     def _more(self) -> dict[str, Any]:
         """What is known of the site beside its field."""
         gain = {} if self.gain_sigma is None else {"gain_sigma": self.gain_sigma}
-        return {"z_down": option.is_typed("axes"), **gain}
+        return {"z_down": program.is_typed("axes"), **gain}
 
 
-class AidingOptions(option.Group, heading=option.AIDING):
+class AidingOptions(program.Group, heading=program.AIDING):
     """What else was recorded and counts: aiding sensors, and disturbances that the offset follows."""
 
-    names: tuple[str, ...] = option.member(
+    names: tuple[str, ...] = program.member(
         "--with", multiple=True, metavar="NAME,…",
         help="What else was recorded and shall count: current, throttle, temperature, which the offset then follows "
         "(currents, throttles: of each motor; current2: of one); rate, dip, tilt, attitude, or auto.",
     )  # fmt: skip
-    gyro_scale: float | None = option.member(
+    gyro_scale: float | None = program.member(
         "--gyro-scale", metavar="SHARE",
-        type=option.within(0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 where the gyro is calibrated", zero=True),
+        type=program.within(0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 where the gyro is calibrated", zero=True),
         help="With --with rate: what the gyro's scales may be off by, 1 σ; 0 where it is calibrated [default: 0.02].",
     )  # fmt: skip
-    acceleration_bias: float | None = option.member(
+    acceleration_bias: float | None = program.member(
         "--accelerometer-bias", metavar="M/S2",
-        type=option.within(0, 2, "m/s² from 0 to 2, such as 0.05; 0 where the accelerometer is calibrated", zero=True),
+        type=program.within(0, 2, "m/s² from 0 to 2, such as 0.05; 0 where the accelerometer is calibrated", zero=True),
         help="With --with dip: what the accelerometer may be off by, 1 σ; 0 where it is calibrated [default: 0.3].",
     )  # fmt: skip
-    acceleration_gain: float | None = option.member(
+    acceleration_gain: float | None = program.member(
         "--accelerometer-gain", metavar="SHARE",
-        type=option.within(
+        type=program.within(
             0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 where the accelerometer is calibrated", zero=True
         ),
         help="With --with dip: what its gains, and its axes from square (rad), may be off by, 1 σ [default: 0.02].",
     )  # fmt: skip
-    previous: str | None = option.member(
+    previous: str | None = program.member(
         "--previous", metavar="CALIBRATION",
         help="With --with and a sensor that was not turned: the calibration that the disturbances belong to.",
     )  # fmt: skip
@@ -359,19 +358,19 @@ def recorded(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return sensors, tuple(name for name in names if name in known)
 
 
-class Calibrate(option.Group):
+class Calibrate(program.Group):
     """Recordings, how they are read and fitted, and what is written."""
 
-    recordings: tuple[str, ...] = option.argument("RECORDING...", nargs=-1, required=False)
-    reading: option.ReadingOptions = option.group(option.ReadingOptions)
-    sensors: Sensors = option.group(Sensors)
-    site: SiteOptions = option.group(SiteOptions)
-    aiding: AidingOptions = option.group(AidingOptions)
-    estimation: Estimation = option.group(Estimation)
-    files: OutputOptions = option.group(OutputOptions)
+    recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1, required=False)
+    reading: option.ReadingOptions = program.group(option.ReadingOptions)
+    sensors: Sensors = program.group(Sensors)
+    site: SiteOptions = program.group(SiteOptions)
+    aiding: AidingOptions = program.group(AidingOptions)
+    estimation: Estimation = program.group(Estimation)
+    files: OutputOptions = program.group(OutputOptions)
     field_strength: float | None = option.field_strength()
     by: Filter | None = option.smoothing()
-    judgement: option.Judgement = option.group(option.Judgement)
+    judgement: option.Judgement = program.group(option.Judgement)
 
     @property
     def common(self) -> dict[str, Any]:
@@ -395,7 +394,7 @@ class Calibrate(option.Group):
         return {**self.common, **method, **own, **self.aiding.as_options(), **self.site.as_options()}, own
 
 
-@option.command_of(
+@program.command_of(
     "calibrate",
     Calibrate,
     short_help="Fit recordings of a sensor and write its calibration.",
@@ -510,8 +509,9 @@ class _Run:
 
     def __init__(self, recording: Recording, options: Calibrate, asked: dict[str, Any], own: dict[str, Any]) -> None:
         from flinders.core.samples import singles
+        from flinders.estimators.data import CountedRecording
 
-        self.parts = [Counted(part) for part in singles(recording)]
+        self.parts = [CountedRecording(part) for part in singles(recording)]
         self.options, self.files = options, options.files
         self.asked, self.own = asked, own
 
@@ -532,7 +532,7 @@ class _Run:
     def fitted(self) -> Fit:
         """Fit the recordings; of a refusal, write the reports and how far the estimate came."""
         try:
-            with saying_what_was_skipped(self.parts):
+            with saying_what_was_read(self.parts):
                 return fitted(self.parts, self.options.by, self.asked)
         except FitError as refusal:
             self._report(refusal)

@@ -10,27 +10,30 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import in_use, made_from, open_all_with, say_exact, saying_what_was_skipped, stated_site
+from flinders.cli import _program as program
+from flinders.cli._inputs import in_use, made_from, open_all_with, say_exact, saying_what_was_read, stated_site
 from flinders.cli._output import can_show, print_json, progress, say, say_beyond, show
 from flinders.cli._program import GOOD, LIMITED, REFUSED, print_error
 from flinders.errors import NeedsSamples, TooFewSamples
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from flinders.comparison.comparison import Comparison, Strength
     from flinders.core.calibration import Calibration
     from flinders.core.compensation import Compensator
-    from flinders.core.samples import Joined
+    from flinders.core.samples import Joined, Recording
     from flinders.diagnostics.random_walk import RandomWalk
     from flinders.fitting.result import Fit, Refused
 
 
-class Check(option.Group):
+class Check(program.Group):
     """A calibration, recordings to hold it against, and how they are read and judged."""
 
-    calibration: str = option.argument("CALIBRATION")
-    recordings: tuple[str, ...] = option.argument("RECORDING...", nargs=-1)
-    is_followed: bool = option.flag("--drift", "Also follow the offset through the recording.")
-    reading: option.PartOfColumns = option.group(option.PartOfColumns)
+    calibration: str = program.argument("CALIBRATION")
+    recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1)
+    is_followed: bool = program.flag("--drift", "Also follow the offset through the recording.")
+    reading: option.PartOfColumns = program.group(option.PartOfColumns)
     sensor: str | None = option.sensor_of_calibration()
     fixed: tuple[str, ...] = option.fixed()
     target_deg: float = option.target()
@@ -38,7 +41,7 @@ class Check(option.Group):
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "check",
     Check,
     common=("target_deg", "is_followed", "columns", "sensor", "as_json"),
@@ -65,12 +68,13 @@ def command(options: Check) -> int:
     """
     from flinders.comparison.comparison import judged_at
     from flinders.core.compensation import compensated
+    from flinders.core.samples import Joined
     from flinders.fitting.calibrate import fit
     from flinders.fitting.result import Refused
 
     known, compensator = in_use("check", options.calibration, options.recordings, options.fixed)
     with progress("reading") as watch:
-        as_recorded = open_all_with(
+        parts = open_all_with(
             options.calibration,
             known.calibration,
             options.recordings,
@@ -78,15 +82,15 @@ def command(options: Check) -> int:
             progress=watch,
             **options.reading.as_dict(),
         )
-        recording = cast("Joined", compensated(as_recorded, compensator.calibration))
-        extrapolated = say_beyond(_gone_through(as_recorded, compensator))
+        recording = cast("Joined", compensated(Joined(tuple(parts)), compensator.calibration))
+        extrapolated = say_beyond(_gone_through(parts, compensator))
         strength = _strength(known.calibration, recording)
         say_exact(known)
         dip_deg = abs(judged_at(known)) if options.dip_deg is None else options.dip_deg
-        (first, *others) = as_recorded.recordings
+        (first, *others) = parts
         site = None if others or options.dip_deg is not None else stated_site(first, "--dip")
         try:
-            with saying_what_was_skipped(as_recorded.recordings):
+            with saying_what_was_read(parts):
                 of_fit = {"dip_deg": dip_deg} if site is None else {"site": site}
                 fresh = fit(recording, target_deg=options.target_deg, **of_fit)
         except Refused as refused:
@@ -94,7 +98,7 @@ def command(options: Check) -> int:
         judged_deg = judged_at(known, fresh) if options.dip_deg is None else judged_at(fresh)
         comparison = _compared(known, fresh, recording, dip_deg=judged_deg, target_deg=options.target_deg)
         strengths = strength, _strength(fresh.calibration, recording)
-    own = made_from(options.calibration, as_recorded.recordings)
+    own = made_from(options.calibration, parts)
     walk = _walked(recording, fresh) if options.is_followed else None
     _print(comparison, fresh, strengths, own, walk, extrapolated, options)
     if comparison.verdict == "contradict":
@@ -103,12 +107,12 @@ def command(options: Check) -> int:
     return GOOD if holds else LIMITED
 
 
-def _gone_through(recording: Joined, compensator: Compensator) -> Compensator:
+def _gone_through(parts: Iterable[Recording], compensator: Compensator) -> Compensator:
     """Go through recordings for what lies outside the range that a disturbance was found in."""
     from flinders.core.compensation import Compensator
 
     if compensator.calibration.disturbances:
-        for part in recording.recordings:
+        for part in parts:
             watch = Compensator(compensator.calibration, compensator.beyond)
             for block in part.blocks():
                 watch(block)

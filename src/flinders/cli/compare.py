@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import is_calibration, is_recording, refuse_recording, say_exact
 from flinders.cli._output import print_result, say, say_difference
 from flinders.cli._program import GOOD, LIMITED, REFUSED
@@ -14,17 +15,17 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 
-class Compare(option.Group):
+class Compare(program.Group):
     """Two calibrations, and what their difference is held against."""
 
-    first: str = option.argument("A")
-    second: str = option.argument("B")
+    first: str = program.argument("A")
+    second: str = program.argument("B")
     target_deg: float = option.target()
     dip_deg: float | None = option.dip("Inclination of the field [default: what A was judged at].")
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "compare",
     Compare,
     common=("target_deg", "dip_deg", "as_json"),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import Counted, saying_what_was_skipped, stated_site
+from flinders.cli import _program as program
+from flinders.cli._inputs import saying_what_was_read, stated_site
 from flinders.cli._output import print_result, progress, refuse_twice, working
 from flinders.cli._program import EXITS
 
@@ -14,26 +15,26 @@ def _names(value: str) -> list[str]:
     return [name for name in (word.strip() for word in value.split(",")) if name]
 
 
-class CompareMethods(option.Group):
+class CompareMethods(program.Group):
     """Recordings, and the methods that are run on them."""
 
-    recordings: tuple[str, ...] = option.argument("RECORDING...", nargs=-1)
-    methods: list[str] | None = option.member(
+    recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1)
+    methods: list[str] | None = program.member(
         "--methods", type=_names, metavar="NAME,NAME...",
         help="Those of `flinders methods` to run, the first to hold the others against [default: all].",
     )  # fmt: skip
-    blocks: int = option.member(
+    blocks: int = program.member(
         "--blocks", type=click.IntRange(2, 1000), default=10, show_default=True, metavar="N",
         help="Blocks of time for cross-validation.",
     )  # fmt: skip
-    reading: option.ReadingOptions = option.group(option.ReadingOptions)
+    reading: option.ReadingOptions = program.group(option.ReadingOptions)
     sensor: str | None = option.sensor()
     field_strength: float | None = option.field_strength()
-    judgement: option.Judgement = option.group(option.Judgement)
+    judgement: option.Judgement = program.group(option.Judgement)
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "compare-methods",
     CompareMethods,
     common=("methods", "blocks", "columns", "unit", "as_json"),
@@ -59,6 +60,7 @@ def command(options: CompareMethods) -> int:
     """
     from flinders.comparison.methods import compare_methods, known
     from flinders.core.samples import Joined, singles
+    from flinders.estimators.data import CountedRecording
     from flinders.readers import open_recording
     from flinders.report.comparison_pages import of_contest
 
@@ -66,9 +68,9 @@ def command(options: CompareMethods) -> int:
     refuse_twice(options.recordings)
     with progress("reading") as watch:
         opened = open_recording(options.recordings, sensor=options.sensor, progress=watch, **options.reading.as_dict())
-        site = None if option.is_typed("dip_deg") else stated_site(opened, "--dip")
-        parts = tuple(Counted(part) for part in singles(opened))
-        with saying_what_was_skipped(parts), working() as tell:
+        site = None if program.is_typed("dip_deg") else stated_site(opened, "--dip")
+        parts = tuple(CountedRecording(part) for part in singles(opened))
+        with saying_what_was_read(parts), working() as tell:
             contest = compare_methods(
                 Joined(parts),
                 methods=options.methods,

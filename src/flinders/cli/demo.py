@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._output import print_fit, print_json, say
 from flinders.cli._program import EXITS
 
@@ -14,21 +15,21 @@ if TYPE_CHECKING:
     from flinders.simulate import Simulated
 
 
-class Demo(option.Group):
+class Demo(program.Group):
     """A simulated sensor, and where its recording goes."""
 
-    seed: int = option.member(
+    seed: int = program.member(
         "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, another sensor."
     )
-    path: str | None = option.member(
+    path: str | None = program.member(
         "--csv", metavar="FILE", help="Also write the simulated recording, to try the other commands on."
     )
-    judgement: option.Judgement = option.group(option.Judgement)
+    judgement: option.Judgement = program.group(option.Judgement)
     force: bool = option.force()
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "demo",
     Demo,
     common=("seed", "path", "target_deg", "dip_deg", "as_json", "force"),

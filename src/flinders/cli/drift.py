@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._output import refuse_twice, working
 from flinders.cli._program import GOOD, LIMITED
 
@@ -14,29 +15,29 @@ if TYPE_CHECKING:
     from flinders.report.fleet import FleetDrift
 
 
-class Drift(option.Group):
+class Drift(program.Group):
     """Tables of calibrations, what changes are held against, and what is written."""
 
-    tables: tuple[str, ...] = option.argument("TABLE...", nargs=-1)
-    out: str | None = option.member(
+    tables: tuple[str, ...] = program.argument("TABLE...", nargs=-1)
+    out: str | None = program.member(
         "-o", "--out", what="the table", metavar="FILE.parquet", help="Also write a table with a row for each unit."
     )
-    report: str | None = option.member(
+    report: str | None = program.member(
         "--report",
         what="the report",
         metavar="FILE.html",
         help="Also write a report of the fleet and how it changed.",
     )
-    against: Literal["first", "previous"] = option.member(
+    against: Literal["first", "previous"] = program.member(
         "--against", type=click.Choice(["first", "previous"]), default="first", show_default=True,
         help="Which calibration the newest is held against: what vehicles carry.",
     )  # fmt: skip
-    batch: str | None = option.member(
+    batch: str | None = program.member(
         "--batch", metavar="COLUMN|PATTERN",
         help="What tells the hardware batch: a column, or a regular expression for a part of the unit's name "
         "[default: the column batch, or what stands before the last part of the name].",
     )  # fmt: skip
-    limit: int = option.member(
+    limit: int = program.member(
         "--limit", type=click.IntRange(1, 1000), default=100, show_default=True, metavar="N",
         help="Units, and steps, that are listed at most.",
     )  # fmt: skip
@@ -46,7 +47,7 @@ class Drift(option.Group):
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "drift",
     Drift,
     common=("report", "out", "against", "target_deg", "dip_deg", "batch", "limit"),

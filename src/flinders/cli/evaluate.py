@@ -6,6 +6,7 @@ import contextlib
 from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import is_calibration, load
 from flinders.cli._output import print_result, say, say_references
 from flinders.cli._program import GOOD, LIMITED, REFUSED
@@ -16,17 +17,17 @@ if TYPE_CHECKING:
     from flinders.simulate.truth import Truth
 
 
-class Evaluate(option.Group):
+class Evaluate(program.Group):
     """A calibration, and the truth that it is held against."""
 
-    calibration: str = option.argument("CALIBRATION")
-    truth: str = option.argument("TRUTH")
+    calibration: str = program.argument("CALIBRATION")
+    truth: str = program.argument("TRUTH")
     dip_deg: float | None = option.dip("Inclination of the field for headings [default: that of the truth].")
     target_deg: float = option.target()
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "evaluate",
     Evaluate,
     common=("target_deg", "dip_deg", "as_json"),

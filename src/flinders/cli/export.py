@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import for_use, provenance
 from flinders.cli._output import Outputs, lossy_if_agreed, print_json, say
 from flinders.cli.targets import NamingTargets, print_targets
@@ -20,21 +21,21 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 
-class ExportCommand(option.Group):
+class ExportCommand(program.Group):
     """A calibration, and what it is written for."""
 
-    calibration: str | None = option.argument("CALIBRATION", required=False)
-    target: str | None = option.member(
+    calibration: str | None = program.argument("CALIBRATION", required=False)
+    target: str | None = program.member(
         "--to", metavar="TARGET", help="What to write it for, one of those of `flinders targets`."
     )
-    listed: bool = option.flag("--list", "List the targets, as `flinders targets` does.")
-    compass: int | None = option.member(
+    listed: bool = program.flag("--list", "List the targets, as `flinders targets` does.")
+    compass: int | None = program.member(
         "--compass", type=click.IntRange(0, 3), metavar="N",
         help="Which compass it is for: {compasses} [default: the one of the log, else the first].",
     )  # fmt: skip
     mounting: str | None = option.mounting()
     lossy: bool = option.lossy()
-    name: str | None = option.member(
+    name: str | None = program.member(
         "--name", metavar="NAME",
         help="What names in code begin with, for code of two sensors in one program [default: flinders].",
     )  # fmt: skip
@@ -43,7 +44,7 @@ class ExportCommand(option.Group):
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "export",
     ExportCommand,
     cls=NamingTargets,

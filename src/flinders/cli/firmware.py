@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._output import print_json, say
 
 
-class Firmware(option.Group):
+class Firmware(program.Group):
     """Where the package goes."""
 
-    folder: str = option.member("--out", required=True, metavar="DIR", help="Folder of the package; it is made.")
+    folder: str = program.member("--out", required=True, metavar="DIR", help="Folder of the package; it is made.")
     force: bool = option.force()
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "firmware",
     Firmware,
     common=("folder", "force", "as_json"),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._output import print_result, say
 from flinders.cli._program import GOOD, LIMITED
 from flinders.errors import UsageError, counted, figures, percent
@@ -22,25 +23,25 @@ if TYPE_CHECKING:
     from flinders.fleet.job import ProgressCallback, RunSummary
 
 
-class FleetReading(option.Group):
+class FleetReading(program.Group):
     """How recordings are read, and how their fits are judged: `flinders.fleet.dataset.Options`."""
 
-    unit_column: str | None = option.member(
+    unit_column: str | None = program.member(
         "--unit-column", metavar="NAME", help="Of tables: which column says whose reading a row is."
     )
-    recording_column: str | None = option.member(
-        "--recording-column", heading=option.RECORDING, metavar="NAME",
+    recording_column: str | None = program.member(
+        "--recording-column", heading=program.RECORDING, metavar="NAME",
         help="Of tables: which column says of which recording it is.",
     )  # fmt: skip
-    batch_column: str | None = option.member(
-        "--batch-column", heading=option.RECORDING, metavar="NAME",
+    batch_column: str | None = program.member(
+        "--batch-column", heading=program.RECORDING, metavar="NAME",
         help="Of tables: which column says of which batch of hardware it is.",
     )  # fmt: skip
-    columns: str | None = option.same_as(option.ReadingOptions, "columns")
-    unit: str | None = option.same_as(option.ReadingOptions, "unit")
-    scale: float | None = option.same_as(option.ReadingOptions, "scale")
-    axes: str = option.same_as(option.ReadingOptions, "axes")
-    as_logged: bool = option.same_as(option.ReadingOptions, "as_logged")
+    columns: str | None = program.same_as(option.ReadingOptions, "columns")
+    unit: str | None = program.same_as(option.ReadingOptions, "unit")
+    scale: float | None = program.same_as(option.ReadingOptions, "scale")
+    axes: str = program.same_as(option.ReadingOptions, "axes")
+    as_logged: bool = program.same_as(option.ReadingOptions, "as_logged")
     sensor: str | None = option.sensor(
         "Which magnetometer of several, by number or name [default: all, as units of their own]."
     )
@@ -48,29 +49,29 @@ class FleetReading(option.Group):
     dip_deg: float = option.dip(default=60.0)
 
 
-class Fleet(option.Group):
+class Fleet(program.Group):
     """Recordings of many units, how they are worked on, and what is written."""
 
-    source: str = option.argument("INPUT")
-    out: str = option.member(
+    source: str = program.argument("INPUT")
+    out: str = program.member(
         "-o", "--out", required=True, metavar="FILE.parquet",
         help="The table to write, also to s3://, gs:// or az://.",
     )  # fmt: skip
-    report: str | None = option.member("--report", metavar="FILE.html", help="Also write a report of the whole fleet.")
-    workers: int | None = option.member(
-        "--workers", heading=option.METHOD, type=click.IntRange(0, 4096), metavar="N",
+    report: str | None = program.member("--report", metavar="FILE.html", help="Also write a report of the whole fleet.")
+    workers: int | None = program.member(
+        "--workers", heading=program.METHOD, type=click.IntRange(0, 4096), metavar="N",
         help="Processes [default: one for each core].",
     )  # fmt: skip
-    scheduler: str | None = option.member(
-        "--scheduler", heading=option.METHOD, metavar="tcp://…", help="Work on this Dask cluster instead."
+    scheduler: str | None = program.member(
+        "--scheduler", heading=program.METHOD, metavar="tcp://…", help="Work on this Dask cluster instead."
     )
-    resume: bool = option.member("--resume", is_flag=True, help="Go on with what a run that was stopped has left.")
-    moments_only: bool = option.member("--moments-only", is_flag=True, hidden=True)
-    log_file: str | None = option.member(
-        "--log", heading=option.OUTPUT, metavar="FILE",
+    resume: bool = program.member("--resume", is_flag=True, help="Go on with what a run that was stopped has left.")
+    moments_only: bool = program.member("--moments-only", is_flag=True, hidden=True)
+    log_file: str | None = program.member(
+        "--log", heading=program.OUTPUT, metavar="FILE",
         help="Add a line of JSON for each thing that happens to this file.",
     )  # fmt: skip
-    reading: FleetReading = option.group(FleetReading)
+    reading: FleetReading = program.group(FleetReading)
     force: bool = option.force()
     as_json: bool = option.as_json()
 
@@ -93,7 +94,7 @@ class Fleet(option.Group):
             say("--moments-only does nothing any more, as fits of all readings take less time now: leave it out")
 
 
-@option.command_of(
+@program.command_of(
     "fleet",
     Fleet,
     common=("out", "report", "unit_column", "columns", "unit", "resume"),
@@ -135,7 +136,7 @@ def command(options: Fleet) -> int:
             notice=say,
         )
     print_result(summary.as_dict, lambda: page(summary), as_json=options.as_json)
-    if summary.worst_deg and not options.as_json and not option.is_typed("dip_deg"):
+    if summary.worst_deg and not options.as_json and not program.is_typed("dip_deg"):
         say(f"heading errors are for a dip of {options.reading.dip_deg:g}° (assumed): give that of the site by --dip")
     if options.report is not None:
         _write_report(options.out, options.report, force=options.force)

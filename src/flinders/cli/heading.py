@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import clock_start, say_sensor
 from flinders.cli._output import drawn, print_json, progress, say, written
 from flinders.cli._program import GOOD, LIMITED
@@ -23,26 +24,26 @@ if TYPE_CHECKING:
     from flinders.heading.smoothing import Filter
 
 
-class Heading(option.Group):
+class Heading(program.Group):
     """A calibration and a log, what is known of its site, and how tilt is removed."""
 
-    calibration: str = option.argument("CALIBRATION")
-    log: str = option.argument("LOG")
+    calibration: str = program.argument("CALIBRATION")
+    log: str = program.argument("LOG")
     output: str = option.output("headings", "Where to write [default: standard output].", default="-")
-    reading: option.PartOfColumns = option.group(option.PartOfColumns)
-    place: option.Place = option.group(option.Place)
-    accelerometer: option.Accelerometer = option.group(option.Accelerometer)
+    reading: option.PartOfColumns = program.group(option.PartOfColumns)
+    place: option.Place = program.group(option.Place)
+    accelerometer: option.Accelerometer = program.group(option.Accelerometer)
     sensor: str | None = option.sensor_of_calibration()
-    declination_deg: float | None = option.member(
-        "--declination", heading=option.SITE, type=option.within(-180, 180, "degrees from -180 to 180"),
+    declination_deg: float | None = program.member(
+        "--declination", heading=program.SITE, type=program.within(-180, 180, "degrees from -180 to 180"),
         metavar="DEG", help="Declination, east positive, where it is known otherwise.",
     )  # fmt: skip
     dip_deg: float | None = option.dip(
         "Inclination of the field [default: that of --at or of the log, else as it is seen, else 60]."
     )
     fixed: tuple[str, ...] = option.fixed()
-    formula: str = option.member(
-        "--formula", heading=option.METHOD, type=click.Choice(["exact", "an4248", "an3192"]), default="exact",
+    formula: str = program.member(
+        "--formula", heading=program.METHOD, type=click.Choice(["exact", "an4248", "an3192"]), default="exact",
         show_default=True, help="How tilt is removed; all but exact are for comparison.",
     )  # fmt: skip
     by: Filter | None = option.smoothing()
@@ -50,7 +51,7 @@ class Heading(option.Group):
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "heading",
     Heading,
     common=("output", "place", "date", "is_level", "as_json"),

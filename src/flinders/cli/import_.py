@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import provenance
 from flinders.cli._output import cost_words, print_json, say
 from flinders.cli.targets import NamingTargets
@@ -22,12 +23,12 @@ LARGEST: Final = 4 * 2**20
 """Bytes; files of parameters have some ten thousand."""
 
 
-class Import(option.Group):
+class Import(program.Group):
     """A file of another tool, and what it is read as."""
 
-    file: str = option.argument("FILE")
-    target: str | None = option.member("--from", metavar="TARGET", help="Whose file it is [default: by its content].")
-    compass: int | None = option.member(
+    file: str = program.argument("FILE")
+    target: str | None = program.member("--from", metavar="TARGET", help="Whose file it is [default: by its content].")
+    compass: int | None = program.member(
         "--compass", type=click.IntRange(0, 3), metavar="N", help="Which compass of several, as the file counts."
     )
     field_strength: float | None = option.field_strength(
@@ -39,7 +40,7 @@ class Import(option.Group):
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "import",
     Import,
     cls=NamingTargets,

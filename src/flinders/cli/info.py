@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import is_calibration, site_of
 from flinders.cli._output import print_result, progress
 from flinders.errors import UsageError
@@ -15,16 +16,16 @@ if TYPE_CHECKING:
     from flinders.report.recording import Contents
 
 
-class Info(option.Group):
+class Info(program.Group):
     """A recording, how it is read, and where it was made."""
 
-    log: str = option.argument("LOG")
-    reading: option.ReadingOptions = option.group(option.ReadingOptions)
-    place: option.Place = option.group(option.Place)
+    log: str = program.argument("LOG")
+    reading: option.ReadingOptions = program.group(option.ReadingOptions)
+    place: option.Place = program.group(option.Place)
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "info",
     Info,
     common=("columns", "unit", "place", "date", "as_json"),

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import load, stated_site
 from flinders.cli._output import print_json, say
 from flinders.errors import OutputError, UsageError
@@ -38,30 +39,30 @@ class LineOptions(option.UnitsOptions, option.ColumnsOptions):
     """How what arrives as lines, or is played back, is read."""
 
 
-class LiveSource(option.Group):
+class LiveSource(program.Group):
     """Where readings come from."""
 
-    port: str | None = option.member(
+    port: str | None = program.member(
         "--serial", is_flag=False, flag_value=ANY_PORT, metavar="[PORT]",
         help="A serial port: /dev/ttyACM0, COM3; without a name the one that is plugged in.",
     )  # fmt: skip
     baud: int = option.baud()
     udp: int | None = option.udp()
     tcp: str | None = option.tcp()
-    mavlink: str | None = option.member(
+    mavlink: str | None = program.member(
         "--mavlink", metavar="LINK", help="A vehicle: udp:HOST:PORT, tcp:HOST:PORT or a serial port."
     )
-    compass: int = option.member(
+    compass: int = program.member(
         "--compass", type=click.IntRange(1, 3), default=1, show_default=True, help="Which of the vehicle's."
     )
-    replay: str | None = option.member(
+    replay: str | None = program.member(
         "--replay", metavar="LOG", help="Play a recording back, any that flinders reads."
     )
-    speed: float | None = option.member(
-        "--speed", type=option.positive, metavar="X", help="So many times as fast [default: 1]."
+    speed: float | None = program.member(
+        "--speed", type=program.positive, metavar="X", help="So many times as fast [default: 1]."
     )
-    simulate: bool = option.flag("--simulate", "A simulated sensor; also where nothing is plugged in.")
-    lines: LineOptions = option.group(LineOptions)
+    simulate: bool = program.flag("--simulate", "A simulated sensor; also where nothing is plugged in.")
+    lines: LineOptions = program.group(LineOptions)
 
     def check(self) -> None:
         """See that one source is named, and that options go with it.
@@ -98,7 +99,7 @@ class LiveSource(option.Group):
         if self.replay is not None:
             recording = open_recording(self.replay, **reading)
             say(str(recording))
-            site = stated_site(recording, "--dip or the page", z_down=option.is_typed("axes"))
+            site = stated_site(recording, "--dip or the page", z_down=program.is_typed("axes"))
             feed = Replay(recording, speed=self.speed or 1.0)
             return Source("replay", partial(RecordedFeed, feed), site=site)
         if self.mavlink is not None:
@@ -134,32 +135,32 @@ class LiveSource(option.Group):
         return "simulated" if port is None else "serial", port
 
 
-class Live(option.Group):
+class Live(program.Group):
     """A sensor, its recording, and the page that shows it."""
 
-    source: LiveSource = option.group(LiveSource)
-    axes: str = option.same_as(option.AxesOptions, "axes")
+    source: LiveSource = program.group(LiveSource)
+    axes: str = program.same_as(option.AxesOptions, "axes")
     target_deg: float | None = option.target("Worst heading error that is good enough [default: 1].", None)
     dip_deg: float | None = option.dip("Inclination of the field at the site [default: that of the log, else 60].")
-    previous: str | None = option.member(
+    previous: str | None = program.member(
         "--previous", metavar="CALIBRATION", help="A calibration file of this sensor to compare with."
     )
-    refresh: bool = option.flag("--refresh", "Keep the soft iron of --previous, and find the hard iron anew.")
+    refresh: bool = program.flag("--refresh", "Keep the soft iron of --previous, and find the hard iron anew.")
     output: str | None = option.output(
         "the recording", "Where to record [default: a new file in the folder flinders-sessions]."
     )
-    resume: str | None = option.member(
+    resume: str | None = program.member(
         "--resume", metavar="SESSION", help="Go on with a recording of this command, however it was ended."
     )
-    host: str = option.member(
+    host: str = program.member(
         "--host", default="127.0.0.1", show_default=True, metavar="ADDRESS",
         help="Where to listen; other machines reach 0.0.0.0, with a token.",
     )  # fmt: skip
-    web_port: int = option.member(
+    web_port: int = program.member(
         "--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, metavar="N",
         help="Port of the page; 0 for any that is free.",
     )  # fmt: skip
-    opens: bool | None = option.member(
+    opens: bool | None = program.member(
         "--open/--no-open", default=None, help="Open a browser [default: where there is a screen]."
     )
     as_json: bool = option.as_json()
@@ -182,7 +183,7 @@ class Live(option.Group):
             raise UsageError("--resume goes on with its own file: leave --output out")
 
 
-@option.command_of(
+@program.command_of(
     "live",
     Live,
     common=("port", "udp", "tcp", "mavlink", "replay", "simulate", "unit", "output"),

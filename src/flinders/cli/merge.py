@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import load, provenance
 from flinders.cli._program import EXITS
 from flinders.errors import UsageError
 
 
-class Merge(option.Group):
+class Merge(program.Group):
     """Calibrations, and where the one of them goes."""
 
-    calibrations: tuple[str, ...] = option.argument("CALIBRATION...", nargs=-1)
+    calibrations: tuple[str, ...] = program.argument("CALIBRATION...", nargs=-1)
     output: str | None = option.output(
         "the calibration", "Calibration file to write, or - for standard output; without it nothing is written."
     )
@@ -21,7 +22,7 @@ class Merge(option.Group):
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "merge",
     Merge,
     common=("output", "target_deg", "dip_deg", "force", "as_json"),

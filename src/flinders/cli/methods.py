@@ -13,6 +13,7 @@ import dataclasses
 from typing import TYPE_CHECKING, Any, Final, cast, get_args, get_type_hints
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._output import print_result
 from flinders.errors import UsageError
 
@@ -22,13 +23,13 @@ if TYPE_CHECKING:
     from flinders.estimators import Estimator
 
 
-class Methods(option.Group):
+class Methods(program.Group):
     """How the list is printed."""
 
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "methods",
     Methods,
     short_help="List the methods and when to use each.",
@@ -108,7 +109,7 @@ def _value(word: str, text: str, default: object) -> object:
         return TRUTH[text.casefold()]
     if text.casefold() == "none":
         return None
-    numbers = option.numbers_of(text)
+    numbers = program.numbers_of(text)
     if len(numbers) != 1:
         raise UsageError(f"--option {word}: need a number, or none")
     return numbers[0]

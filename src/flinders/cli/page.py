@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._output import print_json, say
 
 
-class Page(option.Group):
+class Page(program.Group):
     """Where the page goes."""
 
-    folder: str = option.member("--out", required=True, metavar="DIR", help="Folder of the page; it is made.")
+    folder: str = program.member("--out", required=True, metavar="DIR", help="Folder of the page; it is made.")
     force: bool = option.force("Write it among other files, and over those of the same names.")
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "page",
     Page,
     common=("folder", "force", "as_json"),

@@ -8,6 +8,7 @@ from typing import Final
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._output import print_json
 from flinders.cli.report import Pair
 from flinders.errors import UsageError
@@ -15,12 +16,12 @@ from flinders.errors import UsageError
 KINDS: Final = (".svg", ".png", ".pdf")
 
 
-class Plot(option.Group):
+class Plot(program.Group):
     """A calibration and recordings, and what is drawn of them."""
 
-    pair: Pair = option.group(Pair)
+    pair: Pair = program.group(Pair)
     output: str = option.output("the figure", "Figure to write: .svg, .png or .pdf.", required=True)
-    what: str = option.member(
+    what: str = program.member(
         "--what", type=click.Choice(("all", "projections", "deviation", "residuals", "coverage")), default="all",
         show_default=True, help="What is drawn.",
     )  # fmt: skip
@@ -28,7 +29,7 @@ class Plot(option.Group):
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "plot",
     Plot,
     common=("output", "what", "columns", "sensor"),

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._output import Outputs, print_json, say, working
-from flinders.cli._signals import stopping
+from flinders.cli._program import stopping
 from flinders.errors import UsageError, counted
 
 if TYPE_CHECKING:
@@ -18,30 +19,32 @@ if TYPE_CHECKING:
     from flinders.live.transcript import RecordingStatistics
 
 
-class Wire(option.Group):
+class Wire(program.Group):
     """What sends lines: one of a serial port, datagrams and a program."""
 
-    port: str | None = option.member("--serial", metavar="PORT", help="A serial port: /dev/ttyACM0, COM3.")
+    port: str | None = program.member("--serial", metavar="PORT", help="A serial port: /dev/ttyACM0, COM3.")
     baud: int = option.baud()
     udp: int | None = option.udp()
     tcp: str | None = option.tcp()
 
 
-class Record(option.Group):
+class Record(program.Group):
     """A sensor, and the file that it is recorded into."""
 
-    wire: Wire = option.group(Wire)
-    output: str | None = option.output("the recording", "Where to write; - for standard output.", heading=option.OUTPUT)
-    seconds: float | None = option.member(
-        "--seconds", type=option.positive, metavar="S", help="Stop after so long [default: at Ctrl-C]."
+    wire: Wire = program.group(Wire)
+    output: str | None = option.output(
+        "the recording", "Where to write; - for standard output.", heading=program.OUTPUT
     )
-    readings: int | None = option.member(
+    seconds: float | None = program.member(
+        "--seconds", type=program.positive, metavar="S", help="Stop after so long [default: at Ctrl-C]."
+    )
+    readings: int | None = program.member(
         "--readings", type=click.IntRange(min=1), metavar="N", help="Stop after so many readings."
     )
-    pattern: str | None = option.same_as(option.ColumnsOptions, "pattern")
+    pattern: str | None = program.same_as(option.ColumnsOptions, "pattern")
     force: bool = option.force()
-    resume: bool = option.flag(
-        "--resume", "Go on with the recording in the output file, which a crash has ended.", heading=option.OUTPUT
+    resume: bool = program.flag(
+        "--resume", "Go on with the recording in the output file, which a crash has ended.", heading=program.OUTPUT
     )
     as_json: bool = option.as_json()
 
@@ -64,7 +67,7 @@ class Record(option.Group):
             )
 
 
-@option.command_of(
+@program.command_of(
     "record",
     Record,
     common=("port", "udp", "tcp", "output", "seconds"),

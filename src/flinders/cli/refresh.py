@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import (
-    Counted,
     clock_start,
     load,
     open_with,
     provenance,
     refuse_calibrations,
     say_sensor,
+    saying_what_was_read,
     site_of,
 )
 from flinders.cli._output import refuse_twice, say
@@ -21,57 +22,58 @@ from flinders.cli.calibrate import SiteOptions, recorded
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
+    from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
     from flinders.readers._resample import TimeSeries
 
 
-class Refresh(option.Group):
+class Refresh(program.Group):
     """A short recording, the earlier calibration, what counts beside it, and where the new one goes."""
 
-    recordings: tuple[str, ...] = option.argument("RECORDING...", nargs=-1)
-    previous: str = option.member(
+    recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1)
+    previous: str = program.member(
         "--previous", metavar="CALIBRATION", required=True, help="The earlier calibration of this sensor."
     )
     output: str | None = option.output(
         "the calibration", "Calibration file to write, or - for standard output; without it nothing is written."
     )
-    reading: option.PartOfColumns = option.group(option.PartOfColumns)
+    reading: option.PartOfColumns = program.group(option.PartOfColumns)
     sensor: str | None = option.sensor_of_calibration()
-    names: tuple[str, ...] = option.member(
-        "--with", heading=option.AIDING, multiple=True, metavar="NAME,…",
+    names: tuple[str, ...] = program.member(
+        "--with", heading=program.AIDING, multiple=True, metavar="NAME,…",
         help="What else was recorded and shall count: rate, dip, tilt, attitude.",
     )  # fmt: skip
-    soft_iron_sigma: float = option.member(
-        "--soft-iron-sigma", heading=option.METHOD, metavar="SHARE", default=0.0, show_default=True,
-        type=option.within(0, 0.5, "a share from 0 to 0.5, such as 0.005", zero=True),
+    soft_iron_sigma: float = program.member(
+        "--soft-iron-sigma", heading=program.METHOD, metavar="SHARE", default=0.0, show_default=True,
+        type=program.within(0, 0.5, "a share from 0 to 0.5, such as 0.005", zero=True),
         help="What the soft iron may have changed by, 1 σ.",
     )  # fmt: skip
-    headings: str | None = option.member(
-        "--heading", heading=option.SITE, metavar="DEG,…",
+    headings: str | None = program.member(
+        "--heading", heading=program.SITE, metavar="DEG,…",
         help="True heading at each RECORDING, the vehicle at rest; with --at and --date, or those of a log.",
     )  # fmt: skip
-    magnetic_headings: str | None = option.member(
-        "--magnetic-heading", heading=option.SITE, metavar="DEG,…",
+    magnetic_headings: str | None = program.member(
+        "--magnetic-heading", heading=program.SITE, metavar="DEG,…",
         help="The same from magnetic north; with --dip or --at.",
     )  # fmt: skip
-    is_course: bool = option.flag(
+    is_course: bool = program.flag(
         "--course", "Take the headings from the courses over ground of RECORDING, a log with satellite fixes.",
-        heading=option.SITE,
+        heading=program.SITE,
     )  # fmt: skip
-    course_log: str | None = option.member(
-        "--course-log", heading=option.SITE, metavar="FILE",
+    course_log: str | None = program.member(
+        "--course-log", heading=program.SITE, metavar="FILE",
         help="The same from the log of a boat beside RECORDING: NMEA 0183, NMEA 2000 (candump) or Signal K.",
     )  # fmt: skip
-    slowest: float = option.member(
-        "--min-speed", heading=option.SITE, type=option.positive, default=3.0, show_default=True, metavar="M/S",
+    slowest: float = program.member(
+        "--min-speed", heading=program.SITE, type=program.positive, default=3.0, show_default=True, metavar="M/S",
         help="Speed over ground below which a course is not used.",
     )  # fmt: skip
-    crab_deg: float = option.member(
-        "--crab", heading=option.SITE, type=option.within(0, 45, "degrees from 0 to 45", zero=True), default=2.0,
+    crab_deg: float = program.member(
+        "--crab", heading=program.SITE, type=program.within(0, 45, "degrees from 0 to 45", zero=True), default=2.0,
         show_default=True, metavar="DEG", help="What wind or current turn the course from the heading, 1 σ.",
     )  # fmt: skip
-    place: str | None = option.same_as(SiteOptions, "place")
-    date: str | None = option.same_as(SiteOptions, "date")
+    place: str | None = program.same_as(SiteOptions, "place")
+    date: str | None = program.same_as(SiteOptions, "date")
     target_deg: float = option.target()
     dip_deg: float | None = option.dip(
         "Inclination of the field [default: that of the site, else as CALIBRATION says]."
@@ -80,7 +82,7 @@ class Refresh(option.Group):
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "refresh",
     Refresh,
     common=("previous", "output", "names", "headings", "target_deg", "as_json"),
@@ -118,21 +120,24 @@ def command(options: Refresh) -> int:
     previous = load("refresh --previous", options.previous, options.recordings)
     refuse_calibrations(options.recordings)
     opened = [_opened(path, previous, options) for path in options.recordings]
-    fit = _refreshed(opened, previous, options)
+    with saying_what_was_read(opened):
+        fit = _refreshed(opened, previous, options)
     outputs.write(dumps(fit.to_document(provenance(opened, files=previous.files))), options.output)
     outputs.print(fit.as_dict, lambda: of_fit(fit))
     outputs.say_written("nothing was written: name a file with -o refreshed.json")
     return EXITS[fit.verdict]
 
 
-def _opened(path: str, previous: Fit, options: Refresh) -> Counted:
+def _opened(path: str, previous: Fit, options: Refresh) -> CountedRecording:
     """Open a recording in unit and axes of the earlier calibration, and say which magnetometer is read."""
+    from flinders.estimators.data import CountedRecording
+
     recording = open_with(previous.calibration, path, sensor=options.sensor, **options.reading.as_dict())
     say_sensor(options.previous, previous.calibration, recording, options.sensor)
-    return Counted(recording)
+    return CountedRecording(recording)
 
 
-def _refreshed(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
+def _refreshed(opened: list[CountedRecording], previous: Fit, options: Refresh) -> Fit:
     """Refresh by a recording in motion, or by poses at known headings."""
     from flinders.fitting.known_heading import refresh_at_headings
     from flinders.fitting.refreshing import refresh
@@ -140,7 +145,7 @@ def _refreshed(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
     if options.is_course or options.course_log is not None:
         return _on_courses(opened, previous, options)
     judged = {"target_deg": options.target_deg, **_site(options, opened[0].recording)}
-    if option.is_typed("slowest") or option.is_typed("crab_deg"):
+    if program.is_typed("slowest") or program.is_typed("crab_deg"):
         raise UsageError("--min-speed and --crab go with --course or --course-log: leave them out")
     if options.headings is None and options.magnetic_headings is None:
         if len(opened) > 1:
@@ -152,7 +157,7 @@ def _refreshed(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
     return refresh_at_headings(opened, previous, _magnetic(options, opened[0].recording), **judged)
 
 
-def _on_courses(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
+def _on_courses(opened: list[CountedRecording], previous: Fit, options: Refresh) -> Fit:
     """Refresh by the courses of one log, its own or those of another beside it."""
     from flinders.core.geomag import recorded_field
     from flinders.fitting.known_heading import refresh_on_courses
@@ -204,7 +209,7 @@ def _magnetic(options: Refresh, recording: object) -> list[float]:
     typed = options.headings if options.magnetic_headings is None else options.magnetic_headings
     if options.headings is not None and options.magnetic_headings is not None:
         raise UsageError("give --heading or --magnetic-heading, not both")
-    numbers = option.numbers_of(typed or "")
+    numbers = program.numbers_of(typed or "")
     if not numbers:
         raise UsageError(f"headings are {typed!r}: need degrees with commas between them, such as 0,90,180,270")
     if options.headings is None:

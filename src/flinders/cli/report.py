@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import load, made_from, open_all_with
+from flinders.cli import _program as program
+from flinders.cli._inputs import load, made_from, open_all_with, saying_what_was_read
 from flinders.cli._output import print_json, progress, refuse_report, say
 from flinders.errors import UsageError
 
@@ -24,14 +25,14 @@ OTHER = (
 )
 
 
-class Pair(option.Group):
+class Pair(program.Group):
     """A calibration and the recordings that are drawn with it."""
 
-    calibration: str = option.argument("CALIBRATION")
-    recordings: tuple[str, ...] = option.argument("RECORDING...", nargs=-1)
-    columns: str | None = option.same_as(option.ColumnsOptions, "columns")
+    calibration: str = program.argument("CALIBRATION")
+    recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1)
+    columns: str | None = program.same_as(option.ColumnsOptions, "columns")
     sensor: str | None = option.sensor_of_calibration()
-    part: option.PartOptions = option.group(option.PartOptions)
+    part: option.PartOptions = program.group(option.PartOptions)
     dip_deg: float | None = option.dip("Inclination of the field at the site [default: the calibration's].")
     target_deg: float | None = option.target(
         "Worst heading error that is good enough [default: the calibration's].", None
@@ -40,18 +41,21 @@ class Pair(option.Group):
     def drawn(self, command: str) -> tuple[Fit, Joined, Fit, list[str]]:
         """Open them and put them together: the calibration's fit, the recordings, their fit, and what is odd."""
         from flinders.core.compensation import compensated
+        from flinders.core.samples import Joined
         from flinders.report.figure_data import doubts, restored
 
         path = self.calibration
         loaded = load(command, path, self.recordings)
         reading = {"columns": self.columns, **self.part.as_dict()}
         with progress("reading") as watch:
-            as_recorded = open_all_with(
+            parts = open_all_with(
                 path, loaded.calibration, self.recordings, sensor=self.sensor, progress=watch, **reading
             )
+            as_recorded = Joined(tuple(parts))
             recording = compensated(as_recorded, loaded.calibration)
-            fit = restored(loaded, recording, target_deg=self.target_deg, dip_deg=self.dip_deg)
-            others = len(as_recorded.recordings) - len(made_from(path, as_recorded.recordings))
+            with saying_what_was_read(parts):
+                fit = restored(loaded, recording, target_deg=self.target_deg, dip_deg=self.dip_deg)
+            others = len(parts) - len(made_from(path, parts))
             notes = doubts(loaded.calibration.at(), recording) if others else []
         if loaded.files and others:
             notes.append(OTHER)
@@ -60,14 +64,14 @@ class Pair(option.Group):
         return loaded, as_recorded, fit, notes
 
 
-class Report(option.Group):
+class Report(program.Group):
     """A calibration and recordings, and where the report goes."""
 
-    pair: Pair = option.group(Pair)
+    pair: Pair = program.group(Pair)
     output: str | None = option.output(
         "the report", "HTML file to write, - for standard output [default: report.html]."
     )
-    pdf: str | None = option.member(
+    pdf: str | None = program.member(
         "--pdf",
         what="its PDF",
         metavar="[FILE]",
@@ -94,7 +98,7 @@ class Report(option.Group):
         self.checked_outputs()
 
 
-@option.command_of(
+@program.command_of(
     "report",
     Report,
     common=("output", "pdf", "columns", "sensor"),

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import for_use
 from flinders.cli._output import lossy_if_agreed, print_json, say
-from flinders.cli._signals import stopping
+from flinders.cli._program import stopping
 from flinders.errors import NotConfirmed, OutputError, OutputExists, UsageError, counted
 
 if TYPE_CHECKING:
@@ -22,35 +23,35 @@ if TYPE_CHECKING:
     from flinders.targets.motioncal import MotionCalPacket
 
 
-class Send(option.Group):
+class Send(program.Group):
     """A calibration, and the board or vehicle that gets it."""
 
-    calibration: str = option.argument("CALIBRATION")
-    port: str | None = option.member(
+    calibration: str = program.argument("CALIBRATION")
+    port: str | None = program.member(
         "--port", metavar="PORT", help="A board that takes what MotionCal sends: /dev/ttyACM0, COM3."
     )
-    mavlink: str | None = option.member(
+    mavlink: str | None = program.member(
         "--mavlink", metavar="ADDRESS",
         help="A vehicle: udp:HOST:PORT to listen, udpout:HOST:PORT, tcp:HOST:PORT, or a serial port.",
     )  # fmt: skip
     baud: int = option.baud()
-    compass: int | None = option.member(
+    compass: int | None = program.member(
         "--compass", type=click.IntRange(0, 3), metavar="N",
         help="Which compass: ArduPilot's 1 to 3, PX4's 0 to 3 [default: by device id, that of the log, or the first].",
     )  # fmt: skip
-    device_id: int | None = option.member(
+    device_id: int | None = program.member(
         "--device-id", type=click.IntRange(1, 2**32 - 1), metavar="ID", help="Device id that the compass must have."
     )
-    system: int | None = option.member(
+    system: int | None = program.member(
         "--system", type=click.IntRange(1, 255), metavar="N", help="Which vehicle, where several are on the link."
     )
     mounting: str | None = option.mounting()
     lossy: bool = option.lossy()
-    backup: str | None = option.member(
+    backup: str | None = program.member(
         "--backup", metavar="FILE",
         help="Where the vehicle's values from before go [default: compass-before-TIME.param(s)].",
     )  # fmt: skip
-    dry_run: bool = option.flag("--dry-run", "Show what would be sent or changed, and change nothing.")
+    dry_run: bool = program.flag("--dry-run", "Show what would be sent or changed, and change nothing.")
     as_json: bool = option.as_json()
 
     def check(self) -> None:
@@ -73,7 +74,7 @@ class Send(option.Group):
             raise UsageError(f"{', '.join(wrong)} goes with --mavlink: a board on --port has one compass")
 
 
-@option.command_of(
+@program.command_of(
     "send",
     Send,
     common=("port", "mavlink", "baud", "compass", "dry_run"),

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import likely_target, load
 from flinders.cli._output import say, show
 
 
-class Show(option.Group):
+class Show(program.Group):
     """A calibration file."""
 
-    calibration: str = option.argument("CALIBRATION")
-    verbose: bool = option.flag("--verbose", "Also print what is true of nearly every calibration.")
+    calibration: str = program.argument("CALIBRATION")
+    verbose: bool = program.flag("--verbose", "Also print what is true of nearly every calibration.")
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "show",
     Show,
     common=("verbose", "as_json"),

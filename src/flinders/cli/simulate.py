@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._output import Outputs, print_json, print_result, say
 from flinders.cli._program import GOOD, REFUSED
 from flinders.errors import UsageError, counted
@@ -48,7 +49,7 @@ def _several(count: int, what: str) -> Callable[[object], tuple[float, ...]]:
     """Make the type of an option that takes so many finite numbers with commas between them."""
 
     def numbers(value: object) -> tuple[float, ...]:
-        parts = value if isinstance(value, tuple) else tuple(option.numbers_of(str(value)))
+        parts = value if isinstance(value, tuple) else tuple(program.numbers_of(str(value)))
         if len(parts) != count:
             raise click.BadParameter(f"{str(value)!r}: need {what}")
         return parts
@@ -56,33 +57,33 @@ def _several(count: int, what: str) -> Callable[[object], tuple[float, ...]]:
     return numbers
 
 
-def _size(name: str, words: str, **more: Any) -> option.Field:
+def _size(name: str, words: str, **more: Any) -> program.Field:
     """An option that takes µT."""
-    size = option.within(0, sys.float_info.max, "0 or a number above it", zero=True)
-    return option.member(name, type=size, metavar="UT", help=words, **more)
+    size = program.within(0, sys.float_info.max, "0 or a number above it", zero=True)
+    return program.member(name, type=size, metavar="UT", help=words, **more)
 
 
-def _share(name: str, words: str) -> option.Field:
+def _share(name: str, words: str) -> program.Field:
     """An option that takes a share of the readings."""
-    share = option.within(0, 1, "a share of the readings, 0 to 1", zero=True)
-    return option.member(name, type=share, default=0.0, metavar="SHARE", help=words)
+    share = program.within(0, 1, "a share of the readings, 0 to 1", zero=True)
+    return program.member(name, type=share, default=0.0, metavar="SHARE", help=words)
 
 
-class Simulation(option.Group):
+class Simulation(program.Group):
     """The field, the seed, and where the recording and its truth go."""
 
     field_strength: float = option.field_strength(
         "Strength of the field in µT.", default=50.0, show_default=True, metavar="UT"
     )
     dip_deg: float = option.dip("Inclination of the field.", 60.0)
-    seed: int = option.member(
+    seed: int = program.member(
         "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other numbers."
     )
     output: str = option.output(
-        "the recording", "Where to write the recording [default: standard output].", default="-", heading=option.OUTPUT
+        "the recording", "Where to write the recording [default: standard output].", default="-", heading=program.OUTPUT
     )
-    truth: str | None = option.member(
-        "--truth", heading=option.OUTPUT, metavar="FILE",
+    truth: str | None = program.member(
+        "--truth", heading=program.OUTPUT, metavar="FILE",
         help="Where to write the truth [default: the recording's name, .truth.json].",
     )  # fmt: skip
     force: bool = option.force("Overwrite the files if they exist.")
@@ -132,50 +133,50 @@ class Simulation(option.Group):
 class ThreeAxis(Simulation):
     """A sensor of three axes, how it is moved, and what disturbs it."""
 
-    motion: str = option.member(
+    motion: str = program.member(
         "--motion", type=click.Choice(tuple(MOTIONS)), default="hand", show_default=True, metavar="NAME",
         help="How the sensor is moved; see below.",
     )  # fmt: skip
-    n: int | None = option.member(
+    n: int | None = program.member(
         "--readings", type=click.IntRange(min=1), metavar="N", help="How many [default: the motion's own]."
     )
-    rate_hz: float = option.member(
-        "--rate", type=option.positive, default=50.0, show_default=True, metavar="HZ", help="Readings a second."
+    rate_hz: float = program.member(
+        "--rate", type=program.positive, default=50.0, show_default=True, metavar="HZ", help="Readings a second."
     )
-    tilt_deg: float | None = option.member(
-        "--tilt", type=option.within(0, 90, "degrees from 0 to 90", zero=True), metavar="DEG",
+    tilt_deg: float | None = program.member(
+        "--tilt", type=program.within(0, 90, "degrees from 0 to 90", zero=True), metavar="DEG",
         help="Greatest tilt of tilted, drive and flight.",
     )  # fmt: skip
-    sensor: str | None = option.member(
+    sensor: str | None = program.member(
         "--sensor", metavar="TRUTH", help="The sensor of another simulated recording: its truth."
     )
-    soft_iron: float | None = option.member(
-        "--soft-iron", type=option.within(0, 0.45, "a share from 0 to 0.45", zero=True), metavar="SHARE",
+    soft_iron: float | None = program.member(
+        "--soft-iron", type=program.within(0, 0.45, "a share from 0 to 0.45", zero=True), metavar="SHARE",
         help=f"Scales are drawn within ± this of 1 [default: {SOFT:g}].",
     )  # fmt: skip
     hard_iron: float | None = _size("--hard-iron", f"Offsets are drawn within ± this in µT [default: {HARD:g}].")
     noise: float | None = _size("--noise", f"White noise in µT, 1 σ per axis [default: {NOISE:g}].")
-    resolution: float | None = option.member(
-        "--resolution", type=option.positive, metavar="UT", help="Step of the converter in µT."
+    resolution: float | None = program.member(
+        "--resolution", type=program.positive, metavar="UT", help="Step of the converter in µT."
     )
-    limit: float | None = option.member(
-        "--saturation", type=option.positive, metavar="UT", help="Where each axis saturates, in µT."
+    limit: float | None = program.member(
+        "--saturation", type=program.positive, metavar="UT", help="Where each axis saturates, in µT."
     )
     outliers: float = _share("--outliers", "Share of readings that are outliers.")
     stationary: float = _share("--stationary", "Share of readings in clumps: the sensor is not moved.")
     motor: float | None = _size("--motor", "Field of motors, in µT per ampere; adds their current.")
     drift: float | None = _size("--drift", "Drift of the offset, in µT per kelvin; adds the temperature.")
     step: float | None = _size("--step", "Step of the offset half way: something was moved.")
-    field_step: float | None = option.member(
-        "--field-step", type=option.within(-0.99, 10.0, "a share from -0.99 to 10, such as -0.1"), metavar="SHARE",
+    field_step: float | None = program.member(
+        "--field-step", type=program.within(-0.99, 10.0, "a share from -0.99 to 10, such as -0.1"), metavar="SHARE",
         help="From half way on the earth's field is stronger by this share.",
     )  # fmt: skip
     magnet: float | None = _size("--magnet", "A magnet passes after a third, so strong at its peak.")
-    gyro_bias: tuple[float, ...] | None = option.member(
+    gyro_bias: tuple[float, ...] | None = program.member(
         "--gyro-bias", type=_several(3, "three numbers, such as 0.01,0,-0.02"), metavar="X,Y,Z",
         help="What the gyro reads at rest, in rad/s.",
     )  # fmt: skip
-    magnetometer_only: bool = option.flag("--magnetometer-only", "Leave out acceleration and rate.")
+    magnetometer_only: bool = program.flag("--magnetometer-only", "Leave out acceleration and rate.")
 
     def simulated(self) -> Simulated:
         """Record, with what the options ask for."""
@@ -234,47 +235,47 @@ class TwoAxis(Simulation):
         "the recording",
         "Also write the recording, and its truth.",
         default="",
-        heading=option.OUTPUT,
+        heading=program.OUTPUT,
         type=lambda path: "" if path == "-" else path,
     )
-    points: int = option.member(
+    points: int = program.member(
         "--points", type=click.IntRange(min=6), default=36, show_default=True,
         help="Headings, equally spaced from north on.",
     )  # fmt: skip
-    scale: tuple[float, float] = option.member(
+    scale: tuple[float, float] = program.member(
         "--scale", type=_several(2, "two numbers, such as 1.1,0.9"), default="1.1,0.9", show_default=True,
         metavar="X,Y", help="Scale of each axis.",
     )  # fmt: skip
-    offset: tuple[float, float] = option.member(
+    offset: tuple[float, float] = program.member(
         "--offset", type=_several(2, "two numbers, such as 10,-5"), default="10,-5", show_default=True, metavar="X,Y",
         help="Offset of each axis in µT.",
     )  # fmt: skip
-    skew_deg: float = option.member(
-        "--skew", type=option.within(-89, 89, "degrees from -89 to 89"), default=4.0, show_default=True,
+    skew_deg: float = program.member(
+        "--skew", type=program.within(-89, 89, "degrees from -89 to 89"), default=4.0, show_default=True,
         metavar="DEG", help="By how much the axes are not square.",
     )  # fmt: skip
     noise: float = _size("--noise", "White noise in µT, 1 σ per axis.", default=0.25, show_default=True)
-    polar: str | None = option.member(
+    polar: str | None = program.member(
         "--polar",
         metavar="FILE",
         help="Also write radius, heading and its error at each point (FILE.csv), or draw the points (FILE.svg).",
     )
 
 
-class CalibrationFlight(option.Group):
+class CalibrationFlight(program.Group):
     """An aircraft, what it flies, and where the recording goes."""
 
     output: str = option.output(
         "the recording", "Where to write the recording [default: standard output].", default="-"
     )
-    aircraft: int = option.member(
+    aircraft: int = program.member(
         "--aircraft", type=click.IntRange(min=0), default=1, show_default=True, metavar="N",
         help="Another number, another aircraft with its magnetometers.",
     )  # fmt: skip
-    headings: str = option.member(
+    headings: str = program.member(
         "--headings", metavar="DEG,…", default="0,90,180,270", show_default=True, help="Flown one after the other."
     )
-    seed: int = option.same_as(Simulation, "seed")
+    seed: int = program.same_as(Simulation, "seed")
     force: bool = option.force()
     as_json: bool = option.as_json()
 
@@ -298,7 +299,7 @@ def command() -> None:
     """
 
 
-@option.command_of(
+@program.command_of(
     "three-axis",
     ThreeAxis,
     command,
@@ -336,7 +337,7 @@ def three_axis(options: ThreeAxis) -> int:
     return GOOD
 
 
-@option.command_of(
+@program.command_of(
     "two-axis",
     TwoAxis,
     command,
@@ -384,7 +385,7 @@ def two_axis(options: TwoAxis) -> int:
     return GOOD
 
 
-@option.command_of(
+@program.command_of(
     "aircraft",
     CalibrationFlight,
     command,
@@ -406,7 +407,7 @@ def aircraft(options: CalibrationFlight) -> int:
     from flinders.simulate.recording import lines
 
     outputs = options.checked_outputs()
-    headings = option.numbers_of(options.headings)
+    headings = program.numbers_of(options.headings)
     if not headings:
         raise UsageError(f"--headings {options.headings!r}: need degrees, such as 0,90,180,270")
     built = np.random.default_rng(options.aircraft)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import provenance
 from flinders.cli._program import EXITS, GOOD
 from flinders.errors import UsageError
@@ -23,46 +24,46 @@ FITTING: Final = ("output", "pointing", "axes", "acceleration_axes", "distox", "
 """Options of a fit, which do not go with an earlier calibration."""
 
 
-class Survey(option.Group):
+class Survey(program.Group):
     """Shots, how both sensors sit, and what is written."""
 
-    path: str = option.argument("SHOTS")
+    path: str = program.argument("SHOTS")
     output: str | None = option.output("the calibration", "Calibration file to write, or - for standard output.")
-    pointing: Any = option.member(
-        "--pointing", type=click.Choice(("x", "y", "z")), heading=option.RECORDING,
+    pointing: Any = program.member(
+        "--pointing", type=click.Choice(("x", "y", "z")), heading=program.RECORDING,
         help="Axis of the laser [default: y for files of mag-cal, else x].",
     )  # fmt: skip
-    axes: str = option.member(
-        "--axes", default="x,y,z", show_default=True, metavar="AXES", heading=option.RECORDING,
+    axes: str = program.member(
+        "--axes", default="x,y,z", show_default=True, metavar="AXES", heading=program.RECORDING,
         help="Where each axis of the instrument comes from in the magnetometer.",
     )  # fmt: skip
-    acceleration_axes: str | None = option.member(
-        "--acceleration-axes", metavar="AXES", heading=option.RECORDING,
+    acceleration_axes: str | None = program.member(
+        "--acceleration-axes", metavar="AXES", heading=program.RECORDING,
         help="The same of the accelerometer [default: as --axes].",
     )  # fmt: skip
-    calibration: str | None = option.member(
+    calibration: str | None = program.member(
         "--calibration", metavar="FILE",
         help="Hold SHOTS against this calibration, and fit none: a calibration file, coefficients of a DistoX, or JSON "
         "of mag-cal.",
     )  # fmt: skip
-    distox: str | None = option.member(
-        "--distox", what="the coefficients", metavar="FILE", heading=option.OUTPUT,
+    distox: str | None = program.member(
+        "--distox", what="the coefficients", metavar="FILE", heading=program.OUTPUT,
         help="Also write the 52 bytes of coefficients of a DistoX.",
     )  # fmt: skip
-    mag_cal: str | None = option.member(
-        "--mag-cal", what="the JSON of mag-cal", metavar="FILE", heading=option.OUTPUT,
+    mag_cal: str | None = program.member(
+        "--mag-cal", what="the JSON of mag-cal", metavar="FILE", heading=program.OUTPUT,
         help="Also write the JSON of mag-cal and the SAP6.",
     )  # fmt: skip
-    non_linear: bool = option.flag(
+    non_linear: bool = program.flag(
         "--non-linear", "Fit quadratic terms of the accelerometer too, as TopoDroid's non-linear algorithm.",
-        heading=option.METHOD,
+        heading=program.METHOD,
     )  # fmt: skip
     target_deg: float = option.target("Worst error of azimuth and inclination that is good enough.", 0.5)
     force: bool = option.force()
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "survey",
     Survey,
     common=("output", "pointing", "calibration", "target_deg", "as_json"),
@@ -115,7 +116,7 @@ def _check(options: Survey, path: str) -> int:
     from flinders.readers import read_shots
     from flinders.report.survey_pages import of_check
 
-    typed = [name for name in FITTING if option.is_typed(name)]
+    typed = [name for name in FITTING if program.is_typed(name)]
     if typed:
         names = ", ".join(f"--{name.removesuffix('_deg').replace('_', '-')}" for name in typed)
         raise UsageError(f"with --calibration nothing is fitted, and it knows its axes: leave {names} out")

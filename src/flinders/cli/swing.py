@@ -4,17 +4,27 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._program import GOOD
-from flinders.cli._swing_options import BOAT, STANDARD, SwingOptions
-from flinders.cli._swing_sources import Swing, compensation_of, is_boat, is_raw, of_boat, of_log, of_table
+from flinders.cli._swing import (
+    BOAT,
+    STANDARD,
+    Swing,
+    SwingOptions,
+    compensation_of,
+    is_boat,
+    is_raw,
+    of_boat,
+    of_log,
+    of_table,
+)
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
 
-@option.command_of(
+@program.command_of(
     "swing",
     SwingOptions,
     common=("output", "svg", "headings", "name", "target_deg", "as_json"),

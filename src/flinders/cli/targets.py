@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._output import print_result
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from flinders.targets import Target
 
 
-class NamingTargets(option.Command):
+class NamingTargets(program.Command):
     """A command whose help names what targets have: ``{saved}`` files and ``{compasses}``."""
 
     def get_help(self, ctx: click.Context) -> str:
@@ -55,13 +56,13 @@ def _compasses(rows: Iterable[Target]) -> str:
     return ", ".join(f"{title}'s {numbers[0]} to {numbers[-1]}" for title, numbers in counted.items())
 
 
-class Targets(option.Group):
+class Targets(program.Group):
     """How the list is printed."""
 
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "targets",
     Targets,
     short_help="List what a calibration can be written for.",

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import Counted, opened, refuse_calibrations
+from flinders.cli import _program as program
+from flinders.cli._inputs import opened, refuse_calibrations, saying_what_was_read
 from flinders.cli._output import say
 from flinders.cli._program import EXITS, GOOD
 from flinders.errors import UsageError
@@ -17,27 +18,27 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording, Samples
 
 
-class TollesLawson(option.Group):
+class TollesLawson(program.Group):
     """A flight, its scalar magnetometer, and what is written."""
 
-    recording: str = option.argument("RECORDING")
-    scalar: str | None = option.member(
-        "--scalar", heading=option.RECORDING, metavar="COLUMN",
+    recording: str = program.argument("RECORDING")
+    scalar: str | None = program.member(
+        "--scalar", heading=program.RECORDING, metavar="COLUMN",
         help="The scalar magnetometer's column, by name or number [default: a reference strength, else the length of "
         "the vector].",
     )  # fmt: skip
-    coefficients: str | None = option.member(
+    coefficients: str | None = program.member(
         "--coefficients", metavar="FILE", help="Compensate RECORDING by the coefficients of another flight."
     )
     output: str | None = option.output(
         "the result", "Coefficients to write; with --coefficients the compensated readings; - for standard output."
     )
-    reading: option.ReadingOptions = option.group(option.ReadingOptions)
+    reading: option.ReadingOptions = program.group(option.ReadingOptions)
     force: bool = option.force()
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "tolles-lawson",
     TollesLawson,
     common=("scalar", "coefficients", "output", "as_json"),
@@ -71,6 +72,7 @@ def command(options: TollesLawson) -> int:
 def _samples(options: TollesLawson) -> Samples:
     """Both magnetometers, in memory."""
     from flinders.core.samples import in_memory
+    from flinders.estimators.data import CountedRecording
     from flinders.readers import TextRecording
 
     recording, _ = opened([options.recording], None, **options.reading.as_dict())
@@ -78,7 +80,9 @@ def _samples(options: TollesLawson) -> Samples:
         if not isinstance(recording, TextRecording):
             raise UsageError(f"{recording.source} is no text: its columns are known, leave --scalar out")
         recording.name_strength(options.scalar)
-    samples = in_memory(Counted(recording))
+    counted = CountedRecording(recording)
+    with saying_what_was_read([counted]):
+        samples = in_memory(counted)
     say("scalar magnetometer: " + ("none, the length of the vector" if samples.strength is None else _named(recording)))
     return samples
 

@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import Counted, agree, is_calibration, load, made_from, provenance, saying_what_was_skipped
+from flinders.cli import _program as program
+from flinders.cli._inputs import agree, is_calibration, load, made_from, provenance, saying_what_was_read
 from flinders.cli._output import progress, say
 from flinders.cli._program import LIMITED
 from flinders.errors import FitError, UnitError, UsageError
 
 if TYPE_CHECKING:
     from flinders.core.samples import Recording
+    from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Turn
     from flinders.summary.summary import Summary
@@ -30,30 +32,30 @@ FLAT: Final = 0.05
 """Variance across over that along, below which readings lie in a plane, and those of a plane on a line."""
 
 
-class TwoAxis(option.Group):
+class TwoAxis(program.Group):
     """The recording of a turn, how it is fitted, and what is written."""
 
-    recording: str = option.argument("RECORDING")
-    plane: Any = option.member(
+    recording: str = program.argument("RECORDING")
+    plane: Any = program.member(
         "--plane", type=click.Choice(PLANES), default="xy", show_default=True,
         help="The two axes that see the field go round: xy for a turn about z.",
     )  # fmt: skip
-    method: str = option.member(
+    method: str = program.member(
         "--method", type=click.Choice(("two-axis", "ellipse")), default="two-axis", show_default=True,
         help="Mean and scatter of equally spaced points, or least squares, which do not care.",
     )  # fmt: skip
-    after: str | None = option.member(
+    after: str | None = program.member(
         "--after", metavar="CALIBRATION",
         help="RECORDING was made with this loaded: the result is the two of them, composed.",
     )  # fmt: skip
-    reading: option.ReadingOptions = option.group(option.ReadingOptions)
+    reading: option.ReadingOptions = program.group(option.ReadingOptions)
     output: str | None = option.output(
-        "the calibration", "Calibration file to write, or - for standard output.", heading=option.OUTPUT
+        "the calibration", "Calibration file to write, or - for standard output.", heading=program.OUTPUT
     )
-    polar: str | None = option.member(
+    polar: str | None = program.member(
         "--polar",
         what="the drawing",
-        heading=option.OUTPUT,
+        heading=program.OUTPUT,
         metavar="FILE",
         help="Also draw the points before and after, as SVG.",
     )
@@ -63,7 +65,7 @@ class TwoAxis(option.Group):
         "Name or serial number to store; of a log, which magnetometer, by number or name.", "NAME"
     )
     field_strength: float | None = option.field_strength()
-    judgement: option.Judgement = option.group(option.Judgement)
+    judgement: option.Judgement = program.group(option.Judgement)
 
     def check(self) -> None:
         """Find what could not be read or written before anything is."""
@@ -88,15 +90,15 @@ class TwoAxis(option.Group):
         dip, given = first.heading_error_deg.dip_deg, self.judgement.dip_deg
         if math.isnan(dip):
             return given
-        if option.is_typed("dip_deg") and abs(abs(dip) - abs(given)) > 1e-6:
+        if program.is_typed("dip_deg") and abs(abs(dip) - abs(given)) > 1e-6:
             raise UsageError(
                 f"--dip says {given:g}°, and {self.after} was made for {dip:g}°: record all planes at one place, "
                 "and leave --dip out"
             )
-        return given if option.is_typed("dip_deg") else dip
+        return given if program.is_typed("dip_deg") else dip
 
 
-@option.command_of(
+@program.command_of(
     "two-axis",
     TwoAxis,
     short_help="Hard and soft iron of one plane, by the two-axis recipe.",
@@ -123,22 +125,23 @@ def command(options: TwoAxis) -> int:
     """
     from flinders.comparison.composition import composed, refuse_unloaded
     from flinders.core.calibration_file import dumps
+    from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Refused
 
     options.check()
     first = None if options.after is None else load("two-axis --after", options.after)
     dip_deg = options.judgement.dip_deg if first is None else options.dip_after(first)
     with progress("reading") as watch:
-        source = Counted(_opened(options, first, watch))
-        with saying_what_was_skipped([source]):
+        source = CountedRecording(_opened(options, first, watch))
+        with saying_what_was_read([source]):
             turn = _turn(source, options)
-            if first is not None:
-                refuse_unloaded(first, turn, dip_deg=dip_deg, source=source.source)
-            try:
-                fit = _fit_or_ellipse(source, turn, first, dip_deg, options)
-            except Refused as refusal:
-                _draw(turn, refusal.fit, options)
-                raise
+        if first is not None:
+            refuse_unloaded(first, turn, dip_deg=dip_deg, source=source.source)
+        try:
+            fit = _fit_or_ellipse(source, turn, first, dip_deg, options)
+        except Refused as refusal:
+            _draw(turn, refusal.fit, options)
+            raise
     both = None if first is None else composed(first, fit)
     if options.output:
         made_from = provenance([source], first.files if first else ())
@@ -203,7 +206,7 @@ def _doubt(summary: Summary, plane: Any) -> None:  # noqa: ANN401 - one of the p
         say(f"! the readings go round about {about}: this looks like a turn in the plane {lies}, not {plane}")
 
 
-def _fit_or_ellipse(source: Counted, turn: Turn, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
+def _fit_or_ellipse(source: CountedRecording, turn: Turn, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
     """Fit by the mean, and by the ellipse of least squares where that is refused and nobody asked for the mean.
 
     Where that is no way out, say how the points are spaced.
@@ -214,7 +217,7 @@ def _fit_or_ellipse(source: Counted, turn: Turn, first: Fit | None, dip_deg: flo
     try:
         return _fit(source, first, dip_deg, options)
     except FitError as refusal:
-        if isinstance(refusal, Refused) and not option.is_typed("method"):
+        if isinstance(refusal, Refused) and not program.is_typed("method"):
             fit = _fit(source, first, dip_deg, replace(options, method="ellipse"))
             say("the mean of these points is refused: fitted by least squares instead, as --method ellipse does")
             return fit
@@ -223,7 +226,7 @@ def _fit_or_ellipse(source: Counted, turn: Turn, first: Fit | None, dip_deg: flo
         raise
 
 
-def _fit(source: Counted, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
+def _fit(source: CountedRecording, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
     """Fit by the method that was asked for."""
     from flinders.fitting.calibrate import fit
     from flinders.readers import Instrument
@@ -234,7 +237,7 @@ def _fit(source: Counted, first: Fit | None, dip_deg: float, options: TwoAxis) -
         plane=options.plane,
         field_strength=options.field_strength if first is None else first.calibration.field_strength,
         target_deg=options.judgement.target_deg,
-        dip_deg=None if first is None and not option.is_typed("dip_deg") else dip_deg,
+        dip_deg=None if first is None and not program.is_typed("dip_deg") else dip_deg,
         sensor=source.recording.name if isinstance(source.recording, Instrument) else options.sensor,
     )
     if first is None:

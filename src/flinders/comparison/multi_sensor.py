@@ -34,8 +34,8 @@ from flinders.core.time_alignment import Paired, affine_residuals, paired
 from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
 from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import Auto
-from flinders.estimators.data import dense_in, left_out
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
+from flinders.estimators.outliers import dense_in, left_out
 from flinders.findings import CATALOGUE, Finding, Record, by_severity
 from flinders.fitting.aiding import Aiding
 from flinders.fitting.calibrate import fit, judged_as

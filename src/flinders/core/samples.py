@@ -348,34 +348,6 @@ class Wrapped:
         return frame_of(self.recording)
 
 
-@dataclass(slots=True, eq=False)
-class CountedRecording(Wrapped):
-    """A recording that counts its readings, and notes their earliest and latest time, on each pass.
-
-    Examples
-    --------
-    >>> counted = CountedRecording(Samples.of([[1, 2, 3], [3, 2, 1]], time=[5.0, 4.0]))
-    >>> [len(block) for block in counted.blocks()], counted.rows, counted.span
-    ([2], 2, (4.0, 5.0))
-    """
-
-    recording: Recording
-    rows: int = 0
-    span: tuple[float, float] = (np.nan, np.nan)  #: earliest and latest time, s; NaN where not known
-
-    def __len__(self) -> int:
-        return self.rows
-
-    def blocks(self) -> Iterator[Samples]:
-        """Go through the recording."""
-        self.rows, self.span = 0, (np.nan, np.nan)
-        for block in self.recording.blocks():
-            self.rows += len(block)
-            first, last = block.span
-            self.span = float(np.fmin(self.span[0], first)), float(np.fmax(self.span[1], last))
-            yield block
-
-
 @dataclass(frozen=True, slots=True)
 class Joined:
     """Several recordings of one sensor, one after the other, all in one unit and one set of axes.

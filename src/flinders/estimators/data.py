@@ -10,10 +10,7 @@ A recording that is short enough stays in memory after the first pass:
 >>> [type(Readings._of_one(read_once, room).recording).__name__ for room in (10, 9)]
 ['Samples', 'Joined']
 
-Inliers are what a robust fit uses: readings near the surface that are not part of a run of outliers. What passes by
-fades in and out, and its field crosses zero along the surface's normal: readings between outliers and shortly before
-and after them are no better. Single outliers, of a bus that drops bits, say nothing of their neighbours; so a run is
-where more of eleven readings are far than chance would put there.
+Inliers are readings near a surface:
 
 >>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
@@ -37,8 +34,7 @@ import os
 from collections import deque
 from dataclasses import dataclass, replace
 from functools import reduce
-from itertools import chain, islice
-from math import comb
+from itertools import chain
 from typing import TYPE_CHECKING, Any, Final, Self, TypeGuard, cast
 
 import numpy as np
@@ -52,12 +48,13 @@ from flinders.summary.cloud import keys_of
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.random import Generator
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Skipped
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.summary.quality import Rail
 
@@ -89,98 +86,19 @@ def together(recordings: Sequence[Recording]) -> tuple[Recording, Sequence[Recor
     ]
 
 
-WINDOW: Final = 11
-"""Readings in a row that are looked at together: a fifth of a second at 50 Hz, and what passes by hand takes longer."""
-
-MARGIN: Final = 25
-"""Readings before and after a run that go with it: half a second at 50 Hz, in which a magnet's field fades away."""
-
-LEAST: Final = 3
-"""Far readings of a window that make a run at the least, however rare they are."""
-
-BY_CHANCE: Final = 1e-3
-"""Runs that outliers thrown in at random may make in a whole recording, on average."""
-
-LOOKS: Final = 3
-"""At the readings, before what is in runs and what is not is distinguished."""
-
-NO_RUN: Final = WINDOW + 1
-"""More than a window holds: no run is looked for."""
-
-_REACH: Final = MARGIN + WINDOW // 2
-"""Readings before and after one that have a say in whether it is left out."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Inliers(Wrapped):
-    """The readings of a recording that are close to a surface, without those around a run of others."""
+    """The readings of a recording that are close to a surface."""
 
     recording: Recording
     ellipsoid: Ellipsoid
     limit: float  # farthest Sampson distance, in the unit of the readings
-    dense: int = NO_RUN  # far readings of a window that make a run, see `dense_in`
 
     def blocks(self) -> Iterator[Samples]:
-        """Go through the recording without what is left out."""
-        for block, _, out in left_out(self.recording.blocks(), self.ellipsoid, self.limit, self.dense):
-            yield block[~out]
-
-
-def dense_in(far: NDArray[np.bool_], rows: int) -> int:
-    """Fewest far readings of a window that make a run, given (N,) which of some consecutive readings are far.
-
-    Only those outside runs are there by chance, so runs that are beyond doubt are set aside before the rest is counted.
-    """
-    dense = NO_RUN
-    for _ in range(LOOKS):
-        rest = far[~_around_runs(far, dense)]
-        dense = dense_enough(float(rest.mean()), rows) if len(rest) else NO_RUN
-    return dense
-
-
-def dense_enough(share: float, rows: int) -> int:
-    """Fewest far readings of a window that chance hardly ever puts there.
-
-    `share`: of the readings, how many are far; `rows`: how many readings there are, and so how many windows.
-
-    >>> dense_enough(0.001, 500), dense_enough(0.08, 500), dense_enough(0.4, 500) == NO_RUN
-    (3, 8, True)
-    """
-    chances = [comb(WINDOW, far) * share**far * (1.0 - share) ** (WINDOW - far) for far in range(WINDOW + 1)]
-    rare = (least for least in range(LEAST, WINDOW + 1) if rows * sum(chances[least:]) < BY_CHANCE)
-    return next(rare, NO_RUN)
-
-
-def left_out(
-    blocks: Iterable[Samples], ellipsoid: Ellipsoid, limit: float, dense: int
-) -> Iterator[tuple[Samples, Floats, NDArray[np.bool_]]]:
-    """Go through a recording: each block, (m,) distances from a surface and (m,) which readings are left out.
-
-    Every reading is judged together with its neighbours, so where one block ends and the next begins has no say.
-    """
-    ahead = iter(blocks)
-    pending = deque(islice(ahead, 1))  # not `itertools.tee`, which lets go of blocks by 57
-    begun: Floats = np.zeros(_REACH)  # before the first reading nothing is far
-    known = np.concatenate([begun, *(np.abs(magnitude.distances(block.field, ellipsoid)) for block in pending)])
-    while pending:
-        block = pending.popleft()
-        needed = _REACH + len(block) + _REACH
-        while len(known) < needed and (following := next(ahead, None)) is not None:
-            pending.append(following)
-            known = np.concatenate([known, np.abs(magnitude.distances(following.field, ellipsoid))])
-        here = slice(_REACH, _REACH + len(block))
-        far = known[:needed] > limit
-        yield block, known[here], (far | _around_runs(far, dense))[here]
-        known = known[len(block) :]
-
-
-def _around_runs(far: NDArray[np.bool_], dense: int) -> NDArray[np.bool_]:
-    """(N,) readings in a run and within a margin of it, from (N,) which are far."""
-    runs = far if not far.any() else far & (np.convolve(far, np.ones(WINDOW), mode="same") > dense - 0.5)
-    if not runs.any():
-        return runs
-    reach = np.convolve(runs, np.ones(2 * MARGIN + 1))[MARGIN : MARGIN + len(far)]
-    return np.asarray(reach > 0.5, dtype=bool)
+        """Go through the recording without what is farther."""
+        for block in self.recording.blocks():
+            far = np.abs(magnitude.distances(block.field, self.ellipsoid)) > self.limit
+            yield block[~far]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,6 +121,38 @@ def within_range(readings: Readings) -> Readings:
     """Those readings that are at no rail, with the sums of all."""
     rails = readings.summary.health.rails
     return readings.through(lambda recording: WithinRange(recording, rails)) if rails else readings
+
+
+@dataclass(slots=True, eq=False)
+class CountedRecording(Wrapped):
+    """A recording that counts its readings, and notes their earliest and latest time, on each pass.
+
+    >>> counted = CountedRecording(Samples.of([[1, 2, 3], [3, 2, 1]], time=[5.0, 4.0]))
+    >>> [len(block) for block in counted.blocks()], counted.rows, counted.span
+    ([2], 2, (4.0, 5.0))
+    """
+
+    recording: Recording
+    rows: int = 0
+    span: tuple[float, float] = (math.nan, math.nan)  #: earliest and latest time, s; NaN where not known
+
+    def __len__(self) -> int:
+        return self.rows
+
+    @property
+    def skipped(self) -> tuple[Skipped, ...]:
+        """What the last pass left out."""
+        skipped: tuple[Skipped, ...] = getattr(self.recording, "skipped", ())
+        return skipped
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording."""
+        self.rows, self.span = 0, (math.nan, math.nan)
+        for block in self.recording.blocks():
+            self.rows += len(block)
+            first, last = block.span
+            self.span = float(np.fmin(self.span[0], first)), float(np.fmax(self.span[1], last))
+            yield block
 
 
 SMALLEST, LARGEST = 1e-12, 1e15
@@ -309,11 +259,9 @@ class Readings:
         """Some of the readings, in memory, with the sums of all."""
         return replace(self, recording=Samples(field), parts=())
 
-    def near(self, ellipsoid: Ellipsoid, limit: float, dense: int = NO_RUN) -> Self:
-        """Those readings that are close to a surface, see `flinders.estimators.data`, with the sums of all."""
-        if np.isinf(limit):
-            return self
-        return self.through(lambda recording: Inliers(recording, ellipsoid, limit, dense))
+    def near(self, ellipsoid: Ellipsoid, limit: float) -> Self:
+        """Those readings that are close to a surface, with the sums of all."""
+        return self if np.isinf(limit) else self.through(lambda recording: Inliers(recording, ellipsoid, limit))
 
     def through(self, wrapped: Callable[[Recording], Recording]) -> Self:
         """What another recording makes of each, with the sums of all; in memory where the readings are."""

@@ -1,5 +1,9 @@
 """Readings that do not belong: which, when, and how far off.
 
+What passes by fades in and out, and its field crosses zero along the surface's normal: readings between outliers and
+shortly before and after them are no better. Single outliers, of a bus that drops bits, say nothing of their neighbours;
+so a run is where more of eleven readings are far than chance would put there.
+
 >>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> from flinders.core.samples import Samples
 >>> field = np.array([[50.0, 0, 0], [0, 90.0, 0], [0, 80.0, 0], [0, 0, 50.0]])
@@ -11,15 +15,18 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import deque
 from dataclasses import dataclass
+from itertools import islice
+from math import comb
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.estimators.data import NO_RUN, left_out
+from flinders.likelihood import magnitude
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
@@ -27,6 +34,27 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.estimators.data import Readings
     from flinders.geometry.ellipsoid import Ellipsoid
+
+WINDOW: Final = 11
+"""Readings in a row that are looked at together: a fifth of a second at 50 Hz, and what passes by hand takes longer."""
+
+MARGIN: Final = 25
+"""Readings before and after a run that go with it: half a second at 50 Hz, in which a magnet's field fades away."""
+
+LEAST: Final = 3
+"""Far readings of a window that make a run at the least, however rare they are."""
+
+BY_CHANCE: Final = 1e-3
+"""Runs that outliers thrown in at random may make in a whole recording, on average."""
+
+LOOKS: Final = 3
+"""At the readings, before what is in runs and what is not is distinguished."""
+
+NO_RUN: Final = WINDOW + 1
+"""More than a window holds: no run is looked for."""
+
+_REACH: Final = MARGIN + WINDOW // 2
+"""Readings before and after one that have a say in whether it is left out."""
 
 TOGETHER: Final = 5
 """Rows from one reading that is left out to the next, up to which they are told as one run: a tenth of a second."""
@@ -81,7 +109,7 @@ def outliers_of(
     blocks : iterable of Samples
         A recording.
     ellipsoid, limit, dense
-        See `flinders.estimators.data`; by default only what is farther than the limit is left out.
+        See `left_out`; by default only what is farther than the limit is left out.
     first_row : int
         Number of the first reading.
     """
@@ -110,3 +138,60 @@ def _append(runs: list[Outlier], new: Outlier) -> None:
         old = runs.pop()
         new = Outlier(old.first, new.last, old.rows + new.rows, old.start, new.end, max(old.farthest, new.farthest))
     runs.append(new)
+
+
+def dense_in(far: NDArray[np.bool_], rows: int) -> int:
+    """Fewest far readings of a window that make a run, given (N,) which of some consecutive readings are far.
+
+    Only those outside runs are there by chance, so runs that are beyond doubt are set aside before the rest is counted.
+    """
+    dense = NO_RUN
+    for _ in range(LOOKS):
+        rest = far[~_around_runs(far, dense)]
+        dense = dense_enough(float(rest.mean()), rows) if len(rest) else NO_RUN
+    return dense
+
+
+def dense_enough(share: float, rows: int) -> int:
+    """Fewest far readings of a window that chance hardly ever puts there.
+
+    `share`: of the readings, how many are far; `rows`: how many readings there are, and so how many windows.
+
+    >>> dense_enough(0.001, 500), dense_enough(0.08, 500), dense_enough(0.4, 500) == NO_RUN
+    (3, 8, True)
+    """
+    chances = [comb(WINDOW, far) * share**far * (1.0 - share) ** (WINDOW - far) for far in range(WINDOW + 1)]
+    rare = (least for least in range(LEAST, WINDOW + 1) if rows * sum(chances[least:]) < BY_CHANCE)
+    return next(rare, NO_RUN)
+
+
+def left_out(
+    blocks: Iterable[Samples], ellipsoid: Ellipsoid, limit: float, dense: int
+) -> Iterator[tuple[Samples, Floats, NDArray[np.bool_]]]:
+    """Go through a recording: each block, (m,) distances from a surface and (m,) which readings are left out.
+
+    Every reading is judged together with its neighbours, so where one block ends and the next begins has no say.
+    """
+    ahead = iter(blocks)
+    pending = deque(islice(ahead, 1))  # not `itertools.tee`, which lets go of blocks by 57
+    begun: Floats = np.zeros(_REACH)  # before the first reading nothing is far
+    known = np.concatenate([begun, *(np.abs(magnitude.distances(block.field, ellipsoid)) for block in pending)])
+    while pending:
+        block = pending.popleft()
+        needed = _REACH + len(block) + _REACH
+        while len(known) < needed and (following := next(ahead, None)) is not None:
+            pending.append(following)
+            known = np.concatenate([known, np.abs(magnitude.distances(following.field, ellipsoid))])
+        here = slice(_REACH, _REACH + len(block))
+        far = known[:needed] > limit
+        yield block, known[here], (far | _around_runs(far, dense))[here]
+        known = known[len(block) :]
+
+
+def _around_runs(far: NDArray[np.bool_], dense: int) -> NDArray[np.bool_]:
+    """(N,) readings in a run and within a margin of it, from (N,) which are far."""
+    runs = far if not far.any() else far & (np.convolve(far, np.ones(WINDOW), mode="same") > dense - 0.5)
+    if not runs.any():
+        return runs
+    reach = np.convolve(runs, np.ones(2 * MARGIN + 1))[MARGIN : MARGIN + len(far)]
+    return np.asarray(reach > 0.5, dtype=bool)

@@ -34,6 +34,9 @@ CATALOGUE: Final[dict[str, CatalogueRow]] = {
 }
 """Every finding there is, by its code."""
 
+OF_ONE_MAGNETOMETER: Final = (*fit.ROWS, *recording.ROWS, *calibration.ROWS)
+"""Findings that a magnetometer can have by itself, for programs in other languages that calibrate one."""
+
 RENAMED: Final = {row.former: row.code for row in CATALOGUE.values() if row.former}
 """The code of today for one that a file or a table of an earlier release may hold.
 

@@ -10,8 +10,6 @@ from flinders.findings.row import CatalogueRow, Grade, Limit, Rule
 ROWS: Final = (
     CatalogueRow(
         code="circular-attitude",
-        subject="aiding",
-        grades="limits",
         number="deviation that goes with the heading in the yaw of the attitude, degrees",
         limit="half a degree, or three times what is claimed without it",
         action=(
@@ -32,8 +30,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="gyro-unit",
-        subject="aiding",
-        grades="limits",
         number="how many times better the rate fits in another unit",
         limit="2",
         action="record the rate in rad/s; it was not used",
@@ -47,8 +43,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="gyro-differs",
-        subject="aiding",
-        grades="limits",
         number="of how far the field moves, what the gyro leaves",
         limit="0.5",
         action="the gyro is stuck, at its limit, too slow, or another body's; it was not used",
@@ -65,8 +59,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="gyro-clipped",
-        subject="aiding",
-        grades="limits",
         number="share of the readings in which an axis of the gyro is at its limit",
         limit="0.01",
         action="set a wider range, or turn more slowly; it was not used",
@@ -83,8 +75,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="gyro-scales",
-        subject="aiding",
-        grades="limits",
         number="by how much the scales of the gyro would be off",
         limit="0.1, five times what those of gyros are",
         action="check its range and how often it is logged; it was not used",
@@ -98,8 +88,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="gyro-gaps",
-        subject="aiding",
-        grades="note",
         number="share of the readings that have no rate, in gaps of three at most",
         limit="0",
         action="the rate was taken from their neighbours; log the gyro as often as the magnetometer",
@@ -113,8 +101,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="aids-disagree",
-        subject="aiding",
-        grades="limits",
         number="by how much the scales of the gyro would be off beside an aid, where without it they are not",
         limit="0.1",
         action="leave that aid out: an accelerometer leans in steady turns; it was not used",
@@ -128,8 +114,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="leans-in-turns",
-        subject="aiding",
-        grades="limits",
         number="angle (rms) by which the accelerometer's vertical leans with the rate of turning, degrees",
         limit="1.5, or three times the heading error that is claimed without it",
         action="leave it out, or record while turning on the spot; it was not used",
@@ -146,8 +130,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="aid-astray",
-        subject="aiding",
-        grades="limits",
         number=(
             "how far a vertical or an attitude is off what the field says, however the magnetometer sits, degrees (1 σ)"
         ),
@@ -163,8 +145,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="aid-diverged",
-        subject="aiding",
-        grades="limits",
         number="times more heading error that is claimed with an aid than without it",
         limit="4",
         action="leave it out, or turn the sensor through more directions; it was not used",
@@ -179,8 +159,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="aid-empty",
-        subject="aiding",
-        grades="limits",
         number="readings that have what an aid goes by",
         limit="12",
         action="record it, or leave the aid out; it was not used",
@@ -191,8 +169,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="swapped-axes",
-        subject="aiding",
-        grades="limits",
         number="how many times better an instrument fits with its axes exchanged",
         limit="2",
         action=(
@@ -206,8 +182,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="one-axis",
-        subject="aiding",
-        grades="note",
         number="turning about the second axis, of that about the first",
         limit="0.05",
         action="the gyro says nothing of the offset along the one axis: turn about another as well",
@@ -224,8 +198,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="site-differs",
-        subject="aiding",
-        grades="limits",
         number="degrees between the dip found and that of the site",
         limit="2",
         action="check place and date, whether iron was near, and the accelerometer's sign; the site was not used",

@@ -9,8 +9,6 @@ from flinders.findings.row import CatalogueRow, Grade, Limit, Rule
 ROWS: Final = (
     CatalogueRow(
         code="axis-ratio",
-        subject="calibration",
-        grades="limits",
         number="longest axis of the ellipsoid over the shortest",
         limit="2",
         action="check the gains of the axes, and the columns",
@@ -22,7 +20,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="field-strength",
-        subject="calibration",
         grades="note; limits where it is one and a half times outside",
         number="field that was found, µT",
         limit="22 or 67, the earth's weakest and strongest",
@@ -42,8 +39,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="mirrored-axes",
-        subject="calibration",
-        grades="limits",
         number="−1",
         limit="1",
         action="check the axes mapping: right only for a left-handed sensor",
@@ -59,8 +54,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="unit-unknown",
-        subject="calibration",
-        grades="note",
         number="field that was found, counts",
         limit="",
         action=(
@@ -75,8 +68,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="scale-unknown",
-        subject="calibration",
-        grades="note",
         number="field strength by convention (determinant 1)",
         limit="",
         action=(
@@ -92,8 +83,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="rotation-unknown",
-        subject="calibration",
-        grades="note",
         number="",
         limit="",
         action="measure the mounting by other means: a magnetometer alone cannot see it",
@@ -107,8 +96,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="typed-extremes",
-        subject="calibration",
-        grades="limits",
         number=(
             "what a level heading would be off by, degrees, if the half-ranges differed only because the turn did"
             " not reach the shorter ends; 0 where they are alike, which says nothing"
@@ -133,8 +120,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="composed",
-        subject="calibration",
-        grades="limits",
         number=(
             "what the rotation that [three planes](two-axis.md#three-axes-from-three-planes) leave costs at the "
             "worst level heading, degrees; 180 where none of the turns was in xy"
@@ -151,7 +136,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="filtered",
-        subject="calibration",
         grades="note; limits above the limit",
         number=(
             "how far `--filter` moved the calibration, degrees at the worst level heading; 180 where there is "

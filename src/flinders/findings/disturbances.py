@@ -10,8 +10,6 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbances-collinear",
         former="driver-alike",
-        subject="disturbances",
-        grades="limits",
         number=(
             "largest share of the course of one disturbance that follows from the others, such as motors of which each"
             " is followed by itself"
@@ -35,8 +33,6 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-noisy",
         former="driver-noisy",
-        subject="disturbances",
-        grades="limits",
         number=(
             "largest share by which the offset per unit of one is too small by its own course, as readings do not"
             " follow its fast changes; one finding for all drivers"
@@ -57,8 +53,6 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-constant",
         former="driver-constant",
-        subject="disturbances",
-        grades="limits",
         number="0: what was asked for hardly changed",
         limit="least range that tells anything: 0.1 A, 2 % of the throttle, 0.3 °C",
         action="vary it over its whole range while turning the sensor; or leave it out",
@@ -76,8 +70,6 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance",
         former="driver",
-        subject="disturbances",
-        grades="note",
         number=(
             "heading error that [following](disturbances.md) a current, a throttle or a temperature takes away at the "
             "far end of its recorded range, degrees, at the worst attitude"
@@ -95,8 +87,6 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-uncertain",
         former="driver-uncertain",
-        subject="disturbances",
-        grades="limits",
         number=(
             "heading error (1 σ) that its own uncertainty leaves at the far end of its recorded range, degrees, "
             "at the worst heading"
@@ -114,8 +104,6 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-collinear-attitude",
         former="driver-entangled",
-        subject="disturbances",
-        grades="limits",
         number="share of what tells about it that the attitude could explain as well",
         limit="0.95",
         action="vary it in each attitude, not in step with the turning",
@@ -133,8 +121,6 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-monotone",
         former="driver-one-way",
-        subject="disturbances",
-        grades="limits",
         number="share of its course that a function of time explains which only rises, or only falls",
         limit="0.95",
         action=(
@@ -155,8 +141,6 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-lag",
         former="driver-lag",
-        subject="disturbances",
-        grades="limits",
         number="lag at which least is left, seconds: the end of the search",
         limit="1",
         action="check the times of its column: another clock, or not what moves the readings",
@@ -174,7 +158,6 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-nonlinear",
         former="driver-curved",
-        subject="disturbances",
         grades="limits; told of a turned sensor where it costs more than half the target",
         number=(
             "how far what a disturbance makes is off a straight line, over its range and at its reference, as a share "
@@ -200,8 +183,6 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-range",
         former="driver-range",
-        subject="disturbances",
-        grades="limits",
         number=(
             "value that was recorded farthest from 0: beyond what the unit allows (1,000 A, −80 to 150 °C), or a "
             "current that counts negative"
@@ -219,7 +200,6 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-reference",
         former="driver-reference",
-        subject="disturbances",
         grades="limits; note for a current, which a field is in proportion to",
         number=(
             "how far the reference, no throttle or no current, lies outside the range that was recorded, as a "
@@ -248,8 +228,6 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-beyond",
         former="driver-beyond",
-        subject="disturbances",
-        grades="limits",
         number=(
             "how far it goes beyond the range at which the calibration was made, as a share of that range; in "
             "`--json` of `apply`, `heading` and `check`"
@@ -263,8 +241,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="bench-moved",
-        subject="disturbances",
-        grades="limits",
         number="step that is left [on the bench](disturbances.md#on-the-bench), in the unit of the readings",
         limit="four times the noise",
         action="fix sensor and surroundings, and record again",
@@ -278,8 +254,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="bench-tilted",
-        subject="disturbances",
-        grades="limits",
         number=(
             "by how much the vertical turns over the range of a disturbance "
             "[on the bench](disturbances.md#on-the-bench), as an accelerometer shows, degrees"

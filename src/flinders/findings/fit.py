@@ -22,8 +22,6 @@ _WITHIN_TARGET: Final = (Needs("worst_deg", "<", 1.0, "target_deg"), Needs("is_p
 ROWS: Final = (
     CatalogueRow(
         code="one-plane",
-        subject="fit",
-        grades="refuses",
         number="thickness of the cloud of readings over its width",
         limit="0.01, or three times the noise where that is more",
         action=(
@@ -44,8 +42,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="level-plane",
-        subject="fit",
-        grades="limits",
         number="tilt up to which the heading is within the target, degrees",
         limit="180",
         action="keep the vehicle level, or turn the sensor onto its sides and upside down too",
@@ -60,7 +56,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="heading-error",
-        subject="fit",
         grades="limits; refuses above five times the target",
         number="heading error to expect at the worst heading, degrees, 1 σ",
         limit="the target (`target_deg`, `--target`)",
@@ -76,8 +71,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="corrected-before",
-        subject="fit",
-        grades="note",
         number="heading error of the readings as recorded, at the worst heading, degrees",
         limit="the heading error of the calibration",
         action="leave the readings as they are, where the advice says so: the calibration hardly improves on them",
@@ -92,8 +85,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="soft-iron-changed",
-        subject="fit",
-        grades="limits",
         number="how often chance alone makes the readings contradict the soft iron of the earlier calibration as much",
         limit="0.001",
         action="tumble the sensor again and calibrate: what was renewed allows the soft iron a change of 5 %",
@@ -108,8 +99,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="poses-contradict",
-        subject="fit",
-        grades="refuses",
         number="how often chance alone makes poses at known headings contradict each other as much",
         limit="0.001",
         action="check each heading, the dip, and that no iron is near; soft iron that has changed needs a full tumble",
@@ -123,8 +112,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="rotation-uncertain",
-        subject="fit",
-        grades="limits",
         number=(
             "heading error (1 σ, rms over a level turn) that is left open by a rotation that an aid has found, degrees"
         ),
@@ -147,7 +134,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="bias",
-        subject="fit",
         grades="note; limits above the target",
         number="how far the method is off the likelihood, degrees of heading, rms, beyond what chance explains",
         limit="a tenth of the target",
@@ -162,8 +148,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="coverage",
-        subject="fit",
-        grades="limits",
         number="angle from the middle of the largest gap to the nearest reading, degrees",
         limit="60",
         action=(
@@ -181,7 +165,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="noise",
-        subject="fit",
         grades="limits; refuses above 0.2",
         number="standard deviation of the readings' distance from the ellipsoid, as a fraction of the field",
         limit="0.05",
@@ -207,8 +190,6 @@ ROWS: Final = (
     CatalogueRow(
         code="unobservable-parameters",
         former="rings",
-        subject="fit",
-        grades="limits",
         number="of nine parameters, how many the readings say nothing of",
         limit="0",
         action=(
@@ -228,8 +209,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="prior",
-        subject="fit",
-        grades="limits",
         number="share of the least known shape parameter that the prior speaks for",
         limit="0.1",
         action="turn the sensor as the advice says, or trust that soft iron is mild",
@@ -243,8 +222,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="few-samples",
-        subject="fit",
-        grades="limits",
         number="independent readings: all, or as many independent ones as say the same where residuals are correlated",
         limit="15, or 20 where residuals are correlated",
         action="record for longer, turning all the time",
@@ -255,8 +232,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="unsteady-field",
-        subject="fit",
-        grades="limits",
         number="heading error of a single moment, degrees, from what lasts from one reading to the next, 1 σ",
         limit="1.25 times the target",
         action="record away from iron, and from currents that change",
@@ -279,8 +254,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="lasting-noise",
-        subject="fit",
-        grades="limits",
         number="probability that slow noise lasts longer than a third of the recording",
         limit="0.15",
         action="record for longer, turning all the time",
@@ -304,8 +277,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="correlated",
-        subject="fit",
-        grades="note",
         number=(
             "independent readings, as a share of those used; residuals below a millionth of the field are "
             "rounding and count as independent"
@@ -327,8 +298,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="inflation",
-        subject="fit",
-        grades="limits",
         number="longest axis of the ellipsoid over the widest extent of the readings",
         limit="2",
         action="turn the sensor as the advice says: the readings lie on a small patch",
@@ -340,7 +309,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="recordings-differ",
-        subject="fit",
         grades="note; limits above the target; refuses above twice the target",
         number=(
             "how far one recording is off the others at the worst heading, degrees; reported where chance makes such "
@@ -365,7 +333,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="field-changed",
-        subject="fit",
         grades=(
             "note from a quarter of the target on; limits above the target, and where halves of the recording differ "
             "by three times what they claim; refuses above five times"
@@ -398,8 +365,6 @@ ROWS: Final = (
     CatalogueRow(
         code="axis-swap",
         former="slipped-axes",
-        subject="fit",
-        grades="limits",
         number=(
             "how many times closer to an ellipsoid the readings lie once the sign of an axis, or two axes, are "
             "put right from some reading on"
@@ -421,8 +386,6 @@ ROWS: Final = (
     CatalogueRow(
         code="disturbance-unmodelled",
         former="driver-unfollowed",
-        subject="fit",
-        grades="limits",
         number=(
             "what a [disturbance](disturbances.md) that was recorded and not asked for makes of a level heading at the "
             "far end of its range, degrees"
@@ -444,8 +407,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="attitude-dependent",
-        subject="fit",
-        grades="limits",
         number=(
             "what a disturbance that follows the attitude, by a recorded accelerometer, makes of a level heading where "
             "it is largest, degrees; without what hides in offset and soft iron"
@@ -471,8 +432,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="tilt-error",
-        subject="fit",
-        grades="limits",
         number=(
             "what the accelerometer's tilt adds to a heading, degrees: scatter of the dip without noise and without the"
             " error of the calibration, times the tangent of the dip; of a sensor that was hardly accelerated (scatter"
@@ -496,7 +455,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="nonlinear-axis",
-        subject="fit",
         grades="note; limits above the target; refuses above five times",
         number=(
             "heading error, at the worst heading, of the quadratic and cubic terms of the axes; told where chance "
@@ -528,7 +486,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="axis-lag",
-        subject="fit",
         grades="note from a tenth of the target on; limits above the target; refuses above five times",
         number=(
             "heading error, at the worst heading, of axes that are read at different moments; told where chance makes "
@@ -557,7 +514,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="structure",
-        subject="fit",
         grades="note; limits above the target",
         number=("standard deviation of what depends on the direction as no ellipsoid does, as a fraction of the field"),
         limit="0.005",

@@ -9,7 +9,6 @@ from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 ROWS: Final = (
     CatalogueRow(
         code="alternating",
-        subject="recording",
         grades="limits; refuses where it makes more than twice the target",
         number="correlation of a residual with the next",
         limit="−0.25, and four standard errors",
@@ -35,7 +34,6 @@ ROWS: Final = (
     CatalogueRow(
         code="outliers",
         former="strays",
-        subject="recording",
         grades="note; limits above the limit",
         number="share of the readings that do not belong to the rest and were left out",
         limit="0.1",
@@ -58,8 +56,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="saturated",
-        subject="recording",
-        grades="limits",
         number="largest share of the readings at the very end of an axis; they are left out",
         limit="0.01",
         action="choose a larger range of the sensor, or move it away from magnets",
@@ -71,8 +67,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="quantised",
-        subject="recording",
-        grades="note",
         number="coarsest step of an axis; looked for where many readings share its end value, and its next one",
         limit="0",
         action="nothing: the heading error allows for it; a smaller range of the sensor has finer steps",
@@ -85,8 +79,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="stale-repeats",
-        subject="recording",
-        grades="note",
         number="share of the readings that another one equals",
         limit="0.1",
         action="nothing: the uncertainty counts them once; log no faster than the sensor measures",
@@ -102,8 +94,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="unordered",
-        subject="recording",
-        grades="note",
         number="correlation of one reading with the next, of a hundred different readings or more without times",
         limit="0.3",
         action="keep the rows in the order of recording, with their times, or record again",
@@ -120,8 +110,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="time-back",
-        subject="recording",
-        grades="note",
         number="how often the clock steps back",
         limit="0",
         action="check the order of the recordings, and the clock",
@@ -132,8 +120,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="time-gap",
-        subject="recording",
-        grades="note",
         number="longest time without a reading, seconds; looked for where the clock never steps back",
         limit="twenty times the usual",
         action="nothing, unless you turned the sensor meanwhile",
@@ -150,7 +136,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="skipped-rows",
-        subject="recording",
         grades="note; limits above a tenth of the rows",
         number="rows that could not be used",
         limit="a tenth of the rows",

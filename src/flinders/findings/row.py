@@ -4,7 +4,7 @@ A rule is data: comparisons of plain numbers with limits, so that a program in a
 numbers of a row may be those of one fit or columns of many.
 
 >>> hot = CatalogueRow(
-...     code="hot", subject="recording", number="temperature, °C", limit="60", grades="note; limits above 80",
+...     code="hot", number="temperature, °C", limit="60", grades="note; limits above 80",
 ...     rule=Rule("celsius", (Grade("note", 60.0), Grade("limits", 80.0))),
 ...     said="the sensor was at {celsius:.0f} °C", plain="It was hot.", remedy="Cool it.", action="cool it",
 ... )
@@ -41,7 +41,6 @@ Verdict = Literal["good", "limited", "refused"]
 
 Condition = Literal["same-soft-iron", "uniform-field", "constant-iron"]
 """What a good verdict may rest on, and no finding shows."""
-Subject = Literal["fit", "calibration", "recording", "disturbances", "aiding", "sensors", "survey"]
 
 VERDICTS: Final[dict[Severity, Verdict]] = {"refuses": "refused", "limits": "limited", "note": "good"}
 """What each severity makes of a fit, the most severe first."""
@@ -187,9 +186,7 @@ class CatalogueRow:
     """A finding that there can be: all that is known of it."""
 
     code: str  #: stable name
-    subject: Subject  #: what it is about
-    grades: str  #: for the table of docs/findings.md: how severe when, what number and limit are, what to do
-    number: str  #: meaning and unit of the number
+    number: str  #: for the table of docs/findings.md: meaning and unit of the number
     limit: str  #: meaning of the limit
     action: str  #: what to do
     said: str  #: the technical sentence, a format of quantities and words of the record
@@ -200,6 +197,7 @@ class CatalogueRow:
     arguments: str = ""
     options: str = ""
     rule: Rule | None = None  #: None where code decides
+    grades: str = ""  #: how severe when; empty where that is the one severity of the rule
     alarm: bool = False  #: the live page warns of it: something is wrong, and not only more turning needed
     #: its code before it was renamed, which files and tables may hold; see `flinders.findings.current`
     former: str = ""
@@ -218,6 +216,11 @@ class CatalogueRow:
         if self.rule is None or severity is None:
             return None
         return self.stating(severity, *self.rule.stated(record), record)
+
+    @property
+    def severities(self) -> str:
+        """How severe it is when, for the table of docs/findings.md."""
+        return self.grades or (self.rule.grades[0].severity if self.rule else "")
 
     def certain(self, record: Mapping[str, Any]) -> Finding:
         """Apply the rule to a record for which it holds."""

@@ -10,7 +10,6 @@ ROWS: Final = (
     CatalogueRow(
         code="sensor-deviates",
         former="departs",
-        subject="sensors",
         grades="note; limits for more than a tenth of the time",
         number=(
             "heading error that a sensor shows against the [others of its body](sensors.md) for a while, degrees,"
@@ -40,8 +39,6 @@ ROWS: Final = (
     CatalogueRow(
         code="sensor-deviates-throughout",
         former="departs-throughout",
-        subject="sensors",
-        grades="limits",
         number="what readings averaged over a second are off the others all the time, degrees of heading, 1 σ",
         limit="the target, or three times the best of the others where that is more",
         action="steer by another; see whether [a disturbance](disturbances.md) explains it",
@@ -65,8 +62,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disagree",
-        subject="sensors",
-        grades="limits",
         number="heading that sensors of one body are apart for a while, or of two all the time (1 σ), degrees",
         limit="the target",
         action="neither a majority nor a length tells which is off: compare with a known bearing, or fit a third",
@@ -77,8 +72,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="copied-sensor",
-        subject="sensors",
-        grades="limits",
         number="1",
         limit="0.1 of the noise, which an affine map of another sensor's readings leaves",
         action="look at how the columns were written: it is no second sensor",
@@ -92,8 +85,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="mirrored-sensor",
-        subject="sensors",
-        grades="limits",
         number="−1",
         limit="1",
         action=(
@@ -110,8 +101,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="turned-to",
-        subject="sensors",
-        grades="note",
         number="how well the rotation into the axes of the reference is known, degrees, 1 σ",
         limit="",
         action="nothing; corrected readings of all are in those axes",
@@ -124,8 +113,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="unlike-units",
-        subject="sensors",
-        grades="note",
         number="length of its readings over that of the reference's",
         limit="the nearest power of ten",
         action="name the unit of each",
@@ -139,8 +126,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="clock-differs",
-        subject="sensors",
-        grades="note",
         number="by how much its clock is behind that of the reference, seconds",
         limit="0",
         action="nothing; it was removed to hold them against each other",
@@ -153,8 +138,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="not-together",
-        subject="sensors",
-        grades="note",
         number="0; or what the worst heading error with the others would be, degrees",
         limit="0; or 1.5 times that of the sensor by itself",
         action=(
@@ -170,7 +153,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="pointing-error",
-        subject="survey",
         grades="limits; refuses above five times the target",
         number="error to expect of [azimuth or inclination](survey.md) in the worst pose, degrees, 1 σ",
         limit="the target (`target_deg`, `--target`)",
@@ -185,7 +167,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="shots-contradict",
-        subject="survey",
         grades="note; limits for more than a tenth of the shots",
         number="share of [shots](survey.md) that contradict the others and were left out",
         limit="0",

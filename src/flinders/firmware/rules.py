@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.core.units import EARTH_UT
-from flinders.findings import CATALOGUE
+from flinders.findings import CATALOGUE, OF_ONE_MAGNETOMETER
 from flinders.fitting.verdict import ENOUGH, ENOUGH_CORRELATED
 from flinders.heading.guidance import POSES
 from flinders.summary.summary import FLAT, FLAT_NOISE, FLATTEST
@@ -30,9 +30,6 @@ QUANTITIES: Final = (
     "times_outside_earth",
 )  # fmt: skip
 """What `board.c` calculates of a fit, by the names of `flinders.fitting.verdict`."""
-
-SUBJECTS: Final = frozenset({"fit", "recording", "calibration"})
-"""Findings of one magnetometer alone are about these."""
 
 CONSTANTS: Final = {
     "FLAT": FLAT,
@@ -56,7 +53,7 @@ def on_board() -> list[CatalogueRow]:
 def unchecked() -> list[str]:
     """Codes of the findings of one magnetometer that the board does not make."""
     codes = [row.code for row in on_board()]
-    return [row.code for row in CATALOGUE.values() if row.subject in SUBJECTS and row.code not in codes]
+    return [row.code for row in OF_ONE_MAGNETOMETER if row.code not in codes]
 
 
 def header() -> str:

@@ -19,7 +19,7 @@ from flinders.heading.guidance import guide
 
 if TYPE_CHECKING:
     from flinders.fitting.result import Fit
-    from flinders.heading.guidance import Guidance
+    from flinders.heading.guidance import Goal, Guidance
     from flinders.summary.coverage import Coverage
 
 WORTH_IT: Final = 0.05
@@ -67,6 +67,11 @@ def movement(fit: Fit) -> str:
 
 def advised(fit: Fit) -> Guidance:
     """Where the next readings would help most: a level heading while that is not good enough, then all attitudes."""
+    return guided(fit, "heading" if fit.heading_error_deg.worst > fit.target_deg else "attitude")
+
+
+def guided(fit: Fit, goal: Goal) -> Guidance:
+    """Where the next readings would help most, for one of the goals."""
     seen_from_below = fit.heading_error_deg.dip_deg * fit.dip_deg < 0.0
     return guide(
         fit.ellipsoid,
@@ -75,7 +80,7 @@ def advised(fit: Fit) -> Guidance:
         coverage=fit.coverage,
         dip_deg=fit.dip_deg,
         down=np.array([0.0, 0.0, -1.0]) if seen_from_below else None,
-        goal="heading" if fit.heading_error_deg.worst > fit.target_deg else "attitude",
+        goal=goal,
     )
 
 

@@ -31,15 +31,15 @@ RANKS: Final = {"heading error": "worst_deg", "offset": "offset", "noise": "nois
 
 
 def overview_of(
-    paths: Sequence[str | os.PathLike[str]], *, batch: str | None = None, target_deg: float = 1.0, listed: int = LISTED
+    paths: Sequence[str | os.PathLike[str]], *, batch: str | None = None, target_deg: float = 1.0
 ) -> Overview:
-    """Aggregate tables of `flinders fleet`: counts, histograms, and the worst `listed` units by each of `RANKS`.
+    """Aggregate tables of `flinders fleet`: counts, histograms, and the worst units by each of `RANKS`.
 
     `batch` is a hardware batch as for `batch_rule`, `target_deg` the worst heading error that is good enough. Raises
     DocumentError for a file that is no table of a fleet, and UsageError for a batch that no unit has.
     """
     rule = batch_rule(paths, batch)
-    tally = _Tally(rule, listed)
+    tally = _Tally(rule)
     for table in whole_units(paths, (*COLUMNS, rule.column) if rule.column else COLUMNS):
         tally.add(table)
     return Overview(
@@ -66,7 +66,6 @@ class _Tally:
     """Counts of the rows seen so far."""
 
     rule: BatchRule
-    listed: int
     rows: int = 0
     units: int = 0
     verdicts: Counter[str] = field(default_factory=Counter)
@@ -143,11 +142,11 @@ class _Tally:
     def _rank(self, table: Any, rank: str, numbers: Floats, shares: dict[str, Floats]) -> None:  # noqa: ANN401
         """Add the rows with the largest numbers; of equal ones the first."""
         value, worst = attrgetter(RANKS[rank]), self.worst[rank]
-        least = value(worst[-1]) if len(worst) >= self.listed else -np.inf
+        least = value(worst[-1]) if len(worst) >= LISTED else -np.inf
         places = np.flatnonzero(np.isfinite(numbers) & (numbers > least))
-        places = places[np.argsort(-numbers[places], kind="stable")[: self.listed]]
+        places = places[np.argsort(-numbers[places], kind="stable")[:LISTED]]
         added = [_unit(table, place, shares) for place in places.tolist()]
-        self.worst[rank] = sorted([*worst, *added], key=value, reverse=True)[: self.listed]
+        self.worst[rank] = sorted([*worst, *added], key=value, reverse=True)[:LISTED]
 
 
 def _unit(table: Any, place: int, shares: dict[str, Floats]) -> FleetUnit:  # noqa: ANN401

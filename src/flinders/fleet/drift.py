@@ -2,8 +2,8 @@
 
 The newest calibration of a unit is compared with the one that the vehicle is taken to carry, its first. Tables are read
 twice, a bounded number of rows at a time: once for the variance between recordings of this fleet, then unit by unit.
-Units whose recordings have no dates are judged by the variance of such units; `flinders.fleet.dates` has how recordings
-are ordered.
+Units whose recordings have no dates are judged by the variance of such units; `flinders.fleet.history` has how
+recordings are ordered.
 
 The rate of false alarms does not grow with the fleet. A change or a step is reported if chance makes as much in fewer
 than `CHANCE` of whole fleets of this size in which nothing moved: an interval is tested at `CHANCE` over the number of

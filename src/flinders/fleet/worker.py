@@ -23,11 +23,11 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import CountedRecording, Samples
+from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.deprecation import warn
 from flinders.errors import FlindersError, InputError, OutputError, UsageError, counted
-from flinders.estimators.data import recording_of
+from flinders.estimators.data import CountedRecording, recording_of
 from flinders.fitting.batch import FitColumns, fit_batch
 from flinders.fleet import storage
 from flinders.fleet.dataset import (

@@ -208,14 +208,13 @@ def _advice(fitting: tuple[Axes, ...], applied: Axes) -> str:
     return advice
 
 
-def remedy(axes: Axes, applied: Axes = EVERY[0]) -> str:
-    """Say what to do so that the acceleration, turned as `applied` before, is turned by `axes` on top of that.
+def remedy(axes: Axes) -> str:
+    """Say what to do so that the acceleration is turned by `axes`.
 
-    >>> remedy(Axes.of("y,x,-z")), remedy(Axes.of(OPPOSITE), Axes.of(OPPOSITE))
+    >>> remedy(Axes.of("y,x,-z")), remedy(EVERY[0])
     ("give acceleration_axes='y,x,-z'", 'leave acceleration_axes= out')
     """
-    whole = after(axes, applied)
-    return "leave acceleration_axes= out" if whole == EVERY[0] else f"give acceleration_axes='{whole}'"
+    return "leave acceleration_axes= out" if axes == EVERY[0] else f"give acceleration_axes='{axes}'"
 
 
 def _named(axes: Axes) -> str:

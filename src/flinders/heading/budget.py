@@ -337,14 +337,14 @@ Solver: TypeAlias = "Callable[..., Wire | Pair | Magnet]"
 
 @dataclass
 class Budget:
-    """A chain of relations: what was given, and what was found from it.
+    """A chain of relations: what was given, and what was derived from it.
 
     Examples
     --------
     >>> given = {"current": UnitValue.of("current", "0.2A"), "distance": UnitValue.of("length", "1cm")}
     >>> budget = Budget("wire", given)
     >>> budget.find_source(Wire.solve, ("current", "distance"))
-    >>> budget.found, budget.why
+    >>> budget.derived, budget.why
     ({'stray': 4.0}, {'stray': 'B = µ₀ I / (2π r)'})
     """
 
@@ -352,25 +352,25 @@ class Budget:
     given: dict[str, UnitValue]  #: name to UnitValue: in the order in which they are shown
     position: Position | None = None  #: of the sensor beside a magnet
     #: name to number: in the units used here; an error of None is any
-    found: dict[str, float | None] = field(default_factory=dict)
+    derived: dict[str, float | None] = field(default_factory=dict)
     why: dict[str, str] = field(default_factory=dict)  #: name to the formula it was found by
 
     @property
     def known(self) -> dict[str, float]:
         """All that is known by now."""
-        solved = {name: value for name, value in self.found.items() if value is not None}
+        solved = {name: value for name, value in self.derived.items() if value is not None}
         return {name: quantity.value for name, quantity in self.given.items()} | solved
 
     def find_heading(self) -> None:
         """Find the third of field, stray field and error where two are known."""
         known = self.known
         if {"field", "stray"} <= known.keys() and known["stray"] > known["field"]:
-            self.found["error"] = None
+            self.derived["error"] = None
             return
         solved = Heading.solve(field=known.get("field"), stray=known.get("stray"), error_deg=known.get("error"))
         for name, value in {"field": solved.field, "stray": solved.stray, "error": solved.error_deg}.items():
             if name not in known:
-                self.found[name], self.why[name] = value, solved.formula
+                self.derived[name], self.why[name] = value, solved.formula
 
     def find_moment(self) -> None:
         """Find the moment of a magnet from its remanence and volume, where they are given.
@@ -381,7 +381,7 @@ class Budget:
         if len(made) == 1 or (made and "moment" in self.given):
             raise UsageError("give moment, or remanence and volume together")
         if made:
-            self.found["moment"] = magnet_moment(remanence=made[0], volume=made[1])
+            self.derived["moment"] = magnet_moment(remanence=made[0], volume=made[1])
             self.why["moment"] = "m = B_r V / µ₀"
 
     def find_source(self, solve: Solver, names: tuple[str, ...]) -> None:
@@ -404,14 +404,15 @@ class Budget:
                 "or field and error, to find that one"
             )
         solved = solve(**{name: self.known.get(name) for name in (*names, "stray")})
-        self.found[missing[0]], self.why[missing[0]] = getattr(solved, missing[0]), solved.formula
+        self.derived[missing[0]], self.why[missing[0]] = getattr(solved, missing[0]), solved.formula
         if len(heading) == 1 and heading[0] != "stray":
             self.find_heading()
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: each quantity under its name with its unit, and which were found; an error of null is any."""
         known = self.known
-        values = {key: known.get(name) for name, (_, key) in QUANTITIES.items() if name in known or name in self.found}
+        shown = known.keys() | self.derived.keys()
+        values = {key: known.get(name) for name, (_, key) in QUANTITIES.items() if name in shown}
         fields: dict[str, Any] = {"kind": self.kind, **({"position": self.position} if self.position else {}), **values}
-        found = [QUANTITIES[name][1] for name in self.found]
-        return {**fields, "found": found, "formulas": [*dict.fromkeys(self.why.values())]}
+        derived = [QUANTITIES[name][1] for name in self.derived]
+        return {**fields, "found": derived, "formulas": [*dict.fromkeys(self.why.values())]}

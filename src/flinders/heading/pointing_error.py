@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 AZIMUTHS_DEG, INCLINATIONS_DEG = np.arange(0.0, 360.0, 30.0), np.array([-30.0, 0.0, 30.0])
 
+NEXT: Final = 3
+"""Directions that are named ahead."""
 STEP: Final = 1e-6
 """Of the size of a parameter: by what it is moved for a derivative."""
 
@@ -94,9 +96,9 @@ def pointing_errors(gradients: Floats, covariance: Floats) -> tuple[PointingErro
 
 
 def next_directions(
-    at: SurveyParameters, covariance: Floats, noises: Floats, *, gravity: float = 0.0, count: int = 3
+    at: SurveyParameters, covariance: Floats, noises: Floats, *, gravity: float = 0.0
 ) -> tuple[NextDirection, ...]:
-    """Choose so many directions of the procedure, one after the other, by the errors to expect after each.
+    """Choose the next directions of the procedure, one after the other, by the errors to expect after each.
 
     Parameters
     ----------
@@ -110,7 +112,7 @@ def next_directions(
     gradients, information = angle_gradients(at, gravity), np.linalg.inv(covariance)
     added = [_information(at, azimuth, inclination, noises, gravity) for azimuth, inclination in PROCEDURE.tolist()]
     chosen = []
-    for _ in range(count):
+    for _ in range(NEXT):
         errors = [pointing_errors(gradients, np.linalg.inv(information + own)) for own in added]
         best = int(np.argmin([math.hypot(azimuth.rms, inclination.rms) for azimuth, inclination in errors]))
         information = information + added[best]

@@ -33,9 +33,9 @@ from numpy.linalg import norm
 
 from flinders.comparison.comparison import compare
 from flinders.core.calibration_file import SourceFile
-from flinders.core.samples import CountedRecording, Samples
 from flinders.core.units import EARTH_UT, MICROTESLA, label
 from flinders.errors import FitError, FlindersError, UnreadableInput, counted, figures
+from flinders.estimators.data import CountedRecording
 from flinders.findings import CATALOGUE
 from flinders.fitting.calibrate import fit as fit_samples
 from flinders.fitting.refreshing import refresh
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
-    from flinders.core.samples import Recording
+    from flinders.core.samples import Recording, Samples
     from flinders.diagnostics.soft_iron import Refreshed
     from flinders.estimators.outliers import Outlier
     from flinders.fitting.result import Fit

@@ -50,21 +50,11 @@ there again; nothing more will come."""
 
 @dataclass(frozen=True, slots=True)
 class FeedEvent:
-    """Something that happened to a source of readings.
+    """Something that happened to a source of readings."""
 
-    Attributes
-    ----------
-    kind : str
-        As `Kind`.
-    at : float, s
-        Since the start.
-    words : str
-        For people.
-    """
-
-    kind: Kind
-    at: float
-    words: str
+    kind: Kind  #: as `Kind`
+    at: float  #: s: since the start
+    words: str  #: for people
 
     def __str__(self) -> str:
         return f"{self.at:.1f} s: {self.words}"

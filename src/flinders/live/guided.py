@@ -46,21 +46,11 @@ SOURCE: Final = SourceState("the session", "simulated", "connected", "")
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What a session has come to.
+    """What a session has come to."""
 
-    Attributes
-    ----------
-    page : SessionState
-        All that the live page is told of it, see docs/live.md.
-    view : View, optional
-        All that the live page draws of the newest fit; None before the first.
-    fit : Fit, optional
-        The newest fit, also one that is refused; None where there is none.
-    """
-
-    page: SessionState
-    view: View | None
-    fit: Fit | None
+    page: SessionState  #: all that the live page is told of it, see docs/live.md
+    view: View | None  #: all that the live page draws of the newest fit; None before the first
+    fit: Fit | None  #: the newest fit, also one that is refused; None where there is none
 
     @property
     def phase(self) -> Phase:

@@ -65,26 +65,14 @@ class ParameterChange:
 
 @dataclass(frozen=True, slots=True)
 class ParameterPlan:
-    """What would change in a vehicle.
-
-    Attributes
-    ----------
-    vehicle : Vehicle
-    compass : int
-        As the vehicle counts: ArduPilot from 1 to 3, PX4 from 0 to 3.
-    device_id : int
-        Of the compass that the vehicle has there.
-    changes : tuple of ParameterChange
-        Every parameter of the calibration, also those that the vehicle holds already.
-    notes : tuple of str
-        What to know, a sentence each.
-    """
+    """What would change in a vehicle."""
 
     vehicle: Vehicle
-    compass: int
-    device_id: int
+    compass: int  #: as the vehicle counts: ArduPilot from 1 to 3, PX4 from 0 to 3
+    device_id: int  #: of the compass that the vehicle has there
+    #: every parameter of the calibration, also those that the vehicle holds already
     changes: tuple[ParameterChange, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  #: what to know, a sentence each
 
     @classmethod
     def of(

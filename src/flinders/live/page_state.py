@@ -215,22 +215,13 @@ def _nothing_arrives(session: LiveSession, since: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Cursor:
-    """How far a page has got with the points.
+    """How far a page has got with the points."""
 
-    Attributes
-    ----------
-    generation, stride : int
-        Of those it has.
-    count : int
-        How many it has.
-    total : int
-        Readings there were when the newest reading was sent.
-    """
-
+    # of those it has
     generation: int = 0
     stride: int = 1
-    count: int = 0
-    total: int = -1
+    count: int = 0  # how many it has
+    total: int = -1  # readings there were when the newest reading was sent
 
 
 def points(session: LiveSession, cursor: Cursor) -> tuple[bytes | None, Cursor]:

@@ -195,44 +195,23 @@ Event = Arrived | Linked | Unrecorded | Requested | FitDone | Opened | GotPrevio
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """Readings that are fitted together: those of the sensor, or of a log.
-
-    Attributes
-    ----------
-    exclusions : Exclusions
-        What was taken out by hand.
-    paused_at : float, s, optional
-        Since when what arrives is left out.
-    begun_s : float, s, optional
-        It was begun anew then: readings up to that time are on the disk only.
-    generation : int
-        Of its points on the page.
-    key : int
-        Changes with all that a fit depends on.
-    since : int
-        No fit with a smaller key is of these readings.
-    within : tuple of float, s
-        When the fits in a row were done that are within the target: the first three of them.
-    is_timed : bool
-        The times are those of the readings, and not their numbers.
-    site : Site, optional
-        What a log states of the field where it was made, or a person by the place.
-    """
+    """Readings that are fitted together: those of the sensor, or of a log."""
 
     buffer: ReadingBuffer = field(default_factory=ReadingBuffer.empty)
     unit: Unit = field(default_factory=Unit.of)
     axes: Axes = field(default_factory=Axes)
     frame: str = "sensor"
-    exclusions: Exclusions = field(default_factory=Exclusions)
-    paused_at: float | None = None
-    begun_s: float | None = None
-    generation: int = 1
-    key: int = 0
-    since: int = 0
+    exclusions: Exclusions = field(default_factory=Exclusions)  # what was taken out by hand
+    paused_at: float | None = None  # s: since when what arrives is left out
+    begun_s: float | None = None  # s: it was begun anew then: readings up to that time are on the disk only
+    generation: int = 1  # of its points on the page
+    key: int = 0  # changes with all that a fit depends on
+    since: int = 0  # no fit with a smaller key is of these readings
     evaluated: Evaluated = NO_FIT
+    # s: when the fits in a row were done that are within the target: the first three of them
     within: tuple[float, ...] = ()
-    is_timed: bool = True
-    site: Site | None = None
+    is_timed: bool = True  # the times are those of the readings, and not their numbers
+    site: Site | None = None  # what a log states of the field where it was made, or a person by the place
 
     @property
     def known_site(self) -> Site | None:
@@ -257,56 +236,32 @@ class Series:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveSession:
-    """State of the server, without its sockets.
-
-    Attributes
-    ----------
-    opened : Series, optional
-        A log, shown in place of `live`.
-    timeline : Timeline
-        Where the clock of the sensor has got to.
-    dip_deg : float, optional
-        As a person gave it.
-    previous : Fit, optional
-        A calibration of this sensor from before.
-    refreshes : bool
-        Its soft iron is kept, and its hard iron found anew.
-    unrecorded : str
-        Why what arrives cannot be written down; nothing where it can.
-    has_board : bool
-        The source is a board that takes a calibration.
-    revision : int
-        Grows with each step that changes something.
-    keys, generations : int
-        Given out so far.
-    due_at : float, s
-        No fit before.
-    at, arrived_at : float, s
-        Newest event, and newest reading.
-    arrivals : tuple of (at, seconds, readings)
-        Of the last two seconds, and the one before: when they came, the time of the last of them, and how many.
-    """
+    """State of the server, without its sockets."""
 
     source: SourceState = NO_SOURCE
     live: Series = field(default_factory=Series)
-    timeline: Timeline = field(default_factory=Timeline)
-    opened: Series | None = None
+    timeline: Timeline = field(default_factory=Timeline)  # where the clock of the sensor has got to
+    opened: Series | None = None  # a log, shown in place of `live`
     opened_name: str = ""
     target_deg: float = 1.0
-    dip_deg: float | None = None
+    dip_deg: float | None = None  # as a person gave it
     goal: Goal = "heading"
-    previous: Fit | None = None
-    refreshes: bool = False
+    previous: Fit | None = None  # a calibration of this sensor from before
+    refreshes: bool = False  # its soft iron is kept, and its hard iron found anew
     recording: str = ""
-    unrecorded: str = ""
-    has_board: bool = False
-    revision: int = 0
+    unrecorded: str = ""  # why what arrives cannot be written down; nothing where it can
+    has_board: bool = False  # the source is a board that takes a calibration
+    revision: int = 0  # grows with each step that changes something
+    # given out so far
     keys: int = 0
     generations: int = 1
     is_fitting: bool = False
-    due_at: float = 0.0
+    due_at: float = 0.0  # s: no fit before
+    # s: newest event, and newest reading
     at: float = 0.0
     arrived_at: float = 0.0
+    # tuple of (at, seconds, readings): of the last two seconds, and the one before: when they came, the time of the
+    # last of them, and how many
     arrivals: tuple[tuple[float, float, int], ...] = ()
 
     @property
@@ -347,10 +302,10 @@ def _with_shown(session: LiveSession, series: Series) -> LiveSession:
     return _changed(session, **{"live" if session.opened is None else "opened": series})
 
 
-def _refit(session: LiveSession, *, soon: bool = True) -> LiveSession:
-    """Mark the shown series as changed, so that it is fitted again; soon where a person asked for it."""
+def _refit(session: LiveSession) -> LiveSession:
+    """Mark the shown series as changed, so that it is soon fitted again."""
     keys = session.keys + 1
-    session = replace(session, keys=keys, due_at=min(session.due_at, session.at) if soon else session.due_at)
+    session = replace(session, keys=keys, due_at=min(session.due_at, session.at))
     return _with_shown(session, replace(session.shown, key=keys))
 
 

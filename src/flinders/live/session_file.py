@@ -106,27 +106,15 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where the readings of a session come from.
+    """Where the readings of a session come from."""
 
-    Attributes
-    ----------
-    kind : str
-        As `SourceState` has it.
-    start : callable
-        Makes of a sink, and of the recording that is ``resumed``, the feed that records into it.
-    reading : dict
-        How the recording is read, as `flinders.open_recording` takes it.
-    board : ByteSource, optional
-        The board at the other end, where a calibration can be sent to it.
-    site : Site, optional
-        What a log that is played back states of the field where it was made.
-    """
-
-    kind: Kind
+    kind: Kind  # as `SourceState` has it
+    # makes of a sink, and of the recording that is ``resumed``, the feed that records into it
     start: Callable[..., Feed]
+    # how the recording is read, as `flinders.open_recording` takes it
     reading: dict[str, Any] = field(default_factory=dict)
-    board: ByteSource | None = None
-    site: Site | None = None
+    board: ByteSource | None = None  # the board at the other end, where a calibration can be sent to it
+    site: Site | None = None  # what a log that is played back states of the field where it was made
 
 
 @dataclass(frozen=True, slots=True, eq=False)

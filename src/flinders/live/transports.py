@@ -48,17 +48,10 @@ MOST_PEERS: Final = 16  # Senders that are answered over UDP; further ones are h
 
 
 class ByteSource(Protocol):
-    """One end of a wire; each method but `close` raises `LinkError` where the other end is gone.
+    """One end of a wire; each method but `close` raises `LinkError` where the other end is gone."""
 
-    Attributes
-    ----------
-    name : str
-        For messages: ``/dev/ttyACM0``, ``UDP port 50100``.
-    is_framed : bool
-        What `read` gives begins and ends with a line, as datagrams do; a port may be opened in the middle of one.
-    """
-
-    name: str
+    name: str  #: for messages: ``/dev/ttyACM0``, ``UDP port 50100``
+    #: what `read` gives begins and ends with a line, as datagrams do; a port may be opened in the middle of one
     is_framed: bool
 
     def read(self, timeout: float) -> bytes:

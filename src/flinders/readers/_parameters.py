@@ -1,8 +1,8 @@
 """Parameters of a vehicle in its log: which were in force when, and readings without them.
 
 >>> entries = [(10, "COMPASS_OFS_X", -90.0), (20, "COMPASS_OFS_X", -95.0), (30, "COMPASS_OFS_X", -95.0)]
->>> found = stages(entries, ("COMPASS",), "flight.bin")
->>> [found[stage][1] for stage in stage_of([5, 15, 25, 35], found)]
+>>> in_force = stages(entries, ("COMPASS",), "flight.bin")
+>>> [in_force[stage][1] for stage in stage_of([5, 15, 25, 35], in_force)]
 [{'COMPASS_OFS_X': -90.0}, {'COMPASS_OFS_X': -90.0}, {'COMPASS_OFS_X': -95.0}, {'COMPASS_OFS_X': -95.0}]
 """
 
@@ -56,29 +56,29 @@ def stages(
     together : float
         Changes within so much of a stage belong to it.
     """
-    found: list[tuple[float, dict[str, float]]] = [(-np.inf, {})]
+    changes: list[tuple[float, dict[str, float]]] = [(-np.inf, {})]
     for place, name, value in entries:
-        since, values = found[-1]
+        since, values = changes[-1]
         if not (name.startswith(prefixes) and np.isfinite(value)) or values.get(name) == value:
             continue
         if name not in values:
-            for _, each in found:
+            for _, each in changes:
                 each[name] = value
         elif place - since < together:
             values[name] = value
         else:
-            found.append((place, values | {name: value}))
-        if len(found) > MOST_CHANGES:
+            changes.append((place, values | {name: value}))
+        if len(changes) > MOST_CHANGES:
             raise UnreadableInput(
                 f"{source} changes the parameters of its compasses more than {MOST_CHANGES:,} times, as no vehicle "
                 "does: it is broken; copy it again"
             )
-    return found
+    return changes
 
 
-def stage_of(where: ArrayLike, found: Stages) -> NDArray[np.intp]:
+def stage_of(where: ArrayLike, changes: Stages) -> NDArray[np.intp]:
     """(N,) the stage in force at each of (N,) places or times."""
-    return np.searchsorted([since for since, _ in found[1:]], np.asarray(where), side="right")
+    return np.searchsorted([since for since, _ in changes[1:]], np.asarray(where), side="right")
 
 
 def unapplied(

@@ -130,11 +130,11 @@ def open_dataflash(file: File) -> Log:
             "record again"
         )
     parm = messages.get("PARM")
-    found = stages([] if parm is None else _parameters(parm), ARDUPILOT, file.name)
-    auxiliary = _auxiliary(messages, found[-1][1])
+    changes = stages([] if parm is None else _parameters(parm), ARDUPILOT, file.name)
+    auxiliary = _auxiliary(messages, changes[-1][1])
     velocity = _velocity(messages)
     instruments = tuple(
-        replace(_instrument(file, name, number, mag, found, auxiliary), velocity=velocity)
+        replace(_instrument(file, name, number, mag, changes, auxiliary), velocity=velocity)
         for name, number, mag in compasses
     )
     damage = tuple(_damage(messages, file))
@@ -224,8 +224,8 @@ class _Compass:
     @cached_property
     def motor_offsets(self) -> Floats:
         """(N, 3) MOT x of each reading, mG."""
-        found = (self.mag.triple(prefix) for prefix in ("MO", "MOfs"))
-        return next((each for each in found if each is not None), np.zeros((len(self.mag), 3)))
+        vectors = (self.mag.triple(prefix) for prefix in ("MO", "MOfs"))
+        return next((each for each in vectors if each is not None), np.zeros((len(self.mag), 3)))
 
     @property
     def in_force(self) -> ArduPilotParameters:
@@ -251,19 +251,19 @@ class _Compass:
 
 
 def _instrument(
-    file: File, name: str, number: int, mag: Table, found: Stages, auxiliary: Mapping[str, Series]
+    file: File, name: str, number: int, mag: Table, changes: Stages, auxiliary: Mapping[str, Series]
 ) -> Instrument:
     """Make an instrument of a compass."""
     ill = 0
     if mag.has("Health"):  # what was logged while the compass did not answer, unless that is everything
         well = mag.column("Health") != 0
         mag, ill = (mag.only(well), int((~well).sum())) if well.any() else (mag, 0)
-    stage, known = stage_of(mag.where, found), number in COMPASSES
+    stage, known = stage_of(mag.where, changes), number in COMPASSES
     parameters = {
-        each: ArduPilotParameters.read(found[each][1], number) if known else ArduPilotParameters()
+        each: ArduPilotParameters.read(changes[each][1], number) if known else ArduPilotParameters()
         for each in set(stage.tolist())
     }
-    last = ArduPilotParameters.read(found[-1][1], number) if known else ArduPilotParameters()
+    last = ArduPilotParameters.read(changes[-1][1], number) if known else ArduPilotParameters()
     compass = _Compass(file.name, mag, stage, parameters, auxiliary)
     clock = mag.seconds
     return Instrument(
@@ -279,7 +279,7 @@ def _instrument(
         mounting=last.mounting_angles,
         beginning=np.nan if clock is None else float(clock[0]),
         readings=len(mag),
-        notes=tuple(_remarks(compass, found[-1][1], number, ill)),
+        notes=tuple(_remarks(compass, changes[-1][1], number, ill)),
         file=file,
     )
 
@@ -314,7 +314,7 @@ def _remarks(compass: _Compass, values: Mapping[str, float], number: int, ill: i
 def _auxiliary(messages: Messages, values: Mapping[str, float]) -> dict[str, Series]:
     """Series of the first IMU, the first battery, throttle, motors and attitude, as far as they are logged."""
     imu = _timed(messages, "IMU")
-    found: dict[str, Series | None] = {
+    series: dict[str, Series | None] = {
         CURRENT: _battery(_timed(messages, "BAT") or _timed(messages, "CURR")),
         THROTTLE: _throttle(messages),
         ATTITUDE: _attitude(messages, values),
@@ -322,11 +322,11 @@ def _auxiliary(messages: Messages, values: Mapping[str, float]) -> dict[str, Ser
         CURRENTS: _currents(messages),
     }
     if imu is not None:
-        found[ACCELERATION] = _series(imu, imu.triple("Acc"))
-        found[RATE] = _series(imu, imu.triple("Gyr"))
+        series[ACCELERATION] = _series(imu, imu.triple("Acc"))
+        series[RATE] = _series(imu, imu.triple("Gyr"))
         if label := imu.first(("T", "Temp")):
-            found[TEMPERATURE] = _series(imu, imu.columns(label))
-    return {kind: series for kind, series in found.items() if series is not None}
+            series[TEMPERATURE] = _series(imu, imu.columns(label))
+    return {kind: each for kind, each in series.items() if each is not None}
 
 
 def _timed(messages: Messages, name: str) -> Table | None:

@@ -120,14 +120,14 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
     else:
         with reading(file.name, KIND):
             _read_folder(file, topics)
-    found = topics.sorted()
-    begun = min((int(topic.stamps[0]) for topic in found if topic.is_magnetometer), default=0)
+    ordered = topics.sorted()
+    begun = min((int(topic.stamps[0]) for topic in ordered if topic.is_magnetometer), default=0)
     since = begun if 1e-9 * begun > LONG else 0
     return Log(
         file.name,
         title,
-        tuple(_instruments(file.name, found, since, given)),
-        position=_position(found),
+        tuple(_instruments(file.name, ordered, since, given)),
+        position=_position(ordered),
         begun=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=since // 1000) if since else None,
         notes=tuple(_about(file, topics, damage)),
         damage=(damage,) if damage else (),
@@ -501,8 +501,8 @@ def _position(topics: Sequence[_Topic]) -> Position | None:
 
 def _velocity(topics: Sequence[_Topic], since: int) -> TimeSeries | None:
     """Over ground, north and east, m/s, of the first topic that has one."""
-    found = (topic for topic in topics if topic.kind in (TWIST, TWIST_WITH_COVARIANCE))
-    return next((TimeSeries.of(topic.seconds(since), topic.table) for topic in found), None)
+    velocities = (topic for topic in topics if topic.kind in (TWIST, TWIST_WITH_COVARIANCE))
+    return next((TimeSeries.of(topic.seconds(since), topic.table) for topic in velocities), None)
 
 
 READERS: Final = (

@@ -276,25 +276,25 @@ class _Telemetry:
     def drives(self, system: int) -> dict[str, TimeSeries]:
         """Current and throttle, as far as they were sent, by the ground station's clock."""
         battery, throttle = self.table(system, SYS_STATUS), self.table(system, VFR_HUD)
-        found = {
+        drives = {
             CURRENT: TimeSeries.of(battery[:, 0], battery[:, 1:]) if battery[:, 1].any() else None,
             THROTTLE: TimeSeries.of(throttle[:, 0], shares(throttle[:, 1:])),
         }
-        return {kind: series for kind, series in found.items() if series is not None}
+        return {kind: series for kind, series in drives.items() if series is not None}
 
     @property
     def position(self) -> Position | None:
         """The first of a vehicle's own, else of a GPS."""
         tables = [self.table(*each) for number in PLACES for each in self.rows if each[1] == number]
-        found = (first_position(*table[:, :3].T, fixed=np.ones(len(table), bool)) for table in tables)
-        return next((each for each in found if each is not None), None)
+        places = (first_position(*table[:, :3].T, fixed=np.ones(len(table), bool)) for table in tables)
+        return next((each for each in places if each is not None), None)
 
     def velocity(self, system: int, table: Floats) -> TimeSeries | None:
         """Velocity over ground of a system, by the clock of a table of readings."""
         ahead = float(np.median(table[:, CLOCK] - table[:, SINCE]))
         fixes = (self.table(system, number) for number in reversed(PLACES))
-        found = (TimeSeries.of(each[:, 3] + ahead, each[:, 4:]) for each in fixes)
-        return next((each for each in found if each is not None), None)
+        velocities = (TimeSeries.of(each[:, 3] + ahead, each[:, 4:]) for each in fixes)
+        return next((each for each in velocities if each is not None), None)
 
     def attitude(self, system: int, table: Floats) -> tuple[AttitudeSeries | None, int]:
         """Attitude of a system, and which column of a table of readings its times are to be compared with."""
@@ -368,11 +368,11 @@ def _instrument(file: File, telemetry: _Telemetry, system: int, message: int, *,
     """Make an instrument of the readings in one kind of message."""
     name, number = COMPASS_MESSAGES[message]
     table = telemetry.table(system, message)
-    found = stages(telemetry.parameters.get(system, ()), ARDUPILOT, file.name)
-    values, stage = found[-1][1], stage_of(table[:, PLACE], found)
+    changes = stages(telemetry.parameters.get(system, ()), ARDUPILOT, file.name)
+    values, stage = changes[-1][1], stage_of(table[:, PLACE], changes)
     known = number in compasses(values)
     parameters = (
-        {each: ArduPilotParameters.read(found[each][1], number) for each in set(stage.tolist())} if known else {}
+        {each: ArduPilotParameters.read(changes[each][1], number) for each in set(stage.tolist())} if known else {}
     )
     autopilot = telemetry.autopilots.get(system)
     is_ardupilot = known or autopilot == AN_ARDUPILOT

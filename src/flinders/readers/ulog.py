@@ -207,8 +207,8 @@ class _Flight:
         initial = [(-np.inf, *each) for each in log.initial_parameters.items()]
         changed = [(1e-6 * stamp, name, value) for stamp, name, value in log.changed_parameters]
         entries = ((since, name, value) for since, name, value in initial + changed if isinstance(value, (int, float)))
-        found = stages(entries, ("CAL_MAG", "SENS_BOARD"), source, together=TOGETHER)
-        return cls(source, log, topics, found, {kind: find(topics) for kind, find in AUXILIARY.items()})
+        changes = stages(entries, ("CAL_MAG", "SENS_BOARD"), source, together=TOGETHER)
+        return cls(source, log, topics, changes, {kind: find(topics) for kind, find in AUXILIARY.items()})
 
     def instances(self, name: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
         """Go through the instances of a topic, in order."""

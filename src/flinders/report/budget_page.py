@@ -51,7 +51,7 @@ def of_budget(budget: Budget) -> RenderableType:
     grid.add_column()
     for name, quantity in budget.given.items():
         grid.add_row(TITLES.get(name, name), written(QUANTITIES[name][0], quantity.value, [quantity.unit], typed=True))
-    for name in budget.found:
+    for name in budget.derived:
         grid.add_row(Text(TITLES.get(name, name), "bold"), Text(_value(budget, name), "bold"), _remark(budget, name))
     note = NOTES.get(budget.position or budget.kind)
     return Group(grid, "", note) if note else grid
@@ -59,7 +59,7 @@ def of_budget(budget: Budget) -> RenderableType:
 
 def _value(budget: Budget, name: str) -> str:
     """What was found, in the unit of what was typed."""
-    kind, value = QUANTITIES[name][0], budget.found[name]
+    kind, value = QUANTITIES[name][0], budget.derived[name]
     if value is None:
         return "any"
     alike = [other for other in budget.given if QUANTITIES[other][0] == kind and other != "remanence"]
@@ -70,7 +70,7 @@ def _remark(budget: Budget, name: str) -> str:
     """The formula; of a heading error also what it means, and where the rule of thumb misses it."""
     if name != "error":
         return budget.why[name]
-    known, value = budget.known, budget.found[name]
+    known, value = budget.known, budget.derived[name]
     if value is None:
         return f"the stray field is {figures(known['stray'] / known['field'])} times the horizontal field"
     rule = math.degrees(known["stray"] / known["field"])

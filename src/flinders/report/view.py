@@ -31,11 +31,10 @@ from flinders.core.units import label
 from flinders.errors import NeedsRecording
 from flinders.findings import first_causes
 from flinders.findings.row import ANY_ANGLE_DEG
-from flinders.fitting.advice import WORTH_IT, movement
+from flinders.fitting.advice import WORTH_IT, guided, movement
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.heading.error_propagation import direction_gradients, level_gradients, level_turn, upright
-from flinders.heading.guidance import guide
 from flinders.report.formatting import condition, reach
 from flinders.summary.coverage import cells_of
 from flinders.summary.quality import DataQuality
@@ -397,22 +396,13 @@ def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
 
     A turn in one plane, and a fit that no direction would help more than the others, get words without a direction.
     """
-    is_seen_from_below = fit.heading_error_deg.dip_deg * fit.dip_deg < 0.0
-    guided = guide(
-        fit.ellipsoid,
-        fit.covariance,
-        noise=fit.noise,
-        coverage=fit.coverage,
-        dip_deg=fit.dip_deg,
-        down=np.array([0.0, 0.0, -1.0]) if is_seen_from_below else None,
-        goal=goal,
-    )
+    next_turn = guided(fit, goal)
     direction, words = None, "turn it slowly through all directions, away from iron and from currents"
     if fit.plane:
         words = movement(fit)
-    elif guided.after_deg <= (1.0 - WORTH_IT) * guided.worst_deg:
-        direction, words = _triple(rotation_of(fit) @ guided.direction), guided.words(frame)
-    worst, after = (math.hypot(error, fit.structure_deg) for error in (guided.worst_deg, guided.after_deg))
+    elif next_turn.after_deg <= (1.0 - WORTH_IT) * next_turn.worst_deg:
+        direction, words = _triple(rotation_of(fit) @ next_turn.direction), next_turn.words(frame)
+    worst, after = (math.hypot(error, fit.structure_deg) for error in (next_turn.worst_deg, next_turn.after_deg))
     return GuidanceView(direction, words, worst, after, goal, frame)
 
 

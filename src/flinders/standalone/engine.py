@@ -20,8 +20,7 @@ from flinders.core.units import EARTH_UT
 from flinders.diagnostics import axis_swap, systematic, unmoved
 from flinders.errors import Unmoved
 from flinders.estimators import auto, level, outliers
-from flinders.estimators import data as readings
-from flinders.findings import CATALOGUE, CAUSES, fit, limit_of
+from flinders.findings import CATALOGUE, CAUSES, OF_ONE_MAGNETOMETER, fit, limit_of
 from flinders.findings.row import OF_A_TUMBLE, TUMBLE_STATED
 from flinders.fitting import advice, calibrate, result, shrinkage, verdict
 from flinders.geometry.sphere import bisected, icosahedron
@@ -64,9 +63,6 @@ SAID: Final = {
 }
 """Sentences of the page alone, by the code of their finding: where the program can do more."""
 
-SUBJECTS: Final = frozenset({"fit", "recording", "calibration"})
-"""Findings of one magnetometer alone are about these."""
-
 NUMBERS: Final = {
     "ALIKE": result.ALIKE,
     "ALTERNATING": verdict.ALTERNATING,
@@ -106,8 +102,7 @@ NUMBERS: Final = {
     "UNMOVED_ROUNDING": unmoved.ROUNDING,
     **{name: getattr(auto, name) for name in ("TRIMS", "TRIMMED", "FEWEST_LEFT")},
     "UPRIGHT": float(level.UPRIGHT),
-    **{name: getattr(readings, name) for name in ("WINDOW", "MARGIN")},
-    **{name: getattr(outliers, name) for name in ("TOGETHER", "LISTED")},
+    **{name: getattr(outliers, name) for name in ("WINDOW", "MARGIN", "TOGETHER", "LISTED")},
     **{
         name: getattr(unmoved, name)
         for name in (
@@ -171,7 +166,7 @@ def rows() -> list[CatalogueRow]:
 def unchecked() -> list[str]:
     """Codes of the findings of one magnetometer that the page does not make."""
     checked = {row.code for row in rows()}
-    return [row.code for row in CATALOGUE.values() if row.subject in SUBJECTS and row.code not in checked]
+    return [row.code for row in OF_ONE_MAGNETOMETER if row.code not in checked]
 
 
 def _is_checked(row: CatalogueRow) -> bool:

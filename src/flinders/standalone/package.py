@@ -2,25 +2,31 @@
 
 >>> sorted(name for name in contents() if "." in name and "/" not in name)
 ['flinders.wasm', 'index.html', 'page.json', 'sw.js']
+>>> '<script type="module" src="static/standalone.js">' in index_page()
+True
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from flinders.core.files import make_folder, reason, write_bytes
+from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.errors import NoEngine, OutputError
 from flinders.firmware.package import licence
+from flinders.live import buffer, messages, page_state, session
+from flinders.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
 from flinders.native import build
 from flinders.report.html_file import asset, joined
+from flinders.simulate import Sensor, north_and_down, seen_from
 from flinders.standalone import engine, lines, targets
-from flinders.standalone.index_page import index_page
-from flinders.standalone.rules import session_rules
-from flinders.standalone.simulated import simulated_sensor
 
 VERSION: Final = version("flinders")
 DATA: Final = "page.json"
@@ -152,3 +158,119 @@ def service_worker(files: dict[str, bytes]) -> str:
     names = ["./", *sorted(name for name in files if name not in left_out and not name.startswith("LICENSE"))]
     page = {"version": f"{VERSION} {digest.hexdigest()[:16]}", "files": names, "scene": SCENE}
     return f"const PAGE = {json.dumps(page)};\n{asset('standalone/sw.js')}"
+
+
+# ---------------------------------------------------------------- a session, its rules and the simulated sensor
+
+
+def session_rules() -> dict[str, float]:
+    """The constants of `flinders.live` under the names that `static/standalone/session.js` has for them."""
+    return {
+        "capacity": buffer.CAPACITY,
+        "shown": buffer.SHOWN,
+        "frame_points": page_state.FRAME_POINTS,
+        "fitted": session.FITTED,
+        "share": session.SHARE,
+        "fastest_s": session.FASTEST_S,
+        "rate_s": session.RATE_S,
+        "enough_fits": session.ENOUGH_FITS,
+        "sure_s": session.SURE_S,
+        "whole": session.WHOLE,
+        "settled_s": session.SETTLED_S,
+        "lasting_s": session.LASTING_S,
+        "silent_s": page_state.SILENT_S,
+        "silent_steps": page_state.SILENT_STEPS,
+        "level_deg": page_state.LEVEL_DEG,
+        "assumed_dip_deg": ASSUMED_DIP_DEG,
+        "largest_dip_deg": messages.LARGEST_DIP_DEG,
+    }
+
+
+SEED: Final = 1
+"""Of the simulated sensor."""
+
+
+def simulated_sensor() -> dict[str, Any]:
+    """Sensor of `flinders live --simulate`: readings without noise in 0.01 µT, the noise to add, what is said when.
+
+    >>> played = simulated_sensor()
+    >>> played["rate_hz"], len(played["centi_ut"]) // 3, [at for at, _ in played["said"]]
+    (50.0, 3800, [4.0, 16.0])
+    """
+    of_sensor, of_motion, unused = np.random.default_rng(SEED).spawn(3)
+    sensor = Sensor.random(of_sensor)
+    path = rocked_and_turned(of_motion)
+    field = FIELD_UT * seen_from(path.attitudes, north_and_down(DIP_DEG))
+    still = replace(sensor, noise=0.0)
+    return {
+        "rate_hz": RATE_HZ,
+        "noise_ut": sensor.noise,
+        "centi_ut": (100.0 * still.read(field, unused)).round().astype(int).ravel().tolist(),
+        "said": [list(each) for each in SAID],
+    }
+
+
+# ------------------------------------------------------------------------------------------------- index.html
+
+CSP: Final = (
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self' data: blob:; "
+    "connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'"
+)
+"""WebAssembly is compiled in the worker; some browsers hold it to the policy of the page."""
+
+SOURCE_BUTTON: Final = (
+    '<button type="button" id="connect" title="Where readings come from">'
+    '<svg class="icon" aria-hidden="true"><use href="#i-send"/></svg><span>Source</span></button>\n      '
+)
+KEPT: Final = (
+    '<p class="faint kept">For a report, and to send it to a board: save the readings or the calibration, and use '
+    "<code>flinders report</code> and <code>flinders send</code>.</p>\n        "
+)
+HELP: Final = (
+    "Nothing leaves this browser: readings of a board stay in it until you start again, also when the page is loaded "
+    "again. Reports, sending to a board, binary logs and the dip of a place need the program: "
+    "<code>pip install flinders</code>."
+)
+
+
+def _hidden(name: str) -> tuple[str, str]:
+    """Hide an element that the page has nothing for."""
+    return f'id="{name}"', f'id="{name}" hidden'
+
+
+EDITS: Final = (
+    (
+        '<meta charset="utf-8">',
+        f'<meta charset="utf-8">\n  <meta http-equiv="Content-Security-Policy" content="{CSP}">',
+    ),
+    ("static/live.js", "static/standalone.js"),
+    (
+        '<link rel="stylesheet" href="static/page.css">',
+        '<link rel="stylesheet" href="static/page.css">\n  <link rel="stylesheet" href="static/standalone.css">',
+    ),
+    ('<button type="button" id="open"', f'{SOURCE_BUTTON}<button type="button" id="open"'),
+    ('<main class="board">', '<main class="board">\n    {start}'),
+    *map(_hidden, ("open", "save-report", "send", "place")),
+    ("the dip is assumed: give it, or the place", "the dip is assumed: look it up for your place, and type it"),
+    ('<p class="faint kept" id="kept">', f'{KEPT}<p class="faint kept" id="kept">'),
+    ("Everything that arrives is recorded on the computer that runs Flinders; closing this page loses nothing.", HELP),
+    (
+        "The readings so far leave this page. The file they were recorded to stays.",
+        "The readings so far are deleted from this browser. To keep them, press Finish and Readings first.",
+    ),
+    (
+        "This page draws what the server measures, and needs JavaScript for it. Nothing leaves this computer.",
+        "This page calibrates in your browser, and needs JavaScript for it. Nothing leaves this computer.",
+    ),
+)
+"""What stands once in the live page, and what stands here in its place."""
+
+
+def index_page() -> str:
+    """The page as HTML."""
+    text = asset("index.html")
+    for old, new in EDITS:
+        if text.count(old) != 1:
+            raise ValueError(f"index.html has {old!r} {text.count(old)} times: need it once")
+        text = text.replace(old, new.replace("{start}", asset("standalone/start.html").rstrip()))
+    return text

@@ -33,8 +33,7 @@ from flinders.errors import (
     counted,
 )
 from flinders.targets._mounting import angles, without_turn
-from flinders.targets._numbers import decoded
-from flinders.targets._target import MOTORS, followed, in_recorded_axes, single
+from flinders.targets._numbers import MOTORS, decoded, followed, in_recorded_axes, single
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -109,11 +108,11 @@ class CompassParameters:
         """It compensates for motors."""
         return self.motor_by in MOTORS.values() and bool(self.motor.any())
 
-    def as_held(self) -> Self:
+    def as_float32(self) -> Self:
         """The same after the autopilot has kept each value as a float32."""
         diagonal, off_diagonal = single(self.diagonal), single(self.off_diagonal)
-        held = replace(self, offset=single(self.offset), motor=single(self.motor))
-        return replace(held, diagonal=diagonal, off_diagonal=off_diagonal)
+        stored = replace(self, offset=single(self.offset), motor=single(self.motor))
+        return replace(stored, diagonal=diagonal, off_diagonal=off_diagonal)
 
     def words(self) -> str:
         """Write what is in force on one line, with its names."""
@@ -244,13 +243,13 @@ class ParameterFile:
         self, content: bytes, source: str, *, strength: float | None = None, compass: int | None = None
     ) -> Calibration:
         """Read a calibration; `strength`, µT, is 50 unless given, and `compass` the only one where there is one."""
-        found = self.parameters(content, source, compass)
-        return found.to_calibration(strength or 50.0, known=strength is not None)
+        parameters = self.parameters(content, source, compass)
+        return parameters.to_calibration(strength or 50.0, known=strength is not None)
 
     def which(self, content: bytes, source: str, compass: int | None = None) -> tuple[int, int | None]:
         """Number, and device id where the file has it, of the compass that `read` takes."""
-        found = self.parameters(content, source, compass)
-        return found.compass, found.device_id % 2**32 if found.device_id else None
+        parameters = self.parameters(content, source, compass)
+        return parameters.compass, parameters.device_id % 2**32 if parameters.device_id else None
 
     def parameters(self, content: bytes, source: str, compass: int | None) -> CompassParameters:
         """Take the compass that is wanted, or the only one; `InputError` where it is not there, or not clear."""

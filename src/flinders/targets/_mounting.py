@@ -1,9 +1,9 @@
 """How a compass sits on its vehicle, in the numbers, names and angles that firmware knows mountings by.
 
 >>> table = MountingTable("a board", "align", (("FLAT", 0.0, 0.0, 0.0), ("OVER", 180.0, 0.0, 0.0)))
->>> table.held(euler(179.99, 0, 0)).number, table.held(euler(170, 0, 0)).number
+>>> table.mounting(euler(179.99, 0, 0)).number, table.mounting(euler(170, 0, 0)).number
 (1, None)
->>> table.held(euler(170, 0, 0)).angles
+>>> table.mounting(euler(170, 0, 0)).angles
 (170.0, 0.0, 0.0)
 >>> table.read("over") @ [0, 1, 0]
 array([ 0., -1.,  0.])
@@ -79,8 +79,8 @@ def apart_deg(one: Floats, other: Floats) -> float:
 def without_turn(matrix: Floats) -> tuple[Floats, float]:
     """The symmetric P of matrix = Q P with Q a rotation, and the angle of Q in degrees: all a symmetric target loses.
 
-    >>> held, turn_deg = without_turn(euler(0, 0, 5) @ np.diag([1.0, 2.0, 3.0]))
-    >>> held.round(9), round(turn_deg, 9)
+    >>> rest, turn_deg = without_turn(euler(0, 0, 5) @ np.diag([1.0, 2.0, 3.0]))
+    >>> rest.round(9), round(turn_deg, 9)
     (array([[1., 0., 0.],
            [0., 2., 0.],
            [0., 0., 3.]]), 5.0)
@@ -136,7 +136,7 @@ class MountingTable:
         roll, pitch, yaw = (self.sense * angle for angle in own)
         return euler(roll, pitch, yaw)
 
-    def held(self, rotation: Floats) -> Mounting:
+    def mounting(self, rotation: Floats) -> Mounting:
         """The row that is no farther than `MOST_TURN_DEG`, or angles."""
         misses = [apart_deg(rotation, self.rotation(number)) for number in range(len(self.rows))]
         nearest = misses.index(min(misses))

@@ -1,4 +1,4 @@
-r"""Numbers as targets hold them: rounded to what fits, and read back out of what other tools write.
+r"""Numbers as targets hold them: in their unit and axes, rounded to what fits, and read out of what other tools write.
 
 All that is read is finite, or an error names what is not.
 
@@ -14,24 +14,216 @@ from __future__ import annotations
 import json
 import math
 import re
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Literal, Self, TypeAlias
 
 import numpy as np
 
-from flinders.arrays import floats
-from flinders.core.units import COUNTS
-from flinders.errors import DocumentError, NotExportable
-from flinders.targets._target import Affine
+from flinders.arrays import floats, vectors
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.units import COUNTS, PER_UNIT, Unit
+from flinders.errors import DocumentError, NotExportable, UnitError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from numpy.typing import ArrayLike
+
     from flinders.arrays import Floats
-    from flinders.core.calibration import Calibration
+    from flinders.core.calibration_file import Rotation
+    from flinders.core.disturbance import Disturbance
 
 INT16: Final = (-(2**15), 2**15 - 1)
 SETTING: Final = re.compile(r"\s*set\s+(\w+)\s*=(.*)", re.IGNORECASE)
 """A line of what Betaflight's and INAV's command lines print."""
+
+Acts: TypeAlias = Literal["recorded", "mapped", "across"]
+"""In which axes a target works: those of the recording (mapped afterwards), those of the calibration (mapped before),
+or from the first to the second."""
+
+VEHICLE: Final = "vehicle"
+"""The frame of a calibration of readings that were in the axes of the vehicle when they were recorded."""
+OWN, RECORDED = "own", "recorded"
+"""Units of a target that takes any: that of the calibration (µT or counts), and that of the recording."""
+BEYOND_ALL: Final = 1e15
+"""Numbers that no target gets to see, nor what is next to nothing: products of two of them suit single precision."""
+MOTORS: Final = {"current": 2, "throttle": 1}
+"""What autopilots compensate, the better witness first, and the number of their COMPASS_MOTCT and CAL_MAG_COMP_TYP."""
+
+
+# a calibration in the unit and the axes of a target
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Affine:
+    """``corrected = matrix @ (raw - offset)``, with (3, 3) matrix, (3,) offset and the length of corrected readings.
+
+    >>> calibration = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
+    >>> in_gauss = Affine.of(calibration, "G", who="this device")
+    >>> in_gauss.offset.round(6), in_gauss.apply([0.5, -0.2, 0.3]).round(6)
+    (array([ 0.1, -0.2,  0.3]), array([0.5, 0. , 0. ]))
+    >>> in_gauss.to_calibration("G").isclose(calibration)
+    True
+    """
+
+    matrix: Floats
+    offset: Floats
+    strength: float
+
+    @classmethod
+    def of(cls, calibration: Calibration, unit: str, *, who: str, acts: Acts = "recorded") -> Self:
+        """Express a calibration in a unit and in the axes in which a target works; raises as `per_unit`.
+
+        Numbers that no magnetometer has raise `NotExportable`.
+        """
+        size = per_unit(calibration, unit, who=who)
+        matrix, offset = calibration.matrix, calibration.offset
+        if acts == "recorded":
+            matrix, offset = in_recorded_axes(calibration)
+        elif acts == "across":
+            back = unmapped(calibration)
+            matrix, offset = matrix @ back.T, back @ offset
+        strength = calibration.field_strength / size
+        with np.errstate(over="ignore"):
+            affine = cls(matrix, offset / size, strength)
+        largest = max(float(np.abs(affine.matrix).max()), float(np.abs(affine.offset).max()), strength, 1 / strength)
+        if not largest < BEYOND_ALL:
+            raise NotExportable(
+                f"numbers like {largest:.2g} are not those of a magnetometer: check the unit of the recording, and "
+                "field_strength= where it was given",
+                beyond=("matrix", "offset"),
+            )
+        return affine
+
+    @property
+    def single(self) -> Affine:
+        """The same in single precision."""
+        return Affine(single(self.matrix), single(self.offset), self.strength)
+
+    def decimals(self, places: int) -> Affine:
+        """The same with so many decimal places."""
+        return Affine(np.round(self.matrix, places), np.round(self.offset, places), self.strength)
+
+    def apply(self, field: ArrayLike) -> Floats:
+        """Correct readings: (..., 3) to (..., 3), in the target's unit."""
+        corrected: Floats = (vectors(field, finite=False) - self.offset) @ self.matrix.T
+        return corrected
+
+    def to_calibration(self, unit: str, *, known: bool = False, strength: float | None = None) -> Calibration:
+        """The calibration that the numbers stand for, in the axes of the target.
+
+        `unit` is that of the offset; `strength`, µT (or counts), is the field strength where the target does not hold
+        it, and `known` where it is no convention. Numbers that flatten all readings into a plane raise `ArrayError`, a
+        field strength that is not positive `UsageError`.
+        """
+        raw = Unit.of(unit)
+        length = self.strength * raw.scale if strength is None else strength
+        rotation: Rotation = "symmetric" if np.array_equal(self.matrix, self.matrix.T) else "composed"
+        return Calibration(
+            self.matrix, raw.scale * self.offset, length, known or strength is not None, rotation, raw=raw
+        )
+
+
+def in_recorded_axes(calibration: Calibration) -> tuple[Floats, Floats]:
+    """(3, 3) matrix and (3,) offset that correct readings before their axes are mapped.
+
+    With P the mapping, Pᵀ W P and Pᵀ b: mapped afterwards, the result is that of the calibration.
+
+    >>> upside_down = Calibration(np.diag([1.0, 2.0, 0.5]), [10, 20, 30], 50.0, axes=Axes.of("y,x,-z"))
+    >>> matrix, offset = in_recorded_axes(upside_down)
+    >>> np.diag(matrix), offset
+    (array([2. , 1. , 0.5]), array([ 20.,  10., -30.]))
+    """
+    back = unmapped(calibration)
+    return back @ calibration.matrix @ back.T, back @ calibration.offset
+
+
+def in_vehicle_axes(calibration: Calibration) -> Calibration:
+    """A calibration whose recorded axes are those of the vehicle: they were, or those it maps them to are.
+
+    >>> mapped = Calibration(np.eye(3), [1, 2, 3], 50.0, axes=Axes.of("x,-y,-z"))
+    >>> in_recorded_axes(in_vehicle_axes(mapped))[1]
+    array([1., 2., 3.])
+    >>> in_recorded_axes(in_vehicle_axes(replace(mapped, frame="vehicle")))[1]      # as the log had them
+    array([ 1., -2., -3.])
+    """
+    return calibration if calibration.frame == VEHICLE else replace(calibration, axes=Axes())
+
+
+def shift_in_recorded_axes(calibration: Calibration, disturbance: Disturbance) -> Floats:
+    """(3,) offset per unit of a disturbance in the axes as recorded, in the calibration's unit."""
+    return floats(unmapped(calibration) @ disturbance.per_unit)
+
+
+def unmapped(calibration: Calibration) -> Floats:
+    """(3, 3) Pᵀ, from the axes of the calibration to those of the recording."""
+    return calibration.axes.apply(np.eye(3))
+
+
+def acting(acts: Acts, calibration: Calibration) -> Acts:
+    """In which axes a target works, in those of this recording: after the mounting is as recorded for a vehicle's."""
+    return "recorded" if acts == "mapped" and calibration.frame == VEHICLE else acts
+
+
+def refuse_mounted(calibration: Calibration, *, who: str) -> None:
+    """Raise `NotExportable` for readings in the axes of the vehicle, for what corrects them before the mounting."""
+    if calibration.frame == VEHICLE:
+        raise NotExportable(
+            f"the calibration is for readings in the axes of the vehicle, and {who} corrects them before the mounting, "
+            "in the sensor's own axes: the numbers would be wrong wherever the sensor is turned. Calibrate from "
+            "readings in the sensor's own axes, such as sensor_mag of a PX4 log, or write it for a target that acts "
+            "after the mounting (ardupilot) or on readings as recorded (c, json). Where the sensor sits exactly as the "
+            'vehicle does, set "frame" to "sensor" in the calibration file',
+            beyond=(),
+            frame=calibration.frame,
+        )
+
+
+def per_unit(calibration: Calibration, unit: str, *, who: str) -> float:
+    """What one of a target's units is, in the unit of the calibration.
+
+    Where one of them is in counts and the other in a unit of field, `UnitError` is raised.
+    """
+    if unit == OWN:
+        return 1.0
+    if unit == COUNTS != calibration.raw.name:
+        raise UnitError(
+            f"the recording was in {calibration.raw.name}, and {who} works in the raw counts of the sensor: record "
+            "these, and calibrate again with unit='counts'"
+        )
+    if unit in (RECORDED, COUNTS):
+        return calibration.raw.scale
+    if calibration.unit == COUNTS:
+        raise UnitError(
+            f"the calibration is in counts, and {who} works in {unit}: calibrate again with scale= (microtesla in "
+            "one count, from the sensor's data sheet), or with unit= where the readings have one"
+        )
+    return PER_UNIT[unit]
+
+
+def followed(calibration: Calibration) -> tuple[Calibration, Disturbance | None]:
+    """Split off the disturbance that an autopilot compensates from the calibration with motors at rest.
+
+    >>> from flinders.core.disturbance import Disturbance
+    >>> both = (Disturbance("current", [0.5, 0, 0], highest=20), Disturbance("throttle", [3, 0, 0], highest=1))
+    >>> plain, motor = followed(Calibration(np.eye(3), [10, 0, 0], 50.0, disturbances=both))
+    >>> plain.offset, motor.name
+    (array([10.,  0.,  0.]), 'current')
+    """
+    ours = {disturbance.name: disturbance for disturbance in calibration.disturbances}
+    motor = next((ours[name] for name in MOTORS if name in ours), None)
+    return calibration.at(**({motor.name: 0.0} if motor else {})), motor
+
+
+def single(values: ArrayLike) -> Floats:
+    """Round to single precision.
+
+    >>> float(single(0.1)) - 0.1
+    1.49e-09
+    """
+    with np.errstate(over="ignore", under="ignore"):
+        return np.asarray(values, np.float32).astype(np.float64)
 
 
 # written

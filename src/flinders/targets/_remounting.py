@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flinders.targets._mounting import MountingTable, apart_deg, in_words, turn_of
-from flinders.targets._target import LOSS_DEG, heading_deg, in_recorded_axes
+from flinders.targets._numbers import in_recorded_axes
+from flinders.targets._target import LOSS_DEG, heading_deg
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -59,9 +60,9 @@ def remounting(
         return None
     if heading_deg(apart_deg(turn, np.eye(3))) <= LOSS_DEG:
         return None
-    mounting = table.held(turn @ in_force if after else in_force @ turn)
-    held = mounting.rotation @ in_force.T if after else in_force.T @ mounting.rotation
-    return Remounting(mounting, held, in_force)
+    mounting = table.mounting(turn @ in_force if after else in_force @ turn)
+    turn = mounting.rotation @ in_force.T if after else in_force.T @ mounting.rotation
+    return Remounting(mounting, turn, in_force)
 
 
 def left_out(calibration: Calibration) -> list[str]:

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.targets._numbers import listed, loaded, numbers
-from flinders.targets._target import Affine, ExportOptions, Target, TargetReader, Written
+from flinders.targets._numbers import Affine, listed, loaded, numbers
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

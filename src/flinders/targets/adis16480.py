@@ -6,8 +6,8 @@ Twelve registers of 16 bits on page 2, two's complement: the hard iron H in step
     S = W − I,   H = −W b
 
 >>> from flinders.core.units import Unit
->>> found = Calibration(np.diag([1.25, 1.0, 0.75]), [10.0, -20.0, 0.005], 50.0, raw=Unit.of("mG"))
->>> registers = Registers.of(found)
+>>> calibration = Calibration(np.diag([1.25, 1.0, 0.75]), [10.0, -20.0, 0.005], 50.0, raw=Unit.of("mG"))
+>>> registers = Registers.of(calibration)
 >>> for register in registers.rows[:4]:
 ...     print(register.name, register.page, hex(register.address), register.code, f"0x{register.word:04X}")
 HARD_IRON_X 2 0x28 -1250 0xFB1E
@@ -17,7 +17,7 @@ SOFT_IRON_S11 2 0x2e 8192 0x2000
 >>> registers.apply([[100.0, -200.0, 500.0]])                      # in mG: 10, −20 and 50 µT
 array([[  0.,   0., 375.]])
 >>> from flinders.targets import find
->>> print(*find("adis16480").render(found).text.splitlines()[-12:-9], sep=chr(10))
+>>> print(*find("adis16480").render(calibration).text.splitlines()[-12:-9], sep=chr(10))
 HARD_IRON_X       2     0x28   -1250  0xFB1E   -125.0 mG
 HARD_IRON_Y       2     0x2A    2000  0x07D0   +200.0 mG
 HARD_IRON_Z       2     0x2C       0  0x0000     +0.0 mG
@@ -38,7 +38,8 @@ from flinders.arrays import Floats, floats, vectors
 from flinders.core.calibration import Calibration
 from flinders.core.units import MICROTESLA, PER_UNIT, Unit
 from flinders.errors import ArrayError, NotExportable, UnitError, UsageError, figures
-from flinders.targets._target import ExportOptions, Target, Written, in_recorded_axes
+from flinders.targets._numbers import in_recorded_axes
+from flinders.targets._target import ExportOptions, Target, Written
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

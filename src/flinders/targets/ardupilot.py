@@ -8,15 +8,15 @@ it. Ours is corrected = A (raw − b), so
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
->>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("mG"))
->>> for name, value in ArduPilotParameters.of(found, compass=2).rows()[:5]:
+>>> calibration = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("mG"))
+>>> for name, value in ArduPilotParameters.of(calibration, compass=2).rows()[:5]:
 ...     print(f"{name},{value:g}")
 COMPASS_OFS2_X,-100
 COMPASS_OFS2_Y,200
 COMPASS_OFS2_Z,0
 COMPASS_DIA2_X,1.1
 COMPASS_DIA2_Y,1
->>> ArduPilotParameters.of(found).apply([[100.0, -200.0, 500.0]])            # in mG: 10, −20 and 50 µT
+>>> ArduPilotParameters.of(calibration).apply([[100.0, -200.0, 500.0]])  # in mG: 10, −20 and 50 µT
 array([[  0.,   0., 450.]])
 
 Offsets are added here, and act after the mounting: PX4 and most others subtract them, in the axes of the sensor.
@@ -54,20 +54,17 @@ from flinders.targets._autopilot import (
     refuse_values,
 )
 from flinders.targets._mounting import Mounting, MountingTable, euler
-from flinders.targets._remounting import left_out, remounting
-from flinders.targets._target import (
+from flinders.targets._numbers import (
     MOTORS,
     VEHICLE,
     Affine,
-    ExportOptions,
-    Target,
-    TargetReader,
-    Written,
     followed,
     in_recorded_axes,
     in_vehicle_axes,
     shift_in_recorded_axes,
 )
+from flinders.targets._remounting import left_out, remounting
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -104,35 +101,17 @@ COMPENSATED: Final = (
 class ArduPilotParameters(CompassParameters):
     """The parameters of one compass, 1 to 3.
 
-    Attributes
-    ----------
-    offset : (3,) float, mG
-        COMPASS_OFS.
-    diagonal : (3,) float
-        COMPASS_DIA; all zero counts as all one.
-    off_diagonal : (3,) float
-        COMPASS_ODI: entries xy, xz and yz.
-    motor : (3,) float, mG/A or mG at full throttle
-        COMPASS_MOT.
-    motor_by : int
-        COMPASS_MOTCT: 0 off, 1 throttle, 2 current.
-    compass : int
-    device_id : int, optional
-        COMPASS_DEV_ID.
-    scale : float
-        COMPASS_SCALE; 0, or what lies beyond 1/1.5 to 1.5, counts as 1.
-    orientation : int
-        COMPASS_ORIENT, a row of `ORIENTATIONS`; ArduPilot uses it for external compasses only.
-    external : bool
-        COMPASS_EXTERNAL: the compass is turned by its own orientation, not by that of the board.
-    custom : (3,) float, degrees
-        CUST_ROT1 or CUST_ROT2, if `orientation` is one of `CUSTOM`: roll, pitch and yaw.
+    (3,) `offset`, mG, is COMPASS_OFS, (3,) `diagonal` COMPASS_DIA, where all zero counts as all one, and (3,)
+    `off_diagonal` COMPASS_ODI: entries xy, xz and yz. (3,) `motor` is COMPASS_MOT in mG/A or mG at full throttle,
+    `motor_by` COMPASS_MOTCT: 0 off, 1 throttle, 2 current; `device_id` is COMPASS_DEV_ID.
     """
 
     compass: int = 1
-    scale: float = 0.0
-    orientation: int = 0
+    scale: float = 0.0  #: COMPASS_SCALE; 0, or what lies beyond 1/1.5 to 1.5, counts as 1
+    orientation: int = 0  #: COMPASS_ORIENT, a row of `ORIENTATIONS`; ArduPilot uses it for external compasses only
+    #: COMPASS_EXTERNAL: the compass is turned by its own orientation, not by that of the board
     external: bool = False
+    #: (3,), degrees: CUST_ROT1 or CUST_ROT2, if `orientation` is one of `CUSTOM`: roll, pitch and yaw
     custom: Floats = field(default_factory=lambda: np.zeros(3))
 
     who: ClassVar[str] = "ArduPilot"
@@ -314,9 +293,9 @@ class ArduPilotParameters(CompassParameters):
         ]
         return (*rows, *([("COMPASS_MOTCT", float(self.motor_by))] if self.motor.any() else []))
 
-    def as_held(self) -> Self:
+    def as_float32(self) -> Self:
         """The same after ArduPilot has kept each value as a float32."""
-        return replace(super(ArduPilotParameters, self).as_held(), scale=float(np.float32(self.scale)))
+        return replace(super(ArduPilotParameters, self).as_float32(), scale=float(np.float32(self.scale)))
 
     def words(self) -> str:
         """Write what is in force on one line, with its names.
@@ -402,9 +381,9 @@ def custom_names(orientation: int) -> tuple[str, ...]:
 def mounting_rows(mounting: Mounting, compass: int, orientation: int = 101) -> tuple[tuple[str, float], ...]:
     """Names and values to write; `orientation` is that of `CUSTOM` for a mounting by angles.
 
-    >>> mounting_rows(MOUNTINGS.held(euler(0, 0, 90)), 2)
+    >>> mounting_rows(MOUNTINGS.mounting(euler(0, 0, 90)), 2)
     (('COMPASS_ORIENT2', 2.0),)
-    >>> [name for name, _ in mounting_rows(MOUNTINGS.held(euler(0, 0, 91)), 1)][:3]
+    >>> [name for name, _ in mounting_rows(MOUNTINGS.mounting(euler(0, 0, 91)), 1)][:3]
     ['CUST_ROT_ENABLE', 'CUST_ROT1_ROLL', 'CUST_ROT1_PITCH']
     """
     name = names("ORIENT", compass)[0]
@@ -480,7 +459,7 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     Affine.of(in_place, "mG", who="ArduPilot")  # refuses counts, and numbers beyond all bounds
     new = remounting(in_place, asked.mounting, MOUNTINGS, after=True)
     turn = None if new is None else new.turn
-    parameters = ArduPilotParameters.of(in_place, compass=compass, mounting=turn).as_held()
+    parameters = ArduPilotParameters.of(in_place, compass=compass, mounting=turn).as_float32()
     values = dict([*(() if new is None else mounting_rows(new.mounting, compass)), *parameters.rows()])
     body = [f"{name},{value:.9g}" for name, value in values.items()]
     has_motor = parameters.has_disturbances

@@ -1,8 +1,8 @@
 """Betaflight's ``mag_calibration``: ``m = aligned − magZero``, three whole numbers of raw counts, and no soft iron.
 
 >>> from flinders.core.calibration import Calibration
->>> found = write(Calibration(np.eye(3), [120.4, -31.6, 7.0], 400.0), ExportOptions())
->>> found.body[0], found.apply([520.0, -32.0, 7.0])
+>>> written = write(Calibration(np.eye(3), [120.4, -31.6, 7.0], 400.0), ExportOptions())
+>>> written.body[0], written.apply([520.0, -32.0, 7.0])
 ('set mag_calibration = 120,-32,7', array([400.,   0.,   0.]))
 >>> read(b"set mag_calibration = 120,-32,7", "dump.txt", strength=400.0).offset
 array([120., -32.,   7.])
@@ -30,9 +30,9 @@ from flinders.arrays import floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
 from flinders.targets._mounting import ALIGNMENTS, DECIDEGREE, Mounting, MountingTable
-from flinders.targets._numbers import counts, in_16_bits, settings
+from flinders.targets._numbers import VEHICLE, Affine, counts, in_16_bits, in_vehicle_axes, settings
 from flinders.targets._remounting import left_out, remounting
-from flinders.targets._target import VEHICLE, Affine, ExportOptions, Target, TargetReader, Written, in_vehicle_axes
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

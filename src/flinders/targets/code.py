@@ -6,14 +6,14 @@ is known. In fixed point input and output are whole numbers of the recorded unit
 bits, b in 2⁻⁸ or 2⁻⁴ of a unit.
 
 >>> from flinders.core.calibration import Calibration
->>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0)
->>> code = FixedPoint.of(found, Q15)
+>>> calibration = Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0)
+>>> code = FixedPoint.of(calibration, Q15)
 >>> code.entries[0], code.shift, code.offset
 ((20480, 0, 0), 14, (30822, -8090, 1792))
 >>> code.apply([440, -32, 7])                                           # 1.25 · 319.6 = 399.5, −0.4, 0
 array([400.,   0.,   0.])
 >>> module: dict[str, object] = {}
->>> exec(chr(10).join(write_micropython(found, ExportOptions()).body), module)
+>>> exec(chr(10).join(write_micropython(calibration, ExportOptions()).body), module)
 >>> module["correct"]((520.4, -31.6, 7))
 (500.0, 0.0, 0.0)
 """
@@ -32,22 +32,8 @@ import numpy as np
 from flinders.arrays import Floats, floats, vectors
 from flinders.core.units import label
 from flinders.errors import NotExportable, UsageError, figures
-from flinders.targets._numbers import whole
-from flinders.targets._target import (
-    BLOCK,
-    CHANCE,
-    HASH,
-    OWN,
-    RECORDED,
-    TILT_DEG,
-    Affine,
-    ExportOptions,
-    Gates,
-    Target,
-    Written,
-    shift_in_recorded_axes,
-    single,
-)
+from flinders.targets._numbers import OWN, RECORDED, Affine, shift_in_recorded_axes, single, whole
+from flinders.targets._target import BLOCK, CHANCE, HASH, TILT_DEG, ExportOptions, Gates, Target, Written
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from flinders.targets._target import Affine, ExportOptions, Target, Written
+from flinders.targets._numbers import Affine
+from flinders.targets._target import ExportOptions, Target, Written
 from flinders.targets.code import digits
 
 if TYPE_CHECKING:

@@ -7,10 +7,10 @@ the soft iron. Ours is corrected = W (raw − b), so
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.targets import find
->>> found = Calibration(np.diag([1.25, 1.0, 0.5]), [10.0, -20.0, 30.0], 50.0)
->>> print(find("fusion-1.1").render(found).text.splitlines()[-1])
+>>> calibration = Calibration(np.diag([1.25, 1.0, 0.5]), [10.0, -20.0, 30.0], 50.0)
+>>> print(find("fusion-1.1").render(calibration).text.splitlines()[-1])
 const FusionVector hardIronOffset = {12.5f, -20.0f, 15.0f};
->>> print(find("fusion").render(found).text.splitlines()[-1])
+>>> print(find("fusion").render(calibration).text.splitlines()[-1])
 const FusionVector hardIronOffset = {10.0f, -20.0f, 30.0f};
 
 Source: xioTechnologies/Fusion, ``FusionCalibration.h`` and its change in commit 15e463c. Numbers are single precision.
@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.targets._target import BLOCK, HASH, OWN, Affine, ExportOptions, Target, Written, single
+from flinders.targets._numbers import OWN, Affine, single
+from flinders.targets._target import BLOCK, HASH, ExportOptions, Target, Written
 from flinders.targets.code import float32s
 
 if TYPE_CHECKING:

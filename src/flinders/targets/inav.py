@@ -4,8 +4,8 @@ A gain is the radius of its axis in counts, so that corrected readings are 1024 
 nearest to the matrix and F the length of corrected readings in counts, gain = F / D.
 
 >>> from flinders.core.calibration import Calibration
->>> found = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), ExportOptions())
->>> print(*found.body, sep=chr(10))
+>>> written = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), ExportOptions())
+>>> print(*written.body, sep=chr(10))
 set magzero_x = 120
 set magzero_y = -32
 set magzero_z = 7
@@ -13,9 +13,9 @@ set maggain_x = 320
 set maggain_y = 400
 set maggain_z = 500
 save
->>> found.apply([440.0, -32.0, 7.0])
+>>> written.apply([440.0, -32.0, 7.0])
 array([1024.,    0.,    0.])
->>> read(chr(10).join(found.body).encode(), "dump.txt").matrix.diagonal()
+>>> read(chr(10).join(written.body).encode(), "dump.txt").matrix.diagonal()
 array([1.25, 1.  , 0.8 ])
 
 A rotation of the calibration goes into ``align_mag``, one of eight names, or into ``align_mag_roll``,

@@ -5,8 +5,8 @@ endian, with zeros for accelerometer and gyroscope and a CRC at the end.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
->>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
->>> packet = MotionCalPacket.of(found).encode()
+>>> calibration = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
+>>> packet = MotionCalPacket.of(calibration).encode()
 >>> packet[:2].hex(), len(packet), crc16(packet)                   # over all of it the CRC is 0
 ('7554', 68, 0)
 >>> MotionCalPacket.decode(packet).affine.apply([10.0, -20.0, 80.0]).round(3)
@@ -26,7 +26,8 @@ import numpy as np
 
 from flinders.arrays import Floats, floats
 from flinders.errors import DocumentError
-from flinders.targets._target import Affine, ExportOptions, Target, TargetReader, Written, single
+from flinders.targets._numbers import Affine, single
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

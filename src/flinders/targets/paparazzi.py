@@ -4,12 +4,12 @@ Corrected readings are 2048 long, 1 in fixed point with eleven bits; with D the 
 matrix and F the length of corrected readings in counts, sens = 2048 D / F.
 
 >>> from flinders.core.calibration import Calibration
->>> found = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), ExportOptions())
->>> found.values["MAG_Y_NEUTRAL"], found.values["MAG_Y_SENS"]
+>>> written = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), ExportOptions())
+>>> written.values["MAG_Y_NEUTRAL"], written.values["MAG_Y_SENS"]
 (-32, 5.12)
->>> found.apply([440.0, -32.0, 7.0])
+>>> written.apply([440.0, -32.0, 7.0])
 array([2048.,    0.,    0.])
->>> read(chr(10).join(found.body).encode(), "airframe.xml").matrix.diagonal()
+>>> read(chr(10).join(written.body).encode(), "airframe.xml").matrix.diagonal()
 array([1.25, 1.  , 0.8 ])
 
 Source: Paparazzi, ``sw/tools/calibration/calibration_utils.py`` (print_xml) and ``calibrate.py`` (the eleven bits). Its

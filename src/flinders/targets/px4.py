@@ -9,14 +9,14 @@ CAL_MAG_COMP_TYP says. Ours is corrected = A (raw − b), so
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
->>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("G"))
->>> for name, value in Px4Parameters.of(found, compass=1).rows()[:4]:
+>>> calibration = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("G"))
+>>> for name, value in Px4Parameters.of(calibration, compass=1).rows()[:4]:
 ...     print(f"{name} {value:g}")
 CAL_MAG1_XOFF 0.1
 CAL_MAG1_YOFF -0.2
 CAL_MAG1_ZOFF 0
 CAL_MAG1_XSCALE 1.1
->>> turned_over = replace(Px4Parameters.of(found), rotation=8)                  # ROLL_180
+>>> turned_over = replace(Px4Parameters.of(calibration), rotation=8)                  # ROLL_180
 >>> turned_over.apply([[0.1, -0.2, 0.5]])                           # in gauss: 10, −20 and 50 µT
 array([[ 0.  ,  0.  , -0.45]])
 
@@ -54,18 +54,9 @@ from flinders.targets._autopilot import (
     refuse_values,
 )
 from flinders.targets._mounting import Mounting, MountingTable, euler
+from flinders.targets._numbers import MOTORS, Affine, followed, in_recorded_axes, shift_in_recorded_axes
 from flinders.targets._remounting import left_out, remounting
-from flinders.targets._target import (
-    MOTORS,
-    Affine,
-    ExportOptions,
-    Target,
-    TargetReader,
-    Written,
-    followed,
-    in_recorded_axes,
-    shift_in_recorded_axes,
-)
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -101,35 +92,18 @@ EXTERNAL_ONLY: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Px4Parameters(CompassParameters):
-    """The parameters of one compass, 0 to 3.
+    """The parameters of one compass n, 0 to 3.
 
-    Attributes
-    ----------
-    offset : (3,) float, G
-        CAL_MAGn_XOFF to ZOFF.
-    diagonal : (3,) float
-        CAL_MAGn_XSCALE to ZSCALE.
-    off_diagonal : (3,) float
-        CAL_MAGn_XODIAG, YODIAG and ZODIAG: entries xy, xz and yz.
-    motor : (3,) float, G at full throttle or G/kA
-        CAL_MAGn_XCOMP to ZCOMP, added to a reading before the offset is removed.
-    motor_by : int
-        CAL_MAG_COMP_TYP, one for all compasses: 0 nothing, 1 throttle, 2 the current of the first battery.
-    compass : int
-        n.
-    device_id : int, optional
-        CAL_MAGn_ID: PX4 uses the parameters for the compass with this number, as ``sensor_mag`` has it.
-    rotation : int
-        CAL_MAGn_ROT, a row of `MOUNTINGS`, `CUSTOM` or `INTERNAL`.
-    custom : (3,) float, degrees
-        CAL_MAGn_ROLL, PITCH and YAW.
-    board : (3, 3) float
-        How the board sits, for an internal compass.
+    (3,) `offset`, G, is CAL_MAGn_XOFF to ZOFF, (3,) `diagonal` XSCALE to ZSCALE, (3,) `off_diagonal` XODIAG, YODIAG and
+    ZODIAG: entries xy, xz and yz. (3,) `motor`, XCOMP to ZCOMP in G at full throttle or G/kA, is added to a reading
+    before the offset is removed; `motor_by`, CAL_MAG_COMP_TYP, is one for all compasses: 0 nothing, 1 throttle, 2 the
+    current of the first battery. `device_id` is CAL_MAGn_ID: PX4 uses the parameters for the compass with this number,
+    as ``sensor_mag`` has it.
     """
 
-    rotation: int = INTERNAL
-    custom: Floats = field(default_factory=lambda: np.zeros(3))
-    board: Floats = field(default_factory=lambda: np.eye(3))
+    rotation: int = INTERNAL  #: CAL_MAGn_ROT, a row of `MOUNTINGS`, `CUSTOM` or `INTERNAL`
+    custom: Floats = field(default_factory=lambda: np.zeros(3))  #: (3,), degrees: CAL_MAGn_ROLL, PITCH and YAW
+    board: Floats = field(default_factory=lambda: np.eye(3))  #: (3, 3): how the board sits, for an internal compass
 
     who: ClassVar[str] = "PX4"
     unit: ClassVar[str] = "G"
@@ -318,14 +292,14 @@ def mounting(rotation: int) -> Floats:
 ANGLES: Final = ("ROLL", "PITCH", "YAW")
 
 
-def mounting_rows(held: Mounting, compass: int) -> tuple[tuple[str, float], ...]:
+def mounting_rows(mounting: Mounting, compass: int) -> tuple[tuple[str, float], ...]:
     """Names and values to write: the angles, which are 0 for a mounting by its number, and ROT.
 
-    >>> mounting_rows(TABLE.held(euler(180, 0, 0)), 1)[2:]
+    >>> mounting_rows(TABLE.mounting(euler(180, 0, 0)), 1)[2:]
     (('CAL_MAG1_YAW', 0.0), ('CAL_MAG1_ROT', 8.0))
     """
-    own = ((f"CAL_MAG{compass}_{axis}", angle) for axis, angle in zip(ANGLES, held.angles, strict=True))
-    return (*own, (f"CAL_MAG{compass}_ROT", float(CUSTOM if held.number is None else held.number)))
+    own = ((f"CAL_MAG{compass}_{axis}", angle) for axis, angle in zip(ANGLES, mounting.angles, strict=True))
+    return (*own, (f"CAL_MAG{compass}_ROT", float(CUSTOM if mounting.number is None else mounting.number)))
 
 
 def board_mounting(values: Mapping[str, float]) -> Floats:
@@ -397,7 +371,7 @@ def _written(calibration: Calibration, line: Callable[[str, str], str], asked: E
     Affine.of(calibration, "G", who="PX4")  # refuses counts, and numbers beyond all bounds
     new = remounting(calibration, asked.mounting, TABLE, after=False)
     turn = np.eye(3) if new is None else new.turn
-    parameters = Px4Parameters.of(calibration, compass=compass).as_held()
+    parameters = Px4Parameters.of(calibration, compass=compass).as_float32()
     values = dict([*(() if new is None else mounting_rows(new.mounting, compass)), *parameters.rows()])
     motor = followed(calibration)[1]
     if motor is not None:

@@ -3,14 +3,14 @@
 >>> from flinders.targets import find
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
->>> found = Calibration(np.diag([1.003, 1.0, 0.997]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
->>> print(*find("ros-madgwick").render(found).text.splitlines()[-5:], sep=chr(10))
+>>> calibration = Calibration(np.diag([1.003, 1.0, 0.997]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
+>>> print(*find("ros-madgwick").render(calibration).text.splitlines()[-5:], sep=chr(10))
   ros__parameters:
     use_mag: true
     mag_bias_x: 1.000000000e-05
     mag_bias_y: -2.000000000e-05
     mag_bias_z: 3.000000000e-05
->>> read(find("ros-pipeline").render(found).text.encode(), "params.yaml").isclose(found)
+>>> read(find("ros-pipeline").render(calibration).text.encode(), "params.yaml").isclose(calibration)
 True
 
 Numbers are written with a point and a sign of the exponent, or YAML 1.1 would take 1e-05 for text.
@@ -27,8 +27,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import DocumentError, NotExportable
-from flinders.targets._numbers import decoded, keyed, numbers
-from flinders.targets._target import Affine, ExportOptions, Target, TargetReader, Written
+from flinders.targets._numbers import Affine, decoded, keyed, numbers
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -5,14 +5,14 @@ them unless the extremes are valid too.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
->>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
->>> lines = write(found, ExportOptions()).body
+>>> calibration = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
+>>> lines = write(calibration, ExportOptions()).body
 >>> print(*lines[:3], lines[-1], sep=chr(10))
 CompassCalValid=true
 CompassCalMinX=-50.000000
 CompassCalMaxX=50.000000
 compassCalCorr33=0.800000
->>> read(chr(10).join(lines).encode(), "RTIMULib.ini").isclose(found)
+>>> read(chr(10).join(lines).encode(), "RTIMULib.ini").isclose(calibration)
 True
 
 Source: RTIMULib2, ``RTIMUSettings.cpp`` and ``RTIMU.cpp`` (calibrateAverageCompass). Readings are those after the
@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import DocumentError
-from flinders.targets._numbers import decoded, keyed, numbers
-from flinders.targets._target import Affine, ExportOptions, Target, TargetReader, Written
+from flinders.targets._numbers import Affine, decoded, keyed, numbers
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -4,11 +4,11 @@
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
 >>> from flinders.targets import find
->>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
->>> print(sentence := find("vectornav").render(found).text.strip())
+>>> calibration = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
+>>> print(sentence := find("vectornav").render(calibration).text.strip())
 $VNWRG,23,1.2500000,0.0000000,0.0000000,0.0000000,1.0000000,0.0000000,0.0000000,0.0000000,0.8000000,0.1000000,\
 -0.2000000,0.3000000*55
->>> read(sentence.encode(), "line", strength=50.0).isclose(found)
+>>> read(sentence.encode(), "line", strength=50.0).isclose(calibration)
 True
 
 Source: VN-100 user manual UM001, section 6.2.1: the twelve numbers are C row by row and B. Numbers are written with
@@ -22,8 +22,8 @@ from operator import xor
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import DocumentError
-from flinders.targets._numbers import decoded, numbers
-from flinders.targets._target import Affine, ExportOptions, Target, TargetReader, Written
+from flinders.targets._numbers import Affine, decoded, numbers
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

@@ -13,8 +13,7 @@ import numpy as np
 from flinders.errors import NeedsSamples, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators.base import Estimate, Method
 from flinders.estimators.covariance import algebraic_noise
-from flinders.estimators.data import NO_RUN
-from flinders.estimators.outliers import outliers_among
+from flinders.estimators.outliers import NO_RUN, outliers_among
 from flinders.estimators.robust import Robust
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood.equations import FINEST
