@@ -194,6 +194,7 @@ def test_a_report_without_the_bundle_has_all_but_the_view(monkeypatch: pytest.Mo
         return whole(path)
 
     monkeypatch.setattr(html_file, "asset", without)
+    html_file.joined.cache_clear()
     text = page(*fitted())
     assert 'id="scene"' not in text
     assert "theming" in text

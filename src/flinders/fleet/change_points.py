@@ -34,7 +34,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -97,12 +97,11 @@ def estimate_variance(changes: Floats, claimed: Floats, seconds: Floats) -> Vari
     time = np.abs(seconds[known])
     groups = np.array_split(np.argsort(time / values.mean(axis=1), kind="stable"), GROUPS)
     walks = np.append(0.0, np.geomspace(1e-3, 1e3, WALKS) * _typical(squares, time))
-    tried = [(factor, square) for square in walks.tolist() for factor in FACTORS.tolist()]
-    factor, square = min(tried, key=lambda pair: _misfit(pair, squares, values, time, groups))
+    pairs = _Pairs(squares, values, time, groups)
+    factor, square = pairs.nearest(FACTORS, walks)
     steps = np.geomspace(0.7, 1.4, 9)
-    finer = [(max(1.0, factor * a), square * b) for b in steps.tolist() for a in steps.tolist()]
-    factor, square = min(finer, key=lambda pair: _misfit(pair, squares, values, time, groups))
-    return Variance(float(factor), math.sqrt(square), len(time))
+    factor, square = pairs.nearest(np.maximum(1.0, factor * steps), square * steps)
+    return Variance(factor, math.sqrt(square), len(time))
 
 
 def _typical(squares: Floats, time: Floats) -> float:
@@ -113,14 +112,28 @@ def _typical(squares: Floats, time: Floats) -> float:
     return float(np.median(squares[far].sum(axis=1) / time[far]) / MEDIAN)
 
 
-def _misfit(
-    pair: tuple[float, float], squares: Floats, values: Floats, time: Floats, groups: list[np.ndarray[Any, Any]]
-) -> float:
-    """Distance of the medians of chi-square from that of chance, with a slight preference for a small factor."""
-    factor, square = pair
-    chi_square = np.sum(squares / (factor * values + square * time[:, np.newaxis]), axis=1)
-    medians = np.array([np.median(chi_square[group]) for group in groups]).clip(min=1e-300)
-    return float(np.sum(np.log(medians / MEDIAN) ** 2)) + 1e-4 * math.log(factor)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pairs:
+    """Pairs of recordings along the axes of their claims."""
+
+    squares: Floats  # (n, 3) of the changes
+    values: Floats  # (n, 3) variances that are claimed
+    time: Floats  # (n,)
+    groups: list[Places]  # rows of pairs with like shares of time in their variance
+
+    def nearest(self, factors: Floats, walks: Floats) -> tuple[float, float]:
+        """The pair of a factor and a squared walk with the least misfit."""
+        misfits = np.stack([self._misfits(factors, walk) for walk in walks.tolist()])
+        row, column = np.unravel_index(int(np.argmin(misfits)), misfits.shape)
+        return float(factors[column]), float(walks[row])
+
+    def _misfits(self, factors: Floats, walk: float) -> Floats:
+        """Distance of the medians of chi-square from that of chance, with a slight preference for a small factor."""
+        drift, axes = walk * self.time, zip(self.squares.T, self.values.T, strict=True)
+        chi_square = np.add.reduce([square / (factors[:, np.newaxis] * value + drift) for square, value in axes])
+        medians = np.stack([np.median(chi_square[:, group], axis=1) for group in self.groups]).clip(min=1e-300)
+        misfits: Floats = np.sum(np.log(medians / MEDIAN) ** 2, axis=0) + 1e-4 * np.log(factors)
+        return misfits
 
 
 @dataclass(slots=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import base64
 import contextlib
-import functools
 import secrets
 import tempfile
 import zipfile
@@ -136,14 +135,9 @@ def _script(request: Request) -> Response:
     """One of the page's modules, joined; without it, as without the 3-D view, the page knows what to do."""
     entry = request.url.path.removeprefix("/static/")
     try:
-        return Response(_joined(entry), media_type="text/javascript; charset=utf-8")
+        return Response(joined(entry, exported=SCRIPTS[entry]), media_type="text/javascript; charset=utf-8")
     except FileNotFoundError:
         raise HTTPException(404, f"{entry} is missing from this installation") from None
-
-
-@functools.cache
-def _joined(entry: str) -> str:
-    return joined(entry, exported=SCRIPTS[entry])
 
 
 async def _calibration(request: Request) -> Response:

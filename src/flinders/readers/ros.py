@@ -33,7 +33,7 @@ from array import array
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -51,6 +51,9 @@ from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from rosbags.interfaces import MessageDefinition
+    from rosbags.typesys.store import Typestore
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
@@ -342,19 +345,10 @@ class _Topics:
     def _decoder(self, connection: Any) -> Callable[[bytes, str], Any]:  # noqa: ANN401
         """How messages of a connection are decoded: by the recording's own types where it has them."""
         from rosbags.interfaces import MessageDefinitionFormat
-        from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-        definition, types = connection.msgdef, {}
-        if definition.format == MessageDefinitionFormat.MSG:
-            types = get_types_from_msg(definition.data, connection.msgtype)
-        elif definition.format == MessageDefinitionFormat.IDL:
-            for part in re.split(r"^=+\nIDL: .*\n", definition.data, flags=re.MULTILINE):
-                types.update(get_types_from_idl(part) if part.strip() else {})
-        else:
+        if connection.msgdef.format == MessageDefinitionFormat.NONE:
             self.is_undefined = True
-            types = get_typestore(Stores.ROS2_HUMBLE).fielddefs
-        store = get_typestore(Stores.EMPTY)
-        store.register(_plain(dict(types)))
+        store = _typestore(connection.msgdef, connection.msgtype)
         return store.deserialize_ros1 if self.is_first else store.deserialize_cdr
 
     def sorted(self) -> list[_Topic]:
@@ -371,6 +365,25 @@ def _is_wanted(connection: Any) -> bool:  # noqa: ANN401 - rosbags' types are it
     if connection.msgtype in (TWIST, TWIST_WITH_COVARIANCE):
         return NAMES_SATELLITES.search(connection.topic) is not None
     return connection.msgtype in (FIELD, IMU, TEMPERATURE, PLACE)
+
+
+@lru_cache(maxsize=32)
+def _typestore(definition: MessageDefinition, name: str) -> Typestore:
+    """The types of a message; decoders of a type are compiled once, for all topics and recordings that define it so."""
+    from rosbags.interfaces import MessageDefinitionFormat
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+    types = {}
+    if definition.format == MessageDefinitionFormat.MSG:
+        types = get_types_from_msg(definition.data, name)
+    elif definition.format == MessageDefinitionFormat.IDL:
+        for part in re.split(r"^=+\nIDL: .*\n", definition.data, flags=re.MULTILINE):
+            types.update(get_types_from_idl(part) if part.strip() else {})
+    else:
+        types = get_typestore(Stores.ROS2_HUMBLE).fielddefs
+    store = get_typestore(Stores.EMPTY)
+    store.register(_plain(dict(types)))
+    return store
 
 
 def _plain(types: dict[str, Any]) -> dict[str, Any]:

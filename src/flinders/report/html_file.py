@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any, Final
 from flinders.report.colours import variables
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     import jinja2
 
@@ -103,8 +103,9 @@ class NotJoined(Exception):
     """A module is written in a form that cannot be joined; that is a mistake of ours, which a test finds."""
 
 
-def joined(entry: str = "report.js", *, exported: Sequence[str] = ()) -> str:
-    """Join a module of ``static`` and all that it imports into the text of one module script.
+@cache
+def joined(entry: str = "report.js", *, exported: tuple[str, ...] = ()) -> str:
+    """Join a module of ``static`` and all that it imports into the text of one module script, once in a process.
 
     The script exports what is named in `exported` of what the module does; a page imports that by name.
 

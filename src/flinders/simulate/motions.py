@@ -43,6 +43,9 @@ GRAVITY: Final = 9.81
 SETTLING: Final = 200
 """Steps of the random walk before its start is forgotten."""
 
+BLOCK: Final = 64
+"""Steps of a turn that are multiplied before the next rounding to a rotation."""
+
 PLANES: Final = {"xy": (0, 1, 2), "yz": (1, 2, 0), "zx": (2, 0, 1)}
 """Which body axes point north, east and down while one plane is swept."""
 
@@ -441,15 +444,28 @@ def rates(attitudes: Floats, rate_hz: float) -> Floats:
 
 
 def integrated(start: Floats, steps: Floats) -> Floats:
-    """(N, 3, 3) attitudes from the first one on, each turned by its step (N, 3, 3) in body axes."""
-    attitudes = np.empty_like(steps)
-    attitudes[0] = start
-    for index, step in enumerate(steps[:-1], 1):
-        np.matmul(attitudes[index - 1], step, out=attitudes[index])
-        if index % 100 == 0:  # rounding adds up: back to the nearest rotation
-            left, _, right = np.linalg.svd(attitudes[index])
-            attitudes[index] = left @ right
+    """(N, 3, 3) attitudes from the first one on, each turned by its step (N, 3, 3) in body axes.
+
+    Products of the steps of each block are made for all blocks at once, then the attitudes in which blocks begin.
+    """
+    count = -(-len(steps) // BLOCK)
+    padded = np.concatenate([steps, np.broadcast_to(np.eye(3), (count * BLOCK - len(steps), 3, 3))])
+    turns_by = padded.reshape(count, BLOCK, 3, 3)
+    within = np.empty_like(turns_by)
+    within[:, 0] = np.eye(3)
+    for place in range(1, BLOCK):
+        np.matmul(within[:, place - 1], turns_by[:, place - 1], out=within[:, place])
+    whole = within[:-1, -1] @ turns_by[:-1, -1]
+    begins = np.stack(list(accumulate(whole, lambda attitude, turn: _nearest_rotation(attitude @ turn), initial=start)))
+    attitudes: Floats = (begins[:, np.newaxis] @ within).reshape(-1, 3, 3)[: len(steps)]
     return attitudes
+
+
+def _nearest_rotation(attitude: Floats) -> Floats:
+    """Take off the rounding that adds up."""
+    left, _, right = np.linalg.svd(attitude)
+    nearest: Floats = left @ right
+    return nearest
 
 
 def _clock(n: int, rate_hz: float) -> Floats:
