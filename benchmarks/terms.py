@@ -1,6 +1,6 @@
 """What each aid is worth beside the magnitude of the field: tables as Markdown. MAGYC's simulation: `benchmarks.magyc`.
 
-    python -m benchmarks.terms [--tables sim,aids,nees,level,real,time] [--trials 200] [--seeds 10]
+    python -m benchmarks.terms [--tables sim,aids,nees,level,magnet,real,time] [--trials 200] [--seeds 10]
     python -m benchmarks.terms --tables nees --motions rocked --cases "rate; attitude"
 
 sim     SIM1 and SIM2 of Troni and Whitcomb, a bare sensor; the motions are ours, see `sim`.
@@ -10,6 +10,7 @@ nees    Squared error over claimed variance for each parameter, mean over trials
         gyro's scales, the accelerometer's bias, axes and site differ from trial to trial by as much as the fit
         believes they may.
 level   S7, a level turn, with the field of the site known: heading error level and tilted.
+magnet  A magnet of up to 100 µT passes: worst heading error and offset over the claim of `flinders.fit`.
 real    Real recordings: see `benchmarks.terms_recordings`.
 time    CPU seconds, and peak memory of a process of its own.
 """
@@ -30,6 +31,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+import flinders
 from benchmarks import terms_recordings
 from benchmarks.datasets import FIELD_STRENGTH, dataset, heading_error_deg
 from benchmarks.emulations.magyc_ls import magyc_ls
@@ -39,6 +41,7 @@ from benchmarks.emulations.sar_ls import sar_ls
 from benchmarks.magyc import MOTIONS as MOTIONS_DEG
 from benchmarks.magyc import OFFSET_MG, SEED, likelihood, wrapped_rms
 from flinders import simulate
+from flinders.comparison.evaluation import evaluate
 from flinders.core.samples import Samples
 from flinders.errors import FlindersError
 from flinders.estimators.aiding import solve
@@ -53,6 +56,7 @@ from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, GRAVITY
 from flinders.likelihood.gyro import SCALE_SIGMA, grown
 from flinders.likelihood.parameters import Parameters
 from flinders.likelihood.site_field import Site
+from flinders.simulate.truth import Truth
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -422,6 +426,36 @@ def level_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
         yield f"| {title} | " + " | ".join(f"{error:.3f}" for error in np.sqrt(np.mean(errors**2, axis=0))) + " |"
 
 
+# (e) a magnet passes
+
+
+def magnet_trial(motion: str, aiding: str, number: int) -> tuple[str, float, float]:
+    """Verdict; worst level heading error and largest error of the offset, each over its claim."""
+    recording = simulate.tumble(number, motion=motion, n=10_000, disturbances=(simulate.PassingMagnet(100.0),))
+    assert recording.attitudes is not None
+    errors = np.radians(np.random.default_rng([SEED, 3, number]).normal(0.0, 1.0, (10_000, 3)))
+    samples = replace(recording.samples, attitude=of_matrix(recording.attitudes @ simulate.turns(errors)))
+    try:
+        fit = flinders.fit(samples, aiding=aiding)
+    except FlindersError:
+        return "refused", math.nan, math.nan
+    found = evaluate(fit, Truth.of(recording))
+    offset = found.offset_error / np.sqrt(np.diag(fit.covariance)[:3])
+    heading = found.heading_error_deg.worst / fit.heading_error_deg.worst
+    return fit.verdict, heading, float(np.max(np.abs(offset)))
+
+
+def magnet_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
+    """Yield each motion and aid: verdicts, median and largest of both."""
+    yield "| motion | aid | good, limited, refused | heading error ÷ claim | offset error ÷ claim |"
+    yield "|---|---|---:|---:|---:|"
+    for motion, aiding in product(("hand", "rocked", "flight", "drive"), ("dip", "attitude")):
+        verdicts, *errors = zip(*pool.map(magnet_trial, repeat(motion), repeat(aiding), range(trials)), strict=True)
+        counts = ", ".join(str(verdicts.count(verdict)) for verdict in ("good", "limited", "refused"))
+        cells = [f"{np.nanmedian(each):.1f}, {np.nanmax(each):.1f}" for each in errors]
+        yield f"| {motion} | `{aiding}` | {counts} | {' | '.join(cells)} |"
+
+
 # (f) time
 
 
@@ -459,6 +493,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "aids": partial(aids_table, pool, options.trials),
             "nees": partial(nees_table, pool, options.trials, options.motions, options.cases),
             "level": partial(level_table, pool, options.trials),
+            "magnet": partial(magnet_table, pool, options.trials),
             "real": terms_recordings.tables,
             "time": time_table,
         }
@@ -475,7 +510,7 @@ def _parser() -> argparse.ArgumentParser:
     """Describe the command line."""
     parser = argparse.ArgumentParser("python -m benchmarks.terms", description="What each aid is worth.")
     parser.add_argument("--tables", type=_listed, metavar="NAME,…", help="all by default")
-    parser.add_argument("--trials", type=int, default=200, help="of aids, nees and level")
+    parser.add_argument("--trials", type=int, default=200, help="of aids, nees, level and magnet")
     parser.add_argument("--seeds", type=int, default=10, help="of sim")
     parser.add_argument("--motions", type=_listed, default=MOTIONS, metavar="NAME,…", help="of nees")
     parser.add_argument("--cases", type=_cased, metavar="NAME;…", help=f"of nees: {'; '.join(CASES)}")
