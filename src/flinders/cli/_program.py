@@ -177,9 +177,9 @@ def _misused(error: click.ClickException, *, as_json: bool) -> int:
         return USAGE
     context = getattr(error, "ctx", None)
     problem = " ".join(message.split()).rstrip(".")
-    return print_error(
-        UsageError(f"{problem}; see {context.command_path if context else 'flinders'} --help"), as_json=as_json
-    )
+    problem += " See" if problem.endswith("?") else "; see"
+    command = context.command_path if context else "flinders"
+    return print_error(UsageError(f"{problem} {command} --help"), as_json=as_json)
 
 
 def _report_fault(error: Exception) -> int:
