@@ -21,11 +21,12 @@ from __future__ import annotations
 import heapq
 import math
 import re
+from bisect import bisect_left, bisect_right
 from collections import Counter
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from itertools import islice
-from typing import TYPE_CHECKING, Any, Final, Self, TextIO, cast
+from itertools import islice, repeat
+from typing import TYPE_CHECKING, Any, Final, Self, TextIO, TypeAlias, cast
 
 import numpy as np
 
@@ -45,6 +46,8 @@ if TYPE_CHECKING:
 
 KEY: Final = ("unit", "recording", "start_s")
 """Columns by which the table is sorted."""
+RowKey: TypeAlias = tuple[str, str, float]
+"""Cells of these columns."""
 VERSION: Final = "2"
 """Version of the columns, in the metadata of a file; the first had no `batch`."""
 SIGN: Final = b"flinders.fleet"
@@ -412,18 +415,36 @@ def _write(groups: Iterator[Any], file: Any) -> None:  # noqa: ANN401 - pyarrow 
 
 def _groups(parts: Sequence[Path]) -> Iterator[Any]:
     """Tables of the rows of one row group each, in order."""
-    rows = heapq.merge(*(_keys(path, place) for place, path in enumerate(parts)))
-    while group := [(place, row) for _, place, row in islice(rows, GROUP)]:
+    rows = _rows(parts)
+    while group := list(islice(rows, GROUP)):
         yield _gathered(parts, np.array(group))
 
 
-def _keys(path: Path, place: int) -> Iterator[tuple[Any, int, int]]:
-    """Sort key, number of the file and number of each row; a file is left closed until its second row is asked for."""
-    if not len(_mapped(path)):
-        return
-    yield _key_columns(_mapped(path).slice(0, 1))[0], place, 0
-    for row, key in enumerate(_key_columns(_mapped(path).slice(1)), start=1):
-        yield key, place, row
+def _rows(parts: Sequence[Path]) -> Iterator[tuple[int, int]]:
+    """Yield the number of a file and that of a row in it, in order; a file is left closed until its first row is next.
+
+    Rows that come before the first of any other file are taken together.
+    """
+    begun: dict[int, list[RowKey]] = {}
+    firsts = (_keys(_mapped(path).slice(0, 1)) for path in parts)
+    following = [(keys[0], place, 0) for place, keys in enumerate(firsts) if keys]
+    heapq.heapify(following)
+    while following:
+        _, place, first = heapq.heappop(following)
+        keys = begun.pop(place, None) or _keys(_mapped(parts[place]))
+        end = _end(keys, first, place, following)
+        yield from zip(repeat(place), range(first, end))
+        if end < len(keys):
+            begun[place] = keys
+            heapq.heappush(following, (keys[end], place, end))
+
+
+def _end(keys: Sequence[RowKey], first: int, place: int, following: Sequence[tuple[RowKey, int, int]]) -> int:
+    """Number of the first row of a file that comes after the row that `following` begins with."""
+    if not following:
+        return len(keys)
+    key, other, _ = following[0]
+    return (bisect_right if place < other else bisect_left)(keys, key, first)
 
 
 def _mapped(path: Path) -> Any:  # noqa: ANN401
@@ -432,7 +453,7 @@ def _mapped(path: Path) -> Any:  # noqa: ANN401
     return arrow.ipc.open_file(arrow.memory_map(str(path))).read_all()
 
 
-def _key_columns(table: Any) -> list[tuple[str, str, float]]:  # noqa: ANN401
+def _keys(table: Any) -> list[RowKey]:  # noqa: ANN401
     """Cells of `KEY` of each row; a missing time comes last."""
     unit, recording, start = (table.column(name).to_pylist() for name in KEY)
     return list(zip(unit, recording, (math.inf if time is None else time for time in start), strict=True))
@@ -445,8 +466,9 @@ def _gathered(parts: Sequence[Path], rows: NDArray[np.int64]) -> Any:  # noqa: A
     places, first = np.unique(rows[order, 0], return_index=True)
     taken = zip(places.tolist(), np.split(rows[order, 1], first[1:]), strict=True)
     pieces = (_mapped(parts[place]).take(numbers) for place, numbers in taken)
-    whole = arrow.concat_tables([schema().empty_table(), *pieces])
-    return whole.combine_chunks().take(np.argsort(order))
+    whole = arrow.concat_tables([schema().empty_table(), *pieces]).combine_chunks()
+    is_ordered = bool((np.diff(order) == 1).all())
+    return whole if is_ordered else whole.take(np.argsort(order))
 
 
 # --------------------------------------------------------------------------------------------------------------- counts
