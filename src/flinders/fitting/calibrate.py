@@ -557,7 +557,7 @@ def _of_no_use(samples: Samples, aiding: str | Sequence[str]) -> Aiding:
 def _at_site(estimate: Estimate, readings: Readings, request: Request) -> Estimate:
     """Use the field of the site; where the dip is known better, its strength alone."""
     site = request.site
-    if estimate.bias.any() or readings.recording is None:
+    if estimate.bias is not None or readings.recording is None:
         return estimate
     if site is not None and site.inclination_deg is not None and site.inclination_deg != request.dip_deg:
         site = replace(site, inclination_deg=None)
@@ -594,7 +594,7 @@ def _drift(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Drift | N
     readings = evidence.readings
     if evidence.record is not None and not estimate.outliers:
         return drift_in(evidence.record)
-    if readings.recording is None or readings.parts or estimate.unobserved or estimate.bias.any():
+    if readings.recording is None or readings.parts or estimate.unobserved or estimate.bias is not None:
         return None
     if estimate.correlation is None or estimate.correlation.is_white:
         return None
@@ -614,7 +614,9 @@ def _with_halves(drift: Drift | None, estimate: Estimate, readings: Readings, re
 
 def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlinearity | None, AxisLag | None]:
     """Whether axes answer along a curve, or late, by an ellipsoid that was fitted to the readings as recorded."""
-    if evidence.record is None or evidence.driving or estimate.plane or estimate.unobserved or estimate.bias.any():
+    if evidence.record is None or evidence.driving or estimate.plane or estimate.unobserved:
+        return None, None
+    if estimate.bias is not None:
         return None, None
     return nonlinearity_in(evidence.record), lag_in(evidence.record)
 
@@ -684,7 +686,7 @@ def _distortion(estimate: Estimate, refreshed: Refreshed | None) -> float:
 
 def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
     """Heading error (rms) that the bias of a method makes."""
-    if not estimate.bias.any():
+    if estimate.bias is None:
         return 0.0
     bias, down = np.outer(estimate.bias, estimate.bias), down_of(estimate.plane)
     return level_error(estimate.ellipsoid, bias, dip_deg=dip_deg, down=down).rms
