@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias, cast
 
 import numpy as np
@@ -696,16 +697,17 @@ def _judged(
     claim: Claim, evidence: _Evidence, calibration: Calibration, request: Request, nearer: Estimate | None = None
 ) -> Fit:
     """Put together what is known and judge it: of the estimate, or of one that is shrunk towards the readings."""
-    result = _described(claim, evidence, calibration, request, nearer)
+    described = _described(claim, evidence, calibration, request, nearer)
     if evidence.driving is not None:
-        result = _with_disturbances(result, evidence.driving)
+        described = partial(described, **_disturbances(described(), evidence.driving))
+    result = described()
     findings = judge(result, evidence.statistics)
-    return replace(result, findings=findings, conditions=conditions(result, findings))
+    return described(findings=findings, conditions=conditions(result, findings))
 
 
 def _described(
     claim: Claim, evidence: _Evidence, calibration: Calibration, request: Request, nearer: Estimate | None
-) -> Fit:
+) -> partial[Fit]:
     """Everything that is known of a fit but its findings: its claim, its noise, its coverage, faults tested for."""
     estimate, aiding = claim.estimate, evidence.aiding
     final, correlation = nearer or estimate, estimate.correlation
@@ -713,7 +715,8 @@ def _described(
     distortion, faults = _distortion(estimate, evidence.refreshed), _faults_of_axes(estimate, evidence)
     level = calibration.ellipsoid.radius * math.cos(math.radians(error.dip_deg))
     nonlinearity, axis_lag = faults
-    return Fit(
+    return partial(
+        Fit,
         calibration=calibration,
         method=estimate.method,
         covariance=final.covariance,
@@ -758,8 +761,8 @@ def _changes(estimate: Estimate, evidence: _Evidence, request: Request, dip_deg:
     }
 
 
-def _with_disturbances(result: Fit, driving: Driving) -> Fit:
-    """A fit to compensated readings, with what is known of their disturbances."""
+def _disturbances(result: Fit, driving: Driving) -> dict[str, Any]:
+    """What is known of the disturbances of a fit to compensated readings, and its calibration with them."""
     from flinders.estimators.regressors import DisturbanceEstimate
 
     calibration = replace(result.calibration, disturbances=driving.disturbances)
@@ -782,10 +785,9 @@ def _with_disturbances(result: Fit, driving: Driving) -> Fit:
         for place, (disturbance, quality) in enumerate(zip(driving.disturbances, driving.found, strict=True))
     ]
     constant = [DisturbanceEstimate(name) for name in driving.constant]
-    return replace(
-        result,
-        calibration=calibration,
-        disturbances=(*estimates, *constant),
-        disturbances_covariance=driving.joint(result.covariance),
-        noise_uncompensated=driving.noise_without,
-    )
+    return {
+        "calibration": calibration,
+        "disturbances": (*estimates, *constant),
+        "disturbances_covariance": driving.joint(result.covariance),
+        "noise_uncompensated": driving.noise_without,
+    }
