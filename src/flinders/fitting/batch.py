@@ -239,8 +239,8 @@ def _is_plain(one: Samples) -> bool:
 class _Table:
     """What records say of U units, column by column."""
 
-    # (U,) with covariances that are claimed, and shrunk fits of readings that were corrected before. As elsewhere in this
-    # module `compress` takes rows of records: an index would copy them field by field.
+    # (U,) with covariances that are claimed, and shrunk fits of readings that were corrected before; rows of them are
+    # taken by `compress`, as an index copies records field by field
     records: Records
     quantities: dict[str, Any]  # what the rules of the catalogue compare, by name
     covariance: Floats  # (U, 9, 9) with all that widens it, as `Fit.claimed_covariance`

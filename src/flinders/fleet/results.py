@@ -319,12 +319,10 @@ def _array(arrow: Any, name: str, column: NDArray[Any]) -> Any:  # noqa: ANN401
         flat = _made(arrow.float64(), np.asarray(column, dtype=float).ravel())
         known = _bits(~np.isnan(column).all(axis=1))
         return arrow.Array.from_buffers(kind, len(column), [known], children=[flat])
-    if name == "findings":  # few combinations, each of which many rows have
-        kinds: dict[tuple[str, ...], int] = {}
-        places = [kinds.setdefault(cell, len(kinds)) for cell in column.tolist()]
-        codes = _strings(arrow, list(chain.from_iterable(kinds)))
-        lists = arrow.Array.from_buffers(kind, len(kinds), [None, _offsets(list(kinds))], children=[codes])
-        return lists.take(_integers(arrow, np.array(places, dtype=np.int64)))
+    if name == "findings":
+        cells = column.tolist()
+        codes = _strings(arrow, list(chain.from_iterable(cells)))
+        return arrow.Array.from_buffers(kind, len(cells), [None, _offsets(cells)], children=[codes])
     return _strings(arrow, column.tolist())
 
 

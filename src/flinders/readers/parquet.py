@@ -24,7 +24,7 @@ import io
 import re
 import struct
 from datetime import date
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 import numpy as np
 
@@ -222,7 +222,7 @@ def values_of(column: Any, part: int | None) -> NDArray[np.floating]:  # noqa: A
         column = column.cast("timestamp[ns]").cast("int64")
     if column.null_count or str(column.type) not in FLOATS:
         column = column.cast("float64", safe=False).fill_null(np.nan)
-    return np.from_dlpack(column)  # `to_numpy` would import pandas
+    return cast("NDArray[np.floating]", np.from_dlpack(column))  # `to_numpy` would import pandas
 
 
 def _dates(column: Any) -> Any:  # noqa: ANN401
