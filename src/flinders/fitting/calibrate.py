@@ -782,7 +782,7 @@ def _disturbances(result: Fit, driving: Driving) -> dict[str, Any]:
             chi_square=quality.chi_square,
             lag_sigma_s=quality.lag_sigma_s,
         )
-        for place, (disturbance, quality) in enumerate(zip(driving.disturbances, driving.found, strict=True))
+        for place, (disturbance, quality) in enumerate(zip(driving.disturbances, driving.qualities, strict=True))
     ]
     constant = [DisturbanceEstimate(name) for name in driving.constant]
     return {
