@@ -44,10 +44,10 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
 
+    RowKey: TypeAlias = tuple[str, str, float]  # cells of `KEY`
+
 KEY: Final = ("unit", "recording", "start_s")
 """Columns by which the table is sorted."""
-RowKey: TypeAlias = tuple[str, str, float]
-"""Cells of these columns."""
 VERSION: Final = "2"
 """Version of the columns, in the metadata of a file; the first had no `batch`."""
 SIGN: Final = b"flinders.fleet"
