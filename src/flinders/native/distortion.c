@@ -291,25 +291,37 @@ real fl_distortion(fl_residuals *residuals, const fl_surface *surface, int has_c
     return direction;
 }
 
+/* Solve L X = B in place for ten columns side by side. */
+static void forward(const real *factor, int n, real rows[CELLS][10])
+{
+    for (int i = 0; i < n; i++) {
+        real row[10];
+        memcpy(row, rows[i], sizeof row);
+        for (int k = 0; k < i; k++)
+            for (int column = 0; column < 10; column++) row[column] -= factor[i * n + k] * rows[k][column];
+        for (int column = 0; column < 10; column++) rows[i][column] = row[column] / factor[i * n + i];
+    }
+}
+
 /* Restricted likelihood of a distortion beside white noise, its logarithm to the base 2, but for a constant; and the
  * variance of the white noise.
  *
  * `ratio`: of the variances, distortion over white noise; `within`: squares about the means of the cells. */
 static real likelihood_of(const sphere *on, real ratio, real within, real freedom, real *variance)
 {
-    real columns[10][CELLS], products[100] = {0}, log_determinant = 0;
+    real rows[CELLS][10], products[100] = {0}, log_determinant = 0;
     const int n = on->n;
     for (int k = 0; k < n; k++) {
         for (int l = 0; l < n; l++) on->matrix[k * n + l] = ratio * on->kernel[k * n + l];
         on->matrix[k * n + k] += 1 / on->counts[k];
-        for (int i = 0; i < 9; i++) columns[i][k] = on->jacobian[k][i];
-        columns[9][k] = on->means[k];
+        for (int i = 0; i < 9; i++) rows[k][i] = on->jacobian[k][i];
+        rows[k][9] = on->means[k];
     }
     if (fl_cholesky(on->matrix, n)) return -FL_HUGE;
-    for (int i = 0; i < 10; i++) fl_forward(on->matrix, n, columns[i]);
-    for (int i = 0; i < 10; i++)
-        for (int j = 0; j <= i; j++)
-            for (int k = 0; k < n; k++) products[10 * i + j] += columns[i][k] * columns[j][k];
+    forward(on->matrix, n, rows);
+    for (int k = 0; k < n; k++)
+        for (int i = 0; i < 10; i++)
+            for (int j = 0; j < 10; j++) products[10 * i + j] += rows[k][i] * rows[k][j];
     products[99] += within;
     if (fl_cholesky(products, 10)) return -FL_HUGE;
     for (int k = 0; k < n; k++) log_determinant += 2 * fl_log2(on->matrix[k * n + k]);
