@@ -93,9 +93,9 @@ static void confirm_swaps(const fl_kernels *kernels, const fl_view *view, const 
             for (int axis = 0; axis < 3; axis++) {
                 const int from = is_changed ? FROM[swap][axis] : axis;
                 const real sign = is_changed && swap == axis ? -1 : 1;
-                room->rows[3 * n + axis] = sign * view->field[3 * n * stride + from];
+                room->columns[3 * n + axis] = sign * view->field[3 * n * stride + from];
             }
-        const fl_view some = {room->rows, n, NULL, 1};
+        const fl_view some = {room->columns, n, NULL, 1};
         kernels->distances(&some, &fit->surface, room->distances);
         is_behind = 0;
         for (size_t row = 0; row < view->rows; row++) {

@@ -332,133 +332,100 @@ static real cost(const fl_view *view, const fl_surface *surface)
     return total(lanes);
 }
 
-/* (N, stride) rows that begin with Jacobian and distance of each reading, and these (3, FL_LOOKED) directions, at the foot
- * points: at a reading itself, on a surface that is no sphere, both would follow the noise that is in its distance. Returns
- * the readings. */
-static size_t information(const fl_view *view, const fl_surface *surface, size_t stride, real *out, real *directions)
+/* Jacobian and distance of each reading, from a place of their columns on, and its direction into (3, FL_LOOKED), at the
+ * foot points: at a reading itself, on a surface that is no sphere, all would follow the noise that is in its distance.
+ * Returns the readings. */
+static size_t columns(const fl_view *view, const fl_surface *surface, size_t begin, real *const *out, real *directions)
 {
     real block[3][FL_BLOCK], rows[13][FL_BLOCK];
-    size_t m, count = 0;
+    size_t m, end = begin;
     cursor at = {0, 0};
-    while ((m = gather(view, &at, block)) > 0) {
+    for (; (m = gather(view, &at, block)) > 0; end += m) {
         linearised((const real(*)[FL_BLOCK])block, surface, rows);
-        for (size_t i = 0; i < m; i++, out += stride)
-            for (int row = 0; row < 10; row++) out[row] = rows[row][i];
+        for (int row = 0; row < 10; row++) memcpy(out[row] + end, rows[row], m * sizeof(real));
         for (int axis = 0; axis < 3; axis++)
-            memcpy(directions + axis * FL_LOOKED + count, rows[10 + axis], m * sizeof(real));
-        count += m;
+            memcpy(directions + axis * FL_LOOKED + end, rows[10 + axis], m * sizeof(real));
     }
-    return count;
+    return end - begin;
 }
 
-/* Six terms behind the Jacobian of rows (n, stride), at directions (3, FL_LOOKED): what the square and the cube of each
- * axis' distance from the centre, over the radius, add to the distance from the surface. */
-static void nonlinear(const fl_surface *surface, const real *directions, size_t n, size_t stride, real *rows)
+/* What the square and the cube of each axis' distance from the centre, over the radius, add to the distance from the
+ * surface: six columns, at directions (3, FL_LOOKED) with normals in three columns. */
+static void nonlinear(const fl_surface *surface, const real *directions, size_t n, real *const *normals, real *const *out)
 {
     static const unsigned char ENTRY[3][3] = {{0, 3, 4}, {3, 1, 5}, {4, 5, 2}};
     const real *const x = directions, *const y = directions + FL_LOOKED, *const z = directions + 2 * FL_LOOKED;
     const real per_radius = 1 / surface->radius;
-    real squares_of[FL_BLOCK], cubes_of[FL_BLOCK];
-    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
-        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
-        for (int axis = 0; axis < 3; axis++) {
-            const unsigned char *entry = ENTRY[axis];
-            const real sx = surface->shape[entry[0]], sy = surface->shape[entry[1]], sz = surface->shape[entry[2]];
-            for (size_t i = 0; i < m; i++) {
-                const real local = sx * x[begin + i] + sy * y[begin + i] + sz * z[begin + i], t = local * per_radius;
-                squares_of[i] = local * t, cubes_of[i] = squares_of[i] * t;
-            }
-            for (size_t i = 0; i < m; i++) {
-                real *const row = rows + stride * (begin + i), normal = row[axis];
-                row[9 + axis] = normal * squares_of[i], row[12 + axis] = normal * cubes_of[i];
-            }
+    for (int axis = 0; axis < 3; axis++) {
+        const unsigned char *entry = ENTRY[axis];
+        const real sx = surface->shape[entry[0]], sy = surface->shape[entry[1]], sz = surface->shape[entry[2]];
+        const real *const normal = normals[axis];
+        real *restrict const square = out[axis], *restrict const cube = out[3 + axis];
+        for (size_t i = 0; i < n; i++) {
+            const real local = sx * x[i] + sy * y[i] + sz * z[i], t = local * per_radius, squared = local * t;
+            square[i] = normal[i] * squared, cube[i] = normal[i] * (squared * t);
         }
     }
 }
 
-/* Take what the first columns of rows (n, stride) explain off the distances. */
-static void take_off(const real *rows, size_t stride, size_t n, int width, const real *solution, real *distances)
+/* Take what columns explain off distances. */
+static void take_off(real *const *columns_of, size_t n, int width, const real *solution, const real *from, real *to)
 {
-    for (size_t i = 0; i < n; i++) {
-        const real *row = rows + stride * i;
-        real four[4] = {0};
-        int a = 0;
-        for (; a + 4 <= width; a += 4)
-            for (int lane = 0; lane < 4; lane++) four[lane] += row[a + lane] * solution[a + lane];
-        for (int lane = 0; a < width; a++, lane++) four[lane] += row[a] * solution[a];
-        distances[i] -= (four[0] + four[2]) + (four[1] + four[3]);
+    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
+        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
+        real explained[FL_BLOCK] = {0};
+        for (int a = 0; a < width; a++)
+            for (size_t i = 0; i < m; i++) explained[i] += columns_of[a][begin + i] * solution[a];
+        for (size_t i = 0; i < m; i++) to[begin + i] = from[begin + i] - explained[i];
     }
 }
 
-/* Add products of the columns of four rows, four columns at a time: those on and above the diagonal, and some more. */
-static inline void add_four(const real *rows, size_t stride, int columns, real sums[FL_COLUMNS][FL_COLUMNS + 2])
+/* Products of so many columns, a symmetric matrix, over n readings from a place on. */
+static void gram(real *const *columns_of, size_t begin, size_t n, int count, real *matrix)
 {
-    const real *const one = rows, *const two = one + stride, *const three = two + stride, *const four = three + stride;
-    for (int a = 0; a < columns; a++)
-        for (int begin = a / 4 * 4; begin < columns; begin += 4)
-            for (int b = begin; b < begin + 4; b++)
-                sums[a][b] += one[a] * one[b] + two[a] * two[b] + three[a] * three[b] + four[a] * four[b];
-}
-
-/* The same of n rows. */
-static inline void add_rows(const real *rows, size_t n, int columns, real sums[FL_COLUMNS][FL_COLUMNS + 2])
-{
-    const size_t stride = (size_t)columns, most = n > 4 ? (n - 1) / 4 * 4 : 0;
-    real last[5 * FL_COLUMNS] = {0};
-    for (size_t i = 0; i < most; i += 4) add_four(rows + stride * i, stride, columns, sums);
-    memcpy(last, rows + stride * most, stride * (n - most) * sizeof(real));
-    add_four(last, stride, columns, sums);
-}
-
-/* Products of the columns of rows (n, columns), a symmetric matrix. */
-static void gram(const real *rows, size_t n, int columns, real *matrix)
-{
-    real sums[FL_COLUMNS][FL_COLUMNS + 2] = {{0}};
-    if (columns == FL_COLUMNS) add_rows(rows, n, FL_COLUMNS, sums); /* a number that the compiler knows */
-    else add_rows(rows, n, columns, sums);
-    for (int a = 0; a < columns; a++)
-        for (int b = a; b < columns; b++) matrix[columns * a + b] = matrix[columns * b + a] = sums[a][b];
-}
-
-/* Add Σ J(i) A(i)ᵀ over the first columns, four at a time, of m rows of a block: four, or the rest one by one. */
-static inline void add_outer(const real *block, const real *ahead, size_t stride, size_t m, int width,
-                             real sums[FL_WIDEST][FL_ROW])
-{
-    size_t i = 0;
-    for (; i + 4 <= m; i += 4) {
-        const real *const row = block + stride * i, *const later = ahead + stride * i;
-        for (int a = 0; a < width; a++)
-            for (int begin = 0; begin < width; begin += 4)
-                for (int b = begin; b < begin + 4; b++)
-                    sums[a][b] += row[a] * later[b] + row[stride + a] * later[stride + b] +
-                                  row[2 * stride + a] * later[2 * stride + b] + row[3 * stride + a] * later[3 * stride + b];
+    real lanes[FL_COLUMNS * (FL_COLUMNS + 1) / 2][FL_LANES], rest[FL_COLUMNS][FL_BLOCK];
+    const real *of[FL_COLUMNS];
+    memset(lanes, 0, (size_t)(count * (count + 1) / 2) * sizeof *lanes);
+    for (size_t done = 0; done < n; done += FL_BLOCK) {
+        const size_t m = n - done < FL_BLOCK ? n - done : FL_BLOCK;
+        for (int a = 0; a < count; a++) {
+            of[a] = m < FL_BLOCK ? rest[a] : columns_of[a] + begin + done;
+            if (m < FL_BLOCK) memcpy(rest[a], columns_of[a] + begin + done, m * sizeof(real));
+        }
+        if (m < FL_BLOCK) clear_rest(rest[0], count, m);
+        for (int a = 0, pair = 0; a < count; a++)
+            for (int b = a; b < count; b++, pair++) add_product(of[a], of[b], lanes[pair]);
     }
-    for (; i < m; i++)
-        for (int a = 0; a < width; a++)
-            for (int b = 0; b < width; b++) sums[a][b] += block[stride * i + a] * ahead[stride * i + b];
+    for (int a = 0, pair = 0; a < count; a++)
+        for (int b = a; b < count; b++, pair++) matrix[count * a + b] = matrix[count * b + a] = total(lanes[pair]);
 }
 
-/* Add Σ J(i) Aᵀ over the first columns of n consecutive rows (n, stride), A the sum of w J(i + lag) over lags, which
+/* Add Σ J(i) Aᵀ over the columns of n consecutive readings from a place on, A the sum of w J(i + lag) over lags, which
  * ascend, with their weights w. */
-static void lagged(const real *rows, size_t stride, size_t n, int width, const int *lags, const real *weights,
+static void lagged(real *const *columns_of, size_t begin, size_t n, int width, const int *lags, const real *weights,
                    int count, real *product)
 {
-    real sums[FL_WIDEST][FL_ROW] = {{0}}, ahead[FL_BLOCK * FL_COLUMNS];
-    const size_t unused = stride - (size_t)width;
-    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
-        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
-        const real *const block = rows + stride * begin;
+    real here[FL_WIDEST][FL_BLOCK], ahead[FL_WIDEST][FL_BLOCK];
+    for (size_t done = 0; done < n; done += FL_BLOCK) {
+        const size_t left = n - done, m = left < FL_BLOCK ? left : FL_BLOCK;
+        memset(here, 0, sizeof here);
         memset(ahead, 0, sizeof ahead);
-        for (int k = 0; k < count && begin + (size_t)lags[k] < n; k++) {
-            const size_t lag = (size_t)lags[k], left = n - begin - lag;
-            const size_t numbers = stride * (left < m ? left : m) - unused;
-            for (size_t i = 0; i < numbers; i++) ahead[i] += weights[k] * block[stride * lag + i];
+        for (int a = 0; a < width; a++) {
+            const real *const column = columns_of[a] + begin + done;
+            memcpy(here[a], column, m * sizeof(real));
+            for (int k = 0; k < count && (size_t)lags[k] < left; k++) {
+                const real *const later = column + lags[k], weight = weights[k];
+                const size_t most = left - (size_t)lags[k] < m ? left - (size_t)lags[k] : m;
+                for (size_t i = 0; i < most; i++) ahead[a][i] += weight * later[i];
+            }
         }
-        if (width == 9) add_outer(block, ahead, stride, m, 9, sums); /* a number that the compiler knows */
-        else add_outer(block, ahead, stride, m, width, sums);
+        for (int a = 0; a < width; a++)
+            for (int b = 0; b < width; b++) {
+                real lanes[FL_LANES] = {0};
+                add_product(here[a], ahead[b], lanes);
+                product[width * a + b] += total(lanes);
+            }
     }
-    for (int a = 0; a < width; a++)
-        for (int b = 0; b < width; b++) product[width * a + b] += sums[a][b];
 }
 
 /* How many borders between the sectors of half a band directions at so large x of a radius are to the left of. */
@@ -496,22 +463,6 @@ static void cells(const real *x, const real *y, const real *z, size_t n, uint32_
             out[begin + i] = (uint32_t)(fl_band_starts[band] + (sectors > 1 && radius[i] != 0 ? sector : 0));
         }
     }
-}
-
-/* Upper triangle of Σ (J, s)(J, s)ᵀ, row by row, of (N, 10) rows, with distances of their own. */
-static void squares(const real *rows, const real *distances, size_t n, real sums[55])
-{
-    real lanes[55][FL_LANES] = {{0}}, block[10][FL_BLOCK];
-    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
-        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
-        for (size_t i = 0; i < m; i++) {
-            for (int row = 0; row < 9; row++) block[row][i] = rows[10 * (begin + i) + row];
-            block[9][i] = distances[begin + i];
-        }
-        if (m < FL_BLOCK) clear_rest(block[0], 10, m);
-        add_products((const real(*)[FL_BLOCK])block, lanes);
-    }
-    for (int sum = 0; sum < 55; sum++) sums[sum] = total(lanes[sum]);
 }
 
 /* Eight models of noise side by side: variance and state of the disturbance, and the innovations of a few rows. Inner
@@ -757,5 +708,5 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
 
 extern const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT);
 const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT) = {
-    powers, products, curvature, spurious, distances, has_closer, cost, information, nonlinear, take_off, gram, lagged, squares,
-    cells, filter, keys, breaks, steps, ends, ordinary};
+    powers, products, curvature, spurious, distances, has_closer, cost, columns, nonlinear, take_off, gram, lagged, cells,
+    filter, keys, breaks, steps, ends, ordinary};

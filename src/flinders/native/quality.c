@@ -1,7 +1,7 @@
 /* What a recording says of itself before any fit: repeats, ends of the axes, time stamps, distinct readings. */
 #include "record.h"
 
-enum { PARTS = 15, RAIL_COUNT = 8, RAIL_CONTRAST = 3 }; /* as in summary/quality.py */
+enum { PARTS = 15, BETWEEN = 24 /* numbers between two columns, which then share no lines of a cache */, RAIL_COUNT = 8, RAIL_CONTRAST = 3 }; /* as in summary/quality.py */
 #define RAIL_SHARE ((real)0.01)
 #define RAIL_WIDTH ((real)0.25)
 
@@ -14,7 +14,7 @@ static void sizes_of(size_t rows, size_t sizes[PARTS])
     const size_t looked = rows < FL_LOOKED ? rows : FL_LOOKED;
     const size_t some = rows < FL_ENOUGH ? rows : FL_ENOUGH;
     sizes[0] = rows * sizeof(real), sizes[1] = rows * sizeof(real);
-    sizes[2] = FL_COLUMNS * looked * sizeof(real), sizes[3] = 2 * some * sizeof(uint32_t);
+    sizes[2] = FL_COLUMNS * (looked + BETWEEN) * sizeof(real), sizes[3] = 2 * some * sizeof(uint32_t);
     sizes[4] = sizes[5] = sizes[6] = rows;
     sizes[7] = FL_SLOTS * sizeof(uint64_t), sizes[8] = 4 * FL_SLOTS * sizeof(real);
     sizes[9] = (looked + 2) * sizeof(size_t), sizes[10] = FL_TABLE;
@@ -43,7 +43,8 @@ int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room)
         used = taken(used, sizes[part]);
     }
     room->distances = (real *)(void *)parts[0], room->scratch = (real *)(void *)parts[1];
-    room->rows = (real *)(void *)parts[2], room->order = (uint32_t *)(void *)parts[3];
+    room->columns = (real *)(void *)parts[2], room->apart = (rows < FL_LOOKED ? rows : FL_LOOKED) + BETWEEN;
+    room->order = (uint32_t *)(void *)parts[3];
     room->rejected = parts[4], room->far = parts[5], room->passed = parts[6];
     room->keys = (uint64_t *)(void *)parts[7], room->cells = (real *)(void *)parts[8];
     room->begins = (size_t *)(void *)parts[9], room->counters = parts[10];

@@ -95,11 +95,10 @@ static void add_lagged(const fl_kernels *kernels, const fl_residuals *residuals,
                        int count, real *total)
 {
     const int n = residuals->width;
-    const size_t stride = residuals->stride;
     real product[FL_WIDEST * FL_WIDEST] = {0};
     for (int stretch = 0; stretch < residuals->stretches; stretch++) {
-        const size_t begin = residuals->begins[stretch], rows = residuals->begins[stretch + 1] - begin;
-        kernels->lagged(residuals->rows + stride * begin, stride, rows, n, lags, weights, count, product);
+        const size_t begin = residuals->begins[stretch], length = residuals->begins[stretch + 1] - begin;
+        kernels->lagged(residuals->columns, begin, length, n, lags, weights, count, product);
     }
     for (int a = 0; a < n; a++)
         for (int b = 0; b < n; b++) total[n * a + b] += product[n * a + b] + product[n * b + a];
@@ -109,17 +108,13 @@ static void add_lagged(const fl_kernels *kernels, const fl_residuals *residuals,
 void fl_blocks_of(const fl_kernels *kernels, const fl_residuals *residuals, fl_blocks *blocks)
 {
     const size_t each = residuals->n / FL_BLOCKS, longer = residuals->n % FL_BLOCKS;
-    size_t row = 0;
+    real products[100];
+    size_t begin = 0;
     for (int block = 0; block < FL_BLOCKS; block++) {
-        real sums[55];
-        const size_t rows = each + ((size_t)block < longer);
-        kernels->squares(residuals->rows + 10 * row, residuals->distances + row, rows, sums);
-        for (int i = 0, at = 0; i < 9; i++) {
-            for (int j = i; j < 9; j++, at++)
-                blocks->squares[block][9 * i + j] = blocks->squares[block][9 * j + i] = sums[at];
-            blocks->gradients[block][i] = sums[at++];
-        }
-        row += rows;
+        const size_t n = each + ((size_t)block < longer);
+        fl_gram(kernels, residuals, begin, n, products);
+        fl_normal_equations(products, 10, 0, 9, blocks->squares[block], blocks->gradients[block]);
+        begin += n;
     }
 }
 

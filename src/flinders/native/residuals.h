@@ -15,9 +15,8 @@ enum { FL_LAGS = 1000 };
 typedef struct {
     size_t n;
     int stretches, width; /* of the Jacobian: parameters */
-    size_t stride;   /* numbers from one row to the next */
     size_t *begins;  /* (stretches + 1,) of stretches of consecutive readings, and the end */
-    real *rows;      /* (n, stride) Jacobian first */
+    real *columns[FL_COLUMNS]; /* (n,) each: the Jacobian, and other terms behind or before it */
     real *distances; /* (n,) less what is explained */
     real *weights;   /* (n,) 1, 0 for a reading that is another one again; NULL where all count; set by fl_distortion */
     real *directions; /* (3, FL_LOOKED) */
@@ -52,24 +51,27 @@ int fl_principal(const real *matrix, int n, real *values, real *vectors);
 real fl_chance_of(real chi_square, real freedom, real others);
 /* regression.c */
 typedef struct {
-    fl_residuals left; /* whose distances the solution has not been taken off */
+    fl_residuals left; /* whose distances have not been freed of the solution */
     real matrix[FL_WIDEST * FL_WIDEST], gradient[FL_WIDEST], solution[FL_WIDEST];
     real square; /* of what is left */
 } fl_regression;
 
+void fl_all_columns(const fl_residuals *residuals, real *columns[FL_COLUMNS]);
+void fl_begin_residuals(const fl_room *room, fl_residuals *out);
 size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                        int before, int width, fl_residuals *out);
+                        fl_residuals *out);
 void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow);
+void fl_gram(const fl_kernels *kernels, const fl_residuals *residuals, size_t begin, size_t n, real *products);
 void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient);
 int fl_regress(const fl_residuals *all, const real *products, int first, int width, fl_regression *out);
-real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int first, int count,
+real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int first, int count, const fl_room *room,
                         const flinders_record *record);
 real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix,
                                const real *inverse, real *covariance);
 int fl_is_noisy(const fl_residuals *residuals, const fl_surface *surface);
 int fl_chi_square(const real *change, const real *covariance, int n, real *square);
 
-/* axes.c: rows are two terms by lags of the axes, the Jacobian, six terms by what is not linear, and the distance. */
+/* axes.c: columns are two terms by lags of the axes, the Jacobian, six terms by what is not linear, and the distance. */
 enum { FL_LAGS_OF_AXES = 2, FL_NONLINEAR = 6 };
 
 void fl_gather_axes(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
