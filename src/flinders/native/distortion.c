@@ -343,17 +343,18 @@ static real most_likely(const sphere *on, real within, real freedom, real *varia
 }
 
 /* Standard deviation of a distortion that makes all of the means of the cells but white noise; 0 where different visits
- * to a cell agree far less than it says. */
-static real of_means(const fl_residuals *residuals, const fl_surface *surface, sphere *on, size_t apart, real white)
+ * to a cell agree far less than it says.
+ *
+ * `found`: of different visits, as `pairs` of readings in each cell give it. */
+static real of_means(const fl_residuals *residuals, const fl_surface *surface, sphere *on, const real *pairs, real found,
+                     real white)
 {
-    real cross[CELLS], pairs[CELLS], variance[CELLS], made = 0, expected = 0, found = 0, agreeing = 0;
-    between_visits(residuals, on, apart, cross, pairs);
+    real variance[CELLS], made = 0, expected = 0, agreeing = 0;
     fill_kernel(residuals, surface, on);
     left_over(on, variance);
     for (int k = 0; k < on->n; k++) {
         made += on->counts[k] * on->means[k] * on->means[k] - white;
         expected += on->counts[k] * variance[k];
-        found += cross[k] / on->counts[k];
         agreeing += pairs[k] * variance[k] / on->counts[k];
     }
     if (!(made > 0 && expected > 0)) return 0;
@@ -369,12 +370,14 @@ real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, in
                           const fl_room *room)
 {
     sphere on;
-    real count, white;
+    real count, white, cross[CELLS], pairs[CELLS], found = 0;
     on.kernel = room->matrices, on.matrix = room->matrices + CELLS * CELLS;
     if (has_copies) weigh_once(residuals, room);
     count_cells(residuals, &on);
+    between_visits(residuals, &on, apart, cross, pairs);
+    for (int k = 0; k < on.n; k++) found += cross[k] / on.counts[k];
+    if (on.n < FEWEST_CELLS || !(found > 0)) return 0; /* no likelihood proves what visits contradict */
     real within = square_of(residuals, &count);
-    if (on.n < FEWEST_CELLS) return 0;
     for (int k = 0; k < on.n; k++) {
         within -= on.counts[k] * on.means[k] * on.means[k];
         fl_jacobian(surface, on.middles[k], on.jacobian[k]);
@@ -382,7 +385,7 @@ real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, in
     }
     const real none = likelihood_of(&on, 0, within, count - 9, &white);
     const real gain = most_likely(&on, within, count - 9, &white) - none;
-    return gain > PLAIN && gain > AS_LIKELY * slow ? of_means(residuals, surface, &on, apart, white) : 0;
+    return gain > PLAIN && gain > AS_LIKELY * slow ? of_means(residuals, surface, &on, pairs, found, white) : 0;
 }
 
 /* Covariance of two residuals of one direction at different times. */
