@@ -78,7 +78,7 @@ int flinders_regress(const real *field, const real *values, size_t rows, const r
     if (fl_room_of(workspace, size, rows, &room)) return FLINDERS_NO_WORKSPACE;
     if (fl_surface_of(centre, shape, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
     const fl_view view = inliers_of(kernels, field, rows, &surface, limit, &room);
-    found->stride = (int64_t)fl_gather_evenly(kernels, &view, &surface, &room, &some);
+    found->stride = (int64_t)fl_gather_evenly(kernels, &view, &surface, &room, 0, &some);
     join(values, &some, found);
     if (found->used == 0) return FLINDERS_TOO_FEW;
     equations(kernels, &some, scale, all);

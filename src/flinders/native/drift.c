@@ -121,7 +121,7 @@ void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *
     real covariance[PARAMETERS * PARAMETERS], products[(PARAMETERS + 1) * (PARAMETERS + 1)];
     real gradient[PARAMETERS], solution[PARAMETERS], onto[CHANGES * CHANGES], change[CHANGES], spread[CHANGES * CHANGES];
     real square = 0, moved[9] = {0};
-    fl_gather_evenly(kernels, view, surface, room, &left);
+    fl_gather_evenly(kernels, view, surface, room, 0, &left);
     left.width = PARAMETERS;
     if (left.n == 0) return;
     for (size_t i = 0; i < left.n; i++) {

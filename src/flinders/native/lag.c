@@ -90,7 +90,7 @@ void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, c
     const real *lags = found->solution;
     real products[FL_COLUMNS * FL_COLUMNS], moved[9];
     if (by_chance < UNLIKELY && fit->slow.ratio > 0) {
-        fl_gather_axes(kernels, view, &fit->surface, room, &all);
+        fl_gather_axes(kernels, view, &fit->surface, room, 0, &all);
         fl_gram(kernels, &all, 0, all.n, products);
         if (!fl_regress(&all, products, 0, WIDTH, &plain)) return;
         lags = plain.solution;

@@ -61,7 +61,7 @@ static int explains(const fl_kernels *kernels, const fl_view *view, const fl_sur
                     const real solution[WIDTH])
 {
     fl_residuals left;
-    fl_gather_axes(kernels, view, surface, room, &left);
+    fl_gather_axes(kernels, view, surface, room, 0, &left);
     fl_sort_by_direction(kernels, &left);
     const real before = fl_common_variance(&left);
     kernels->take_off(left.columns + FL_LAGS_OF_AXES, left.n, WIDTH, solution, left.distances, left.distances);

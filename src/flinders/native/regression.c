@@ -58,10 +58,10 @@ static void leave_out_centre(fl_residuals *residuals)
     residuals->n = n;
 }
 
-/* The readings that are looked at, evenly spaced, with nine derivatives each and the distance; none where they are too
- * few. Returns their spacing. */
+/* The readings that are looked at, evenly spaced, with nine derivatives each and the distance, which may be in the room
+ * already; none where they are too few. Returns their spacing. */
 size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                        fl_residuals *out)
+                        int are_there, fl_residuals *out)
 {
     enum { FEWEST = 100 };
     const fl_view all = {view->field, view->rows, view->rejected, 1};
@@ -74,7 +74,7 @@ size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl
     out->places = room->order + (view->rows < FL_ENOUGH ? view->rows : FL_ENOUGH);
     if (count < FEWEST) return some.stride;
     fl_all_columns(out, columns);
-    out->n = kernels->columns(&some, surface, 0, columns, out->directions);
+    out->n = are_there ? count : kernels->columns(&some, surface, 0, columns, out->directions);
     places_of(&some, out->places);
     leave_out_centre(out);
     out->begins[0] = 0, out->begins[1] = out->n;

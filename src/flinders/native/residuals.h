@@ -59,7 +59,7 @@ typedef struct {
 void fl_all_columns(const fl_residuals *residuals, real *columns[FL_COLUMNS]);
 void fl_begin_residuals(const fl_room *room, fl_residuals *out);
 size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                        fl_residuals *out);
+                        int are_there, fl_residuals *out);
 void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow);
 void fl_gram(const fl_kernels *kernels, const fl_residuals *residuals, size_t begin, size_t n, real *products);
 void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient);
@@ -75,7 +75,7 @@ int fl_chi_square(const real *change, const real *covariance, int n, real *squar
 enum { FL_LAGS_OF_AXES = 2, FL_NONLINEAR = 6 };
 
 void fl_gather_axes(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                    fl_residuals *out);
+                    int are_there, fl_residuals *out);
 void fl_add_lags(const fl_view *view, const fl_room *room, fl_residuals *all);
 void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
                      const fl_regression *found, real by_chance, real dip_deg, flinders_record *record);
