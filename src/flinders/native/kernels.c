@@ -689,7 +689,7 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
     real low[EIGHT], high[EIGHT];
     size_t row = 0, eights = 8;
     for (int lane = 0; lane < EIGHT; lane++) low[lane] = lowest[lane % 3], high[lane] = highest[lane % 3];
-    for (; row + 8 <= rows; row += 8 * eights) {
+    while (row + 8 <= rows && eights > 0) {
         real products_of[EIGHT], least = 1; /* a product is zero where one of its factors is */
         while (row + 8 * eights > rows) eights /= 2;
         for (int lane = 0; lane < EIGHT; lane++) products_of[lane] = 1;
@@ -701,7 +701,8 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
             }
         }
         for (int lane = 0; lane < EIGHT; lane++) least = products_of[lane] < least ? products_of[lane] : least;
-        if (!(least > 0)) break;
+        if (least > 0) row += 8 * eights;
+        else eights /= 2; /* where among them? */
     }
     return row;
 }
