@@ -105,6 +105,7 @@ typedef struct {
     void (*gram)(real *const *columns, size_t begin, size_t n, int count, real *matrix);
     void (*lagged)(real *const *columns, size_t begin, size_t n, int width, const int *lags, const real *weights,
                    int count, real *product);
+    real (*nearest)(const real direction[3], const real *x, const real *y, const real *z, size_t n);
     void (*cells)(const real *x, const real *y, const real *z, size_t n, uint32_t *out);
     void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], real memory,
                    real log_determinant[FL_LANES], real sums[55][FL_LANES]);

@@ -428,6 +428,24 @@ static void lagged(real *const *columns_of, size_t begin, size_t n, int width, c
     }
 }
 
+/* Largest cosine between a direction and others. */
+static real nearest(const real direction[3], const real *x, const real *y, const real *z, size_t n)
+{
+    const real u = direction[0], v = direction[1], w = direction[2];
+    real cosines[FL_BLOCK], best[FL_LANES], most = -1;
+    for (int lane = 0; lane < FL_LANES; lane++) best[lane] = -1;
+    for (size_t begin = 0; begin < n; begin += FL_BLOCK, x += FL_BLOCK, y += FL_BLOCK, z += FL_BLOCK) {
+        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
+        for (size_t i = 0; i < m; i++) cosines[i] = u * x[i] + v * y[i] + w * z[i];
+        for (size_t i = m; i < FL_BLOCK; i++) cosines[i] = -1;
+        for (int i = 0; i < FL_BLOCK; i += FL_LANES)
+            for (int lane = 0; lane < FL_LANES; lane++)
+                best[lane] = cosines[i + lane] > best[lane] ? cosines[i + lane] : best[lane];
+    }
+    for (int lane = 0; lane < FL_LANES; lane++) most = best[lane] > most ? best[lane] : most;
+    return most;
+}
+
 /* How many borders between the sectors of half a band directions at so large x of a radius are to the left of. */
 static inline void pass_sectors(const real *begins, int n, const real x[FL_BLOCK], const real radius[FL_BLOCK],
                                 real passed[FL_BLOCK])
@@ -709,5 +727,5 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
 
 extern const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT);
 const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT) = {
-    powers, products, curvature, spurious, distances, has_closer, cost, columns, nonlinear, take_off, gram, lagged, cells,
+    powers, products, curvature, spurious, distances, has_closer, cost, columns, nonlinear, take_off, gram, lagged, nearest, cells,
     filter, keys, breaks, steps, ends, ordinary};
