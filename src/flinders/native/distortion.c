@@ -53,41 +53,38 @@ static int counts_once(const fl_residuals *residuals, size_t i)
     return !residuals->weights || residuals->weights[i] > 0;
 }
 
-/* Principal axes of the directions, in rows, to the side of their third moments: they turn with the readings. */
-static void principal_axes(const fl_residuals *residuals, real axes[3][3])
+/* Components of directions along an axis; returns the sum of their cubes. */
+static real components(const real axis[3], const real *directions, size_t n, real *restrict out)
 {
-    const real *x = residuals->directions, *y = x + FL_LOOKED, *z = y + FL_LOOKED;
-    real moments[9] = {0}, values[3];
-    for (size_t i = 0; i < residuals->n; i++) {
-        moments[0] += x[i] * x[i], moments[1] += x[i] * y[i], moments[2] += x[i] * z[i];
-        moments[4] += y[i] * y[i], moments[5] += y[i] * z[i], moments[8] += z[i] * z[i];
-    }
-    moments[3] = moments[1], moments[6] = moments[2], moments[7] = moments[5];
-    fl_eigen(moments, 3, values);
-    for (int k = 0; k < 3; k++) {
-        real third = 0;
-        for (size_t i = 0; i < residuals->n; i++) {
-            const real along = moments[k] * x[i] + moments[3 + k] * y[i] + moments[6 + k] * z[i];
-            third += along * along * along;
-        }
-        for (int axis = 0; axis < 3; axis++) axes[k][axis] = third < 0 ? -moments[3 * axis + k] : moments[3 * axis + k];
-    }
+    const real *const x = directions, *const y = x + FL_LOOKED, *const z = y + FL_LOOKED;
+    real lanes[FL_LANES] = {0}, sum = 0;
+    for (size_t i = 0; i < n; i++) out[i] = axis[0] * x[i] + axis[1] * y[i] + axis[2] * z[i];
+    size_t i = 0;
+    for (; i + FL_LANES <= n; i += FL_LANES)
+        for (int lane = 0; lane < FL_LANES; lane++) lanes[lane] += out[i + lane] * out[i + lane] * out[i + lane];
+    for (; i < n; i++) sum += out[i] * out[i] * out[i];
+    for (int lane = 0; lane < FL_LANES; lane++) sum += lanes[lane];
+    return sum;
 }
 
 /* Sort residuals into cells of the sphere that turn with the readings: what is decided does not depend on the sensor's
- * axes. */
+ * axes. These are the principal axes of the directions, in rows, to the side of their third moments. */
 void fl_sort_by_direction(const fl_kernels *kernels, fl_residuals *residuals)
 {
-    real(*const axes)[3] = residuals->axes;
-    principal_axes(residuals, axes);
-    for (size_t begin = 0; begin < residuals->n; begin += FL_BLOCK) {
-        real block[3][FL_BLOCK];
-        const size_t n = residuals->n - begin < FL_BLOCK ? residuals->n - begin : FL_BLOCK;
-        const real *x = residuals->directions + begin, *y = x + FL_LOOKED, *z = y + FL_LOOKED;
-        for (size_t i = 0; i < n; i++)
-            for (int k = 0; k < 3; k++) block[k][i] = axes[k][0] * x[i] + axes[k][1] * y[i] + axes[k][2] * z[i];
-        kernels->cells(block[0], block[1], block[2], n, residuals->cells + begin);
+    real *const directions = residuals->directions, *const scratch = residuals->scratch;
+    real *const columns[3] = {directions, directions + FL_LOOKED, directions + 2 * FL_LOOKED};
+    real *const along[3] = {scratch, scratch + residuals->n, scratch + 2 * residuals->n};
+    real moments[9], values[3];
+    kernels->gram(columns, 0, residuals->n, 3, moments);
+    fl_eigen(moments, 3, values);
+    for (int k = 0; k < 3; k++) {
+        real *const axis = residuals->axes[k];
+        for (int i = 0; i < 3; i++) axis[i] = moments[3 * i + k];
+        if (!(components(axis, directions, residuals->n, along[k]) < 0)) continue;
+        for (int i = 0; i < 3; i++) axis[i] = -axis[i];
+        for (size_t i = 0; i < residuals->n; i++) along[k][i] = -along[k][i];
     }
+    kernels->cells(along[0], along[1], along[2], residuals->n, residuals->cells);
 }
 
 /* Count readings and residuals by direction: the middle of the readings of each cell. */

@@ -447,12 +447,14 @@ static real nearest(const real direction[3], const real *x, const real *y, const
 }
 
 /* How many borders between the sectors of half a band directions at so large x of a radius are to the left of. */
-static inline void pass_sectors(const real *begins, int n, const real x[FL_BLOCK], const real radius[FL_BLOCK],
-                                real passed[FL_BLOCK])
+static inline void pass_sectors(const real *begins, int n, const real *restrict x, const real *restrict radius,
+                                real *restrict passed)
 {
-    memset(passed, 0, FL_BLOCK * sizeof(real));
-    for (int k = 0; k < n; k++)
-        for (int i = 0; i < FL_BLOCK; i++) passed[i] += x[i] < radius[i] * begins[k] ? 1 : 0;
+    for (int i = 0; i < FL_BLOCK; i++) {
+        real count = 0;
+        for (int k = 0; k < n; k++) count += x[i] < radius[i] * begins[k] ? 1 : 0;
+        passed[i] = count;
+    }
 }
 
 /* Which of a hundred equal cells of the sphere directions fall into. Where y >= 0 a direction on a border is beyond it:

@@ -20,6 +20,7 @@ typedef struct {
     real *distances; /* (n,) less what is explained */
     real *weights;   /* (n,) 1, 0 for a reading that is another one again; NULL where all count; set by fl_distortion */
     real *directions; /* (3, FL_LOOKED) */
+    real *scratch;    /* (3, n) for fl_sort_by_direction */
     uint32_t *cells; /* (n,) of the sphere; filled by fl_sort_by_direction */
     real axes[3][3]; /* in which these cells are, in rows; filled by fl_sort_by_direction */
     uint32_t *places; /* (n,) rows of the readings; filled by fl_gather_evenly */
