@@ -7,7 +7,7 @@
 
 enum { NEWTON_STEPS = 50 };
 
-#define ROUGH ((real)1e-4) /* share of the noise variance that a start may be off */
+#define ROUGH fl_sqrt((real)FL_ROUNDING) /* share of the noise variance that a start may be off */
 
 /* Fill a surface; nonzero if its shape is not positive definite. */
 int fl_surface_of(const real centre[3], const real shape[6], fl_surface *surface)
