@@ -51,6 +51,15 @@ static inline size_t fl_slot(const uint64_t *keys, size_t slots, uint64_t key)
     return slot;
 }
 
+/* The distances of the readings whose Jacobian there is, behind nine columns of that. */
+static inline real *fl_column_of_distances(const fl_room *room) { return room->columns + 9 * room->apart; }
+
+/* Whether a room has the columns of all readings in order, as the covariance of white residuals has left them. */
+static inline int fl_has_columns(const fl_view *view, const fl_room *room, const flinders_record *record)
+{
+    return record->is_white && !record->is_robust && !room->parts && view->rows <= FL_LOOKED;
+}
+
 /* fit.c: with little memory, and no statistics asked for, a room without `keys` and `some` will do; `scratch` may then be
  * the first half of `order`, and `distances` the second. */
 void fl_clear_record(flinders_record *record);

@@ -21,7 +21,7 @@ void fl_begin_residuals(const fl_room *room, fl_residuals *out)
     enum { JACOBIAN = 9 };
     memset(out, 0, sizeof *out);
     out->width = JACOBIAN;
-    out->distances = room->columns + JACOBIAN * room->apart;
+    out->distances = fl_column_of_distances(room);
     for (size_t k = 0; k + 1 < FL_COLUMNS; k++) out->columns[k] = room->columns + (k < JACOBIAN ? k : k + 1) * room->apart;
     out->directions = room->directions, out->scratch = room->series, out->begins = room->begins, out->cells = room->order;
 }
