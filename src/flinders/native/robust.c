@@ -22,6 +22,14 @@ enum { DRAWS = 256, SCORED = 600, FEW_SCORED = 150 };
 #define LASTING ((real)0.5)  /* correlation of a residual with the next */
 #define SUSPECT ((real)0.95) /* of the standard deviation of all residuals, that of the best of many subsets */
 
+/* Whether a cell of a room has more than a few readings. */
+static int is_crowded(const fl_room *room)
+{
+    for (size_t slot = 0; slot < room->slots; slot++)
+        if (room->keys[slot] != FL_EMPTY && room->cells[4 * slot] > PER_CELL) return 1;
+    return 0;
+}
+
 /* Leave all but a few readings of each cell out of a sample of at most so many; returns how many are in it. Without a
  * table of cells none is left out. */
 static size_t spread_out(const fl_kernels *kernels, const real *field, size_t rows, size_t most, fl_random *random,
@@ -31,9 +39,11 @@ static size_t spread_out(const fl_kernels *kernels, const real *field, size_t ro
     uint32_t *const slots = room->order + (rows < FL_ENOUGH ? rows : FL_ENOUGH);
     const size_t stride = (rows + most - 1) / most > 1 ? (rows + most - 1) / most : 1;
     const size_t n = (rows + stride - 1) / stride;
+    const int are_all = stride == 1 && !is_crowded(room);
     size_t taken = 0;
-    memset(room->passed, room->slots > 0, rows);
-    if (!room->slots) return rows;
+    memset(room->passed, !are_all && room->slots > 0, rows);
+    random->skipped = are_all && room->slots > 0 ? (uint32_t)n : 0;
+    if (are_all || !room->slots) return rows;
     memset(room->counters, 0, room->slots);
     for (size_t i = 0; i < n; i++) {
         const size_t within = i % FL_BLOCK;
@@ -143,6 +153,7 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
     uint32_t order[POINTS];
     fl_surface tried, winner;
     if (n < POINTS) return 1;
+    fl_random_catch_up(random, room->order);
     const size_t chosen = standardised(view, n, scored, random, room, local, middle, &scale);
     const fl_view points = {local, chosen, NULL, 1};
     if (!chosen) return 1;
@@ -194,7 +205,7 @@ int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, const fl_
     const size_t n = spread_out(kernels, view->field, view->rows, FL_SOME, &random, room);
     const fl_view spread = {view->field, view->rows, room->passed, 1};
     real farthest = 0, square = 0, fourth = 0;
-    absolute(kernels, &spread, surface, room->distances);
+    absolute(kernels, n < view->rows ? &spread : view, surface, room->distances);
     for (size_t i = 0; i < n; i++) {
         const real s = room->distances[i] * room->distances[i];
         farthest = room->distances[i] > farthest ? room->distances[i] : farthest;
