@@ -26,21 +26,6 @@ void fl_begin_residuals(const fl_room *room, fl_residuals *out)
     out->directions = room->directions, out->scratch = room->series, out->begins = room->begins, out->cells = room->order;
 }
 
-/* The columns, and behind them the distances. */
-void fl_all_columns(const fl_residuals *residuals, real *columns[FL_COLUMNS])
-{
-    memcpy(columns, residuals->columns, (size_t)residuals->width * sizeof *columns);
-    columns[residuals->width] = residuals->distances;
-}
-
-/* Products of all columns and the distances, over n readings from a place on. */
-void fl_gram(const fl_kernels *kernels, const fl_residuals *residuals, size_t begin, size_t n, real *products)
-{
-    real *columns[FL_COLUMNS];
-    fl_all_columns(residuals, columns);
-    kernels->gram(columns, begin, n, residuals->width + 1, products);
-}
-
 /* Leave out the readings right in the centre, which have no direction. */
 static void leave_out_centre(fl_residuals *residuals)
 {
@@ -155,16 +140,6 @@ static int is_distinct(const real *matrix, int n)
             scaled[n * a + b] = matrix[n * a + b] / fl_sqrt(unit) - (a == b ? DISTINCT : 0);
         }
     return !fl_cholesky(scaled, n);
-}
-
-/* Normal equations of some columns, from products of all, the last of which is the distance. */
-void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient)
-{
-    for (int a = 0; a < width; a++) {
-        const real *const row = products + columns * (first + a);
-        memcpy(matrix + width * a, row + first, (size_t)width * sizeof(real));
-        gradient[a] = row[columns - 1];
-    }
 }
 
 /* Explain residuals by so many columns of their rows from the first on, from the products of all columns; 0 where the

@@ -104,6 +104,31 @@ static void add_lagged(const fl_kernels *kernels, const fl_residuals *residuals,
         for (int b = 0; b < n; b++) total[n * a + b] += product[n * a + b] + product[n * b + a];
 }
 
+/* The columns, and behind them the distances. */
+void fl_all_columns(const fl_residuals *residuals, real *columns[FL_COLUMNS])
+{
+    memcpy(columns, residuals->columns, (size_t)residuals->width * sizeof *columns);
+    columns[residuals->width] = residuals->distances;
+}
+
+/* Products of all columns and the distances, over n readings from a place on. */
+void fl_gram(const fl_kernels *kernels, const fl_residuals *residuals, size_t begin, size_t n, real *products)
+{
+    real *columns[FL_COLUMNS];
+    fl_all_columns(residuals, columns);
+    kernels->gram(columns, begin, n, residuals->width + 1, products);
+}
+
+/* Normal equations of some columns, from products of all, the last of which is the distance. */
+void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient)
+{
+    for (int a = 0; a < width; a++) {
+        const real *const row = products + columns * (first + a);
+        memcpy(matrix + width * a, row + first, (size_t)width * sizeof(real));
+        gradient[a] = row[columns - 1];
+    }
+}
+
 /* Σ JJᵀ and Σ J s of eight blocks. */
 void fl_blocks_of(const fl_kernels *kernels, const fl_residuals *residuals, fl_blocks *blocks)
 {

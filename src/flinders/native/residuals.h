@@ -31,6 +31,9 @@ typedef struct {
     real squares[FL_BLOCKS][81], gradients[FL_BLOCKS][9];
 } fl_blocks;
 
+void fl_all_columns(const fl_residuals *residuals, real *columns[FL_COLUMNS]);
+void fl_gram(const fl_kernels *kernels, const fl_residuals *residuals, size_t begin, size_t n, real *products);
+void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient);
 void fl_blocks_of(const fl_kernels *kernels, const fl_residuals *residuals, fl_blocks *blocks);
 
 real fl_lag_one(const fl_residuals *residuals);
@@ -57,13 +60,10 @@ typedef struct {
     real square; /* of what is left */
 } fl_regression;
 
-void fl_all_columns(const fl_residuals *residuals, real *columns[FL_COLUMNS]);
 void fl_begin_residuals(const fl_room *room, fl_residuals *out);
 size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
                         int are_there, fl_residuals *out);
 void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow);
-void fl_gram(const fl_kernels *kernels, const fl_residuals *residuals, size_t begin, size_t n, real *products);
-void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient);
 int fl_regress(const fl_residuals *all, const real *products, int first, int width, fl_regression *out);
 real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int first, int count, const fl_room *room,
                         const flinders_record *record);
