@@ -16,6 +16,7 @@ static void distribution(const fl_kernels *kernels, const fl_view *view, const f
                          flinders_record *record)
 {
     const size_t n = fit->used, stride = (n + FL_SOME - 1) / FL_SOME;
+    size_t looked = 0;
     real squares[FL_LANES] = {0}, fourths[FL_LANES] = {0}, most[FL_LANES] = {0}, square = 0, fourth = 0, farthest = 0;
     const int are_there = fl_has_columns(view, room, record);
     const real *const distances = are_there ? fl_column_of_distances(room) : room->distances;
@@ -33,8 +34,8 @@ static void distribution(const fl_kernels *kernels, const fl_view *view, const f
         farthest = most[lane] > farthest ? most[lane] : farthest;
         square += squares[lane], fourth += fourths[lane];
     }
-    for (size_t i = 0; i < n; i += stride) room->scratch[i / stride] = fl_abs(distances[i]);
-    record->median_distance = fl_median(room->scratch, (n + stride - 1) / stride);
+    for (size_t i = 0; i < n; i += stride) room->scratch[looked++] = fl_abs(distances[i]);
+    record->median_distance = fl_median(room->scratch, looked);
     record->farthest = farthest;
     record->kurtosis = square > 0 ? fourth * (real)n / (square * square) : FL_NOT_A_NUMBER;
 }
