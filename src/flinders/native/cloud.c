@@ -1,7 +1,7 @@
 /* Cells that readings fall into, and the directions of the sphere that they cover. */
 #include "residuals.h"
 
-enum { LOOKED_AT = 512, SECTORS = 100 };
+enum { LOOKED_AT = 512, SECTORS = 100, APART = FL_CELLS + FL_LANES /* from one axis to the next */ };
 
 /* Median of a list, which is put into another order. */
 real fl_median(real *values, size_t n)
@@ -125,25 +125,28 @@ void fl_sphere_centres(real centres[100][3])
     }
 }
 
-/* Means of the readings of each cell, one axis after the other, and their counts, behind the table. */
-static size_t means_of_cells(const fl_room *room, real *axes)
+/* Counts and sums of the cells, those one axis after the other, behind the table; their number. No branch depends on a
+ * slot: which are free is random. */
+static size_t gather_cells(const fl_room *room, real *axes)
 {
     size_t n = 0;
     for (size_t slot = 0; slot < room->slots; slot++) {
-        if (room->keys[slot] == FL_EMPTY) continue;
-        const real *const cell = room->cells + 4 * slot, each = 1 / cell[0];
-        for (int axis = 0; axis < 3; axis++) axes[axis * FL_CELLS + n] = cell[1 + axis] * each;
-        axes[3 * FL_CELLS + n++] = cell[0];
+        const real *const cell = room->cells + 4 * slot;
+        for (int axis = 0; axis < 3; axis++) axes[axis * APART + n] = cell[1 + axis];
+        axes[3 * APART + n] = cell[0];
+        n += room->keys[slot] != FL_EMPTY;
     }
     return n;
 }
 
-/* Directions from the centre of a surface in place of places, and how far these are from it, over its size there. */
+/* Directions from the centre of a surface to means of readings in place of their sums, and how far these are from it,
+ * over its size there. */
 static void turn_to_directions(const fl_surface *surface, size_t n, real *restrict x, real *restrict y, real *restrict z,
-                               real *restrict off)
+                               const real *restrict counts, real *restrict off)
 {
     for (size_t i = 0; i < n; i++) {
-        const real local[3] = {x[i] - surface->centre[0], y[i] - surface->centre[1], z[i] - surface->centre[2]};
+        const real each = 1 / counts[i], local[3] = {x[i] * each - surface->centre[0], y[i] * each - surface->centre[1],
+                                                     z[i] * each - surface->centre[2]};
         real unit[3];
         fl_sym3_apply(surface->inverse, local, unit);
         const real length = fl_sqrt(unit[0] * unit[0] + unit[1] * unit[1] + unit[2] * unit[2]);
@@ -157,15 +160,15 @@ static void turn_to_directions(const fl_surface *surface, size_t n, real *restri
  * table. */
 static size_t directions(const fl_surface *surface, real within, const fl_room *room, real *axes)
 {
-    const size_t cells = means_of_cells(room, axes);
-    real *const off = axes + 4 * FL_CELLS;
+    const size_t cells = gather_cells(room, axes);
+    real *const off = axes + 4 * APART;
     size_t n = 0;
     real half[3];
     fl_sym3_values(surface->shape, half);
-    turn_to_directions(surface, cells, axes, axes + FL_CELLS, axes + 2 * FL_CELLS, off);
+    turn_to_directions(surface, cells, axes, axes + APART, axes + 2 * APART, axes + 3 * APART, off);
     for (size_t i = 0; i < cells; i++) {
         if (!(off[i] * half[0] <= within)) continue;
-        for (int k = 0; n < i && k < 4; k++) axes[k * FL_CELLS + n] = axes[k * FL_CELLS + i];
+        for (int k = 0; n < i && k < 4; k++) axes[k * APART + n] = axes[k * APART + i];
         n++;
     }
     return n;
@@ -181,7 +184,7 @@ typedef struct {
 /* Sort directions into the cells of the sphere; returns how many readings there are. */
 static real fill_sectors(const fl_kernels *kernels, const real *axes, size_t n, sector sectors[SECTORS])
 {
-    const real *const x = axes, *const y = x + FL_CELLS, *const z = y + FL_CELLS, *const readings = z + FL_CELLS;
+    const real *const x = axes, *const y = x + APART, *const z = y + APART, *const readings = z + APART;
     uint32_t cells[FL_CELLS];
     real middles[SECTORS][3], all = 0;
     memset(sectors, 0, SECTORS * sizeof *sectors);
@@ -191,7 +194,8 @@ static real fill_sectors(const fl_kernels *kernels, const real *axes, size_t n, 
     for (size_t i = 0; i < n; i++) {
         sector *const in = sectors + cells[i];
         const real cosine = in->middle[0] * x[i] + in->middle[1] * y[i] + in->middle[2] * z[i];
-        if (cosine > in->cosine) in->cosine = cosine, in->nearest = i;
+        in->nearest = cosine > in->cosine ? i : in->nearest;
+        in->cosine = cosine > in->cosine ? cosine : in->cosine;
         in->readings += readings[i], all += readings[i];
     }
     return all;
@@ -201,7 +205,7 @@ static real fill_sectors(const fl_kernels *kernels, const real *axes, size_t n, 
  * are nearest to the middle of their cell rule most of them out. */
 static real largest_gap(const fl_kernels *kernels, const real *axes, size_t n, const sector sectors[SECTORS], real hole[3])
 {
-    const real *const x = axes, *const y = x + FL_CELLS, *const z = y + FL_CELLS;
+    const real *const x = axes, *const y = x + APART, *const z = y + APART;
     real central[3][SECTORS];
     size_t count = 0;
     const sector *emptiest = sectors;

@@ -25,9 +25,10 @@ enum { DRAWS = 256, SCORED = 600, FEW_SCORED = 150 };
 /* Whether a cell of a room has more than a few readings. */
 static int is_crowded(const fl_room *room)
 {
+    int is_any = 0; /* no branch depends on a slot: which are free is random */
     for (size_t slot = 0; slot < room->slots; slot++)
-        if (room->keys[slot] != FL_EMPTY && room->cells[4 * slot] > PER_CELL) return 1;
-    return 0;
+        is_any |= (room->keys[slot] != FL_EMPTY) & (room->cells[4 * slot] > PER_CELL);
+    return is_any;
 }
 
 /* Leave all but a few readings of each cell out of a sample of at most so many; returns how many are in it. Without a
