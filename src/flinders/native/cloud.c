@@ -75,6 +75,26 @@ static size_t coarsen(const fl_room *room, size_t slots)
     return cells;
 }
 
+/* Sort a block of readings into cells; returns how many cells are new. */
+static size_t add_block(const fl_room *room, const uint64_t *keys, const real *field, size_t n)
+{
+    real *cells[FL_BLOCK];
+    size_t added = 0;
+    for (size_t i = 0; i < n; i++) {
+        const size_t slot = fl_slot(room->keys, room->slots, keys[i]);
+        cells[i] = room->cells + 4 * slot;
+        if (room->keys[slot] != FL_EMPTY) continue;
+        room->keys[slot] = keys[i];
+        memset(cells[i], 0, 4 * sizeof *cells[i]);
+        added++;
+    }
+    for (size_t i = 0; i < n; i++, field += 3) {
+        cells[i][0] += 1;
+        for (int axis = 0; axis < 3; axis++) cells[i][1 + axis] += field[axis];
+    }
+    return added;
+}
+
 /* Sort readings into cells, at most 4096 of them: the table of a room. */
 void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room)
 {
@@ -83,14 +103,11 @@ void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room
     size_t cells = 0;
     room->side = fl_cell_side(field, rows);
     memset(room->keys, 0xFF, slots * sizeof *room->keys);
-    for (size_t row = 0; row < rows; row++) {
-        const real *reading = field + 3 * row, sums[4] = {1, reading[0], reading[1], reading[2]};
-        const size_t within = row % FL_BLOCK, left = rows - row < FL_BLOCK ? rows - row : FL_BLOCK;
-        if (within == 0) kernels->keys(reading, left, 1, room->side, keys);
-        cells += (size_t)add_cell(room, 0, slots, keys[within], sums);
-        if (cells <= FL_CELLS) continue;
+    for (size_t row = 0; row < rows; row += FL_BLOCK) {
+        const size_t n = rows - row < FL_BLOCK ? rows - row : FL_BLOCK;
+        kernels->keys(field + 3 * row, n, 1, room->side, keys);
+        cells += add_block(room, keys, field + 3 * row, n);
         for (; cells > FL_CELLS; room->side *= 2) cells = coarsen(room, slots);
-        kernels->keys(field + 3 * (row - within), within + left < FL_BLOCK ? within + left : FL_BLOCK, 1, room->side, keys);
     }
 }
 
