@@ -45,15 +45,16 @@ size_t fl_slots_for(size_t rows)
     return slots;
 }
 
-/* Add readings to a cell; 1 if it was empty. */
-static int add_cell(const fl_room *room, size_t table, size_t slots, uint64_t key, const real sums[4])
+/* The cell of a key in a table, zeroed where it is new, which is counted. */
+static real *cell_of(const fl_room *room, size_t table, size_t slots, uint64_t key, size_t *cells)
 {
     const size_t slot = table + fl_slot(room->keys + table, slots, key);
-    const int is_new = room->keys[slot] == FL_EMPTY;
-    real *cell = room->cells + 4 * slot;
+    real *const cell = room->cells + 4 * slot;
+    if (room->keys[slot] != FL_EMPTY) return cell;
     room->keys[slot] = key;
-    for (int i = 0; i < 4; i++) cell[i] = is_new ? sums[i] : cell[i] + sums[i];
-    return is_new;
+    memset(cell, 0, 4 * sizeof *cell);
+    *cells += 1;
+    return cell;
 }
 
 /* Cells of twice the size: their number. */
@@ -68,26 +69,21 @@ static size_t coarsen(const fl_room *room, size_t slots)
             const int64_t index = (int64_t)(room->keys[slot] >> shift & 0x1FFFFF);
             key = key << 21 | (uint64_t)((index + FL_REACH) / 2); /* counted from -FL_REACH, halved and rounded down */
         }
-        cells += (size_t)add_cell(room, FL_TABLE, slots, key, room->cells + 4 * slot);
+        real *const coarse = cell_of(room, FL_TABLE, slots, key, &cells);
+        for (int i = 0; i < 4; i++) coarse[i] += room->cells[4 * slot + (size_t)i];
     }
     memcpy(room->keys, room->keys + FL_TABLE, slots * sizeof *room->keys);
     memcpy(room->cells, room->cells + 4 * FL_TABLE, 4 * slots * sizeof *room->cells);
     return cells;
 }
 
-/* Sort a block of readings into cells; returns how many cells are new. */
+/* Sort a block of readings into cells; returns how many of these are new. All are found before any is added to, so that
+ * a processor need not wait for one after the other. */
 static size_t add_block(const fl_room *room, const uint64_t *keys, const real *field, size_t n)
 {
     real *cells[FL_BLOCK];
     size_t added = 0;
-    for (size_t i = 0; i < n; i++) {
-        const size_t slot = fl_slot(room->keys, room->slots, keys[i]);
-        cells[i] = room->cells + 4 * slot;
-        if (room->keys[slot] != FL_EMPTY) continue;
-        room->keys[slot] = keys[i];
-        memset(cells[i], 0, 4 * sizeof *cells[i]);
-        added++;
-    }
+    for (size_t i = 0; i < n; i++) cells[i] = cell_of(room, 0, room->slots, keys[i], &added);
     for (size_t i = 0; i < n; i++, field += 3) {
         cells[i][0] += 1;
         for (int axis = 0; axis < 3; axis++) cells[i][1 + axis] += field[axis];

@@ -52,10 +52,11 @@ static size_t longest_lag(const fl_residuals *residuals)
 int fl_autocovariance(const fl_residuals *residuals, real out[FL_LAGS])
 {
     const real n = (real)residuals->n, zero = lagged(residuals, 0), least = SIGNIFICANT / fl_sqrt(n);
-    const size_t most = longest_lag(residuals);
     size_t lag = 1;
     out[0] = zero / n;
-    if (fl_abs(fl_lag_one(residuals)) < least || most < 2) return 1;
+    if (fl_abs(lagged(residuals, 1)) < least * (zero > FL_TINY ? zero : FL_TINY)) return 1;
+    const size_t most = longest_lag(residuals);
+    if (most < 2) return 1;
     for (; lag < most; lag++) {
         const real sum = lagged(residuals, lag);
         if (sum < least * zero) break;
