@@ -154,10 +154,16 @@ int fl_regress(const fl_residuals *all, const real *products, int first, int wid
     fl_normal_equations(products, all->width + 1, first, width, out->matrix, out->gradient);
     if (!is_distinct(out->matrix, width)) return 0;
     memcpy(factor, out->matrix, (size_t)(width * width) * sizeof(real));
-    memcpy(out->solution, out->gradient, (size_t)width * sizeof(real));
-    if (fl_solve(factor, width, out->solution)) return 0;
+    if (fl_cholesky(factor, width)) return 0;
+    memcpy(out->gained, out->gradient, sizeof out->gained);
+    fl_forward(factor, width, out->gained);
+    memcpy(out->solution, out->gradient, sizeof out->solution);
+    fl_cholesky_solve(factor, width, out->solution);
     out->square = products[(all->width + 2) * all->width];
-    for (int i = 0; i < width; i++) out->square -= out->solution[i] * out->gradient[i];
+    for (int i = 0; i < width; i++) {
+        out->gained[i] *= out->gained[i];
+        out->square -= out->solution[i] * out->gradient[i];
+    }
     return 1;
 }
 
@@ -206,8 +212,9 @@ static real explained(const fl_regression *of, int first, int count)
 /* Square of some terms in units of their covariance, for independent residuals. */
 static real square_of_terms(const fl_regression *of, int first, int count)
 {
-    const int n = of->left.width, others = first ? 0 : count;
-    const real more = explained(of, 0, n) - explained(of, others, n - count);
+    const int n = of->left.width;
+    real more = first ? 0 : -explained(of, count, n - count);
+    for (int i = first; i < n; i++) more += of->gained[i];
     return more > 0 && of->square > 0 ? more * (real)of->left.n / of->square : 0;
 }
 

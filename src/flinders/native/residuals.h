@@ -57,6 +57,7 @@ real fl_chance_of(real chi_square, real freedom, real others);
 typedef struct {
     fl_residuals left; /* whose distances have not been freed of the solution */
     real matrix[FL_WIDEST * FL_WIDEST], gradient[FL_WIDEST], solution[FL_WIDEST];
+    real gained[FL_WIDEST]; /* by each column beside those before it: the square of the residuals that it explains */
     real square; /* of what is left */
 } fl_regression;
 
