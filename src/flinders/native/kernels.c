@@ -220,8 +220,8 @@ static void curvature(const fl_view *view, const fl_surface *surface, real gradi
 }
 
 /* Derivatives of the Jacobian along a tangent t of the surface, of one reading: Jacobian of A A t less its part along the
- * normal, over |A u|, and of the normal with A t instead of u. */
-static inline void turned(const real a[6], const real n[3], const real u[3], real steepness, const real t[3],
+ * normal, times the flatness 1/|A u|, and of the normal with A t instead of u. */
+static inline void turned(const real a[6], const real n[3], const real u[3], real flatness, const real t[3],
                           real rows[9][FL_BLOCK], int i)
 {
     const real wx = a[0] * t[0] + a[3] * t[1] + a[4] * t[2], wy = a[3] * t[0] + a[1] * t[1] + a[5] * t[2],
@@ -229,7 +229,7 @@ static inline void turned(const real a[6], const real n[3], const real u[3], rea
     real vx = a[0] * wx + a[3] * wy + a[4] * wz, vy = a[3] * wx + a[1] * wy + a[5] * wz,
          vz = a[4] * wx + a[5] * wy + a[2] * wz;
     const real along = n[0] * vx + n[1] * vy + n[2] * vz;
-    vx = (vx - n[0] * along) / steepness, vy = (vy - n[1] * along) / steepness, vz = (vz - n[2] * along) / steepness;
+    vx = (vx - n[0] * along) * flatness, vy = (vy - n[1] * along) * flatness, vz = (vz - n[2] * along) * flatness;
     rows[0][i] = vx, rows[1][i] = vy, rows[2][i] = vz;
     rows[3][i] = vx * u[0] + n[0] * wx, rows[4][i] = vy * u[1] + n[1] * wy, rows[5][i] = vz * u[2] + n[2] * wz;
     rows[6][i] = vx * u[1] + vy * u[0] + n[0] * wy + n[1] * wx;
@@ -251,18 +251,18 @@ static size_t spurious(const fl_view *view, const fl_surface *surface, real sums
                        dz = block[2][i] - surface->centre[2];
             const real px = a[0] * dx + a[3] * dy + a[4] * dz, py = a[3] * dx + a[1] * dy + a[5] * dz,
                        pz = a[4] * dx + a[5] * dy + a[2] * dz;
-            const real size = fl_sqrt(px * px + py * py + pz * pz), length = size > FL_SHORT ? size : FL_SHORT;
-            const real u[3] = {px / length, py / length, pz / length};
+            const real size = fl_sqrt(px * px + py * py + pz * pz), per_length = 1 / (size > FL_SHORT ? size : FL_SHORT);
+            const real u[3] = {px * per_length, py * per_length, pz * per_length};
             const real qx = a[0] * u[0] + a[3] * u[1] + a[4] * u[2], qy = a[3] * u[0] + a[1] * u[1] + a[5] * u[2],
                        qz = a[4] * u[0] + a[5] * u[1] + a[2] * u[2];
-            const real steep = fl_sqrt(qx * qx + qy * qy + qz * qz), steepness = steep > FL_SHORT ? steep : FL_SHORT;
-            const real n[3] = {qx / steepness, qy / steepness, qz / steepness};
+            const real steep = fl_sqrt(qx * qx + qy * qy + qz * qz), flatness = 1 / (steep > FL_SHORT ? steep : FL_SHORT);
+            const real n[3] = {qx * flatness, qy * flatness, qz * flatness};
             const real side = n[2] < 0 ? -1 : 1, over = -1 / (side + n[2]), both = n[0] * n[1] * over;
             const real is_off = size > FL_SHORT ? 1 : 0; /* not right in the centre */
             const real first[3] = {is_off * (1 + side * n[0] * n[0] * over), is_off * side * both, -is_off * side * n[0]};
             const real second[3] = {is_off * both, is_off * (side + n[1] * n[1] * over), -is_off * n[1]};
-            turned(a, n, u, steepness, first, rows[0], i);
-            turned(a, n, u, steepness, second, rows[1], i);
+            turned(a, n, u, flatness, first, rows[0], i);
+            turned(a, n, u, flatness, second, rows[1], i);
         }
         if (m < FL_BLOCK) clear_rest(rows[0][0], 18, m);
         for (int t = 0; t < 2; t++)

@@ -48,8 +48,9 @@ static int rate_at(const spacing *spaced, size_t place, real rate[AXES])
     if (view->rejected && (view->rejected[before] || view->rejected[behind])) return 0;
     const real *time = spaced->room->time, taken = time ? time[behind] - time[before] : spaced->usual;
     if (!(taken > 0) || !(taken < GAP * spaced->usual)) return 0;
+    const real each = 1 / taken;
     for (int axis = 0; axis < AXES; axis++)
-        rate[axis] = (view->field[3 * behind + axis] - view->field[3 * before + axis]) / taken;
+        rate[axis] = (view->field[3 * behind + axis] - view->field[3 * before + axis]) * each;
     return 1;
 }
 
