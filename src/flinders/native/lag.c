@@ -62,8 +62,10 @@ void fl_add_lags(const fl_view *view, const fl_room *room, fl_residuals *all)
         real rate[AXES];
         rate_at(&spaced, all->places[i], rate);
         for (int axis = 0; axis < AXES; axis++) rate[axis] *= all->columns[CONTRASTS + axis][i];
-        for (int term = 0; term < CONTRASTS; term++)
-            all->columns[term][i] = -(contrasts[term][0] * rate[0] + contrasts[term][1] * rate[1] + contrasts[term][2] * rate[2]);
+        for (int term = 0; term < CONTRASTS; term++) {
+            const real *const of = contrasts[term];
+            all->columns[term][i] = -(of[0] * rate[0] + of[1] * rate[1] + of[2] * rate[2]);
+        }
     }
 }
 

@@ -1,7 +1,8 @@
 /* What a recording says of itself before any fit: repeats, ends of the axes, time stamps, distinct readings. */
 #include "record.h"
 
-enum { PARTS = 15, BETWEEN = 24 /* numbers between two columns, which then share no lines of a cache */, RAIL_COUNT = 8, RAIL_CONTRAST = 3 }; /* as in summary/quality.py */
+enum { PARTS = 15, BETWEEN = 24, /* numbers between two columns, which then share no lines of a cache */
+       RAIL_COUNT = 8, RAIL_CONTRAST = 3 }; /* as in summary/quality.py */
 #define RAIL_SHARE ((real)0.01)
 #define RAIL_WIDTH ((real)0.25)
 
