@@ -22,6 +22,12 @@ void fl_gather_axes(const fl_kernels *kernels, const fl_view *view, const fl_sur
     kernels->nonlinear(surface, out->directions, out->n, out->columns + FL_LAGS_OF_AXES, out->columns + FL_LAGS_OF_AXES + 9);
 }
 
+/* Whether a room has the columns of all readings in order, as the covariance of white residuals has left them. */
+static int has_columns(const fl_view *view, const fl_room *room, const flinders_record *record)
+{
+    return record->is_white && !record->is_robust && !room->parts && view->rows <= FL_SOME;
+}
+
 /* Look for faults of the axes; the record stays as it is where nothing can be told of them. */
 void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, const fl_room *room,
              flinders_record *record)
@@ -29,8 +35,7 @@ void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, 
     fl_residuals all;
     fl_regression nonlinear, lag;
     real products[FL_COLUMNS * FL_COLUMNS], bent_by_chance = 2, late_by_chance = 2;
-    const int are_there = view->rows <= FL_SOME && fl_has_columns(view, room, record);
-    fl_gather_axes(kernels, view, &fit->surface, room, are_there, &all);
+    fl_gather_axes(kernels, view, &fit->surface, room, has_columns(view, room, record), &all);
     if (all.n == 0 || !fl_is_noisy(&all, &fit->surface)) return;
     fl_whiten(&all, FL_LAGS_OF_AXES, &fit->slow);
     fl_gram(kernels, &all, 0, all.n, products);

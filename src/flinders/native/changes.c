@@ -18,12 +18,10 @@ static void distribution(const fl_kernels *kernels, const fl_view *view, const f
     const size_t n = fit->used, stride = (n + FL_SOME - 1) / FL_SOME;
     size_t looked = 0;
     real squares[FL_LANES] = {0}, fourths[FL_LANES] = {0}, most[FL_LANES] = {0}, square = 0, fourth = 0, farthest = 0;
-    const int are_there = fl_has_columns(view, room, record);
-    const real *const distances = are_there ? fl_column_of_distances(room) : room->distances;
-    if (!are_there) kernels->distances(view, &fit->surface, room->distances);
+    if (!fit->has_distances) kernels->distances(view, &fit->surface, room->distances);
     for (size_t i = 0; i < n; i += FL_LANES) {
         real eight[FL_LANES] = {0};
-        memcpy(eight, distances + i, (n - i < FL_LANES ? n - i : FL_LANES) * sizeof(real));
+        memcpy(eight, room->distances + i, (n - i < FL_LANES ? n - i : FL_LANES) * sizeof(real));
         for (int lane = 0; lane < FL_LANES; lane++) {
             const real distance = fl_abs(eight[lane]), s = distance * distance;
             most[lane] = distance > most[lane] ? distance : most[lane];
@@ -34,7 +32,7 @@ static void distribution(const fl_kernels *kernels, const fl_view *view, const f
         farthest = most[lane] > farthest ? most[lane] : farthest;
         square += squares[lane], fourth += fourths[lane];
     }
-    for (size_t i = 0; i < n; i += stride) room->scratch[looked++] = fl_abs(distances[i]);
+    for (size_t i = 0; i < n; i += stride) room->scratch[looked++] = fl_abs(room->distances[i]);
     record->median_distance = fl_median(room->scratch, looked);
     record->farthest = farthest;
     record->kurtosis = square > 0 ? fourth * (real)n / (square * square) : FL_NOT_A_NUMBER;

@@ -155,7 +155,7 @@ static void move(fl_fit *fit, const real step[9])
     real centre[3], shape[6];
     for (int i = 0; i < 3; i++) centre[i] = fit->surface.centre[i] + step[i];
     for (int i = 0; i < 6; i++) shape[i] = fit->surface.shape[i] + step[3 + i];
-    if (!fl_surface_of(centre, shape, &surface)) fit->surface = surface;
+    if (!fl_surface_of(centre, shape, &surface)) fit->surface = surface, fit->has_distances = 0;
 }
 
 /* Whether residuals are so large that a step which takes them for small leads nowhere. */

@@ -203,6 +203,7 @@ typedef struct {
     real held;
     size_t used;
     int unseen, steps;
+    int has_distances; /* 1 if those of a room are the distances of all readings from the surface */
     int is_doubtful; /* of a robust fit: 1 if some of the readings that it rejects may be noise; fl_room.far has the others */
     fl_slow slow;
     fl_posterior posterior;

@@ -54,12 +54,6 @@ static inline size_t fl_slot(const uint64_t *keys, size_t slots, uint64_t key)
 /* The distances of the readings whose Jacobian there is, behind nine columns of that. */
 static inline real *fl_column_of_distances(const fl_room *room) { return room->columns + 9 * room->apart; }
 
-/* Whether a room has the columns of all readings in order, as the covariance of white residuals has left them. */
-static inline int fl_has_columns(const fl_view *view, const fl_room *room, const flinders_record *record)
-{
-    return record->is_white && !record->is_robust && !room->parts && view->rows <= FL_LOOKED;
-}
-
 /* fit.c: with little memory, and no statistics asked for, a room without `keys` and `some` will do; `scratch` may then be
  * the first half of `order`, and `distances` the second. */
 void fl_clear_record(flinders_record *record);
@@ -79,7 +73,7 @@ void fl_residual_statistics(const fl_kernels *kernels, const fl_view *view, cons
                             flinders_record *record);
 enum { FL_SUSPECTS = 2 };
 
-int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room);
+int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room);
 int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
               const fl_room *room, fl_fit *fit, flinders_record *record);
 void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real dip_deg,
