@@ -9,6 +9,7 @@ import pytest
 from tests.worlds import judged, with_slow_noise
 
 from flinders import Samples, simulate
+from flinders.fitting.verdict import STEPS
 from flinders.native.engine import engine
 
 if TYPE_CHECKING:
@@ -19,12 +20,12 @@ if TYPE_CHECKING:
 PLAIN = simulate.Sensor(noise=0.2)
 
 
-def switched(field: Floats, seed: int) -> Floats:
-    """Readings (N, 3) with 2 µT of a load that is on for a fifth of the time, for fifty to a hundred and fifty."""
+def switched(field: Floats, seed: int, apart: float = 400.0) -> Floats:
+    """Readings (N, 3) with 2 µT of a load that is on for fifty to a hundred and fifty, so many `apart`."""
     rng = np.random.default_rng(seed)
     is_on, at = np.zeros(len(field), dtype=bool), 0
     while at < len(field):
-        at += int(rng.exponential(400.0))
+        at += int(rng.exponential(apart))
         length = int(rng.integers(50, 150))
         is_on[at : at + length] = True
         at += length
@@ -37,6 +38,24 @@ def test_a_load_on_and_off_is_left_out_and_limits() -> None:
     fits = [judged(in_ut(switched(tumbled(seed), seed))) for seed in range(10)]
     assert sum(fit.method == "robust" for fit in fits) >= 8
     assert not [fit for fit in fits if fit.method == "robust" and fit.noise > 0.35]
+
+
+def test_a_load_that_is_on_as_long_as_off_is_an_unsteady_field() -> None:
+    """Nobody can tell which readings are with it; all ten have steps, and none is good."""
+    fits = [judged(in_ut(switched(tumbled(seed), seed, apart=120.0))) for seed in range(10)]
+    assert all(fit.steps_kurtosis > STEPS for fit in fits)
+    assert "good" not in {fit.verdict for fit in fits}
+    assert all(any(finding.code == "unsteady-field" for finding in fit.findings) for fit in fits)
+
+
+@pytest.mark.nightly
+def test_noise_that_lasts_has_no_steps(trials: Choose) -> None:
+    """None of 1,200 recordings, of noise that is correlated for 0.4 to 20 s, steps as a load does."""
+    many = trials(1200, 100)
+    for seed in many.seeds:
+        rng = np.random.default_rng(seed)
+        field = with_slow_noise(tumbled(seed % 8), sigma=rng.uniform(0.2, 1.0), memory=rng.uniform(20, 1000), seed=seed)
+        assert not engine().fit(field)["steps_kurtosis"] > STEPS
 
 
 @pytest.mark.nightly

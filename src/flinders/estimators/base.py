@@ -9,6 +9,7 @@ claim.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
 
@@ -34,6 +35,7 @@ class Correlation:
     direction: float  # standard deviation of the distortion that belongs to directions, in the unit of the readings
     excess_variance: float = 1.0  # factor by which blocks of the recording scatter more than that allows, in variance
     lasting: float = 0.0  # probability that slow noise lasts longer than a third of the recording
+    steps_kurtosis: float = math.nan  # of steps between means of successive residuals, where they are correlated
 
     @property
     def is_white(self) -> bool:

@@ -33,7 +33,7 @@ ENOUGH: Final = 20_000
 ROBUST: Final = "robust"
 """Method of an estimate that outliers were rejected for."""
 
-RESIDUALS: Final = ("lag_one", "correlation_time", "distortion", "excess_variance", "noise_lasts")
+RESIDUALS: Final = ("lag_one", "correlation_time", "distortion", "excess_variance", "noise_lasts", "steps_kurtosis")
 """Of a record: what a `Correlation` is made of."""
 
 
@@ -159,7 +159,7 @@ def estimated(record: Records, readings: Readings, *, has_statistics: bool = Fal
         limit = float(record["rejected_beyond"])
         majority = Ellipsoid(record["majority_centre"], symmetric(record["majority_shape"]))
         outliers = outliers_among(readings, majority, limit, int(record["dense"]))
-    lag_one, time, direction, excess, lasting = (float(record[name]) for name in RESIDUALS)
+    lag_one, time, direction, excess, lasting, steps = (float(record[name]) for name in RESIDUALS)
     lasting = 0.0 if math.isnan(lasting) else lasting
     return Estimate(
         Ellipsoid(record["centre"].copy(), symmetric(record["shape"])),
@@ -167,7 +167,7 @@ def estimated(record: Records, readings: Readings, *, has_statistics: bool = Fal
         float(record["noise"]),
         method,
         prior_influence=float(record["prior_influence"]),
-        correlation=None if math.isnan(time) else Correlation(lag_one, time, direction, excess, lasting),
+        correlation=None if math.isnan(time) else Correlation(lag_one, time, direction, excess, lasting, steps),
         textbook=record["textbook"].reshape(9, 9).copy(),
         used=int(record["used"]),
         unobserved=int(record["unobserved"]),

@@ -41,6 +41,7 @@ from flinders.fitting.verdict import (
     OF_RECORDING,
     halves_matter,
     unlike_correlation,
+    unsteady_limit,
 )
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.heading.error_propagation import bounds_deg, deviation_covariances, level_error, raw_error
@@ -255,6 +256,7 @@ class _Table:
         quantities = {
             "target_deg": np.full(len(records), target_deg),
             "drift_allowed_deg": np.full(len(records), target_deg),
+            "unsteady_limit_deg": target_deg * unsteady_limit(records["steps_kurtosis"]),
             "samples": records["used"],
             "uncorrected_deg": _shrink(records),
             **_of_surface(records, inside),

@@ -736,6 +736,7 @@ def _described(
         independent_samples=_independent(estimate, evidence.statistics, claim.repetition),
         autocorrelation=None if correlation is None else correlation.lag_one,
         noise_lasts=0.0 if correlation is None else correlation.lasting,
+        steps_kurtosis=math.nan if correlation is None else correlation.steps_kurtosis,
         outliers=estimate.outliers,
         bias_deg=_bias_deg(estimate, error.dip_deg),
         is_shrunk=nearer is not None,

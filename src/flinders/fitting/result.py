@@ -167,6 +167,9 @@ class Fit(Outcome):
         Correlation of a residual with the next; None where the residuals were not looked at.
     noise_lasts : float
         Probability that slow noise lasts longer than a third of the recording.
+    steps_kurtosis : float
+        Of the steps between means of five successive residuals or more: 3 for normal noise, however long it lasts, more
+        where something comes and goes at once. NaN where residuals are white, or few.
     outliers : tuple of Outlier
         Runs of readings that were rejected.
     unobserved : int
@@ -246,6 +249,7 @@ class Fit(Outcome):
     independent_samples: float = np.inf
     autocorrelation: float | None = None
     noise_lasts: float = 0.0
+    steps_kurtosis: float = math.nan
     outliers: tuple[Outlier, ...] = ()
     distortion: float = 0.0
     drift: Drift | None = None

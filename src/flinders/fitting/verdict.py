@@ -67,6 +67,11 @@ NOT_BY_CHANCE: Final = 2.0
 """Claims by which readings that were corrected before have to err for another calibration to be worth having."""
 ALTERNATING: Final = -0.25
 """Correlation of a residual with the next that neither noise has nor what changes slowly."""
+UNSTEADY, SWITCHING = 1.25, 0.8
+"""Of the target, heading error of a moment that a field may make: by noise, and by what comes and goes at once."""
+STEPS: Final = 7.0
+"""Kurtosis of steps of residuals above which something comes and goes: of 1,200 recordings with slow noise none has it,
+those with a load that switches have 7 to 34 (`docs/adversary.md`)."""
 SAME_STRENGTH: Final = 0.03
 """Of the strength of the field: within it, readings have the one that is known of the place."""
 SEES_THE_FIELD: Final = frozenset({"dip", "tilt", "attitude"})
@@ -325,7 +330,13 @@ def _lasting(fit: Fit, statistics: Statistics) -> dict[str, float]:
         "noise_lasts": fit.noise_lasts,
         "unlike_correlation": correlation,
         "unsteady_deg": math.degrees(fit.noise * math.sqrt(correlation) / level),
+        "unsteady_limit_deg": fit.target_deg * unsteady_limit(fit.steps_kurtosis),
     }
+
+
+def unsteady_limit(steps_kurtosis: Any) -> Any:  # noqa: ANN401 - a number, or a column of them
+    """Of the target, heading error of a single moment that a field may make."""
+    return UNSTEADY - (UNSTEADY - SWITCHING) * (steps_kurtosis > STEPS)
 
 
 def unlike_correlation(next_correlation: Any, repeated: Any) -> Any:  # noqa: ANN401 - numbers, or columns of them

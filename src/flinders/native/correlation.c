@@ -187,6 +187,7 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     gather_stretches(kernels, view, fit, room, &residuals);
     scatter_of(kernels, &residuals, fit, 0, room, scatter, record);
     if (record->is_white) return;
+    record->steps_kurtosis = fl_steps_kurtosis(&residuals);
     int is_slow = is_slow_noise(kernels, view, &residuals, fit, room, step, weighed, explained);
     real known = 0;
     if (is_slow && record->distortion == 0)

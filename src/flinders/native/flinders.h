@@ -132,6 +132,7 @@ typedef struct flinders_record {
     flinders_real distortion;     /* standard deviation of what belongs to the direction, not to the moment, unit */
     flinders_real excess_variance; /* factor by which blocks scatter more than that allows, in variance */
     flinders_real noise_lasts;    /* probability that slow noise lasts longer than a third of the recording; NaN: none */
+    flinders_real steps_kurtosis; /* of steps between means of successive distances; 3 for normal noise; NaN: not told */
     flinders_real drift_offset[3]; /* change of the offset from the first reading to the last, unit; NaN: nothing is known */
     flinders_real drift_strength; /* change of the field, a fraction of it */
     flinders_real drift_deg;      /* what that change of the offset does to a level heading, at the worst one */

@@ -1,7 +1,7 @@
 /* Autocovariance of residuals, the scatter that it gives the gradient, and blocks that scatter more than it allows. */
 #include "residuals.h"
 
-enum { TAKEN = 20 };
+enum { TAKEN = 20, MEANS = 1200, TOGETHER = 5, FEWEST = 30 };
 
 #define PARTNERS ((real)0.75)
 #define SIGNIFICANT ((real)2)
@@ -31,6 +31,33 @@ real fl_lag_one(const fl_residuals *residuals)
 {
     const real square = lagged(residuals, 0);
     return lagged(residuals, 1) / (square > FL_TINY ? square : FL_TINY);
+}
+
+/* Mean of successive distances. */
+static real mean_of(const real *distances, size_t n)
+{
+    real sum = 0;
+    for (size_t i = 0; i < n; i++) sum += distances[i];
+    return sum / (real)n;
+}
+
+/* Kurtosis of the steps between means of successive residuals: 3 for normal noise, however long it lasts, and more where
+ * something comes and goes at once. Not a number for few steps. */
+real fl_steps_kurtosis(const fl_residuals *residuals)
+{
+    const size_t share = (residuals->n + MEANS - 1) / MEANS, length = share > TOGETHER ? share : TOGETHER;
+    real square = 0, fourth = 0, count = 0;
+    for (int stretch = 0; stretch < residuals->stretches; stretch++) {
+        const size_t begin = residuals->begins[stretch], end = residuals->begins[stretch + 1];
+        for (size_t i = begin; i + 2 * length <= end; i += length) {
+            const real *at = residuals->distances + i;
+            const real step = mean_of(at + length, length) - mean_of(at, length);
+            square += step * step;
+            fourth += step * step * step * step;
+            count++;
+        }
+    }
+    return count >= FEWEST && square > 0 ? count * fourth / (square * square) : FL_NOT_A_NUMBER;
 }
 
 /* How many lags leave enough readings a partner in their stretch. */

@@ -37,6 +37,7 @@ void fl_normal_equations(const real *products, int columns, int first, int width
 void fl_blocks_of(const fl_kernels *kernels, const fl_residuals *residuals, fl_blocks *blocks);
 
 real fl_lag_one(const fl_residuals *residuals);
+real fl_steps_kurtosis(const fl_residuals *residuals);
 int fl_autocovariance(const fl_residuals *residuals, real out[FL_LAGS]);
 real fl_time_of(const real *autocovariance, int lags);
 void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals, const real *white,

@@ -50,7 +50,7 @@ NAMES: Final = frozenset(
         "outlier_share", "outliers", "path_correlation", "prior_share", "radius", "rail_share", "rails", "remedy",
         "repeated_share", "rings", "rows", "runs", "samples", "step", "strongest", "structure_deg", "structure_share",
         "swap", "swap_gain", "target_deg", "times_outside_earth", "uncorrected_deg", "unit", "unlike_correlation",
-        "unobserved", "unsteady_deg", "usual_step_s", "weakest", "where_flat", "why", "worst_deg",
+        "unobserved", "unsteady_deg", "unsteady_limit_deg", "usual_step_s", "weakest", "where_flat", "why", "worst_deg",
     }
 )  # fmt: skip
 """Quantities and words that `verdict.js` knows."""
@@ -65,7 +65,7 @@ SAID: Final = {
 
 NUMBERS: Final = {
     "ALIKE": result.ALIKE,
-    "ALTERNATING": verdict.ALTERNATING,
+    **{name: getattr(verdict, name) for name in ("ALTERNATING", "UNSTEADY", "SWITCHING", "STEPS")},
     "BATCH_SHARE": guidance.BATCH_SHARE,
     "BY_CHANCE": systematic.BY_CHANCE,
     "EARTH_WEAKEST": EARTH_UT[0],

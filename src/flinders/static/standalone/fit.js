@@ -262,13 +262,13 @@ function railsOf(record) {
 /**
  * What residuals say of each other; null where they were not looked at.
  * @param {Fitted} record
- * @returns {{lagOne: number, time: number, direction: number, excess: number, lasting: number, isWhite: boolean} | null}
+ * @returns {{lagOne: number, time: number, direction: number, excess: number, lasting: number, steps: number, isWhite: boolean} | null}
  */
 function correlationOf(record) {
     const { lag_one: lagOne, correlation_time: time, distortion: direction, excess_variance: excess } = record;
     if (Number.isNaN(time)) return null;
     const isWhite = time === 1 && direction === 0 && excess === 1;
-    return { lagOne, time, direction, excess, lasting: record.noise_lasts || 0, isWhite };
+    return { lagOne, time, direction, excess, lasting: record.noise_lasts || 0, steps: record.steps_kurtosis, isWhite };
 }
 
 /**

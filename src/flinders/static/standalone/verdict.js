@@ -179,6 +179,8 @@ function changes(fit) {
     const unlike = Math.max(next - repeated, 0) / Math.max(1 - repeated, Number.EPSILON);
     const level = surface.radius * Math.cos(headingError.dipDeg / DEG);
     const off = Math.sqrt(Math.max(-3 * next, 0)) * noise;
+    const { ALTERNATING, UNSTEADY, SWITCHING, STEPS } = fit.data.numbers;
+    const isSwitching = (correlation?.steps ?? NaN) > STEPS;
     return {
         drift_deg: drift?.headingDeg ?? NaN,
         drift_allowed_deg: fit.targetDeg,
@@ -188,8 +190,9 @@ function changes(fit) {
         noise_lasts: correlation?.lasting ?? 0,
         unlike_correlation: unlike,
         unsteady_deg: (DEG * noise * Math.sqrt(unlike)) / level,
+        unsteady_limit_deg: fit.targetDeg * (isSwitching ? SWITCHING : UNSTEADY),
         next_correlation: next,
-        alternating_limit: Math.min(fit.data.numbers.ALTERNATING, -4 / Math.sqrt(Math.max(samples, 1))),
+        alternating_limit: Math.min(ALTERNATING, -4 / Math.sqrt(Math.max(samples, 1))),
         alternating_deg: DEG * Math.atan2(off, level),
         outlier_share: outlierRows(outliers) / Math.max(statistics.rows, 1),
         farthest: outliers.length ? Math.max(...outliers.map(({ farthest }) => farthest)) : NaN,
