@@ -140,6 +140,11 @@ def _append(runs: list[Outlier], new: Outlier) -> None:
     runs.append(new)
 
 
+def with_runs(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(N,) readings that are far, in a run of far ones or within a margin of it, from (N,) which are far."""
+    return far | _around_runs(far, dense_in(far, len(far)))
+
+
 def dense_in(far: NDArray[np.bool_], rows: int) -> int:
     """Fewest far readings of a window that make a run, given (N,) which of some consecutive readings are far.
 
