@@ -430,7 +430,7 @@ def level_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
 
 
 def magnet_trial(motion: str, aiding: str, number: int) -> tuple[str, float, float, float]:
-    """Verdict; level heading error (rms) in the sensor's own axes, and largest errors of offset and rotation, over claims.
+    """Verdict; level heading error (rms) in the sensor's own axes, largest of offset and rotation, all over claims.
 
     NaN where a fit is refused, or claims no rotation.
     """

@@ -7,7 +7,9 @@ Minimises the sum of the squares of all residuals, each in its own standard devi
 and a direction of the field for each group of readings that shares one, see `flinders.likelihood.observations`.
 Levenberg–Marquardt on the normal equations of all groups, their directions eliminated; the noise of readings and of
 verticals comes from their residuals (components of variance: each sum of squares over the residuals that are left
-free); then the mean gradient that noise makes on the sphere is removed, as for `Likelihood`.
+free); then the mean gradient that noise makes on the sphere is removed, as for `Likelihood`. It starts where large
+residuals of readings count less, and leaves out readings that do not belong
+(`flinders.estimators.joint_outliers`).
 
 When to use it: wherever the body cannot be turned all over and there is a gyro, an accelerometer, or an attitude that
 does not come from this compass. All claims are for what the recording shows: a gyro says nothing of the rotation
@@ -319,8 +321,8 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
     problem = put.problem(gyro_scale)
     _refuse_nothing(problem, put.samples)
     search_steps, steps = (SEARCH_STEPS, APPROACH_STEPS) if problem.is_long else (STEPS, STEPS)
-    start_of_all = _searched(problem.thinned(SEARCHED).robust(), _begins(problem, put, start, near), search_steps)
-    best = without_outliers(problem, initial(problem, start_of_all.at), steps)
+    some = _searched(problem.thinned(SEARCHED).robust(), _begins(problem, put, start, near), search_steps)
+    best = without_outliers(problem, initial(problem, some.at), steps)
     late = _whole_intervals(best.at.delay, problem.interval)
     if not late or put.samples.rate is None:
         return _Solved(problem, best, 0.0)
@@ -427,11 +429,10 @@ def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
         inverse = _inverse(equations)
         walk = random_walk_of(problem, iterate, inverse)
     scatter = scatter_of(problem, iterate, walk)
-    whole = equations.prior.matrix + scatter.excess_variance * scatter.covariance
     believed = equations.prior.matrix
     information = without(equations.matrix, spurious_information_of(problem, iterate), believed)
     textbook = replace(equations.prior, matrix=information).inverse()
-    covariance = textbook @ whole @ textbook
+    covariance = textbook @ (believed + scatter.whole) @ textbook
     seen: Floats = np.ones(3)
     if "rotation" in problem.layout:
         columns = problem.layout.columns["rotation"]

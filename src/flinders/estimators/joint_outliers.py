@@ -46,24 +46,23 @@ def without_outliers(problem: JointProblem, iterate: JointIterate, steps: int) -
     steps : int
         Of each fit, at most.
     """
-    before: tuple[ObservationGroup, ...] = ()
-    for _ in range(ROUNDS):
+    for turn in range(ROUNDS):
         groups = _inliers(iterate)
-        if before and all(np.array_equal(new.weight, old.weight) for new, old in zip(groups, before, strict=True)):
+        pairs = zip(groups, iterate.groups, strict=True)
+        if turn and all(np.array_equal(new.weight, old.weight) for new, old in pairs):
             break
-        iterate, before = levenberg_marquardt(problem, replace(iterate, groups=groups), steps), groups
+        iterate = levenberg_marquardt(problem, replace(iterate, groups=groups), steps)
     return iterate
 
 
 def _inliers(iterate: JointIterate) -> tuple[ObservationGroup, ...]:
-    """Groups in which readings that do not belong count nothing; as they are where those are many."""
+    """Groups in which readings that do not belong count nothing; with neighbours or alone, as enough are left."""
     rows = np.concatenate([group.rows.ravel() for group in iterate.groups])
     far = np.zeros(int(rows.max()) + 1, dtype=bool)
     far[rows] = _is_far(iterate)
-    belongs = next(
-        (one for one in (~with_runs(far), ~far) if one[rows].mean() > FEWEST_LEFT), np.ones_like(far)
-    ).astype(float)  # fmt: skip
-    return tuple(_weighed(group, belongs[group.rows]) for group in iterate.groups)
+    enough = (one for one in (~with_runs(far), ~far) if one[rows].mean() > FEWEST_LEFT)
+    weight = next(enough, np.ones_like(far)).astype(float)
+    return tuple(_weighed(group, weight[group.rows]) for group in iterate.groups)
 
 
 def _is_far(iterate: JointIterate) -> NDArray[np.bool_]:
@@ -75,5 +74,5 @@ def _is_far(iterate: JointIterate) -> NDArray[np.bool_]:
 
 
 def _weighed(group: ObservationGroup, weight: Floats) -> ObservationGroup:
-    """A group with (W, n) weights, for what stands beside the readings, too."""
+    """A group with (W, n) weights of readings, and of the verticals or attitudes recorded with them."""
     return replace(group, weight=weight, trust=None if group.trust is None else group.trust * weight)

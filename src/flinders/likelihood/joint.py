@@ -21,7 +21,7 @@ from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.observations import ObservationGroup, Weights, residuals_of
 from flinders.likelihood.parameters import ParameterLayout, Parameters
 from flinders.likelihood.prior import SensorPrior
-from flinders.likelihood.solver import EASED, NO_WORSE, SETTLED, STEPS, Iterate, levenberg_marquardt
+from flinders.likelihood.solver import EASED, NO_WORSE, SETTLED, Iterate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -71,7 +71,7 @@ class JointProblem:
     interval: float  # s: between two readings of a window
     accelerometer: AccelerometerPrior | None = None  # where it brings verticals
     is_rough: bool = False  # a check asks for no more steps than a long recording takes
-    is_robust: bool = False  # readings with a large residual count less (Huber)
+    is_robust: bool = False  # readings with a large residual count less (Huber): to start from, not to claim from
     tolerance: ClassVar[float] = NO_WORSE
 
     @classmethod
@@ -137,7 +137,7 @@ class JointProblem:
         return self if step < 2 else replace(self, groups=tuple(group.runs(step) for group in self.groups))
 
     def robust(self) -> Self:
-        """The same with less weight for readings that have a large residual."""
+        """The same with less weight for readings that have a large residual, so that a few cannot pull it far."""
         return replace(self, is_robust=True)
 
     def freed(self) -> Self:
@@ -231,10 +231,10 @@ class JointProblem:
             yield "sine", np.ones(1) / site.sine_sigma, (site.sine - at.sine) / site.sine_sigma
 
     def reweighed(self, iterate: JointIterate, equations: Equations) -> JointIterate:
-        """Weigh each kind of residual by its noise, and trust verticals with a large residual less."""
+        """Weigh each kind of residual by its noise, and large ones less: of verticals, and of readings if robust."""
         weights = self._weights(iterate, equations)
         groups = tuple(
-            _retrusted(group, original, iterate.at, directions, weights, is_robust=self.is_robust)
+            _reweighed(group, original, iterate.at, directions, weights, is_robust=self.is_robust)
             for group, original, directions in zip(iterate.groups, self.groups, iterate.directions, strict=True)
         )
         return replace(iterate, weights=weights, groups=groups)
@@ -380,7 +380,7 @@ def initial(problem: JointProblem, at: Parameters) -> JointIterate:
 
 
 def misfits(iterate: JointIterate) -> bool:
-    """Whether residuals are larger than what they change by from one reading to the next."""
+    """Whether weighted residuals are larger than what they change by from one reading to the next."""
     total, steps, count, pairs = 0.0, 0.0, 0, 0
     for group, directions in zip(iterate.groups, iterate.directions, strict=True):
         residual, auxiliary = residuals_of(group, iterate.at, directions)
@@ -396,7 +396,7 @@ def misfits(iterate: JointIterate) -> bool:
     return count > 0 and total / count > MISFIT**2 * steps / max(pairs, 1)
 
 
-def _retrusted(
+def _reweighed(
     group: ObservationGroup,
     original: ObservationGroup,
     at: Parameters,
@@ -405,10 +405,13 @@ def _retrusted(
     *,
     is_robust: bool,
 ) -> ObservationGroup:
-    """Trust verticals and attitudes with a large residual less than what was recorded with them asks for."""
+    """Trust verticals and attitudes with a large residual less than what was recorded with them asks for.
+
+    Readings with a large residual count less where the fit is to be robust.
+    """
     residual, auxiliary = residuals_of(group, at, directions)
     if is_robust:
-        group = replace(group, weight=dip.huber(lengths(residual) / weights.noise))
+        group = replace(group, weight=original.weight * dip.huber(lengths(residual) / weights.noise))
     if auxiliary is None or original.trust is None:
         return group
     length = np.sqrt(np.einsum("wni,wni->wn", auxiliary, auxiliary)) / weights.vertical
