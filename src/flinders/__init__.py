@@ -100,14 +100,14 @@ def __getattr__(name: str) -> object:
         raise AttributeError(f"module 'flinders' has no attribute {name!r}")
     home = _HOMES[name]
     module = import_module(f"flinders.{home}")
-    found: Any = module if home.rpartition(".")[2] == name else getattr(module, name)
+    attribute: Any = module if home.rpartition(".")[2] == name else getattr(module, name)
     if name in _RENAMED_KEYWORDS:
         from flinders.deprecation import renamed_keywords
 
-        found = renamed_keywords(**_RENAMED_KEYWORDS[name])(found)
-        found.__module__ = __name__  # for pickle
-    globals()[name] = found  # looked up once
-    return found
+        attribute = renamed_keywords(**_RENAMED_KEYWORDS[name])(attribute)
+        attribute.__module__ = __name__  # for pickle
+    globals()[name] = attribute  # looked up once
+    return attribute
 
 
 def __dir__() -> list[str]:

@@ -206,7 +206,7 @@ class FitError(FlindersError):
 class TooFewSamples(FitError):
     """Fewer usable readings (`found`) than the method has unknowns (`needed`); `skipped` says what was left out.
 
-    Where readings repeat each other, `found` of `of` are different. How the sensor should have been turned is `how`,
+    Where readings repeat each other, `found` of `among` are different. How the sensor should have been turned is `how`,
     here and below.
     """
 
@@ -218,12 +218,13 @@ class TooFewSamples(FitError):
         found: int,
         needed: int,
         method: str,
-        of: int = 0,
+        among: int = 0,
         skipped: Iterable[object] = (),
         how: str = "through all directions",
     ) -> None:
-        self.found, self.needed, self.method, self.of, self.how = found, needed, method, of, how
-        readings = f"{counted(found, 'different reading')} among {of:,}" if of else counted(found, "usable reading")
+        self.found, self.needed, self.method, self.among, self.how = found, needed, method, among, how
+        different, usable = (counted(found, f"{kind} reading") for kind in ("different", "usable"))
+        readings = f"{different} among {among:,}" if among else usable
         self.skipped = tuple(map(str, skipped))
         besides = f" besides {' and '.join(self.skipped)}" if self.skipped else ""
         check = "check what was left out, and " if self.skipped else ""
@@ -303,8 +304,10 @@ class OutOfScale(FitError):
 
     def __init__(self, size: float) -> None:
         self.size = size
-        found = f"readings of up to {size:.2g} are" if size > self.NOTHING else "readings that are all zero are"
-        super().__init__(f"{found} not those of a magnetometer: check which columns are read, and the unit", size=size)
+        readings = f"readings of up to {size:.2g} are" if size > self.NOTHING else "readings that are all zero are"
+        super().__init__(
+            f"{readings} not those of a magnetometer: check which columns are read, and the unit", size=size
+        )
 
 
 class NotAnEllipsoid(FitError):

@@ -444,6 +444,17 @@ def test_a_broken_sensor_is_called_wrong_however_far_from_its_target_it_is() -> 
     assert shown[-1].phase == "wrong", shown[-1].words
 
 
+def test_what_follows_from_the_first_cause_is_not_said_beside_it() -> None:
+    """Columns of no sensor are noise, and not an axis that is not linear as well."""
+    tumble = simulate.tumble(seed=11, n=2000)
+    noise = np.random.default_rng(1).uniform(-50.0, 50.0, (2000, 3))
+    session = after(replace(tumble.samples, field=noise))
+    fit = session.shown.evaluated.fit
+    assert fit is not None
+    assert {"noise", "nonlinear-axis"} <= {finding.code for finding in fit.findings}
+    assert [reason.code for reason in session.shown.evaluated.reasons if reason.severity == "warning"] == ["noise"]
+
+
 def test_an_axis_that_stops_is_named_while_the_others_move() -> None:
     rows = rows_of(simulate.tumble(seed=3).samples)
     rows[1000:, 2] = rows[1000, 2]

@@ -54,7 +54,7 @@ def saying_what_was_read(parts: Sequence[CountedRecording]) -> Iterator[None]:
             found=error.found,
             needed=error.needed,
             method=error.method,
-            of=error.of,
+            among=error.among,
             skipped=[entry for part in parts for entry in part.skipped],
             how=error.how,
         ) from None

@@ -99,7 +99,7 @@ def command(options: Check) -> int:
         comparison = _compared(known, fresh, recording, dip_deg=judged_deg, target_deg=options.target_deg)
         strengths = strength, _strength(fresh.calibration, recording)
     own = made_from(options.calibration, parts)
-    walk = _walked(recording, fresh) if options.is_followed else None
+    walk = _random_walk(recording, fresh) if options.is_followed else None
     _print(comparison, fresh, strengths, own, walk, extrapolated, options)
     if comparison.verdict == "contradict":
         return REFUSED
@@ -130,7 +130,7 @@ def _compared(known: Fit, fresh: Fit, recording: Joined, *, dip_deg: float, targ
     return compare(known, fresh, dip_deg=dip_deg, target_deg=target_deg)
 
 
-def _walked(recording: Joined, fresh: Fit) -> RandomWalk:
+def _random_walk(recording: Joined, fresh: Fit) -> RandomWalk:
     """How the offset moved through a recording, by the fit to it."""
     from flinders.diagnostics.random_walk import walk_through
 

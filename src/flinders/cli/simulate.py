@@ -363,7 +363,7 @@ def two_axis(options: TwoAxis) -> int:
     from flinders.simulate import TwoAxis as Compass
 
     options.check((), options.polar)
-    found = recover(
+    recovery = recover(
         Compass(options.scale, options.offset, options.skew_deg, options.noise),
         seed=options.seed,
         points=options.points,
@@ -371,16 +371,16 @@ def two_axis(options: TwoAxis) -> int:
         dip_deg=options.dip_deg,
     )
     if options.output:
-        options.write(found.swung)
+        options.write(recovery.swung)
     if options.polar:
-        _write_polar(found, options.polar, force=options.force)
+        _write_polar(recovery, options.polar, force=options.force)
     print_result(
-        found.as_dict,
-        lambda: of_recovery(found.true, found.estimate, found.polar, found.turn),
+        recovery.as_dict,
+        lambda: of_recovery(recovery.true, recovery.estimate, recovery.polar, recovery.turn),
         as_json=options.as_json,
     )
-    if found.refusal is not None:
-        say(f"refused: this would be no calibration to use; {found.refusal}")
+    if recovery.refusal is not None:
+        say(f"refused: this would be no calibration to use; {recovery.refusal}")
         return REFUSED
     return GOOD
 
@@ -434,16 +434,16 @@ def _summary(simulated: Simulated) -> str:
     return "; ".join([*parts, *simulated.disturbances])
 
 
-def _write_polar(found: Recovery, path: str, *, force: bool) -> None:
+def _write_polar(recovery: Recovery, path: str, *, force: bool) -> None:
     """Draw a swing, or write it in polar coordinates."""
     from flinders.core.files import replacing, write_text
     from flinders.report.drawings import turn_drawing
 
     if Path(path).suffix.lower() == ".svg":
-        write_text(turn_drawing(found.turn, found.fit), path, force=force)
+        write_text(turn_drawing(recovery.turn, recovery.fit), path, force=force)
         say(f"drawn in {path}")
         return
-    columns = found.polar.as_dict()
+    columns = recovery.polar.as_dict()
     with replacing(path, force=force) as file:
         file.write(",".join(columns) + "\n")
         file.writelines(

@@ -178,15 +178,15 @@ def known(name: str) -> Kind:
     """
     if name in KINDS:
         return KINDS[name]
-    of, number = motor(name)
+    kind, number = motor(name)
     if not number:
         each = ", ".join(f"{one}1, {one}2 …" for one in MOTORS)
         raise UsageError(f"nothing is known of {name!r}: need {', '.join(KINDS)}, or of each motor {each}")
-    return KINDS[of]._replace(key=KINDS[of].key.replace(of, name))
+    return KINDS[kind]._replace(key=KINDS[kind].key.replace(kind, name))
 
 
 def motor(name: str) -> tuple[str, int]:
-    """What a disturbance is of, and of which motor; 0 for no motor by itself.
+    """The kind of a disturbance, and the number of its motor; 0 for no motor by itself.
 
     >>> motor("current12"), motor("current"), motor("current0")
     (('current', 12), ('current', 0), ('current0', 0))
@@ -195,17 +195,17 @@ def motor(name: str) -> tuple[str, int]:
     return (match[1], int(match[2])) if match else (name, 0)
 
 
-def motors(of: str, count: int) -> tuple[str, ...]:
+def motors(kind: str, count: int) -> tuple[str, ...]:
     """Names of the first motors' own disturbances.
 
     >>> motors("current", 3)
     ('current1', 'current2', 'current3')
     """
-    return tuple(f"{of}{number + 1}" for number in range(count))
+    return tuple(f"{kind}{number + 1}" for number in range(count))
 
 
 BY_KEY: Final[Mapping[str, str]] = {
-    known(name).key: name for name in (*KINDS, *(name for of in MOTORS for name in motors(of, MOST)))
+    known(name).key: name for name in (*KINDS, *(name for kind in MOTORS for name in motors(kind, MOST)))
 }
 """Names of all disturbances by what they are called in files."""
 
@@ -217,8 +217,8 @@ def place_of(name: str) -> tuple[int, int]:
     ['current', 'current2', 'current10', 'throttle', 'temperature']
     """
     known(name)
-    of, number = motor(name)
-    return list(KINDS).index(of), number
+    kind, number = motor(name)
+    return list(KINDS).index(kind), number
 
 
 def checked(disturbances: Iterable[Disturbance]) -> tuple[Disturbance, ...]:
@@ -248,10 +248,10 @@ def named(**columns: ArrayLike | None) -> dict[str, ArrayLike]:
     {'throttle': 0.5, 'current1': array(1.), 'current2': array(2.)}
     """
     given: dict[str, ArrayLike] = {name: values for name, values in columns.items() if values is not None}
-    for of, many in MOTORS.items():
+    for kind, many in MOTORS.items():
         if many in given:
             table = np.atleast_1d(floats(given.pop(many), many))
-            given |= {name: table[..., place] for place, name in enumerate(motors(of, table.shape[-1]))}
+            given |= {name: table[..., place] for place, name in enumerate(motors(kind, table.shape[-1]))}
     for name in given:
         known(name)
     return given

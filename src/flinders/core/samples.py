@@ -220,18 +220,18 @@ class Samples:
         >>> flown.driving("current"), flown.driving("current2"), flown.driving("current3")
         (array([9.]), array([5.]), None)
         """
-        of, number = motor(name)
+        kind, number = motor(name)
         if not number:
             whole: Floats | None = getattr(self, name) if name in KINDS else None
             return whole
-        each: Floats | None = getattr(self, MOTORS[of])
+        each: Floats | None = getattr(self, MOTORS[kind])
         return None if each is None or number > each.shape[1] else each[:, number - 1]
 
     @property
     def disturbances(self) -> tuple[str, ...]:
         """Names of the disturbances that were recorded with the readings, those of each motor among them."""
-        each = {of: getattr(self, many) for of, many in MOTORS.items()}
-        numbered = [name for of, table in each.items() if table is not None for name in motors(of, table.shape[1])]
+        each = {kind: getattr(self, many) for kind, many in MOTORS.items()}
+        numbered = [name for kind, table in each.items() if table is not None for name in motors(kind, table.shape[1])]
         there = [name for name in KINDS if getattr(self, name) is not None]
         return tuple(sorted([*there, *numbered], key=place_of))
 

@@ -111,7 +111,7 @@ def moments_of(readings: Floats) -> dict[str, NDArray[np.int64]]:
     """First rows behind a break that one of `SWAPS` mends, by its name; those that mend none are left out."""
     starts = range(0, len(readings) - REACH, BLOCK)
     breaks = [_breaks(readings[begin : begin + BLOCK + REACH], begin) for begin in starts]
-    at, usual = np.concatenate([rows for rows, _ in breaks]), np.concatenate([beside for _, beside in breaks])
+    at, usual = np.concatenate([rows for rows, _ in breaks]), np.concatenate([neighbours for _, neighbours in breaks])
     onward = 1.5 * readings[at + 2] - 0.5 * readings[at + 3]
     back = 1.5 * readings[at + 1] - 0.5 * readings[at]
     mended = {name: at[np.abs(onward @ swap - back).max(axis=1) <= LIKE * usual] for name, swap in SWAPS.items()}
@@ -129,9 +129,9 @@ def _breaks(readings: Floats, begin: int) -> tuple[NDArray[np.int64], Floats]:
     after = 1.5 * axes[:, 2:-1] - 0.5 * axes[:, 3:]
     breaks = np.abs(after - before).max(axis=0)
     three = np.maximum(np.maximum(breaks[:-2], breaks[1:-1]), breaks[2:])
-    beside = np.maximum(three[:-6], three[6:])
-    at = np.flatnonzero(breaks[4:-4] > BROKEN * beside)
-    return at + 4 + begin, beside[at]
+    neighbours = np.maximum(three[:-6], three[6:])
+    at = np.flatnonzero(breaks[4:-4] > BROKEN * neighbours)
+    return at + 4 + begin, neighbours[at]
 
 
 def _noise(readings: Floats) -> float:

@@ -68,7 +68,7 @@ def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, ne
     try:
         return [
             parameters_of(
-                samples[kept],
+                samples[training],
                 terms,
                 rotation=rotation,
                 near=near,
@@ -76,7 +76,7 @@ def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, ne
                 acceleration_bias=ACCELERATION_SIGMA * is_free,
                 acceleration_gain=GAIN_SIGMA * is_free,
             )
-            for kept, _ in folds(len(samples))
+            for training, _ in folds(len(samples))
         ]
     except FitError:
         return []

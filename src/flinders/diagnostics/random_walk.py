@@ -125,10 +125,10 @@ class RandomWalk:
 
     def words(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
         """Say how far the offset moved, and for how long a calibration holds."""
-        held = _duration(self.valid_for_s(level_deg, dip_deg=dip_deg))
+        lifetime = _duration(self.valid_for_s(level_deg, dip_deg=dip_deg))
         least = "" if self.is_proven else "at least "
         story = self.story(unit, level_deg=level_deg, dip_deg=dip_deg)
-        return f"{story}; {level_deg:g}° of heading (1 σ, dip {dip_deg:.0f}°) takes {least}{held}"
+        return f"{story}; {level_deg:g}° of heading (1 σ, dip {dip_deg:.0f}°) takes {least}{lifetime}"
 
     def story(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
         """Say how far the offset moved, or that nobody can tell to this level."""
@@ -160,10 +160,10 @@ class RandomWalk:
 
     def as_dict(self, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> dict[str, Any]:
         """JSON-ready; `valid_for_s` is None for any time, `told` as `is_determined`."""
-        held = self.valid_for_s(level_deg, dip_deg=dip_deg)
+        valid_for_s = self.valid_for_s(level_deg, dip_deg=dip_deg)
         return {
             "level_deg": level_deg,
-            "valid_for_s": held if np.isfinite(held) else None,
+            "valid_for_s": valid_for_s if np.isfinite(valid_for_s) else None,
             "per_root_second": self.per_root_second,
             "at_most": self.at_most,
             "gain": self.gain,
@@ -226,7 +226,7 @@ def random_walk_of(
     gain = 2.0 * float(likelihoods.max() - likelihoods[0])
     q = _refined(sizes, likelihoods, int(np.argmax(likelihoods)))
     at_most = float(sizes[likelihoods > likelihoods.max() - PROVEN / 2.0].max())
-    path, sigma = _followed(spans, q, ellipsoid.radius) if gain > PROVEN else _kept(spans, at_most, ellipsoid.radius)
+    path, sigma = _followed(spans, q, ellipsoid.radius) if gain > PROVEN else _steady(spans, at_most, ellipsoid.radius)
     return RandomWalk(q, at_most, gain, spans.time, path, sigma, ellipsoid.radius)
 
 
@@ -236,7 +236,7 @@ def _followed(spans: _Spans, q: float, radius: float) -> tuple[Floats, Floats]:
     return path[:, 0], _sigma(covariance[:, 0])
 
 
-def _kept(spans: _Spans, at_most: float, radius: float) -> tuple[Floats, Floats]:
+def _steady(spans: _Spans, at_most: float, radius: float) -> tuple[Floats, Floats]:
     """One offset (K, 3) all along, and how far (K, 3) from it a walk of this size may have been, rms."""
     paths, covariances = _smoothed(_filtered(spans, np.array([0.0, at_most]), radius))
     path = np.tile(paths[-1, 0], (len(paths), 1))  # rounding apart the same in all spans
@@ -289,9 +289,9 @@ def _spans(readings: Floats, ellipsoid: Ellipsoid, time: Floats, *, is_own: bool
     """Put readings together, a reading that is far off with no more weight than one at the limit."""
     distances = magnitude.distances(readings, ellipsoid)
     jacobian = magnitude.information(directions_of(readings, ellipsoid), ellipsoid)
-    beside = distances if is_own else distances - _in_pieces(distances, jacobian, time)
-    noise = max(robust_sigma(beside), 1e-9 * ellipsoid.radius)
-    weights = np.minimum(1.0, NEAR * noise / np.maximum(np.abs(beside), np.finfo(float).tiny)) ** 2
+    residuals = distances if is_own else distances - _in_pieces(distances, jacobian, time)
+    noise = max(robust_sigma(residuals), 1e-9 * ellipsoid.radius)
+    weights = np.minimum(1.0, NEAR * noise / np.maximum(np.abs(residuals), np.finfo(float).tiny)) ** 2
     left = distances * np.sqrt(weights)
     alike = _time_of_noise(left, jacobian, time)
     normals = jacobian[:, :3] * (weights / (noise**2 * alike))[:, np.newaxis]

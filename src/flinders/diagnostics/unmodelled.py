@@ -73,16 +73,16 @@ def _by(
     values = samples.driving(name)
     if values is None:
         return None
-    found = engine().regress(samples.field, values, ellipsoid.centre, ellipsoid.shape, limit=limit)
-    used, stride = int(found["used"]), int(found["stride"])
-    if used < FEWEST or found["range"] < known(name).least:
+    regression = engine().regress(samples.field, values, ellipsoid.centre, ellipsoid.shape, limit=limit)
+    used, stride = int(regression["used"]), int(regression["stride"])
+    if used < FEWEST or regression["range"] < known(name).least:
         return None
-    variance = float(found["left"]) / max(used - 12, 1)
+    variance = float(regression["left"]) / max(used - 12, 1)
     time = max(time / stride, min(time, 1.0))
-    chi_square = float(found["explained"]) / max(variance * time, np.finfo(float).tiny)
+    chi_square = float(regression["explained"]) / max(variance * time, np.finfo(float).tiny)
     if chi_square < PROVEN:
         return None
-    per_unit = found["per_unit"].tolist()
+    per_unit = regression["per_unit"].tolist()
     level = ellipsoid.radius * math.cos(math.radians(dip_deg))
-    off = math.hypot(*per_unit) * float(found["farthest"])
+    off = math.hypot(*per_unit) * float(regression["farthest"])
     return Unmodelled(name, tuple(per_unit), math.degrees(math.atan2(off, level)), chi_square)

@@ -232,8 +232,8 @@ def _not_below(scatter: Floats, white: Floats) -> Floats:
     inflation, turned = np.linalg.eigh(inverse.T @ scatter @ inverse)
     inflation = np.maximum(inflation, max(1.0, float(inflation.mean()) / 4.0))
     spread = white @ inverse @ turned
-    kept: Floats = spread * inflation @ spread.T
-    return kept
+    bounded: Floats = spread * inflation @ spread.T
+    return bounded
 
 
 def _principal(matrix: Floats) -> tuple[Floats, Floats]:
@@ -242,8 +242,8 @@ def _principal(matrix: Floats) -> tuple[Floats, Floats]:
     observed = diagonal > ROUNDING * float(diagonal.max())
     scale = np.sqrt(np.where(observed, diagonal, 1.0))
     values, vectors = np.linalg.eigh(np.where(np.outer(observed, observed), matrix, 0.0) / np.outer(scale, scale))
-    kept = values > DEPENDENT * values[-1]
-    return values[kept], vectors[:, kept] / scale[:, np.newaxis]
+    independent = values > DEPENDENT * values[-1]
+    return values[independent], vectors[:, independent] / scale[:, np.newaxis]
 
 
 def quadrature(autocovariance: Floats) -> tuple[list[int], Floats]:

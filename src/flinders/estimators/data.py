@@ -307,7 +307,7 @@ class Readings:
         if stuck:
             raise StuckAxis(tuple("xyz"[axis] for axis in stuck), tuple(health.lows.values[stuck].tolist()), plane)
         if health.distinct < unknowns:
-            raise TooFewSamples(found=health.distinct, of=len(self), needed=unknowns, method=method, how=how)
+            raise TooFewSamples(found=health.distinct, among=len(self), needed=unknowns, method=method, how=how)
         spread, size = self.summary.moments.spread, float(np.linalg.norm(self.summary.moments.mean))
         if size > FARTHEST * spread:
             raise Unmoved(math.degrees(float(np.linalg.norm(health.extent)) / size), how)

@@ -106,7 +106,7 @@ class Driving:
     ellipsoid: Ellipsoid  #: the one found along with them
     noise: float  #: standard deviation of the distances that are left, in the unit of the readings
     noise_without: float  #: the same of the best ellipsoid that follows nothing, over the same readings
-    found: tuple[DisturbanceQuality, ...]  #: one for each disturbance
+    qualities: tuple[DisturbanceQuality, ...]  #: one for each disturbance
     constant: tuple[str, ...] = ()  #: disturbances that hardly changed, of which nothing was found
     #: (D, D): what a unit of one disturbance goes with of another motor's, in its unit, row by row; ones on the
     #: diagonal
@@ -195,7 +195,7 @@ def _identified(
         solved.at.ellipsoid,
         solved.noise,
         _noise_on(without, solved.used),
-        tuple(_found(problem, solved, inverse, name, lags.get(name)) for name in problem.names),
+        tuple(_quality(problem, solved, inverse, name, lags.get(name)) for name in problem.names),
         constant,
         _along(problem),
         _leaning(solved, matrix),
@@ -262,8 +262,8 @@ def _along(problem: DisturbanceProblem) -> Floats:
     products = departures.T @ departures
     slopes = products / np.diag(products)[:, np.newaxis]
     family = [motor(name) for name in problem.names]
-    beside = [[one[0] == other[0] and bool(one[1] and other[1]) for other in family] for one in family]
-    return np.where(np.array(beside) | np.eye(len(family), dtype=bool), slopes, 0.0)
+    is_related = [[one[0] == other[0] and bool(one[1] and other[1]) for other in family] for one in family]
+    return np.where(np.array(is_related) | np.eye(len(family), dtype=bool), slopes, 0.0)
 
 
 def _drivers(problem: DisturbanceProblem, solved: Solved) -> tuple[Disturbance, ...]:
@@ -281,7 +281,7 @@ def _drivers(problem: DisturbanceProblem, solved: Solved) -> tuple[Disturbance, 
     )
 
 
-def _found(
+def _quality(
     problem: DisturbanceProblem, solved: Solved, inverse: Floats, name: str, lag: Lag | None
 ) -> DisturbanceQuality:
     """What there is to say of one driver."""

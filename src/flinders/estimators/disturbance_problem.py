@@ -237,8 +237,8 @@ def _start(readings: CompensatedReadings, spread: float) -> Parameters:
     shifts: list[Floats] = [np.zeros((readings.departures.shape[1], 3))]
     if readings.departures.shape[1]:
         shifts.append(_by_steps(readings))
-    found = [_Fit(readings, spread).solved(_sphere(readings, shift)) for shift in shifts]
-    return min(found, key=lambda at: robust_sigma(readings.distances(at)))
+    solutions = [_Fit(readings, spread).solved(_sphere(readings, shift)) for shift in shifts]
+    return min(solutions, key=lambda at: robust_sigma(readings.distances(at)))
 
 
 def _by_steps(readings: CompensatedReadings) -> Floats:

@@ -108,7 +108,7 @@ def equator(ellipse: PlaneEllipse) -> Ellipsoid:
 
 
 def lifted(
-    flat: Estimate, plane: Plane, *, name: str, dip_deg: float, field_strength: float | None, beside: float
+    flat: Estimate, plane: Plane, *, name: str, dip_deg: float, field_strength: float | None, mean_across: float
 ) -> Estimate:
     """Take an ellipse to the ellipsoid of three axes whose third one has unit gain and no offset.
 
@@ -136,7 +136,7 @@ def lifted(
     if field_strength is not None:
         shape[2, 2] = field_strength
     lift = lift_of(float(dip))
-    unclaimed = np.hypot(beside, shape[2, 2])
+    unclaimed = np.hypot(mean_across, shape[2, 2])
     order = order_of(plane)
     there = [order.index(axis) for axis in range(3)]
     rows = _parameters(there)

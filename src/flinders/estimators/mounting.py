@@ -189,10 +189,10 @@ def _simplest(misses: dict[tuple[str, Axes], float]) -> Mounted:
     turned = tuple(misses[RAD_S, axes] for axes in TURNS)
     if recorded <= MARGIN * best:
         return Mounted(misses=turned)
-    alike = [way for way, miss in misses.items() if miss <= ALIKE * best]
-    least = min(_steps(*way) for way in alike)
-    plain = [way for way in alike if _steps(*way) == least]
-    unit, axes = min(plain, key=lambda way: misses[way])
+    alike = [candidate for candidate, miss in misses.items() if miss <= ALIKE * best]
+    least = min(_steps(*candidate) for candidate in alike)
+    plain = [candidate for candidate in alike if _steps(*candidate) == least]
+    unit, axes = min(plain, key=lambda candidate: misses[candidate])
     return Mounted(axes, unit, recorded / max(misses[unit, axes], 1e-12), len(plain) == 1, turned)
 
 

@@ -336,8 +336,8 @@ def collinearity(values: Floats, others: Floats) -> float:
     total = float(about @ about)
     if not (total > 0.0 and others.shape[1]):
         return 0.0
-    beside = others - others.mean(axis=0)
-    left = about - beside @ np.linalg.lstsq(beside, about, rcond=None)[0]
+    centred = others - others.mean(axis=0)
+    left = about - centred @ np.linalg.lstsq(centred, about, rcond=None)[0]
     return min(max(1.0 - float(left @ left) / total, 0.0), 1.0)
 
 

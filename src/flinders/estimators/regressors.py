@@ -234,14 +234,14 @@ def spelled_out(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[
     """
     columns: list[str] = []
     for name in names:
-        of = next((of for of, many in MOTORS.items() if many == name), None)
-        if of is None:
+        kind = next((kind for kind, many in MOTORS.items() if many == name), None)
+        if kind is None:
             known(name)
             columns.append(name)
             continue
         for recording in recordings:
             there = next(iter(recording.blocks())).disturbances
-            each = [one for one in there if one != of and one.startswith(of)]
+            each = [one for one in there if one != kind and one.startswith(kind)]
             if not each:
                 raise InputError(_lacking(recording.source, name, there))
             columns += each

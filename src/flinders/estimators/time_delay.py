@@ -141,9 +141,9 @@ def lagging(names: Sequence[str]) -> list[tuple[str, ...]]:
     """
     families: dict[tuple[str, bool], list[str]] = {}
     for name in names:
-        of, number = motor(name)
-        if of not in UNLAGGED:
-            families.setdefault((of, number > 0), []).append(name)
+        kind, number = motor(name)
+        if kind not in UNLAGGED:
+            families.setdefault((kind, number > 0), []).append(name)
     return [tuple(family) for family in families.values()]
 
 

@@ -118,7 +118,7 @@ class TwoAxisRecipe:
             name=self.name,
             dip_deg=self.dip_deg,
             field_strength=self.field_strength,
-            beside=float(readings.summary.moments.mean[order_of(self.plane)[2]]),
+            mean_across=float(readings.summary.moments.mean[order_of(self.plane)[2]]),
         )
 
 

@@ -8,7 +8,7 @@ have yet is made where the record is made (`flinders.fitting.verdict`).
 >>> CATALOGUE["coverage"].number
 'angle from the middle of the largest gap to the nearest reading, degrees'
 >>> CATALOGUE["coverage"].rule.grades
-(Grade(severity='limits', factor=60.0, of=''),)
+(Grade(severity='limits', factor=60.0, times=''),)
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def _naming(finding: Finding, names: str) -> str:
     return f"{finding.advice} ({names})" if names else finding.advice
 
 
-def limit_of(code: str, of: Severity | str = "limits") -> float:
+def limit_of(code: str, name: Severity | str = "limits") -> float:
     """The factor of a limit in a rule: that of a severity, or of another quantity that it needs.
 
     >>> limit_of("coverage"), limit_of("heading-error", "refuses"), limit_of("field-changed", "drift_by_chance")
@@ -76,7 +76,7 @@ def limit_of(code: str, of: Severity | str = "limits") -> float:
     limits = {grade.severity: grade.factor for grade in rule.grades} | {
         need.quantity: need.factor for need in rule.needs
     }
-    return limits[of]
+    return limits[name]
 
 
 def action(code: str) -> str:

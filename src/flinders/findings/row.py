@@ -91,20 +91,20 @@ def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
 
 
-def _scaled(factor: float, of: str, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a number, or a column of them
+def _scaled(factor: float, times: str, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a number, or a column of them
     """A factor, of a quantity of the record or of one."""
-    return factor * record[of] if of else factor
+    return factor * record[times] if times else factor
 
 
 class Limit(NamedTuple):
     """A factor, of a quantity of the record or of one."""
 
     factor: float
-    of: str = ""
+    times: str = ""
 
     def value(self, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a number, or a column of them
         """The limit for a record."""
-        return _scaled(self.factor, self.of, record)
+        return _scaled(self.factor, self.times, record)
 
 
 class Grade(NamedTuple):
@@ -112,11 +112,11 @@ class Grade(NamedTuple):
 
     severity: Severity
     factor: float
-    of: str = ""
+    times: str = ""
 
     def limit(self, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a number, or a column of them
         """The limit for a record."""
-        return _scaled(self.factor, self.of, record) if self.of else self.factor
+        return _scaled(self.factor, self.times, record) if self.times else self.factor
 
 
 class Needs(NamedTuple):
@@ -125,11 +125,11 @@ class Needs(NamedTuple):
     quantity: str
     comparison: Comparison
     factor: float
-    of: str = ""
+    times: str = ""
 
     def holds(self, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a truth value, or a column of them
         """Whether it holds for a record."""
-        return COMPARISONS[self.comparison](record[self.quantity], _scaled(self.factor, self.of, record))
+        return COMPARISONS[self.comparison](record[self.quantity], _scaled(self.factor, self.times, record))
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,20 +146,20 @@ class Rule:
     @property
     def compared(self) -> frozenset[str]:
         """Names of the quantities that it compares."""
-        graded = (grade.of for grade in self.grades)
-        needed = (name for need in self.needs for name in (need.quantity, need.of))
+        graded = (grade.times for grade in self.grades)
+        needed = (name for need in self.needs for name in (need.quantity, need.times))
         return frozenset({self.quantity, *graded, *needed} - {""})
 
     @property
     def names(self) -> frozenset[str]:
         """Names of the quantities that it compares or states."""
-        return self.compared | {name for name in (self.number, self.limit.of if self.limit else "") if name}
+        return self.compared | {name for name in (self.number, self.limit.times if self.limit else "") if name}
 
     def severity(self, record: Mapping[str, Any]) -> Severity | None:
         """How severe it is for one record; None where it is not found."""
         number, beyond, severity = record[self.quantity], COMPARISONS[self.comparison], None
-        for worse, factor, of in self.grades:  # each asks for more than the one before
-            if not beyond(number, factor * record[of] if of else factor):
+        for worse, factor, times in self.grades:  # each asks for more than the one before
+            if not beyond(number, factor * record[times] if times else factor):
                 break
             severity = worse
         return severity if severity and all(need.holds(record) for need in self.needs) else None
@@ -167,12 +167,13 @@ class Rule:
     def holds(self, record: Mapping[str, Any]) -> dict[Severity, Any]:
         """For each severity whether a record has it; of columns (U,) bool."""
         number, beyond = record[self.quantity], COMPARISONS[self.comparison]
-        held = [beyond(number, grade.limit(record)) for grade in self.grades]
+        exceeded = [beyond(number, grade.limit(record)) for grade in self.grades]
         for need in self.needs:
-            held = [each & need.holds(record) for each in held]
-        more = [*held[1:], number != number]  # noqa: PLR0124 - no number differs from itself
+            exceeded = [each & need.holds(record) for each in exceeded]
+        more = [*exceeded[1:], number != number]  # noqa: PLR0124 - no number differs from itself
         return {
-            grade.severity: each & (worse ^ True) for grade, each, worse in zip(self.grades, held, more, strict=True)
+            grade.severity: each & (worse ^ True)
+            for grade, each, worse in zip(self.grades, exceeded, more, strict=True)
         }
 
     def stated(self, record: Mapping[str, Any]) -> tuple[float, float]:

@@ -124,7 +124,7 @@ def _comparison(comparison: str) -> str:
 
 
 def _limit(limit: Grade | Needs) -> str:
-    return f"{{{_number(limit.factor)}, {_quantity(limit.of) if limit.of else 'FLINDERS_QUANTITIES'}}}"
+    return f"{{{_number(limit.factor)}, {_quantity(limit.times) if limit.times else 'FLINDERS_QUANTITIES'}}}"
 
 
 def _quantity(name: str) -> str:

@@ -159,7 +159,7 @@ class _Selection:
     @property
     def best(self) -> Aided:
         """The fit with the sensors that are used."""
-        return self.standing.found
+        return self.standing.aided
 
     @property
     def is_elsewhere(self) -> bool:
@@ -210,8 +210,8 @@ class _Selection:
         """Take over the rotation alone, of the first sensor that proves one."""
         if self.turned is not None or not (words := trial.rotation_words(report)):
             return None
-        self.turned = trial.found
-        changed = turned_deg(trial.found.parameters.rotation, self.dip_deg)
+        self.turned = trial.aided
+        changed = turned_deg(trial.aided.parameters.rotation, self.dip_deg)
         return replace(report, changed_deg=changed, after_deg=report.before_deg, words=words)
 
     def _report_replaced(self, replaced: Sequence[str], name: str) -> None:
@@ -290,14 +290,14 @@ class _Candidate:
     """A fit, and the fits of parts of its readings, which are made once, and only where they are asked for."""
 
     samples: Samples
-    found: Aided
+    aided: Aided
     rotation: Floats | None
 
     @cached_property
     def in_parts(self) -> list[Parameters]:
         """Without each fold in turn; a fit that sees no rotation takes the axes for those of the body."""
-        rotation = self.rotation if self.found.sees_rotation else None
-        return fitted(self.samples, self.found.aiding, rotation, self.found)
+        rotation = self.rotation if self.aided.sees_rotation else None
+        return fitted(self.samples, self.aided.aiding, rotation, self.aided)
 
     def hold_out_misfit(self, vertical: str | None) -> HoldOutMisfit:
         """How far off what was left out is, by verticals of one kind."""
@@ -311,9 +311,9 @@ class _AidTrial(NamedTuple):
     candidate: _Candidate
 
     @property
-    def found(self) -> Aided:
-        """What is found with it."""
-        return self.candidate.found
+    def aided(self) -> Aided:
+        """The fit with it."""
+        return self.candidate.aided
 
     def against(self, report: AidingSensor) -> str:
         """Why the sensor does not earn its place; nothing where it does."""
@@ -326,10 +326,10 @@ class _AidTrial(NamedTuple):
 
     def rotation_words(self, report: AidingSensor) -> str:
         """What its rotation does; nothing where that is not proven, or makes nothing better."""
-        covariance = self.found.rotation_covariance
-        if covariance is None or self.standing.found.sees_rotation or self.found.aiding[-1] not in UPRIGHT[:2]:
+        covariance = self.aided.rotation_covariance
+        if covariance is None or self.standing.aided.sees_rotation or self.aided.aiding[-1] not in UPRIGHT[:2]:
             return ""
-        angle = _angle_of(self.found.parameters.rotation)
+        angle = _angle_of(self.aided.parameters.rotation)
         is_proven = float(angle @ np.linalg.solve(covariance, angle)) >= TURNED
         if not is_proven or self._is_far() or report.after_deg > FAR_CLAIM * report.before_deg:
             return ""
@@ -346,12 +346,12 @@ class _AidTrial(NamedTuple):
     def _is_far(self) -> bool:
         """The rotation is farther from the axes as they are mounted than instruments on one body sit apart."""
         mounted = np.eye(3) if self.candidate.rotation is None else self.candidate.rotation
-        apart = _angle_of(self.found.parameters.rotation @ mounted.T)
+        apart = _angle_of(self.aided.parameters.rotation @ mounted.T)
         return bool(np.rad2deg(np.linalg.norm(apart)) > FAR_TURN_DEG)
 
     def _missed(self, candidate: _Candidate) -> HoldOutMisfit:
         """How far off what was left out is, by the vertical that the sensor brings."""
-        return candidate.hold_out_misfit(next((name for name in self.found.aiding if name in UPRIGHT[:2]), None))
+        return candidate.hold_out_misfit(next((name for name in self.aided.aiding if name in UPRIGHT[:2]), None))
 
 
 def _degrees(radians: float) -> str:

@@ -777,7 +777,7 @@ def _with_disturbances(result: Fit, driving: Driving) -> Fit:
             chi_square=quality.chi_square,
             lag_sigma_s=quality.lag_sigma_s,
         )
-        for place, (disturbance, quality) in enumerate(zip(driving.disturbances, driving.found, strict=True))
+        for place, (disturbance, quality) in enumerate(zip(driving.disturbances, driving.qualities, strict=True))
     ]
     constant = [DisturbanceEstimate(name) for name in driving.constant]
     return replace(

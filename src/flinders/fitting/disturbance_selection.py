@@ -73,22 +73,22 @@ def earned(
     """
     parts = [samples for part in singles(source) if len(samples := in_memory(part))]
     recorded = _of_all(parts)
-    kept: tuple[str, ...] = ()
+    accepted: tuple[str, ...] = ()
     reports = []
     for name in (name for name in recorded if name in KINDS):
-        reports.append(_report(parts, name, kept, (*kept, name), spread, dip_deg))
+        reports.append(_report(parts, name, accepted, (*accepted, name), spread, dip_deg))
         if reports[-1].kept:
-            kept = (*kept, name)
+            accepted = (*accepted, name)
     for name, many in MOTORS.items():
         each = tuple(column for column in recorded if motor(column)[0] == name and motor(column)[1])
         if len(each) < 2:
             continue
-        tried = (*(other for other in kept if other != name), *each)
-        reports.append(_report(parts, many, kept, tried, spread, dip_deg))
+        tried = (*(other for other in accepted if other != name), *each)
+        reports.append(_report(parts, many, accepted, tried, spread, dip_deg))
         if reports[-1].kept:
-            kept = tried
+            accepted = tried
             reports = [replace(one, kept=False, words=APART) if one.name == name else one for one in reports]
-    return kept, tuple(reports)
+    return accepted, tuple(reports)
 
 
 def _of_all(parts: Sequence[Samples]) -> tuple[str, ...]:
@@ -100,24 +100,24 @@ def _of_all(parts: Sequence[Samples]) -> tuple[str, ...]:
 def _report(
     parts: Sequence[Samples],
     name: str,
-    kept: tuple[str, ...],
+    accepted: tuple[str, ...],
     tried: tuple[str, ...],
     spread: float | None,
     dip_deg: float,
 ) -> AidingSensor:
     """Whether the disturbances `tried` explain more than those that were kept before."""
-    new = tuple(each for each in tried if each not in kept)
+    new = tuple(each for each in tried if each not in accepted)
     try:
         if words := _standstill(parts, new, tried):
             return AidingSensor(name, kept=False, words=words)
-        before, after = hold_out_residuals(parts, kept, tried, spread)
+        before, after = hold_out_residuals(parts, accepted, tried, spread)
         if after > WORTH * before:
             words = "the strength of the field scatters as much with it as without, where it was left out"
             return AidingSensor(name, kept=False, words=words)
         driving = driving_of(parts, tried, spread=spread)
     except (FitError, InputError) as refusal:
         return AidingSensor(name, kept=False, words=str(refusal))
-    entangled = max(one.shared for one in driving.found if one.name in new)
+    entangled = max(one.shared for one in driving.qualities if one.name in new)
     if entangled > ENTANGLED:
         words = f"{entangled:.1%} of what tells about it could be the attitude as well"
         return AidingSensor(name, kept=False, words=words)
@@ -154,7 +154,7 @@ def hold_out_residuals(
     distances: tuple[list[Floats], list[Floats]] = [], []
     cut = [list(folds(len(part), PIECES)) for part in parts]
     for fold in zip(*cut, strict=True):
-        fitted = [run for part, (kept, _) in zip(parts, fold, strict=True) for run in _runs(part, kept)]
+        fitted = [run for part, (training, _) in zip(parts, fold, strict=True) for run in _runs(part, training)]
         rest = [run for part, (_, out) in zip(parts, fold, strict=True) for run in _runs(part, out)]
         for names, of_names in zip((without, tried), distances, strict=True):
             driving = driving_of(fitted, names, spread=spread)

@@ -285,11 +285,11 @@ class _Equations:
         matrix[3:, 3:] += known
         right[3:] += known @ entries
         covariance: Floats = np.linalg.inv(matrix)
-        found = covariance @ right
-        left, moved = self.readings - self.design @ found, found[3:] - entries
+        solution = covariance @ right
+        left, moved = self.readings - self.design @ solution, solution[3:] - entries
         freedom = len(left) - 3
         chance = chance_of(float(left @ precision @ left + moved @ known @ moved), freedom) if freedom else 1.0
-        return found[:3], found[3:], covariance, chance
+        return solution[:3], solution[3:], covariance, chance
 
 
 def _calibration(ellipsoid: Ellipsoid, previous: Fit, site: Site | None) -> Calibration:

@@ -352,5 +352,5 @@ def _findings(
     }
     named = ", ".join(str(number) for number, out in zip(errors.numbers, errors.left_out, strict=True) if out)
     record = Record(numbers, remedy=REST, shots=f"shot {named}")
-    found = (CATALOGUE[code].finding(record) for code in ("pointing-error", "shots-contradict"))
-    return by_severity(finding for finding in found if finding is not None)
+    findings = (CATALOGUE[code].finding(record) for code in ("pointing-error", "shots-contradict"))
+    return by_severity(finding for finding in findings if finding is not None)

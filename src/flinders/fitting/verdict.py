@@ -540,7 +540,7 @@ def of_disturbances(fit: Fit) -> Iterator[Finding]:
         yield from apply_rules((CATALOGUE[code] for code in (*first, *OF_A_COLUMN)), record)
 
 
-OF_A_COLUMN: Final = tuple(f"disturbance-{of}" for of in ("monotone", "lag", "nonlinear", "range", "reference"))
+OF_A_COLUMN: Final = tuple(f"disturbance-{fault}" for fault in ("monotone", "lag", "nonlinear", "range", "reference"))
 """Findings of what was logged of a disturbance, turned or on a bench."""
 
 

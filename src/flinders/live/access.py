@@ -128,8 +128,8 @@ def page_addresses(host: str, port: int, token: str | None = None) -> list[str]:
 
 def _own_addresses() -> list[str]:
     """The addresses of this machine on its networks, the one that reaches others first; nothing is sent to find out."""
-    found = dict.fromkeys([_outgoing_address(), *_named_addresses()])
-    return [address for address in found if not is_loopback(address)] or ["127.0.0.1"]
+    addresses = dict.fromkeys([_outgoing_address(), *_named_addresses()])
+    return [address for address in addresses if not is_loopback(address)] or ["127.0.0.1"]
 
 
 def _outgoing_address() -> str:

@@ -36,7 +36,7 @@ from flinders.core.calibration_file import SourceFile
 from flinders.core.units import EARTH_UT, MICROTESLA, label
 from flinders.errors import FitError, FlindersError, UnreadableInput, counted, figures
 from flinders.estimators.data import CountedRecording
-from flinders.findings import CATALOGUE
+from flinders.findings import CATALOGUE, first_causes
 from flinders.fitting.calibrate import fit as fit_samples
 from flinders.fitting.refreshing import refresh
 from flinders.fitting.result import Refused
@@ -176,7 +176,7 @@ def _of_fit(fit: Fit | None, samples: Samples) -> Iterator[Reason]:
         or _seconds(samples) >= CONVERGED_S
     )
     spans = _disturbed(fit)
-    for finding in fit.findings:
+    for finding in first_causes(fit.findings):
         if CATALOGUE[finding.code].alarm and finding.severity != "note" and (converged or finding.code in AT_ONCE):
             yield Reason(finding.code, finding.advice, spans=spans if finding.code in DISTURBED else ())
         elif finding.code in INFORMATIVE:

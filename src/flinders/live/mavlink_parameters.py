@@ -131,7 +131,7 @@ class ParameterPlan:
         )
         changes = []
         for name, value in wanted_values.items():
-            old = _held(vehicle, _spellings(vehicle.autopilot, name)[scheme], value)
+            old = _settable(vehicle, _spellings(vehicle.autopilot, name)[scheme], value)
             changes.append(ParameterChange(old, replace(old, value=value)))
         return cls(vehicle, number, present, tuple(changes), notes)
 
@@ -318,7 +318,7 @@ def _free_custom(vehicle: Vehicle, compass: int, values: Mapping[str, float]) ->
     return {**renamed, own: float(free)}
 
 
-def _held(vehicle: Vehicle, name: str, value: float) -> Parameter:
+def _settable(vehicle: Vehicle, name: str, value: float) -> Parameter:
     """A parameter that can take a value, as the vehicle holds it."""
     old = vehicle.get(name)
     if old is None:

@@ -215,8 +215,8 @@ def meaning(name: str) -> Meaning:
     if written := _WRITTEN_HERE.get(name.strip().casefold()):
         return Meaning(*written)
     for kind, pattern in _OF_MOTOR.items():
-        if of := pattern.fullmatch(name.strip().casefold()):
-            return Meaning(kind, of[1] or of[2], of[3] or "")
+        if match := pattern.fullmatch(name.strip().casefold()):
+            return Meaning(kind, match[1] or match[2], match[3] or "")
     words, units = _words(name)
     folded = [word.casefold() for word in words]
     if not folded and not units:

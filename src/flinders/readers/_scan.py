@@ -93,14 +93,14 @@ class Scan:
                 with reading(self.file.name, KIND):
                     raise
             place = f"in what begins at byte {self._at:,} of {self.file.path.stat().st_size:,}"
-            of, repair = counted(count - 1, "whole message"), REPAIRS[self.start].format(self.file.path.name)
-            self.damage = f"it is cut short or damaged {place}: {of} before it are read; {repair} may find more"
+            before, repair = counted(count - 1, "whole message"), REPAIRS[self.start].format(self.file.path.name)
+            self.damage = f"it is cut short or damaged {place}: {before} before it are read; {repair} may find more"
             return
         if last is not None and last.connection in self._connections:
             yield self._connections[last.connection], last.recorded, last.content
         if not self._is_closed:
-            of = counted(count, "whole message")
-            self.damage = f"its index is missing or broken, as after a loss of power: {of} are read"
+            before = counted(count, "whole message")
+            self.damage = f"its index is missing or broken, as after a loss of power: {before} are read"
 
     def _records(self) -> Iterator[Message]:
         """Yield messages, and keep the connections; raise whatever damage makes of it."""

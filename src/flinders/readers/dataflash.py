@@ -238,14 +238,14 @@ class _Compass:
         assert logged is not None
         centred = {each: replace(own, offset=np.zeros(3)) for each, own in self.parameters.items()}
 
-        def rows(of: slice) -> dict[str, Any]:
-            field = logged[of]
+        def rows(at: slice) -> dict[str, Any]:
+            field = logged[at]
             if not as_logged:
-                motor = self.motor_offsets[of]
-                field = unapplied(self.source, field, self.stage[of], centred, motor_offset=motor) - self.offsets[of]
+                motor = self.motor_offsets[at]
+                field = unapplied(self.source, field, self.stage[at], centred, motor_offset=motor) - self.offsets[at]
             if time is None:
                 return {"field": field}
-            return {"field": field, "time": time[of], **resampled(self.auxiliary, time[of])}
+            return {"field": field, "time": time[at], **resampled(self.auxiliary, time[at])}
 
         return blocks(self.source, Unit.of("mG"), len(logged), rows)
 
@@ -495,9 +495,9 @@ def _damage(messages: Messages, file: File) -> Iterator[str]:
     if reserved := file.size - filled_size(file.path):
         yield reserved_words(reserved)
     if messages.skipped:
-        kind, of = ("line", "") if messages.is_text else ("byte", f" of {file.size:,}")
+        kind, total = ("line", "") if messages.is_text else ("byte", f" of {file.size:,}")
         places = counted(messages.gaps, "place")
-        yield f"{counted(messages.skipped, kind)}{of} in {places} belong to no message: skipped"
+        yield f"{counted(messages.skipped, kind)}{total} in {places} belong to no message: skipped"
 
 
 READERS: Final = (

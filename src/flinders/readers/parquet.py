@@ -283,7 +283,7 @@ def group_extents(metadata: Any, column: str) -> list[Extent | None]:  # noqa: A
     place = re.compile(re.escape(PATH_OF_ONE + _varint(len(name)) + name))
     content = footer.getvalue()
     try:
-        ends = [_extent(_Compact(content, found.end()).fields(PATH)) for found in place.finditer(content)]
+        ends = [_extent(_Compact(content, match.end()).fields(PATH)) for match in place.finditer(content)]
     except (LookupError, ValueError, RecursionError):
         return [*unknown]
     return ends if len(ends) == len(unknown) else [*unknown]

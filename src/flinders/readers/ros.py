@@ -411,8 +411,8 @@ class _TopicReadings:
     def columns(self, _: bool) -> Iterator[Samples]:
         """Go through the readings; nothing was applied to them."""
 
-        def rows(of: slice) -> dict[str, Any]:
-            return {"field": self.field[of], "time": self.time[of], **resampled(self.auxiliary, self.time[of])}
+        def rows(part: slice) -> dict[str, Any]:
+            return {"field": self.field[part], "time": self.time[part], **resampled(self.auxiliary, self.time[part])}
 
         return blocks(self.source, self.unit, len(self.time), rows)
 

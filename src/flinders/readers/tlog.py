@@ -327,10 +327,10 @@ class _Compass:
         """Go through the readings; see `Instrument`."""
         warm = self.table[:, TEMPERATURE].any()
 
-        def rows(of: slice) -> dict[str, Any]:
-            table = self.table[of]
+        def rows(part: slice) -> dict[str, Any]:
+            table = self.table[part]
             return {
-                "field": table[:, MAG] if as_logged else self._raw(table, self.stage[of]),
+                "field": table[:, MAG] if as_logged else self._raw(table, self.stage[part]),
                 "time": table[:, CLOCK],
                 "acceleration": table[:, ACC],
                 "rate": self.units.rate * table[:, GYRO],

@@ -368,11 +368,11 @@ class _Readings:
         of_vehicle = () if turn is not None else (ACCELERATION, RATE, ATTITUDE)
         series = {kind: one for kind, one in self.flight.auxiliary.items() if kind not in of_vehicle}
 
-        def rows(of: slice) -> dict[str, Any]:
-            time, field = self.time[of], self.field[of]
+        def rows(part: slice) -> dict[str, Any]:
+            time, field = self.time[part], self.field[part]
             if self.applied and not as_logged:
                 field = unapplied(self.flight.source, field, stage_of(time, self.flight.stages), self.applied)
-            warm = None if self.temperature is None else self.temperature[of]
+            warm = None if self.temperature is None else self.temperature[part]
             return {"field": field, "time": time, "temperature": warm, **resampled(series, time, back)}
 
         return blocks(self.flight.source, GAUSS, len(self.time), rows)

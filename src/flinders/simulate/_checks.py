@@ -25,10 +25,10 @@ def not_negative(value: float, name: str, unit: str) -> float:
     return value
 
 
-def share(value: float, name: str, of: str = "the readings") -> float:
+def share(value: float, name: str, whole: str = "the readings") -> float:
     """Let through a share of something."""
     if not 0.0 <= value <= 1.0:
-        raise UsageError(f"{name} is {value:g}: need a share of {of}, 0 to 1")
+        raise UsageError(f"{name} is {value:g}: need a share of {whole}, 0 to 1")
     return value
 
 

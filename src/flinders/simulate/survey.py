@@ -111,11 +111,11 @@ def _sensor(rng: Generator, gain: float, lean: float, noise: float) -> Sensor:
 def _attitudes(rng: Generator, directions: int, aim: float) -> tuple[Floats, NDArray[np.intp]]:
     """(N, 3, 3) attitudes and (N,) groups: directions of the procedure as a hand takes them, four rolls to each."""
     azimuth, inclination = np.radians(PROCEDURE[:directions]).T
-    held = math.radians(HELD_DEG)
+    sigma = math.radians(HELD_DEG)
     north = rng.uniform(0.0, 2.0 * np.pi)
-    about = rng.normal(0.0, held, (2, directions))
+    about = rng.normal(0.0, sigma, (2, directions))
     headings, pitches = np.repeat(np.stack([north + azimuth, inclination]) + about, len(ROLLS_DEG), axis=1)
-    rolls = np.tile(np.radians(ROLLS_DEG), directions) + rng.normal(0.0, held, len(headings))
+    rolls = np.tile(np.radians(ROLLS_DEG), directions) + rng.normal(0.0, sigma, len(headings))
     return _aimed(rng, posed(headings, pitches, rolls), aim), np.repeat(np.arange(directions), len(ROLLS_DEG))
 
 

@@ -216,8 +216,8 @@ def _packet(content: bytes, calibration: Calibration, slots: _Slots) -> dict[str
 def _limits(family: str, slots: _Slots) -> list[dict[str, Any]]:
     """Parameters that an autopilot takes between two values only; several slots are the axes of a length."""
 
-    def limit(name: str, of: str, places: tuple[int, ...], over: float, low: float, high: float) -> dict[str, Any]:
-        each = [slots.place({"of": of, "at": at, "over": over, "sign": 1, "format": "general"}) for at in places]
+    def limit(name: str, array: str, places: tuple[int, ...], over: float, low: float, high: float) -> dict[str, Any]:
+        each = [slots.place({"of": array, "at": at, "over": over, "sign": 1, "format": "general"}) for at in places]
         return {"name": name, "slots": each, "low": low, "high": high}
 
     diagonal, others = zip("XYZ", (0, 4, 8), strict=True), zip("XYZ", (1, 2, 5), strict=True)

@@ -70,18 +70,18 @@ def pool(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> Pooled:
     ----------
     R. DerSimonian, N. Laird, "Meta-analysis in clinical trials", Controlled Clinical Trials 7 (1986) 177–188.
     """
-    held, scale, precisions, voices = _precisions(estimates, covariances)
+    origin, scale, precisions, voices = _precisions(estimates, covariances)
     whole = precisions.mean(axis=0)
     inverse = _inverse(whole)
     mean = inverse @ voices.mean(axis=0)
     count, rank = len(estimates), int(np.linalg.matrix_rank(whole, tol=DEPENDENT * _largest(whole)))
-    apart = (np.stack(estimates) - held) / scale - mean
+    apart = (np.stack(estimates) - origin) / scale - mean
     chi_square, freedom = float(np.einsum("ni,nij,nj", apart, precisions, apart)), (count - 1) * rank
     beyond = np.einsum("ij,njk,nk->ni", inverse, precisions, apart)
     excess = max(0.0, 1.0 - freedom / chi_square) if chi_square > 0.0 else 0.0
     scatter = excess * beyond.T @ beyond / max(count - 1, 1)
     squares = np.outer(scale, scale)
-    return Pooled(held + mean * scale, inverse / count * squares, scatter * squares, chi_square, freedom, count)
+    return Pooled(origin + mean * scale, inverse / count * squares, scatter * squares, chi_square, freedom, count)
 
 
 def each_from_the_others(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> Iterator[tuple[Floats, Floats]]:
@@ -91,13 +91,13 @@ def each_from_the_others(estimates: Sequence[Floats], covariances: Sequence[Floa
     >>> off, covariance
     (array([1.]), array([[2.]]))
     """
-    held, scale, precisions, voices = _precisions(estimates, covariances)
+    origin, scale, precisions, voices = _precisions(estimates, covariances)
     squares = np.outer(scale, scale)
     for i, (estimate, covariance) in enumerate(zip(estimates, covariances, strict=True)):
         rest = np.arange(len(estimates)) != i  # summed afresh: less one that outweighs all, a sum would be rounding
         others = _inverse(precisions[rest].sum(axis=0))
         mean = others @ voices[rest].sum(axis=0)
-        yield estimate - held - mean * scale, covariance + others * squares
+        yield estimate - origin - mean * scale, covariance + others * squares
 
 
 def chi_square_of(difference: Floats, covariance: Floats) -> tuple[float, int]:

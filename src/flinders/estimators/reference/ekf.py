@@ -126,10 +126,12 @@ class Ekf:
         `NotAnEllipsoid` if not even a sphere goes through the readings; `Collapsed` if the filter goes to D = −I.
         """
         reference, _, (begun, ended) = self._states(readings)
-        kept = ended.gain / begun.gain
-        if not kept > LOST:
+        gained = ended.gain / begun.gain
+        if not gained > LOST:
             raise Collapsed(
-                self.name, kept, "they come in an order that leads a filter astray, and a smaller spread may keep it"
+                self.name,
+                gained,
+                "they come in an order that leads a filter astray, and a smaller spread may keep it",
             )
         estimate = self._estimate(ended, reference)
         return estimate if reference.varies else widened_by_consistent(estimate, reference)
@@ -229,8 +231,8 @@ class FilterState(NamedTuple):
             moved = covariance @ slope
             gain = moved / (float(slope @ moved) + variance)
             values = values + gain * innovation
-            kept = _EYE - np.outer(gain, slope)
-            covariance = kept @ covariance @ kept.T + variance * np.outer(gain, gain)
+            reduced = _EYE - np.outer(gain, slope)
+            covariance = reduced @ covariance @ reduced.T + variance * np.outer(gain, gain)
         return FilterState(values, (covariance + covariance.T) / 2.0)
 
 

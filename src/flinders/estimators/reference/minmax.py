@@ -136,11 +136,11 @@ class MinMax:
         near = readings.near(majority.ellipsoid, limit).recording
         if near is None:  # it is there, as the recording is
             raise NeedsSamples(f"{self.name} with trim")
-        kept = type(readings)(Summary.through(near), near)
-        kept.require(self.unknowns, self.name)
+        inliers = type(readings)(Summary.through(near), near)
+        inliers.require(self.unknowns, self.name)
         return replace(
-            self._spanned(kept),
-            used=len(kept.summary),
+            self._spanned(inliers),
+            used=len(inliers.summary),
             rejected_beyond=limit,
             outliers=outliers_among(readings, majority.ellipsoid, limit, NO_RUN),
         )

@@ -277,9 +277,9 @@ def rescaled(state: SequentialState) -> tuple[Floats, Floats]:
     level, slope = beta(theta)
     factor = (state.value + float(state.row @ _IDENTITY)) / (float(state.row @ grown) - level)
     steep = (state.row - slope) / float((state.row - slope) @ grown)
-    kept = factor * (np.eye(9) - np.outer(grown, steep))
+    jacobian = factor * (np.eye(9) - np.outer(grown, steep))
     own = state.variance * np.outer(grown, grown) / float((state.row - slope) @ grown) ** 2
-    return factor * grown - _IDENTITY, kept @ covariance @ kept.T + own
+    return factor * grown - _IDENTITY, jacobian @ covariance @ jacobian.T + own
 
 
 METHOD: Final = Method(
