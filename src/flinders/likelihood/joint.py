@@ -71,7 +71,7 @@ class JointProblem:
     interval: float  # s: between two readings of a window
     accelerometer: AccelerometerPrior | None = None  # where it brings verticals
     is_rough: bool = False  # a check asks for no more steps than a long recording takes
-    is_robust: bool = False  # readings with a large residual count less (Huber): to start from, not to claim from
+    is_robust: bool = False  # readings with a large residual count less: to start from, not to claim from
     tolerance: ClassVar[float] = NO_WORSE
 
     @classmethod
@@ -411,7 +411,8 @@ def _reweighed(
     """
     residual, auxiliary = residuals_of(group, at, directions)
     if is_robust:
-        group = replace(group, weight=original.weight * dip.huber(lengths(residual) / weights.noise))
+        redescending = dip.huber(lengths(residual) / weights.noise) ** 2
+        group = replace(group, weight=original.weight * redescending)
     if auxiliary is None or original.trust is None:
         return group
     length = np.sqrt(np.einsum("wni,wni->wn", auxiliary, auxiliary)) / weights.vertical
