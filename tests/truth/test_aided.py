@@ -200,8 +200,8 @@ def with_attitudes(true: Simulated, seed: int) -> Samples:
 
 
 def test_a_magnet_that_passes_a_drive_does_not_pull_its_offset(trials: Choose) -> None:
-    """Along the vertical, where a few readings outweigh all others; other motions: ``benchmarks.terms``, table magnet."""
-    claim = trials(30, 2)
+    """Along the vertical, where a few readings outweigh the others; ``benchmarks.terms`` has all motions."""
+    claim = trials(8, 2)
     magnet = simulate.PassingMagnet(100.0)
     drives = [simulate.tumble(seed, motion="drive", n=5000, disturbances=[magnet]) for seed in claim.seeds]
     found = [offset_squares(solve(with_attitudes(true, 1), ("attitude",)), true) for true in drives]
@@ -211,7 +211,7 @@ def test_a_magnet_that_passes_a_drive_does_not_pull_its_offset(trials: Choose) -
 
 def test_what_is_left_of_a_magnet_far_away_is_claimed(trials: Choose) -> None:
     """A field of 100 µT / (1 + t²)^1.5, t in seconds, of which 1 µT is left where readings are no outliers any more."""
-    claim = trials(30, 2)
+    claim = trials(8, 2)
     field = 100.0 * (1.0 + np.arange(-40.0, 40.0, 0.02) ** 2) ** -1.5
     found = []
     for seed in claim.seeds:
