@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import pickle
+import subprocess
+import sys
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -68,6 +70,18 @@ def told(rows: UnitResults) -> dict[str, tuple[int, str]]:
     assert len(set(rows.unit.tolist())) == len(rows)
     codes = [code or verdict for code, verdict in zip(rows.code.tolist(), rows.verdict.tolist(), strict=True)]
     return dict(zip(rows.unit.tolist(), zip(rows.readings.tolist(), codes, strict=True), strict=True))
+
+
+def test_a_run_imports_no_pandas(tmp_path: Path) -> None:
+    """pyarrow does for the first array that it makes of anything but memory: a quarter of a second a process."""
+    parquet.write_table(table(0, 1), tmp_path / "fleet.parquet")
+    code = (
+        "import sys; from flinders.fleet.dataset import Options; from flinders.fleet.job import run\n"
+        "rows = run('fleet.parquet', 'out.parquet', Options(), workers=0).rows\n"
+        "print(rows, 'pandas' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=tmp_path)
+    assert done.stdout.split() == ["2", "False"]
 
 
 @pytest.fixture

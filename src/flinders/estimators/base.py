@@ -9,7 +9,6 @@ claim.
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
 
@@ -56,8 +55,8 @@ class Estimate:
     noise: float  # standard deviation of the distance from the ellipsoid, in the unit of the readings
     method: str  # what was run in the end
     # (9,): difference from the likelihood (from the consistent fit where there are only sums), as far as chance does
-    # not explain it; in the covariance already
-    bias: Floats = dataclasses.field(default_factory=lambda: np.zeros(9))
+    # not explain it, and None where it does; in the covariance already
+    bias: Floats | None = None
     # share of the worst known shape parameter that a prior speaks for: 0 where the readings say it all, 1 where they
     # say nothing
     prior_influence: float = 0.0

@@ -147,7 +147,7 @@ def lifted(
         textbook=None
         if flat.textbook is None
         else lifted_covariance(flat.textbook, lift, unclaimed)[np.ix_(rows, rows)],
-        bias=(lift @ flat.bias)[rows],
+        bias=None if flat.bias is None else (lift @ flat.bias)[rows],
         method=f"{name} {plane}",
         plane=plane,
     )

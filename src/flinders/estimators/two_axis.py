@@ -107,7 +107,7 @@ class TwoAxisRecipe:
             ellipsoid=ellipsoid,
             covariance=reference.covariance + np.outer(bias, bias),
             noise=_noise(flat.thinned(ENOUGH, self.name), ellipsoid),
-            bias=bias,
+            bias=bias if bias.any() else None,
             used=len(flat),
             rejected_beyond=np.inf,
             outliers=(),

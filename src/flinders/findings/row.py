@@ -234,9 +234,8 @@ class CatalogueRow:
 def apply_rules(rows: Iterable[CatalogueRow], record: Mapping[str, Any]) -> Iterator[Finding]:
     """Findings of those rows whose rules hold for a record."""
     for row in rows:
-        severity = row.rule and row.rule.severity(record)
-        if row.rule and severity:
-            yield row.stating(severity, *row.rule.stated(record), record)
+        if (rule := row.rule) and (severity := rule.severity(record)):
+            yield row.stating(severity, *rule.stated(record), record)
 
 
 class Quantity(float):

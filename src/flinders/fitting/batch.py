@@ -195,7 +195,7 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
         known &= ~halves_matter(records["drift_deg"], records["drift_by_chance"], target_deg)
         for at in np.flatnonzero(known & (records["is_robust"] == 1)).tolist():
             known[at] = not _may_be_level(records[at], whole.field[offsets[at] : offsets[at + 1]])
-        table = _Table.of(records[known], _disturbed(units, places[known]), whole.unit.inside, target_deg)
+        table = _Table.of(records.compress(known), _disturbed(units, places[known]), whole.unit.inside, target_deg)
         _fill(columns, places[known], table)
     for place in np.flatnonzero(~columns.by_record).tolist():
         one = units[place]
@@ -239,17 +239,19 @@ def _is_plain(one: Samples) -> bool:
 class _Table:
     """What records say of U units, column by column."""
 
-    records: Records  # (U,) with covariances that are claimed, and shrunk fits of readings that were corrected before
+    # (U,) with covariances that are claimed, and shrunk fits of readings that were corrected before; rows of them are
+    # taken by `compress`, as an index copies records field by field
+    records: Records
     quantities: dict[str, Any]  # what the rules of the catalogue compare, by name
     covariance: Floats  # (U, 9, 9) with all that widens it, as `Fit.claimed_covariance`
     inside: str  # unit of the readings: ``uT`` or ``counts``
 
     @classmethod
     def of(cls, records: Records, disturbed: Iterator[tuple[int, Samples]], inside: str, target_deg: float) -> Self:
-        """Work out what rules compare, from records and those units that something disturbs."""
+        """Work out what rules compare, from records, which are changed, and those units that something disturbs."""
         repetition, factor = _repetition(records)
         changes = _changes(records, disturbed)
-        records = _widened(records, factor)
+        _widen(records, factor)
         quantities = {
             "target_deg": np.full(len(records), target_deg),
             "drift_allowed_deg": np.full(len(records), target_deg),
@@ -327,13 +329,11 @@ def _thickness(covariance: Floats) -> float:
     return float(thinnest / widest) if widest > 0.0 else 1.0
 
 
-def _widened(records: Records, factor: Floats) -> Records:
-    """The records with covariances (U,) factors wider, and heading errors of these."""
-    wider = records.copy()
-    wider["covariance"] *= factor[:, np.newaxis]
+def _widen(records: Records, factor: Floats) -> None:
+    """Make covariances (U,) factors wider, and heading errors with them, in place."""
+    records["covariance"] *= factor[:, np.newaxis]
     for name in ("level_worst_deg", "level_rms_deg"):
-        wider[name] *= np.sqrt(factor)
-    return wider
+        records[name] *= np.sqrt(factor)
 
 
 def _shrink(records: Records) -> Floats:
@@ -486,12 +486,11 @@ def _shapes(records: Records) -> Floats:
     return shapes
 
 
-def _corrections(records: Records) -> tuple[Floats, Floats]:
-    """(U,) field strengths and (U, 3, 3) matrices of determinant 1, as `Calibration.from_ellipsoid`."""
-    radii, directions = np.linalg.eigh(_shapes(records))
-    strength = np.exp(np.log(radii).mean(axis=1))
-    matrix = (directions * (strength[:, np.newaxis] / radii)[:, np.newaxis, :]) @ directions.swapaxes(1, 2)
-    return strength, 0.5 * (matrix + matrix.swapaxes(1, 2))
+def _corrections(shapes: Floats, strength: Floats) -> Floats:
+    """(U, 3, 3) matrices of (U, 3, 3) shapes and (U,) field strengths, as `Calibration.from_ellipsoid`."""
+    matrix = strength[:, np.newaxis, np.newaxis] * np.linalg.inv(shapes)
+    symmetrised: Floats = 0.5 * (matrix + matrix.swapaxes(1, 2))
+    return symmetrised
 
 
 def _fill(columns: BatchColumns, places: NDArray[np.intp], table: _Table) -> None:
@@ -503,13 +502,14 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], table: _Table) -> Non
     kept = ~is_refused & ~np.isnan(table.quantities["worst_deg"])
     if not kept.any():
         return
-    records, places = table.records[kept], places[kept]
-    strength, matrix = _corrections(records)
+    records, places = table.records.compress(kept), places[kept]
+    shapes, strength = _shapes(records), table.quantities["radius"][kept]
     columns.readings[places], columns.used[places] = records["rows"], records["used"]
-    columns.offset[places], columns.matrix[places] = records["centre"], matrix.reshape(-1, 9)
+    columns.offset[places] = records["centre"]
+    columns.matrix[places] = _corrections(shapes, strength).reshape(-1, 9)
     covariance = table.covariance[kept]
     columns.covariance[places] = covariance.reshape(-1, 81)[:, UPPER]
-    deviations = deviation_covariances(_shapes(records), covariance, records["dip_deg"])
+    deviations = deviation_covariances(shapes, covariance, records["dip_deg"])
     columns.bound_deg[places] = bounds_deg(deviations)
     columns.noise[places], columns.radius[places] = records["noise"], strength
     columns.worst_deg[places], columns.rms_deg[places] = (table.quantities[n][kept] for n in ("worst_deg", "rms_deg"))

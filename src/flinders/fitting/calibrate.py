@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias, cast
 
 import numpy as np
@@ -557,7 +558,7 @@ def _of_no_use(samples: Samples, aiding: str | Sequence[str]) -> Aiding:
 def _at_site(estimate: Estimate, readings: Readings, request: Request) -> Estimate:
     """Use the field of the site; where the dip is known better, its strength alone."""
     site = request.site
-    if estimate.bias.any() or readings.recording is None:
+    if estimate.bias is not None or readings.recording is None:
         return estimate
     if site is not None and site.inclination_deg is not None and site.inclination_deg != request.dip_deg:
         site = replace(site, inclination_deg=None)
@@ -594,7 +595,7 @@ def _drift(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Drift | N
     readings = evidence.readings
     if evidence.record is not None and not estimate.outliers:
         return drift_in(evidence.record)
-    if readings.recording is None or readings.parts or estimate.unobserved or estimate.bias.any():
+    if readings.recording is None or readings.parts or estimate.unobserved or estimate.bias is not None:
         return None
     if estimate.correlation is None or estimate.correlation.is_white:
         return None
@@ -614,7 +615,9 @@ def _with_halves(drift: Drift | None, estimate: Estimate, readings: Readings, re
 
 def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlinearity | None, AxisLag | None]:
     """Whether axes answer along a curve, or late, by an ellipsoid that was fitted to the readings as recorded."""
-    if evidence.record is None or evidence.driving or estimate.plane or estimate.unobserved or estimate.bias.any():
+    if evidence.record is None or evidence.driving or estimate.plane or estimate.unobserved:
+        return None, None
+    if estimate.bias is not None:
         return None, None
     return nonlinearity_in(evidence.record), lag_in(evidence.record)
 
@@ -684,7 +687,7 @@ def _distortion(estimate: Estimate, refreshed: Refreshed | None) -> float:
 
 def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
     """Heading error (rms) that the bias of a method makes."""
-    if not estimate.bias.any():
+    if estimate.bias is None:
         return 0.0
     bias, down = np.outer(estimate.bias, estimate.bias), down_of(estimate.plane)
     return level_error(estimate.ellipsoid, bias, dip_deg=dip_deg, down=down).rms
@@ -694,16 +697,17 @@ def _judged(
     claim: Claim, evidence: _Evidence, calibration: Calibration, request: Request, nearer: Estimate | None = None
 ) -> Fit:
     """Put together what is known and judge it: of the estimate, or of one that is shrunk towards the readings."""
-    result = _described(claim, evidence, calibration, request, nearer)
+    described = _described(claim, evidence, calibration, request, nearer)
     if evidence.driving is not None:
-        result = _with_disturbances(result, evidence.driving)
+        described = partial(described, **_disturbances(described(), evidence.driving))
+    result = described()
     findings = judge(result, evidence.statistics)
-    return replace(result, findings=findings, conditions=conditions(result, findings))
+    return described(findings=findings, conditions=conditions(result, findings))
 
 
 def _described(
     claim: Claim, evidence: _Evidence, calibration: Calibration, request: Request, nearer: Estimate | None
-) -> Fit:
+) -> partial[Fit]:
     """Everything that is known of a fit but its findings: its claim, its noise, its coverage, faults tested for."""
     estimate, aiding = claim.estimate, evidence.aiding
     final, correlation = nearer or estimate, estimate.correlation
@@ -711,7 +715,8 @@ def _described(
     distortion, faults = _distortion(estimate, evidence.refreshed), _faults_of_axes(estimate, evidence)
     level = calibration.ellipsoid.radius * math.cos(math.radians(error.dip_deg))
     nonlinearity, axis_lag = faults
-    return Fit(
+    return partial(
+        Fit,
         calibration=calibration,
         method=estimate.method,
         covariance=final.covariance,
@@ -756,8 +761,8 @@ def _changes(estimate: Estimate, evidence: _Evidence, request: Request, dip_deg:
     }
 
 
-def _with_disturbances(result: Fit, driving: Driving) -> Fit:
-    """A fit to compensated readings, with what is known of their disturbances."""
+def _disturbances(result: Fit, driving: Driving) -> dict[str, Any]:
+    """What is known of the disturbances of a fit to compensated readings, and its calibration with them."""
     from flinders.estimators.regressors import DisturbanceEstimate
 
     calibration = replace(result.calibration, disturbances=driving.disturbances)
@@ -780,10 +785,9 @@ def _with_disturbances(result: Fit, driving: Driving) -> Fit:
         for place, (disturbance, quality) in enumerate(zip(driving.disturbances, driving.qualities, strict=True))
     ]
     constant = [DisturbanceEstimate(name) for name in driving.constant]
-    return replace(
-        result,
-        calibration=calibration,
-        disturbances=(*estimates, *constant),
-        disturbances_covariance=driving.joint(result.covariance),
-        noise_uncompensated=driving.noise_without,
-    )
+    return {
+        "calibration": calibration,
+        "disturbances": (*estimates, *constant),
+        "disturbances_covariance": driving.joint(result.covariance),
+        "noise_uncompensated": driving.noise_without,
+    }

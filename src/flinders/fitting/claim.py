@@ -174,7 +174,7 @@ def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
     covariance = estimate.covariance + np.outer(bias, bias)
     if likelihood.unobserved:  # where the readings leave it open, nobody knows how far off a method is
         covariance = covariance + likelihood.covariance
-    return replace(estimate, covariance=covariance, bias=bias)
+    return replace(estimate, covariance=covariance, bias=bias if bias.any() else None)
 
 
 def widening(rows: float, repetition: float, parameters: int) -> float:

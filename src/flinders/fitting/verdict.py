@@ -319,7 +319,7 @@ def _apart(repeats: Repeats | None, target_deg: float) -> dict[str, float]:
 
 def _lasting(fit: Fit, statistics: Statistics) -> dict[str, float]:
     """What lasts from one reading to the next different one, and the heading error of a single moment that it makes."""
-    correlation = float(unlike_correlation(fit.autocorrelation or 0.0, statistics.repeats / max(statistics.rows, 1)))
+    correlation = unlike_correlation(fit.autocorrelation or 0.0, statistics.repeats / max(statistics.rows, 1))
     level = fit.ellipsoid.radius * math.cos(math.radians(fit.known_dip_deg))
     return {
         "noise_lasts": fit.noise_lasts,
@@ -330,7 +330,8 @@ def _lasting(fit: Fit, statistics: Statistics) -> dict[str, float]:
 
 def unlike_correlation(next_correlation: Any, repeated: Any) -> Any:  # noqa: ANN401 - numbers, or columns of them
     """Correlation of a residual with that of the next different reading, where a share repeats the one before."""
-    return np.maximum(next_correlation - repeated, 0.0) / np.maximum(1.0 - repeated, sys.float_info.epsilon)
+    excess = next_correlation - repeated
+    return excess * (excess > 0.0) / (1.0 - repeated)
 
 
 def _alternation(fit: Fit) -> dict[str, float]:

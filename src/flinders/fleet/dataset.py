@@ -603,11 +603,11 @@ def _coded(
 def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.int64]]:  # noqa: ANN401
     """Distinct texts of a column, and (B,) the index of each row's; null is the empty text."""
     arrow = needs_arrow()
-    from pyarrow import compute
-
     array = batch.column(batch.schema.get_field_index(column))
     if not arrow.types.is_dictionary(array.type):
         if arrow.types.is_floating(array.type):
+            from pyarrow import compute
+
             array = compute.if_else(compute.is_nan(array), None, array)
         array = _texts(array).dictionary_encode()
     texts = [text_of(value) for value in array.dictionary.to_pylist()]

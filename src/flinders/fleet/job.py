@@ -43,7 +43,7 @@ from flinders.findings.row import OF_A_TUMBLE
 from flinders.fleet import worker
 from flinders.fleet.dataset import PARQUET
 from flinders.fleet.plan import plan_of
-from flinders.fleet.results import UnitResults, merge, needs_arrow, table_counts
+from flinders.fleet.results import UnitResults, merge, needs_arrow, table_counts, total
 from flinders.fleet.scheduler import Abandoned, map_units, reach
 from flinders.fleet.storage import is_remote, put, refuse_object
 
@@ -502,7 +502,7 @@ class Progress:
             **_files_of(partition),
             units=len(rows.column("unit").unique()),
             rows=rows.num_rows,
-            readings=int(rows.column("readings").to_numpy().sum()),
+            readings=total(rows.column("readings")),
             verdicts=verdicts,
             codes=codes,
             lost=was_lost,

@@ -21,11 +21,12 @@ from __future__ import annotations
 import heapq
 import math
 import re
+from bisect import bisect_left, bisect_right
 from collections import Counter
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from itertools import islice
-from typing import TYPE_CHECKING, Any, Final, Self, TextIO, cast
+from itertools import accumulate, chain, islice, repeat
+from typing import TYPE_CHECKING, Any, Final, Self, TextIO, TypeAlias, cast
 
 import numpy as np
 
@@ -35,13 +36,15 @@ from flinders.fitting.batch import WIDTHS, FitColumns, fill_row
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence, Sized
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
+
+    RowKey: TypeAlias = tuple[str, str, float]  # cells of `KEY`
 
 KEY: Final = ("unit", "recording", "start_s")
 """Columns by which the table is sorted."""
@@ -306,21 +309,53 @@ def _cell(cell: Any) -> Any:  # noqa: ANN401
 
 
 def _array(arrow: Any, name: str, column: NDArray[Any]) -> Any:  # noqa: ANN401
-    """Column as Arrow, null for NaN."""
-    if name in NUMBERS:
-        return arrow.array(column, mask=np.isnan(column))
-    if name in LISTS:
-        flat = arrow.array(np.ascontiguousarray(column, dtype=float).ravel())
-        missing = arrow.array(np.isnan(column).all(axis=1))
-        return arrow.FixedSizeListArray.from_arrays(flat, LISTS[name], mask=missing)
+    """Column as Arrow, null for NaN; `pyarrow.array` is not used, as it imports pandas: 0.25 s and 30 MB a process."""
     if name in COUNTS:
-        return arrow.array(column)
+        return _integers(arrow, column)
     kind = schema().field(name).type
-    if name == "findings":  # few combinations, each of which many rows have
-        kinds: dict[tuple[str, ...], int] = {}
-        places = [kinds.setdefault(cell, len(kinds)) for cell in column.tolist()]
-        return arrow.array(map(list, kinds), type=kind, size=len(kinds)).take(arrow.array(places, arrow.int64()))
-    return arrow.array(column, type=kind)
+    if name in NUMBERS:
+        values = np.asarray(column, dtype=float)
+        return _primitive(kind, values, ~np.isnan(values))
+    if name in LISTS:
+        values = np.asarray(column, dtype=float)
+        known = _validity(~np.isnan(values).all(axis=1))
+        flat = _primitive(kind.value_type, values.ravel())
+        return arrow.Array.from_buffers(kind, len(values), [known], children=[flat])
+    if name == "findings":
+        cells = column.tolist()
+        codes = _strings(arrow, list(chain.from_iterable(cells)))
+        return arrow.Array.from_buffers(kind, len(cells), [None, _offsets(cells)], children=[codes])
+    return _strings(arrow, column.tolist())
+
+
+def _primitive(kind: Any, column: NDArray[Any], known: NDArray[np.bool_] | None = None) -> Any:  # noqa: ANN401
+    """Numbers of a type of Arrow from the memory of (R,) a column, null where they are not known."""
+    arrow = needs_arrow()
+    buffers = [None if known is None else _validity(known), arrow.py_buffer(np.ascontiguousarray(column))]
+    return arrow.Array.from_buffers(kind, len(column), buffers)
+
+
+def _integers(arrow: Any, column: NDArray[Any]) -> Any:  # noqa: ANN401
+    """Whole numbers as Arrow."""
+    return _primitive(arrow.int64(), column.astype(np.int64, copy=False))
+
+
+def _strings(arrow: Any, texts: Sequence[str]) -> Any:  # noqa: ANN401
+    """Texts as Arrow."""
+    encoded = list(map(str.encode, texts))
+    buffers = [None, _offsets(encoded), arrow.py_buffer(b"".join(encoded))]
+    return arrow.Array.from_buffers(arrow.string(), len(encoded), buffers)
+
+
+def _offsets(cells: Sequence[Sized]) -> Any:  # noqa: ANN401
+    """Where each of some cells begins in the values of all, and where the last ends."""
+    ends = accumulate(map(len, cells), initial=0)
+    return needs_arrow().py_buffer(np.fromiter(ends, np.int32, len(cells) + 1))
+
+
+def _validity(known: NDArray[np.bool_]) -> Any:  # noqa: ANN401
+    """Which rows are not null, a bit for each."""
+    return needs_arrow().py_buffer(np.packbits(known, bitorder="little"))
 
 
 def _from_arrow(name: str, column: Any) -> NDArray[Any]:  # noqa: ANN401
@@ -365,10 +400,7 @@ def named_rows(table: Any) -> Any:  # noqa: ANN401
 
 def texts(column: Any) -> list[str]:  # noqa: ANN401
     """Cells of a column as texts, empty for null."""
-    from pyarrow import compute
-
-    cells: list[str] = compute.fill_null(column.cast("string"), "").to_pylist()
-    return cells
+    return [cell or "" for cell in column.cast("string").to_pylist()]
 
 
 # ------------------------------------------------------------------------------------------------------------- merge
@@ -412,18 +444,36 @@ def _write(groups: Iterator[Any], file: Any) -> None:  # noqa: ANN401 - pyarrow 
 
 def _groups(parts: Sequence[Path]) -> Iterator[Any]:
     """Tables of the rows of one row group each, in order."""
-    rows = heapq.merge(*(_keys(path, place) for place, path in enumerate(parts)))
-    while group := [(place, row) for _, place, row in islice(rows, GROUP)]:
+    rows = _rows(parts)
+    while group := list(islice(rows, GROUP)):
         yield _gathered(parts, np.array(group))
 
 
-def _keys(path: Path, place: int) -> Iterator[tuple[Any, int, int]]:
-    """Sort key, number of the file and number of each row; a file is left closed until its second row is asked for."""
-    if not len(_mapped(path)):
-        return
-    yield _key_columns(_mapped(path).slice(0, 1))[0], place, 0
-    for row, key in enumerate(_key_columns(_mapped(path).slice(1)), start=1):
-        yield key, place, row
+def _rows(parts: Sequence[Path]) -> Iterator[tuple[int, int]]:
+    """Yield the number of a file and that of a row in it, in order; a file is left closed until its first row is next.
+
+    Rows that come before the first of any other file are taken together.
+    """
+    begun: dict[int, list[RowKey]] = {}
+    firsts = (_keys(_mapped(path).slice(0, 1)) for path in parts)
+    following = [(keys[0], place, 0) for place, keys in enumerate(firsts) if keys]
+    heapq.heapify(following)
+    while following:
+        _, place, first = heapq.heappop(following)
+        keys = begun.pop(place, None) or _keys(_mapped(parts[place]))
+        end = _end(keys, first, place, following)
+        yield from zip(repeat(place), range(first, end))
+        if end < len(keys):
+            begun[place] = keys
+            heapq.heappush(following, (keys[end], place, end))
+
+
+def _end(keys: Sequence[RowKey], first: int, place: int, following: Sequence[tuple[RowKey, int, int]]) -> int:
+    """Number of the first row of a file that comes after the row that `following` begins with."""
+    if not following:
+        return len(keys)
+    key, other, _ = following[0]
+    return (bisect_right if place < other else bisect_left)(keys, key, first)
 
 
 def _mapped(path: Path) -> Any:  # noqa: ANN401
@@ -432,7 +482,7 @@ def _mapped(path: Path) -> Any:  # noqa: ANN401
     return arrow.ipc.open_file(arrow.memory_map(str(path))).read_all()
 
 
-def _key_columns(table: Any) -> list[tuple[str, str, float]]:  # noqa: ANN401
+def _keys(table: Any) -> list[RowKey]:  # noqa: ANN401
     """Cells of `KEY` of each row; a missing time comes last."""
     unit, recording, start = (table.column(name).to_pylist() for name in KEY)
     return list(zip(unit, recording, (math.inf if time is None else time for time in start), strict=True))
@@ -444,9 +494,10 @@ def _gathered(parts: Sequence[Path], rows: NDArray[np.int64]) -> Any:  # noqa: A
     order = np.argsort(rows[:, 0], kind="stable")
     places, first = np.unique(rows[order, 0], return_index=True)
     taken = zip(places.tolist(), np.split(rows[order, 1], first[1:]), strict=True)
-    pieces = (_mapped(parts[place]).take(numbers) for place, numbers in taken)
-    whole = arrow.concat_tables([schema().empty_table(), *pieces])
-    return whole.combine_chunks().take(np.argsort(order))
+    pieces = (_mapped(parts[place]).take(_integers(arrow, numbers)) for place, numbers in taken)
+    whole = arrow.concat_tables(pieces).combine_chunks()
+    is_ordered = bool((np.diff(order) == 1).all())
+    return whole if is_ordered else whole.take(_integers(arrow, np.argsort(order)))
 
 
 # --------------------------------------------------------------------------------------------------------------- counts
@@ -475,7 +526,7 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
     (3, 2, {'good': 1, 'failed': 2}, 0.4, 0)
     """
     needs_arrow()
-    from pyarrow import array, parquet
+    from pyarrow import parquet
 
     counters = {name: Counter[str]() for name in COUNTED}
     totals, last = Counter[str](), None
@@ -486,14 +537,14 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
             for name, counter in counters.items():
                 counter.update(_value_counts(batch.column(name)))
             errors.append(_heading_errors(batch))
-            readings = batch.column("readings").to_numpy()
-            failed = readings[_is_among(batch, VERDICTS[3:])]
+            readings = batch.column("readings")
+            failed = readings.filter(_is_among(batch, VERDICTS[3:]))
             if len(rejected) < REJECTED:
-                some = batch.filter(array(_is_among(batch, VERDICTS[2:])))
+                some = batch.filter(_is_among(batch, VERDICTS[2:]))
                 some = some.select(["unit", "recording", "code", "findings"])
                 rejected += map(_named, some.slice(0, REJECTED - len(rejected)).to_pylist())
             units = named_rows(batch).column("unit")
-            totals.update(readings=int(readings.sum()), failed_readings=int(failed.sum()), rows=len(readings))
+            totals.update(readings=total(readings), failed_readings=total(failed), rows=len(readings))
             if len(units):
                 totals["units"] += len(units.unique()) - (units[0].as_py() == last)
                 last = units[-1].as_py()
@@ -539,17 +590,24 @@ def _value_counts(column: Any) -> dict[str, int]:  # noqa: ANN401 - pyarrow ship
 
 def _heading_errors(batch: Any) -> Floats:  # noqa: ANN401
     """Known heading errors of a batch, of rows that have a calibration."""
-    worst: Floats = np.asarray(batch.column("worst_deg").to_numpy(zero_copy_only=False), dtype=float)
-    known: Floats = worst[_is_among(batch, VERDICTS[:2]) & np.isfinite(worst)]
+    column = batch.column("worst_deg").filter(_is_among(batch, VERDICTS[:2]))
+    worst = np.asarray(np.from_dlpack(column.drop_null()), dtype=float)
+    known: Floats = worst[np.isfinite(worst)]
     return known
 
 
-def _is_among(batch: Any, verdicts: Sequence[str]) -> NDArray[np.bool_]:  # noqa: ANN401
-    """(R,) whether rows of a batch have one of these verdicts."""
-    from pyarrow import array, compute
+def _is_among(batch: Any, verdicts: Sequence[str]) -> Any:  # noqa: ANN401
+    """(R,) of Arrow: whether rows of a batch have one of these verdicts."""
+    from pyarrow import compute
 
-    among: NDArray[np.bool_] = compute.is_in(batch.column("verdict"), value_set=array(verdicts)).to_numpy(False)
-    return among
+    return compute.is_in(batch.column("verdict"), value_set=_strings(needs_arrow(), verdicts))
+
+
+def total(column: Any) -> int:  # noqa: ANN401
+    """Sum of a column of whole numbers."""
+    from pyarrow import compute
+
+    return int(compute.sum(column).as_py() or 0)
 
 
 def _by_frequency(counts: Counter[str]) -> dict[str, int]:

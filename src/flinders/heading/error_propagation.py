@@ -69,8 +69,8 @@ LEAST, MOST, START = 1.9599, 3.0803, 2.4
 STEPS: Final = 3
 NEGLIGIBLE: Final = 0.1
 """Largest error over the worst 1 σ of directions that lie outside the bound with a probability below 1e-80."""
-CHUNK: Final = 32
-"""Units of which the errors are in memory at a time: 1.2 MB."""
+CHUNK: Final = 8
+"""Units of which the errors are in memory at a time: 0.3 MB, which a cache has room for."""
 TINY: Final = np.finfo(float).tiny
 
 _EVERYWHERE: Final = fibonacci(400)
@@ -432,8 +432,15 @@ def bounds_deg(covariances: Floats) -> Floats:
     (U,) degrees
         That the error exceeds at no heading with a probability of 95 %; NaN where the covariance is not known.
     """
-    parts = [_bounds(covariances[at : at + CHUNK]) for at in range(0, len(covariances), CHUNK)]
-    return np.concatenate([*parts, np.empty(0)])
+    sums: Floats = covariances.sum(axis=(1, 2))
+    is_known = np.isfinite(sums)
+    variances, axes = np.linalg.eigh(np.where(is_known[:, np.newaxis, np.newaxis], covariances, 0.0))
+    roots = axes * np.sqrt(variances.clip(min=0.0))[:, np.newaxis, :]
+    courses = _harmonics() @ roots  # (U, 36, 4): error at each heading per unit of z
+    worst = np.sqrt(np.sum(courses**2, axis=2).max(axis=1))
+    parts = [_largest(courses[at : at + CHUNK]) for at in range(0, len(courses), CHUNK)]
+    largest = np.concatenate([*parts, np.empty((0, AMPLITUDES))])
+    return np.where(is_known, worst * _quantiles(largest / np.maximum(worst, TINY)[:, np.newaxis]), np.nan)
 
 
 def deviation_covariances(shapes: Floats, covariances: Floats, dips_deg: Floats) -> Floats:
@@ -464,17 +471,11 @@ def deviation_covariances(shapes: Floats, covariances: Floats, dips_deg: Floats)
     return carried
 
 
-def _bounds(covariances: Floats) -> Floats:
-    """The same for as many units as fit into memory."""
-    sums: Floats = covariances.sum(axis=(1, 2))
-    is_known = np.isfinite(sums)
-    variances, axes = np.linalg.eigh(np.where(is_known[:, np.newaxis, np.newaxis], covariances, 0.0))
-    roots = axes * np.sqrt(variances.clip(min=0.0))[:, np.newaxis, :]
-    courses = _harmonics() @ roots  # (U, 36, 4): error at each heading per unit of z
-    worst = np.sqrt(np.sum(courses**2, axis=2).max(axis=1))
-    errors = courses @ _even_directions()  # (U, 36, 128)
-    largest = np.abs(errors, out=errors).max(axis=1)
-    return np.where(is_known, worst * _quantiles(largest / np.maximum(worst, TINY)[:, np.newaxis]), np.nan)
+def _largest(courses: Floats) -> Floats:
+    """(U, 128) largest errors over (U, 36, 4) courses, of z in even directions."""
+    errors = courses.reshape(-1, 4) @ _even_directions()
+    largest: Floats = np.abs(errors, out=errors).reshape(-1, BOUND_HEADINGS, AMPLITUDES).max(axis=1)
+    return largest
 
 
 def _quantiles(largest: Floats) -> Floats:
@@ -484,8 +485,9 @@ def _quantiles(largest: Floats) -> Floats:
     for _ in range(STEPS):  # the logarithm of the probability outside is nearly linear in the square of the bound
         half = square * inverse
         tail = np.exp(-half)
-        outside = ((1.0 + half) * tail).mean(axis=1, keepdims=True)
-        slope = (half * half * tail).mean(axis=1, keepdims=True)
+        density = half * tail
+        outside = (tail + density).mean(axis=1, keepdims=True)
+        slope = (half * density).mean(axis=1, keepdims=True)
         square *= 1.0 + outside * np.log(outside / (1.0 - PROBABILITY)) / slope
         square = square.clip(LEAST**2, MOST**2)
     quantiles: Floats = np.sqrt(square[:, 0])

@@ -7,13 +7,25 @@
 
 enum { TERMS = FL_LAGS_OF_AXES + 9 + FL_NONLINEAR };
 
-/* The readings that are looked at, evenly spaced, with the derivatives by all terms, and the distances behind these. */
+/* The readings that are looked at, evenly spaced, with the derivatives by all terms, those of the fit in the room already or
+ * not, and the distances behind these. */
 void fl_gather_axes(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                    fl_residuals *out)
+                    int are_there, fl_residuals *out)
 {
-    fl_gather_evenly(kernels, view, surface, room, FL_LAGS_OF_AXES, TERMS, out);
+    real *jacobian[9];
+    fl_gather_evenly(kernels, view, surface, room, are_there, out);
+    memcpy(jacobian, out->columns, sizeof jacobian);
+    memcpy(out->columns, out->columns + 9, FL_LAGS_OF_AXES * sizeof *jacobian);
+    memcpy(out->columns + FL_LAGS_OF_AXES, jacobian, sizeof jacobian);
+    out->width = TERMS;
     fl_add_lags(view, room, out);
-    kernels->nonlinear(surface, out->directions, out->n, out->stride, out->rows + FL_LAGS_OF_AXES);
+    kernels->nonlinear(surface, out->directions, out->n, out->columns + FL_LAGS_OF_AXES, out->columns + FL_LAGS_OF_AXES + 9);
+}
+
+/* Whether a room has the columns of all readings in order, as the covariance of white residuals has left them. */
+static int has_columns(const fl_view *view, const fl_room *room, const flinders_record *record)
+{
+    return record->is_white && !record->is_robust && !room->parts && view->rows <= FL_SOME;
 }
 
 /* Look for faults of the axes; the record stays as it is where nothing can be told of them. */
@@ -23,14 +35,14 @@ void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, 
     fl_residuals all;
     fl_regression nonlinear, lag;
     real products[FL_COLUMNS * FL_COLUMNS], bent_by_chance = 2, late_by_chance = 2;
-    fl_gather_axes(kernels, view, &fit->surface, room, &all);
+    fl_gather_axes(kernels, view, &fit->surface, room, has_columns(view, room, record), &all);
     if (all.n == 0 || !fl_is_noisy(&all, &fit->surface)) return;
     fl_whiten(&all, FL_LAGS_OF_AXES, &fit->slow);
-    kernels->gram(all.rows, all.n, TERMS + 1, products);
+    fl_gram(kernels, &all, 0, all.n, products);
     if (fl_regress(&all, products, FL_LAGS_OF_AXES, 9 + FL_NONLINEAR, &nonlinear))
-        bent_by_chance = fl_chance_of_terms(kernels, &nonlinear, 9, FL_NONLINEAR, record);
+        bent_by_chance = fl_chance_of_terms(kernels, &nonlinear, 9, FL_NONLINEAR, room, record);
     if (!room->parts && fl_regress(&all, products, 0, FL_LAGS_OF_AXES + 9, &lag))
-        late_by_chance = fl_chance_of_terms(kernels, &lag, 0, FL_LAGS_OF_AXES, record);
+        late_by_chance = fl_chance_of_terms(kernels, &lag, 0, FL_LAGS_OF_AXES, room, record);
     if (bent_by_chance <= 1)
         fl_nonlinearity(kernels, view, &fit->surface, room, &nonlinear, bent_by_chance, dip_deg, record);
     if (late_by_chance <= 1) fl_lag(kernels, view, fit, room, &lag, late_by_chance, dip_deg, record);

@@ -16,8 +16,9 @@ static void distribution(const fl_kernels *kernels, const fl_view *view, const f
                          flinders_record *record)
 {
     const size_t n = fit->used, stride = (n + FL_SOME - 1) / FL_SOME;
+    size_t looked = 0;
     real squares[FL_LANES] = {0}, fourths[FL_LANES] = {0}, most[FL_LANES] = {0}, square = 0, fourth = 0, farthest = 0;
-    kernels->distances(view, &fit->surface, room->distances);
+    if (!fit->has_distances) kernels->distances(view, &fit->surface, room->distances);
     for (size_t i = 0; i < n; i += FL_LANES) {
         real eight[FL_LANES] = {0};
         memcpy(eight, room->distances + i, (n - i < FL_LANES ? n - i : FL_LANES) * sizeof(real));
@@ -31,8 +32,8 @@ static void distribution(const fl_kernels *kernels, const fl_view *view, const f
         farthest = most[lane] > farthest ? most[lane] : farthest;
         square += squares[lane], fourth += fourths[lane];
     }
-    for (size_t i = 0; i < n; i += stride) room->scratch[i / stride] = fl_abs(room->distances[i]);
-    record->median_distance = fl_median(room->scratch, (n + stride - 1) / stride);
+    for (size_t i = 0; i < n; i += stride) room->scratch[looked++] = fl_abs(room->distances[i]);
+    record->median_distance = fl_median(room->scratch, looked);
     record->farthest = farthest;
     record->kurtosis = square > 0 ? fourth * (real)n / (square * square) : FL_NOT_A_NUMBER;
 }
@@ -93,9 +94,9 @@ static void confirm_swaps(const fl_kernels *kernels, const fl_view *view, const 
             for (int axis = 0; axis < 3; axis++) {
                 const int from = is_changed ? FROM[swap][axis] : axis;
                 const real sign = is_changed && swap == axis ? -1 : 1;
-                room->rows[3 * n + axis] = sign * view->field[3 * n * stride + from];
+                room->columns[3 * n + axis] = sign * view->field[3 * n * stride + from];
             }
-        const fl_view some = {room->rows, n, NULL, 1};
+        const fl_view some = {room->columns, n, NULL, 1};
         kernels->distances(&some, &fit->surface, room->distances);
         is_behind = 0;
         for (size_t row = 0; row < view->rows; row++) {

@@ -1,7 +1,7 @@
 /* Cells that readings fall into, and the directions of the sphere that they cover. */
 #include "residuals.h"
 
-enum { LOOKED_AT = 512 };
+enum { LOOKED_AT = 512, SECTORS = 100, APART = FL_CELLS + FL_LANES /* from one axis to the next */ };
 
 /* Median of a list, which is put into another order. */
 real fl_median(real *values, size_t n)
@@ -45,15 +45,16 @@ size_t fl_slots_for(size_t rows)
     return slots;
 }
 
-/* Add readings to a cell; 1 if it was empty. */
-static int add_cell(const fl_room *room, size_t table, size_t slots, uint64_t key, const real sums[4])
+/* The cell of a key in a table, zeroed where it is new, which is counted. */
+static real *cell_of(const fl_room *room, size_t table, size_t slots, uint64_t key, size_t *cells)
 {
     const size_t slot = table + fl_slot(room->keys + table, slots, key);
-    const int is_new = room->keys[slot] == FL_EMPTY;
-    real *cell = room->cells + 4 * slot;
+    real *const cell = room->cells + 4 * slot;
+    if (room->keys[slot] != FL_EMPTY) return cell;
     room->keys[slot] = key;
-    for (int i = 0; i < 4; i++) cell[i] = is_new ? sums[i] : cell[i] + sums[i];
-    return is_new;
+    memset(cell, 0, 4 * sizeof *cell);
+    *cells += 1;
+    return cell;
 }
 
 /* Cells of twice the size: their number. */
@@ -68,11 +69,26 @@ static size_t coarsen(const fl_room *room, size_t slots)
             const int64_t index = (int64_t)(room->keys[slot] >> shift & 0x1FFFFF);
             key = key << 21 | (uint64_t)((index + FL_REACH) / 2); /* counted from -FL_REACH, halved and rounded down */
         }
-        cells += (size_t)add_cell(room, FL_TABLE, slots, key, room->cells + 4 * slot);
+        real *const coarse = cell_of(room, FL_TABLE, slots, key, &cells);
+        for (int i = 0; i < 4; i++) coarse[i] += room->cells[4 * slot + (size_t)i];
     }
     memcpy(room->keys, room->keys + FL_TABLE, slots * sizeof *room->keys);
     memcpy(room->cells, room->cells + 4 * FL_TABLE, 4 * slots * sizeof *room->cells);
     return cells;
+}
+
+/* Sort a block of readings into cells; returns how many of these are new. All are found before any is added to, so that
+ * a processor need not wait for one after the other. */
+static size_t add_block(const fl_room *room, const uint64_t *keys, const real *field, size_t n)
+{
+    real *cells[FL_BLOCK];
+    size_t added = 0;
+    for (size_t i = 0; i < n; i++) cells[i] = cell_of(room, 0, room->slots, keys[i], &added);
+    for (size_t i = 0; i < n; i++, field += 3) {
+        cells[i][0] += 1;
+        for (int axis = 0; axis < 3; axis++) cells[i][1 + axis] += field[axis];
+    }
+    return added;
 }
 
 /* Sort readings into cells, at most 4096 of them: the table of a room. */
@@ -83,14 +99,11 @@ void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room
     size_t cells = 0;
     room->side = fl_cell_side(field, rows);
     memset(room->keys, 0xFF, slots * sizeof *room->keys);
-    for (size_t row = 0; row < rows; row++) {
-        const real *reading = field + 3 * row, sums[4] = {1, reading[0], reading[1], reading[2]};
-        const size_t within = row % FL_BLOCK, left = rows - row < FL_BLOCK ? rows - row : FL_BLOCK;
-        if (within == 0) kernels->keys(reading, left, 1, room->side, keys);
-        cells += (size_t)add_cell(room, 0, slots, keys[within], sums);
-        if (cells <= FL_CELLS) continue;
+    for (size_t row = 0; row < rows; row += FL_BLOCK) {
+        const size_t n = rows - row < FL_BLOCK ? rows - row : FL_BLOCK;
+        kernels->keys(field + 3 * row, n, 1, room->side, keys);
+        cells += add_block(room, keys, field + 3 * row, n);
         for (; cells > FL_CELLS; room->side *= 2) cells = coarsen(room, slots);
-        kernels->keys(field + 3 * (row - within), within + left < FL_BLOCK ? within + left : FL_BLOCK, 1, room->side, keys);
     }
 }
 
@@ -125,87 +138,122 @@ void fl_sphere_centres(real centres[100][3])
     }
 }
 
-/* Directions of the cells within a distance of the surface, one axis after the other, and their readings, behind the
- * table. */
-static size_t directions(const fl_surface *surface, real within, const fl_room *room, real *axes)
+/* Counts and sums of the cells, those one axis after the other, behind the table; their number. No branch depends on a
+ * slot: which are free is random. */
+static size_t gather_cells(const fl_room *room, real *axes)
 {
     size_t n = 0;
-    real half[3];
-    fl_sym3_values(surface->shape, half);
     for (size_t slot = 0; slot < room->slots; slot++) {
-        if (room->keys[slot] == FL_EMPTY) continue;
-        const real *cell = room->cells + 4 * slot, each = 1 / cell[0];
-        real local[3], y[3];
-        for (int axis = 0; axis < 3; axis++) local[axis] = cell[1 + axis] * each - surface->centre[axis];
-        fl_sym3_apply(surface->inverse, local, y);
-        const real length = fl_sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]);
-        if (!(fl_abs(length - 1) * half[0] <= within)) continue;
-        const real shorter = length > 0 ? 1 / length : 0;
-        for (int axis = 0; axis < 3; axis++) axes[axis * FL_TABLE + n] = y[axis] * shorter;
-        axes[3 * FL_TABLE + n++] = cell[0];
+        const real *const cell = room->cells + 4 * slot;
+        for (int axis = 0; axis < 3; axis++) axes[axis * APART + n] = cell[1 + axis];
+        axes[3 * APART + n] = cell[0];
+        n += room->keys[slot] != FL_EMPTY;
     }
     return n;
 }
 
-/* Largest cosine between a direction and those of the cells, in eight lanes; any that is larger than `enough` will do. */
-static real nearest(const real centre[3], const real *axes, size_t n, real enough)
+/* Directions from the centre of a surface to means of readings in place of their sums, and how far these are from it,
+ * over its size there. */
+static void turn_to_directions(const fl_surface *surface, size_t n, real *restrict x, real *restrict y, real *restrict z,
+                               const real *restrict counts, real *restrict off)
 {
-    const real *x = axes, *y = axes + FL_TABLE, *z = axes + 2 * FL_TABLE;
-    real most = -1;
-    for (size_t begin = 0; begin < n && most <= enough; begin += FL_BLOCK) {
-        const size_t end = begin + FL_BLOCK < n ? begin + FL_BLOCK : n;
-        real best[FL_LANES];
-        size_t i = begin;
-        for (int lane = 0; lane < FL_LANES; lane++) best[lane] = -1;
-        for (; i + FL_LANES <= end; i += FL_LANES)
-            for (int lane = 0; lane < FL_LANES; lane++) {
-                const real cosine = centre[0] * x[i + lane] + centre[1] * y[i + lane] + centre[2] * z[i + lane];
-                best[lane] = cosine > best[lane] ? cosine : best[lane];
-            }
-        for (int lane = 0; lane < FL_LANES; lane++) most = best[lane] > most ? best[lane] : most;
-        for (; i < end; i++) {
-            const real cosine = centre[0] * x[i] + centre[1] * y[i] + centre[2] * z[i];
-            most = cosine > most ? cosine : most;
-        }
+    for (size_t i = 0; i < n; i++) {
+        const real each = 1 / counts[i], local[3] = {x[i] * each - surface->centre[0], y[i] * each - surface->centre[1],
+                                                     z[i] * each - surface->centre[2]};
+        real unit[3];
+        fl_sym3_apply(surface->inverse, local, unit);
+        const real length = fl_sqrt(unit[0] * unit[0] + unit[1] * unit[1] + unit[2] * unit[2]);
+        const real shorter = length > 0 ? 1 / length : 0;
+        off[i] = fl_abs(length - 1);
+        x[i] = unit[0] * shorter, y[i] = unit[1] * shorter, z[i] = unit[2] * shorter;
     }
-    return most;
+}
+
+/* Directions of the cells within a distance of the surface, one axis after the other, and their readings, behind the
+ * table. */
+static size_t directions(const fl_surface *surface, real within, const fl_room *room, real *axes)
+{
+    const size_t cells = gather_cells(room, axes);
+    real *const off = axes + 4 * APART;
+    size_t n = 0;
+    real half[3];
+    fl_sym3_values(surface->shape, half);
+    turn_to_directions(surface, cells, axes, axes + APART, axes + 2 * APART, axes + 3 * APART, off);
+    for (size_t i = 0; i < cells; i++) {
+        if (!(off[i] * half[0] <= within)) continue;
+        for (int k = 0; n < i && k < 4; k++) axes[k * APART + n] = axes[k * APART + i];
+        n++;
+    }
+    return n;
+}
+
+/* A cell of the sphere: its readings, and the direction that is nearest to its middle, by the cosine between them; -2
+ * where there is none. */
+typedef struct {
+    real middle[3], readings, cosine;
+    size_t nearest;
+} sector;
+
+/* Sort directions into the cells of the sphere; returns how many readings there are. */
+static real fill_sectors(const fl_kernels *kernels, const real *axes, size_t n, sector sectors[SECTORS])
+{
+    const real *const x = axes, *const y = x + APART, *const z = y + APART, *const readings = z + APART;
+    uint32_t cells[FL_CELLS];
+    real middles[SECTORS][3], all = 0;
+    memset(sectors, 0, SECTORS * sizeof *sectors);
+    fl_sphere_centres(middles);
+    for (int k = 0; k < SECTORS; k++) memcpy(sectors[k].middle, middles[k], sizeof middles[k]), sectors[k].cosine = -2;
+    kernels->cells(x, y, z, n, cells);
+    for (size_t i = 0; i < n; i++) {
+        sector *const in = sectors + cells[i];
+        const real cosine = in->middle[0] * x[i] + in->middle[1] * y[i] + in->middle[2] * z[i];
+        in->nearest = cosine > in->cosine ? i : in->nearest;
+        in->cosine = cosine > in->cosine ? cosine : in->cosine;
+        in->readings += readings[i], all += readings[i];
+    }
+    return all;
+}
+
+/* The largest gap: the middle of a cell farthest from all directions, and the cosine to the nearest one. Directions that
+ * are nearest to the middle of their cell rule most of them out. */
+static real largest_gap(const fl_kernels *kernels, const real *axes, size_t n, const sector sectors[SECTORS], real hole[3])
+{
+    const real *const x = axes, *const y = x + APART, *const z = y + APART;
+    real central[3][SECTORS];
+    size_t count = 0;
+    const sector *emptiest = sectors;
+    for (const sector *one = sectors; one < sectors + SECTORS; one++) {
+        if (one->cosine < emptiest->cosine) emptiest = one;
+        if (one->cosine == -2) continue;
+        central[0][count] = x[one->nearest], central[1][count] = y[one->nearest], central[2][count++] = z[one->nearest];
+    }
+    real farthest = kernels->nearest(emptiest->middle, x, y, z, n) + FL_ROUNDING; /* so that it counts itself */
+    for (const sector *one = sectors; one < sectors + SECTORS; one++) {
+        if (one->cosine > farthest) continue;
+        if (kernels->nearest(one->middle, central[0], central[1], central[2], count) > farthest) continue;
+        const real cosine = kernels->nearest(one->middle, x, y, z, n);
+        if (!(cosine < farthest)) continue;
+        farthest = cosine;
+        memcpy(hole, one->middle, sizeof one->middle);
+    }
+    return farthest > 1 ? 1 : farthest;
 }
 
 /* Share of the sphere that holds a reading, and the largest gap; cells farther than `within` are left out. */
 void fl_coverage(const fl_kernels *kernels, const fl_surface *surface, real within, const fl_room *room,
                  flinders_record *record)
 {
-    uint32_t cells[FL_CELLS];
-    real *axes = room->cells + 4 * FL_TABLE, farthest, by_cell[100] = {0}, readings = 0;
-    real centres[100][3], own[100]; /* largest cosine between a centre and the directions of its cell */
-    int count = 0, emptiest = 0;
-    fl_sphere_centres(centres);
-    for (int cell = 0; cell < 100; cell++) own[cell] = -2;
+    real *const axes = room->cells + 4 * FL_TABLE;
+    sector sectors[SECTORS];
+    int seen = 0;
     size_t n = within > 0 ? directions(surface, within + room->side, room, axes) : 0;
     if (n == 0) n = directions(surface, FL_HUGE, room, axes);
-    const real *x = axes, *y = axes + FL_TABLE, *z = axes + 2 * FL_TABLE;
-    kernels->cells(x, y, z, n, cells);
-    for (size_t i = 0; i < n; i++) {
-        const uint32_t cell = cells[i];
-        const real *c = centres[cell], cosine = c[0] * x[i] + c[1] * y[i] + c[2] * z[i];
-        count += own[cell] == -2;
-        own[cell] = cosine > own[cell] ? cosine : own[cell];
-        by_cell[cell] += axes[3 * FL_TABLE + i];
-        readings += axes[3 * FL_TABLE + i];
-    }
+    const real readings = fill_sectors(kernels, axes, n, sectors);
     record->upright = 0;
-    for (int cell = 1; cell < 100; cell++) emptiest = own[cell] < own[emptiest] ? cell : emptiest;
-    farthest = nearest(centres[emptiest], axes, n, 2) + FL_ROUNDING; /* no gap that is smaller is looked at closely */
-    for (int cell = 0; cell < 100; cell++) {
-        const real *const centre = centres[cell];
-        const real cosine = own[cell] > farthest ? own[cell] : nearest(centre, axes, n, farthest);
-        record->upright += by_cell[cell] * centre[2] / (readings > 1 ? readings : 1);
-        if (cosine < farthest) {
-            farthest = cosine;
-            memcpy(record->hole, centre, sizeof record->hole);
-        }
+    for (int k = 0; k < SECTORS; k++) {
+        seen += sectors[k].cosine != -2;
+        record->upright += sectors[k].readings * sectors[k].middle[2] / (readings > 1 ? readings : 1);
     }
-    farthest = farthest > 1 ? 1 : farthest < -1 ? -1 : farthest;
-    record->coverage = (real)count / 100;
-    record->hole_deg = fl_acos(farthest) * 180 / FL_PI;
+    record->coverage = (real)seen / SECTORS;
+    record->hole_deg = fl_acos(largest_gap(kernels, axes, n, sectors, record->hole)) * 180 / FL_PI;
 }

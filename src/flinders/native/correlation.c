@@ -15,13 +15,15 @@ enum { FEW = 50 };
 static void gather_all(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, size_t every,
                        size_t length, const fl_room *room, fl_residuals *out)
 {
+    real *columns[FL_COLUMNS];
+    fl_all_columns(out, columns);
     memset(room->passed, 1, view->rows);
     for (size_t begin = 0; begin < view->rows; begin += every) {
         const size_t left = view->rows - begin;
         const fl_view some = {view->field + 3 * begin, left < length ? left : length, NULL, 1};
         memset(room->passed + begin, 0, some.rows);
         out->begins[out->stretches++] = out->n;
-        out->n += kernels->rows(&some, surface, 10, out->rows + 10 * out->n, out->directions + out->n);
+        out->n += kernels->columns(&some, surface, out->n, columns, out->directions);
     }
 }
 
@@ -30,6 +32,7 @@ static void gather_used(const fl_kernels *kernels, const fl_view *view, const fl
                         size_t length, const fl_room *room, fl_residuals *out)
 {
     const int is_whole = every == length;
+    real *columns[FL_COLUMNS];
     size_t free = 0, part = 0;
     int is_begun = 0;
     for (size_t row = 0; row < view->rows; row++) {
@@ -45,24 +48,22 @@ static void gather_used(const fl_kernels *kernels, const fl_view *view, const fl
         out->n++;
     }
     const fl_view some = {view->field, view->rows, room->passed, 1};
-    kernels->rows(&some, surface, 10, out->rows, out->directions);
+    fl_all_columns(out, columns);
+    kernels->columns(&some, surface, 0, columns, out->directions);
 }
 
-/* The readings that are looked at, with their rows; all of them where they are not too many. */
+/* The readings that are looked at, with their Jacobian; all of them where they are not too many. */
 static void gather_stretches(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
                              fl_residuals *out)
 {
     const size_t used = fit->used, all = FL_LOOKED;
     const size_t every = used <= all ? used : (used + FL_STRETCHES - 1) / FL_STRETCHES;
     const size_t length = used <= all ? used : FL_STRETCH;
-    out->n = 0, out->stretches = 0, out->width = 9, out->stride = 10, out->weights = NULL;
-    out->rows = room->rows, out->distances = room->distances, out->cells = room->order, out->begins = room->begins;
-    out->directions = room->directions;
+    fl_begin_residuals(room, out);
     if (!view->rejected && !room->parts) gather_all(kernels, view, &fit->surface, every, length, room, out);
     else gather_used(kernels, view, &fit->surface, every, length, room, out);
     out->begins[out->stretches] = out->n;
     fl_sort_by_direction(kernels, out);
-    for (size_t i = 0; i < out->n; i++) out->distances[i] = out->rows[10 * i + 9];
 }
 
 /* Σ d². */
@@ -154,7 +155,7 @@ static void move(fl_fit *fit, const real step[9])
     real centre[3], shape[6];
     for (int i = 0; i < 3; i++) centre[i] = fit->surface.centre[i] + step[i];
     for (int i = 0; i < 6; i++) shape[i] = fit->surface.shape[i] + step[3 + i];
-    if (!fl_surface_of(centre, shape, &surface)) fit->surface = surface;
+    if (!fl_surface_of(centre, shape, &surface)) fit->surface = surface, fit->has_distances = 0;
 }
 
 /* Whether residuals are so large that a step which takes them for small leads nowhere. */

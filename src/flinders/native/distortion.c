@@ -53,41 +53,38 @@ static int counts_once(const fl_residuals *residuals, size_t i)
     return !residuals->weights || residuals->weights[i] > 0;
 }
 
-/* Principal axes of the directions, in rows, to the side of their third moments: they turn with the readings. */
-static void principal_axes(const fl_residuals *residuals, real axes[3][3])
+/* Components of directions along an axis; returns the sum of their cubes. */
+static real components(const real axis[3], const real *directions, size_t n, real *restrict out)
 {
-    const real *x = residuals->directions, *y = x + FL_LOOKED, *z = y + FL_LOOKED;
-    real moments[9] = {0}, values[3];
-    for (size_t i = 0; i < residuals->n; i++) {
-        moments[0] += x[i] * x[i], moments[1] += x[i] * y[i], moments[2] += x[i] * z[i];
-        moments[4] += y[i] * y[i], moments[5] += y[i] * z[i], moments[8] += z[i] * z[i];
-    }
-    moments[3] = moments[1], moments[6] = moments[2], moments[7] = moments[5];
-    fl_eigen(moments, 3, values);
-    for (int k = 0; k < 3; k++) {
-        real third = 0;
-        for (size_t i = 0; i < residuals->n; i++) {
-            const real along = moments[k] * x[i] + moments[3 + k] * y[i] + moments[6 + k] * z[i];
-            third += along * along * along;
-        }
-        for (int axis = 0; axis < 3; axis++) axes[k][axis] = third < 0 ? -moments[3 * axis + k] : moments[3 * axis + k];
-    }
+    const real *const x = directions, *const y = x + FL_LOOKED, *const z = y + FL_LOOKED;
+    real lanes[FL_LANES] = {0}, sum = 0;
+    for (size_t i = 0; i < n; i++) out[i] = axis[0] * x[i] + axis[1] * y[i] + axis[2] * z[i];
+    size_t i = 0;
+    for (; i + FL_LANES <= n; i += FL_LANES)
+        for (int lane = 0; lane < FL_LANES; lane++) lanes[lane] += out[i + lane] * out[i + lane] * out[i + lane];
+    for (; i < n; i++) sum += out[i] * out[i] * out[i];
+    for (int lane = 0; lane < FL_LANES; lane++) sum += lanes[lane];
+    return sum;
 }
 
 /* Sort residuals into cells of the sphere that turn with the readings: what is decided does not depend on the sensor's
- * axes. */
+ * axes. These are the principal axes of the directions, in rows, to the side of their third moments. */
 void fl_sort_by_direction(const fl_kernels *kernels, fl_residuals *residuals)
 {
-    real(*const axes)[3] = residuals->axes;
-    principal_axes(residuals, axes);
-    for (size_t begin = 0; begin < residuals->n; begin += FL_BLOCK) {
-        real block[3][FL_BLOCK];
-        const size_t n = residuals->n - begin < FL_BLOCK ? residuals->n - begin : FL_BLOCK;
-        const real *x = residuals->directions + begin, *y = x + FL_LOOKED, *z = y + FL_LOOKED;
-        for (size_t i = 0; i < n; i++)
-            for (int k = 0; k < 3; k++) block[k][i] = axes[k][0] * x[i] + axes[k][1] * y[i] + axes[k][2] * z[i];
-        kernels->cells(block[0], block[1], block[2], n, residuals->cells + begin);
+    real *const directions = residuals->directions, *const scratch = residuals->scratch;
+    real *const columns[3] = {directions, directions + FL_LOOKED, directions + 2 * FL_LOOKED};
+    real *const along[3] = {scratch, scratch + residuals->n, scratch + 2 * residuals->n};
+    real moments[9], values[3];
+    kernels->gram(columns, 0, residuals->n, 3, moments);
+    fl_eigen(moments, 3, values);
+    for (int k = 0; k < 3; k++) {
+        real *const axis = residuals->axes[k];
+        for (int i = 0; i < 3; i++) axis[i] = moments[3 * i + k];
+        if (!(components(axis, directions, residuals->n, along[k]) < 0)) continue;
+        for (int i = 0; i < 3; i++) axis[i] = -axis[i];
+        for (size_t i = 0; i < residuals->n; i++) along[k][i] = -along[k][i];
     }
+    kernels->cells(along[0], along[1], along[2], residuals->n, residuals->cells);
 }
 
 /* Count readings and residuals by direction: the middle of the readings of each cell. */
@@ -291,25 +288,37 @@ real fl_distortion(fl_residuals *residuals, const fl_surface *surface, int has_c
     return direction;
 }
 
+/* Solve L X = B in place for ten columns side by side. */
+static void forward(const real *factor, int n, real rows[CELLS][10])
+{
+    for (int i = 0; i < n; i++) {
+        real row[10];
+        memcpy(row, rows[i], sizeof row);
+        for (int k = 0; k < i; k++)
+            for (int column = 0; column < 10; column++) row[column] -= factor[i * n + k] * rows[k][column];
+        for (int column = 0; column < 10; column++) rows[i][column] = row[column] / factor[i * n + i];
+    }
+}
+
 /* Restricted likelihood of a distortion beside white noise, its logarithm to the base 2, but for a constant; and the
  * variance of the white noise.
  *
  * `ratio`: of the variances, distortion over white noise; `within`: squares about the means of the cells. */
 static real likelihood_of(const sphere *on, real ratio, real within, real freedom, real *variance)
 {
-    real columns[10][CELLS], products[100] = {0}, log_determinant = 0;
+    real rows[CELLS][10], products[100] = {0}, log_determinant = 0;
     const int n = on->n;
     for (int k = 0; k < n; k++) {
         for (int l = 0; l < n; l++) on->matrix[k * n + l] = ratio * on->kernel[k * n + l];
         on->matrix[k * n + k] += 1 / on->counts[k];
-        for (int i = 0; i < 9; i++) columns[i][k] = on->jacobian[k][i];
-        columns[9][k] = on->means[k];
+        for (int i = 0; i < 9; i++) rows[k][i] = on->jacobian[k][i];
+        rows[k][9] = on->means[k];
     }
     if (fl_cholesky(on->matrix, n)) return -FL_HUGE;
-    for (int i = 0; i < 10; i++) fl_forward(on->matrix, n, columns[i]);
-    for (int i = 0; i < 10; i++)
-        for (int j = 0; j <= i; j++)
-            for (int k = 0; k < n; k++) products[10 * i + j] += columns[i][k] * columns[j][k];
+    forward(on->matrix, n, rows);
+    for (int k = 0; k < n; k++)
+        for (int i = 0; i < 10; i++)
+            for (int j = 0; j < 10; j++) products[10 * i + j] += rows[k][i] * rows[k][j];
     products[99] += within;
     if (fl_cholesky(products, 10)) return -FL_HUGE;
     for (int k = 0; k < n; k++) log_determinant += 2 * fl_log2(on->matrix[k * n + k]);
@@ -331,17 +340,18 @@ static real most_likely(const sphere *on, real within, real freedom, real *varia
 }
 
 /* Standard deviation of a distortion that makes all of the means of the cells but white noise; 0 where different visits
- * to a cell agree far less than it says. */
-static real of_means(const fl_residuals *residuals, const fl_surface *surface, sphere *on, size_t apart, real white)
+ * to a cell agree far less than it says.
+ *
+ * `found`: of different visits, as `pairs` of readings in each cell give it. */
+static real of_means(const fl_residuals *residuals, const fl_surface *surface, sphere *on, const real *pairs, real found,
+                     real white)
 {
-    real cross[CELLS], pairs[CELLS], variance[CELLS], made = 0, expected = 0, found = 0, agreeing = 0;
-    between_visits(residuals, on, apart, cross, pairs);
+    real variance[CELLS], made = 0, expected = 0, agreeing = 0;
     fill_kernel(residuals, surface, on);
     left_over(on, variance);
     for (int k = 0; k < on->n; k++) {
         made += on->counts[k] * on->means[k] * on->means[k] - white;
         expected += on->counts[k] * variance[k];
-        found += cross[k] / on->counts[k];
         agreeing += pairs[k] * variance[k] / on->counts[k];
     }
     if (!(made > 0 && expected > 0)) return 0;
@@ -357,12 +367,14 @@ real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, in
                           const fl_room *room)
 {
     sphere on;
-    real count, white;
+    real count, white, cross[CELLS], pairs[CELLS], found = 0;
     on.kernel = room->matrices, on.matrix = room->matrices + CELLS * CELLS;
     if (has_copies) weigh_once(residuals, room);
     count_cells(residuals, &on);
+    between_visits(residuals, &on, apart, cross, pairs);
+    for (int k = 0; k < on.n; k++) found += cross[k] / on.counts[k];
+    if (on.n < FEWEST_CELLS || !(found > 0)) return 0; /* no likelihood proves what visits contradict */
     real within = square_of(residuals, &count);
-    if (on.n < FEWEST_CELLS) return 0;
     for (int k = 0; k < on.n; k++) {
         within -= on.counts[k] * on.means[k] * on.means[k];
         fl_jacobian(surface, on.middles[k], on.jacobian[k]);
@@ -370,7 +382,7 @@ real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, in
     }
     const real none = likelihood_of(&on, 0, within, count - 9, &white);
     const real gain = most_likely(&on, within, count - 9, &white) - none;
-    return gain > PLAIN && gain > AS_LIKELY * slow ? of_means(residuals, surface, &on, apart, white) : 0;
+    return gain > PLAIN && gain > AS_LIKELY * slow ? of_means(residuals, surface, &on, pairs, found, white) : 0;
 }
 
 /* Covariance of two residuals of one direction at different times. */

@@ -20,35 +20,32 @@ static fl_view inliers_of(const fl_kernels *kernels, const real *field, size_t r
 
 /* Drop the readings whose disturbance is not known, and put it less its mean between derivatives and distances of the
  * others. */
-static void join(const real *values, fl_residuals *rows, flinders_disturbance *found)
+static void join(const real *values, fl_residuals *some, flinders_disturbance *found)
 {
-    real sum = 0, lowest = FL_HUGE, highest = -FL_HUGE;
+    real *const known = some->columns[WIDTH], sum = 0, lowest = FL_HUGE, highest = -FL_HUGE;
     size_t kept = 0;
-    for (size_t i = 0; i < rows->n; i++) {
-        const real value = values[rows->places[i]];
+    for (size_t i = 0; i < some->n; i++) {
+        const real value = values[some->places[i]];
         if (!(fl_abs(value) < FL_HUGE)) continue;
-        memmove(rows->rows + ALL * kept, rows->rows + ALL * i, ALL * sizeof(real));
-        rows->distances[kept] = rows->distances[i];
-        rows->rows[ALL * kept++ + WIDTH] = value;
+        for (int k = 0; k < 9; k++) some->columns[k][kept] = some->columns[k][i];
+        some->distances[kept] = some->distances[i];
+        known[kept++] = value;
         sum += value;
         lowest = value < lowest ? value : lowest, highest = value > highest ? value : highest;
     }
-    rows->n = kept;
+    some->n = kept, some->width = WIDTH;
     if (kept == 0) return;
     const real mean = sum / (real)kept;
-    for (size_t i = 0; i < kept; i++) {
-        real *const row = rows->rows + ALL * i;
-        for (int axis = 0; axis < AXES; axis++) row[9 + axis] = (row[WIDTH] - mean) * row[axis];
-        row[WIDTH] = rows->distances[i];
-    }
+    for (int axis = 0; axis < AXES; axis++)
+        for (size_t i = 0; i < kept; i++) some->columns[9 + axis][i] = (known[i] - mean) * some->columns[axis][i];
     found->used = (int64_t)kept, found->range = highest - lowest;
     found->farthest = highest - mean > mean - lowest ? highest - mean : mean - lowest;
 }
 
 /* Normal equations with the square of the distances in the corner, terms scaled to length one. */
-static void equations(const fl_kernels *kernels, const fl_residuals *rows, real scale[ALL], real all[ALL][ALL])
+static void equations(const fl_kernels *kernels, const fl_residuals *some, real scale[ALL], real all[ALL][ALL])
 {
-    kernels->gram(rows->rows, rows->n, ALL, all[0]);
+    fl_gram(kernels, some, 0, some->n, all[0]);
     scale[WIDTH] = 1;
     for (int a = 0; a < WIDTH; a++) scale[a] = all[a][a] > FL_TINY ? fl_sqrt(all[a][a]) : 1;
     for (int a = 0; a < ALL; a++)
@@ -81,7 +78,7 @@ int flinders_regress(const real *field, const real *values, size_t rows, const r
     if (fl_room_of(workspace, size, rows, &room)) return FLINDERS_NO_WORKSPACE;
     if (fl_surface_of(centre, shape, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
     const fl_view view = inliers_of(kernels, field, rows, &surface, limit, &room);
-    found->stride = (int64_t)fl_gather_evenly(kernels, &view, &surface, &room, 0, WIDTH, &some);
+    found->stride = (int64_t)fl_gather_evenly(kernels, &view, &surface, &room, 0, &some);
     join(values, &some, found);
     if (found->used == 0) return FLINDERS_TOO_FEW;
     equations(kernels, &some, scale, all);

@@ -121,17 +121,20 @@ void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *
     real covariance[PARAMETERS * PARAMETERS], products[(PARAMETERS + 1) * (PARAMETERS + 1)];
     real gradient[PARAMETERS], solution[PARAMETERS], onto[CHANGES * CHANGES], change[CHANGES], spread[CHANGES * CHANGES];
     real square = 0, moved[9] = {0};
-    fl_gather_evenly(kernels, view, surface, room, 0, PARAMETERS, &left);
+    fl_gather_evenly(kernels, view, surface, room, 0, &left);
+    left.width = PARAMETERS;
     if (left.n == 0) return;
     for (size_t i = 0; i < left.n; i++) {
-        real *row = left.rows + left.stride * i;
+        real row[PARAMETERS];
+        for (int k = 0; k < 9; k++) row[k] = left.columns[k][i];
         with_change(surface, time_of(&left, i), row);
+        for (int k = 9; k < PARAMETERS; k++) left.columns[k][i] = row[k];
         square += left.distances[i] * left.distances[i];
     }
     const real least = FL_FINEST * surface->radius, mean = square / (real)left.n;
     const real variance = mean > least * least ? mean : least * least;
     scattered context = {surface, &left};
-    kernels->gram(left.rows, left.n, PARAMETERS + 1, products);
+    fl_gram(kernels, &left, 0, left.n, products);
     fl_normal_equations(products, PARAMETERS + 1, 0, PARAMETERS, matrix, gradient);
     for (int i = 0; i < PARAMETERS * PARAMETERS; i++) information[i] = matrix[i] / variance;
     fl_support_of(information, PARAMETERS, spurious, &context, &support);
@@ -139,7 +142,7 @@ void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *
     inverse_of(&support, information, inverse);
     for (int i = 0; i < PARAMETERS * PARAMETERS; i++) inverse[i] /= variance;
     fl_multiply(inverse, gradient, PARAMETERS, PARAMETERS, 1, solution);
-    kernels->take_off(left.rows, left.stride, left.n, PARAMETERS, solution, left.distances);
+    kernels->take_off(left.columns, left.n, PARAMETERS, solution, left.distances, left.distances);
     const real independent = fl_covariance_of_solution(kernels, &left, matrix, inverse, covariance);
     if (!(independent >= FEWEST_INDEPENDENT)) return;
     project(onto, solution, covariance, change, spread);

@@ -138,14 +138,16 @@ int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options
     const int may_ask = options->robust && view->rows >= 12;
     const int looks_early = may_ask && !start_of_majority;
     int status = fl_polish(kernels, view, options, start, looks_early ? FEW_STEPS : FL_STEPS, room->some, fit);
-    int asks = may_ask && status == FLINDERS_OK ? fl_asks_for_robust(kernels, view, &fit->surface, room) : 0;
+    fit->has_distances = 0;
+    int asks = may_ask && status == FLINDERS_OK ? fl_asks_for_robust(kernels, view, fit, room) : 0;
     if (asks != 1 && looks_early && status == FLINDERS_OK && fit->steps == FEW_STEPS) { /* it goes on from where it stands */
         const fl_surface so_far = fit->surface;
         status = fl_polish(kernels, view, options, &so_far, FL_STEPS - FEW_STEPS, room->some, fit);
         fit->steps += FEW_STEPS;
-        asks = status == FLINDERS_OK ? fl_asks_for_robust(kernels, view, &fit->surface, room) : 0;
+        asks = status == FLINDERS_OK ? fl_asks_for_robust(kernels, view, fit, room) : 0;
     }
     if (!asks && options->robust < 2) return status;
+    fit->has_distances = 0;
     const int found = fl_robust(kernels, view, options, start_of_majority, room, &most, record);
     const int is_proven = found == FLINDERS_OK && !(asks == FL_SUSPECTS && most.noise > QUIETER * fit->noise);
     if (found != FLINDERS_OK || (!is_proven && options->robust < 2)) fl_forget_outliers(view, record);

@@ -59,9 +59,9 @@ enum { FL_LOOKED = 12 * 1024, FL_COLUMNS = 18, FL_STEPS = 50,
        FL_REACH = 1 << 20 }; /* cells on either side of zero */
 
 #ifdef FLINDERS_SMALL /* for a stack of few kilobytes: up to 512 readings, and the nine parameters alone */
-enum { FL_BLOCK = 8, FL_LANES = 1, FL_WIDEST = 10, FL_ROW = 12, FL_SOME = 512, FL_ENOUGH = 512 };
+enum { FL_BLOCK = 8, FL_LANES = 1, FL_WIDEST = 10, FL_SOME = 512, FL_ENOUGH = 512 };
 #else
-enum { FL_BLOCK = 64, FL_LANES = 8, FL_WIDEST = 15, FL_ROW = 16, /* the widest, in whole fours */
+enum { FL_BLOCK = 64, FL_LANES = 8, FL_WIDEST = 15,
        FL_SOME = 5000,     /* readings of a longer recording that it is looked at by */
        FL_ENOUGH = 20000 }; /* those of a longer one that a majority is found among; beyond these a fit is iterated on some */
 #endif
@@ -99,13 +99,13 @@ typedef struct {
     void (*distances)(const fl_view *view, const fl_surface *surface, real *out);
     int (*has_closer)(const fl_view *view, const fl_surface *surface, real limit, size_t fewest);
     real (*cost)(const fl_view *view, const fl_surface *surface);
-    size_t (*rows)(const fl_view *view, const fl_surface *surface, size_t stride, real *out, real *directions);
-    void (*nonlinear)(const fl_surface *surface, const real *directions, size_t n, size_t stride, real *rows);
-    void (*take_off)(const real *rows, size_t stride, size_t n, int width, const real *solution, real *distances);
-    void (*gram)(const real *rows, size_t n, int columns, real *matrix);
-    void (*lagged)(const real *rows, size_t stride, size_t n, int width, const int *lags, const real *weights,
+    size_t (*columns)(const fl_view *view, const fl_surface *surface, size_t begin, real *const *out, real *directions);
+    void (*nonlinear)(const fl_surface *surface, const real *directions, size_t n, real *const *normals, real *const *out);
+    void (*take_off)(real *const *columns, size_t n, int width, const real *solution, const real *from, real *to);
+    void (*gram)(real *const *columns, size_t begin, size_t n, int count, real *matrix);
+    void (*lagged)(real *const *columns, size_t begin, size_t n, int width, const int *lags, const real *weights,
                    int count, real *product);
-    void (*squares)(const real *rows, const real *distances, size_t n, real sums[55]);
+    real (*nearest)(const real direction[3], const real *x, const real *y, const real *z, size_t n);
     void (*cells)(const real *x, const real *y, const real *z, size_t n, uint32_t *out);
     void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], real memory,
                    real log_determinant[FL_LANES], real sums[55][FL_LANES]);
@@ -203,6 +203,7 @@ typedef struct {
     real held;
     size_t used;
     int unseen, steps;
+    int has_distances; /* 1 if those of a room are the distances of all readings from the surface */
     int is_doubtful; /* of a robust fit: 1 if some of the readings that it rejects may be noise; fl_room.far has the others */
     fl_slow slow;
     fl_posterior posterior;

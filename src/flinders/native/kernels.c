@@ -220,8 +220,8 @@ static void curvature(const fl_view *view, const fl_surface *surface, real gradi
 }
 
 /* Derivatives of the Jacobian along a tangent t of the surface, of one reading: Jacobian of A A t less its part along the
- * normal, over |A u|, and of the normal with A t instead of u. */
-static inline void turned(const real a[6], const real n[3], const real u[3], real steepness, const real t[3],
+ * normal, times the flatness 1/|A u|, and of the normal with A t instead of u. */
+static inline void turned(const real a[6], const real n[3], const real u[3], real flatness, const real t[3],
                           real rows[9][FL_BLOCK], int i)
 {
     const real wx = a[0] * t[0] + a[3] * t[1] + a[4] * t[2], wy = a[3] * t[0] + a[1] * t[1] + a[5] * t[2],
@@ -229,7 +229,7 @@ static inline void turned(const real a[6], const real n[3], const real u[3], rea
     real vx = a[0] * wx + a[3] * wy + a[4] * wz, vy = a[3] * wx + a[1] * wy + a[5] * wz,
          vz = a[4] * wx + a[5] * wy + a[2] * wz;
     const real along = n[0] * vx + n[1] * vy + n[2] * vz;
-    vx = (vx - n[0] * along) / steepness, vy = (vy - n[1] * along) / steepness, vz = (vz - n[2] * along) / steepness;
+    vx = (vx - n[0] * along) * flatness, vy = (vy - n[1] * along) * flatness, vz = (vz - n[2] * along) * flatness;
     rows[0][i] = vx, rows[1][i] = vy, rows[2][i] = vz;
     rows[3][i] = vx * u[0] + n[0] * wx, rows[4][i] = vy * u[1] + n[1] * wy, rows[5][i] = vz * u[2] + n[2] * wz;
     rows[6][i] = vx * u[1] + vy * u[0] + n[0] * wy + n[1] * wx;
@@ -251,18 +251,18 @@ static size_t spurious(const fl_view *view, const fl_surface *surface, real sums
                        dz = block[2][i] - surface->centre[2];
             const real px = a[0] * dx + a[3] * dy + a[4] * dz, py = a[3] * dx + a[1] * dy + a[5] * dz,
                        pz = a[4] * dx + a[5] * dy + a[2] * dz;
-            const real size = fl_sqrt(px * px + py * py + pz * pz), length = size > FL_SHORT ? size : FL_SHORT;
-            const real u[3] = {px / length, py / length, pz / length};
+            const real size = fl_sqrt(px * px + py * py + pz * pz), per_length = 1 / (size > FL_SHORT ? size : FL_SHORT);
+            const real u[3] = {px * per_length, py * per_length, pz * per_length};
             const real qx = a[0] * u[0] + a[3] * u[1] + a[4] * u[2], qy = a[3] * u[0] + a[1] * u[1] + a[5] * u[2],
                        qz = a[4] * u[0] + a[5] * u[1] + a[2] * u[2];
-            const real steep = fl_sqrt(qx * qx + qy * qy + qz * qz), steepness = steep > FL_SHORT ? steep : FL_SHORT;
-            const real n[3] = {qx / steepness, qy / steepness, qz / steepness};
+            const real steep = fl_sqrt(qx * qx + qy * qy + qz * qz), flatness = 1 / (steep > FL_SHORT ? steep : FL_SHORT);
+            const real n[3] = {qx * flatness, qy * flatness, qz * flatness};
             const real side = n[2] < 0 ? -1 : 1, over = -1 / (side + n[2]), both = n[0] * n[1] * over;
             const real is_off = size > FL_SHORT ? 1 : 0; /* not right in the centre */
             const real first[3] = {is_off * (1 + side * n[0] * n[0] * over), is_off * side * both, -is_off * side * n[0]};
             const real second[3] = {is_off * both, is_off * (side + n[1] * n[1] * over), -is_off * n[1]};
-            turned(a, n, u, steepness, first, rows[0], i);
-            turned(a, n, u, steepness, second, rows[1], i);
+            turned(a, n, u, flatness, first, rows[0], i);
+            turned(a, n, u, flatness, second, rows[1], i);
         }
         if (m < FL_BLOCK) clear_rest(rows[0][0], 18, m);
         for (int t = 0; t < 2; t++)
@@ -332,142 +332,129 @@ static real cost(const fl_view *view, const fl_surface *surface)
     return total(lanes);
 }
 
-/* (N, stride) rows that begin with Jacobian and distance of each reading, and these (3, FL_LOOKED) directions, at the foot
- * points: at a reading itself, on a surface that is no sphere, both would follow the noise that is in its distance. Returns
- * the readings. */
-static size_t information(const fl_view *view, const fl_surface *surface, size_t stride, real *out, real *directions)
+/* Jacobian and distance of each reading, from a place of their columns on, and its direction into (3, FL_LOOKED), at the
+ * foot points: at a reading itself, on a surface that is no sphere, all would follow the noise that is in its distance.
+ * Returns the readings. */
+static size_t columns(const fl_view *view, const fl_surface *surface, size_t begin, real *const *out, real *directions)
 {
     real block[3][FL_BLOCK], rows[13][FL_BLOCK];
-    size_t m, count = 0;
+    size_t m, end = begin;
     cursor at = {0, 0};
-    while ((m = gather(view, &at, block)) > 0) {
+    for (; (m = gather(view, &at, block)) > 0; end += m) {
         linearised((const real(*)[FL_BLOCK])block, surface, rows);
-        for (size_t i = 0; i < m; i++, out += stride)
-            for (int row = 0; row < 10; row++) out[row] = rows[row][i];
+        for (int row = 0; row < 10; row++) memcpy(out[row] + end, rows[row], m * sizeof(real));
         for (int axis = 0; axis < 3; axis++)
-            memcpy(directions + axis * FL_LOOKED + count, rows[10 + axis], m * sizeof(real));
-        count += m;
+            memcpy(directions + axis * FL_LOOKED + end, rows[10 + axis], m * sizeof(real));
     }
-    return count;
+    return end - begin;
 }
 
-/* Six terms behind the Jacobian of rows (n, stride), at directions (3, FL_LOOKED): what the square and the cube of each
- * axis' distance from the centre, over the radius, add to the distance from the surface. */
-static void nonlinear(const fl_surface *surface, const real *directions, size_t n, size_t stride, real *rows)
+/* What the square and the cube of each axis' distance from the centre, over the radius, add to the distance from the
+ * surface: six columns, at directions (3, FL_LOOKED) with normals in three columns. */
+static void nonlinear(const fl_surface *surface, const real *directions, size_t n, real *const *normals, real *const *out)
 {
     static const unsigned char ENTRY[3][3] = {{0, 3, 4}, {3, 1, 5}, {4, 5, 2}};
     const real *const x = directions, *const y = directions + FL_LOOKED, *const z = directions + 2 * FL_LOOKED;
     const real per_radius = 1 / surface->radius;
-    real squares_of[FL_BLOCK], cubes_of[FL_BLOCK];
-    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
-        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
-        for (int axis = 0; axis < 3; axis++) {
-            const unsigned char *entry = ENTRY[axis];
-            const real sx = surface->shape[entry[0]], sy = surface->shape[entry[1]], sz = surface->shape[entry[2]];
-            for (size_t i = 0; i < m; i++) {
-                const real local = sx * x[begin + i] + sy * y[begin + i] + sz * z[begin + i], t = local * per_radius;
-                squares_of[i] = local * t, cubes_of[i] = squares_of[i] * t;
-            }
-            for (size_t i = 0; i < m; i++) {
-                real *const row = rows + stride * (begin + i), normal = row[axis];
-                row[9 + axis] = normal * squares_of[i], row[12 + axis] = normal * cubes_of[i];
-            }
+    for (int axis = 0; axis < 3; axis++) {
+        const unsigned char *entry = ENTRY[axis];
+        const real sx = surface->shape[entry[0]], sy = surface->shape[entry[1]], sz = surface->shape[entry[2]];
+        const real *const normal = normals[axis];
+        real *restrict const square = out[axis], *restrict const cube = out[3 + axis];
+        for (size_t i = 0; i < n; i++) {
+            const real local = sx * x[i] + sy * y[i] + sz * z[i], t = local * per_radius, squared = local * t;
+            square[i] = normal[i] * squared, cube[i] = normal[i] * (squared * t);
         }
     }
 }
 
-/* Take what the first columns of rows (n, stride) explain off the distances. */
-static void take_off(const real *rows, size_t stride, size_t n, int width, const real *solution, real *distances)
+/* Take what columns explain off distances. */
+static void take_off(real *const *columns_of, size_t n, int width, const real *solution, const real *from, real *to)
 {
-    for (size_t i = 0; i < n; i++) {
-        const real *row = rows + stride * i;
-        real four[4] = {0};
-        int a = 0;
-        for (; a + 4 <= width; a += 4)
-            for (int lane = 0; lane < 4; lane++) four[lane] += row[a + lane] * solution[a + lane];
-        for (int lane = 0; a < width; a++, lane++) four[lane] += row[a] * solution[a];
-        distances[i] -= (four[0] + four[2]) + (four[1] + four[3]);
+    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
+        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
+        real explained[FL_BLOCK] = {0};
+        for (int a = 0; a < width; a++)
+            for (size_t i = 0; i < m; i++) explained[i] += columns_of[a][begin + i] * solution[a];
+        for (size_t i = 0; i < m; i++) to[begin + i] = from[begin + i] - explained[i];
     }
 }
 
-/* Add products of the columns of four rows, four columns at a time: those on and above the diagonal, and some more. */
-static inline void add_four(const real *rows, size_t stride, int columns, real sums[FL_COLUMNS][FL_COLUMNS + 2])
+/* Products of so many columns, a symmetric matrix, over n readings from a place on. */
+static void gram(real *const *columns_of, size_t begin, size_t n, int count, real *matrix)
 {
-    const real *const one = rows, *const two = one + stride, *const three = two + stride, *const four = three + stride;
-    for (int a = 0; a < columns; a++)
-        for (int begin = a / 4 * 4; begin < columns; begin += 4)
-            for (int b = begin; b < begin + 4; b++)
-                sums[a][b] += one[a] * one[b] + two[a] * two[b] + three[a] * three[b] + four[a] * four[b];
-}
-
-/* The same of n rows. */
-static inline void add_rows(const real *rows, size_t n, int columns, real sums[FL_COLUMNS][FL_COLUMNS + 2])
-{
-    const size_t stride = (size_t)columns, most = n > 4 ? (n - 1) / 4 * 4 : 0;
-    real last[5 * FL_COLUMNS] = {0};
-    for (size_t i = 0; i < most; i += 4) add_four(rows + stride * i, stride, columns, sums);
-    memcpy(last, rows + stride * most, stride * (n - most) * sizeof(real));
-    add_four(last, stride, columns, sums);
-}
-
-/* Products of the columns of rows (n, columns), a symmetric matrix. */
-static void gram(const real *rows, size_t n, int columns, real *matrix)
-{
-    real sums[FL_COLUMNS][FL_COLUMNS + 2] = {{0}};
-    if (columns == FL_COLUMNS) add_rows(rows, n, FL_COLUMNS, sums); /* a number that the compiler knows */
-    else add_rows(rows, n, columns, sums);
-    for (int a = 0; a < columns; a++)
-        for (int b = a; b < columns; b++) matrix[columns * a + b] = matrix[columns * b + a] = sums[a][b];
-}
-
-/* Add Σ J(i) A(i)ᵀ over the first columns, four at a time, of m rows of a block: four, or the rest one by one. */
-static inline void add_outer(const real *block, const real *ahead, size_t stride, size_t m, int width,
-                             real sums[FL_WIDEST][FL_ROW])
-{
-    size_t i = 0;
-    for (; i + 4 <= m; i += 4) {
-        const real *const row = block + stride * i, *const later = ahead + stride * i;
-        for (int a = 0; a < width; a++)
-            for (int begin = 0; begin < width; begin += 4)
-                for (int b = begin; b < begin + 4; b++)
-                    sums[a][b] += row[a] * later[b] + row[stride + a] * later[stride + b] +
-                                  row[2 * stride + a] * later[2 * stride + b] + row[3 * stride + a] * later[3 * stride + b];
+    real lanes[FL_COLUMNS * (FL_COLUMNS + 1) / 2][FL_LANES], rest[FL_COLUMNS][FL_BLOCK];
+    const real *of[FL_COLUMNS];
+    memset(lanes, 0, (size_t)(count * (count + 1) / 2) * sizeof *lanes);
+    for (size_t done = 0; done < n; done += FL_BLOCK) {
+        const size_t m = n - done < FL_BLOCK ? n - done : FL_BLOCK;
+        for (int a = 0; a < count; a++) {
+            of[a] = m < FL_BLOCK ? rest[a] : columns_of[a] + begin + done;
+            if (m < FL_BLOCK) memcpy(rest[a], columns_of[a] + begin + done, m * sizeof(real));
+        }
+        if (m < FL_BLOCK) clear_rest(rest[0], count, m);
+        for (int a = 0, pair = 0; a < count; a++)
+            for (int b = a; b < count; b++, pair++) add_product(of[a], of[b], lanes[pair]);
     }
-    for (; i < m; i++)
-        for (int a = 0; a < width; a++)
-            for (int b = 0; b < width; b++) sums[a][b] += block[stride * i + a] * ahead[stride * i + b];
+    for (int a = 0, pair = 0; a < count; a++)
+        for (int b = a; b < count; b++, pair++) matrix[count * a + b] = matrix[count * b + a] = total(lanes[pair]);
 }
 
-/* Add Σ J(i) Aᵀ over the first columns of n consecutive rows (n, stride), A the sum of w J(i + lag) over lags, which
+/* Add Σ J(i) Aᵀ over the columns of n consecutive readings from a place on, A the sum of w J(i + lag) over lags, which
  * ascend, with their weights w. */
-static void lagged(const real *rows, size_t stride, size_t n, int width, const int *lags, const real *weights,
+static void lagged(real *const *columns_of, size_t begin, size_t n, int width, const int *lags, const real *weights,
                    int count, real *product)
 {
-    real sums[FL_WIDEST][FL_ROW] = {{0}}, ahead[FL_BLOCK * FL_COLUMNS];
-    const size_t unused = stride - (size_t)width;
-    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
-        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
-        const real *const block = rows + stride * begin;
+    real here[FL_WIDEST][FL_BLOCK], ahead[FL_WIDEST][FL_BLOCK];
+    for (size_t done = 0; done < n; done += FL_BLOCK) {
+        const size_t left = n - done, m = left < FL_BLOCK ? left : FL_BLOCK;
+        memset(here, 0, sizeof here);
         memset(ahead, 0, sizeof ahead);
-        for (int k = 0; k < count && begin + (size_t)lags[k] < n; k++) {
-            const size_t lag = (size_t)lags[k], left = n - begin - lag;
-            const size_t numbers = stride * (left < m ? left : m) - unused;
-            for (size_t i = 0; i < numbers; i++) ahead[i] += weights[k] * block[stride * lag + i];
+        for (int a = 0; a < width; a++) {
+            const real *const column = columns_of[a] + begin + done;
+            memcpy(here[a], column, m * sizeof(real));
+            for (int k = 0; k < count && (size_t)lags[k] < left; k++) {
+                const real *const later = column + lags[k], weight = weights[k];
+                const size_t most = left - (size_t)lags[k] < m ? left - (size_t)lags[k] : m;
+                for (size_t i = 0; i < most; i++) ahead[a][i] += weight * later[i];
+            }
         }
-        if (width == 9) add_outer(block, ahead, stride, m, 9, sums); /* a number that the compiler knows */
-        else add_outer(block, ahead, stride, m, width, sums);
+        for (int a = 0; a < width; a++)
+            for (int b = 0; b < width; b++) {
+                real lanes[FL_LANES] = {0};
+                add_product(here[a], ahead[b], lanes);
+                product[width * a + b] += total(lanes);
+            }
     }
-    for (int a = 0; a < width; a++)
-        for (int b = 0; b < width; b++) product[width * a + b] += sums[a][b];
+}
+
+/* Largest cosine between a direction and others. */
+static real nearest(const real direction[3], const real *x, const real *y, const real *z, size_t n)
+{
+    const real u = direction[0], v = direction[1], w = direction[2];
+    real cosines[FL_BLOCK], best[FL_LANES], most = -1;
+    for (int lane = 0; lane < FL_LANES; lane++) best[lane] = -1;
+    for (size_t begin = 0; begin < n; begin += FL_BLOCK, x += FL_BLOCK, y += FL_BLOCK, z += FL_BLOCK) {
+        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
+        for (size_t i = 0; i < m; i++) cosines[i] = u * x[i] + v * y[i] + w * z[i];
+        for (size_t i = m; i < FL_BLOCK; i++) cosines[i] = -1;
+        for (int i = 0; i < FL_BLOCK; i += FL_LANES)
+            for (int lane = 0; lane < FL_LANES; lane++)
+                best[lane] = cosines[i + lane] > best[lane] ? cosines[i + lane] : best[lane];
+    }
+    for (int lane = 0; lane < FL_LANES; lane++) most = best[lane] > most ? best[lane] : most;
+    return most;
 }
 
 /* How many borders between the sectors of half a band directions at so large x of a radius are to the left of. */
-static inline void pass_sectors(const real *begins, int n, const real x[FL_BLOCK], const real radius[FL_BLOCK],
-                                real passed[FL_BLOCK])
+static inline void pass_sectors(const real *begins, int n, const real *restrict x, const real *restrict radius,
+                                real *restrict passed)
 {
-    memset(passed, 0, FL_BLOCK * sizeof(real));
-    for (int k = 0; k < n; k++)
-        for (int i = 0; i < FL_BLOCK; i++) passed[i] += x[i] < radius[i] * begins[k] ? 1 : 0;
+    for (int i = 0; i < FL_BLOCK; i++) {
+        real count = 0;
+        for (int k = 0; k < n; k++) count += x[i] < radius[i] * begins[k] ? 1 : 0;
+        passed[i] = count;
+    }
 }
 
 /* Which of a hundred equal cells of the sphere directions fall into. Where y >= 0 a direction on a border is beyond it:
@@ -496,22 +483,6 @@ static void cells(const real *x, const real *y, const real *z, size_t n, uint32_
             out[begin + i] = (uint32_t)(fl_band_starts[band] + (sectors > 1 && radius[i] != 0 ? sector : 0));
         }
     }
-}
-
-/* Upper triangle of Σ (J, s)(J, s)ᵀ, row by row, of (N, 10) rows, with distances of their own. */
-static void squares(const real *rows, const real *distances, size_t n, real sums[55])
-{
-    real lanes[55][FL_LANES] = {{0}}, block[10][FL_BLOCK];
-    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
-        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
-        for (size_t i = 0; i < m; i++) {
-            for (int row = 0; row < 9; row++) block[row][i] = rows[10 * (begin + i) + row];
-            block[9][i] = distances[begin + i];
-        }
-        if (m < FL_BLOCK) clear_rest(block[0], 10, m);
-        add_products((const real(*)[FL_BLOCK])block, lanes);
-    }
-    for (int sum = 0; sum < 55; sum++) sums[sum] = total(lanes[sum]);
 }
 
 /* Eight models of noise side by side: variance and state of the disturbance, and the innovations of a few rows. Inner
@@ -738,7 +709,7 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
     real low[EIGHT], high[EIGHT];
     size_t row = 0, eights = 8;
     for (int lane = 0; lane < EIGHT; lane++) low[lane] = lowest[lane % 3], high[lane] = highest[lane % 3];
-    for (; row + 8 <= rows; row += 8 * eights) {
+    while (row + 8 <= rows && eights > 0) {
         real products_of[EIGHT], least = 1; /* a product is zero where one of its factors is */
         while (row + 8 * eights > rows) eights /= 2;
         for (int lane = 0; lane < EIGHT; lane++) products_of[lane] = 1;
@@ -750,12 +721,13 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
             }
         }
         for (int lane = 0; lane < EIGHT; lane++) least = products_of[lane] < least ? products_of[lane] : least;
-        if (!(least > 0)) break;
+        if (least > 0) row += 8 * eights;
+        else eights /= 2; /* where among them? */
     }
     return row;
 }
 
 extern const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT);
 const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT) = {
-    powers, products, curvature, spurious, distances, has_closer, cost, information, nonlinear, take_off, gram, lagged, squares,
-    cells, filter, keys, breaks, steps, ends, ordinary};
+    powers, products, curvature, spurious, distances, has_closer, cost, columns, nonlinear, take_off, gram, lagged, nearest, cells,
+    filter, keys, breaks, steps, ends, ordinary};

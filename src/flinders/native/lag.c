@@ -48,21 +48,23 @@ static int rate_at(const spacing *spaced, size_t place, real rate[AXES])
     if (view->rejected && (view->rejected[before] || view->rejected[behind])) return 0;
     const real *time = spaced->room->time, taken = time ? time[behind] - time[before] : spaced->usual;
     if (!(taken > 0) || !(taken < GAP * spaced->usual)) return 0;
+    const real each = 1 / taken;
     for (int axis = 0; axis < AXES; axis++)
-        rate[axis] = (view->field[3 * behind + axis] - view->field[3 * before + axis]) / taken;
+        rate[axis] = (view->field[3 * behind + axis] - view->field[3 * before + axis]) * each;
     return 1;
 }
 
-/* Fill the two terms of each row. Nothing goes from one recording to the next. */
+/* Fill the two columns of lags. Nothing goes from one recording to the next. */
 void fl_add_lags(const fl_view *view, const fl_room *room, fl_residuals *all)
 {
     const spacing spaced = spacing_of(view, room);
     for (size_t i = 0; i < all->n; i++) {
-        real rate[AXES], *row = all->rows + all->stride * i, *const normal = row + CONTRASTS;
+        real rate[AXES];
         rate_at(&spaced, all->places[i], rate);
+        for (int axis = 0; axis < AXES; axis++) rate[axis] *= all->columns[CONTRASTS + axis][i];
         for (int term = 0; term < CONTRASTS; term++) {
-            row[term] = 0;
-            for (int axis = 0; axis < AXES; axis++) row[term] -= contrasts[term][axis] * normal[axis] * rate[axis];
+            const real *const of = contrasts[term];
+            all->columns[term][i] = -(of[0] * rate[0] + of[1] * rate[1] + of[2] * rate[2]);
         }
     }
 }
@@ -91,8 +93,8 @@ void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, c
     const real *lags = found->solution;
     real products[FL_COLUMNS * FL_COLUMNS], moved[9];
     if (by_chance < UNLIKELY && fit->slow.ratio > 0) {
-        fl_gather_axes(kernels, view, &fit->surface, room, &all);
-        kernels->gram(all.rows, all.n, all.width + 1, products);
+        fl_gather_axes(kernels, view, &fit->surface, room, 0, &all);
+        fl_gram(kernels, &all, 0, all.n, products);
         if (!fl_regress(&all, products, 0, WIDTH, &plain)) return;
         lags = plain.solution;
     }

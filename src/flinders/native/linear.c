@@ -173,19 +173,23 @@ void fl_eigen(real *matrix, int n, real *values)
     transpose(matrix, n);
 }
 
-/* Replace the lower triangle of a matrix (n, n) by its Cholesky factor; nonzero if it is not positive definite. */
+/* Subtract a multiple of one row from another. */
+static inline void subtract(real *restrict row, const real *restrict other, real factor, int n)
+{
+    for (int k = 0; k < n; k++) row[k] -= factor * other[k];
+}
+
+/* Replace the lower triangle of a matrix (n, n) by its Cholesky factor, and what is above its diagonal by the transpose of
+ * that; nonzero if it is not positive definite. */
 int fl_cholesky(real *a, int n)
 {
-    for (int j = 0; j < n; j++) {
-        real pivot = a[j * n + j];
-        for (int k = 0; k < j; k++) pivot -= a[j * n + k] * a[j * n + k];
-        if (!(pivot > 0)) return 1;
-        const real root = fl_sqrt(pivot);
-        a[j * n + j] = root;
-        for (int i = j + 1; i < n; i++) {
-            real entry = a[i * n + j];
-            for (int k = 0; k < j; k++) entry -= a[i * n + k] * a[j * n + k];
-            a[i * n + j] = entry / root;
+    for (int k = 0; k < n; k++) {
+        real *const above = a + k * n;
+        if (!(above[k] > 0)) return 1;
+        above[k] = fl_sqrt(above[k]);
+        for (int i = k + 1; i < n; i++) {
+            above[i] = a[i * n + k] /= above[k];
+            subtract(a + i * n + k + 1, above + k + 1, above[i], i - k);
         }
     }
     return 0;

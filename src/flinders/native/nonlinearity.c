@@ -61,10 +61,10 @@ static int explains(const fl_kernels *kernels, const fl_view *view, const fl_sur
                     const real solution[WIDTH])
 {
     fl_residuals left;
-    fl_gather_axes(kernels, view, surface, room, &left);
+    fl_gather_axes(kernels, view, surface, room, 0, &left);
     fl_sort_by_direction(kernels, &left);
     const real before = fl_common_variance(&left);
-    kernels->take_off(left.rows + FL_LAGS_OF_AXES, left.stride, left.n, WIDTH, solution, left.distances);
+    kernels->take_off(left.columns + FL_LAGS_OF_AXES, left.n, WIDTH, solution, left.distances, left.distances);
     return fl_common_variance(&left) < (1 - EXPLAINED) * before;
 }
 

@@ -1,7 +1,8 @@
 /* What a recording says of itself before any fit: repeats, ends of the axes, time stamps, distinct readings. */
 #include "record.h"
 
-enum { PARTS = 15, RAIL_COUNT = 8, RAIL_CONTRAST = 3 }; /* as in summary/quality.py */
+enum { PARTS = 15, BETWEEN = 24, /* numbers between two columns, which then share no lines of a cache */
+       RAIL_COUNT = 8, RAIL_CONTRAST = 3 }; /* as in summary/quality.py */
 #define RAIL_SHARE ((real)0.01)
 #define RAIL_WIDTH ((real)0.25)
 
@@ -14,7 +15,7 @@ static void sizes_of(size_t rows, size_t sizes[PARTS])
     const size_t looked = rows < FL_LOOKED ? rows : FL_LOOKED;
     const size_t some = rows < FL_ENOUGH ? rows : FL_ENOUGH;
     sizes[0] = rows * sizeof(real), sizes[1] = rows * sizeof(real);
-    sizes[2] = FL_COLUMNS * looked * sizeof(real), sizes[3] = 2 * some * sizeof(uint32_t);
+    sizes[2] = FL_COLUMNS * (looked + BETWEEN) * sizeof(real), sizes[3] = 2 * some * sizeof(uint32_t);
     sizes[4] = sizes[5] = sizes[6] = rows;
     sizes[7] = FL_SLOTS * sizeof(uint64_t), sizes[8] = 4 * FL_SLOTS * sizeof(real);
     sizes[9] = (looked + 2) * sizeof(size_t), sizes[10] = FL_TABLE;
@@ -43,7 +44,8 @@ int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room)
         used = taken(used, sizes[part]);
     }
     room->distances = (real *)(void *)parts[0], room->scratch = (real *)(void *)parts[1];
-    room->rows = (real *)(void *)parts[2], room->order = (uint32_t *)(void *)parts[3];
+    room->columns = (real *)(void *)parts[2], room->apart = (rows < FL_LOOKED ? rows : FL_LOOKED) + BETWEEN;
+    room->order = (uint32_t *)(void *)parts[3];
     room->rejected = parts[4], room->far = parts[5], room->passed = parts[6];
     room->keys = (uint64_t *)(void *)parts[7], room->cells = (real *)(void *)parts[8];
     room->begins = (size_t *)(void *)parts[9], room->counters = parts[10];
@@ -86,23 +88,37 @@ static size_t thin(const fl_room *room, size_t slots, uint64_t bound)
     return left;
 }
 
+/* The hashes of n readings that are no larger than a bound; their number. No branch depends on them. */
+static size_t small_hashes(const real *field, size_t n, uint64_t bound, uint64_t out[FL_BLOCK])
+{
+    size_t count = 0;
+    for (size_t i = 0; i < n; i++) {
+        out[count] = hash_of(field + 3 * i) >> 1;
+        count += out[count] <= bound;
+    }
+    return count;
+}
+
 /* Different readings. Beyond 4096 of them by how often each of a sample occurs: those whose hashes are small. */
 static int64_t distinct(const real *field, size_t rows, const fl_room *room)
 {
     const size_t slots = fl_slots_for(rows);
-    uint64_t bound = UINT64_MAX >> 1;
+    uint64_t bound = UINT64_MAX >> 1, hashes[FL_BLOCK];
     size_t count = 0;
     real sampled = 0;
     memset(room->keys, 0xFF, slots * sizeof *room->keys);
-    for (size_t row = 0; row < rows; row++) {
-        const uint64_t hash = hash_of(field + 3 * row) >> 1;
-        if (hash > bound) continue;
-        const size_t slot = fl_slot(room->keys, slots, hash);
-        const int is_new = room->keys[slot] != hash;
-        room->keys[slot] = hash;
-        room->cells[slot] = is_new ? 1 : room->cells[slot] + 1;
-        for (count += (size_t)is_new; count > FL_CELLS; count = thin(room, slots, bound)) bound /= 2;
+    for (size_t row = 0; row < rows; row += FL_BLOCK) {
+        const size_t n = small_hashes(field + 3 * row, rows - row < FL_BLOCK ? rows - row : FL_BLOCK, bound, hashes);
+        for (size_t i = 0; i < n; i++) {
+            if (hashes[i] > bound) continue;
+            const size_t slot = fl_slot(room->keys, slots, hashes[i]);
+            const int is_new = room->keys[slot] != hashes[i];
+            room->keys[slot] = hashes[i];
+            room->cells[slot] = is_new ? 1 : room->cells[slot] + 1;
+            for (count += (size_t)is_new; count > FL_CELLS; count = thin(room, slots, bound)) bound /= 2;
+        }
     }
+    if (bound == UINT64_MAX >> 1) return (int64_t)count;
     for (size_t slot = 0; slot < slots; slot++)
         if (room->keys[slot] <= bound) sampled += room->cells[slot];
     return (int64_t)((real)rows * (real)count / sampled + (real)0.5);
@@ -111,19 +127,19 @@ static int64_t distinct(const real *field, size_t rows, const fl_room *room)
 /* What time stamps say; those that are NaN are passed over. */
 static void clock_of(const real *time, size_t rows, flinders_record *record)
 {
-    real last = FL_NOT_A_NUMBER;
-    for (size_t row = 0; row < rows; row++) {
-        if (isnan(time[row])) continue;
-        if (isnan(record->start)) {
-            record->start = time[row];
-            record->longest_step = 0;
-        } else {
-            const real step = time[row] - last;
-            record->longest_step = step > record->longest_step ? step : record->longest_step;
-            record->backward_steps += step < 0;
-        }
-        record->end = last = time[row];
+    real last, longest = 0;
+    int64_t backward = 0;
+    size_t row = 0;
+    while (row < rows && isnan(time[row])) row++;
+    if (row == rows) return;
+    for (record->start = last = time[row]; row < rows; row++) {
+        const real step = time[row] - last; /* 0 of the first */
+        if (isnan(step)) continue;
+        longest = step > longest ? step : longest;
+        backward += step < 0;
+        last = time[row];
     }
+    record->end = last, record->longest_step = longest, record->backward_steps = backward;
 }
 
 /* How readings at the ends of the axes range, and how many there are. */

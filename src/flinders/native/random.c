@@ -9,7 +9,7 @@
 /* Begin the sequence. */
 fl_random fl_random_begin(void)
 {
-    const fl_random random = {UINT64_C(0x4FD40AD5AEA0EF1C), UINT64_C(0xC19EC1DA30E8B120), 0, 0};
+    const fl_random random = {UINT64_C(0x4FD40AD5AEA0EF1C), UINT64_C(0xC19EC1DA30E8B120), 0, 0, 0};
     return random;
 }
 
@@ -57,6 +57,13 @@ void fl_random_permutation(fl_random *random, uint32_t n, uint32_t *out)
 {
     for (uint32_t i = 0; i < n; i++) out[i] = i;
     for (uint32_t i = n; i-- > 1;) exchange(out, i, at_most(random, i));
+}
+
+/* Draw what was skipped. */
+void fl_random_catch_up(fl_random *random, uint32_t *scratch)
+{
+    if (random->skipped) fl_random_permutation(random, random->skipped, scratch);
+    random->skipped = 0;
 }
 
 /* Draw k of n numbers, k < n <= FL_ENOUGH, without replacement and in random order; `out` has room for all n. */

@@ -8,9 +8,11 @@ typedef struct {
     uint64_t high, low; /* the state, 128 bits */
     uint32_t spare;     /* half of the last 64 bits, where only the other was asked for */
     int has_spare;
+    uint32_t skipped;   /* length of a permutation that is drawn where what follows it is asked for */
 } fl_random;
 
 fl_random fl_random_begin(void);
+void fl_random_catch_up(fl_random *random, uint32_t *scratch);
 void fl_random_permutation(fl_random *random, uint32_t n, uint32_t *out);
 void fl_random_choice(fl_random *random, uint32_t n, uint32_t k, uint32_t *out);
 

@@ -21,7 +21,8 @@ enum { FL_NO_RUN = 12, FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096,
 typedef struct {
     real *distances;         /* (rows,) */
     real *scratch;           /* (rows,) */
-    real *rows;              /* (FL_COLUMNS * min(rows, FL_LOOKED),) Jacobian and distance of each */
+    real *columns;           /* (FL_COLUMNS, apart) Jacobian and distance of each, and what else may explain it */
+    size_t apart;            /* min(rows, FL_LOOKED) and some more */
     uint32_t *order;         /* (2 * min(rows, FL_ENOUGH),) places in random order, and rows of a sample; cells of the sphere */
     size_t *begins;          /* (min(rows, 12 * 1024) + 2,) */
     unsigned char *rejected; /* (rows,) */
@@ -30,7 +31,7 @@ typedef struct {
     uint64_t *keys;          /* (FL_SLOTS,) */
     real *cells;             /* (4 * FL_SLOTS,) counts and sums */
     unsigned char *counters; /* (FL_TABLE,) */
-    real *directions;        /* (3, FL_LOOKED) of the readings whose rows there are */
+    real *directions;        /* (3, FL_LOOKED) of the readings whose Jacobian there is */
     real *some;              /* (3 * min(rows, FL_ENOUGH),) readings that a fit is iterated on */
     real *matrices;          /* (2 * 100 * 100,) covariance of a distortion, cell by cell */
     real *series;            /* (12 * min(rows, FL_LOOKED),) averages of successive residuals */
@@ -49,6 +50,9 @@ static inline size_t fl_slot(const uint64_t *keys, size_t slots, uint64_t key)
     while (keys[slot] != FL_EMPTY && keys[slot] != key) slot = (slot + 1) & (slots - 1);
     return slot;
 }
+
+/* The distances of the readings whose Jacobian there is, behind nine columns of that. */
+static inline real *fl_column_of_distances(const fl_room *room) { return room->columns + 9 * room->apart; }
 
 /* fit.c: with little memory, and no statistics asked for, a room without `keys` and `some` will do; `scratch` may then be
  * the first half of `order`, and `distances` the second. */
@@ -69,7 +73,7 @@ void fl_residual_statistics(const fl_kernels *kernels, const fl_view *view, cons
                             flinders_record *record);
 enum { FL_SUSPECTS = 2 };
 
-int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room);
+int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room);
 int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
               const fl_room *room, fl_fit *fit, flinders_record *record);
 void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real dip_deg,

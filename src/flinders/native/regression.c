@@ -15,55 +15,75 @@ static void places_of(const fl_view *view, uint32_t *out)
         if (!view->rejected || (!view->rejected[row] && passed++ % view->stride == 0)) out[count++] = (uint32_t)row;
 }
 
-/* The readings that are looked at, evenly spaced, with nine derivatives each, room for further terms before and behind
- * these, and the distance; none where they are too few. Returns their spacing. */
+/* Residuals of no reading yet, with the columns of a room: nine of the Jacobian, and those of further terms behind it. */
+void fl_begin_residuals(const fl_room *room, fl_residuals *out)
+{
+    enum { JACOBIAN = 9 };
+    memset(out, 0, sizeof *out);
+    out->width = JACOBIAN;
+    out->distances = fl_column_of_distances(room);
+    for (size_t k = 0; k + 1 < FL_COLUMNS; k++) out->columns[k] = room->columns + (k < JACOBIAN ? k : k + 1) * room->apart;
+    out->directions = room->directions, out->scratch = room->series, out->begins = room->begins, out->cells = room->order;
+}
+
+/* Leave out the readings right in the centre, which have no direction. */
+static void leave_out_centre(fl_residuals *residuals)
+{
+    real *const x = residuals->directions, *const y = x + FL_LOOKED, *const z = y + FL_LOOKED;
+    size_t n = 0;
+    for (size_t i = 0; i < residuals->n; i++) {
+        if (x[i] == 0 && y[i] == 0 && z[i] == 0) continue;
+        if (n < i) {
+            x[n] = x[i], y[n] = y[i], z[n] = z[i];
+            residuals->places[n] = residuals->places[i], residuals->distances[n] = residuals->distances[i];
+            for (int k = 0; k < residuals->width; k++) residuals->columns[k][n] = residuals->columns[k][i];
+        }
+        n++;
+    }
+    residuals->n = n;
+}
+
+/* The readings that are looked at, evenly spaced, with nine derivatives each and the distance, which may be in the room
+ * already; none where they are too few. Returns their spacing. */
 size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                        int before, int width, fl_residuals *out)
+                        int are_there, fl_residuals *out)
 {
     enum { FEWEST = 100 };
     const fl_view all = {view->field, view->rows, view->rejected, 1};
-    const size_t stride = (size_t)width + 1;
     fl_view some = all;
+    real *columns[FL_COLUMNS];
     some.stride = (fl_view_count(&all) + FL_SOME - 1) / FL_SOME;
     const size_t count = some.stride ? fl_view_count(&some) : 0;
-    out->n = 0, out->stretches = 1, out->width = width, out->stride = stride;
-    out->rows = room->rows, out->distances = room->distances, out->directions = room->directions;
-    out->begins = room->begins, out->cells = room->order, out->weights = NULL;
+    fl_begin_residuals(room, out);
+    out->stretches = 1;
     out->places = room->order + (view->rows < FL_ENOUGH ? view->rows : FL_ENOUGH);
     if (count < FEWEST) return some.stride;
-    kernels->rows(&some, surface, stride, out->rows + before, out->directions);
+    fl_all_columns(out, columns);
+    out->n = are_there ? count : kernels->columns(&some, surface, 0, columns, out->directions);
     places_of(&some, out->places);
-    for (size_t i = 0; i < count; i++) {
-        real direction[3], *row = out->rows + stride * out->n;
-        for (int axis = 0; axis < 3; axis++) direction[axis] = out->directions[axis * FL_LOOKED + i];
-        if (direction[0] == 0 && direction[1] == 0 && direction[2] == 0) continue; /* right in the centre */
-        if (out->n < i) memcpy(row, out->rows + stride * i, stride * sizeof(real));
-        for (int axis = 0; axis < 3; axis++) out->directions[axis * FL_LOOKED + out->n] = direction[axis];
-        out->places[out->n] = out->places[i];
-        out->distances[out->n++] = row[before + 9];
-        row[width] = out->distances[out->n - 1];
-    }
+    leave_out_centre(out);
     out->begins[0] = 0, out->begins[1] = out->n;
     return some.stride;
 }
 
-/* Make rows and the distances in their last column independent that slow noise correlates: the innovations of a Kalman
- * filter, over their standard deviations. The Jacobian is behind other columns. A reading that is the one before again
- * says nothing. */
+/* Make columns and distances independent that slow noise correlates: the innovations of a Kalman filter, over their
+ * standard deviations. The Jacobian is behind other columns. A reading that is the one before again says nothing. */
 void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow)
 {
-    const size_t columns = residuals->stride;
-    real state[3][FL_COLUMNS] = {{0}}, p[6] = {slow->ratio, slow->ratio, slow->ratio, 0, 0, 0}, last[FL_COLUMNS] = {0};
+    const int count = residuals->width + 1;
+    real *columns[FL_COLUMNS], state[3][FL_COLUMNS] = {{0}}, last[FL_COLUMNS] = {0};
+    real p[6] = {slow->ratio, slow->ratio, slow->ratio, 0, 0, 0};
     size_t kept = 0, waited = 0;
     if (!(slow->ratio > 0)) return;
+    fl_all_columns(residuals, columns);
     for (size_t i = 0; i < residuals->n; i++) {
-        real *const row = residuals->rows + columns * i, *const out = residuals->rows + columns * kept;
-        const real *const normal = slow->is_vector ? row + before : STRENGTH;
         real h[3], gain[3], predicted[6];
+        int is_new = i == 0 || columns[count - 1][i] != last[count - 1];
         waited++;
-        const int is_same_place = !memcmp(row + before, last + before, 9 * sizeof(real));
-        if (i > 0 && is_same_place && row[columns - 1] == last[columns - 1]) continue;
-        memcpy(last, row, columns * sizeof(real));
+        for (int k = before; k < before + 9 && !is_new; k++) is_new = columns[k][i] != last[k];
+        if (!is_new) continue;
+        for (int k = 0; k < count; k++) last[k] = columns[k][i];
+        const real *const normal = slow->is_vector ? last + before : STRENGTH;
         const real x = (real)waited / ((real)residuals->n * slow->memory), decay = 1 / (1 + x * (1 + x / 2));
         const real square = decay * decay, fresh = slow->ratio * (1 - square);
         for (int k = 0; k < 6; k++) predicted[k] = p[k] * square + (k < 3 ? fresh : 0);
@@ -72,10 +92,10 @@ void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow)
         for (int a = 0; a < 3; a++) gain[a] = h[a] / total, p[a] = predicted[a] - h[a] * gain[a];
         p[3] = predicted[3] - h[0] * gain[1], p[4] = predicted[4] - h[0] * gain[2], p[5] = predicted[5] - h[1] * gain[2];
         const real nx = normal[0] * decay, ny = normal[1] * decay, nz = normal[2] * decay;
-        for (size_t k = 0; k < columns; k++) {
+        for (int k = 0; k < count; k++) {
             const real innovation = last[k] - (nx * state[0][k] + ny * state[1][k] + nz * state[2][k]);
             for (int a = 0; a < 3; a++) state[a][k] = state[a][k] * decay + gain[a] * innovation;
-            out[k] = innovation * finer;
+            columns[k][kept] = innovation * finer;
         }
         kept++;
         waited = 0;
@@ -122,16 +142,6 @@ static int is_distinct(const real *matrix, int n)
     return !fl_cholesky(scaled, n);
 }
 
-/* Normal equations of some columns, from products of all, the last of which is the distance. */
-void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient)
-{
-    for (int a = 0; a < width; a++) {
-        const real *const row = products + columns * (first + a);
-        memcpy(matrix + width * a, row + first, (size_t)width * sizeof(real));
-        gradient[a] = row[columns - 1];
-    }
-}
-
 /* Explain residuals by so many columns of their rows from the first on, from the products of all columns; 0 where the
  * terms cannot be told apart. */
 int fl_regress(const fl_residuals *all, const real *products, int first, int width, fl_regression *out)
@@ -139,15 +149,21 @@ int fl_regress(const fl_residuals *all, const real *products, int first, int wid
     real factor[FL_WIDEST * FL_WIDEST];
     fl_residuals *const left = &out->left;
     *left = *all;
-    left->rows += first, left->width = width;
+    left->width = width;
+    memcpy(left->columns, all->columns + first, (size_t)width * sizeof *left->columns);
     fl_normal_equations(products, all->width + 1, first, width, out->matrix, out->gradient);
-    for (size_t i = 0; i < all->n; i++) left->distances[i] = all->rows[all->stride * (i + 1) - 1];
     if (!is_distinct(out->matrix, width)) return 0;
     memcpy(factor, out->matrix, (size_t)(width * width) * sizeof(real));
-    memcpy(out->solution, out->gradient, (size_t)width * sizeof(real));
-    if (fl_solve(factor, width, out->solution)) return 0;
+    if (fl_cholesky(factor, width)) return 0;
+    memcpy(out->gained, out->gradient, sizeof out->gained);
+    fl_forward(factor, width, out->gained);
+    memcpy(out->solution, out->gradient, sizeof out->solution);
+    fl_cholesky_solve(factor, width, out->solution);
     out->square = products[(all->width + 2) * all->width];
-    for (int i = 0; i < width; i++) out->square -= out->solution[i] * out->gradient[i];
+    for (int i = 0; i < width; i++) {
+        out->gained[i] *= out->gained[i];
+        out->square -= out->solution[i] * out->gradient[i];
+    }
     return 1;
 }
 
@@ -196,22 +212,24 @@ static real explained(const fl_regression *of, int first, int count)
 /* Square of some terms in units of their covariance, for independent residuals. */
 static real square_of_terms(const fl_regression *of, int first, int count)
 {
-    const int n = of->left.width, others = first ? 0 : count;
-    const real more = explained(of, 0, n) - explained(of, others, n - count);
+    const int n = of->left.width;
+    real more = first ? 0 : -explained(of, count, n - count);
+    for (int i = first; i < n; i++) more += of->gained[i];
     return more > 0 && of->square > 0 ? more * (real)of->left.n / of->square : 0;
 }
 
 /* The same for residuals that are correlated, and how many directions it has; returns how many residuals are independent,
  * beyond those that all terms take. */
-static real correlated_square(const fl_kernels *kernels, const fl_regression *of, int first, int count, real *square,
-                              real *freedom)
+static real correlated_square(const fl_kernels *kernels, const fl_regression *of, int first, int count,
+                              const fl_room *room, real *square, real *freedom)
 {
-    const fl_residuals *const left = &of->left;
-    const int n = left->width;
+    fl_residuals left = of->left;
+    const int n = left.width;
     real inverse[FL_WIDEST * FL_WIDEST], covariance[FL_WIDEST * FL_WIDEST], spread[FL_WIDEST * FL_WIDEST];
     fl_inverse(of->matrix, n, inverse);
-    kernels->take_off(left->rows, left->stride, left->n, n, of->solution, left->distances);
-    const real independent = fl_covariance_of_solution(kernels, left, of->matrix, inverse, covariance);
+    left.distances = room->distances;
+    kernels->take_off(left.columns, left.n, n, of->solution, of->left.distances, left.distances);
+    const real independent = fl_covariance_of_solution(kernels, &left, of->matrix, inverse, covariance);
     for (int a = 0; a < count; a++)
         for (int b = 0; b < count; b++) spread[count * a + b] = covariance[n * (first + a) + first + b];
     *freedom = (real)fl_chi_square(of->solution + first, spread, count, square);
@@ -220,12 +238,12 @@ static real correlated_square(const fl_kernels *kernels, const fl_regression *of
 
 /* How often chance makes as much of the first or last terms of a solution; more than 1 where too few residuals are
  * independent. */
-real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int first, int count,
+real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int first, int count, const fl_room *room,
                         const flinders_record *record)
 {
     real square, freedom = (real)count, independent = (real)of->left.n - (real)of->left.width;
     if (record->is_white) square = square_of_terms(of, first, count);
-    else independent = correlated_square(kernels, of, first, count, &square, &freedom);
+    else independent = correlated_square(kernels, of, first, count, room, &square, &freedom);
     if (!(independent >= FEWEST_INDEPENDENT)) return 2;
     return fl_chance_of(square * share_of_distinct(record), freedom, independent);
 }

@@ -52,10 +52,11 @@ static size_t longest_lag(const fl_residuals *residuals)
 int fl_autocovariance(const fl_residuals *residuals, real out[FL_LAGS])
 {
     const real n = (real)residuals->n, zero = lagged(residuals, 0), least = SIGNIFICANT / fl_sqrt(n);
-    const size_t most = longest_lag(residuals);
     size_t lag = 1;
     out[0] = zero / n;
-    if (fl_abs(fl_lag_one(residuals)) < least || most < 2) return 1;
+    if (fl_abs(lagged(residuals, 1)) < least * (zero > FL_TINY ? zero : FL_TINY)) return 1;
+    const size_t most = longest_lag(residuals);
+    if (most < 2) return 1;
     for (; lag < most; lag++) {
         const real sum = lagged(residuals, lag);
         if (sum < least * zero) break;
@@ -95,31 +96,51 @@ static void add_lagged(const fl_kernels *kernels, const fl_residuals *residuals,
                        int count, real *total)
 {
     const int n = residuals->width;
-    const size_t stride = residuals->stride;
     real product[FL_WIDEST * FL_WIDEST] = {0};
     for (int stretch = 0; stretch < residuals->stretches; stretch++) {
-        const size_t begin = residuals->begins[stretch], rows = residuals->begins[stretch + 1] - begin;
-        kernels->lagged(residuals->rows + stride * begin, stride, rows, n, lags, weights, count, product);
+        const size_t begin = residuals->begins[stretch], length = residuals->begins[stretch + 1] - begin;
+        kernels->lagged(residuals->columns, begin, length, n, lags, weights, count, product);
     }
     for (int a = 0; a < n; a++)
         for (int b = 0; b < n; b++) total[n * a + b] += product[n * a + b] + product[n * b + a];
+}
+
+/* The columns, and behind them the distances. */
+void fl_all_columns(const fl_residuals *residuals, real *columns[FL_COLUMNS])
+{
+    memcpy(columns, residuals->columns, (size_t)residuals->width * sizeof *columns);
+    columns[residuals->width] = residuals->distances;
+}
+
+/* Products of all columns and the distances, over n readings from a place on. */
+void fl_gram(const fl_kernels *kernels, const fl_residuals *residuals, size_t begin, size_t n, real *products)
+{
+    real *columns[FL_COLUMNS];
+    fl_all_columns(residuals, columns);
+    kernels->gram(columns, begin, n, residuals->width + 1, products);
+}
+
+/* Normal equations of some columns, from products of all, the last of which is the distance. */
+void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient)
+{
+    for (int a = 0; a < width; a++) {
+        const real *const row = products + columns * (first + a);
+        memcpy(matrix + width * a, row + first, (size_t)width * sizeof(real));
+        gradient[a] = row[columns - 1];
+    }
 }
 
 /* Σ JJᵀ and Σ J s of eight blocks. */
 void fl_blocks_of(const fl_kernels *kernels, const fl_residuals *residuals, fl_blocks *blocks)
 {
     const size_t each = residuals->n / FL_BLOCKS, longer = residuals->n % FL_BLOCKS;
-    size_t row = 0;
+    real products[100];
+    size_t begin = 0;
     for (int block = 0; block < FL_BLOCKS; block++) {
-        real sums[55];
-        const size_t rows = each + ((size_t)block < longer);
-        kernels->squares(residuals->rows + 10 * row, residuals->distances + row, rows, sums);
-        for (int i = 0, at = 0; i < 9; i++) {
-            for (int j = i; j < 9; j++, at++)
-                blocks->squares[block][9 * i + j] = blocks->squares[block][9 * j + i] = sums[at];
-            blocks->gradients[block][i] = sums[at++];
-        }
-        row += rows;
+        const size_t n = each + ((size_t)block < longer);
+        fl_gram(kernels, residuals, begin, n, products);
+        fl_normal_equations(products, 10, 0, 9, blocks->squares[block], blocks->gradients[block]);
+        begin += n;
     }
 }
 

@@ -15,12 +15,12 @@ enum { FL_LAGS = 1000 };
 typedef struct {
     size_t n;
     int stretches, width; /* of the Jacobian: parameters */
-    size_t stride;   /* numbers from one row to the next */
     size_t *begins;  /* (stretches + 1,) of stretches of consecutive readings, and the end */
-    real *rows;      /* (n, stride) Jacobian first */
+    real *columns[FL_COLUMNS]; /* (n,) each: the Jacobian, and other terms behind or before it */
     real *distances; /* (n,) less what is explained */
     real *weights;   /* (n,) 1, 0 for a reading that is another one again; NULL where all count; set by fl_distortion */
     real *directions; /* (3, FL_LOOKED) */
+    real *scratch;    /* (3, n) for fl_sort_by_direction */
     uint32_t *cells; /* (n,) of the sphere; filled by fl_sort_by_direction */
     real axes[3][3]; /* in which these cells are, in rows; filled by fl_sort_by_direction */
     uint32_t *places; /* (n,) rows of the readings; filled by fl_gather_evenly */
@@ -31,6 +31,9 @@ typedef struct {
     real squares[FL_BLOCKS][81], gradients[FL_BLOCKS][9];
 } fl_blocks;
 
+void fl_all_columns(const fl_residuals *residuals, real *columns[FL_COLUMNS]);
+void fl_gram(const fl_kernels *kernels, const fl_residuals *residuals, size_t begin, size_t n, real *products);
+void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient);
 void fl_blocks_of(const fl_kernels *kernels, const fl_residuals *residuals, fl_blocks *blocks);
 
 real fl_lag_one(const fl_residuals *residuals);
@@ -52,28 +55,29 @@ int fl_principal(const real *matrix, int n, real *values, real *vectors);
 real fl_chance_of(real chi_square, real freedom, real others);
 /* regression.c */
 typedef struct {
-    fl_residuals left; /* whose distances the solution has not been taken off */
+    fl_residuals left; /* whose distances have not been freed of the solution */
     real matrix[FL_WIDEST * FL_WIDEST], gradient[FL_WIDEST], solution[FL_WIDEST];
+    real gained[FL_WIDEST]; /* by each column beside those before it: the square of the residuals that it explains */
     real square; /* of what is left */
 } fl_regression;
 
+void fl_begin_residuals(const fl_room *room, fl_residuals *out);
 size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                        int before, int width, fl_residuals *out);
+                        int are_there, fl_residuals *out);
 void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow);
-void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient);
 int fl_regress(const fl_residuals *all, const real *products, int first, int width, fl_regression *out);
-real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int first, int count,
+real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int first, int count, const fl_room *room,
                         const flinders_record *record);
 real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix,
                                const real *inverse, real *covariance);
 int fl_is_noisy(const fl_residuals *residuals, const fl_surface *surface);
 int fl_chi_square(const real *change, const real *covariance, int n, real *square);
 
-/* axes.c: rows are two terms by lags of the axes, the Jacobian, six terms by what is not linear, and the distance. */
+/* axes.c: columns are two terms by lags of the axes, the Jacobian, six terms by what is not linear, and the distance. */
 enum { FL_LAGS_OF_AXES = 2, FL_NONLINEAR = 6 };
 
 void fl_gather_axes(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                    fl_residuals *out);
+                    int are_there, fl_residuals *out);
 void fl_add_lags(const fl_view *view, const fl_room *room, fl_residuals *all);
 void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
                      const fl_regression *found, real by_chance, real dip_deg, flinders_record *record);

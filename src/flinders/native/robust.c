@@ -22,6 +22,15 @@ enum { DRAWS = 256, SCORED = 600, FEW_SCORED = 150 };
 #define LASTING ((real)0.5)  /* correlation of a residual with the next */
 #define SUSPECT ((real)0.95) /* of the standard deviation of all residuals, that of the best of many subsets */
 
+/* Whether a cell of a room has more than a few readings. */
+static int is_crowded(const fl_room *room)
+{
+    int is_any = 0; /* no branch depends on a slot: which are free is random */
+    for (size_t slot = 0; slot < room->slots; slot++)
+        is_any |= (room->keys[slot] != FL_EMPTY) & (room->cells[4 * slot] > PER_CELL);
+    return is_any;
+}
+
 /* Leave all but a few readings of each cell out of a sample of at most so many; returns how many are in it. Without a
  * table of cells none is left out. */
 static size_t spread_out(const fl_kernels *kernels, const real *field, size_t rows, size_t most, fl_random *random,
@@ -31,9 +40,11 @@ static size_t spread_out(const fl_kernels *kernels, const real *field, size_t ro
     uint32_t *const slots = room->order + (rows < FL_ENOUGH ? rows : FL_ENOUGH);
     const size_t stride = (rows + most - 1) / most > 1 ? (rows + most - 1) / most : 1;
     const size_t n = (rows + stride - 1) / stride;
+    const int are_all = stride == 1 && !is_crowded(room);
     size_t taken = 0;
-    memset(room->passed, room->slots > 0, rows);
-    if (!room->slots) return rows;
+    memset(room->passed, !are_all && room->slots > 0, rows);
+    random->skipped = are_all && room->slots > 0 ? (uint32_t)n : 0;
+    if (are_all || !room->slots) return rows;
     memset(room->counters, 0, room->slots);
     for (size_t i = 0; i < n; i++) {
         const size_t within = i % FL_BLOCK;
@@ -143,6 +154,7 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
     uint32_t order[POINTS];
     fl_surface tried, winner;
     if (n < POINTS) return 1;
+    fl_random_catch_up(random, room->order);
     const size_t chosen = standardised(view, n, scored, random, room, local, middle, &scale);
     const fl_view points = {local, chosen, NULL, 1};
     if (!chosen) return 1;
@@ -163,60 +175,74 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
 }
 
 /* Correlation of the residual of each reading with the next. */
-static real lag_one(const fl_kernels *kernels, const fl_view *all, const fl_surface *surface, real *distances)
+static real lag_one(const real *distances, size_t n)
 {
     real square = 0, product = 0;
-    kernels->distances(all, surface, distances);
-    for (size_t i = 0; i < all->rows; i++) {
+    for (size_t i = 0; i < n; i++) {
         square += distances[i] * distances[i];
         if (i > 0) product += distances[i] * distances[i - 1];
     }
     return product / (square > FL_TINY ? square : FL_TINY);
 }
 
-/* Whether residuals that last may be those of a disturbance that comes and goes: a majority has clearly smaller ones. */
-static int suspects_a_load(const fl_kernels *kernels, const fl_view *spread, size_t n, const fl_surface *surface,
-                           real sigma, const fl_room *room)
+/* Whether a majority has clearly smaller residuals than a fit to all readings, as where a disturbance comes and goes. */
+static int suspects_a_load(const fl_kernels *kernels, const fl_view *spread, size_t n, real sigma, const fl_room *room)
 {
-    const fl_view all = {spread->field, spread->rows, NULL, 1};
     fl_random random = fl_random_begin();
     fl_surface other;
-    if (!(lag_one(kernels, &all, surface, room->distances) > LASTING)) return 0;
     if (subset_start(kernels, spread, n, &random, DRAWS, SCORED, room, &other)) return 0;
-    absolute(kernels, spread, &other, room->distances);
-    return typical(room->distances, n) < SUSPECT * sigma ? FL_SUSPECTS : 0;
+    absolute(kernels, spread, &other, room->scratch);
+    return typical(room->scratch, n) < SUSPECT * sigma ? FL_SUSPECTS : 0;
+}
+
+/* Absolute distances of the readings that are not left out of a sample, from those of all. */
+static void sampled(const fl_room *room, size_t rows, real *out)
+{
+    size_t n = 0;
+    for (size_t row = 0; row < rows; row++)
+        if (!room->passed[row]) out[n++] = fl_abs(room->distances[row]);
+}
+
+/* The largest of distances, and the means of their squares and fourth powers. */
+static void tails_of(const real *distances, size_t n, real *farthest, real *square, real *fourth)
+{
+    *farthest = *square = *fourth = 0;
+    for (size_t i = 0; i < n; i++) {
+        const real s = distances[i] * distances[i];
+        *farthest = distances[i] > *farthest ? distances[i] : *farthest;
+        *square += s;
+        *fourth += s * s;
+    }
+    *square /= (real)n, *fourth /= (real)n;
 }
 
 /* Whether the residuals of a fit to all readings call for a robust one; FL_SUSPECTS where that has to prove itself. */
-int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room)
+int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room)
 {
     fl_random random = fl_random_begin();
     const size_t n = spread_out(kernels, view->field, view->rows, FL_SOME, &random, room);
     const fl_view spread = {view->field, view->rows, room->passed, 1};
-    real farthest = 0, square = 0, fourth = 0;
-    absolute(kernels, &spread, surface, room->distances);
-    for (size_t i = 0; i < n; i++) {
-        const real s = room->distances[i] * room->distances[i];
-        farthest = room->distances[i] > farthest ? room->distances[i] : farthest;
-        square += s;
-        fourth += s * s;
-    }
-    square /= (real)n, fourth /= (real)n;
-    const real sigma = typical(room->distances, n), error = fl_sqrt(24 / (real)n);
+    real farthest, square, fourth;
+    kernels->distances(view, &fit->surface, room->distances);
+    fit->has_distances = 1;
+    const int lasts = lag_one(room->distances, view->rows) > LASTING;
+    sampled(room, view->rows, room->scratch);
+    tails_of(room->scratch, n, &farthest, &square, &fourth);
+    const real sigma = typical(room->scratch, n), error = fl_sqrt(24 / (real)n);
     if (n < ENOUGH_TO_JUDGE) return farthest > 20 * sigma;
     const real heavy = ((real)1.2 + 3 / fl_sqrt((real)n)) * sigma;
     if (square > heavy * heavy || farthest > (real)6.5 * sigma) return 1;
     const real kurtosis = fourth / (square * square > FL_TINY ? square * square : FL_TINY);
     const real peaked = 3 + 8 * error;
     if (kurtosis > (peaked > (real)4.5 ? peaked : (real)4.5)) return 1;
-    const real quiet = (real)0.05 * surface->radius;
+    const real quiet = (real)0.05 * fit->surface.radius;
     fl_surface other;
     if (fl_abs(kurtosis - 3) >= 2 * error || square >= quiet * quiet) {
         if (subset_start(kernels, &spread, n, &random, FEW_DRAWS, FEW_SCORED, room, &other)) return 0;
-        absolute(kernels, &spread, &other, room->distances);
-        if (typical(room->distances, n) < (real)0.75 * sigma) return 1;
+        absolute(kernels, &spread, &other, room->scratch);
+        if (typical(room->scratch, n) < (real)0.75 * sigma) return 1;
     }
-    return suspects_a_load(kernels, &spread, n, surface, sigma, room);
+    return lasts ? suspects_a_load(kernels, &spread, n, sigma, room) : 0;
 }
 
 /* Mark readings in a run of far ones and within a margin of it; far readings on their own are not marked. */

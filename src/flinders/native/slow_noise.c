@@ -64,8 +64,10 @@ static real next_moment(moments *at)
 /* Whether a reading is the one before again, as of a sensor that is asked faster than it measures. */
 static int is_repeated(const fl_residuals *residuals, size_t i)
 {
-    const real *const row = residuals->rows + 10 * i;
-    return !memcmp(row, row - 10, 10 * sizeof(real));
+    int is_same = residuals->distances[i] == residuals->distances[i - 1];
+    for (int column = 0; column < 9 && is_same; column++)
+        is_same = residuals->columns[column][i] == residuals->columns[column][i - 1];
+    return is_same;
 }
 
 /* Average successive readings, at most FL_SERIES of them and what stretches add, repeated ones once; returns the time
@@ -87,7 +89,7 @@ static real averages(const fl_view *view, const fl_residuals *residuals, const f
             for (const size_t stop = i + most; i < stop && i < end; i++) {
                 const real here = next_moment(&at);
                 if (i > begin && is_repeated(residuals, i)) continue;
-                for (int column = 0; column < 9; column++) row[column] += residuals->rows[10 * i + column];
+                for (int column = 0; column < 9; column++) row[column] += residuals->columns[column][i];
                 row[9] += residuals->distances[i];
                 moment += here, count++;
             }

@@ -7,7 +7,7 @@
 
 enum { NEWTON_STEPS = 50 };
 
-#define ROUGH ((real)1e-4) /* share of the noise variance that a start may be off */
+#define ROUGH fl_sqrt((real)FL_ROUNDING) /* share of the noise variance that a start may be off */
 
 /* Fill a surface; nonzero if its shape is not positive definite. */
 int fl_surface_of(const real centre[3], const real shape[6], fl_surface *surface)
@@ -64,7 +64,23 @@ static real form(const real matrix[100], const real c[10])
     return sum;
 }
 
-/* Coefficients and noise variance for sums about the mean in units of the spread. */
+/* Coefficients c, the last one 1, with the least cᵀ M c, and that; nonzero where M leaves the other nine open. */
+static int least_form(const real matrix[100], real quadric[10], real *least)
+{
+    real others[81];
+    for (int i = 0; i < 9; i++) {
+        memcpy(others + 9 * i, matrix + 10 * i, 9 * sizeof(real));
+        quadric[i] = -matrix[10 * i + 9];
+    }
+    if (fl_solve(others, 9, quadric)) return 1;
+    quadric[9] = 1;
+    *least = matrix[99];
+    for (int i = 0; i < 9; i++) *least += matrix[90 + i] * quadric[i];
+    return 0;
+}
+
+/* Coefficients and noise variance for sums about the mean in units of the spread: the smallest variance at which the
+ * corrected matrix has a least form of zero, which is where its smallest eigenvalue is zero. */
 static void adjusted_quadric(const real sums[35], real tolerance, real quadric[10], real *noise_variance)
 {
     real plain[100], first[100], second[100], slope[100], heated[35], twice[35], corrected[100], values[10], low = 0;
@@ -76,20 +92,27 @@ static void adjusted_quadric(const real sums[35], real tolerance, real quadric[1
     fl_unpack(twice, second);
     const real cloud[6] = {sums[4], sums[6], sums[9], sums[5], sums[7], sums[8]};
     real thin[3], variance = 0;
+    int is_open = 0;
     fl_sym3_values(cloud, thin);
     real high = thin[0] / sums[0];
     for (int step = 0; step < NEWTON_STEPS; step++) {
-        for (int i = 0; i < 100; i++) corrected[i] = plain[i] + variance * (first[i] + variance * second[i]);
-        fl_eigen(corrected, 10, values);
-        for (int i = 0; i < 10; i++) quadric[i] = corrected[10 * i];
-        if (values[0] > 0) low = variance;
+        real least = 0, fall = 0;
+        for (int i = 0; i < 100; i++) {
+            corrected[i] = plain[i] + variance * (first[i] + variance * second[i]);
+            slope[i] = first[i] + 2 * variance * second[i];
+        }
+        is_open = least_form(corrected, quadric, &least);
+        if (!is_open && least > 0) low = variance;
         else high = variance;
-        for (int i = 0; i < 100; i++) slope[i] = first[i] + 2 * variance * second[i];
-        const real fall = form(slope, quadric);
-        real proposed = fall < 0 ? variance - values[0] / fall : high;
-        if (!(low <= proposed && proposed <= high)) proposed = (low + high) / 2;
+        if (!is_open) fall = form(slope, quadric);
+        real proposed = fall < 0 ? variance - least / fall : high;
+        if (!(low <= proposed && proposed <= high) || is_open) proposed = (low + high) / 2;
         if (!(fl_abs(proposed - variance) > (real)1e-14 + tolerance * variance)) break;
         variance = proposed;
+    }
+    if (is_open) {
+        fl_eigen(corrected, 10, values);
+        for (int i = 0; i < 10; i++) quadric[i] = corrected[10 * i];
     }
     *noise_variance = variance > 0 ? variance : 0;
 }

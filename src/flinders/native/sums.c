@@ -11,12 +11,11 @@ const unsigned char FL_PRODUCT[10][10] = {{20, 22, 29, 21, 25, 26, 10, 11, 14, 4
     29, 30, 14, 15, 17, 7}, {26, 28, 33, 27, 30, 31, 15, 16, 18, 8}, {10, 12, 17, 11, 14, 15, 4, 5, 7, 1}, {11, 13,
     18, 12, 15, 16, 5, 6, 8, 2}, {14, 16, 19, 15, 17, 18, 7, 8, 9, 3}, {4, 6, 9, 5, 7, 8, 1, 2, 3, 0}};
 
-/* Which of the 35 sums has these powers. */
+/* Which of the 35 sums has these powers: they are in order of the degree, of the power of z, and of that of y. */
 static int index_of(int i, int j, int k)
 {
-    for (int sum = 0; sum < 35; sum++)
-        if (FL_EXPONENTS[sum][0] == i && FL_EXPONENTS[sum][1] == j && FL_EXPONENTS[sum][2] == k) return sum;
-    return 0;
+    const int degree = i + j + k;
+    return degree * (degree + 1) * (degree + 2) / 6 + k * (degree + 1) - k * (k - 1) / 2 + j;
 }
 
 /* Scatter matrix (10, 10) of the monomials xx, yy, zz, 2xy, 2xz, 2yz, x, y, z, 1. */

@@ -24,7 +24,7 @@ import io
 import re
 import struct
 from datetime import date
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 import numpy as np
 
@@ -37,6 +37,8 @@ from flinders.readers._table import WIDEST, Table, TableRecording, open_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+
+    from numpy.typing import NDArray
 
     from flinders.arrays import Floats
     from flinders.readers._source import File
@@ -181,7 +183,8 @@ def table_of(
         wanted = [places[cell] for cell in cells]
         for batch in batches(sorted({column for column, _, _ in wanted})):
             with reading(source, f"a table of {kind}"):
-                block = np.stack([values_of(batch.column(column), part) for column, part, _ in wanted], axis=1)
+                columns = [values_of(batch.column(column), part) for column, part, _ in wanted]
+                block = np.stack(columns, axis=1, dtype=np.float64)
             if len(block):
                 yield block
 
@@ -209,8 +212,8 @@ def _parts(field: Any) -> list[tuple[int | None, str]]:  # noqa: ANN401
     return [(None, field.name)] if numeric or is_date else []
 
 
-def values_of(column: Any, part: int | None) -> Floats:  # noqa: ANN401
-    """One column as float, NaN where it is null; a time in nanoseconds since 1970."""
+def values_of(column: Any, part: int | None) -> NDArray[np.floating]:  # noqa: ANN401
+    """One column in its own precision, NaN where it is null; a time in nanoseconds since 1970."""
     if part is not None:
         column = column.flatten().take(_every_third(part, len(column)))
     if str(column.type) in TEXTS:
@@ -219,7 +222,7 @@ def values_of(column: Any, part: int | None) -> Floats:  # noqa: ANN401
         column = column.cast("timestamp[ns]").cast("int64")
     if column.null_count or str(column.type) not in FLOATS:
         column = column.cast("float64", safe=False).fill_null(np.nan)
-    return np.asarray(np.from_dlpack(column), dtype=np.float64)  # `to_numpy` would import pandas
+    return cast("NDArray[np.floating]", np.from_dlpack(column))  # `to_numpy` would import pandas
 
 
 def _dates(column: Any) -> Any:  # noqa: ANN401
