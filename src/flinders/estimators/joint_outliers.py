@@ -46,10 +46,10 @@ def without_outliers(problem: JointProblem, iterate: JointIterate, steps: int) -
     steps : int
         Of each fit, at most.
     """
-    for turn in range(ROUNDS):
+    for attempt in range(ROUNDS):
         groups = _inliers(iterate)
         pairs = zip(groups, iterate.groups, strict=True)
-        if turn and all(np.array_equal(new.weight, old.weight) for new, old in pairs):
+        if attempt and all(np.array_equal(new.weight, old.weight) for new, old in pairs):
             break
         iterate = levenberg_marquardt(problem, replace(iterate, groups=groups), steps)
     return iterate
