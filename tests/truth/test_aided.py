@@ -188,6 +188,39 @@ def test_strays_are_left_out() -> None:
     assert found.outliers.tolist() == list(range(200, 210))
 
 
+def offset_squares(found: Aided, true: Simulated) -> Floats:
+    """Errors of the offset in their claimed standard deviations, squared."""
+    return (found.parameters.offset - true.sensor.offset) ** 2 / np.diag(found.covariance)[:3]
+
+
+def with_attitudes(true: Simulated, seed: int) -> Samples:
+    """The readings with attitudes that are off by a degree about each axis."""
+    errors = rotations(np.random.default_rng(seed).normal(0.0, 0.0175, (len(true.samples), 3)))
+    return replace(true.samples, attitude=of_matrix(true.attitudes @ errors))  # type: ignore[operator]
+
+
+def test_a_magnet_that_passes_a_drive_does_not_pull_its_offset(trials: Choose) -> None:
+    """Along the vertical, where a few readings outweigh the others; ``benchmarks.terms`` has all motions."""
+    claim = trials(8, 2)
+    magnet = simulate.PassingMagnet(100.0)
+    drives = [simulate.tumble(seed, motion="drive", n=5000, disturbances=[magnet]) for seed in claim.seeds]
+    found = [offset_squares(solve(with_attitudes(true, 1), ("attitude",)), true) for true in drives]
+    low, high = claim.ratios(0.5, 1.7)
+    assert low < np.mean(found) < high
+
+
+def test_what_is_left_of_a_magnet_far_away_is_claimed(trials: Choose) -> None:
+    """A field of 100 µT / (1 + t²)^1.5, t in seconds, of which 1 µT is left where readings are no outliers any more."""
+    claim = trials(8, 2)
+    field = 100.0 * (1.0 + np.arange(-40.0, 40.0, 0.02) ** 2) ** -1.5
+    found = []
+    for seed in claim.seeds:
+        true = simulate.tumble(seed, n=4000)
+        samples = replace(true.samples, field=true.samples.field + np.outer(field, [0.6, 0.0, -0.8]))
+        found.append(offset_squares(solve(samples, ("dip",)), true))
+    assert np.mean(found) < claim.ratios(0.5, 1.7)[1]
+
+
 def codes(samples: flinders.Samples, aiding: tuple[str, ...], site: Site | None = None) -> list[str]:
     return [mistake.code for mistake in aided_by(samples, aiding, site=site)[1].mistakes]
 

@@ -153,7 +153,7 @@ def test_with_needs_a_name() -> None:
 
 def test_an_aid_with_which_a_fit_goes_astray_is_left_out_and_named() -> None:
     """A drive that leans in bends, and a fit that knows too little by itself to see it."""
-    attack = CASES["leaning"][0]("drive", 6, 0.0)
+    attack = CASES["leaning"][0]("drive", 11, 0.0)
     best, aiding = aided_by(attack.samples, attack.aiding)
     assert best.aiding == ()
     assert [(one.code, one.drops) for one in aiding.mistakes] == [("aid-diverged", True)]

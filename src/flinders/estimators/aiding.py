@@ -7,7 +7,9 @@ Minimises the sum of the squares of all residuals, each in its own standard devi
 and a direction of the field for each group of readings that shares one, see `flinders.likelihood.observations`.
 Levenberg–Marquardt on the normal equations of all groups, their directions eliminated; the noise of readings and of
 verticals comes from their residuals (components of variance: each sum of squares over the residuals that are left
-free); then the mean gradient that noise makes on the sphere is removed, as for `Likelihood`.
+free); then the mean gradient that noise makes on the sphere is removed, as for `Likelihood`. It starts where large
+residuals of readings count less, and leaves out readings that do not belong
+(`flinders.estimators.joint_outliers`).
 
 When to use it: wherever the body cannot be turned all over and there is a gyro, an accelerometer, or an attitude that
 does not come from this compass. All claims are for what the recording shows: a gyro says nothing of the rotation
@@ -41,12 +43,13 @@ from flinders.estimators.joint_covariance import (
     spurious_information_of,
     without,
 )
+from flinders.estimators.joint_outliers import without_outliers
 from flinders.estimators.likelihood import spheres_about
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import gyro, prior
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, AccelerometerPrior
 from flinders.likelihood.gyro import SCALE_SIGMA
-from flinders.likelihood.joint import JointProblem, deviance, initial, misfits, without_outliers
+from flinders.likelihood.joint import JointProblem, deviance, initial, misfits
 from flinders.likelihood.parameters import ROTATION_SIGMA, TERMS
 from flinders.likelihood.solver import CORRECTED, EASED, STEPS, bias_corrected, levenberg_marquardt
 
@@ -85,7 +88,7 @@ FAR_SCALES: Final = 5.0
 SEARCHED: Final = 2000
 """Readings that starts are tried on; all of them from where the best leads."""
 
-SEARCH_STEPS, APPROACH_STEPS = 20, 4
+SEARCH_STEPS, APPROACH_STEPS = 20, 8
 """Of a long recording, from each start with some readings, and from there with all: those of the correction follow."""
 
 GLANCE: Final = 2
@@ -260,9 +263,7 @@ def parameters_of(
         delay=True, accelerometer=_accelerometer(samples, terms, acceleration_bias, acceleration_gain),
     )  # fmt: skip
     solved_for = _solved(put, gyro_scale, None, near)
-    iterate = without_outliers(solved_for.problem, solved_for.found)
-    problem = solved_for.problem.freed()
-    return bias_corrected(problem, iterate)[0].at
+    return bias_corrected(solved_for.problem.freed(), solved_for.found)[0].at
 
 
 class _Prepared(NamedTuple):
@@ -290,15 +291,15 @@ class _Prepared(NamedTuple):
 
 
 class _Solved(NamedTuple):
-    """Where the best start leads, and by how many seconds, in whole intervals, the rate was moved for it."""
+    """Where the best start leads without readings that do not belong, and how far the rate was moved for it."""
 
     problem: JointProblem
     found: JointIterate
-    late_s: float
+    late_s: float  # in whole intervals
 
     def finished(self) -> Aided:
-        """What is found and claimed, without readings that do not belong."""
-        aided = _finished(self.problem.freed(), without_outliers(self.problem, self.found))
+        """What is found and claimed."""
+        aided = _finished(self.problem.freed(), self.found)
         whole = replace(aided.parameters, delay=aided.parameters.delay + self.late_s)
         return replace(aided, parameters=whole)
 
@@ -319,17 +320,17 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
         raise TooFewSamples(found=len(put.samples), needed=FEWEST, method="aided")
     problem = put.problem(gyro_scale)
     _refuse_nothing(problem, put.samples)
-    search_steps, approach_steps = (SEARCH_STEPS, APPROACH_STEPS) if problem.is_long else (STEPS, STEPS)
-    best = _searched(problem.thinned(SEARCHED), _begins(problem, put, start, near), search_steps)
-    if len(put.samples) >= 2 * SEARCHED:
-        best = levenberg_marquardt(problem, initial(problem, best.at), approach_steps)
+    search_steps, steps = (SEARCH_STEPS, APPROACH_STEPS) if problem.is_long else (STEPS, STEPS)
+    some = _searched(problem.thinned(SEARCHED).robust(), _begins(problem, put, start, near), search_steps)
+    best = without_outliers(problem, initial(problem, some.at), steps)
     late = _whole_intervals(best.at.delay, problem.interval)
     if not late or put.samples.rate is None:
         return _Solved(problem, best, 0.0)
     late_s = late * problem.interval
     behind = put._replace(samples=replace(put.samples, rate=_moved_back(put.samples.rate, late))).problem(gyro_scale)
     at = replace(best.at, delay=best.at.delay - late_s)
-    return _Solved(behind, levenberg_marquardt(behind, initial(behind, behind.begin_near(at, problem.layout))), late_s)
+    begin = initial(behind, behind.begin_near(at, problem.layout))
+    return _Solved(behind, without_outliers(behind, begin, steps), late_s)
 
 
 def _searched(problem: JointProblem, begins: Iterable[Parameters], steps: int) -> JointIterate:
@@ -428,11 +429,10 @@ def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
         inverse = _inverse(equations)
         walk = random_walk_of(problem, iterate, inverse)
     scatter = scatter_of(problem, iterate, walk)
-    whole = equations.prior.matrix + scatter.excess_variance * scatter.covariance
     believed = equations.prior.matrix
     information = without(equations.matrix, spurious_information_of(problem, iterate), believed)
     textbook = replace(equations.prior, matrix=information).inverse()
-    covariance = textbook @ whole @ textbook
+    covariance = textbook @ (believed + scatter.whole) @ textbook
     seen: Floats = np.ones(3)
     if "rotation" in problem.layout:
         columns = problem.layout.columns["rotation"]

@@ -1,12 +1,15 @@
 """Covariance of a joint fit: autocorrelated residuals, and information that is but noise.
 
-What a fit's error depends on is the scatter of Σ Jr. White residuals give the normal matrix itself. Three things add
+What a fit's error depends on is the scatter of Σ Jr. White residuals give the normal matrix itself. Four things add
 to it:
 
 - in a window, the gyro's noise makes a random walk of the direction: each step φ at reading j moves all later ones by
   S ΔR_kᵀ (v × φ), see `flinders.likelihood.gyro_noise`;
 - residuals of single readings are correlated in time, as in `flinders.estimators.covariance`;
-- stretches of the recording differ by more than that explains: the factor `excess_variance`.
+- stretches of the recording differ by more than that explains: the factor `excess_variance`;
+- the field of what made readings outliers fades out, and is left in the readings before and after them. Where the
+  gradient g of those is larger than chance makes it, g gᵀ is added: the claim then holds how far the fit moves without
+  them.
 
 Noise-induced information is removed, as `flinders.likelihood.identifiability` does for the magnitude alone. A
 reading's Jacobian is taken where its noise has put the field's direction q, and an accelerometer's noise stands in
@@ -24,11 +27,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from flinders.estimators.covariance import BLOCKS, Residuals, largest_excess, time_of
+from flinders.estimators.covariance import BLOCKS, BY_CHANCE, Residuals, largest_excess, time_of
+from flinders.estimators.outliers import MARGIN, within
 from flinders.geometry.rotation import across, on_the_sphere
 from flinders.likelihood import gyro_noise as walked
 from flinders.likelihood.observations import (
@@ -41,6 +45,7 @@ from flinders.likelihood.observations import (
     residuals_of,
     rows_of,
 )
+from flinders.summary.pooling import chance_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -125,6 +130,9 @@ COARSE: Final = 25
 LOOKED_AT: Final = 20_000
 """Readings that tell how residuals are correlated."""
 
+FADING: Final = 10 * MARGIN
+"""Readings before and after outliers in which their field may fade: five seconds at 50 Hz."""
+
 
 @dataclass(slots=True, eq=False)
 class _Evidence:
@@ -133,6 +141,23 @@ class _Evidence:
     scatter: Floats
     gradients: Floats
     squares: Floats
+    fading_gradient: Floats  # of the readings near outliers
+    fading_squares: Floats
+
+    @classmethod
+    def of(cls, size: int) -> Self:
+        """Nothing yet, of so many parameters."""
+        square = np.zeros((size, size))
+        return cls(square, np.zeros((BLOCKS, size)), np.zeros((BLOCKS, size, size)), np.zeros(size), square.copy())
+
+    @property
+    def basis(self) -> Floats:
+        """(P, K) in which the scatter is the unit matrix."""
+        diagonal = np.sqrt(np.maximum(np.diag(self.scatter), 1e-300))
+        values, vectors = np.linalg.eigh(self.scatter / np.outer(diagonal, diagonal))
+        kept = values > 1e-9 * values[-1]
+        basis: Floats = vectors[:, kept] / np.sqrt(values[kept]) / diagonal[:, np.newaxis]
+        return basis
 
 
 class DirectionRandomWalk(NamedTuple):
@@ -149,6 +174,12 @@ class Scatter(NamedTuple):
 
     covariance: Floats  # (P, P): of the gradient, without what creeps
     excess_variance: float
+    fading: Floats  # (P, P): what the field that made outliers adds where it fades out
+
+    @property
+    def whole(self) -> Floats:
+        """(P, P) of the gradient."""
+        return self.excess_variance * self.covariance + self.fading
 
 
 class CorrelationLength(NamedTuple):
@@ -224,19 +255,22 @@ def scatter_of(problem: JointProblem, iterate: JointIterate, walk: DirectionRand
     `iterate`: where it settled; `walk`: of the same fit.
     """
     size = problem.layout.size
-    evidence = _Evidence(np.zeros((size, size)), np.zeros((BLOCKS, size)), np.zeros((BLOCKS, size, size)))
-    readings = 1 + max(int(group.rows.max()) for group in iterate.groups)
+    evidence = _Evidence.of(size)
+    fading = _fading_of(iterate.groups)
+    readings = len(fading)
     looked, chosen = _looked_at(iterate.groups)
     for index, (group, directions) in enumerate(zip(iterate.groups, iterate.directions, strict=True)):
         rows = rows_of(group, iterate.at, directions, problem.layout, iterate.weights)
         jacobian, residual = projected(rows)
         squares = _add_blocks(evidence, group.rows[:, 0] * BLOCKS // readings, jacobian, residual)
+        _add_fading(evidence, np.asarray(fading[group.rows].any(axis=1)), jacobian, residual)
         if group.turned is not None:
             evidence.scatter += squares
         elif index in chosen:
             evidence.scatter += looked * _autocorrelated(rows, _free(rows.own[:, :, 0], iterate.at.direction))
     evidence.scatter += walk.variance * walk.steps
-    return Scatter(evidence.scatter, _excess_variance(evidence))
+    excess = _excess_variance(evidence)
+    return Scatter(evidence.scatter, excess, _fading_scatter(evidence, excess))
 
 
 def _later(rows: Floats, pushes: Floats) -> Floats:
@@ -317,6 +351,40 @@ def _add_blocks(evidence: _Evidence, block: NDArray[np.intp], jacobian: Floats, 
     return total
 
 
+def _fading_of(groups: Sequence[ObservationGroup]) -> NDArray[np.bool_]:
+    """(N,) readings near which others were left out."""
+    outliers = np.zeros(1 + max(int(group.rows.max()) for group in groups), dtype=bool)
+    for group in groups:
+        outliers[group.rows[group.weight == 0.0]] = True
+    return within(FADING, outliers) if outliers.any() else outliers
+
+
+def _add_fading(evidence: _Evidence, windows: NDArray[np.bool_], jacobian: Floats, residual: Floats) -> None:
+    """Add gradient and squares of (W,) windows near outliers."""
+    if windows.any():
+        rows = jacobian[windows].transpose(3, 1, 0, 2).reshape(jacobian.shape[-1], -1)
+        evidence.fading_squares += rows @ rows.T
+        evidence.fading_gradient += rows @ np.swapaxes(residual[windows], 0, 1).ravel()
+
+
+def _fading_scatter(evidence: _Evidence, excess: float) -> Floats:
+    """(P, P) what readings near outliers add to the scatter: nothing where chance makes their gradient as large.
+
+    With M = N_f/N − (N_f/N)², N_f the squares of those readings and N of all, gᵀg in the scatter's basis has the mean
+    tr M and the variance 2 tr M².
+    """
+    basis = evidence.basis
+    gradient = evidence.fading_gradient @ basis / math.sqrt(excess)
+    share = basis.T @ evidence.fading_squares @ basis @ np.linalg.pinv(basis.T @ evidence.squares.sum(axis=0) @ basis)
+    free = share - share @ share
+    expected, taken = float(np.trace(free)), float(np.sum(free * free.T))
+    added = np.outer(evidence.fading_gradient, evidence.fading_gradient)
+    if expected <= 0.0 or taken <= 0.0:
+        return np.zeros_like(added)
+    chance = chance_of(float(gradient @ gradient) * expected / taken, max(round(expected**2 / taken), 1))
+    return added if chance < BY_CHANCE else np.zeros_like(added)
+
+
 def _autocorrelated(rows: ObservationRows, basis: Floats) -> Floats:
     """(P, P) scatter of Σ J r of single readings with residuals that are correlated in time, each kind on its own."""
     jacobian = np.einsum("wkf,wkp->wfp", basis, rows.jacobian[:, :, 0])
@@ -356,10 +424,7 @@ def _excess_variance(evidence: _Evidence) -> float:
 
     As `flinders.estimators.covariance.Residuals.excess_variance`, over all parameters.
     """
-    diagonal = np.sqrt(np.maximum(np.diag(evidence.scatter), 1e-300))
-    values, vectors = np.linalg.eigh(evidence.scatter / np.outer(diagonal, diagonal))
-    kept = values > 1e-9 * values[-1]
-    basis = vectors[:, kept] / np.sqrt(values[kept]) / diagonal[:, np.newaxis]
+    basis = evidence.basis
     gradients = evidence.gradients @ basis
     squares = np.swapaxes(basis, 0, 1) @ evidence.squares @ basis
     inverse = np.linalg.pinv(squares.sum(axis=0))

@@ -140,6 +140,11 @@ def _append(runs: list[Outlier], new: Outlier) -> None:
     runs.append(new)
 
 
+def with_runs(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(N,) readings that are far, in a run of far ones or within a margin of it, from (N,) which are far."""
+    return far | _around_runs(far, dense_in(far, len(far)))
+
+
 def dense_in(far: NDArray[np.bool_], rows: int) -> int:
     """Fewest far readings of a window that make a run, given (N,) which of some consecutive readings are far.
 
@@ -191,7 +196,14 @@ def left_out(
 def _around_runs(far: NDArray[np.bool_], dense: int) -> NDArray[np.bool_]:
     """(N,) readings in a run and within a margin of it, from (N,) which are far."""
     runs = far if not far.any() else far & (np.convolve(far, np.ones(WINDOW), mode="same") > dense - 0.5)
-    if not runs.any():
-        return runs
-    reach = np.convolve(runs, np.ones(2 * MARGIN + 1))[MARGIN : MARGIN + len(far)]
+    return within(MARGIN, runs) if runs.any() else runs
+
+
+def within(margin: int, some: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(N,) readings that are at most so many rows from one of some, from (N,) which those are.
+
+    >>> within(1, np.arange(6) == 4).tolist()
+    [False, False, False, True, True, True]
+    """
+    reach = np.convolve(some, np.ones(2 * margin + 1))[margin : margin + len(some)]
     return np.asarray(reach > 0.5, dtype=bool)

@@ -14,14 +14,14 @@ import numpy as np
 
 from flinders.core.axes import TURNS
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.geometry.rotation import across, in_pieces
+from flinders.geometry.rotation import across, in_pieces, lengths
 from flinders.likelihood import attitude, dip, gyro
 from flinders.likelihood.equations import FINEST, NormalEquations
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.observations import ObservationGroup, Weights, residuals_of
 from flinders.likelihood.parameters import ParameterLayout, Parameters
 from flinders.likelihood.prior import SensorPrior
-from flinders.likelihood.solver import EASED, NO_WORSE, SETTLED, STEPS, Iterate, levenberg_marquardt
+from flinders.likelihood.solver import EASED, NO_WORSE, SETTLED, Iterate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -35,12 +35,6 @@ if TYPE_CHECKING:
     from flinders.likelihood.prior import KnownShape
     from flinders.likelihood.site_field import Site
     from flinders.likelihood.solver import Equations
-
-FEWEST_LEFT: Final = 0.8
-"""Share of the readings that have to belong: where fewer do, the model is wrong and not the readings."""
-
-STRAY: Final = 6.0
-"""Times the median residual beyond which a reading does not belong to the rest."""
 
 FINEST_VERTICAL: Final = 1e-4
 """rad: no vertical is known better."""
@@ -60,9 +54,6 @@ MANY_ATTITUDES: Final = 1000
 MANY: Final = 20_000
 """Readings of which the standard deviations are so small that a hundredth of one is nothing."""
 
-STEPS_AFTER_REJECTION: Final = 8
-"""Of a long recording, before those of the correction: four leave one fit of 36 0.4 σ off, eight none."""
-
 MISFIT: Final = 1.5
 """Times larger than the noise from one reading to the next: residuals that another start may do away with."""
 
@@ -80,6 +71,7 @@ class JointProblem:
     interval: float  # s: between two readings of a window
     accelerometer: AccelerometerPrior | None = None  # where it brings verticals
     is_rough: bool = False  # a check asks for no more steps than a long recording takes
+    is_robust: bool = False  # readings with a large residual count less: to start from, not to claim from
     tolerance: ClassVar[float] = NO_WORSE
 
     @classmethod
@@ -143,6 +135,10 @@ class JointProblem:
         """The same with about so many readings, spread over the recording."""
         step = self.readings // readings
         return self if step < 2 else replace(self, groups=tuple(group.runs(step) for group in self.groups))
+
+    def robust(self) -> Self:
+        """The same with less weight for readings that have a large residual, so that a few cannot pull it far."""
+        return replace(self, is_robust=True)
 
     def freed(self) -> Self:
         """The same with the errors of an accelerometer among what is found, where there is one.
@@ -235,10 +231,10 @@ class JointProblem:
             yield "sine", np.ones(1) / site.sine_sigma, (site.sine - at.sine) / site.sine_sigma
 
     def reweighed(self, iterate: JointIterate, equations: Equations) -> JointIterate:
-        """Weigh each kind of residual by its noise, and trust verticals with a large residual less."""
+        """Weigh each kind of residual by its noise, and large ones less: of verticals, and of readings if robust."""
         weights = self._weights(iterate, equations)
         groups = tuple(
-            _retrusted(group, original, iterate.at, directions, weights)
+            _reweighed(group, original, iterate.at, directions, weights, is_robust=self.is_robust)
             for group, original, directions in zip(iterate.groups, self.groups, iterate.directions, strict=True)
         )
         return replace(iterate, weights=weights, groups=groups)
@@ -384,25 +380,39 @@ def initial(problem: JointProblem, at: Parameters) -> JointIterate:
 
 
 def misfits(iterate: JointIterate) -> bool:
-    """Whether residuals are larger than what they change by from one reading to the next."""
+    """Whether weighted residuals are larger than what they change by from one reading to the next."""
     total, steps, count, pairs = 0.0, 0.0, 0, 0
     for group, directions in zip(iterate.groups, iterate.directions, strict=True):
         residual, auxiliary = residuals_of(group, iterate.at, directions)
+        weight = group.weight
         if group.turned is None:
-            if group.attitudes is None or auxiliary is None:
+            if group.attitudes is None or auxiliary is None or group.trust is None:
                 continue
-            residual = np.swapaxes(auxiliary, 0, 1)  # readings have a direction each: one after the other
+            residual, weight = np.swapaxes(auxiliary, 0, 1), group.trust.T  # a direction each: one after the other
+        residual = residual * np.sqrt(weight)[..., np.newaxis]
         total += float(np.sum(residual**2))
         steps += 0.5 * float(np.sum(np.diff(residual, axis=1) ** 2))
         count, pairs = count + residual.size, pairs + residual[:, 1:].size
     return count > 0 and total / count > MISFIT**2 * steps / max(pairs, 1)
 
 
-def _retrusted(
-    group: ObservationGroup, original: ObservationGroup, at: Parameters, directions: Floats, weights: Weights
+def _reweighed(
+    group: ObservationGroup,
+    original: ObservationGroup,
+    at: Parameters,
+    directions: Floats,
+    weights: Weights,
+    *,
+    is_robust: bool,
 ) -> ObservationGroup:
-    """Trust verticals and attitudes with a large residual less than what was recorded with them asks for."""
-    _, auxiliary = residuals_of(group, at, directions)
+    """Trust verticals and attitudes with a large residual less than what was recorded with them asks for.
+
+    Readings with a large residual count less where the fit is to be robust.
+    """
+    residual, auxiliary = residuals_of(group, at, directions)
+    if is_robust:
+        redescending = dip.huber(lengths(residual) / weights.noise) ** 2
+        group = replace(group, weight=original.weight * redescending)
     if auxiliary is None or original.trust is None:
         return group
     length = np.sqrt(np.einsum("wni,wni->wn", auxiliary, auxiliary)) / weights.vertical
@@ -417,26 +427,3 @@ def deviance(problem: JointProblem, iterate: JointIterate) -> float:
         observed = 0 if group.trust is None else int(np.count_nonzero(group.trust))
         counts += [3.0 * group.count, observed * (1.0 / iterate.weights.span if group.attitudes is None else 2.0)]
     return float(2.0 * counts @ np.log(iterate.weights[:2])) + problem.prior_equations(iterate.at).cost
-
-
-def without_outliers(problem: JointProblem, iterate: JointIterate) -> JointIterate:
-    """Leave out readings that do not belong to the rest, and go on without them."""
-    steps = STEPS_AFTER_REJECTION if problem.is_long else STEPS
-    for _ in range(3):
-        groups = tuple(
-            replace(group, weight=_inlier_weights(group, iterate, directions))
-            for group, directions in zip(iterate.groups, iterate.directions, strict=True)
-        )
-        if all(np.array_equal(new.weight, old.weight) for new, old in zip(groups, iterate.groups, strict=True)):
-            break
-        iterate = levenberg_marquardt(problem, replace(iterate, groups=groups), steps)
-    return iterate
-
-
-def _inlier_weights(group: ObservationGroup, iterate: JointIterate, directions: Floats) -> Floats:
-    """(W, n) 1 for a reading that belongs, 0 for one whose residual is far beyond the usual; all where many are."""
-    residual, _ = residuals_of(group, iterate.at, directions)
-    length = np.sqrt(np.einsum("wni,wni->wn", residual, residual))
-    usual = max(float(np.median(length)), iterate.weights.noise * 1e-3)
-    belongs = (length <= STRAY * usual).astype(float)
-    return belongs if belongs.mean() > FEWEST_LEFT else np.ones_like(belongs)
