@@ -263,7 +263,7 @@ def parameters_of(
         delay=True, accelerometer=_accelerometer(samples, terms, acceleration_bias, acceleration_gain),
     )  # fmt: skip
     solved_for = _solved(put, gyro_scale, None, near)
-    return bias_corrected(solved_for.problem.freed(), solved_for.found)[0].at
+    return bias_corrected(solved_for.problem.freed(), solved_for.iterate)[0].at
 
 
 class _Prepared(NamedTuple):
@@ -294,12 +294,12 @@ class _Solved(NamedTuple):
     """Where the best start leads without readings that do not belong, and how far the rate was moved for it."""
 
     problem: JointProblem
-    found: JointIterate
+    iterate: JointIterate
     late_s: float  # in whole intervals
 
     def finished(self) -> Aided:
         """What is found and claimed."""
-        aided = _finished(self.problem.freed(), self.found)
+        aided = _finished(self.problem.freed(), self.iterate)
         whole = replace(aided.parameters, delay=aided.parameters.delay + self.late_s)
         return replace(aided, parameters=whole)
 

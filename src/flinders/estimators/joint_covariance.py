@@ -155,8 +155,8 @@ class _Evidence:
         """(P, K) in which the scatter is the unit matrix."""
         diagonal = np.sqrt(np.maximum(np.diag(self.scatter), 1e-300))
         values, vectors = np.linalg.eigh(self.scatter / np.outer(diagonal, diagonal))
-        kept = values > 1e-9 * values[-1]
-        basis: Floats = vectors[:, kept] / np.sqrt(values[kept]) / diagonal[:, np.newaxis]
+        independent = values > 1e-9 * values[-1]
+        basis: Floats = vectors[:, independent] / np.sqrt(values[independent]) / diagonal[:, np.newaxis]
         return basis
 
 
@@ -200,11 +200,11 @@ def span_of(iterate: JointIterate) -> CorrelationLength:
     for group, directions in zip(iterate.groups, iterate.directions, strict=True):
         if group.down is None or group.attitudes is not None or group.trust is None:
             continue
-        _, beside = residuals_of(group, iterate.at, directions)
-        if beside is not None:
+        _, tangent = residuals_of(group, iterate.at, directions)
+        if tangent is not None:
             observed = group.trust > 0.0
             rows.append(group.rows[observed])
-            residuals.append(beside[..., 0][observed] * np.sqrt(group.trust[observed]))
+            residuals.append(tangent[..., 0][observed] * np.sqrt(group.trust[observed]))
             left = _left_of(own_of(group, iterate.at, directions, iterate.weights))[observed]
             expected += float(np.sum(left**2 + span * (left - left**2)))
     if not rows:
@@ -407,12 +407,12 @@ def _free(own: Floats, direction: Floats) -> Floats:
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     if kinds == 3:
         return normal[..., np.newaxis]
-    beside = np.ones((1, 1)) if kinds == 4 else across(direction)
-    free = np.zeros((count, kinds, 1 + beside.shape[1]))
+    tangent = np.ones((1, 1)) if kinds == 4 else across(direction)
+    free = np.zeros((count, kinds, 1 + tangent.shape[1]))
     free[:, :3, 0] = normal
     inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
-    free[:, 3:, 1:] = beside
-    free[:, :, 1:] -= own @ (inverse @ (np.swapaxes(own[:, 3:], 1, 2) @ beside))
+    free[:, 3:, 1:] = tangent
+    free[:, :, 1:] -= own @ (inverse @ (np.swapaxes(own[:, 3:], 1, 2) @ tangent))
     values, vectors = np.linalg.eigh(np.swapaxes(free[:, :, 1:], 1, 2) @ free[:, :, 1:])
     root = vectors / np.sqrt(np.maximum(values, 1e-300))[:, np.newaxis]
     free[:, :, 1:] = free[:, :, 1:] @ root @ np.swapaxes(vectors, 1, 2)

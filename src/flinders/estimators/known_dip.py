@@ -303,8 +303,8 @@ def _inliers(estimate: Estimate, readings: Readings, middle: Floats, dip: float)
     local = (field[:, :2] - middle) @ inverse
     length = np.maximum(np.linalg.norm(local, axis=1), 1e-12)
     steepness = np.linalg.norm(local @ inverse, axis=1) / length
-    kept: Floats = field[np.abs(length - 1.0) <= estimate.rejected_beyond * np.maximum(steepness, 1e-300)]
-    return kept
+    inliers: Floats = field[np.abs(length - 1.0) <= estimate.rejected_beyond * np.maximum(steepness, 1e-300)]
+    return inliers
 
 
 def _widening(estimate: Estimate) -> float:

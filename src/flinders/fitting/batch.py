@@ -501,24 +501,24 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], table: _Table) -> Non
     is_refused = np.zeros(len(places), dtype=bool)
     for (_, severity), there in findings.items():
         is_refused |= there & (severity == "refuses")
-    kept = ~is_refused & ~np.isnan(table.quantities["worst_deg"])
-    if not kept.any():
+    usable = ~is_refused & ~np.isnan(table.quantities["worst_deg"])
+    if not usable.any():
         return
-    records, places = table.records.compress(kept), places[kept]
-    shapes, strength = _shapes(records), table.quantities["radius"][kept]
+    records, places = table.records.compress(usable), places[usable]
+    shapes, strength = _shapes(records), table.quantities["radius"][usable]
     columns.readings[places], columns.used[places] = records["rows"], records["used"]
     columns.offset[places] = records["centre"]
     columns.matrix[places] = _corrections(shapes, strength).reshape(-1, 9)
-    covariance = table.covariance[kept]
+    covariance = table.covariance[usable]
     columns.covariance[places] = covariance.reshape(-1, 81)[:, UPPER]
     deviations = deviation_covariances(shapes, covariance, records["dip_deg"])
     columns.bound_deg[places] = bounds_deg(deviations)
     columns.noise[places], columns.radius[places] = records["noise"], strength
-    columns.worst_deg[places], columns.rms_deg[places] = (table.quantities[n][kept] for n in ("worst_deg", "rms_deg"))
+    columns.worst_deg[places], columns.rms_deg[places] = (table.quantities[n][usable] for n in ("worst_deg", "rms_deg"))
     columns.dip_deg[places], columns.coverage[places] = records["dip_deg"], records["coverage"]
     columns.method[places] = np.where(records["is_robust"] == 1, Robust.name, Likelihood.name)
     columns.unit_of_field[places] = table.inside
-    columns.findings[places], columns.verdict[places] = _named({key: there[kept] for key, there in findings.items()})
+    columns.findings[places], columns.verdict[places] = _named({key: there[usable] for key, there in findings.items()})
     columns.by_record[places] = True
 
 

@@ -422,8 +422,8 @@ class Fit(Outcome):
     def heading_words(self) -> str:
         """The worst heading error, 1 σ, and its bound, as ``0.32° (95 % within 0.71°)``."""
         bound_deg = self.heading_bound_deg
-        beside = f"95 % within {figures(bound_deg)}°" if bound_deg < ANY_ANGLE_DEG else "1 σ"
-        return f"{figures(self.heading_error_deg.worst)}° ({beside})"
+        bound = f"95 % within {figures(bound_deg)}°" if bound_deg < ANY_ANGLE_DEG else "1 σ"
+        return f"{figures(self.heading_error_deg.worst)}° ({bound})"
 
     @property
     def dip_words(self) -> str:
@@ -598,8 +598,8 @@ class Fit(Outcome):
         """What a notebook shows; of a refused fit no number of the calibration."""
         title = f"{SIGNS[self.verdict]} {self.verdict}: "
         title += f"{self.method}, {counted(self.samples, 'reading')}" if self.is_described else "nothing is stated"
-        told = [finding for finding in first_causes(self.findings) if finding.severity != "note"]
-        words = [f"{SIGNS[finding.severity]} {in_python(finding)}" for finding in told]
+        causes = [finding for finding in first_causes(self.findings) if finding.severity != "note"]
+        words = [f"{SIGNS[finding.severity]} {in_python(finding)}" for finding in causes]
         if self.verdict == "refused":
             return refusal(title, words)
         calibration = self.calibration

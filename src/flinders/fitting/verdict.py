@@ -117,11 +117,11 @@ def conditions(fit: Fit, findings: Sequence[Finding]) -> tuple[Condition, ...]:
     """
     if any(finding.severity != "note" for finding in findings):
         return ()
-    kept = () if fit.aiding is None else tuple(sensor.name for sensor in fit.aiding.each if sensor.kept)
+    used = () if fit.aiding is None else tuple(sensor.name for sensor in fit.aiding.each if sensor.kept)
     agrees = fit.repeats is not None and not any(finding.code == "recordings-differ" for finding in findings)
     is_strong = fit.calibration.field_strength_known and fit.calibration.unit == MICROTESLA
     matches = is_strong and abs(fit.ellipsoid.radius / fit.calibration.field_strength - 1.0) < SAME_STRENGTH
-    is_uniform = agrees or matches or bool(SEES_THE_FIELD & set(kept))
+    is_uniform = agrees or matches or bool(SEES_THE_FIELD & set(used))
     open_ones: tuple[tuple[Condition, bool], ...] = (
         ("same-soft-iron", fit.refreshed is None),
         ("uniform-field", is_uniform),

@@ -73,11 +73,11 @@ class Disturbances:
 
     def without(self, names: tuple[str, ...]) -> Self | None:
         """Leave some out; None if nothing is left."""
-        kept = [index for index, name in enumerate(self.names) if name not in names]
-        if not kept and self.warmth is None:
+        left = [index for index, name in enumerate(self.names) if name not in names]
+        if not left and self.warmth is None:
             return None
-        chosen = tuple(self.names[index] for index in kept)
-        return type(self)(chosen, self.columns[:, kept], self.reference[kept], self.warmth)
+        chosen = tuple(self.names[index] for index in left)
+        return type(self)(chosen, self.columns[:, left], self.reference[left], self.warmth)
 
 
 def columns(directions: Floats, ellipsoid: Ellipsoid, departures: Floats, warmth: Floats | None = None) -> Floats:

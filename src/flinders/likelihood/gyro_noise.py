@@ -121,7 +121,7 @@ def pushes(group: ObservationGroup, at: Parameters, directions: Floats, weights:
 
 
 def mean_gradient(
-    walked: Walked,
+    walk: Walked,
     group: ObservationGroup,
     at: Parameters,
     directions: Floats,
@@ -132,15 +132,15 @@ def mean_gradient(
 
     Parameters
     ----------
-    walked : Walked
+    walk : Walked
         Of all that follows.
     group : ObservationGroup
         Windows of a gyro.
     directions : (W, 3) float
         Of each window, as they have settled.
     """
-    gradient = _of_model(walked, directions) + _of_gyro(walked, group, at, layout)
-    together = _together(walked, group, directions)
+    gradient = _of_model(walk, directions) + _of_gyro(walk, group, at, layout)
+    together = _together(walk, group, directions)
     nowhere = np.zeros((*group.weight.shape, 3))
     for axis in range(3):
         along = jacobian_of(group, at, nowhere + np.eye(3)[axis], layout, weights)
@@ -155,41 +155,41 @@ def _carried(group: ObservationGroup, matrices: Floats) -> Floats:
     return product(np.swapaxes(group.rotations, 2, 3), matrices[:, np.newaxis])
 
 
-def _together(walked: Walked, group: ObservationGroup, directions: Floats) -> Floats:
+def _together(walk: Walked, group: ObservationGroup, directions: Floats) -> Floats:
     """(W, n, 3, k) E δq rᵀ: how the direction at each reading goes with its residuals."""
-    of_walk = product(_carried(group, cross_matrices(directions)), walked.by_walk)
-    mean: Floats = of_walk + product(_carried(group, across(directions)), walked.by_direction)
+    of_walk = product(_carried(group, cross_matrices(directions)), walk.by_walk)
+    mean: Floats = of_walk + product(_carried(group, across(directions)), walk.by_direction)
     return mean
 
 
-def _of_model(walked: Walked, directions: Floats) -> Floats:
+def _of_model(walk: Walked, directions: Floats) -> Floats:
     """(P,) Σ Jᵀ E r₂: residuals have a mean, and the window's direction follows it."""
-    tangent, model = across(directions), np.swapaxes(walked.rows.model, 1, 2)
-    first, second = walked.follows[..., 0, :], walked.follows[..., 1, :]
+    tangent, model = across(directions), np.swapaxes(walk.rows.model, 1, 2)
+    first, second = walk.follows[..., 0, :], walk.follows[..., 1, :]
     middle = np.cross(first, tangent[:, np.newaxis, :, 0]) + np.cross(second, tangent[:, np.newaxis, :, 1])  # Σ Hᵢ × tᵢ
-    shorter = np.arange(model.shape[1]) + 0.5 * np.trace(walked.spread, axis1=1, axis2=2)[:, np.newaxis]
+    shorter = np.arange(model.shape[1]) + 0.5 * np.trace(walk.spread, axis1=1, axis2=2)[:, np.newaxis]
     along = np.einsum("wnj,wj->wn", middle, directions) - shorter
-    mean = -model * along[..., np.newaxis] - np.einsum("wnka,wna->wnk", walked.own, middle @ tangent)
-    pulled = np.einsum("wnka,wnk->wa", walked.own, mean) + _of_own(walked, model, directions)
-    left = mean - np.einsum("wnka,wab,wb->wnk", walked.own, walked.inverse, pulled)
-    gradient: Floats = np.einsum("wknp,wnk->p", walked.rows.jacobian, left)
+    mean = -model * along[..., np.newaxis] - np.einsum("wnka,wna->wnk", walk.own, middle @ tangent)
+    pulled = np.einsum("wnka,wnk->wa", walk.own, mean) + _of_own(walk, model, directions)
+    left = mean - np.einsum("wnka,wab,wb->wnk", walk.own, walk.inverse, pulled)
+    gradient: Floats = np.einsum("wknp,wnk->p", walk.rows.jacobian, left)
     return gradient
 
 
-def _of_own(walked: Walked, model: Floats, directions: Floats) -> Floats:
+def _of_own(walk: Walked, model: Floats, directions: Floats) -> Floats:
     """(W, 2) Σ E δUᵀ r, with δU the turn of t₁ and t₂: by the walk tᵢ × w, and −hᵢ v as the direction moves on."""
     tangent = across(directions)
     axes = np.concatenate([np.swapaxes(tangent, 1, 2), directions[:, np.newaxis]], axis=1)
-    first, second, middle = (np.einsum("wj,wnjk->wnk", axes[:, i], walked.by_walk) for i in range(3))
-    by_direction = walked.by_direction
+    first, second, middle = (np.einsum("wj,wnjk->wnk", axes[:, i], walk.by_walk) for i in range(3))
+    by_direction = walk.by_direction
     sums = [
-        model * (second - by_direction[:, :, 0]) - walked.own[..., 1] * middle,
-        walked.own[..., 0] * middle - model * (first + by_direction[:, :, 1]),
+        model * (second - by_direction[:, :, 0]) - walk.own[..., 1] * middle,
+        walk.own[..., 0] * middle - model * (first + by_direction[:, :, 1]),
     ]
     return np.stack([one.sum(axis=(1, 2)) for one in sums], axis=1)
 
 
-def _of_gyro(walked: Walked, group: ObservationGroup, at: Parameters, layout: ParameterLayout) -> Floats:
+def _of_gyro(walk: Walked, group: ObservationGroup, at: Parameters, layout: ParameterLayout) -> Floats:
     """(P,) Σ (P_k δB_k)ᵀ r_k on average, with E φ_j r_kᵀ = C_jᵀ Π U_kᵀ − P_kᵀ for a step j up to the reading.
 
     It is linear in D_j and in b_j, and what both are multiplied by is the same for all parameters of the gyro.
@@ -197,7 +197,7 @@ def _of_gyro(walked: Walked, group: ObservationGroup, at: Parameters, layout: Pa
     gradient = np.zeros(layout.size)
     if group.turned is None:
         return gradient
-    of_noise, of_turn = _felt(walked)
+    of_noise, of_turn = _felt(walk)
     rotations = group.rotations
     seconds = np.zeros(group.weight.shape)
     seconds[:, 1:] = group.turned.interval[:, :-1]
@@ -215,14 +215,14 @@ def _of_gyro(walked: Walked, group: ObservationGroup, at: Parameters, layout: Pa
     return gradient
 
 
-def _felt(walked: Walked) -> tuple[Floats, Floats]:
+def _felt(walk: Walked) -> tuple[Floats, Floats]:
     """(W, n, 3, 3) and (W, n, 3): what D_j and b_j are multiplied by, summed over all readings from step j on."""
-    since, stiff = np.swapaxes(walked.steps, 2, 3), product(np.swapaxes(walked.pushes, 2, 3), walked.pushes)
+    since, stiff = np.swapaxes(walk.steps, 2, 3), product(np.swapaxes(walk.pushes, 2, 3), walk.pushes)
     stiffer = _from_here_on(stiff)
-    of_noise = product(since, np.einsum("wab,wnbj->wnaj", walked.inverse, walked.steps)) - stiffer
+    of_noise = product(since, np.einsum("wab,wnbj->wnaj", walk.inverse, walk.steps)) - stiffer
     of_noise[:, 0] = 0.0
-    pulled = product(np.swapaxes(walked.products, 2, 3), walked.follows) - walked.age * stiff
-    crossed = walked.age * stiffer + _from_here_on(pulled) - product(since, walked.follows)
+    pulled = product(np.swapaxes(walk.products, 2, 3), walk.follows) - walk.age * stiff
+    crossed = walk.age * stiffer + _from_here_on(pulled) - product(since, walk.follows)
     of_turn = [crossed[..., j, i] - crossed[..., i, j] for i, j in ((1, 2), (2, 0), (0, 1))]
     return of_noise, np.moveaxis(np.array(of_turn), 0, -1)
 

@@ -124,15 +124,15 @@ class Support:
         """Take the unseen directions out of the equations that this belongs to."""
         if not self.unobserved:
             return equations
-        kept = self.vectors[:, self.seen]
-        scaled = kept * self.scale[:, np.newaxis]
-        gradient = scaled @ (kept.T @ (equations.gradient / self.scale))
+        basis = self.vectors[:, self.seen]
+        scaled = basis * self.scale[:, np.newaxis]
+        gradient = scaled @ (basis.T @ (equations.gradient / self.scale))
         return replace(equations, matrix=(scaled * self.values[self.seen]) @ scaled.T, gradient=gradient)
 
     def projected(self, scatter: Floats) -> Floats:
         """(K, K) the part of a scatter of the gradient that lies in seen directions."""
-        kept = self.vectors[:, self.seen]
-        onto = (kept * self.scale[:, np.newaxis]) @ (kept / self.scale[:, np.newaxis]).T
+        basis = self.vectors[:, self.seen]
+        onto = (basis * self.scale[:, np.newaxis]) @ (basis / self.scale[:, np.newaxis]).T
         part: Floats = onto @ scatter @ onto.T
         return part
 

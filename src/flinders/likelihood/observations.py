@@ -199,10 +199,10 @@ class ObservationGroup:
 
     def cost(self, at: Parameters, directions: Floats, weights: Weights) -> float:
         """Σ r² in standard deviations."""
-        residual, beside = residuals_of(self, at, directions)
+        residual, vertical = residuals_of(self, at, directions)
         cost = float(np.sum(np.einsum("wni,wni->wn", residual, residual) * self.weight)) / weights.noise**2
-        if beside is not None and self.trust is not None:
-            cost += float(np.sum(np.einsum("wni,wni->wn", beside, beside) * self.trust)) * weights.steepness**2
+        if vertical is not None and self.trust is not None:
+            cost += float(np.sum(np.einsum("wni,wni->wn", vertical, vertical) * self.trust)) * weights.steepness**2
         return cost
 
     def linearised(self, at: Parameters, directions: Floats, layout: ParameterLayout, weights: Weights) -> Linearised:
@@ -295,16 +295,16 @@ def eliminated(rows: ObservationRows) -> Linearised:
     flat = rows.jacobian.transpose(3, 1, 0, 2).reshape(width, -1)  # (P, k W n)
     own, root = orthonormal(rows.own)
     mixed = mixed_of(rows.jacobian, own)
-    beside = mixed.transpose(1, 2, 0).reshape(width, -1)  # (P, 2 W)
+    projected = mixed.transpose(1, 2, 0).reshape(width, -1)  # (P, 2 W)
     pull = np.einsum("wkna,wkn->wa", own, rows.residual)
     share = 0.5 * np.einsum("wab,wab->w", root, root)
     left = 1.0 - np.einsum("wkna,wkna->wkn", own, own)  # what own do not take
     off = rows.model * share[:, np.newaxis, np.newaxis] + lean * (1.0 + left)
     weighing = np.stack([np.swapaxes(one, 0, 1).ravel() for one in (rows.residual, off, lean * left)])
     gradient, bent, leaning = weighing @ flat.T
-    matrix = flat @ flat.T - beside @ beside.T
-    gradient = gradient - beside @ pull.T.ravel()
-    bent = bent - beside @ np.einsum("wkna,wkn->aw", own, off).ravel() - leaning * rows.still
+    matrix = flat @ flat.T - projected @ projected.T
+    gradient = gradient - projected @ pull.T.ravel()
+    bent = bent - projected @ np.einsum("wkna,wkn->aw", own, off).ravel() - leaning * rows.still
     settled = rows.residual - np.einsum("wkna,wa->wkn", own, pull)
     remaining = np.array([np.sum(settled[kind] ** 2) for kind in rows.kinds])
     expected, curvature = _components([own[kind] for kind in rows.kinds], np.asarray(rows.counts))

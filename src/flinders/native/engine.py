@@ -38,8 +38,8 @@ def layout(name: str, real: type[np.floating]) -> np.dtype[np.void]:
     text = (HERE / "flinders.h").read_text(encoding="utf-8")
     body = re.sub(r"/\*.*?\*/", "", text.split(f"typedef struct {name} {{")[1].split("}")[0], flags=re.DOTALL)
     kinds = {"int32_t": np.int32, "uint32_t": np.uint32, "int64_t": np.int64, "flinders_real": real}
-    found = re.findall(r"(\w+)\s+(\w+)(?:\[(\d+)\])?;", body)
-    return np.dtype([(field, kinds[kind], (int(size),) if size else ()) for kind, field, size in found], align=True)
+    members = re.findall(r"(\w+)\s+(\w+)(?:\[(\d+)\])?;", body)
+    return np.dtype([(field, kinds[kind], (int(size),) if size else ()) for kind, field, size in members], align=True)
 
 
 RECORD: Final = layout("flinders_record", np.float64)
@@ -123,10 +123,10 @@ class Engine:
         for name, arguments in _ARGUMENTS.items():
             function = getattr(self._library, f"flinders_{name}")
             function.argtypes, function.restype = arguments, _RESULTS.get(name, ctypes.c_int)
-        found = int(self._library.flinders_record_size()), int(self._library.flinders_real_size())
-        if found != (RECORD.itemsize, 8):
+        sizes = int(self._library.flinders_record_size()), int(self._library.flinders_real_size())
+        if sizes != (RECORD.itemsize, 8):
             raise RuntimeError(
-                f"the engine's record has {found[0]} bytes with numbers of {found[1]}, this module expects "
+                f"the engine's record has {sizes[0]} bytes with numbers of {sizes[1]}, this module expects "
                 f"{RECORD.itemsize} and 8: run python -m flinders.native.build"
             )
         defaults = _blank(OPTIONS)
@@ -263,7 +263,7 @@ class Engine:
             Distance beyond which readings are left out.
         """
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
-        found, (workspace, size) = _blank(DISTURBANCE), self._workspace(len(readings))
+        regression, (workspace, size) = _blank(DISTURBANCE), self._workspace(len(readings))
         self._library.flinders_regress(
             readings,
             np.ascontiguousarray(values, dtype=np.float64),
@@ -273,9 +273,9 @@ class Engine:
             limit,
             workspace,
             size,
-            found,
+            regression,
         )
-        return found
+        return regression
 
     def _workspace(self, rows: int) -> tuple[NDArray[np.uint8], int]:
         """Memory that a recording of so many readings needs, and its size."""
