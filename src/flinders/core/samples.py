@@ -292,7 +292,7 @@ class Samples:
         is_finite = np.isfinite(self.field)
         if is_finite.all():
             return self
-        whole: NDArray[np.bool_] = is_finite.all(axis=1)
+        whole = np.all(is_finite, axis=1)
         rows = np.flatnonzero(~whole)
         noted = Skipped("not finite", len(rows), tuple(int(row) + 1 for row in rows[:10]))
         return replace(self[whole], skipped=(*self.skipped, noted))
