@@ -37,6 +37,9 @@ STRETCHES, STRETCH = 12, 1024
 ENOUGH, SOME = 20_000, 5_000
 """Readings up to which the fit is iterated on all; a longer recording is gone through once, from a fit to some."""
 
+NEAR: Final = 3.0
+"""Standard deviations up to which a step of all readings from the start is the only one."""
+
 PASSES: Final = 3
 """Through the whole of a long recording: one takes up what its part has left, and another is seldom needed."""
 
@@ -103,15 +106,7 @@ class NumpyLikelihood:
         some = _Some.of(readings.thinned(SOME if len(readings) > ENOUGH else ENOUGH, ""))
         if not some.spread:  # all alike, as what the rails of a sensor leave of a turn can be
             raise NotAnEllipsoid(method="")
-        estimate = self._settled(some, ellipsoid)
-        long = len(some) < len(readings)
-        for _ in range(PASSES if long else 1):
-            if long:
-                estimate = self._seen(readings.blocks(""), estimate.ellipsoid, some)
-            step = self._unbiased(estimate).step()
-            ellipsoid = _closed(estimate.ellipsoid, step)
-            if _is_small(step, estimate.covariance, ellipsoid.radius):
-                break
+        estimate, ellipsoid = self._fitted(readings, some, ellipsoid)
         if estimate.support.unobserved and self.prior is None:
             raise Undetermined(estimate.support.unobserved)
         correlation = None
@@ -142,6 +137,24 @@ class NumpyLikelihood:
             used=estimate.likelihood.count,
             unobserved=estimate.support.unobserved,
         )
+
+    def _fitted(self, readings: Readings, some: _Some, begun: Ellipsoid) -> tuple[_Posterior, Ellipsoid]:
+        """The last step and where it starts: by all of many readings at once where it is short, else behind a part."""
+        is_long = len(some) < len(readings)
+        if is_long:
+            estimate = self._seen(readings.blocks(""), begun, some)
+            step = self._unbiased(estimate).step()
+            if _is_near(step, estimate.covariance, begun.radius):
+                return estimate, _closed(begun, step)
+        estimate = self._settled(some, begun)
+        for _ in range(PASSES if is_long else 1):
+            if is_long:
+                estimate = self._seen(readings.blocks(""), estimate.ellipsoid, some)
+            step = self._unbiased(estimate).step()
+            ellipsoid = _closed(estimate.ellipsoid, step)
+            if _is_small(step, estimate.covariance, ellipsoid.radius):
+                break
+        return estimate, ellipsoid
 
     def _settled(self, some: _Some, ellipsoid: Ellipsoid) -> _Posterior:
         """Iterate until the steps vanish or none makes the fit better."""
@@ -374,6 +387,11 @@ def raised(covariance: Floats, other: Floats) -> Floats:
 def _is_small(step: Floats, covariance: Floats, radius: float) -> bool:
     """What a Gauss–Newton step leaves out, of second order in it, is small beside the uncertainty."""
     return bool(np.all(step**2 / radius <= 0.05 * np.sqrt(np.diag(covariance))))
+
+
+def _is_near(step: Floats, covariance: Floats, radius: float) -> bool:
+    """A step is no longer than what is not known: residuals before it are those behind it."""
+    return bool(np.all(step**2 <= NEAR**2 * np.diag(covariance))) and _is_small(step, covariance, radius)
 
 
 def _closed(ellipsoid: Ellipsoid, step: Floats) -> Ellipsoid:

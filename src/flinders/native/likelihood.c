@@ -6,6 +6,7 @@
 
 enum { HALVINGS = 30, PASSES = 3, LANES = 12 /* of three axes */ };
 
+#define NEAR ((real)3)            /* standard deviations */
 #define LONGEST_STEP ((real)0.3)  /* of the radius */
 #define SETTLED ((real)1e-10)     /* of the radius: shorter steps are not taken */
 #define SETTLED_BUT_FOR_ONE ((real)1e-5) /* the corrected equation is solved by one more step anyway */
@@ -237,6 +238,14 @@ static int is_small(const real step[9], const real covariance[81], real radius)
     return 1;
 }
 
+/* Whether a step is no longer than what is not known: residuals before it are those behind it. */
+static int is_near(const real step[9], const real covariance[81], real radius)
+{
+    for (int i = 0; i < 9; i++)
+        if (!(step[i] * step[i] <= NEAR * NEAR * covariance[10 * i])) return 0;
+    return is_small(step, covariance, radius);
+}
+
 /* Largest share of the information about any combination of parameters that comes from the prior. */
 static real prior_share(const problem *task, const fl_surface *surface, const real covariance[81])
 {
@@ -336,27 +345,39 @@ static int last_step(const problem *task, fl_posterior *now, real step[9], fl_su
     return 1;
 }
 
-/* Fit the readings of a view from a start; `fit` is filled where FLINDERS_OK is returned. */
+/* A last step by all readings of a view, from where others left the surface, and its covariance; nonzero if there is
+ * none. */
+static int step_by_all(const problem *task, const fl_view *all, fl_fit *fit, real step[9], fl_surface *surface)
+{
+    linearise(task, all, surface, 0, &fit->posterior);
+    if (last_step(task, &fit->posterior, step, surface)) return 1;
+    covariance_at(task, &fit->posterior, fit->covariance);
+    return 0;
+}
+
+/* Fit the readings of a view from a start; `fit` is filled where FLINDERS_OK is returned. Many readings mostly make a start
+ * so good that one step is enough; else a part of them is iterated on first. */
 int fl_polish(const fl_kernels *kernels, const fl_view *view, const flinders_options *options, const fl_surface *start,
               int most_steps, real *copy, fl_fit *fit)
 {
     problem task;
-    fl_surface surface;
+    fl_surface surface = *start;
     fl_posterior *now = &fit->posterior;
+    const fl_view every = {view->field, view->rows, view->rejected, 1};
     real step[9];
     int is_long;
     if (prepare(kernels, view, options, start, copy, &task, &is_long)) return FLINDERS_NOT_AN_ELLIPSOID;
-    linearise(&task, &task.some, start, 0, now);
-    fit->steps = settle(&task, most_steps, now);
-    surface = now->surface;
-    for (int pass = 0; pass < (is_long ? PASSES : 1); pass++) {
-        if (is_long) {
-            const fl_view all = {view->field, view->rows, view->rejected, 1};
-            linearise(&task, &all, &surface, 0, now);
+    fit->steps = 0;
+    if (!is_long || step_by_all(&task, &every, fit, step, &surface) || !is_near(step, fit->covariance, surface.radius)) {
+        linearise(&task, &task.some, start, 0, now);
+        fit->steps = settle(&task, most_steps, now);
+        surface = now->surface;
+        for (int pass = 0; pass < (is_long ? PASSES : 1); pass++) {
+            if (is_long) linearise(&task, &every, &surface, 0, now);
+            if (last_step(&task, now, step, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
+            covariance_at(&task, now, fit->covariance);
+            if (is_small(step, fit->covariance, surface.radius)) break;
         }
-        if (last_step(&task, now, step, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
-        covariance_at(&task, now, fit->covariance);
-        if (is_small(step, fit->covariance, surface.radius)) break;
     }
     fit->surface = surface;
     fit->noise = now->noise;
