@@ -200,11 +200,11 @@ def span_of(iterate: JointIterate) -> CorrelationLength:
     for group, directions in zip(iterate.groups, iterate.directions, strict=True):
         if group.down is None or group.attitudes is not None or group.trust is None:
             continue
-        _, tangent = residuals_of(group, iterate.at, directions)
-        if tangent is not None:
+        _, vertical = residuals_of(group, iterate.at, directions)
+        if vertical is not None:
             observed = group.trust > 0.0
             rows.append(group.rows[observed])
-            residuals.append(tangent[..., 0][observed] * np.sqrt(group.trust[observed]))
+            residuals.append(vertical[..., 0][observed] * np.sqrt(group.trust[observed]))
             left = _left_of(own_of(group, iterate.at, directions, iterate.weights))[observed]
             expected += float(np.sum(left**2 + span * (left - left**2)))
     if not rows:
