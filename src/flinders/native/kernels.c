@@ -487,7 +487,7 @@ static void cells(const real *x, const real *y, const real *z, size_t n, uint32_
 
 /* Eight models of noise side by side: variance and state of the disturbance, and the innovations of a few rows. Inner
  * loops go over the models and no further, else compilers shuffle numbers. */
-enum { FEW = 8 };
+enum { FEW = 8, FACTORS = sizeof(real) == sizeof(double) ? 32 : 8 }; /* of a product that stays a number */
 typedef real lanes[FL_LANES];
 typedef struct {
     lanes variance, p[6]; /* p of xx, yy, zz, xy, xz, yz */
@@ -608,6 +608,7 @@ static void filter(const fl_series *series, int is_vector, const real variance[F
         }
         if (of + 1 < FEW && k + 1 < series->n) continue;
         add_innovations(innovation, weight, of + 1, sums);
+        if ((k + 1) % FACTORS && k + 1 < series->n) continue;
         for (int lane = 0; lane < FL_LANES; lane++)
             log_determinant[lane] += fl_log2(at.product[lane]), at.product[lane] = 1;
     }

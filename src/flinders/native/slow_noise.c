@@ -16,7 +16,8 @@ enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * COARSE + 1, FEWEST = 20 };
 #define LONGEST ((real)1.5)       /* of the recording: longer memories look the same */
 #define NEGLIGIBLE ((real)1e-4)   /* of all probability */
 #define HOPELESS ((real)14)       /* logarithm, to the base 2, of how much less likely a model is than the best */
-#define DOWNHILL ((real)25)       /* the same of a memory behind which no better one comes: in none of 94 series */
+#define DOWNHILL ((real)20)       /* the same of a memory behind which no better one comes: in none of 427 series */
+#define MIDDLE(memories) (((memories) - 1) / 2)
 
 /* The moments of readings, or their rows where times are not known or go back. */
 typedef struct {
@@ -241,15 +242,15 @@ static int add_models(const fl_kernels *kernels, const fl_series *series, int is
     return n;
 }
 
-/* Put the models of a grid behind n others, memory by memory from the middle until they are so much less likely than the
- * best; returns how many there are then. */
-static int add_grid(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, real less,
+/* Put the models of a grid behind n others, memory by memory from one on until they are so much less likely than the best;
+ * returns how many there are then. */
+static int add_grid(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, int from, real less,
                     const real bent[9], model *models, int n)
 {
-    const int middle = (over->memories - 1) / 2, first = n;
-    n = add_models(kernels, series, is_vector, over, middle, bent, models, n);
+    const int first = n;
+    n = add_models(kernels, series, is_vector, over, from, bent, models, n);
     for (int side = -1; side <= 1; side += 2)
-        for (int k = middle + side; k >= 0 && k < over->memories; k += side) {
+        for (int k = from + side; k >= 0 && k < over->memories; k += side) {
             const int before = n;
             n = add_models(kernels, series, is_vector, over, k, bent, models, n);
             const real most = best_of(models + first, n - first)->likelihood;
@@ -265,6 +266,14 @@ static grid all_of(real span, size_t n)
     const grid all = {LEAST_RATIO, fl_pow(LARGEST_RATIO / LEAST_RATIO, 1 / (real)(FL_LANES - 1)), shortest,
                       fl_pow(LONGEST * span / shortest, 1 / (real)(COARSE - 1)), COARSE};
     return all;
+}
+
+/* Which of the memories of a grid a model has. */
+static int memory_of(const grid *all, const model *one)
+{
+    int k = 0;
+    while (k + 1 < all->memories && all->memory * fl_pow(all->memory_step, (real)k + (real)0.5) < one->memory) k++;
+    return k;
 }
 
 /* A finer grid about one of its models, a step of it to either side. */
@@ -283,11 +292,11 @@ static int models_of(const fl_kernels *kernels, const fl_series *series, real sp
     const grid all = all_of(span, series->n);
     real most = white->likelihood;
     model top[2];
-    int n = 0;
+    int n = 0, from = MIDDLE(COARSE);
     for (int kind = 0; kind < 2; kind++) {
-        const int count = add_grid(kernels, series, kind == 0, &all, DOWNHILL, bent, models, 0);
+        const int count = add_grid(kernels, series, kind == 0, &all, from, DOWNHILL, bent, models, 0);
         top[kind].likelihood = -FL_HUGE;
-        if (count) top[kind] = *best_of(models, count);
+        if (count) top[kind] = *best_of(models, count), from = memory_of(&all, top + kind);
         most = top[kind].likelihood > most ? top[kind].likelihood : most;
     }
     for (int kind = 0; kind < 2; kind++) {
@@ -296,7 +305,7 @@ static int models_of(const fl_kernels *kernels, const fl_series *series, real sp
         const real share = fl_log2(fine.ratio_step) * fl_log2(fine.memory_step) /
                            (fl_log2(all.ratio_step) * FL_LANES * fl_log2(all.memory_step) * COARSE);
         const int first = n;
-        n = add_grid(kernels, series, kind == 0, &fine, HOPELESS, bent, models, n);
+        n = add_grid(kernels, series, kind == 0, &fine, MIDDLE(FINE), HOPELESS, bent, models, n);
         for (int k = first; k < n; k++) models[k].likelihood += fl_log2(share);
     }
     models[n] = *white;
@@ -312,29 +321,29 @@ static void weigh(const model *models, int n, real weights[MODELS])
     for (int k = 0; k < n; k++) weights[k] = weights[k] > NEGLIGIBLE * total ? weights[k] / total : 0;
 }
 
-/* Scatter of Σ J s over the readings of a series that noise of a model gives. */
+/* Scatter of Σ J s over the readings of a series that noise of a model gives: a matrix and its transpose. */
 static void scatter_of(const fl_series *series, const model *one, real scatter[81])
 {
-    real before[9][3] = {{0}};
-    memset(scatter, 0, 81 * sizeof(real));
+    real before[3][9] = {{0}}, half[81] = {0};
+    const int components = one->is_vector ? 3 : 1;
     for (size_t k = 0; k < series->n; k++) {
         const real *const row = series->rows + 10 * k, count = series->counts[k];
-        const real normal[3] = {one->is_vector ? row[0] : 1, one->is_vector ? row[1] : 0, one->is_vector ? row[2] : 0};
-        const real square = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+        const real normal[3] = {one->is_vector ? row[0] : 1, row[1], row[2]};
         const real x = series->steps[k] / one->memory, decay = 1 / (1 + x * (1 + x / 2));
-        const real own = one->variance * (count + count * count * one->ratio * square);
-        real along[9];
-        for (int i = 0; i < 9; i++) {
-            for (int axis = 0; axis < 3; axis++) before[i][axis] *= decay;
-            along[i] = before[i][0] * normal[0] + before[i][1] * normal[1] + before[i][2] * normal[2];
-            along[i] *= one->variance * one->ratio * count;
-        }
-        for (int i = 0; i < 9; i++) {
-            for (int j = 0; j < 9; j++)
-                scatter[9 * i + j] += own * row[i] * row[j] + along[i] * row[j] + row[i] * along[j];
-            for (int axis = 0; axis < 3; axis++) before[i][axis] += count * row[i] * normal[axis];
-        }
+        real square = 0, with[9];
+        for (int axis = 0; axis < components; axis++) square += normal[axis] * normal[axis];
+        for (int i = 0; i < 9; i++) with[i] = (count + count * count * one->ratio * square) / 2 * row[i];
+        for (int axis = 0; axis < components; axis++)
+            for (int i = 0; i < 9; i++) {
+                before[axis][i] *= decay;
+                with[i] += count * one->ratio * normal[axis] * before[axis][i];
+                before[axis][i] += count * normal[axis] * row[i];
+            }
+        for (int i = 0; i < 9; i++)
+            for (int j = 0; j < 9; j++) half[9 * i + j] += row[i] * with[j];
     }
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < 9; j++) scatter[9 * i + j] = one->variance * (half[9 * i + j] + half[9 * j + i]);
 }
 
 /* The covariance that least squares without regard to slow noise have under a model of it. */
