@@ -58,7 +58,7 @@ NOTHING: Final = 1e-3
 SETTLED, SETTLED_BUT_FOR_ONE = 1e-10, 1e-5
 """Of the radius: steps shorter than this are not taken. The corrected equation is solved by one more step anyway."""
 
-LEAST_GAIN, LEFT_OUT = 1e-3, 0.01
+LEAST_GAIN, LEFT_OUT = 1e-3, 0.03
 """Of χ², and standard deviations: a step that gains no more, and leaves out no more, is the last."""
 
 FEW_POINTS, MANY_POINTS, NEXT_TO_NOTHING = 200, 2_000, 0.005
@@ -347,9 +347,11 @@ class _Posterior:
         """Whether the last step may be one as short as this."""
         radius, likelihood = self.ellipsoid.radius, self.likelihood
         largest, least = float(np.abs(step).max()), self.noise / math.sqrt(likelihood.count)
-        is_bent = largest**2 / radius > LEFT_OUT * least
+        if largest <= SETTLED_BUT_FOR_ONE * radius:
+            return True
+        is_bent = largest * (largest + self.noise) / radius > LEFT_OUT * least
         gains = float(step @ likelihood.matrix @ step) > LEAST_GAIN * likelihood.cost
-        return largest <= SETTLED_BUT_FOR_ONE * radius or not (is_bent or gains)
+        return not (is_bent or gains) and self.support.is_sound
 
     def cost(self, variance: float) -> float:
         """χ² of the readings for a noise variance, and the prior's."""

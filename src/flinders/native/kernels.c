@@ -400,6 +400,24 @@ static void gram(real *const *columns_of, size_t begin, size_t n, int count, rea
         for (int b = a; b < count; b++, pair++) matrix[count * a + b] = matrix[count * b + a] = total(lanes[pair]);
 }
 
+/* Add w c(i + lag) of a column over lags to up to a block of sums, the column so many readings from its end. */
+static void add_ahead(const real *column, size_t left, const int *lags, const real *weights, int count,
+                      real *restrict sums)
+{
+    int k = 0;
+    for (; k + 4 <= count && (size_t)lags[k + 3] + FL_BLOCK <= left; k += 4) {
+        const real *const a = column + lags[k], *const b = column + lags[k + 1], *const c = column + lags[k + 2],
+                   *const d = column + lags[k + 3];
+        const real of_a = weights[k], of_b = weights[k + 1], of_c = weights[k + 2], of_d = weights[k + 3];
+        for (int i = 0; i < FL_BLOCK; i++) sums[i] = sums[i] + of_a * a[i] + of_b * b[i] + of_c * c[i] + of_d * d[i];
+    }
+    for (; k < count && (size_t)lags[k] < left; k++) {
+        const real *const later = column + lags[k], weight = weights[k];
+        const size_t rest = left - (size_t)lags[k], most = rest < FL_BLOCK ? rest : FL_BLOCK;
+        for (size_t i = 0; i < most; i++) sums[i] += weight * later[i];
+    }
+}
+
 /* Add Σ J(i) Aᵀ over the columns of n consecutive readings from a place on, A the sum of w J(i + lag) over lags, which
  * ascend, with their weights w. */
 static void lagged(real *const *columns_of, size_t begin, size_t n, int width, const int *lags, const real *weights,
@@ -413,11 +431,7 @@ static void lagged(real *const *columns_of, size_t begin, size_t n, int width, c
         for (int a = 0; a < width; a++) {
             const real *const column = columns_of[a] + begin + done;
             memcpy(here[a], column, m * sizeof(real));
-            for (int k = 0; k < count && (size_t)lags[k] < left; k++) {
-                const real *const later = column + lags[k], weight = weights[k];
-                const size_t most = left - (size_t)lags[k] < m ? left - (size_t)lags[k] : m;
-                for (size_t i = 0; i < most; i++) ahead[a][i] += weight * later[i];
-            }
+            add_ahead(column, left, lags, weights, count, ahead[a]);
         }
         for (int a = 0; a < width; a++)
             for (int b = 0; b < width; b++) {

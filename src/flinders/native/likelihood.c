@@ -11,7 +11,7 @@ enum { HALVINGS = 30, PASSES = 3, LANES = 12 /* of three axes */ };
 #define SETTLED ((real)1e-10)     /* of the radius: shorter steps are not taken */
 #define SETTLED_BUT_FOR_ONE ((real)1e-5)
 #define LEAST_GAIN ((real)1e-3)   /* of χ²: a step that gains no more is the last, */
-#define LEFT_OUT ((real)0.01)     /* if it leaves out no more standard deviations, of second order in it */
+#define LEFT_OUT ((real)0.03)     /* if it leaves out no more standard deviations, of second order in it */
 #define NO_WORSE ((real)0.01)     /* in χ² */
 #define SHORTEST_AXIS ((real)1e-4) /* of the longest */
 #define SENSE ((real)10)          /* spreads within which the centre and the size lie */
@@ -201,17 +201,17 @@ static int improve(const problem *task, fl_posterior *now, int *was_halved, real
     return 0;
 }
 
-/* Whether the last step may be one as short as this: it gains next to nothing, and what it leaves out is small beside the
- * least standard deviation that there may be. */
-static int is_last(const fl_posterior *now, const real step[9], real largest)
+/* Whether the last step may be one as short as this: it gains next to nothing, and what it leaves out, of second order in
+ * step and noise, is small beside the least standard deviation that there may be. */
+static int is_last(const problem *task, fl_posterior *now, const real step[9], real largest)
 {
     const real least = now->noise / fl_sqrt((real)now->count);
     real gain = 0;
     if (!(largest > SETTLED_BUT_FOR_ONE)) return 1;
-    if (!(largest * largest * now->surface.radius <= LEFT_OUT * least)) return 0;
+    if (!(largest * (largest * now->surface.radius + now->noise) <= LEFT_OUT * least)) return 0;
     for (int i = 0; i < 9; i++)
         for (int j = 0; j < 9; j++) gain += step[i] * now->matrix[9 * i + j] * step[j];
-    return gain <= LEAST_GAIN * now->cost;
+    return gain <= LEAST_GAIN * now->cost && support_at(task, now)->is_whole;
 }
 
 /* Iterate until steps vanish or none makes the fit better; counts the steps. The corrected equation is solved by one more
@@ -226,7 +226,7 @@ static int settle(const problem *task, int most_steps, fl_posterior *now)
         solve(task, now, NULL, step);
         for (int i = 0; i < 9; i++) largest = fl_abs(step[i]) > largest ? fl_abs(step[i]) : largest;
         largest /= now->surface.radius;
-        if (!isfinite(largest) || (task->options->bias_correction ? is_last(now, step, largest) : !(largest > SETTLED))) break;
+        if (!isfinite(largest) || (task->options->bias_correction ? is_last(task, now, step, largest) : !(largest > SETTLED))) break;
         for (int i = 0; i < 9 && largest > LONGEST_STEP; i++) step[i] *= LONGEST_STEP / largest;
         if (!improve(task, now, &was_halved, step, &tried)) break;
         *now = tried;

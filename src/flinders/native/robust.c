@@ -245,21 +245,37 @@ int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *f
     return lasts ? suspects_a_load(kernels, &spread, n, sigma, room) : 0;
 }
 
-/* Mark readings in a run of far ones and within a margin of it; far readings on their own are not marked. */
-static void mark_runs(const unsigned char *far, size_t rows, int dense, unsigned char *out)
+/* Readings that are marked, and those of them that are far. */
+typedef struct {
+    size_t all, far;
+} marked;
+
+/* How many readings of the window about one are far. */
+static int far_about(const unsigned char *far, size_t rows, size_t i)
 {
+    const size_t begin = i > WINDOW / 2 ? i - WINDOW / 2 : 0, end = i + WINDOW / 2 + 1 < rows ? i + WINDOW / 2 + 1 : rows;
     int inside = 0;
+    for (size_t row = begin; row < end; row++) inside += far[row];
+    return inside;
+}
+
+/* Mark readings in a run of far ones and within a margin of it, and count them; far readings on their own are not
+ * marked. */
+static marked mark_runs(const unsigned char *far, size_t rows, int dense, unsigned char *out)
+{
+    marked count = {0, 0};
     size_t done = 0;
+    const unsigned char *next = far;
     memset(out, 0, rows);
-    for (size_t i = 0; i < WINDOW / 2 && i < rows; i++) inside += far[i];
-    for (size_t i = 0; i < rows && dense <= WINDOW; i++) {
-        if (i + WINDOW / 2 < rows) inside += far[i + WINDOW / 2];
-        if (i > WINDOW / 2) inside -= far[i - WINDOW / 2 - 1];
-        if (!far[i] || inside < dense) continue;
+    if (dense > WINDOW) return count;
+    for (; next < far + rows && (next = memchr(next, 1, (size_t)(far + rows - next))); next++) {
+        const size_t i = (size_t)(next - far);
+        if (far_about(far, rows, i) < dense) continue;
         const size_t begin = i > MARGIN ? i - MARGIN : 0, end = i + MARGIN + 1 < rows ? i + MARGIN + 1 : rows;
-        for (size_t row = begin > done ? begin : done; row < end; row++) out[row] = 1;
+        for (size_t row = begin > done ? begin : done; row < end; row++) out[row] = 1, count.all++, count.far += far[row];
         done = end;
     }
+    return count;
 }
 
 /* Fewest far readings of a window that chance hardly ever puts there. */
@@ -284,26 +300,20 @@ static int dense_enough(real share, size_t rows)
 static int dense_in(const unsigned char *far, size_t n, size_t rows, const fl_room *room)
 {
     unsigned char *const around = (unsigned char *)room->scratch;
+    size_t all_far = 0;
     int dense = FL_NO_RUN;
+    for (size_t i = 0; i < n; i++) all_far += far[i];
     for (int look = 0; look < LOOKS; look++) {
-        size_t rest = 0, far_of_rest = 0;
-        mark_runs(far, n, dense, around);
-        for (size_t i = 0; i < n; i++) {
-            rest += !around[i];
-            far_of_rest += !around[i] && far[i];
-        }
-        dense = rest ? dense_enough((real)far_of_rest / (real)rest, rows) : FL_NO_RUN;
+        const marked runs = mark_runs(far, n, dense, around);
+        dense = n > runs.all ? dense_enough((real)(all_far - runs.far) / (real)(n - runs.all), rows) : FL_NO_RUN;
     }
     return dense;
 }
 
-/* Which readings of a view are farther than a limit. */
-static size_t mark_far(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real limit,
-                       const fl_room *room, unsigned char *far)
+/* Which of n readings are farther than a limit. */
+static void mark_far(const fl_room *room, size_t n, real limit)
 {
-    const size_t n = absolute(kernels, view, surface, room->distances);
-    for (size_t i = 0; i < n; i++) far[i] = room->distances[i] > limit;
-    return n;
+    for (size_t i = 0; i < n; i++) room->far[i] = room->distances[i] > limit;
 }
 
 /* Whether the steps of a fit ended at a minimum that all readings support. */
@@ -323,7 +333,7 @@ static size_t reject(const fl_view *all, int dense, const fl_room *room)
         begin = end;
     }
     for (size_t i = 0; i < all->rows; i++) {
-        const unsigned char is_out = in_run[i] | room->far[i] | (i % all->stride != 0);
+        const unsigned char is_out = in_run[i] | room->far[i] | (all->stride > 1 && i % all->stride != 0);
         changes += room->rejected[i] != is_out;
         room->rejected[i] = is_out;
     }
@@ -382,18 +392,20 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
         return FLINDERS_NOT_AN_ELLIPSOID;
     for (int round = 0; round < ROUNDS; round++) {
         const real before = limit, least = FL_FINEST * fit->surface.radius;
-        absolute(kernels, &spread, &fit->surface, room->distances);
-        const real sigma = typical(room->distances, n);
+        absolute(kernels, &every, &fit->surface, room->distances);
+        sampled(room, rows, room->scratch);
+        const real sigma = typical(room->scratch, n);
         limit = REJECT * (sigma > least ? sigma : least);
-        mark_far(kernels, &every, &fit->surface, limit, room, room->far);
+        mark_far(room, rows, limit);
         dense = part.stride == 1 ? dense_in(room->far, rows, rows, room) : FL_NO_RUN;
         status = fit_near(kernels, &part, options, dense, room, fit);
         if (status != FLINDERS_OK) return status;
         if (fl_abs(limit - before) <= SETTLED * limit) break;
     }
-    const size_t looked = mark_far(kernels, &part, &fit->surface, limit, room, room->far);
+    const size_t looked = absolute(kernels, &part, &fit->surface, room->distances);
+    mark_far(room, looked, limit);
     dense = dense_in(room->far, looked, rows, room);
-    if (part.stride > 1) mark_far(kernels, &every, &fit->surface, limit, room, room->far);
+    if (part.stride > 1) absolute(kernels, &every, &fit->surface, room->distances), mark_far(room, rows, limit);
     memcpy(record->majority_centre, fit->surface.centre, sizeof record->majority_centre);
     memcpy(record->majority_shape, fit->surface.shape, sizeof record->majority_shape);
     status = fit_near(kernels, &every, options, dense, room, fit);
