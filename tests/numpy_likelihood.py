@@ -58,7 +58,7 @@ NOTHING: Final = 1e-3
 SETTLED, SETTLED_BUT_FOR_ONE = 1e-10, 1e-5
 """Of the radius: steps shorter than this are not taken. The corrected equation is solved by one more step anyway."""
 
-LEAST_GAIN, LEFT_OUT = 1e-3, 0.03
+LEAST_GAIN, LEFT_OUT = 1e-3, 0.02
 """Of χ², and standard deviations: a step that gains no more, and leaves out no more, is the last."""
 
 FEW_POINTS, MANY_POINTS, NEXT_TO_NOTHING = 200, 2_000, 0.005

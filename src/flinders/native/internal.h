@@ -107,7 +107,7 @@ typedef struct {
                    int count, real *product);
     real (*nearest)(const real direction[3], const real *x, const real *y, const real *z, size_t n);
     void (*cells)(const real *x, const real *y, const real *z, size_t n, uint32_t *out);
-    void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], real memory,
+    void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], const real memory[2],
                    real log_determinant[FL_LANES], real sums[55][FL_LANES]);
     void (*keys)(const real *field, size_t n, size_t stride, real side, uint64_t *out);
     void (*breaks)(const real *field, size_t n, real *out);

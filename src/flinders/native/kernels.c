@@ -501,20 +501,29 @@ static void cells(const real *x, const real *y, const real *z, size_t n, uint32_
 
 /* Eight models of noise side by side: variance and state of the disturbance, and the innovations of a few rows. Inner
  * loops go over the models and no further, else compilers shuffle numbers. */
-enum { FEW = 8, FACTORS = sizeof(real) == sizeof(double) ? 32 : 8 }; /* of a product that stays a number */
+enum { FEW = 8, FACTORS = sizeof(real) == sizeof(double) ? 32 : 8, /* of a product that stays a number */
+       HALF = (FL_LANES + 1) / 2 };
 typedef real lanes[FL_LANES];
 typedef struct {
-    lanes variance, p[6]; /* p of xx, yy, zz, xy, xz, yz */
+    lanes variance, decay, p[6]; /* p of xx, yy, zz, xy, xz, yz */
     lanes gain[3], product;
 } filters;
 
-/* Covariance of a disturbance of three components, seen along a normal, and the gain that follows. */
-static inline void weigh_vector(filters *at, real decay, const real normal[3], real count, real *restrict weight)
+/* How much of a disturbance is left after a time: half of the models have one memory, half another. */
+static inline void let_decay(filters *at, real time, const real memory[2])
 {
-    const real square = decay * decay, fresh = 1 - square, white = 1 / count;
-    const real nx = normal[0], ny = normal[1], nz = normal[2];
+    for (int half = 0; half * HALF < FL_LANES; half++) {
+        const real x = time / memory[half], decay = 1 / (1 + x * (1 + x / 2)); /* exp(-x), a little above it */
+        for (int lane = 0; lane < HALF; lane++) at->decay[half * HALF + lane] = decay;
+    }
+}
+
+/* Covariance of a disturbance of three components, seen along a normal, and the gain that follows. */
+static inline void weigh_vector(filters *at, const real normal[3], real count, real *restrict weight)
+{
+    const real white = 1 / count, nx = normal[0], ny = normal[1], nz = normal[2];
     for (int lane = 0; lane < FL_LANES; lane++) {
-        const real added = at->variance[lane] * fresh;
+        const real square = at->decay[lane] * at->decay[lane], added = at->variance[lane] * (1 - square);
         const real xx = at->p[0][lane] * square + added, yy = at->p[1][lane] * square + added,
                    zz = at->p[2][lane] * square + added;
         const real xy = at->p[3][lane] * square, xz = at->p[4][lane] * square, yz = at->p[5][lane] * square;
@@ -530,11 +539,12 @@ static inline void weigh_vector(filters *at, real decay, const real normal[3], r
 }
 
 /* The same of a disturbance of one component. */
-static inline void weigh_strength(filters *at, real decay, real count, real *restrict weight)
+static inline void weigh_strength(filters *at, real count, real *restrict weight)
 {
-    const real square = decay * decay, fresh = 1 - square, white = 1 / count;
+    const real white = 1 / count;
     for (int lane = 0; lane < FL_LANES; lane++) {
-        const real variance = at->p[0][lane] * square + at->variance[lane] * fresh;
+        const real square = at->decay[lane] * at->decay[lane];
+        const real variance = at->p[0][lane] * square + at->variance[lane] * (1 - square);
         const real all = variance + white, gain = variance * (weight[lane] = 1 / all);
         at->gain[0][lane] = gain, at->product[lane] *= all * count;
         at->p[0][lane] = variance - variance * gain;
@@ -542,12 +552,13 @@ static inline void weigh_strength(filters *at, real decay, real count, real *res
 }
 
 /* The innovation of one column of a row, and what it moves the state by. */
-static inline void follow_vector(real value, real decay, const real normal[3], const filters *at,
-                                 lanes *restrict state, real *restrict innovation)
+static inline void follow_vector(real value, const real normal[3], const filters *at, lanes *restrict state,
+                                 real *restrict innovation)
 {
     const real nx = normal[0], ny = normal[1], nz = normal[2];
     real *restrict const along_x = state[0], *restrict const along_y = state[1], *restrict const along_z = state[2];
     for (int lane = 0; lane < FL_LANES; lane++) {
+        const real decay = at->decay[lane];
         const real x = along_x[lane] * decay, y = along_y[lane] * decay, z = along_z[lane] * decay;
         const real error = value - (nx * x + ny * y + nz * z);
         innovation[lane] = error;
@@ -558,11 +569,10 @@ static inline void follow_vector(real value, real decay, const real normal[3], c
 }
 
 /* The same of a disturbance of one component. */
-static inline void follow_strength(real value, real decay, const filters *at, real *restrict state,
-                                   real *restrict innovation)
+static inline void follow_strength(real value, const filters *at, real *restrict state, real *restrict innovation)
 {
     for (int lane = 0; lane < FL_LANES; lane++) {
-        const real before = state[lane] * decay, error = value - before;
+        const real before = state[lane] * at->decay[lane], error = value - before;
         innovation[lane] = error;
         state[lane] = before + at->gain[0][lane] * error;
     }
@@ -595,10 +605,10 @@ static void add_innovations(lanes (*innovation)[FEW], lanes *weight, size_t rows
     else add_rows_of(innovation, weight, rows, sums);
 }
 
-/* Kalman filter of models of noise: white noise of variance 1 a reading, and a disturbance of eight variances and one
- * memory with three components along the normals of the surface, or with one. Gives Σ r rᵀ of the innovations of Jacobian
+/* Kalman filter of models of noise: white noise of variance 1 a reading, and a disturbance of eight variances and two
+ * memories with three components along the normals of the surface, or with one. Gives Σ r rᵀ of the innovations of Jacobian
  * and distance over their variances, and the logarithm of these to the base 2, over those of white noise alone. */
-static void filter(const fl_series *series, int is_vector, const real variance[FL_LANES], real memory,
+static void filter(const fl_series *series, int is_vector, const real variance[FL_LANES], const real memory[2],
                    real log_determinant[FL_LANES], real sums[55][FL_LANES])
 {
     filters at;
@@ -610,15 +620,15 @@ static void filter(const fl_series *series, int is_vector, const real variance[F
         log_determinant[lane] = 0, at.product[lane] = 1;
     }
     for (size_t k = 0; k < series->n; k++) {
-        const real *const row = series->rows + 10 * k, x = series->steps[k] / memory;
-        const real decay = 1 / (1 + x * (1 + x / 2)); /* exp(-x), a little above it */
+        const real *const row = series->rows + 10 * k;
         const size_t of = k % FEW;
+        let_decay(&at, series->steps[k], memory);
         if (is_vector) {
-            weigh_vector(&at, decay, row, series->counts[k], weight[of]);
-            for (int i = 0; i < 10; i++) follow_vector(row[i], decay, row, &at, state[i], innovation[i][of]);
+            weigh_vector(&at, row, series->counts[k], weight[of]);
+            for (int i = 0; i < 10; i++) follow_vector(row[i], row, &at, state[i], innovation[i][of]);
         } else {
-            weigh_strength(&at, decay, series->counts[k], weight[of]);
-            for (int i = 0; i < 10; i++) follow_strength(row[i], decay, &at, state[i][0], innovation[i][of]);
+            weigh_strength(&at, series->counts[k], weight[of]);
+            for (int i = 0; i < 10; i++) follow_strength(row[i], &at, state[i][0], innovation[i][of]);
         }
         if (of + 1 < FEW && k + 1 < series->n) continue;
         add_innovations(innovation, weight, of + 1, sums);

@@ -11,7 +11,7 @@ enum { HALVINGS = 30, PASSES = 3, LANES = 12 /* of three axes */ };
 #define SETTLED ((real)1e-10)     /* of the radius: shorter steps are not taken */
 #define SETTLED_BUT_FOR_ONE ((real)1e-5)
 #define LEAST_GAIN ((real)1e-3)   /* of χ²: a step that gains no more is the last, */
-#define LEFT_OUT ((real)0.03)     /* if it leaves out no more standard deviations, of second order in it */
+#define LEFT_OUT ((real)0.02)     /* if it leaves out no more standard deviations, of second order in it */
 #define NO_WORSE ((real)0.01)     /* in χ² */
 #define SHORTEST_AXIS ((real)1e-4) /* of the longest */
 #define SENSE ((real)10)          /* spreads within which the centre and the size lie */

@@ -9,7 +9,7 @@
  */
 #include "residuals.h"
 
-enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * COARSE + 1, FEWEST = 20 };
+enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * FINE + 1, FEWEST = 20, HALF = (FL_LANES + 1) / 2 };
 
 #define LEAST_RATIO ((real)1e-3)  /* of the variances, disturbance over white noise */
 #define LARGEST_RATIO ((real)3e3)
@@ -17,7 +17,6 @@ enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * COARSE + 1, FEWEST = 20 };
 #define NEGLIGIBLE ((real)1e-4)   /* of all probability */
 #define HOPELESS ((real)14)       /* logarithm, to the base 2, of how much less likely a model is than the best */
 #define DOWNHILL ((real)20)       /* the same of a memory behind which no better one comes: in none of 427 series */
-#define MIDDLE(memories) (((memories) - 1) / 2)
 
 /* The moments of readings, or their rows where times are not known or go back. */
 typedef struct {
@@ -40,6 +39,11 @@ typedef struct {
     real ratio, ratio_step, memory, memory_step; /* the lowest, and the factors from one to the next */
     int memories;
 } grid;
+
+/* One of them. */
+typedef struct {
+    int memory, ratio;
+} place;
 
 /* Whether times of the readings that are looked at ascend. */
 static int ascends(const fl_view *view, const fl_room *room)
@@ -224,37 +228,73 @@ static const model *best_of(const model *models, int n)
     return best;
 }
 
-/* Put eight models of one memory of a grid behind n others; returns how many there are then. */
-static int add_models(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, int k,
-                      const real bent[9], model *models, int n)
+/* Eight models of a grid, four ratios of either of two memories from some on; one that is no model is infinitely
+ * unlikely. */
+static void models_at(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over,
+                      const place first[2], const real bent[9], model models[FL_LANES])
 {
-    real ratio[FL_LANES], log_determinant[FL_LANES], sums[55][FL_LANES];
-    const real memory = over->memory * fl_pow(over->memory_step, (real)k);
-    for (int lane = 0; lane < FL_LANES; lane++) ratio[lane] = over->ratio * fl_pow(over->ratio_step, (real)lane);
+    real ratio[FL_LANES], log_determinant[FL_LANES], memory[2], sums[55][FL_LANES];
+    for (int half = 0; half < 2; half++) memory[half] = over->memory * fl_pow(over->memory_step, (real)first[half].memory);
+    for (int lane = 0; lane < FL_LANES; lane++)
+        ratio[lane] = over->ratio * fl_pow(over->ratio_step, (real)(first[lane / HALF].ratio + lane % HALF));
     kernels->filter(series, is_vector, ratio, memory, log_determinant, sums);
     for (int lane = 0; lane < FL_LANES; lane++) {
-        model *const one = models + n;
+        model *const one = models + lane;
         for (int i = 0; i < 55; i++) one->sums[i] = sums[i][lane];
-        one->is_vector = is_vector, one->ratio = ratio[lane], one->memory = memory;
+        one->is_vector = is_vector, one->ratio = ratio[lane], one->memory = memory[lane / HALF];
         take_off(bent, one->sums);
-        n += !judge(one, log_determinant[lane], (real)series->n - 9);
+        if (judge(one, log_determinant[lane], (real)series->n - 9)) one->likelihood = -FL_HUGE;
     }
-    return n;
 }
 
-/* Put the models of a grid behind n others, memory by memory from one on until they are so much less likely than the best;
- * returns how many there are then. */
-static int add_grid(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, int from, real less,
+/* The likeliest model of a grid. All ratios of one memory are looked at, and from there on both ways those about the
+ * likeliest of the memory before, until they are so much less likely than the best. */
+static model likeliest(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, int from,
+                       const real bent[9])
+{
+    const int last = over->memories - 1;
+    place first[2] = {{from, 0}, {from, HALF}};
+    model models[FL_LANES], best;
+    models_at(kernels, series, is_vector, over, first, bent, models);
+    best = *best_of(models, FL_LANES);
+    int ratio = (int)(best_of(models, FL_LANES) - models), ratios[2] = {ratio, ratio};
+    int memories[2] = {from, from}, is_open[2] = {from > 0, from < last};
+    while (is_open[0] || is_open[1]) {
+        const int sides[2] = {is_open[0] ? 0 : 1, is_open[1] ? 1 : 0};
+        for (int half = 0; half < 2; half++) {
+            const int side = sides[half], memory = memories[side] + (side ? 1 : -1);
+            first[half].memory = memories[side] = memory < 0 ? 0 : memory > last ? last : memory;
+            first[half].ratio = ratios[side] < 1 ? 0 : ratios[side] > HALF ? HALF : ratios[side] - 1;
+        }
+        models_at(kernels, series, is_vector, over, first, bent, models);
+        for (int half = 0; half < 2; half++) {
+            const int side = sides[half];
+            const model *const top = best_of(models + half * HALF, HALF);
+            ratios[side] = first[half].ratio + (int)(top - models) - half * HALF;
+            if (top->likelihood > best.likelihood) best = *top;
+            if (top->likelihood < best.likelihood - DOWNHILL || memories[side] % last == 0) is_open[side] = 0;
+        }
+    }
+    return best;
+}
+
+/* Put the models of a grid behind n others, memory by memory from the middle until they are hopeless; returns how many
+ * there are then. */
+static int add_grid(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over,
                     const real bent[9], model *models, int n)
 {
-    const int first = n;
-    n = add_models(kernels, series, is_vector, over, from, bent, models, n);
+    const int middle = (over->memories - 1) / 2;
+    real most = -FL_HUGE;
     for (int side = -1; side <= 1; side += 2)
-        for (int k = from + side; k >= 0 && k < over->memories; k += side) {
-            const int before = n;
-            n = add_models(kernels, series, is_vector, over, k, bent, models, n);
-            const real most = best_of(models + first, n - first)->likelihood;
-            if (n > before && best_of(models + before, n - before)->likelihood < most - less) break;
+        for (int k = side < 0 ? middle : middle + 1; k >= 0 && k < over->memories; k += side) {
+            const place first[2] = {{k, 0}, {k, HALF}};
+            model here[FL_LANES];
+            models_at(kernels, series, is_vector, over, first, bent, here);
+            const real top = best_of(here, FL_LANES)->likelihood;
+            for (int lane = 0; lane < FL_LANES; lane++)
+                if (here[lane].likelihood > -FL_HUGE) models[n++] = here[lane];
+            most = top > most ? top : most;
+            if (top < most - HOPELESS) break;
         }
     return n;
 }
@@ -290,22 +330,18 @@ static int models_of(const fl_kernels *kernels, const fl_series *series, real sp
                      const model *white, model *models)
 {
     const grid all = all_of(span, series->n);
+    const model vector = likeliest(kernels, series, 1, &all, (COARSE - 1) / 2, bent);
+    const model top[2] = {vector, likeliest(kernels, series, 0, &all, memory_of(&all, &vector), bent)};
     real most = white->likelihood;
-    model top[2];
-    int n = 0, from = MIDDLE(COARSE);
-    for (int kind = 0; kind < 2; kind++) {
-        const int count = add_grid(kernels, series, kind == 0, &all, from, DOWNHILL, bent, models, 0);
-        top[kind].likelihood = -FL_HUGE;
-        if (count) top[kind] = *best_of(models, count), from = memory_of(&all, top + kind);
-        most = top[kind].likelihood > most ? top[kind].likelihood : most;
-    }
+    int n = 0;
+    for (int kind = 0; kind < 2; kind++) most = top[kind].likelihood > most ? top[kind].likelihood : most;
     for (int kind = 0; kind < 2; kind++) {
         if (!(top[kind].likelihood > most - HOPELESS)) continue;
         const grid fine = about(&all, top + kind);
         const real share = fl_log2(fine.ratio_step) * fl_log2(fine.memory_step) /
                            (fl_log2(all.ratio_step) * FL_LANES * fl_log2(all.memory_step) * COARSE);
         const int first = n;
-        n = add_grid(kernels, series, kind == 0, &fine, MIDDLE(FINE), HOPELESS, bent, models, n);
+        n = add_grid(kernels, series, kind == 0, &fine, bent, models, n);
         for (int k = first; k < n; k++) models[k].likelihood += fl_log2(share);
     }
     models[n] = *white;
