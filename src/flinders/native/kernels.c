@@ -501,7 +501,7 @@ static void cells(const real *x, const real *y, const real *z, size_t n, uint32_
 
 /* Eight models of noise side by side: variance and state of the disturbance, and the innovations of a few rows. Inner
  * loops go over the models and no further, else compilers shuffle numbers. */
-enum { FEW = 8, FACTORS = sizeof(real) == sizeof(double) ? 32 : 8, /* of a product that stays a number */
+enum { FEW = 6, FACTORS = sizeof(real) == sizeof(double) ? 5 * FEW : FEW, /* of a product that stays a number */
        HALF = (FL_LANES + 1) / 2 };
 typedef real lanes[FL_LANES];
 typedef struct {

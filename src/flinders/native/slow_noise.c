@@ -9,7 +9,8 @@
  */
 #include "residuals.h"
 
-enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * FINE + 1, FEWEST = 20, HALF = (FL_LANES + 1) / 2 };
+enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * FINE + 1, FEWEST = 20, HALF = (FL_LANES + 1) / 2,
+       FEW_RATIOS = 2 };
 
 #define LEAST_RATIO ((real)1e-3)  /* of the variances, disturbance over white noise */
 #define LARGEST_RATIO ((real)3e3)
@@ -44,6 +45,11 @@ typedef struct {
 typedef struct {
     int memory, ratio;
 } place;
+
+/* How far a search in a grid has come on one side: the memory, the likeliest of its ratios, and whether it goes on. */
+typedef struct {
+    int memory, ratio, is_open;
+} side;
 
 /* Whether times of the readings that are looked at ascend. */
 static int ascends(const fl_view *view, const fl_room *room)
@@ -247,6 +253,18 @@ static void models_at(const fl_kernels *kernels, const fl_series *series, int is
     }
 }
 
+/* The next two memories to look at, and of each the ratios about the likeliest of the memory before: one of either side,
+ * or two of the one that is open. */
+static void look_further(side sides[2], int last, side *of[2], place first[2])
+{
+    for (int half = 0; half < 2; half++) {
+        side *const one = of[half] = sides + (sides[half].is_open ? half : 1 - half);
+        const int memory = one->memory + (one == sides ? -1 : 1);
+        first[half].memory = one->memory = memory < 0 ? 0 : memory > last ? last : memory;
+        first[half].ratio = one->ratio < 1 ? 0 : one->ratio > HALF ? HALF : one->ratio - 1;
+    }
+}
+
 /* The likeliest model of a grid. All ratios of one memory are looked at, and from there on both ways those about the
  * likeliest of the memory before, until they are so much less likely than the best. */
 static model likeliest(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, int from,
@@ -256,46 +274,71 @@ static model likeliest(const fl_kernels *kernels, const fl_series *series, int i
     place first[2] = {{from, 0}, {from, HALF}};
     model models[FL_LANES], best;
     models_at(kernels, series, is_vector, over, first, bent, models);
-    best = *best_of(models, FL_LANES);
-    int ratio = (int)(best_of(models, FL_LANES) - models), ratios[2] = {ratio, ratio};
-    int memories[2] = {from, from}, is_open[2] = {from > 0, from < last};
-    while (is_open[0] || is_open[1]) {
-        const int sides[2] = {is_open[0] ? 0 : 1, is_open[1] ? 1 : 0};
-        for (int half = 0; half < 2; half++) {
-            const int side = sides[half], memory = memories[side] + (side ? 1 : -1);
-            first[half].memory = memories[side] = memory < 0 ? 0 : memory > last ? last : memory;
-            first[half].ratio = ratios[side] < 1 ? 0 : ratios[side] > HALF ? HALF : ratios[side] - 1;
-        }
+    const int ratio = (int)(best_of(models, FL_LANES) - models);
+    side sides[2] = {{from, ratio, from > 0}, {from, ratio, from < last}}, *of[2];
+    best = models[ratio];
+    while (sides[0].is_open || sides[1].is_open) {
+        look_further(sides, last, of, first);
         models_at(kernels, series, is_vector, over, first, bent, models);
         for (int half = 0; half < 2; half++) {
-            const int side = sides[half];
             const model *const top = best_of(models + half * HALF, HALF);
-            ratios[side] = first[half].ratio + (int)(top - models) - half * HALF;
+            of[half]->ratio = first[half].ratio + (int)(top - models) - half * HALF;
             if (top->likelihood > best.likelihood) best = *top;
-            if (top->likelihood < best.likelihood - DOWNHILL || memories[side] % last == 0) is_open[side] = 0;
+            if (top->likelihood < best.likelihood - DOWNHILL || first[half].memory % last == 0) of[half]->is_open = 0;
         }
     }
     return best;
 }
 
+/* Put models of one memory behind n others, but for those that are none; returns how many there are then. */
+static int add_models(const model *some, int count, model *models, int n)
+{
+    for (int k = 0; k < count; k++)
+        if (some[k].likelihood > -FL_HUGE) models[n++] = some[k];
+    return n;
+}
+
+/* Whether models of four ratios, from one on, leave out others of their memory that are not hopeless. */
+static int leave_out_some(const model *four, int first, real most)
+{
+    return (first > 0 && four[0].likelihood > most - HOPELESS) ||
+           (first + HALF < FL_LANES && four[HALF - 1].likelihood > most - HOPELESS);
+}
+
 /* Put the models of a grid behind n others, memory by memory from the middle until they are hopeless; returns how many
- * there are then. */
+ * there are then. Of the other memories four ratios are looked at first, where few of the middle one are not hopeless. */
 static int add_grid(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over,
                     const real bent[9], model *models, int n)
 {
-    const int middle = (over->memories - 1) / 2;
-    real most = -FL_HUGE;
-    for (int side = -1; side <= 1; side += 2)
-        for (int k = side < 0 ? middle : middle + 1; k >= 0 && k < over->memories; k += side) {
-            const place first[2] = {{k, 0}, {k, HALF}};
-            model here[FL_LANES];
-            models_at(kernels, series, is_vector, over, first, bent, here);
-            const real top = best_of(here, FL_LANES)->likelihood;
-            for (int lane = 0; lane < FL_LANES; lane++)
-                if (here[lane].likelihood > -FL_HUGE) models[n++] = here[lane];
-            most = top > most ? top : most;
-            if (top < most - HOPELESS) break;
+    const int middle = (over->memories - 1) / 2, last = over->memories - 1;
+    place first[2] = {{middle, 0}, {middle, HALF}};
+    model here[FL_LANES], all[FL_LANES];
+    models_at(kernels, series, is_vector, over, first, bent, here);
+    const int ratio = (int)(best_of(here, FL_LANES) - here);
+    side sides[2] = {{middle, ratio, 1}, {middle, ratio, 1}}, *of[2];
+    real most = here[ratio].likelihood;
+    int hopeful = 0;
+    for (int lane = 0; lane < FL_LANES; lane++) hopeful += here[lane].likelihood > most - HOPELESS;
+    n = add_models(here, FL_LANES, models, n);
+    while (sides[0].is_open || sides[1].is_open) {
+        look_further(sides, last, of, first);
+        if (hopeful <= FEW_RATIOS) models_at(kernels, series, is_vector, over, first, bent, here);
+        for (int half = 0; half < 2; half++) {
+            const model *four = here + half * HALF;
+            int begin = first[half].ratio, count = HALF;
+            if (!of[half]->is_open) continue; /* the other of two of this side has ended it */
+            if (hopeful > FEW_RATIOS || leave_out_some(four, begin, most)) {
+                const place whole[2] = {{first[half].memory, 0}, {first[half].memory, HALF}};
+                models_at(kernels, series, is_vector, over, whole, bent, all);
+                four = all, begin = 0, count = FL_LANES;
+            }
+            const model *const top = best_of(four, count);
+            n = add_models(four, count, models, n);
+            most = top->likelihood > most ? top->likelihood : most;
+            of[half]->ratio = begin + (int)(top - four);
+            if (top->likelihood < most - HOPELESS || first[half].memory % last == 0) of[half]->is_open = 0;
         }
+    }
     return n;
 }
 
