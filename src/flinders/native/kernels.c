@@ -732,7 +732,7 @@ static int ends(const real *field, size_t rows, real lowest[3], real highest[3])
 static size_t ordinary(const real *field, size_t rows, const real lowest[3], const real highest[3])
 {
     real low[EIGHT], high[EIGHT];
-    size_t row = 0, eights = 8;
+    size_t row = 0, eights = 1;
     for (int lane = 0; lane < EIGHT; lane++) low[lane] = lowest[lane % 3], high[lane] = highest[lane % 3];
     while (row + 8 <= rows && eights > 0) {
         real products_of[EIGHT], least = 1; /* a product is zero where one of its factors is */
@@ -746,7 +746,7 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
             }
         }
         for (int lane = 0; lane < EIGHT; lane++) least = products_of[lane] < least ? products_of[lane] : least;
-        if (least > 0) row += 8 * eights;
+        if (least > 0) row += 8 * eights, eights *= eights < 8 ? 2 : 1;
         else eights /= 2; /* where among them? */
     }
     return row;
