@@ -22,15 +22,6 @@ enum { DRAWS = 256, SCORED = 600, FEW_SCORED = 150 };
 #define LASTING ((real)0.5)  /* correlation of a residual with the next */
 #define SUSPECT ((real)0.95) /* of the standard deviation of all residuals, that of the best of many subsets */
 
-/* Whether a cell of a room has more than a few readings. */
-static int is_crowded(const fl_room *room)
-{
-    int is_any = 0; /* no branch depends on a slot: which are free is random */
-    for (size_t slot = 0; slot < room->slots; slot++)
-        is_any |= (room->keys[slot] != FL_EMPTY) & (room->cells[4 * slot] > PER_CELL);
-    return is_any;
-}
-
 /* Leave all but a few readings of each cell out of a sample of at most so many; returns how many are in it. Without a
  * table of cells none is left out. */
 static size_t spread_out(const fl_kernels *kernels, const real *field, size_t rows, size_t most, fl_random *random,
@@ -40,7 +31,7 @@ static size_t spread_out(const fl_kernels *kernels, const real *field, size_t ro
     uint32_t *const slots = room->order + (rows < FL_ENOUGH ? rows : FL_ENOUGH);
     const size_t stride = (rows + most - 1) / most > 1 ? (rows + most - 1) / most : 1;
     const size_t n = (rows + stride - 1) / stride;
-    const int are_all = stride == 1 && !is_crowded(room);
+    const int are_all = stride == 1 && !(room->fullest > PER_CELL);
     size_t taken = 0;
     memset(room->passed, !are_all && room->slots > 0, rows);
     random->skipped = are_all && room->slots > 0 ? (uint32_t)n : 0;
@@ -64,12 +55,15 @@ static size_t spread_out(const fl_kernels *kernels, const real *field, size_t ro
     return taken;
 }
 
-/* Standard deviation of n absolute distances, from their median; nine parameters were fitted to them. */
-static real typical(real *distances, size_t n)
+/* Standard deviation of n distances, from the median of their sizes; nine parameters were fitted to them. */
+static real sigma_of(real median, size_t n)
 {
     const real freedom = (real)(n > 10 ? n - 9 : 1) / (real)n;
-    return TO_SIGMA * fl_median(distances, n) / fl_sqrt(freedom);
+    return TO_SIGMA * median / fl_sqrt(freedom);
 }
+
+/* The same from n absolute distances, which are put into another order. */
+static real typical(real *distances, size_t n) { return sigma_of(fl_median(distances, n), n); }
 
 /* Absolute distances of a view into the room; returns how many. */
 static size_t absolute(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real *out)
@@ -228,7 +222,8 @@ int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *f
     const int lasts = lag_one(room->distances, view->rows) > LASTING;
     sampled(room, view->rows, room->scratch);
     tails_of(room->scratch, n, &farthest, &square, &fourth);
-    const real sigma = typical(room->scratch, n), error = fl_sqrt(24 / (real)n);
+    const real median = fl_median(room->scratch, n), sigma = sigma_of(median, n), error = fl_sqrt(24 / (real)n);
+    fit->median_distance = n == view->rows ? median : 0;
     if (n < ENOUGH_TO_JUDGE) return farthest > 20 * sigma;
     const real heavy = ((real)1.2 + 3 / fl_sqrt((real)n)) * sigma;
     if (square > heavy * heavy || farthest > (real)6.5 * sigma) return 1;
