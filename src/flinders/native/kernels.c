@@ -638,6 +638,26 @@ static void filter(const fl_series *series, int is_vector, const real variance[F
     }
 }
 
+/* The largest deviations over half a turn and the other half, whose first two harmonics have the other sign, of what a root
+ * makes of each of 128 directions. */
+static void deviations(const real root[16], real (*directions)[FL_AMPLITUDES], real (*harmonics)[4], size_t headings,
+                       real out[FL_AMPLITUDES])
+{
+    real made[4][FL_AMPLITUDES];
+    for (int row = 0; row < 4; row++)
+        for (int i = 0; i < FL_AMPLITUDES; i++)
+            made[row][i] = root[4 * row] * directions[0][i] + root[4 * row + 1] * directions[1][i] +
+                           root[4 * row + 2] * directions[2][i] + root[4 * row + 3] * directions[3][i];
+    for (int i = 0; i < FL_AMPLITUDES; i++) out[i] = 0;
+    for (size_t k = 0; k < headings; k++)
+        for (int i = 0; i < FL_AMPLITUDES; i++) {
+            const real once = harmonics[k][0] * made[0][i] + harmonics[k][1] * made[1][i];
+            const real twice = harmonics[k][2] * made[2][i] + harmonics[k][3] * made[3][i];
+            const real size = fl_abs(once) + fl_abs(twice);
+            out[i] = size > out[i] ? size : out[i];
+        }
+}
+
 /* Keys of the cells that every so manieth reading falls into: three 21-bit indices. */
 static void keys(const real *field, size_t n, size_t stride, real side, uint64_t *out)
 {
@@ -755,4 +775,4 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
 extern const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT);
 const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT) = {
     powers, products, curvature, spurious, distances, has_closer, cost, columns, nonlinear, take_off, gram, lagged, nearest, cells,
-    filter, keys, breaks, steps, ends, ordinary};
+    filter, deviations, keys, breaks, steps, ends, ordinary};
