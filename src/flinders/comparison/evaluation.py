@@ -165,6 +165,8 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
             f"{fit.name} is for readings in {label(fit.calibration.unit)}, the truth is in {label(truth.unit)}: "
             "calibrate with the unit of the recording (counts need scale=)"
         )
+    if fit.calibration.linearization is not None:
+        raise UsageError(f"{fit.name} linearizes its axes, and those of the truth are linear: fit without linearize")
     dip_deg = truth.field.dip_deg if dip_deg is None else dip_deg
     met = _Met(fit.calibration, *mapped(truth, fit.calibration.axes), truth.field.strength)
     errors, mean = met.heading_errors(dip_deg)
