@@ -10,7 +10,7 @@
 #include "residuals.h"
 
 enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * FINE + 1, FEWEST = 20, HALF = (FL_LANES + 1) / 2,
-       FEW_RATIOS = 2 };
+       FEW_RATIOS = 2 }; /* of the middle memory, that are not hopeless: others then mostly have no more than four */
 
 #define LEAST_RATIO ((real)1e-3)  /* of the variances, disturbance over white noise */
 #define LARGEST_RATIO ((real)3e3)
@@ -249,7 +249,7 @@ static void models_at(const fl_kernels *kernels, const fl_series *series, int is
         for (int i = 0; i < 55; i++) one->sums[i] = sums[i][lane];
         one->is_vector = is_vector, one->ratio = ratio[lane], one->memory = memory[lane / HALF];
         take_off(bent, one->sums);
-        if (judge(one, log_determinant[lane], (real)series->n - 9)) one->likelihood = -FL_HUGE;
+        if (judge(one, log_determinant[lane], (real)series->n - 9) || !isfinite(one->likelihood)) one->likelihood = -FL_HUGE;
     }
 }
 
