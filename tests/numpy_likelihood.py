@@ -58,6 +58,9 @@ NOTHING: Final = 1e-3
 SETTLED, SETTLED_BUT_FOR_ONE = 1e-10, 1e-5
 """Of the radius: steps shorter than this are not taken. The corrected equation is solved by one more step anyway."""
 
+LEAST_GAIN, LEFT_OUT = 1e-3, 0.02
+"""Of χ², and standard deviations: a step that gains no more, and leaves out no more, is the last."""
+
 FEW_POINTS, MANY_POINTS, NEXT_TO_NOTHING = 200, 2_000, 0.005
 """Readings from which noise-induced information is computed, and the share of it below which the fewer will do."""
 
@@ -158,12 +161,12 @@ class NumpyLikelihood:
 
     def _settled(self, some: _Some, ellipsoid: Ellipsoid) -> _Posterior:
         """Iterate until the steps vanish or none makes the fit better."""
-        settled = SETTLED_BUT_FOR_ONE if self.bias_correction else SETTLED
         now = self._seen([some.field], ellipsoid, some)
         for _ in range(STEPS):
             step = now.equations.step()
             largest = float(np.abs(step).max()) / now.ellipsoid.radius
-            better = self._improved(now, step * min(1.0, LONGEST_STEP / largest)) if largest > settled else None
+            is_last = now.is_last(step) if self.bias_correction else largest <= SETTLED
+            better = None if is_last else self._improved(now, step * min(1.0, LONGEST_STEP / largest))
             if better is None:
                 break
             now = better
@@ -339,6 +342,16 @@ class _Posterior:
         onto = (support.vectors * (1.0 - support.share)) @ support.vectors.T
         onto *= support.scale[:, None] / support.scale
         return averaged(series, bent, onto, self.prior.matrix, prior_gradient)
+
+    def is_last(self, step: Floats) -> bool:
+        """Whether the last step may be one as short as this."""
+        radius, likelihood = self.ellipsoid.radius, self.likelihood
+        largest, least = float(np.abs(step).max()), self.noise / math.sqrt(likelihood.count)
+        if largest <= SETTLED_BUT_FOR_ONE * radius:
+            return True
+        is_bent = largest * (largest + self.noise) / radius > LEFT_OUT * least
+        gains = float(step @ likelihood.matrix @ step) > LEAST_GAIN * likelihood.cost
+        return not (is_bent or gains) and self.support.is_sound
 
     def cost(self, variance: float) -> float:
         """χ² of the readings for a noise variance, and the prior's."""

@@ -161,11 +161,11 @@ static int sum(void)
     return status == FLINDERS_OK;
 }
 
-/* Ask a record of anything for distances and heading errors. */
+/* Ask a record of anything for distances and heading errors, and for bounds of any. */
 static void ask(void)
 {
     const size_t rows = below(70);
-    flinders_real *field = need(3 * rows * sizeof *field), *out = need(rows * sizeof *out);
+    flinders_real *field = need(3 * rows * sizeof *field), *out = need(rows * sizeof *out), roots[32], bounds[2];
     flinders_record record;
     memset(&record, 0, sizeof record);
     fill_with_anything(record.centre, 3);
@@ -177,6 +177,8 @@ static void ask(void)
     else if (rows) fill(field, rows);
     flinders_distances(field, rows, &record, out);
     flinders_heading_errors(&record, uniform() < 0.5 ? 60 : anything());
+    fill_with_anything(roots, 32);
+    flinders_heading_bounds(roots, 2, bounds);
     free(field), free(out);
 }
 

@@ -19,9 +19,9 @@ z = r θ, r its length and θ its direction, the largest error is r m(θ), m = m
 
     P(largest ≤ u) = mean over θ of F(u / m(θ)),      F(x) = 1 − (1 + x²/2) exp(−x²/2)
 
-F the distribution of r. `bounds_deg` takes the mean over 128 even directions (I. Deák, Numer. Math. 35 (1980) 369;
-A. Genz and F. Bretz, "Computation of Multivariate Normal and t Probabilities", Springer (2009), sect. 4.1), and solves
-for 95 %. `tests/truth/test_confidence.py` compares it with simulated errors.
+F the distribution of r. The engine (`native/heading.c`) takes the mean over 128 even directions (I. Deák, Numer. Math.
+35 (1980) 369; A. Genz and F. Bretz, "Computation of Multivariate Normal and t Probabilities", Springer (2009), sect.
+4.1), and solves for 95 %. `tests/truth/test_confidence.py` compares it with simulated errors.
 
 >>> one_circle = np.diag([1.0, 1.0, 0.0, 0.0])           # an amplitude that Rayleigh's law gives: √(2 ln 20)
 >>> bounds_deg(np.stack([one_circle, 4.0 * one_circle])).round(2).tolist()
@@ -42,6 +42,7 @@ from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import GATHER, Ellipsoid, gathered
 from flinders.geometry.plane import heading_errors
 from flinders.geometry.sphere import fibonacci
+from flinders.native.engine import engine
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -59,19 +60,8 @@ TILT_DIGITS_DEG: Final = 0.01
 MARGIN: Final = 1.1
 """By how much an error may be larger between directions that are 10° apart."""
 
-PROBABILITY: Final = 0.95
-BOUND_HEADINGS: Final = 36
-AMPLITUDES: Final = 128
 FEW: Final = 8
 """Headings that determine a deviation of two harmonics."""
-LEAST, MOST, START = 1.9599, 3.0803, 2.4
-"""Bound over the worst 1 σ: of one heading alone, of the length of four independent numbers, and first guess."""
-STEPS: Final = 3
-NEGLIGIBLE: Final = 0.1
-"""Largest error over the worst 1 σ of directions that lie outside the bound with a probability below 1e-80."""
-CHUNK: Final = 8
-"""Units of which the errors are in memory at a time: 0.3 MB, which a cache has room for."""
-TINY: Final = np.finfo(float).tiny
 
 _EVERYWHERE: Final = fibonacci(400)
 
@@ -436,11 +426,7 @@ def bounds_deg(covariances: Floats) -> Floats:
     is_known = np.isfinite(sums)
     variances, axes = np.linalg.eigh(np.where(is_known[:, np.newaxis, np.newaxis], covariances, 0.0))
     roots = axes * np.sqrt(variances.clip(min=0.0))[:, np.newaxis, :]
-    courses = _harmonics() @ roots  # (U, 36, 4): error at each heading per unit of z
-    worst = np.sqrt(np.sum(courses**2, axis=2).max(axis=1))
-    parts = [_largest(courses[at : at + CHUNK]) for at in range(0, len(courses), CHUNK)]
-    largest = np.concatenate([*parts, np.empty((0, AMPLITUDES))])
-    return np.where(is_known, worst * _quantiles(largest / np.maximum(worst, TINY)[:, np.newaxis]), np.nan)
+    return np.where(is_known, engine().heading_bounds(roots), np.nan)
 
 
 def deviation_covariances(shapes: Floats, covariances: Floats, dips_deg: Floats) -> Floats:
@@ -466,46 +452,13 @@ def deviation_covariances(shapes: Floats, covariances: Floats, dips_deg: Floats)
     vectors = np.linalg.solve(shapes, across)
     products = (vectors[:, :, np.newaxis] * fields[:, np.newaxis]).reshape(len(shapes), 9, FEW)
     gradients = GATHER.T @ np.concatenate([vectors, products], axis=1)  # (U, 9, 8)
-    jacobian = np.rad2deg(2.0 / FEW * gradients @ _harmonics(FEW))
+    jacobian = np.rad2deg(2.0 / FEW * gradients @ _harmonics())
     carried: Floats = np.swapaxes(jacobian, 1, 2) @ covariances @ jacobian
     return carried
 
 
-def _largest(courses: Floats) -> Floats:
-    """(U, 128) largest errors over (U, 36, 4) courses, of z in even directions."""
-    errors = courses.reshape(-1, 4) @ _even_directions()
-    largest: Floats = np.abs(errors, out=errors).reshape(-1, BOUND_HEADINGS, AMPLITUDES).max(axis=1)
-    return largest
-
-
-def _quantiles(largest: Floats) -> Floats:
-    """(U,) bounds from (U, 128) largest errors per unit length of z, both over the worst 1 σ, by Newton's method."""
-    inverse = 0.5 / np.maximum(largest, NEGLIGIBLE) ** 2
-    square = np.full((len(largest), 1), START**2)
-    for _ in range(STEPS):  # the logarithm of the probability outside is nearly linear in the square of the bound
-        half = square * inverse
-        tail = np.exp(-half)
-        density = half * tail
-        outside = (tail + density).mean(axis=1, keepdims=True)
-        slope = (half * density).mean(axis=1, keepdims=True)
-        square *= 1.0 + outside * np.log(outside / (1.0 - PROBABILITY)) / slope
-        square = square.clip(LEAST**2, MOST**2)
-    quantiles: Floats = np.sqrt(square[:, 0])
-    return quantiles
-
-
-@lru_cache(maxsize=2)
-def _harmonics(headings: int = BOUND_HEADINGS) -> Floats:
-    """(K, 4) sine and cosine of K headings and of their doubles."""
-    heading = np.arange(headings) * (2.0 * np.pi / headings)
-    return np.stack([np.sin(heading), np.cos(heading), np.sin(2.0 * heading), np.cos(2.0 * heading)], axis=1)
-
-
 @lru_cache(maxsize=1)
-def _even_directions() -> Floats:
-    """(4, 128) even directions in four dimensions, up to their sign: a super-Fibonacci spiral (M. Alexa, CVPR 2022)."""
-    place = (np.arange(AMPLITUDES) + 0.5) / AMPLITUDES
-    turns = 2.0 * np.pi * AMPLITUDES * place
-    first, second = turns / np.sqrt(2.0), turns / 1.533751168755204288118041
-    inner, outer = np.sqrt(place), np.sqrt(1.0 - place)
-    return np.stack([inner * np.sin(first), inner * np.cos(first), outer * np.sin(second), outer * np.cos(second)])
+def _harmonics() -> Floats:
+    """(8, 4) sine and cosine of eight headings and of their doubles."""
+    heading = np.arange(FEW) * (2.0 * np.pi / FEW)
+    return np.stack([np.sin(heading), np.cos(heading), np.sin(2.0 * heading), np.cos(2.0 * heading)], axis=1)

@@ -32,8 +32,9 @@ static void distribution(const fl_kernels *kernels, const fl_view *view, const f
         farthest = most[lane] > farthest ? most[lane] : farthest;
         square += squares[lane], fourth += fourths[lane];
     }
-    for (size_t i = 0; i < n; i += stride) room->scratch[looked++] = fl_abs(room->distances[i]);
-    record->median_distance = fl_median(room->scratch, looked);
+    const int has_median = fit->has_distances && fit->median_distance > 0;
+    for (size_t i = 0; i < n && !has_median; i += stride) room->scratch[looked++] = fl_abs(room->distances[i]);
+    record->median_distance = has_median ? fit->median_distance : fl_median(room->scratch, looked);
     record->farthest = farthest;
     record->kurtosis = square > 0 ? fourth * (real)n / (square * square) : FL_NOT_A_NUMBER;
 }

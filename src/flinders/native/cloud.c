@@ -58,7 +58,7 @@ static real *cell_of(const fl_room *room, size_t table, size_t slots, uint64_t k
 }
 
 /* Cells of twice the size: their number. */
-static size_t coarsen(const fl_room *room, size_t slots)
+static size_t coarsen(fl_room *room, size_t slots)
 {
     size_t cells = 0;
     memset(room->keys + FL_TABLE, 0xFF, slots * sizeof *room->keys);
@@ -71,6 +71,7 @@ static size_t coarsen(const fl_room *room, size_t slots)
         }
         real *const coarse = cell_of(room, FL_TABLE, slots, key, &cells);
         for (int i = 0; i < 4; i++) coarse[i] += room->cells[4 * slot + (size_t)i];
+        room->fullest = coarse[0] > room->fullest ? coarse[0] : room->fullest;
     }
     memcpy(room->keys, room->keys + FL_TABLE, slots * sizeof *room->keys);
     memcpy(room->cells, room->cells + 4 * FL_TABLE, 4 * slots * sizeof *room->cells);
@@ -79,15 +80,17 @@ static size_t coarsen(const fl_room *room, size_t slots)
 
 /* Sort a block of readings into cells; returns how many of these are new. All are found before any is added to, so that
  * a processor need not wait for one after the other. */
-static size_t add_block(const fl_room *room, const uint64_t *keys, const real *field, size_t n)
+static size_t add_block(fl_room *room, const uint64_t *keys, const real *field, size_t n)
 {
-    real *cells[FL_BLOCK];
+    real *cells[FL_BLOCK], fullest = room->fullest;
     size_t added = 0;
     for (size_t i = 0; i < n; i++) cells[i] = cell_of(room, 0, room->slots, keys[i], &added);
     for (size_t i = 0; i < n; i++, field += 3) {
         cells[i][0] += 1;
+        fullest = cells[i][0] > fullest ? cells[i][0] : fullest;
         for (int axis = 0; axis < 3; axis++) cells[i][1 + axis] += field[axis];
     }
+    room->fullest = fullest;
     return added;
 }
 
@@ -97,7 +100,7 @@ void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room
     uint64_t keys[FL_BLOCK];
     const size_t slots = room->slots = fl_slots_for(rows);
     size_t cells = 0;
-    room->side = fl_cell_side(field, rows);
+    room->side = fl_cell_side(field, rows), room->fullest = 0;
     memset(room->keys, 0xFF, slots * sizeof *room->keys);
     for (size_t row = 0; row < rows; row += FL_BLOCK) {
         const size_t n = rows - row < FL_BLOCK ? rows - row : FL_BLOCK;

@@ -300,6 +300,30 @@ static void forward(const real *factor, int n, real rows[CELLS][10])
     }
 }
 
+/* Jacobian and mean of the cells, made independent: over the Cholesky factor of their covariance, which ends on the
+ * diagonal of the matrix; nonzero if there is none. */
+static int whiten(const sphere *on, real ratio, real rows[CELLS][10])
+{
+    const int n = on->n;
+    for (int k = 0; k < n; k++) {
+        for (int l = 0; l <= k && ratio > 0; l++) on->matrix[k * n + l] = ratio * on->kernel[k * n + l];
+        on->matrix[k * n + k] = (ratio > 0 ? on->matrix[k * n + k] : 0) + 1 / on->counts[k];
+        memcpy(rows[k], on->jacobian[k], sizeof on->jacobian[k]);
+        rows[k][9] = on->means[k];
+    }
+    if (ratio > 0) {
+        if (fl_cholesky(on->matrix, n)) return 1;
+        forward(on->matrix, n, rows);
+        return 0;
+    }
+    for (int k = 0; k < n; k++) {
+        real *const root = on->matrix + k * n + k;
+        *root = fl_sqrt(*root);
+        for (int column = 0; column < 10; column++) rows[k][column] /= *root;
+    }
+    return 0;
+}
+
 /* Restricted likelihood of a distortion beside white noise, its logarithm to the base 2, but for a constant; and the
  * variance of the white noise.
  *
@@ -308,14 +332,8 @@ static real likelihood_of(const sphere *on, real ratio, real within, real freedo
 {
     real rows[CELLS][10], products[100] = {0}, log_determinant = 0;
     const int n = on->n;
-    for (int k = 0; k < n; k++) {
-        for (int l = 0; l < n; l++) on->matrix[k * n + l] = ratio * on->kernel[k * n + l];
-        on->matrix[k * n + k] += 1 / on->counts[k];
-        for (int i = 0; i < 9; i++) rows[k][i] = on->jacobian[k][i];
-        rows[k][9] = on->means[k];
-    }
-    if (fl_cholesky(on->matrix, n)) return -FL_HUGE;
-    forward(on->matrix, n, rows);
+    *variance = 0;
+    if (whiten(on, ratio, rows)) return -FL_HUGE;
     for (int k = 0; k < n; k++)
         for (int i = 0; i < 10; i++)
             for (int j = 0; j < 10; j++) products[10 * i + j] += rows[k][i] * rows[k][j];
@@ -327,16 +345,18 @@ static real likelihood_of(const sphere *on, real ratio, real within, real freedo
     return -(log_determinant + freedom * fl_log2(*variance)) / 2;
 }
 
-/* `likelihood_of` at the likeliest of some ratios, and the variance of the white noise there. */
-static real most_likely(const sphere *on, real within, real freedom, real *variance)
+/* Bits that a distortion gains over white noise alone at the likeliest of some ratios, and the variance of the white noise
+ * there; none where the smallest gains nothing. */
+static real gain_of(const sphere *on, real within, real freedom, real *variance)
 {
-    real most = -FL_HUGE, here;
+    const real none = likelihood_of(on, 0, within, freedom, variance);
+    real most = none, here;
     for (int k = 0; k < RATIOS; k++) {
         const real one = likelihood_of(on, LEAST_RATIO * fl_pow(4, (real)k), within, freedom, &here);
         if (!(one > most)) break;
         most = one, *variance = here;
     }
-    return most;
+    return most - none;
 }
 
 /* Standard deviation of a distortion that makes all of the means of the cells but white noise; 0 where different visits
@@ -378,10 +398,9 @@ real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, in
     for (int k = 0; k < on.n; k++) {
         within -= on.counts[k] * on.means[k] * on.means[k];
         fl_jacobian(surface, on.middles[k], on.jacobian[k]);
-        for (int l = 0; l < on.n; l++) on.kernel[k * on.n + l] = alike(on.middles[k], on.middles[l]);
+        for (int l = 0; l <= k; l++) on.kernel[k * on.n + l] = alike(on.middles[k], on.middles[l]);
     }
-    const real none = likelihood_of(&on, 0, within, count - 9, &white);
-    const real gain = most_likely(&on, within, count - 9, &white) - none;
+    const real gain = gain_of(&on, within, count - 9, &white);
     return gain > PLAIN && gain > AS_LIKELY * slow ? of_means(residuals, surface, &on, pairs, found, white) : 0;
 }
 

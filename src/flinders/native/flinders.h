@@ -246,6 +246,11 @@ FLINDERS_API int flinders_distances(const flinders_real *field, size_t rows, con
 /* Heading error of a level vehicle, and error of the direction, which a fit leaves open, from shape and covariance. */
 FLINDERS_API int flinders_heading_errors(flinders_record *record, flinders_real dip_deg);
 
+/* Bounds (turns,) that the heading errors of level turns stay within at all headings with a probability of 95 %. A turn
+ * errs by B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ, and `roots` (turns, 4, 4) make (B, C, D, E) of four independent normal
+ * numbers. */
+FLINDERS_API void flinders_heading_bounds(const flinders_real *roots, size_t turns, flinders_real *bounds);
+
 #ifdef __cplusplus
 }
 #endif

@@ -18,6 +18,7 @@ typedef flinders_real real;
 #define fl_acos acosf
 #define fl_atan2 atan2f
 #define fl_exp expf
+#define fl_log logf
 #define fl_log2 log2f
 #define fl_pow powf
 #define fl_cbrt cbrtf
@@ -37,6 +38,7 @@ typedef flinders_real real;
 #define fl_acos acos
 #define fl_atan2 atan2
 #define fl_exp exp
+#define fl_log log
 #define fl_log2 log2
 #define fl_pow pow
 #define fl_cbrt cbrt
@@ -56,7 +58,8 @@ typedef flinders_real real;
 #define FL_FINEST ((real)1e-6) /* of the field: no sensor resolves less */
 
 enum { FL_LOOKED = 12 * 1024, FL_COLUMNS = 18, FL_STEPS = 50,
-       FL_REACH = 1 << 20 }; /* cells on either side of zero */
+       FL_REACH = 1 << 20, /* cells on either side of zero */
+       FL_AMPLITUDES = 128 };
 
 #ifdef FLINDERS_SMALL /* for a stack of few kilobytes: up to 512 readings, and the nine parameters alone */
 enum { FL_BLOCK = 8, FL_LANES = 1, FL_WIDEST = 10, FL_SOME = 512, FL_ENOUGH = 512 };
@@ -107,8 +110,10 @@ typedef struct {
                    int count, real *product);
     real (*nearest)(const real direction[3], const real *x, const real *y, const real *z, size_t n);
     void (*cells)(const real *x, const real *y, const real *z, size_t n, uint32_t *out);
-    void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], real memory,
+    void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], const real memory[2],
                    real log_determinant[FL_LANES], real sums[55][FL_LANES]);
+    void (*deviations)(const real root[16], real (*directions)[FL_AMPLITUDES], real (*harmonics)[4], size_t headings,
+                       real out[FL_AMPLITUDES]);
     void (*keys)(const real *field, size_t n, size_t stride, real side, uint64_t *out);
     void (*breaks)(const real *field, size_t n, real *out);
     real (*steps)(const real *field, size_t n, real *out);
@@ -204,6 +209,7 @@ typedef struct {
     size_t used;
     int unseen, steps;
     int has_distances; /* 1 if those of a room are the distances of all readings from the surface */
+    real median_distance; /* of them, without regard to their sign, where there are no more than FL_SOME; else 0 */
     int is_doubtful; /* of a robust fit: 1 if some of the readings that it rejects may be noise; fl_room.far has the others */
     fl_slow slow;
     fl_posterior posterior;

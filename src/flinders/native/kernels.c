@@ -400,6 +400,24 @@ static void gram(real *const *columns_of, size_t begin, size_t n, int count, rea
         for (int b = a; b < count; b++, pair++) matrix[count * a + b] = matrix[count * b + a] = total(lanes[pair]);
 }
 
+/* Add w c(i + lag) of a column over lags to up to a block of sums, the column so many readings from its end. */
+static void add_ahead(const real *column, size_t left, const int *lags, const real *weights, int count,
+                      real *restrict sums)
+{
+    int k = 0;
+    for (; k + 4 <= count && (size_t)lags[k + 3] + FL_BLOCK <= left; k += 4) {
+        const real *const a = column + lags[k], *const b = column + lags[k + 1], *const c = column + lags[k + 2],
+                   *const d = column + lags[k + 3];
+        const real of_a = weights[k], of_b = weights[k + 1], of_c = weights[k + 2], of_d = weights[k + 3];
+        for (int i = 0; i < FL_BLOCK; i++) sums[i] = sums[i] + of_a * a[i] + of_b * b[i] + of_c * c[i] + of_d * d[i];
+    }
+    for (; k < count && (size_t)lags[k] < left; k++) {
+        const real *const later = column + lags[k], weight = weights[k];
+        const size_t rest = left - (size_t)lags[k], most = rest < FL_BLOCK ? rest : FL_BLOCK;
+        for (size_t i = 0; i < most; i++) sums[i] += weight * later[i];
+    }
+}
+
 /* Add Σ J(i) Aᵀ over the columns of n consecutive readings from a place on, A the sum of w J(i + lag) over lags, which
  * ascend, with their weights w. */
 static void lagged(real *const *columns_of, size_t begin, size_t n, int width, const int *lags, const real *weights,
@@ -413,11 +431,7 @@ static void lagged(real *const *columns_of, size_t begin, size_t n, int width, c
         for (int a = 0; a < width; a++) {
             const real *const column = columns_of[a] + begin + done;
             memcpy(here[a], column, m * sizeof(real));
-            for (int k = 0; k < count && (size_t)lags[k] < left; k++) {
-                const real *const later = column + lags[k], weight = weights[k];
-                const size_t most = left - (size_t)lags[k] < m ? left - (size_t)lags[k] : m;
-                for (size_t i = 0; i < most; i++) ahead[a][i] += weight * later[i];
-            }
+            add_ahead(column, left, lags, weights, count, ahead[a]);
         }
         for (int a = 0; a < width; a++)
             for (int b = 0; b < width; b++) {
@@ -487,20 +501,29 @@ static void cells(const real *x, const real *y, const real *z, size_t n, uint32_
 
 /* Eight models of noise side by side: variance and state of the disturbance, and the innovations of a few rows. Inner
  * loops go over the models and no further, else compilers shuffle numbers. */
-enum { FEW = 8 };
+enum { FEW = 6, FACTORS = sizeof(real) == sizeof(double) ? 5 * FEW : FEW, /* of a product that stays a number */
+       HALF = (FL_LANES + 1) / 2 };
 typedef real lanes[FL_LANES];
 typedef struct {
-    lanes variance, p[6]; /* p of xx, yy, zz, xy, xz, yz */
+    lanes variance, decay, p[6]; /* p of xx, yy, zz, xy, xz, yz */
     lanes gain[3], product;
 } filters;
 
-/* Covariance of a disturbance of three components, seen along a normal, and the gain that follows. */
-static inline void weigh_vector(filters *at, real decay, const real normal[3], real count, real *restrict weight)
+/* How much of a disturbance is left after a time: half of the models have one memory, half another. */
+static inline void let_decay(filters *at, real time, const real memory[2])
 {
-    const real square = decay * decay, fresh = 1 - square, white = 1 / count;
-    const real nx = normal[0], ny = normal[1], nz = normal[2];
+    for (int half = 0; half * HALF < FL_LANES; half++) {
+        const real x = time / memory[half], decay = 1 / (1 + x * (1 + x / 2)); /* exp(-x), a little above it */
+        for (int lane = 0; lane < HALF; lane++) at->decay[half * HALF + lane] = decay;
+    }
+}
+
+/* Covariance of a disturbance of three components, seen along a normal, and the gain that follows. */
+static inline void weigh_vector(filters *at, const real normal[3], real count, real *restrict weight)
+{
+    const real white = 1 / count, nx = normal[0], ny = normal[1], nz = normal[2];
     for (int lane = 0; lane < FL_LANES; lane++) {
-        const real added = at->variance[lane] * fresh;
+        const real square = at->decay[lane] * at->decay[lane], added = at->variance[lane] * (1 - square);
         const real xx = at->p[0][lane] * square + added, yy = at->p[1][lane] * square + added,
                    zz = at->p[2][lane] * square + added;
         const real xy = at->p[3][lane] * square, xz = at->p[4][lane] * square, yz = at->p[5][lane] * square;
@@ -516,11 +539,12 @@ static inline void weigh_vector(filters *at, real decay, const real normal[3], r
 }
 
 /* The same of a disturbance of one component. */
-static inline void weigh_strength(filters *at, real decay, real count, real *restrict weight)
+static inline void weigh_strength(filters *at, real count, real *restrict weight)
 {
-    const real square = decay * decay, fresh = 1 - square, white = 1 / count;
+    const real white = 1 / count;
     for (int lane = 0; lane < FL_LANES; lane++) {
-        const real variance = at->p[0][lane] * square + at->variance[lane] * fresh;
+        const real square = at->decay[lane] * at->decay[lane];
+        const real variance = at->p[0][lane] * square + at->variance[lane] * (1 - square);
         const real all = variance + white, gain = variance * (weight[lane] = 1 / all);
         at->gain[0][lane] = gain, at->product[lane] *= all * count;
         at->p[0][lane] = variance - variance * gain;
@@ -528,12 +552,13 @@ static inline void weigh_strength(filters *at, real decay, real count, real *res
 }
 
 /* The innovation of one column of a row, and what it moves the state by. */
-static inline void follow_vector(real value, real decay, const real normal[3], const filters *at,
-                                 lanes *restrict state, real *restrict innovation)
+static inline void follow_vector(real value, const real normal[3], const filters *at, lanes *restrict state,
+                                 real *restrict innovation)
 {
     const real nx = normal[0], ny = normal[1], nz = normal[2];
     real *restrict const along_x = state[0], *restrict const along_y = state[1], *restrict const along_z = state[2];
     for (int lane = 0; lane < FL_LANES; lane++) {
+        const real decay = at->decay[lane];
         const real x = along_x[lane] * decay, y = along_y[lane] * decay, z = along_z[lane] * decay;
         const real error = value - (nx * x + ny * y + nz * z);
         innovation[lane] = error;
@@ -544,11 +569,10 @@ static inline void follow_vector(real value, real decay, const real normal[3], c
 }
 
 /* The same of a disturbance of one component. */
-static inline void follow_strength(real value, real decay, const filters *at, real *restrict state,
-                                   real *restrict innovation)
+static inline void follow_strength(real value, const filters *at, real *restrict state, real *restrict innovation)
 {
     for (int lane = 0; lane < FL_LANES; lane++) {
-        const real before = state[lane] * decay, error = value - before;
+        const real before = state[lane] * at->decay[lane], error = value - before;
         innovation[lane] = error;
         state[lane] = before + at->gain[0][lane] * error;
     }
@@ -581,10 +605,10 @@ static void add_innovations(lanes (*innovation)[FEW], lanes *weight, size_t rows
     else add_rows_of(innovation, weight, rows, sums);
 }
 
-/* Kalman filter of models of noise: white noise of variance 1 a reading, and a disturbance of eight variances and one
- * memory with three components along the normals of the surface, or with one. Gives Σ r rᵀ of the innovations of Jacobian
+/* Kalman filter of models of noise: white noise of variance 1 a reading, and a disturbance of eight variances and two
+ * memories with three components along the normals of the surface, or with one. Gives Σ r rᵀ of the innovations of Jacobian
  * and distance over their variances, and the logarithm of these to the base 2, over those of white noise alone. */
-static void filter(const fl_series *series, int is_vector, const real variance[FL_LANES], real memory,
+static void filter(const fl_series *series, int is_vector, const real variance[FL_LANES], const real memory[2],
                    real log_determinant[FL_LANES], real sums[55][FL_LANES])
 {
     filters at;
@@ -596,21 +620,42 @@ static void filter(const fl_series *series, int is_vector, const real variance[F
         log_determinant[lane] = 0, at.product[lane] = 1;
     }
     for (size_t k = 0; k < series->n; k++) {
-        const real *const row = series->rows + 10 * k, x = series->steps[k] / memory;
-        const real decay = 1 / (1 + x * (1 + x / 2)); /* exp(-x), a little above it */
+        const real *const row = series->rows + 10 * k;
         const size_t of = k % FEW;
+        let_decay(&at, series->steps[k], memory);
         if (is_vector) {
-            weigh_vector(&at, decay, row, series->counts[k], weight[of]);
-            for (int i = 0; i < 10; i++) follow_vector(row[i], decay, row, &at, state[i], innovation[i][of]);
+            weigh_vector(&at, row, series->counts[k], weight[of]);
+            for (int i = 0; i < 10; i++) follow_vector(row[i], row, &at, state[i], innovation[i][of]);
         } else {
-            weigh_strength(&at, decay, series->counts[k], weight[of]);
-            for (int i = 0; i < 10; i++) follow_strength(row[i], decay, &at, state[i][0], innovation[i][of]);
+            weigh_strength(&at, series->counts[k], weight[of]);
+            for (int i = 0; i < 10; i++) follow_strength(row[i], &at, state[i][0], innovation[i][of]);
         }
         if (of + 1 < FEW && k + 1 < series->n) continue;
         add_innovations(innovation, weight, of + 1, sums);
+        if ((k + 1) % FACTORS && k + 1 < series->n) continue;
         for (int lane = 0; lane < FL_LANES; lane++)
             log_determinant[lane] += fl_log2(at.product[lane]), at.product[lane] = 1;
     }
+}
+
+/* The largest deviations over half a turn and the other half, whose first two harmonics have the other sign, of what a root
+ * makes of each of 128 directions. */
+static void deviations(const real root[16], real (*directions)[FL_AMPLITUDES], real (*harmonics)[4], size_t headings,
+                       real out[FL_AMPLITUDES])
+{
+    real made[4][FL_AMPLITUDES];
+    for (int row = 0; row < 4; row++)
+        for (int i = 0; i < FL_AMPLITUDES; i++)
+            made[row][i] = root[4 * row] * directions[0][i] + root[4 * row + 1] * directions[1][i] +
+                           root[4 * row + 2] * directions[2][i] + root[4 * row + 3] * directions[3][i];
+    for (int i = 0; i < FL_AMPLITUDES; i++) out[i] = 0;
+    for (size_t k = 0; k < headings; k++)
+        for (int i = 0; i < FL_AMPLITUDES; i++) {
+            const real once = harmonics[k][0] * made[0][i] + harmonics[k][1] * made[1][i];
+            const real twice = harmonics[k][2] * made[2][i] + harmonics[k][3] * made[3][i];
+            const real size = fl_abs(once) + fl_abs(twice);
+            out[i] = size > out[i] ? size : out[i];
+        }
 }
 
 /* Keys of the cells that every so manieth reading falls into: three 21-bit indices. */
@@ -707,7 +752,7 @@ static int ends(const real *field, size_t rows, real lowest[3], real highest[3])
 static size_t ordinary(const real *field, size_t rows, const real lowest[3], const real highest[3])
 {
     real low[EIGHT], high[EIGHT];
-    size_t row = 0, eights = 8;
+    size_t row = 0, eights = 1;
     for (int lane = 0; lane < EIGHT; lane++) low[lane] = lowest[lane % 3], high[lane] = highest[lane % 3];
     while (row + 8 <= rows && eights > 0) {
         real products_of[EIGHT], least = 1; /* a product is zero where one of its factors is */
@@ -721,7 +766,7 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
             }
         }
         for (int lane = 0; lane < EIGHT; lane++) least = products_of[lane] < least ? products_of[lane] : least;
-        if (least > 0) row += 8 * eights;
+        if (least > 0) row += 8 * eights, eights *= eights < 8 ? 2 : 1;
         else eights /= 2; /* where among them? */
     }
     return row;
@@ -730,4 +775,4 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
 extern const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT);
 const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT) = {
     powers, products, curvature, spurious, distances, has_closer, cost, columns, nonlinear, take_off, gram, lagged, nearest, cells,
-    filter, keys, breaks, steps, ends, ordinary};
+    filter, deviations, keys, breaks, steps, ends, ordinary};

@@ -9,7 +9,9 @@ enum { HALVINGS = 30, PASSES = 3, LANES = 12 /* of three axes */ };
 #define NEAR ((real)3)            /* standard deviations */
 #define LONGEST_STEP ((real)0.3)  /* of the radius */
 #define SETTLED ((real)1e-10)     /* of the radius: shorter steps are not taken */
-#define SETTLED_BUT_FOR_ONE ((real)1e-5) /* the corrected equation is solved by one more step anyway */
+#define SETTLED_BUT_FOR_ONE ((real)1e-5)
+#define LEAST_GAIN ((real)1e-3)   /* of χ²: a step that gains no more is the last, */
+#define LEFT_OUT ((real)0.02)     /* if it leaves out no more standard deviations, of second order in it */
 #define NO_WORSE ((real)0.01)     /* in χ² */
 #define SHORTEST_AXIS ((real)1e-4) /* of the longest */
 #define SENSE ((real)10)          /* spreads within which the centre and the size lie */
@@ -199,10 +201,23 @@ static int improve(const problem *task, fl_posterior *now, int *was_halved, real
     return 0;
 }
 
-/* Iterate until steps vanish or none makes the fit better; counts the steps. */
+/* Whether the last step may be one as short as this: it gains next to nothing, and what it leaves out, of second order in
+ * step and noise, is small beside the least standard deviation that there may be. */
+static int is_last(const problem *task, fl_posterior *now, const real step[9], real largest)
+{
+    const real least = now->noise / fl_sqrt((real)now->count);
+    real gain = 0;
+    if (!(largest > SETTLED_BUT_FOR_ONE)) return 1;
+    if (!(largest * (largest * now->surface.radius + now->noise) <= LEFT_OUT * least)) return 0;
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < 9; j++) gain += step[i] * now->matrix[9 * i + j] * step[j];
+    return gain <= LEAST_GAIN * now->cost && support_at(task, now)->is_whole;
+}
+
+/* Iterate until steps vanish or none makes the fit better; counts the steps. The corrected equation is solved by one more
+ * step anyway. */
 static int settle(const problem *task, int most_steps, fl_posterior *now)
 {
-    const real settled = task->options->bias_correction ? SETTLED_BUT_FOR_ONE : SETTLED;
     fl_posterior tried;
     real step[9];
     int steps = 0, was_halved = 0;
@@ -211,7 +226,7 @@ static int settle(const problem *task, int most_steps, fl_posterior *now)
         solve(task, now, NULL, step);
         for (int i = 0; i < 9; i++) largest = fl_abs(step[i]) > largest ? fl_abs(step[i]) : largest;
         largest /= now->surface.radius;
-        if (!(largest > settled) || !isfinite(largest)) break;
+        if (!isfinite(largest) || (task->options->bias_correction ? is_last(task, now, step, largest) : !(largest > SETTLED))) break;
         for (int i = 0; i < 9 && largest > LONGEST_STEP; i++) step[i] *= LONGEST_STEP / largest;
         if (!improve(task, now, &was_halved, step, &tried)) break;
         *now = tried;

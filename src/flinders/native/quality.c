@@ -51,7 +51,7 @@ int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room)
     room->begins = (size_t *)(void *)parts[9], room->counters = parts[10];
     room->directions = (real *)(void *)parts[11], room->matrices = (real *)(void *)parts[12];
     room->some = (real *)(void *)parts[13], room->series = (real *)(void *)parts[14];
-    room->time = NULL, room->ends = NULL, room->parts = 0, room->slots = 0, room->side = 0;
+    room->time = NULL, room->ends = NULL, room->parts = 0, room->slots = 0, room->side = room->fullest = 0;
     return 0;
 }
 

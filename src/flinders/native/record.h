@@ -39,6 +39,7 @@ typedef struct {
     const int64_t *ends;     /* (parts,) of the recordings that the readings are; not of the workspace */
     size_t parts;
     size_t slots;            /* of the table of cells that `fl_cloud` has made of all readings */
+    real fullest;            /* readings of the cell that has most of them */
     real side;               /* of a cell */
 } fl_room;
 

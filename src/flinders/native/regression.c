@@ -71,7 +71,7 @@ size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl
 void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow)
 {
     const int count = residuals->width + 1;
-    real *columns[FL_COLUMNS], state[3][FL_COLUMNS] = {{0}}, last[FL_COLUMNS] = {0};
+    real *columns[FL_COLUMNS], state[3][FL_COLUMNS] = {{0}}, last[FL_COLUMNS] = {0}, white[FL_COLUMNS];
     real p[6] = {slow->ratio, slow->ratio, slow->ratio, 0, 0, 0};
     size_t kept = 0, waited = 0;
     if (!(slow->ratio > 0)) return;
@@ -92,11 +92,12 @@ void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow)
         for (int a = 0; a < 3; a++) gain[a] = h[a] / total, p[a] = predicted[a] - h[a] * gain[a];
         p[3] = predicted[3] - h[0] * gain[1], p[4] = predicted[4] - h[0] * gain[2], p[5] = predicted[5] - h[1] * gain[2];
         const real nx = normal[0] * decay, ny = normal[1] * decay, nz = normal[2] * decay;
-        for (int k = 0; k < count; k++) {
+        for (int k = 0; k < FL_COLUMNS; k++) { /* as many as there may be: so they vectorise */
             const real innovation = last[k] - (nx * state[0][k] + ny * state[1][k] + nz * state[2][k]);
             for (int a = 0; a < 3; a++) state[a][k] = state[a][k] * decay + gain[a] * innovation;
-            columns[k][kept] = innovation * finer;
+            white[k] = innovation * finer;
         }
+        for (int k = 0; k < count; k++) columns[k][kept] = white[k];
         kept++;
         waited = 0;
     }

@@ -22,15 +22,6 @@ enum { DRAWS = 256, SCORED = 600, FEW_SCORED = 150 };
 #define LASTING ((real)0.5)  /* correlation of a residual with the next */
 #define SUSPECT ((real)0.95) /* of the standard deviation of all residuals, that of the best of many subsets */
 
-/* Whether a cell of a room has more than a few readings. */
-static int is_crowded(const fl_room *room)
-{
-    int is_any = 0; /* no branch depends on a slot: which are free is random */
-    for (size_t slot = 0; slot < room->slots; slot++)
-        is_any |= (room->keys[slot] != FL_EMPTY) & (room->cells[4 * slot] > PER_CELL);
-    return is_any;
-}
-
 /* Leave all but a few readings of each cell out of a sample of at most so many; returns how many are in it. Without a
  * table of cells none is left out. */
 static size_t spread_out(const fl_kernels *kernels, const real *field, size_t rows, size_t most, fl_random *random,
@@ -40,7 +31,7 @@ static size_t spread_out(const fl_kernels *kernels, const real *field, size_t ro
     uint32_t *const slots = room->order + (rows < FL_ENOUGH ? rows : FL_ENOUGH);
     const size_t stride = (rows + most - 1) / most > 1 ? (rows + most - 1) / most : 1;
     const size_t n = (rows + stride - 1) / stride;
-    const int are_all = stride == 1 && !is_crowded(room);
+    const int are_all = stride == 1 && !(room->fullest > PER_CELL);
     size_t taken = 0;
     memset(room->passed, !are_all && room->slots > 0, rows);
     random->skipped = are_all && room->slots > 0 ? (uint32_t)n : 0;
@@ -64,12 +55,15 @@ static size_t spread_out(const fl_kernels *kernels, const real *field, size_t ro
     return taken;
 }
 
-/* Standard deviation of n absolute distances, from their median; nine parameters were fitted to them. */
-static real typical(real *distances, size_t n)
+/* Standard deviation of n distances, from the median of their sizes; nine parameters were fitted to them. */
+static real sigma_of(real median, size_t n)
 {
     const real freedom = (real)(n > 10 ? n - 9 : 1) / (real)n;
-    return TO_SIGMA * fl_median(distances, n) / fl_sqrt(freedom);
+    return TO_SIGMA * median / fl_sqrt(freedom);
 }
+
+/* The same from n absolute distances, which are put into another order. */
+static real typical(real *distances, size_t n) { return sigma_of(fl_median(distances, n), n); }
 
 /* Absolute distances of a view into the room; returns how many. */
 static size_t absolute(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real *out)
@@ -228,7 +222,8 @@ int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *f
     const int lasts = lag_one(room->distances, view->rows) > LASTING;
     sampled(room, view->rows, room->scratch);
     tails_of(room->scratch, n, &farthest, &square, &fourth);
-    const real sigma = typical(room->scratch, n), error = fl_sqrt(24 / (real)n);
+    const real median = fl_median(room->scratch, n), sigma = sigma_of(median, n), error = fl_sqrt(24 / (real)n);
+    fit->median_distance = n == view->rows ? median : 0;
     if (n < ENOUGH_TO_JUDGE) return farthest > 20 * sigma;
     const real heavy = ((real)1.2 + 3 / fl_sqrt((real)n)) * sigma;
     if (square > heavy * heavy || farthest > (real)6.5 * sigma) return 1;
@@ -245,21 +240,37 @@ int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *f
     return lasts ? suspects_a_load(kernels, &spread, n, sigma, room) : 0;
 }
 
-/* Mark readings in a run of far ones and within a margin of it; far readings on their own are not marked. */
-static void mark_runs(const unsigned char *far, size_t rows, int dense, unsigned char *out)
+/* Readings that are marked, and those of them that are far. */
+typedef struct {
+    size_t all, far;
+} marked;
+
+/* How many readings of the window about one are far. */
+static int far_about(const unsigned char *far, size_t rows, size_t i)
 {
+    const size_t begin = i > WINDOW / 2 ? i - WINDOW / 2 : 0, end = i + WINDOW / 2 + 1 < rows ? i + WINDOW / 2 + 1 : rows;
     int inside = 0;
+    for (size_t row = begin; row < end; row++) inside += far[row];
+    return inside;
+}
+
+/* Mark readings in a run of far ones and within a margin of it, and count them; far readings on their own are not
+ * marked. */
+static marked mark_runs(const unsigned char *far, size_t rows, int dense, unsigned char *out)
+{
+    marked count = {0, 0};
     size_t done = 0;
+    const unsigned char *next = far;
     memset(out, 0, rows);
-    for (size_t i = 0; i < WINDOW / 2 && i < rows; i++) inside += far[i];
-    for (size_t i = 0; i < rows && dense <= WINDOW; i++) {
-        if (i + WINDOW / 2 < rows) inside += far[i + WINDOW / 2];
-        if (i > WINDOW / 2) inside -= far[i - WINDOW / 2 - 1];
-        if (!far[i] || inside < dense) continue;
+    if (dense > WINDOW) return count;
+    for (; next < far + rows && (next = memchr(next, 1, (size_t)(far + rows - next))); next++) {
+        const size_t i = (size_t)(next - far);
+        if (far_about(far, rows, i) < dense) continue;
         const size_t begin = i > MARGIN ? i - MARGIN : 0, end = i + MARGIN + 1 < rows ? i + MARGIN + 1 : rows;
-        for (size_t row = begin > done ? begin : done; row < end; row++) out[row] = 1;
+        for (size_t row = begin > done ? begin : done; row < end; row++) out[row] = 1, count.all++, count.far += far[row];
         done = end;
     }
+    return count;
 }
 
 /* Fewest far readings of a window that chance hardly ever puts there. */
@@ -284,26 +295,20 @@ static int dense_enough(real share, size_t rows)
 static int dense_in(const unsigned char *far, size_t n, size_t rows, const fl_room *room)
 {
     unsigned char *const around = (unsigned char *)room->scratch;
+    size_t all_far = 0;
     int dense = FL_NO_RUN;
+    for (size_t i = 0; i < n; i++) all_far += far[i];
     for (int look = 0; look < LOOKS; look++) {
-        size_t rest = 0, far_of_rest = 0;
-        mark_runs(far, n, dense, around);
-        for (size_t i = 0; i < n; i++) {
-            rest += !around[i];
-            far_of_rest += !around[i] && far[i];
-        }
-        dense = rest ? dense_enough((real)far_of_rest / (real)rest, rows) : FL_NO_RUN;
+        const marked runs = mark_runs(far, n, dense, around);
+        dense = n > runs.all ? dense_enough((real)(all_far - runs.far) / (real)(n - runs.all), rows) : FL_NO_RUN;
     }
     return dense;
 }
 
-/* Which readings of a view are farther than a limit. */
-static size_t mark_far(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real limit,
-                       const fl_room *room, unsigned char *far)
+/* Which of n readings are farther than a limit. */
+static void mark_far(const fl_room *room, size_t n, real limit)
 {
-    const size_t n = absolute(kernels, view, surface, room->distances);
-    for (size_t i = 0; i < n; i++) far[i] = room->distances[i] > limit;
-    return n;
+    for (size_t i = 0; i < n; i++) room->far[i] = room->distances[i] > limit;
 }
 
 /* Whether the steps of a fit ended at a minimum that all readings support. */
@@ -323,7 +328,7 @@ static size_t reject(const fl_view *all, int dense, const fl_room *room)
         begin = end;
     }
     for (size_t i = 0; i < all->rows; i++) {
-        const unsigned char is_out = in_run[i] | room->far[i] | (i % all->stride != 0);
+        const unsigned char is_out = in_run[i] | room->far[i] | (all->stride > 1 && i % all->stride != 0);
         changes += room->rejected[i] != is_out;
         room->rejected[i] = is_out;
     }
@@ -382,18 +387,20 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
         return FLINDERS_NOT_AN_ELLIPSOID;
     for (int round = 0; round < ROUNDS; round++) {
         const real before = limit, least = FL_FINEST * fit->surface.radius;
-        absolute(kernels, &spread, &fit->surface, room->distances);
-        const real sigma = typical(room->distances, n);
+        absolute(kernels, &every, &fit->surface, room->distances);
+        sampled(room, rows, room->scratch);
+        const real sigma = typical(room->scratch, n);
         limit = REJECT * (sigma > least ? sigma : least);
-        mark_far(kernels, &every, &fit->surface, limit, room, room->far);
+        mark_far(room, rows, limit);
         dense = part.stride == 1 ? dense_in(room->far, rows, rows, room) : FL_NO_RUN;
         status = fit_near(kernels, &part, options, dense, room, fit);
         if (status != FLINDERS_OK) return status;
         if (fl_abs(limit - before) <= SETTLED * limit) break;
     }
-    const size_t looked = mark_far(kernels, &part, &fit->surface, limit, room, room->far);
+    const size_t looked = absolute(kernels, &part, &fit->surface, room->distances);
+    mark_far(room, looked, limit);
     dense = dense_in(room->far, looked, rows, room);
-    if (part.stride > 1) mark_far(kernels, &every, &fit->surface, limit, room, room->far);
+    if (part.stride > 1) absolute(kernels, &every, &fit->surface, room->distances), mark_far(room, rows, limit);
     memcpy(record->majority_centre, fit->surface.centre, sizeof record->majority_centre);
     memcpy(record->majority_shape, fit->surface.shape, sizeof record->majority_shape);
     status = fit_near(kernels, &every, options, dense, room, fit);

@@ -9,14 +9,15 @@
  */
 #include "residuals.h"
 
-enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * COARSE + 1, FEWEST = 20 };
+enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * FINE + 1, FEWEST = 20, HALF = (FL_LANES + 1) / 2,
+       FEW_RATIOS = 2 }; /* of the middle memory, that are not hopeless: others then mostly have no more than four */
 
 #define LEAST_RATIO ((real)1e-3)  /* of the variances, disturbance over white noise */
 #define LARGEST_RATIO ((real)3e3)
 #define LONGEST ((real)1.5)       /* of the recording: longer memories look the same */
 #define NEGLIGIBLE ((real)1e-4)   /* of all probability */
 #define HOPELESS ((real)14)       /* logarithm, to the base 2, of how much less likely a model is than the best */
-#define DOWNHILL ((real)25)       /* the same of a memory behind which no better one comes: in none of 94 series */
+#define DOWNHILL ((real)20)       /* the same of a memory behind which no better one comes: in none of 427 series */
 
 /* The moments of readings, or their rows where times are not known or go back. */
 typedef struct {
@@ -39,6 +40,16 @@ typedef struct {
     real ratio, ratio_step, memory, memory_step; /* the lowest, and the factors from one to the next */
     int memories;
 } grid;
+
+/* One of them. */
+typedef struct {
+    int memory, ratio;
+} place;
+
+/* How far a search in a grid has come on one side: the memory, the likeliest of its ratios, and whether it goes on. */
+typedef struct {
+    int memory, ratio, is_open;
+} side;
 
 /* Whether times of the readings that are looked at ascend. */
 static int ascends(const fl_view *view, const fl_room *room)
@@ -223,38 +234,111 @@ static const model *best_of(const model *models, int n)
     return best;
 }
 
-/* Put eight models of one memory of a grid behind n others; returns how many there are then. */
-static int add_models(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, int k,
-                      const real bent[9], model *models, int n)
+/* Eight models of a grid, four ratios of either of two memories from some on; one that is no model is infinitely
+ * unlikely. */
+static void models_at(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over,
+                      const place first[2], const real bent[9], model models[FL_LANES])
 {
-    real ratio[FL_LANES], log_determinant[FL_LANES], sums[55][FL_LANES];
-    const real memory = over->memory * fl_pow(over->memory_step, (real)k);
-    for (int lane = 0; lane < FL_LANES; lane++) ratio[lane] = over->ratio * fl_pow(over->ratio_step, (real)lane);
+    real ratio[FL_LANES], log_determinant[FL_LANES], memory[2], sums[55][FL_LANES];
+    for (int half = 0; half < 2; half++) memory[half] = over->memory * fl_pow(over->memory_step, (real)first[half].memory);
+    for (int lane = 0; lane < FL_LANES; lane++)
+        ratio[lane] = over->ratio * fl_pow(over->ratio_step, (real)(first[lane / HALF].ratio + lane % HALF));
     kernels->filter(series, is_vector, ratio, memory, log_determinant, sums);
     for (int lane = 0; lane < FL_LANES; lane++) {
-        model *const one = models + n;
+        model *const one = models + lane;
         for (int i = 0; i < 55; i++) one->sums[i] = sums[i][lane];
-        one->is_vector = is_vector, one->ratio = ratio[lane], one->memory = memory;
+        one->is_vector = is_vector, one->ratio = ratio[lane], one->memory = memory[lane / HALF];
         take_off(bent, one->sums);
-        n += !judge(one, log_determinant[lane], (real)series->n - 9);
+        if (judge(one, log_determinant[lane], (real)series->n - 9) || !isfinite(one->likelihood)) one->likelihood = -FL_HUGE;
     }
+}
+
+/* The next two memories to look at, and of each the ratios about the likeliest of the memory before: one of either side,
+ * or two of the one that is open. */
+static void look_further(side sides[2], int last, side *of[2], place first[2])
+{
+    for (int half = 0; half < 2; half++) {
+        side *const one = of[half] = sides + (sides[half].is_open ? half : 1 - half);
+        const int memory = one->memory + (one == sides ? -1 : 1);
+        first[half].memory = one->memory = memory < 0 ? 0 : memory > last ? last : memory;
+        first[half].ratio = one->ratio < 1 ? 0 : one->ratio > HALF ? HALF : one->ratio - 1;
+    }
+}
+
+/* The likeliest model of a grid. All ratios of one memory are looked at, and from there on both ways those about the
+ * likeliest of the memory before, until they are so much less likely than the best. */
+static model likeliest(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, int from,
+                       const real bent[9])
+{
+    const int last = over->memories - 1;
+    place first[2] = {{from, 0}, {from, HALF}};
+    model models[FL_LANES], best;
+    models_at(kernels, series, is_vector, over, first, bent, models);
+    const int ratio = (int)(best_of(models, FL_LANES) - models);
+    side sides[2] = {{from, ratio, from > 0}, {from, ratio, from < last}}, *of[2];
+    best = models[ratio];
+    while (sides[0].is_open || sides[1].is_open) {
+        look_further(sides, last, of, first);
+        models_at(kernels, series, is_vector, over, first, bent, models);
+        for (int half = 0; half < 2; half++) {
+            const model *const top = best_of(models + half * HALF, HALF);
+            of[half]->ratio = first[half].ratio + (int)(top - models) - half * HALF;
+            if (top->likelihood > best.likelihood) best = *top;
+            if (top->likelihood < best.likelihood - DOWNHILL || first[half].memory % last == 0) of[half]->is_open = 0;
+        }
+    }
+    return best;
+}
+
+/* Put models of one memory behind n others, but for those that are none; returns how many there are then. */
+static int add_models(const model *some, int count, model *models, int n)
+{
+    for (int k = 0; k < count; k++)
+        if (some[k].likelihood > -FL_HUGE) models[n++] = some[k];
     return n;
 }
 
-/* Put the models of a grid behind n others, memory by memory from the middle until they are so much less likely than the
- * best; returns how many there are then. */
-static int add_grid(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, real less,
+/* Whether models of four ratios, from one on, leave out others of their memory that are not hopeless. */
+static int leave_out_some(const model *four, int first, real most)
+{
+    return (first > 0 && four[0].likelihood > most - HOPELESS) ||
+           (first + HALF < FL_LANES && four[HALF - 1].likelihood > most - HOPELESS);
+}
+
+/* Put the models of a grid behind n others, memory by memory from the middle until they are hopeless; returns how many
+ * there are then. Of the other memories four ratios are looked at first, where few of the middle one are not hopeless. */
+static int add_grid(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over,
                     const real bent[9], model *models, int n)
 {
-    const int middle = (over->memories - 1) / 2, first = n;
-    n = add_models(kernels, series, is_vector, over, middle, bent, models, n);
-    for (int side = -1; side <= 1; side += 2)
-        for (int k = middle + side; k >= 0 && k < over->memories; k += side) {
-            const int before = n;
-            n = add_models(kernels, series, is_vector, over, k, bent, models, n);
-            const real most = best_of(models + first, n - first)->likelihood;
-            if (n > before && best_of(models + before, n - before)->likelihood < most - less) break;
+    const int middle = (over->memories - 1) / 2, last = over->memories - 1;
+    place first[2] = {{middle, 0}, {middle, HALF}};
+    model here[FL_LANES], all[FL_LANES];
+    models_at(kernels, series, is_vector, over, first, bent, here);
+    const int ratio = (int)(best_of(here, FL_LANES) - here);
+    side sides[2] = {{middle, ratio, 1}, {middle, ratio, 1}}, *of[2];
+    real most = here[ratio].likelihood;
+    int hopeful = 0;
+    for (int lane = 0; lane < FL_LANES; lane++) hopeful += here[lane].likelihood > most - HOPELESS;
+    n = add_models(here, FL_LANES, models, n);
+    while (sides[0].is_open || sides[1].is_open) {
+        look_further(sides, last, of, first);
+        if (hopeful <= FEW_RATIOS) models_at(kernels, series, is_vector, over, first, bent, here);
+        for (int half = 0; half < 2; half++) {
+            const model *four = here + half * HALF;
+            int begin = first[half].ratio, count = HALF;
+            if (!of[half]->is_open) continue; /* the other of two of this side has ended it */
+            if (hopeful > FEW_RATIOS || leave_out_some(four, begin, most)) {
+                const place whole[2] = {{first[half].memory, 0}, {first[half].memory, HALF}};
+                models_at(kernels, series, is_vector, over, whole, bent, all);
+                four = all, begin = 0, count = FL_LANES;
+            }
+            const model *const top = best_of(four, count);
+            n = add_models(four, count, models, n);
+            most = top->likelihood > most ? top->likelihood : most;
+            of[half]->ratio = begin + (int)(top - four);
+            if (top->likelihood < most - HOPELESS || first[half].memory % last == 0) of[half]->is_open = 0;
         }
+    }
     return n;
 }
 
@@ -265,6 +349,14 @@ static grid all_of(real span, size_t n)
     const grid all = {LEAST_RATIO, fl_pow(LARGEST_RATIO / LEAST_RATIO, 1 / (real)(FL_LANES - 1)), shortest,
                       fl_pow(LONGEST * span / shortest, 1 / (real)(COARSE - 1)), COARSE};
     return all;
+}
+
+/* Which of the memories of a grid a model has. */
+static int memory_of(const grid *all, const model *one)
+{
+    int k = 0;
+    while (k + 1 < all->memories && all->memory * fl_pow(all->memory_step, (real)k + (real)0.5) < one->memory) k++;
+    return k;
 }
 
 /* A finer grid about one of its models, a step of it to either side. */
@@ -281,22 +373,18 @@ static int models_of(const fl_kernels *kernels, const fl_series *series, real sp
                      const model *white, model *models)
 {
     const grid all = all_of(span, series->n);
+    const model vector = likeliest(kernels, series, 1, &all, (COARSE - 1) / 2, bent);
+    const model top[2] = {vector, likeliest(kernels, series, 0, &all, memory_of(&all, &vector), bent)};
     real most = white->likelihood;
-    model top[2];
     int n = 0;
-    for (int kind = 0; kind < 2; kind++) {
-        const int count = add_grid(kernels, series, kind == 0, &all, DOWNHILL, bent, models, 0);
-        top[kind].likelihood = -FL_HUGE;
-        if (count) top[kind] = *best_of(models, count);
-        most = top[kind].likelihood > most ? top[kind].likelihood : most;
-    }
+    for (int kind = 0; kind < 2; kind++) most = top[kind].likelihood > most ? top[kind].likelihood : most;
     for (int kind = 0; kind < 2; kind++) {
         if (!(top[kind].likelihood > most - HOPELESS)) continue;
         const grid fine = about(&all, top + kind);
         const real share = fl_log2(fine.ratio_step) * fl_log2(fine.memory_step) /
                            (fl_log2(all.ratio_step) * FL_LANES * fl_log2(all.memory_step) * COARSE);
         const int first = n;
-        n = add_grid(kernels, series, kind == 0, &fine, HOPELESS, bent, models, n);
+        n = add_grid(kernels, series, kind == 0, &fine, bent, models, n);
         for (int k = first; k < n; k++) models[k].likelihood += fl_log2(share);
     }
     models[n] = *white;
@@ -312,29 +400,29 @@ static void weigh(const model *models, int n, real weights[MODELS])
     for (int k = 0; k < n; k++) weights[k] = weights[k] > NEGLIGIBLE * total ? weights[k] / total : 0;
 }
 
-/* Scatter of Σ J s over the readings of a series that noise of a model gives. */
+/* Scatter of Σ J s over the readings of a series that noise of a model gives: a matrix and its transpose. */
 static void scatter_of(const fl_series *series, const model *one, real scatter[81])
 {
-    real before[9][3] = {{0}};
-    memset(scatter, 0, 81 * sizeof(real));
+    real before[3][9] = {{0}}, half[81] = {0};
+    const int components = one->is_vector ? 3 : 1;
     for (size_t k = 0; k < series->n; k++) {
         const real *const row = series->rows + 10 * k, count = series->counts[k];
-        const real normal[3] = {one->is_vector ? row[0] : 1, one->is_vector ? row[1] : 0, one->is_vector ? row[2] : 0};
-        const real square = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+        const real normal[3] = {one->is_vector ? row[0] : 1, row[1], row[2]};
         const real x = series->steps[k] / one->memory, decay = 1 / (1 + x * (1 + x / 2));
-        const real own = one->variance * (count + count * count * one->ratio * square);
-        real along[9];
-        for (int i = 0; i < 9; i++) {
-            for (int axis = 0; axis < 3; axis++) before[i][axis] *= decay;
-            along[i] = before[i][0] * normal[0] + before[i][1] * normal[1] + before[i][2] * normal[2];
-            along[i] *= one->variance * one->ratio * count;
-        }
-        for (int i = 0; i < 9; i++) {
-            for (int j = 0; j < 9; j++)
-                scatter[9 * i + j] += own * row[i] * row[j] + along[i] * row[j] + row[i] * along[j];
-            for (int axis = 0; axis < 3; axis++) before[i][axis] += count * row[i] * normal[axis];
-        }
+        real square = 0, with[9];
+        for (int axis = 0; axis < components; axis++) square += normal[axis] * normal[axis];
+        for (int i = 0; i < 9; i++) with[i] = (count + count * count * one->ratio * square) / 2 * row[i];
+        for (int axis = 0; axis < components; axis++)
+            for (int i = 0; i < 9; i++) {
+                before[axis][i] *= decay;
+                with[i] += count * one->ratio * normal[axis] * before[axis][i];
+                before[axis][i] += count * normal[axis] * row[i];
+            }
+        for (int i = 0; i < 9; i++)
+            for (int j = 0; j < 9; j++) half[9 * i + j] += row[i] * with[j];
     }
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < 9; j++) scatter[9 * i + j] = one->variance * (half[9 * i + j] + half[9 * j + i]);
 }
 
 /* The covariance that least squares without regard to slow noise have under a model of it. */
