@@ -86,10 +86,15 @@ class RotationDifference:
         """Take b's rotation after a's is undone; None unless both know one."""
         if "symmetric" in (a.calibration.rotation, b.calibration.rotation):
             return None
-        both = [_rotation_covariance(fit) for fit in (a, b)]
-        covariance = None if both[0] is None or both[1] is None else np.rad2deg(np.rad2deg(both[0] + both[1]))
-        between = b.calibration.rotation_matrix @ a.calibration.rotation_matrix.T
-        return cls(np.rad2deg(rotation_vectors(between)), covariance)
+        both = [rotation_covariance(fit) for fit in (a, b)]
+        covariance = None if both[0] is None or both[1] is None else both[0] + both[1]
+        return cls.between(a.calibration, b.calibration, covariance)
+
+    @classmethod
+    def between(cls, a: Calibration, b: Calibration, covariance: Floats | None = None) -> Self:
+        """The same of two calibrations, with a covariance (3, 3) in rad²."""
+        turn = b.rotation_matrix @ a.rotation_matrix.T
+        return cls(np.rad2deg(rotation_vectors(turn)), None if covariance is None else np.rad2deg(np.rad2deg(covariance)))
 
     @property
     def angle_deg(self) -> float:
@@ -117,9 +122,12 @@ class RotationDifference:
     @property
     def p_value(self) -> float | None:
         """How often chance alone turns them as far apart; None where not both say how well they know theirs."""
-        if self.covariance is None:
-            return None
-        return chance_of(*chi_square_of(self.vector_deg, self.covariance))
+        return None if self.covariance is None else chance_of(*self.chi_square)
+
+    @property
+    def chi_square(self) -> tuple[float, int]:
+        """Of the rotation against its covariance, and degrees of freedom; none without a covariance."""
+        return (0.0, 0) if self.covariance is None else chi_square_of(self.vector_deg, self.covariance)
 
     def heading_deg(self, dip_deg: float) -> float:
         """What it makes of a level vehicle's heading at the worst: a turn about z in full, a tilt by tan I."""
@@ -392,7 +400,7 @@ def _left_out_deg(a: Fit, b: Fit) -> float | None:
     return float(np.rad2deg(np.linalg.norm(rotation_vectors(knowing[0].calibration.rotation_matrix))))
 
 
-def _rotation_covariance(fit: Fit) -> Floats | None:
+def rotation_covariance(fit: Fit) -> Floats | None:
     """(3, 3) rad², about the axes of the body; None where it is not known."""
     covariance = None if fit.aiding is None else fit.aiding.rotation_covariance
     return covariance if covariance is not None and np.isfinite(covariance).all() else None

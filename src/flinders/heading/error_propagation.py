@@ -319,6 +319,47 @@ def alignment_error_deg(sigma_deg: float, *, dip_deg: float = 60.0) -> float:
     return float(sigma_deg * np.hypot(1.0, np.tan(np.deg2rad(dip_deg))))
 
 
+def body_error(
+    ellipsoid: Ellipsoid, covariance: Floats, rotation: Floats, rotation_covariance: Floats, *, dip_deg: float = 60.0
+) -> HeadingError:
+    """Carry the covariances of (b, S) and of the rotation R into a body over to the heading of that body, level.
+
+    The body meets u(ψ), the magnetometer Rᵀu, and what is corrected to R (Rᵀu + δu) is turned by δθ besides: the
+    heading errs as that of R δu + δθ × u does. Both are taken for independent. Nothing is removed, as what is
+    constant is a matter of the mounting, which is known here.
+
+    Raises `UsageError` within a degree of the magnetic poles.
+
+    Parameters
+    ----------
+    covariance : (9, 9) float
+        As for `level_error`.
+    rotation : (3, 3) float
+        From the magnetometer's own axes to those of the body.
+    rotation_covariance : (3, 3) rad²
+        Of its rotation vector, in axes of the body.
+
+    Examples
+    --------
+    A turn about z is one of the heading, and a tilt mixes the vertical field in:
+
+    >>> sphere, exact = Ellipsoid(np.zeros(3), 50.0 * np.eye(3)), np.zeros((9, 9))
+    >>> body_error(sphere, exact, np.eye(3), np.diag([0.0, 0.0, np.radians(1.0) ** 2]))
+    HeadingError(rms=1.00°, worst=1.00°, dip=60°)
+    >>> body_error(sphere, exact, np.eye(3), np.diag([np.radians(1.0) ** 2, 0.0, 0.0]))
+    HeadingError(rms=1.22°, worst=1.73°, dip=60°)
+    """
+    across, directions = _level_fields(dip_deg, None)
+    vectors = np.linalg.solve(ellipsoid.shape, rotation.T @ across)
+    gradient = np.concatenate(
+        [gathered(vectors, rotation.T @ directions), np.cross(directions, across, axis=0).T], axis=1
+    )
+    both = np.zeros((12, 12))
+    both[:9, :9], both[9:, 9:] = covariance, rotation_covariance
+    rms, worst = _in_degrees(gradient, both)
+    return HeadingError(rms, worst, float(dip_deg))
+
+
 def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | None = None) -> HeadingError:
     """What the heading of a level vehicle errs by if its readings are used as they come.
 
