@@ -264,11 +264,20 @@ class HeadingLog:
         dip, scatter = frames.dip_deg
         return min(scatter * abs(math.tan(math.radians(dip))), 180.0)
 
-    def down(self) -> Floats:
-        """(3,) which way is down when the vehicle is level, in the axes of the calibration's ellipsoid."""
+    def mounting_error_deg(self, dip_deg: float) -> float | None:
+        """What the rotation into the body adds to headings, 1 σ; None where the calibration claims none."""
+        aiding = self.fit.aiding
+        return None if aiding is None else aiding.alignment_error_deg(dip_deg)
+
+    def down_in_body(self) -> Floats:
+        """(3,) which way is down when the vehicle is level, in corrected axes."""
         import numpy as np
 
-        down: Floats = self.fit.calibration.rotation_matrix.T @ np.array([0, 0, -1.0 if self.voyage.is_z_up else 1.0])
+        return np.array([0.0, 0.0, -1.0 if self.voyage.is_z_up else 1.0])
+
+    def down(self) -> Floats:
+        """(3,) the same in the axes of the calibration's ellipsoid."""
+        down: Floats = self.fit.calibration.rotation_matrix.T @ self.down_in_body()
         return down
 
 

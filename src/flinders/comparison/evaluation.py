@@ -22,7 +22,14 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from flinders.comparison.comparison import CHANCE, DIRECTIONS, RotationDifference, printed, rotation_covariance
+from flinders.comparison.comparison import (
+    CHANCE,
+    DIRECTIONS,
+    RotationDifference,
+    printed,
+    rotation_covariance,
+    with_bound,
+)
 from flinders.core.calibration import Calibration
 from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
@@ -33,6 +40,7 @@ from flinders.heading.error_propagation import (
     DirectionError,
     HeadingError,
     body_error,
+    level_bound_deg,
     level_gradients,
     level_turn,
     upright,
@@ -82,6 +90,7 @@ class Evaluation:
     unit: str
     #: 1 σ that the calibration's covariance gives at the same dip; None where it states none
     claimed_heading_deg: HeadingError | None = None
+    claimed_bound_deg: float | None = None  #: what no heading exceeds with a probability of 95 %, as claimed
     claimed_direction_deg: DirectionError | None = None  #: (rms, worst): 1 σ
     offset_sigma: Floats | None = None  #: (3,), in `unit`: 1 σ, as claimed
     chi_square: float | None = None  #: of the level heading errors and of the rotation against their covariances
@@ -150,7 +159,8 @@ class Evaluation:
             "heading_error_deg": heading.as_dict(
                 mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
             ),
-            **printed(self, "claimed_heading_deg", "heading_ratio", "direction_error_deg", "freed_direction_error_deg"),
+            "claimed_heading_deg": with_bound(self.claimed_heading_deg, self.claimed_bound_deg),
+            **printed(self, "heading_ratio", "direction_error_deg", "freed_direction_error_deg"),
             **printed(self, "claimed_direction_deg", "direction_ratio", "rotation_deg", "offset_error", "offset_sigma"),
             **printed(self, "offset_ratio", "offset_share", "matrix_error", "scale_error"),
             **self._body_as_dict(),
@@ -258,13 +268,14 @@ def _claims(fit: Fit, dip_deg: float, errors: Floats, rotation: RotationDifferen
     """What a fit claims, and how the level heading errors (72,) in rad, and the rotation's, bear it out."""
     # A small error of the offset moves headings by a circle around the compass, one of the shape by a figure of eight:
     # the first two harmonics are all there is to first order.
-    heading, _ = level_turn(dip_deg)
+    heading, down = level_turn(dip_deg)[0], down_of(fit.plane)
     waves = np.array([wave(order * heading) for order in (1, 2) for wave in (np.cos, np.sin)]) * (2 / len(heading))
-    gradient = waves @ level_gradients(fit.ellipsoid, dip_deg=dip_deg, down=down_of(fit.plane))
+    gradient = waves @ level_gradients(fit.ellipsoid, dip_deg=dip_deg, down=down)
     chi_square, freedom = chi_square_of(waves @ errors, gradient @ fit.claimed_covariance @ gradient.T)
     turned, about = rotation.chi_square
     return {
         "claimed_heading_deg": fit.level_error(dip_deg),
+        "claimed_bound_deg": level_bound_deg(fit.ellipsoid, fit.claimed_covariance, dip_deg=dip_deg, down=down),
         "claimed_direction_deg": fit.direction_error_deg,
         "offset_sigma": fit.offset_sigma,
         "chi_square": chi_square + turned,

@@ -157,6 +157,7 @@ def _differences(comparison: Comparison) -> Table:
     rows: list[Sequence[RenderableType]] = [styled("bold", "heading", angle(heading.rms), angle(heading.worst), mean)]
     if claimed is not None:
         rows.append(("  claimed, 1 σ", degrees(claimed.rms), degrees(claimed.worst)))
+        rows.append(("  95 % within", "", degrees(comparison.claimed_bound_deg or 0.0)))
     rows.append(("direction", angle(comparison.direction_difference_deg)))
     if comparison.rotation is not None:
         rows.append(("rotation in the body", angle(comparison.rotation.angle_deg)))
@@ -243,10 +244,12 @@ def _percent(share: float) -> str:
 def _true_errors(evaluation: Evaluation) -> Table:
     """True and claimed errors, and their ratio."""
     heading, claimed = evaluation.heading_error_deg, evaluation.claimed_heading_deg
+    bound = evaluation.claimed_bound_deg
     body, of_body = evaluation.body_heading_error_deg, evaluation.claimed_body_heading_deg
     free, with_rotation = evaluation.freed_direction_error_deg, evaluation.direction_error_deg
     rows = [
         styled("bold", "level heading", *_true_cells(heading, claimed, evaluation.heading_ratio)),
+        None if bound is None else ("  95 % within", "", "", "", angle(bound)),
         None if body is None else ("  of the body", *_true_cells(body, of_body, evaluation.body_heading_ratio)),
         ("direction", *_true_cells(free, evaluation.claimed_direction_deg, evaluation.direction_ratio)),
         ("  of the body", *_true_cells(with_rotation, None, None)),
@@ -283,7 +286,9 @@ def _true_rotation(rotation: RotationDifference) -> tuple[str, str]:
     if rotation.covariance is None:
         return angle(rotation.angle_deg), "into the body, which the calibration does not claim: taken off above"
     sigma = rotation.angle_sigma_deg
-    return angle(rotation.angle_deg), f"into the body, 1 σ {degrees(sigma or 0.0)} claimed ({p_value(rotation.p_value or 0.0)})"
+    return angle(
+        rotation.angle_deg
+    ), f"into the body, 1 σ {degrees(sigma or 0.0)} claimed ({p_value(rotation.p_value or 0.0)})"
 
 
 def _evaluation_verdict(evaluation: Evaluation) -> Table:

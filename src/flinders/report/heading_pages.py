@@ -66,8 +66,11 @@ def _heading_error(claims: Mapping[str, Any]) -> str:
     words = f"{degrees(level.rms)} rms, {degrees(level.worst)} at worst (95 % within {bound}), while level"
     if tilted is not None:
         words += f"; {degrees(tilted.worst)} at {tilted.tilt_deg:.0f}° of tilt"
+    mounting = claims["mounting_error_deg"]
+    if mounting is not None:
+        words += f"; how the axes sit in the body adds {degrees(mounting)} (1 σ)"
     if claims["tilt_error_deg"] is not None:
-        whole = math.hypot(level.worst, claims["tilt_error_deg"])
+        whole = math.hypot(level.worst, claims["tilt_error_deg"], mounting or 0.0)
         words = f"{degrees(whole)} a reading (1 σ), tilt and noise included; the calibration to {words}"
     return f"{words}; dip {claims['dip_deg']:.0f}°, {_FROM[claims['dip_from']]}"
 
