@@ -110,6 +110,7 @@ def test_a_file_without_a_covariance_is_exact() -> None:
     found = flinders_("compare", "other.json", "bare.json", "--json").json
     assert (found["p_value"], found["claimed_deg"], found["offset_sigma"]) == (None, None, None)
     assert "the same calibration twice" in flinders_("compare", "bare.json", "bare.json").out
+    assert "the same calibration twice" in flinders_("compare", "monday.json", "monday.json").out
 
 
 def test_names_of_two_sensors_are_noticed() -> None:
@@ -275,6 +276,8 @@ def test_the_dip_has_the_sign_that_the_recording_shows() -> None:
         ("two-axis tuesday.csv --after monday.csv", 2, "monday.csv is a recording, calibrate it first"),
         ("compare monday.json nix.json", 5, "nix.json: cannot be read"),
         ("compare monday.json -", 5, "cannot be read"),
+        ("drift monday.json", 2, "monday.json is a calibration: flinders compare compares two"),
+        ("drift monday.csv", 2, "monday.csv is a recording: flinders fleet calibrates a folder of them"),
         ("compare monday.json counts.json", 2, "counts.json for counts"),
         ("compare monday.json axes.json", 2, "axes.json has axes x,-y,-z"),
         ("compare monday.json broken.json", 5, "broken.json: fit.covariance is not symmetric"),

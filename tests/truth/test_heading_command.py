@@ -347,6 +347,47 @@ def test_another_sensor_is_refused_and_an_odd_field_is_mentioned(home: Path) -> 
         assert (ended.code, "do not suit the calibration" in ended.err) == (3, True)
 
 
+STUCK: dict[str, tuple[list[int], str, str, str]] = {
+    "one axis": ([3], "--level", "never changes in 600 readings: z = ", "do not suit the calibration"),
+    "all axes": ([1, 2, 3], "--level", "never changes in 600 readings: x = ", "do not suit the calibration"),
+    "an accelerometer that never changes": (
+        [4, 5, 6], "--dip=60", "the accelerometer never changes", "the accelerometer does not suit",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", STUCK)
+def test_nothing_is_claimed_of_headings_by_a_sensor_that_is_stuck(home: Path, name: str) -> None:
+    columns, option, cause, unclaimed = STUCK[name]
+    calibrated(500)
+    log = log_of(tumbling()[1])
+    log[:, columns] = log[0, columns]
+    ended = flinders_("heading", "calibration.json", write("odd.csv", log), "-o", "out.csv", option)
+    assert ended.code == 3, ended.err
+    assert cause in ended.said
+    assert "good to an unknown accuracy" in ended.said
+    assert unclaimed in ended.said
+    assert "headings run backwards" not in ended.said
+
+
+@pytest.mark.parametrize("value", [0.0, math.nan])
+def test_an_accelerometer_that_shows_no_vertical_gives_no_heading(home: Path, value: float) -> None:
+    calibrated(500)
+    log = log_of(tumbling()[1])
+    log[:, 4:] = value
+    ended = flinders_("heading", "calibration.json", write("odd.csv", log), "-o", "out.csv")
+    assert ended.code == 3
+    assert "no reading has a heading: the acceleration is zero or missing" in ended.said
+    assert "good to nothing: no reading has a heading" in ended.said
+
+
+def test_an_axis_that_never_changes_is_named_when_readings_are_corrected(home: Path) -> None:
+    log = log_of(tumbling()[1])
+    log[:, 2] = 7.0
+    ended = flinders_("apply", "calibration.json", write("odd.csv", log), "-o", "out.csv")
+    assert (ended.code, "never changes in 600 readings: y = 7." in ended.said) == (3, True)
+
+
 def test_a_calibration_that_states_its_accuracy_notices_a_smaller_change_of_iron(home: Path) -> None:
     """2 µT in each axis is 4 % of spread where noise and claim make 1 %, and degrees of heading."""
     calibrated(500)

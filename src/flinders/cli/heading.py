@@ -205,6 +205,7 @@ def _say_how_good(log: HeadingLog, claimed: dict[str, Any]) -> list[str]:
         declination_deg=compass.declination_deg,
         claims=claimed,
         said=said,
+        doubt=log.corrector.doubt,
     )
     say(drawn(page, sys.stderr))
     return [words for kind, words in said if kind == "limits"]

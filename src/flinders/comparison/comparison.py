@@ -198,7 +198,7 @@ class Comparison:
         ``agree``: no more than chance explains. ``differ``: more, but no heading by more than the target.
         ``contradict``: more, and above it. Without any covariance nothing is left to chance.
         """
-        by_chance = self._is_nothing if self.p_value is None else self.p_value >= CHANCE
+        by_chance = self.is_nothing if self.p_value is None else self.p_value >= CHANCE
         if by_chance:
             return "agree"
         return "differ" if self.worst_deg <= self.target_deg else "contradict"
@@ -229,7 +229,7 @@ class Comparison:
         return self.claimed_deg is None or self.claimed_deg.worst <= self.target_deg
 
     @property
-    def _is_nothing(self) -> bool:
+    def is_nothing(self) -> bool:
         """The same but for rounding."""
         scale = abs(self.scale_difference) if self.is_scale_known else 0.0
         apart = max(math.radians(self.direction_difference_deg), self.offset_share, scale)

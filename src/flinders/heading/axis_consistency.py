@@ -150,6 +150,11 @@ class Frames:
         turned_over = after(Axes.of(OPPOSITE), back)  # fits as well, and is no other attitude
         return (back, *(axes for axes in fits if axes not in (back, turned_over)))
 
+    @property
+    def is_foreign(self) -> bool:
+        """The dip follows the attitude as far as with an accelerometer of another body, or one that never changes."""
+        return self.readings >= ENOUGH and self.dip()[1] > WANDERS
+
     def refuse_foreign(self, *, site_dip_deg: float | None = None, applied: Axes = EVERY[0]) -> None:
         """Refuse axes that do not fit each other, and name those that do; `ForeignAxes` where the mistake is plain.
 

@@ -211,7 +211,7 @@ def _square_basis(error: HeadingError, square: float | None, freedom: int) -> st
 
 
 def _words(comparison: Comparison, *, is_limited: bool) -> str:
-    if comparison.verdict == "agree" and comparison.p_value is None:
+    if comparison.is_nothing:
         return "the same calibration twice"
     explained, target = chance_words(comparison.p_value), f"{comparison.target_deg:g}°"
     worst = angle(comparison.heading_difference_deg.worst)

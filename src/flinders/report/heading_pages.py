@@ -38,17 +38,18 @@ def of_headings(
     declination_deg: float | None,
     claims: Mapping[str, Any],
     said: Sequence[tuple[str, str]],
+    doubt: str = "",
 ) -> RenderableType:
     """Lay out a run of headings, what limits them first.
 
     `formula` is by which tilt was removed, or ``level``; `declination_deg` is what true headings were made with;
     `claims` has ``level`` and ``tilted``, a `HeadingError` each or None, for ``dip_deg``, which is from ``dip_from``;
-    `said` is from `heading_notes`.
+    `said` is from `heading_notes`, and `doubt` says why readings do not suit their calibration.
     """
     how = "from x and y alone, level" if formula == LEVEL else f"tilt-compensated ({formula})"
     known = [
         ("heading", f"of the x axis, {how}; {counted(voyage.readings, 'reading')}"),
-        ("good to", _heading_error(claims)),
+        ("good to", _unclaimed(voyage, doubt) or _heading_error(claims)),
     ]
     if declination_deg is not None:
         known.append(("north", _north(site, declination_deg)))
@@ -56,6 +57,17 @@ def of_headings(
         known.append(("dip", _dip(voyage, site)))
     limits = [note for note in said if note[0] == "limits"]
     return Group(notes(limits), facts(known), notes(note for note in said if note[0] != "limits"))
+
+
+def _unclaimed(voyage: Voyage, doubt: str) -> str:
+    """Why nothing is claimed of headings, whatever their calibration claims; empty where something is."""
+    if voyage.has_none:
+        return "nothing: no reading has a heading"
+    if doubt:
+        return "an unknown accuracy: the readings do not suit the calibration"
+    if voyage.frames.is_foreign:
+        return "an unknown accuracy: the accelerometer does not suit the magnetometer"
+    return ""
 
 
 def _heading_error(claims: Mapping[str, Any]) -> str:
@@ -120,18 +132,22 @@ def _notes_of_headings(
         yield "limits", doubt
     if site is not None and site.doubt:
         yield "limits", site.doubt
-    if voyage.without:
+    if voyage.has_none:
+        yield "limits", "no reading has a heading: the acceleration is zero or missing, or x is vertical"
+    elif voyage.without:
         missing = counted(voyage.without, "reading")
         yield "note", f"{missing} without a heading (nan): a number is missing, or x is vertical"
     yield from (
-        _level_notes(voyage, claims) if formula == LEVEL else _tilted_notes(voyage, formula, site, claims, turned)
+        _level_notes(voyage, claims, doubt)
+        if formula == LEVEL
+        else _tilted_notes(voyage, formula, site, claims, turned)
     )
 
 
-def _level_notes(voyage: Voyage, claims: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _level_notes(voyage: Voyage, claims: Mapping[str, Any], doubt: str) -> Iterator[tuple[str, str]]:
     cost = float(np.tan(np.deg2rad(abs(claims["dip_deg"]))))
     yield "note", f"each degree of tilt turns a level heading by up to {cost:.1f}°"
-    if _is_z_up(voyage, claims):
+    if not doubt and _is_z_up(voyage, claims):
         words = (
             "the vertical field points along −z: z is up and level headings run backwards, unless the site is in "
             "the other hemisphere (--dip): calibrate with --axes x,-y,-z"
@@ -165,6 +181,13 @@ def _dip_notes(
 ) -> Iterator[tuple[str, str]]:
     """What the dip shows of iron, axes and the sign of the acceleration."""
     dip, scatter = voyage.frames.dip_deg
+    if voyage.frames.is_foreign:
+        words = (
+            f"the dip of the field wanders by {scatter:.0f}° with the attitude, which it cannot: the accelerometer never "
+            "changes, or is that of another body"
+        )
+        yield "limits", words
+        return
     if claims["dip_from"] == "seen" and dip < 0.0:
         words = (
             f"the field is seen to point up by {-dip:.0f}°. South of the magnetic equator that is right: say so with "
