@@ -183,7 +183,7 @@ def _dip_notes(
     dip, scatter = voyage.frames.dip_deg
     if voyage.frames.is_foreign:
         words = (
-            f"the dip of the field wanders by {scatter:.0f}° with the attitude, which it cannot: the accelerometer never "
+            f"the dip of the field wanders by {scatter:.0f}° with the attitude: the accelerometer never "
             "changes, or is that of another body"
         )
         yield "limits", words
