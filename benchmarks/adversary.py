@@ -96,6 +96,8 @@ class Effect:
         Whether the log has times.
     seen : bool
         Whether a recording shows it.
+    linearize : bool
+        Whether the fit is asked to correct it.
     """
 
     place: Field | None = None
@@ -106,6 +108,7 @@ class Effect:
     noise: float = NOISE_UT
     is_timed: bool = True
     seen: bool = True
+    linearize: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -383,6 +386,8 @@ EFFECTS: Final[dict[str, Effect]] = {
     "cubic axis 1 µT": Effect(axes=partial(bent, cubic=1.0)),
     "cubic axis 4 µT": Effect(axes=partial(bent, cubic=4.0)),
     "quadratic axis 2 µT": Effect(axes=partial(bent, quadratic=2.0)),
+    "cubic axis 4 µT, linearized": Effect(axes=partial(bent, cubic=4.0), linearize=True),
+    "quadratic axis 2 µT, linearized": Effect(axes=partial(bent, quadratic=2.0), linearize=True),
     "one axis late by 20 ms": Effect(lags=one_late(0.02)),
     "one axis late by 60 ms": Effect(lags=one_late(0.06)),
     "axes late by 50 ms ± 30 %": Effect(lags=all_late),
@@ -506,10 +511,10 @@ def probability(fit: Fit) -> float:
     return float(np.mean(largest > max(TARGET_DEG, 2.0 * worst)))
 
 
-def fitted(source: Recording) -> Fit | None:
+def fitted(source: Recording, *, linearize: bool = False) -> Fit | None:
     """The fit, refused or not; None where there is none."""
     try:
-        return flinders.fit(source, target_deg=TARGET_DEG)
+        return flinders.fit(source, target_deg=TARGET_DEG, linearize=linearize)
     except Refused as refusal:
         return refusal.fit
     except flinders.FlindersError:
@@ -521,7 +526,7 @@ def tried(row: tuple[str, int], seed: int, paths: Sequence[Path]) -> Trial:
     name, places = row
     effect, of = EFFECTS[name], sensor(stream(seed, "sensor"))
     each = [recorded(seed, of, effect, path, place=place) for place, path in enumerate(paths[:places])]
-    fit = fitted(each[0] if places == 1 else Joined(tuple(each)))
+    fit = fitted(each[0] if places == 1 else Joined(tuple(each)), linearize=effect.linearize)
     if fit is None:
         return Trial("refused")
     true = float(np.abs(headings(fit.calibration.apply(level(seed, of, effect)))).max())

@@ -292,7 +292,7 @@ def compass(name: str) -> Samples:
 
 def strength(samples: Samples, calibration: Calibration) -> Floats:
     """(N,) length of corrected readings over its mean."""
-    length = np.linalg.norm(calibration.at().apply(Compensator(calibration)(samples).field), axis=1)
+    length = np.linalg.norm(calibration.affine.apply(Compensator(calibration)(samples).field), axis=1)
     found: Floats = length / length.mean()
     return found
 
@@ -305,7 +305,7 @@ def plain(field: Floats) -> Calibration:
 
 def best_line(lengths: Floats, samples: Samples, calibration: Calibration) -> Floats:
     """What a straight line in the current leaves of lengths, for each axis, fitted to these very readings."""
-    directions = calibration.at().apply(Compensator(calibration)(samples).field)
+    directions = calibration.affine.apply(Compensator(calibration)(samples).field)
     ellipsoid = Ellipsoid(calibration.offset, calibration.shape)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     normals = magnitude.information(directions, ellipsoid)[:, :3]

@@ -274,15 +274,22 @@ def known(motion: str, attitude_deg: float, number: int) -> Known:
     if attitude_deg:
         shaken = simulate.turns(rng.normal(0.0, math.radians(attitude_deg), field.shape))
         attitude = of_matrix(turning.attitudes @ shaken)
+    acceleration = felt_by(simulate.specific_force(turning.attitudes, rng), true.accelerometer)
     samples = Samples(
         field + noise * rng.standard_normal(field.shape),
         time=turning.time,
-        acceleration=felt_by(simulate.specific_force(turning.attitudes, rng), true.accelerometer),
+        acceleration=acceleration,
         rate=felt + gyro_noise * rng.standard_normal(field.shape),
         attitude=attitude,
     )
     site = Site(strength, 60.0 + rng.normal(0.0, 1.0), gain_sigma=0.01, inclination_sigma_deg=1.0)
-    return Known(samples, site, true)
+    return Known(samples, site, replace(true, accelerometer=in_own_unit(true.accelerometer, acceleration)))
+
+
+def in_own_unit(errors: Floats, acceleration: Floats) -> Floats:
+    """(9,) errors of an accelerometer whose unit is the median length of its readings, as a fit takes it."""
+    unit = float(np.median(np.linalg.norm(acceleration, axis=1))) / GRAVITY
+    return np.concatenate([errors[:3] / unit, upper(unit * (np.eye(3) + symmetric(errors[3:])) - np.eye(3))])
 
 
 def felt_by(force: Floats, errors: Floats) -> Floats:

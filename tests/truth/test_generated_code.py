@@ -18,10 +18,12 @@ from tests.trials import nightly
 from flinders import fit, simulate
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
+from flinders.core.linearization import Linearization
 from flinders.core.units import Unit
 from flinders.errors import UsageError
 from flinders.fitting.export import export_fit, gates_of
 from flinders.fitting.result import Fit
+from flinders.report.html import python_of
 from flinders.targets import ExportOptions, find
 from flinders.targets._target import Gates
 from flinders.targets.code import Q15, Q31, FixedPoint, FixedPointFormat, signed_squares
@@ -121,6 +123,40 @@ def test_the_header_in_single_precision(unit: str, compiler: tuple[str, ...], tm
     main = MAIN.format(number="float", call="flinders_correct(v, v)")
     out = built(tmp_path, text("c", calibration) + main, compiler, recorded)
     npt.assert_allclose(out, expected(calibration, recorded), atol=1e-4)
+
+
+CURVE = Linearization(np.array([4e-4, -2e-4, 0.0]), np.array([1e-5, 0.0, -2e-5]))
+
+
+@pytest.mark.parametrize("axes", ["x,y,z", "y,x,-z"])
+@pytest.mark.parametrize("unit", ["mG", "counts"])
+def test_the_header_of_linearized_axes(unit: str, axes: str, tmp_path: Path) -> None:
+    calibration = replace(given(unit, axes), linearization=CURVE)
+    recorded = as_recorded(calibration)
+    main = MAIN.format(number="float", call="flinders_correct(v, v)")
+    out = built(tmp_path, text("c", calibration) + main, C99, recorded)
+    npt.assert_allclose(out, expected(calibration, recorded), atol=2e-4)
+
+
+def test_the_sketch_of_linearized_axes(tmp_path: Path) -> None:
+    calibration = replace(given(), linearization=CURVE)
+    recorded = as_recorded(calibration)
+    main = MAIN.format(number="float", call="mast_correctMagnetometer(v[0], v[1], v[2])")
+    out = built(tmp_path, text("arduino", calibration, "mast") + main, CPP, recorded)
+    npt.assert_allclose(out, expected(calibration, recorded), atol=2e-4)
+
+
+def test_python_of_linearized_axes() -> None:
+    """The module for boards, and the lines with NumPy of the report."""
+    calibration = replace(given(), linearization=CURVE)
+    recorded = as_recorded(calibration)
+    board: dict[str, Any] = {}
+    exec(text("micropython", calibration), board)
+    wanted = expected(calibration, recorded)
+    npt.assert_allclose([board["correct"](row) for row in recorded[:100].tolist()], wanted[:100], atol=2e-4)
+    lines: dict[str, Any] = {"raw": recorded}
+    exec(python_of(calibration), lines)
+    npt.assert_allclose(lines["corrected"], wanted, rtol=1e-9)
 
 
 @pytest.mark.parametrize("compiler", [C99, CPP], ids=["c99", "c++"])

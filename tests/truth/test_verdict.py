@@ -320,7 +320,7 @@ ELSEWHERE: Final = {
     "test_minmax.py": ("typed-extremes",),
     "test_filters.py": ("filtered",),
     "test_two_axis.py": ("composed",),
-    "test_nonlinearity.py": ("nonlinear-axis",),
+    "test_nonlinearity.py": ("nonlinear-axis", "linearized"),
     "test_attitude_dependence.py": ("attitude-dependent",),
     "test_axis_lag.py": ("axis-lag",),
     "test_shrinkage.py": ("corrected-before",),

@@ -159,7 +159,7 @@ def in_use(command: str, path: str, recordings: Sequence[str], fixed: Iterable[s
 
     fit = load(command, path, recordings)
     compensator = Compensator(_at_fixed(fit.calibration, fixed_values(fixed)))
-    return replace(fit, calibration=compensator.calibration.at()), compensator
+    return replace(fit, calibration=compensator.calibration.affine), compensator
 
 
 def _at_fixed(calibration: Calibration, values: dict[str, float]) -> Calibration:

@@ -423,8 +423,8 @@ def lossy_if_agreed(attempt: Callable[[bool], T], *, lossy: bool) -> T:
 
 SAME: Final = (
     "acceleration", "acceleration_axes", "add", "as_logged", "axes", "batch_column", "columns", "compass",
-    "field_strength", "force", "level", "lossy", "mounting", "name", "pattern", "pointing", "previous", "resume",
-    "scale", "scheduler", "sensor", "topic", "unit", "unit_column",
+    "field_strength", "force", "level", "linearize", "lossy", "mounting", "name", "pattern", "pointing", "previous",
+    "resume", "scale", "scheduler", "sensor", "topic", "unit", "unit_column",
 )  # fmt: skip
 """Keywords of Python that are options with the same name."""
 

@@ -69,7 +69,7 @@ class Smoother:
 
 @dataclass(frozen=True, slots=True)
 class Preparation:
-    """What is done to samples before they are corrected: disturbances are removed, then they are filtered."""
+    """What is done to samples before they are corrected: they are compensated, then filtered."""
 
     compensator: Compensator
     smoother: Smoother | None = None
@@ -82,7 +82,7 @@ class Preparation:
     @property
     def is_nothing(self) -> bool:
         """Samples stay as they are."""
-        return self.smoother is None and not self.compensator.calibration.disturbances
+        return self.smoother is None and self.compensator.calibration.is_affine
 
     def __call__(self, samples: Samples) -> Samples:
         """Prepare a block."""

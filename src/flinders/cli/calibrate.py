@@ -144,6 +144,9 @@ class Estimation(program.Group, heading=program.METHOD):
         help="Prior standard deviation of the soft iron, for directions that were not seen [default: 0.3].",
     )  # fmt: skip
     robust: bool = program.flag("--robust", "Look for outliers whether or not the residuals ask for it.")
+    linearize: bool = program.flag(
+        "--linearize", "Correct axes that are not linear, for targets that hold this: c, arduino, micropython."
+    )
     even_if_refused: bool = program.flag(
         "--even-if-refused", "Of a published recipe, also print the numbers that are refused, marked as such."
     )
@@ -391,7 +394,8 @@ class Calibrate(program.Group):
         method = {"method": self.estimation.method, "alignment_sigma_deg": self.estimation.alignment_sigma_deg}
         own = self.estimation.own_options({*self.common, *method, *self.reading.as_dict()})
         self.files.refuse_convergence(self.estimation.method)
-        return {**self.common, **method, **own, **self.aiding.as_options(), **self.site.as_options()}, own
+        linearize = {"linearize": True} if self.estimation.linearize else {}
+        return {**self.common, **method, **own, **linearize, **self.aiding.as_options(), **self.site.as_options()}, own
 
 
 @program.command_of(
@@ -447,6 +451,8 @@ def command(options: Calibrate) -> int:
             if refused is None or not options.estimation.even_if_refused:
                 raise
             return run.print_refused(refused, refusal)
+    if options.estimation.linearize and fit.calibration.linearization is None:
+        say("the axes are linear as far as the readings tell: --linearize changes nothing")
     run.write(fit)
     return GOOD if fit.verdict == "good" else LIMITED
 
@@ -466,6 +472,7 @@ def _typed(options: Calibrate) -> int:
         **files.of_readings,
         "--prior": estimation.prior,
         "--robust": estimation.robust or None,
+        "--linearize": estimation.linearize or None,
         "--alignment-sigma": estimation.alignment_sigma_deg,
         "--columns": reading.columns,
         "--filter": options.by,
@@ -481,7 +488,8 @@ def _each(options: Calibrate, asked: dict[str, Any]) -> int:
     from flinders.cli._multi_sensor import MultiSensor
 
     files = options.files
-    for name, value in {**files.of_readings, "--export": files.exported or None}.items():
+    alone = {"--export": files.exported or None, "--linearize": options.estimation.linearize or None}
+    for name, value in {**files.of_readings, **alone}.items():
         if value is not None:
             raise UsageError(f"{name} is for one magnetometer: leave it out with --sensor all, or choose one")
     return MultiSensor(

@@ -56,7 +56,7 @@ class Pair(program.Group):
             with saying_what_was_read(parts):
                 fit = restored(loaded, recording, target_deg=self.target_deg, dip_deg=self.dip_deg)
             others = len(parts) - len(made_from(path, parts))
-            notes = doubts(loaded.calibration.at(), recording) if others else []
+            notes = doubts(loaded.calibration.affine, recording) if others else []
         if loaded.files and others:
             notes.append(OTHER)
         for note in notes:

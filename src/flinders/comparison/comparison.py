@@ -459,13 +459,19 @@ def refuse_unlike(a: Fit, b: Fit) -> None:
     """Refuse calibrations whose numbers cannot be held against each other.
 
     Raises `UnitError` where one is in µT and the other in counts; `AxesError` where their axes are mapped in different
-    ways.
+    ways; `UsageError` where one of them linearizes its axes.
     """
     if a.calibration.unit != b.calibration.unit:
         raise UnitError(
             f"{a.name} is for readings in {label(a.calibration.unit)}, {b.name} for {label(b.calibration.unit)}: "
             "calibrate both with one unit (counts need scale=)"
         )
+    for one in (a, b):
+        if one.calibration.linearization is not None:
+            raise UsageError(
+                f"{one.name} linearizes its axes, and offset and matrix alone do not tell what it does to a reading: "
+                "compare it with a recording, flinders check CALIBRATION RECORDING"
+            )
     for what in ("axes", "frame"):
         ours, theirs = getattr(a.calibration, what), getattr(b.calibration, what)
         if ours != theirs:

@@ -204,6 +204,8 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
             f"{fit.name} is for readings in {label(fit.calibration.unit)}, the truth is in {label(truth.unit)}: "
             "calibrate with the unit of the recording (counts need scale=)"
         )
+    if fit.calibration.linearization is not None:
+        raise UsageError(f"{fit.name} linearizes its axes, and those of the truth are linear: fit without linearize")
     dip_deg = truth.field.dip_deg if dip_deg is None else dip_deg
     true = _true_calibration(truth, fit.calibration.axes)
     left = np.linalg.solve(fit.ellipsoid.shape, true.ellipsoid.shape)

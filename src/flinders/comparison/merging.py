@@ -257,6 +257,11 @@ def _refuse_alone(part: Fit) -> None:
             f"{part.name} follows {' and '.join(names)}, and a mean of offset and matrix would lose that: fit the "
             f"recordings together, flinders calibrate ONE TWO --with {','.join(names)}"
         )
+    if part.calibration.linearization is not None:
+        raise UsageError(
+            f"{part.name} linearizes its axes, and a mean of offset and matrix would lose that: fit one recording that "
+            "holds it all"
+        )
     if part.calibration.rotation != "symmetric":
         raise UsageError(
             f"{part.name} holds a rotation ({part.calibration.rotation}), of which its covariance says nothing: merge "

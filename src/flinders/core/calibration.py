@@ -29,6 +29,7 @@ from flinders.core.calibration_file import (
     DisturbanceRecord,
     Document,
     Fitted,
+    LinearizationRecord,
     Provenance,
     Recorded,
     Rotation,
@@ -37,6 +38,7 @@ from flinders.core.calibration_file import (
 )
 from flinders.core.disturbance import BY_KEY, Disturbance, checked, effect, known, named
 from flinders.core.files import write_bytes, write_text
+from flinders.core.linearization import Linearization
 from flinders.core.notebook import correction
 from flinders.core.units import COUNTS, MICROTESLA, Unit, label
 from flinders.deprecation import renamed_attribute
@@ -84,6 +86,8 @@ class Calibration(Value):
     #: what the offset follows: a current, a throttle, a temperature. With any, ``corrected = matrix @ (raw - offset - Σ
     #: P (c - reference)) / (1 + a (T - reference))``.
     disturbances: tuple[Disturbance, ...] = ()
+    #: of axes that are not linear: with it ``raw - offset`` becomes ``linearization.apply(raw - offset)``
+    linearization: Linearization | None = None
 
     drivers = renamed_attribute("drivers", "disturbances")
 
@@ -96,6 +100,8 @@ class Calibration(Value):
         object.__setattr__(self, "field_strength", _positive(self.field_strength, "field_strength"))
         if self.disturbances:
             object.__setattr__(self, "disturbances", checked(self.disturbances))
+        if self.linearization is not None:
+            self.linearization.refuse_folded(np.linalg.norm(self.shape, axis=1))
 
     @classmethod
     def identity(
@@ -183,9 +189,19 @@ class Calibration(Value):
         return turned
 
     @property
+    def is_affine(self) -> bool:
+        """It is `matrix` and `offset`, and nothing else: no disturbance, no linearization."""
+        return not self.disturbances and self.linearization is None
+
+    @property
+    def affine(self) -> Calibration:
+        """Matrix and offset alone, for readings that `flinders.core.compensation` has compensated."""
+        return self if self.is_affine else replace(self, disturbances=(), linearization=None)
+
+    @property
     def is_identity(self) -> bool:
         """Readings come out as they go in."""
-        return bool(not (self.offset.any() or self.disturbances) and np.array_equal(self.matrix, np.eye(3)))
+        return bool(self.is_affine and not self.offset.any() and np.array_equal(self.matrix, np.eye(3)))
 
     @property
     def inv(self) -> Calibration:
@@ -198,6 +214,7 @@ class Calibration(Value):
         array([1., 2., 3.])
         """
         self._refuse_disturbances("be inverted")
+        self._refuse_linearization("be inverted")
         radius = self.field_strength * float(np.exp(-np.linalg.slogdet(self.matrix)[1] / 3))
         return Calibration(
             floats(np.linalg.inv(self.matrix)),
@@ -253,9 +270,11 @@ class Calibration(Value):
         shift, gain = self._effect(current=current, throttle=throttle, temperature=temperature, **motors)
         with np.errstate(invalid="ignore", over="ignore"):  # infinite readings become NaN
             readings = vectors(raw, "raw", finite=False)
-            if not self.disturbances:
+            if self.is_affine:
                 return (readings - self.offset) @ self.matrix.T
-            corrected: Floats = (readings - self.offset - shift) @ self.matrix.T / gain[..., np.newaxis]
+            departures = readings - self.offset - shift
+            linear = departures if self.linearization is None else self.linearization.apply(departures)
+            corrected: Floats = linear @ self.matrix.T / gain[..., np.newaxis]
             return corrected
 
     def unapply(
@@ -275,9 +294,11 @@ class Calibration(Value):
         shift, gain = self._effect(current=current, throttle=throttle, temperature=temperature, **motors)
         with np.errstate(invalid="ignore", over="ignore"):
             field = vectors(corrected, "corrected", finite=False) @ np.linalg.inv(self.matrix).T
-            if not self.disturbances:
+            if self.is_affine:
                 return field + self.offset
-            raw: Floats = field * gain[..., np.newaxis] + self.offset + shift
+            linear = field * gain[..., np.newaxis]
+            departures = linear if self.linearization is None else self.linearization.invert(linear)
+            raw: Floats = departures + self.offset + shift
             return raw
 
     def _effect(self, **given: ArrayLike | None) -> tuple[Floats, Floats]:
@@ -338,6 +359,11 @@ class Calibration(Value):
                 f"calibration.at({example.name}={example.reference:g})"
             )
 
+    def _refuse_linearization(self, what: str) -> None:
+        """Raise `UsageError` where axes are linearized, for what only a matrix and an offset can."""
+        if self.linearization is not None:
+            raise UsageError(f"a calibration that linearizes its axes cannot {what}: fit one without linearize=True")
+
     def __matmul__(self, first: Calibration) -> Calibration:
         """``(b @ a).apply(x) == b.apply(a.apply(x))``: `first` acts first.
 
@@ -345,7 +371,7 @@ class Calibration(Value):
         leaves the other as it is.
 
         Raises `UnitError` where one is in µT and the other in counts; `UsageError` where this one follows a
-        disturbance, or the scale of `first` does.
+        disturbance, or the scale of `first` does, or axes are linearized.
         """
         if not isinstance(first, Calibration):
             return NotImplemented
@@ -358,6 +384,8 @@ class Calibration(Value):
         recorded = replace(self, raw=first.raw, axes=first.axes, sensor=sensor)
         if first.is_identity:
             return recorded
+        self._refuse_linearization("follow another one")
+        first._refuse_linearization("come before another one")
         if any(disturbance.gain_per_unit for disturbance in first.disturbances):
             first._refuse_disturbances("come before another one where its scale follows the temperature")
         return replace(
@@ -383,6 +411,7 @@ class Calibration(Value):
             and bool(np.abs(self.offset - other.offset).max() <= tolerance * field)
             and bool(np.abs(self.matrix - other.matrix).max() <= tolerance * gain)
             and _drive_alike(self.disturbances, other.disturbances, tolerance * field)
+            and _bend_alike(self, other, tolerance * field)
         )
 
     @classmethod
@@ -479,6 +508,7 @@ class Calibration(Value):
                 raw.sensor,
                 raw.frame,
                 _drivers(correction),
+                _linearization(correction),
             )
         except (ArrayError, UnitError, AxesError, UsageError) as error:
             raise DocumentError(f"{source}: {error}") from None
@@ -489,6 +519,8 @@ class Calibration(Value):
         content: dict[str, Any] = {**self.as_dict(), "matrix": tuple(rows), "offset": tuple(offset)}
         if content.pop("drivers", None):  # which the struct translates
             content["disturbances"] = {disturbance.kind.key: _record(disturbance) for disturbance in self.disturbances}
+        if terms := content.pop("linearization", None):
+            content["linearization"] = LinearizationRecord(**{name: tuple(term) for name, term in terms.items()})
         unit: Any = self.raw.name  # whatever the schema does not allow is refused when the document is written
         raw = Recorded(unit=unit, scale=self.raw.scale, axes=str(self.axes), sensor=self.sensor, frame=self.frame)
         return Document(calibration=Correction(**content), raw=raw, fit=fit, provenance=provenance)
@@ -500,6 +532,8 @@ class Calibration(Value):
         [0.0, 0.0, 0.0]
         """
         follows = {one.kind.key: to_builtins(_record(one)) for one in self.disturbances}
+        curve = self.linearization
+        terms = {} if curve is None else {"quadratic": curve.quadratic.tolist(), "cubic": curve.cubic.tolist()}
         return {
             "offset": self.offset.tolist(),
             "matrix": self.matrix.tolist(),
@@ -508,12 +542,14 @@ class Calibration(Value):
             "unit": self.unit,
             "rotation": self.rotation,
             **({"drivers": follows} if follows else {}),  # their name in files
+            **({"linearization": terms} if terms else {}),
         }
 
     def __repr__(self) -> str:
         rows = ", ".join(map(_short, self.matrix))
         strength = f"{self.field_strength:.4g} {self.unit}" + ", scale unknown" * (not self.field_strength_known)
         follows = "".join(f", follows {disturbance.name}" for disturbance in self.disturbances)
+        follows += ", linearizes axes" if self.linearization is not None else ""
         return (
             f"Calibration(offset={_short(self.offset)} {self.unit}, matrix=[{rows}], "
             f"field_strength={strength}, rotation {self.rotation}{follows})"
@@ -526,6 +562,7 @@ class Calibration(Value):
         known = "" if self.field_strength_known else ", as none was given"
         title = "Calibration" if self.sensor is None else f"Calibration of {self.sensor}"
         follows = [f"the offset follows {disturbance}" for disturbance in self.disturbances]
+        follows += [] if self.linearization is None else ["axes are linearized by quadratic and cubic terms first"]
         words = ("corrected = matrix · (raw − offset)", length + known, *follows)
         return correction(self.matrix.tolist(), self.offset.tolist(), unit, title=title, words=words)
 
@@ -552,6 +589,12 @@ def _drivers(correction: Correction) -> tuple[Disturbance, ...]:
     )
 
 
+def _linearization(correction: Correction) -> Linearization | None:
+    """The linearization that stands in a file."""
+    terms = correction.linearization
+    return Linearization(np.array(terms.quadratic), np.array(terms.cubic)) if terms else None
+
+
 def _drive_alike(ours: tuple[Disturbance, ...], theirs: tuple[Disturbance, ...], tolerance: float) -> bool:
     """Whether both follow the same, to within `tolerance` over what was recorded."""
     if [disturbance.name for disturbance in ours] != [disturbance.name for disturbance in theirs]:
@@ -561,6 +604,14 @@ def _drive_alike(ours: tuple[Disturbance, ...], theirs: tuple[Disturbance, ...],
         for one, other in zip(ours, theirs, strict=True)
         for end in (one.reference, one.lowest, one.highest, one.farthest)
     )
+
+
+def _bend_alike(one: Calibration, other: Calibration, tolerance: float) -> bool:
+    """Whether both linearize axes alike, to within `tolerance` where the field lies along them."""
+    if one.linearization is None or other.linearization is None:
+        return one.linearization is other.linearization
+    reach = np.linalg.norm(one.shape, axis=1) * np.array([[-1.0], [1.0]])
+    return bool(np.abs(one.linearization.apply(reach) - other.linearization.apply(reach)).max() <= tolerance)
 
 
 def _invertible(values: ArrayLike, rotation: Rotation) -> Floats:

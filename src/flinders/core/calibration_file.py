@@ -88,6 +88,13 @@ class DisturbanceRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields
     scale_per_unit: float = 0.0  #: by which share the earth's part of a reading grows with each °C
 
 
+class LinearizationRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Terms of axes that are not linear: d - (quadratic + cubic d) d², d = raw - offset, goes into the matrix."""
+
+    quadratic: Triple  #: (3,), one over the calibration's unit
+    cubic: Triple  #: (3,), one over the square of it
+
+
 class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """corrected = matrix (raw - offset), of length field_strength."""
 
@@ -102,6 +109,7 @@ class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     #: name to DisturbanceRecord: what the offset follows: ``current_A``, ``throttle`` (0 to 1), ``temperature_C``; of
     #: motor 1 by itself ``current1_A``, ``throttle1``
     disturbances: dict[Driving, DisturbanceRecord] | UnsetType = field(name="drivers", default=UNSET)
+    linearization: LinearizationRecord | UnsetType = UNSET  #: where axes are linearized before the matrix
 
 
 class Recorded(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

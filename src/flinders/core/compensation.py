@@ -1,7 +1,8 @@
-"""Compensation of a recording: readings as they would be with all disturbances at their references.
+"""Compensation of a recording: readings as they would be with all disturbances at their references, of linear axes.
 
-A calibration with `disturbances` is a plain one, `Calibration.at()`, of compensated readings. Everything that works on
-readings (a fit, a check, headings, a filter) compensates them first, and needs to know of disturbances no more.
+A calibration with `disturbances` or a `linearization` is a plain one, `Calibration.affine`, of compensated readings.
+Everything that works on readings (a fit, a check, headings, a filter) compensates them first, and needs to know of
+either no more.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.disturbance import Disturbance
@@ -11,7 +12,7 @@ readings (a fit, a check, headings, a filter) compensates them first, and needs 
 >>> Compensator(calibration)(flown).field
 array([[60.,  0.,  0.],
        [60.,  0.,  0.]])
->>> calibration.at().apply(Compensator(calibration)(flown).field)
+>>> calibration.affine.apply(Compensator(calibration)(flown).field)
 array([[50.,  0.,  0.],
        [50.,  0.,  0.]])
 """
@@ -37,9 +38,9 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True, eq=False)
 class Compensator:
-    """Takes what drives the offset off the blocks of one recording, in their order."""
+    """Takes disturbances, and what is not linear, off the blocks of one recording, in their order."""
 
-    calibration: Calibration  #: with the disturbances; without any, readings stay as they are
+    calibration: Calibration  #: of one that is affine, readings stay as they are
     #: of each disturbance, how far it was seen outside the range that it was found in, as a share of it
     beyond: dict[str, float] = field(default_factory=dict)
     _before: dict[str, tuple[Floats, Floats]] = field(default_factory=dict)
@@ -47,16 +48,18 @@ class Compensator:
     def __call__(self, samples: Samples) -> Samples:
         """Compensate a block; one that lacks a column raises `InputError`, which says what that costs."""
         disturbances = self.calibration.disturbances
-        if not disturbances or not len(samples):
+        if self.calibration.is_affine or not len(samples):
             return samples
         if lacking := [disturbance for disturbance in disturbances if not _is_recorded(samples, disturbance)]:
             raise InputError(lacking_words(self.calibration, lacking, samples.source))
         values = {disturbance.name: self._values(disturbance, samples) for disturbance in disturbances}
         shift, gain = effect(disturbances, values)
-        offset = self.calibration.offset
+        offset, linearization = self.calibration.offset, self.calibration.linearization
         compensated = samples.field - shift
+        if linearization is not None:
+            compensated = offset + linearization.apply(compensated - offset)
         if any(disturbance.gain_per_unit for disturbance in disturbances):
-            compensated = offset + (compensated - offset) / gain[:, np.newaxis]
+            compensated = offset + (compensated - offset) / gain[..., np.newaxis]
         return replace(samples, field=compensated)
 
     def words(self) -> Iterator[str]:
@@ -85,10 +88,10 @@ class Compensator:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compensated(Wrapped):
-    """A recording without what drives its offset."""
+    """A recording without disturbances, of linear axes."""
 
     recording: Recording
-    calibration: Calibration  #: with the disturbances
+    calibration: Calibration  #: with the disturbances and the linearization
 
     def blocks(self) -> Iterator[Samples]:
         """Yield compensated blocks."""
@@ -98,8 +101,8 @@ class Compensated(Wrapped):
 
 
 def compensated(recording: Recording, calibration: Calibration) -> Recording:
-    """A recording without what drives its offset; of several joined ones, each on its own."""
-    if not calibration.disturbances:
+    """A recording without disturbances, of linear axes; of several joined ones, each on its own."""
+    if calibration.is_affine:
         return recording
     if isinstance(recording, Joined):
         return Joined(tuple(compensated(part, calibration) for part in recording.recordings))

@@ -32,6 +32,8 @@ the nine parameters, weighted by the noise that the fit has found, slow noise in
 >>> nonlinearity.axis, f"{nonlinearity.share:.0%}"
 ('x', '3%')
 
+A fit that was asked to linearizes such axes: `flinders.fitting.linearization`.
+
 Lags. An axis that is read later than the others reads less by its rate of change times that lag while the sensor turns,
 which moves offset and matrix. The lags about their mean are found along with the nine parameters in the same way
 (`lag.c`); one that all axes have in common leaves no residual, and does no harm.
@@ -41,7 +43,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
@@ -54,6 +56,8 @@ if TYPE_CHECKING:
 
 BY_CHANCE: Final = 1e-4
 """Chance below which axes count as not linear, or late: it makes as much in less than one of a thousand recordings."""
+
+HARDLY_BY_CHANCE: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,13 +97,19 @@ class Nonlinearity:
     # (3,): what an axis reads too much where the field lies along it, as a fraction of the field
     quadratic: tuple[float, float, float]
     cubic: tuple[float, float, float]
-    heading_deg: float  # what they do to a level heading, at the worst heading
+    heading_deg: float  # what they do to a level heading, at the worst heading; of corrected ones what is left, 1 σ
     p_value: float  # how often chance alone makes as much
+    is_corrected: bool = False  # the calibration linearizes the axes
 
     @property
     def is_proven(self) -> bool:
         """Whether chance does not explain them."""
         return self.p_value < BY_CHANCE
+
+    @property
+    def is_likely(self) -> bool:
+        """Whether chance hardly explains them, which is enough where somebody asks for their correction."""
+        return self.p_value < HARDLY_BY_CHANCE
 
     @property
     def axis(self) -> str:
@@ -138,6 +148,7 @@ class AxisLag:
     is_timed: bool  # whether they are in s
     heading_deg: float  # what they do to a level heading of a vehicle at rest, at the worst heading
     p_value: float  # how often chance alone makes as much
+    is_corrected: ClassVar[bool] = False  # by no calibration: it would have to know how fast the sensor turns
 
     @property
     def is_proven(self) -> bool:

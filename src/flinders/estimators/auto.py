@@ -114,9 +114,10 @@ class Auto:
         much = 1.0 if nearly else np.inf if turned.outliers else MUCH_BETTER  # what leaves the plane are no outliers
         return turned if is_turn or much * self._claimed(turned) < self._claimed(estimate) else estimate
 
-    def recorded(self, readings: Readings) -> Records:
+    def recorded(self, readings: Readings, *, statistics: int = 1) -> Records:
         """The engine's record of what `estimate` does with readings out of one plane."""
-        return recorded(readings, self.prior, robust=2 if self.robust else 1, dip_deg=self.dip_deg)
+        robust = 2 if self.robust else 1
+        return recorded(readings, self.prior, robust=robust, dip_deg=self.dip_deg, statistics=statistics)
 
     def _claimed(self, estimate: Estimate) -> float:
         """Worst level heading error that an estimate claims, in degrees."""

@@ -134,11 +134,14 @@ def fitted(readings: Readings, prior: float | None, *, robust: int, dip_deg: flo
     return estimated(recorded(readings, prior, robust=robust, dip_deg=dip_deg), readings, has_statistics=True)
 
 
-def recorded(readings: Readings, prior: float | None, *, robust: int, dip_deg: float = 60.0) -> Records:
+def recorded(
+    readings: Readings, prior: float | None, *, robust: int, dip_deg: float = 60.0, statistics: int = 1
+) -> Records:
     """The engine's record of a fit from the consistent start, see `fitted`; raises NeedsSamples."""
     field, ends = readings.in_memory(Likelihood.name)
     time = readings.recording.time if isinstance(readings.recording, Samples) else None
-    return engine().fit(field, time=time, ends=ends, prior=prior or 0.0, dip_deg=dip_deg, robust=robust)
+    options = {"prior": prior or 0.0, "dip_deg": dip_deg, "robust": robust, "statistics": statistics}
+    return engine().fit(field, time=time, ends=ends, **options)
 
 
 def estimated(record: Records, readings: Readings, *, has_statistics: bool = False) -> Estimate:

@@ -462,8 +462,9 @@ ROWS: Final = (
         ),
         limit="the target",
         action=(
-            "nothing below the target, the heading error allows for it; else move the sensor away from magnets, so "
-            "that it works in the middle of its range, or take another"
+            "nothing below the target, the heading error allows for it; else correct it (`linearize=True`, "
+            "`--linearize`) where the correction goes into C or Python code, or move the sensor away from magnets, so "
+            "that it works in the middle of its range"
         ),
         rule=Rule(
             "nonlinear_deg",
@@ -473,16 +474,33 @@ ROWS: Final = (
         said=(
             "axis {nonlinear_axis} is not linear: it is off a straight line by {nonlinear_share:.1%} of the field, "
             "{nonlinear_deg}° of heading, which the heading error allows for; check whether the sensor is near the "
-            "end of its range, or near a magnet"
+            "end of its range, or near a magnet; for C or Python code the axes can be linearized"
         ),
+        arguments="linearize=True",
+        options="--linearize",
         plain=(
-            "An axis of the sensor does not answer in proportion to the field, which no correction of this kind "
-            "removes: {angle} of heading. The errors given here allow for it."
+            "An axis of the sensor does not answer in proportion to the field, which an offset and a matrix do not "
+            "remove: {angle} of heading. The errors given here allow for it."
         ),
         remedy=(
-            "Move the sensor away from magnets, so that it works in the middle of its range, or take another sensor."
+            "Move the sensor away from magnets, so that it works in the middle of its range, or linearize its axes "
+            "where the correction goes into code of your own."
         ),
         alarm=True,
+    ),
+    CatalogueRow(
+        code="linearized",
+        number="heading error, 1 σ at the worst heading, that the terms of linearized axes leave, degrees",
+        limit="the target",
+        action="write the calibration for a target that holds it: `c`, `arduino`, `micropython`; or apply it here",
+        rule=Rule("linearized_deg", (Grade("note", -1.0),), limit=Limit(1.0, "target_deg")),
+        said=(
+            "axis {nonlinear_axis} is not linear, by {linearized_share:.1%} of the field, and the calibration "
+            "linearizes it; what is not known of its curve is {linearized_deg}° of heading, which the heading error "
+            "has in it"
+        ),
+        plain="An axis of the sensor does not answer in proportion to the field, and the correction allows for that.",
+        remedy="Nothing; the correction works in code of your own, in C or Python.",
     ),
     CatalogueRow(
         code="axis-lag",

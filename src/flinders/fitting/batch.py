@@ -290,6 +290,7 @@ NOT_ASKED: Final = dict.fromkeys(
         "swap_gain",
         "farthest",
         "soft_iron_by_chance",
+        "linearized_deg",
         "poses_by_chance",
     ),
     np.nan,

@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.disturbance import Driving
     from flinders.fitting.claim import Claim
+    from flinders.fitting.linearization import AxisTerms
     from flinders.likelihood.site_field import Site
     from flinders.native.engine import Records
     from flinders.readers import AnySource
@@ -185,6 +186,8 @@ class _Evidence(NamedTuple):
         The estimate is of the magnetometer and its aiding sensors.
     refreshed : Refreshed, optional
         The shape is that of an earlier calibration.
+    linearized : AxisTerms, optional
+        What was taken off the readings, of axes that are not linear.
     """
 
     estimate: Estimate
@@ -196,6 +199,7 @@ class _Evidence(NamedTuple):
     aiding: Aiding | None = None
     is_joint: bool = False
     refreshed: Refreshed | None = None
+    linearized: AxisTerms | None = None
 
     @classmethod
     def of(cls, estimate: Estimate, readings: Readings, aiding: Aiding | None = None) -> Self:
@@ -205,12 +209,17 @@ class _Evidence(NamedTuple):
         return cls(estimate, readings, summary.statistics, coverage, aiding=aiding)
 
     @classmethod
-    def of_record(cls, estimator: Estimator, readings: Readings, unit: Unit | None) -> Self | None:
-        """Take it from the engine's record of one recording in memory; None where a record does not tell enough."""
+    def of_record(
+        cls, estimator: Estimator, readings: Readings, unit: Unit | None, *, has_sigma: bool = False
+    ) -> Self | None:
+        """Take it from the engine's record of one recording in memory; None where a record does not tell enough.
+
+        It says how well terms of the axes are known if `has_sigma`.
+        """
         samples = readings.recording
         if not isinstance(estimator, Auto) or not isinstance(samples, Samples) or readings.parts:
             return None
-        record = estimator.recorded(readings)
+        record = estimator.recorded(readings, statistics=2 if has_sigma else 1)
         if record["status"] or not was_turned(record, (unit or UNSTATED).inside):
             return None
         estimate = estimated(record, readings, has_statistics=True)
@@ -255,6 +264,7 @@ def fit(
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
     acceleration_gain: float = GAIN_SIGMA,
+    linearize: bool = False,
     **options: Any,
 ) -> Fit:
     """Find the calibration, and say how far to trust it.
@@ -297,6 +307,10 @@ def fit(
         With the aid ``dip``: what the accelerometer may be off by on each axis, 1 σ; 0 where it has been calibrated.
     acceleration_gain : float
         With the aid ``dip``: what its gains may be off by, and its axes from square in rad, 1 σ.
+    linearize : bool
+        Correct axes that are not linear, where chance hardly explains them and the claim becomes smaller
+        (`Calibration.linearization`): C and Python hold such a calibration, other targets do not. For one recording in
+        memory by ``auto``, without aids and disturbances.
     **options
         Those of the method, such as ``prior=None`` or ``bias_correction=False`` for ``likelihood``.
 
@@ -328,6 +342,10 @@ def fit(
     )
     if aiding and (method != "auto" or set(options) - {"prior"}):
         raise UsageError("aids go with method='auto' and its prior alone: leave other methods and options out")
+    if linearize and (aiding or disturbances or method != "auto"):
+        raise UsageError(
+            "linearize=True goes with the method auto alone: leave aids, disturbances and other methods out"
+        )
     estimator = estimator_of(method, options, {"dip_deg": request.dip_deg, "field_strength": field_strength})
     unit = Unit.of(unit) if isinstance(unit, str) else unit
     axes = Axes.of(axes) if isinstance(axes, str) else axes
@@ -337,11 +355,15 @@ def fit(
     evidence = _estimated(Readings.of(source), estimator, request, frame.unit)
     if driving is not None:
         evidence = evidence._replace(driving=driving)
+    if linearize:
+        evidence = _linearized(evidence, estimator, frame.unit)
     if evidence.aiding is not None:
         evidence = evidence._replace(aiding=replace(evidence.aiding, each=(*tried, *evidence.aiding.each)))
     claim = _claimed(evidence, estimator, request)
     nearer = _shrunk(claim.estimate, evidence, estimator, request)
     calibration = _turned(_calibration(nearer or evidence.estimate, request, frame, sensor), evidence.aiding)
+    if evidence.linearized is not None:
+        calibration = replace(calibration, linearization=evidence.linearized.linearization)
     return _accepted(_mounted(_judged(claim, evidence, calibration, request, nearer), alignment_sigma_deg))
 
 
@@ -382,6 +404,43 @@ def _estimated(readings: Readings, estimator: Estimator, request: Request, unit:
 
     estimate = _at_site(estimator.estimate(readings), readings, request)
     return _Evidence.of(estimate, at_one_strength(readings, estimate), aiding)
+
+
+def _linearized(plain: _Evidence, estimator: Estimator, unit: Unit | None) -> _Evidence:
+    """Evidence of linear readings, where axes are hardly linear and a smaller claim is left; else as it was."""
+    found, lag = _faults_of_axes(plain.estimate, plain)
+    recording = plain.readings.recording
+    if plain.record is None or not isinstance(recording, Samples):
+        raise UsageError(
+            "linearize=True takes one recording, of a sensor that was turned through all directions, and no field of a "
+            "site: leave the others out"
+        )
+    if found is None or not found.is_likely:
+        return plain
+    if lag is not None and lag.is_proven and lag.p_value < found.p_value:  # looks a little like curves
+        return plain
+    from flinders.fitting.linearization import ROUNDS, AxisTerms
+
+    terms, evidence = AxisTerms.of(found, plain.estimate.ellipsoid), plain
+    for _ in range(ROUNDS):
+        linear = Readings.of(replace(recording, field=terms.linear(recording.field)))
+        fitted = _Evidence.of_record(estimator, linear, unit, has_sigma=True)
+        if fitted is None or fitted.record is None:
+            return plain
+        left = nonlinearity_in(fitted.record)
+        evidence, before, terms = fitted, terms, terms.refined(left, fitted.estimate.ellipsoid)
+        if terms.is_close(before):
+            break
+    linearized = evidence._replace(linearized=terms)
+    return linearized if _expected_deg(linearized) < _expected_deg(plain) else plain
+
+
+def _expected_deg(evidence: _Evidence) -> float:
+    """Worst level heading error by the engine's record, with what belongs to the direction."""
+    assert evidence.record is not None
+    estimate, faults = evidence.estimate, _faults_of_axes(evidence.estimate, evidence)
+    level = estimate.ellipsoid.radius * math.cos(math.radians(evidence.record["dip_deg"]))
+    return math.hypot(evidence.record["level_worst_deg"], structure_deg(_distortion(estimate, None), level, faults))
 
 
 def _claimed(evidence: _Evidence, estimator: Estimator, request: Request) -> Claim:
@@ -614,12 +673,13 @@ def _with_halves(drift: Drift | None, estimate: Estimate, readings: Readings, re
 
 
 def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlinearity | None, AxisLag | None]:
-    """Whether axes answer along a curve, or late, by an ellipsoid that was fitted to the readings as recorded."""
+    """Whether axes answer along a curve, or late, by an ellipsoid that was fitted to readings that nothing drives."""
     if evidence.record is None or evidence.driving or estimate.plane or estimate.unobserved:
         return None, None
     if estimate.bias is not None:
         return None, None
-    return nonlinearity_in(evidence.record), lag_in(evidence.record)
+    terms, lag = evidence.linearized, lag_in(evidence.record)
+    return nonlinearity_in(evidence.record) if terms is None else terms.corrected(evidence.record), lag
 
 
 def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:

@@ -204,6 +204,8 @@ def refuse_unfit(previous: Fit) -> None:
         raise UsageError(
             f"{previous.name} follows {names}, and a refreshed offset would not: calibrate again with {names}"
         )
+    if previous.calibration.linearization is not None:
+        raise UsageError(f"{previous.name} linearizes its axes about its offset: calibrate again, from a full tumble")
 
 
 def _refuse_still(field: Floats, shape: Floats) -> None:

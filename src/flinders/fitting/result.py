@@ -187,7 +187,7 @@ class Fit(Outcome):
         How late each axis is read, likewise.
     nonlinearity : Nonlinearity, optional
         Of the axes, where the fit is one of a hundred readings or more as they were recorded. Where it is proven,
-        `structure_deg` has it.
+        `structure_deg` has it, or what the linearization of the calibration leaves of it.
     conditions : tuple of {'same-soft-iron', 'uniform-field', 'constant-iron'}
         What a good verdict rests on and no recording of this kind shows: that the field is the same wherever the sensor
         was, and that neither current nor iron near it changed with its attitude. Other evidence ends them.
@@ -439,9 +439,11 @@ class Fit(Outcome):
     def faults_of_axes(self) -> tuple[Nonlinearity | AxisLag, ...]:
         """Axes that are proven not to be linear, and axes that are proven late; what chance explains least first.
 
-        Each looks a little like the other: the second is left out where the first costs half as much or more.
+        Without what the calibration corrects. Each looks a little like the other: the second is left out where the
+        first costs half as much or more.
         """
-        faults = [fault for fault in (self.nonlinearity, self.axis_lag) if fault is not None and fault.is_proven]
+        found = [fault for fault in (self.nonlinearity, self.axis_lag) if fault is not None and fault.is_proven]
+        faults = [fault for fault in found if not fault.is_corrected]
         faults.sort(key=lambda fault: fault.p_value)
         return tuple(
             fault for fault in faults if fault is faults[0] or faults[0].heading_deg < ALIKE * fault.heading_deg
@@ -752,8 +754,10 @@ def _rms_and_worst(error: HeadingError | DirectionError | None) -> dict[str, flo
 
 def structure_deg(distortion: float, level: float, faults: Iterable[Nonlinearity | AxisLag | None]) -> float:
     """`Fit.structure_deg` of a distortion in a level field so strong, and of faults of axes."""
-    proven = (fault.heading_deg for fault in faults if fault is not None and fault.is_proven)
-    return max(math.degrees(distortion / level), *proven, 0.0)
+    found = [fault for fault in faults if fault is not None]
+    left = (fault.heading_deg for fault in found if fault.is_corrected)
+    whole = (fault.heading_deg for fault in found if fault.is_proven and not fault.is_corrected)
+    return math.hypot(max(math.degrees(distortion / level), 0.0, *whole), *left)
 
 
 def fit_of(outcome: Fit | FlindersError) -> Fit | None:

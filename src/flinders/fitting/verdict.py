@@ -300,12 +300,15 @@ def _structure(fit: Fit) -> dict[str, float]:
     faults = fit.faults_of_axes
     bent = fit.nonlinearity if fit.nonlinearity in faults else None
     late = fit.axis_lag if fit.axis_lag in faults else None
+    corrected = fit.nonlinearity if fit.nonlinearity and fit.nonlinearity.is_corrected else None
     return {
         "structure_deg": fit.structure_deg,
         "structure_share": math.nan if bent else fit.distortion / fit.ellipsoid.radius,
         "nonlinear_deg": bent.heading_deg if bent else math.nan,
         "nonlinear_share": bent.share if bent else math.nan,
         "lag_deg": late.heading_deg if late else math.nan,
+        "linearized_deg": corrected.heading_deg if corrected else math.nan,
+        "linearized_share": corrected.share if corrected else math.nan,
     }
 
 

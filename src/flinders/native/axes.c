@@ -28,9 +28,10 @@ static int has_columns(const fl_view *view, const fl_room *room, const flinders_
     return record->is_white && !record->is_robust && !room->parts && view->rows <= FL_SOME;
 }
 
-/* Look for faults of the axes; the record stays as it is where nothing can be told of them. */
-void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, const fl_room *room,
-             flinders_record *record)
+/* Look for faults of the axes, and say how well the terms of those that are not linear are known; the record stays as it
+ * is where nothing can be told of them. */
+void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, int has_sigma,
+             const fl_room *room, flinders_record *record)
 {
     fl_residuals all;
     fl_regression nonlinear, lag;
@@ -43,6 +44,7 @@ void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, 
         bent_by_chance = fl_chance_of_terms(kernels, &nonlinear, 9, FL_NONLINEAR, room, record);
     if (!room->parts && fl_regress(&all, products, 0, FL_LAGS_OF_AXES + 9, &lag))
         late_by_chance = fl_chance_of_terms(kernels, &lag, 0, FL_LAGS_OF_AXES, room, record);
+    if (bent_by_chance <= 1 && has_sigma) fl_nonlinear_sigma(kernels, &fit->surface, room, &nonlinear, dip_deg, record);
     if (bent_by_chance <= 1)
         fl_nonlinearity(kernels, view, &fit->surface, room, &nonlinear, bent_by_chance, dip_deg, record);
     if (late_by_chance <= 1) fl_lag(kernels, view, fit, room, &lag, late_by_chance, dip_deg, record);

@@ -27,13 +27,13 @@ static void displacements(const fl_surface *surface, const real direction[3], re
     }
 }
 
-/* Error of the heading of a level vehicle at the worst heading, without its mean, that a solution tells of. */
-static real level_error(const fl_surface *surface, const real solution[WIDTH], real dip_deg)
+/* Errors of the headings of a level vehicle, without their mean, that a solution tells of, in radians. */
+static void level_errors(const fl_surface *surface, const real solution[WIDTH], real dip_deg, real errors[HEADINGS])
 {
     const real *step = solution, *shape = solution + 3, *terms = solution + 9;
     const real dip = dip_deg / TO_DEG, flat = fl_cos(dip);
     const real turn = fl_cos(2 * FL_PI / HEADINGS), slant = fl_sin(2 * FL_PI / HEADINGS), height = fl_sin(dip);
-    real errors[HEADINGS], cosine = 1, sine = 0, mean = 0, worst = 0;
+    real cosine = 1, sine = 0, mean = 0;
     for (int k = 0; k < HEADINGS; k++) {
         const real field[3] = {flat * cosine, -flat * sine, height}, across[3] = {sine / flat, cosine / flat, 0};
         real added[TERMS], moved[3], corrected[3];
@@ -49,11 +49,39 @@ static real level_error(const fl_surface *surface, const real solution[WIDTH], r
         sine = sine * turn + cosine * slant;
         cosine = next;
     }
-    for (int k = 0; k < HEADINGS; k++) {
-        const real error = fl_abs(errors[k] - mean);
-        worst = error > worst ? error : worst;
-    }
+    for (int k = 0; k < HEADINGS; k++) errors[k] -= mean;
+}
+
+/* The largest of them, in degrees. */
+static real level_error(const fl_surface *surface, const real solution[WIDTH], real dip_deg)
+{
+    real errors[HEADINGS], worst = 0;
+    level_errors(surface, solution, dip_deg, errors);
+    for (int k = 0; k < HEADINGS; k++) worst = fl_abs(errors[k]) > worst ? fl_abs(errors[k]) : worst;
     return TO_DEG * worst;
+}
+
+/* Write into a record what is not known of the terms, and of the nine parameters along with them, as with L Lᵀ = cov(terms)
+ * each column of L and the step of the nine that goes with it. */
+void fl_nonlinear_sigma(const fl_kernels *kernels, const fl_surface *surface, const fl_room *room,
+                        const fl_regression *found, real dip_deg, flinders_record *record)
+{
+    real covariance[WIDTH * WIDTH], factor[TERMS * TERMS], squares[HEADINGS] = {0}, worst = 0;
+    fl_covariance_of_terms(kernels, found, room, record, covariance);
+    for (int a = 0; a < TERMS; a++)
+        memcpy(factor + TERMS * a, covariance + WIDTH * (9 + a) + 9, TERMS * sizeof(real));
+    if (fl_cholesky(factor, TERMS)) return;
+    for (int k = 0; k < TERMS; k++) {
+        real solution[WIDTH] = {0}, weights[TERMS], errors[HEADINGS];
+        for (int a = 0; a < TERMS; a++) weights[a] = solution[9 + a] = a < k ? 0 : factor[TERMS * a + k];
+        fl_cholesky_solve(factor, TERMS, weights);
+        for (int i = 0; i < 9; i++)
+            for (int a = 0; a < TERMS; a++) solution[i] += covariance[WIDTH * i + 9 + a] * weights[a];
+        level_errors(surface, solution, dip_deg, errors);
+        for (int h = 0; h < HEADINGS; h++) squares[h] += errors[h] * errors[h];
+    }
+    for (int h = 0; h < HEADINGS; h++) worst = squares[h] > worst ? squares[h] : worst;
+    record->nonlinear_sigma_deg = TO_DEG * fl_sqrt(worst);
 }
 
 /* Whether a solution takes off what residuals of one direction have in common at different times. */

@@ -61,7 +61,8 @@ static void describe(const fl_kernels *kernels, const fl_view *view, const flind
     fl_heading_errors(&fit->surface, record, options->dip_deg);
     if (options->statistics && !record->is_white && !record->unobserved && !room->parts)
         fl_drift(kernels, view, &fit->surface, record->dip_deg, room, record);
-    if (options->statistics && !record->unobserved) fl_axes(kernels, view, fit, record->dip_deg, room, record);
+    if (options->statistics && !record->unobserved)
+        fl_axes(kernels, view, fit, record->dip_deg, options->statistics > 1, room, record);
 }
 
 /* Fit recordings of one sensor as one. */

@@ -78,8 +78,8 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
               const fl_room *room, fl_fit *fit, flinders_record *record);
 void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real dip_deg,
               const fl_room *room, flinders_record *record);
-void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, const fl_room *room,
-             flinders_record *record);
+void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, int has_sigma,
+             const fl_room *room, flinders_record *record);
 void fl_forget_outliers(fl_view *view, flinders_record *record);
 real fl_cell_side(const real *field, size_t rows);
 void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room);

@@ -218,18 +218,38 @@ static real square_of_terms(const fl_regression *of, int first, int count)
     return more > 0 && of->square > 0 ? more * (real)of->left.n / of->square : 0;
 }
 
+/* Covariance of all terms for residuals that are correlated; returns how many of them are independent, beyond those that
+ * the terms take. */
+static real correlated_covariance(const fl_kernels *kernels, const fl_regression *of, const fl_room *room,
+                                  real *covariance)
+{
+    fl_residuals left = of->left;
+    real inverse[FL_WIDEST * FL_WIDEST];
+    fl_inverse(of->matrix, left.width, inverse);
+    left.distances = room->distances;
+    kernels->take_off(left.columns, left.n, left.width, of->solution, of->left.distances, left.distances);
+    return fl_covariance_of_solution(kernels, &left, of->matrix, inverse, covariance);
+}
+
+/* Covariance (n, n) of all terms, residuals as they are correlated. */
+void fl_covariance_of_terms(const fl_kernels *kernels, const fl_regression *of, const fl_room *room,
+                            const flinders_record *record, real *covariance)
+{
+    const int n = of->left.width;
+    real each = 1 / share_of_distinct(record);
+    if (!record->is_white) correlated_covariance(kernels, of, room, covariance);
+    else fl_inverse(of->matrix, n, covariance), each *= of->square / ((real)of->left.n - (real)n);
+    for (int i = 0; i < n * n; i++) covariance[i] *= each;
+}
+
 /* The same for residuals that are correlated, and how many directions it has; returns how many residuals are independent,
  * beyond those that all terms take. */
 static real correlated_square(const fl_kernels *kernels, const fl_regression *of, int first, int count,
                               const fl_room *room, real *square, real *freedom)
 {
-    fl_residuals left = of->left;
-    const int n = left.width;
-    real inverse[FL_WIDEST * FL_WIDEST], covariance[FL_WIDEST * FL_WIDEST], spread[FL_WIDEST * FL_WIDEST];
-    fl_inverse(of->matrix, n, inverse);
-    left.distances = room->distances;
-    kernels->take_off(left.columns, left.n, n, of->solution, of->left.distances, left.distances);
-    const real independent = fl_covariance_of_solution(kernels, &left, of->matrix, inverse, covariance);
+    const int n = of->left.width;
+    real covariance[FL_WIDEST * FL_WIDEST], spread[FL_WIDEST * FL_WIDEST];
+    const real independent = correlated_covariance(kernels, of, room, covariance);
     for (int a = 0; a < count; a++)
         for (int b = 0; b < count; b++) spread[count * a + b] = covariance[n * (first + a) + first + b];
     *freedom = (real)fl_chi_square(of->solution + first, spread, count, square);

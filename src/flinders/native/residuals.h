@@ -69,6 +69,8 @@ void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow);
 int fl_regress(const fl_residuals *all, const real *products, int first, int width, fl_regression *out);
 real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int first, int count, const fl_room *room,
                         const flinders_record *record);
+void fl_covariance_of_terms(const fl_kernels *kernels, const fl_regression *of, const fl_room *room,
+                            const flinders_record *record, real *covariance);
 real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix,
                                const real *inverse, real *covariance);
 int fl_is_noisy(const fl_residuals *residuals, const fl_surface *surface);
@@ -82,6 +84,8 @@ void fl_gather_axes(const fl_kernels *kernels, const fl_view *view, const fl_sur
 void fl_add_lags(const fl_view *view, const fl_room *room, fl_residuals *all);
 void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
                      const fl_regression *found, real by_chance, real dip_deg, flinders_record *record);
+void fl_nonlinear_sigma(const fl_kernels *kernels, const fl_surface *surface, const fl_room *room,
+                        const fl_regression *found, real dip_deg, flinders_record *record);
 void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
             const fl_regression *found, real by_chance, real dip_deg, flinders_record *record);
 

@@ -42,6 +42,7 @@ from flinders.readers._tokenizer import (
     COMMENTS,
     CUT_OFF,
     ENDS_EARLY,
+    GLUED,
     QUANTITY,
     SPACES,
     Grid,
@@ -86,6 +87,7 @@ MOST_SENSORS: Final = 8  # Sensors whose number may stand before each reading
 MOST_RANGES: Final = 16  # Columns whose ranges are listed
 _PLAIN: Final = re.compile(r"(?:[-+.,;\s\d]|[eE][-+]\d|nan)*", re.ASCII)
 _GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
+_PARTED: Final = re.compile(r"\S[^\S\n]+\S")
 _OPENS_JSON: Final = re.compile(r"^\s*[\[{]")
 _CLOCK: Final = re.compile(r"\d:\d\d:\d\d")
 _LETTER: Final = re.compile(r"[^\W\d_]")
@@ -261,8 +263,8 @@ def sniff(
         marked = "" if blank else f"; where readings begin with {' or '.join(COMMENTS)}, say how with pattern="
         raise UnreadableInput(f"{name} holds only {content}: need lines of numbers, one reading each{marked}")
     for some, least in ((lines[:TRIED], 3), (lines, 3), *([(lines, 2)] if flat else [])):
-        best = max((_cut(some, signs, least) for signs in _signs_of(some)), key=_Cut.score)
-        if best.rows:
+        best = max((_cut(some, signs, least) for signs in _signs_of(some)), key=_Cut.score, default=None)
+        if best is not None and best.rows:
             choosing = partial(choose, asked=columns, flat=flat, choice=choice, source=name)
             return _table(name, texts, best.rows, best.signs, header, choosing, is_asked=columns is not None)
     raise _nothing(name, lines)
@@ -328,9 +330,14 @@ class _Cut(NamedTuple):
 
 
 def _signs_of(lines: list[tuple[int, str]]) -> list[tuple[str, str]]:
-    """Leave out decimal commas where no cell can have one: cut at commas, it is one in quotes."""
-    has_comma, has_quote = (any(sign in text for _, text in lines) for sign in ',"')
-    return [signs for signs in SIGNS if signs[1] == "." or (has_quote if signs[0] == "," else has_comma)]
+    """Leave out delimiters of no line, and decimal commas that no cell can have: cut at commas, it is one in quotes."""
+    whole = "\n".join(text for _, text in lines)
+    has_comma, has_quote = "," in whole, '"' in whole
+    there = {delimiter for delimiter, _ in SIGNS if delimiter in whole} - {SPACES}
+    if _PARTED.search(whole) or GLUED.search(whole.replace('"', "")):
+        there.add(SPACES)
+    decimals = (signs for signs in SIGNS if signs[0] in there)
+    return [signs for signs in decimals if signs[1] == "." or (has_quote if signs[0] == "," else has_comma)]
 
 
 def _cut(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3) -> _Cut:

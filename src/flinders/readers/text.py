@@ -214,25 +214,26 @@ class TextRecording(ColumnsRecording):
 
     def _parsed(self, lines: Lines, parse: Parse | None) -> NumberRows | None:
         """Read a block by pyarrow, where it is used and there is nothing but readings."""
-        values = parse(lines) if parse and self._is_all_readings(lines) else None
+        is_table = lines.first >= self.layout.start and self._is_all_readings(lines.text)
+        values = parse(lines) if parse and is_table else None
         return None if values is None else NumberRows(values, lines.numbers, [])
 
     def _rows(self, lines: Lines, grid: Grid) -> NumberRows:
         """Read the lines of a block that should be readings."""
-        texts, first = lines.texts, lines.first
-        if self._is_all_readings(lines) and all(map(str.strip, texts)):
-            return rows_of(texts, lines.numbers, grid)
-        after = max(self.layout.start - first, 0)
-        places = [place for place, text in enumerate(texts) if place >= after and self.layout.is_reading(text)]
+        above = max(self.layout.start - lines.first, 0)
+        texts, first = lines.texts[above:], lines.first + above
+        text = "\n".join(texts) if above else lines.text
+        if self._is_all_readings(text) and all(map(str.strip, texts)):
+            return rows_of(texts, range(first, first + len(texts)), grid)
+        places = [place for place, text in enumerate(texts) if self.layout.is_reading(text)]
         return rows_of([texts[place] for place in places], [first + place for place in places], grid)
 
-    def _is_all_readings(self, lines: Lines) -> bool:
-        """Tell whether a block is below the header and holds neither that nor a comment; blank lines it may hold."""
-        layout, text = self.layout, lines.text
-        others = (*COMMENTS, layout.header_text) if layout.header_text else COMMENTS
+    def _is_all_readings(self, text: str) -> bool:
+        """Tell whether lines below the header hold neither that nor a comment; blank lines they may hold."""
+        header_text = self.layout.header_text
+        others = (*COMMENTS, header_text) if header_text else COMMENTS
         # one character is found in a tenth of the time that two take
-        has_others = any(other[0] in text and other in text for other in others)
-        return lines.first >= layout.start and not has_others
+        return not any(other[0] in text and other in text for other in others)
 
     def _usable(self, rows: NumberRows, columns: Columns) -> NDArray[np.bool_]:
         """Tell which rows have a field that is finite also in `unit.inside`; a time may be missing."""

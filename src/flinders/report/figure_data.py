@@ -85,7 +85,7 @@ class FigureData:
         """
         recorded = in_memory(recording)
         names = [] if fit is None else [disturbance.name for disturbance in fit.calibration.disturbances]
-        samples = in_memory(compensated(recording, fit.calibration)) if fit is not None and names else recorded
+        samples = recorded if fit is None else in_memory(compensated(recording, fit.calibration))
         seen = None if fit is None else _seen(fit, samples)
         is_used = np.ones(len(samples), bool)
         for first, last in () if seen is None else seen.rejected:
@@ -195,7 +195,7 @@ def restored(fit: Fit, recording: Recording, *, target_deg: float | None = None,
     field = in_memory(recording).field
     dip = fit.known_dip_deg if dip_deg is None else math.copysign(dip_deg, dip_deg * fit.known_dip_deg)
     unstated = () if fit.states_uncertainty else (NO_UNCERTAINTY,)
-    strength = Strength.under(fit.calibration.at(), field)
+    strength = Strength.under(fit.calibration.affine, field)
     noise = fit.calibration.field_strength * math.hypot(strength.mean - 1.0, strength.spread)
     return replace(
         fit,

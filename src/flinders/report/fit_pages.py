@@ -32,6 +32,7 @@ from flinders.geometry.plane import across
 from flinders.report.formatting import (
     aligned,
     condition,
+    curve_entries,
     date_of,
     degrees,
     matrix_entries,
@@ -182,11 +183,13 @@ def of_turn(fit: Fit, turn: Turn, *, composed: Fit | None, after: str | None) ->
 def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Text:
     """Offset above matrix, in columns x, y and z, each on its decimal points."""
     unit = label(calibration.unit)
-    offset = offset_entries(calibration, offset_sigma)
-    shown = ["   ".join(row) for row in aligned(offset, *matrix_entries(calibration.matrix))]
+    offset, curve = offset_entries(calibration, offset_sigma), curve_entries(calibration)
+    shown = ["   ".join(row) for row in aligned(offset, *matrix_entries(calibration.matrix), *curve)]
     below, _ = on_the_point(["?" if math.isnan(noise) else figures(noise, 3), offset[0]])
     shown.append(below.ljust(len(shown[0])))
-    names, units = ("offset", "matrix", "", "", "noise"), (unit, "", "", "", unit)
+    terms = ("quadratic", "cubic") if curve else ()
+    names = ("offset", "matrix", "", "", *terms, "noise")
+    units = (unit, "", "", "", *("% of the field" for _ in terms), unit)
     return lines(list(zip(names, shown, units, strict=True)))
 
 

@@ -171,6 +171,22 @@ def matrix_entries(matrix: Floats, sigma: Floats | None = None) -> list[list[str
     return [[f"{round(value, decimals) + 0.0:.{decimals}f}" for value in row.tolist()] for row in matrix]
 
 
+def curve_entries(calibration: Calibration) -> list[list[str]]:
+    """Quadratic and cubic terms of each axis, in percent of its reading where the field lies along it; none of others.
+
+    >>> from flinders import Calibration
+    >>> from flinders.core.linearization import Linearization
+    >>> curved = Calibration(np.eye(3), [0, 0, 0], 50.0, linearization=Linearization([0.001, 0, 0], [0, 1e-5, 0]))
+    >>> curve_entries(curved)
+    [['5.0', '0.0', '0.0'], ['0.0', '2.5', '0.0']]
+    """
+    if calibration.linearization is None:
+        return []
+    reach = np.linalg.norm(calibration.shape, axis=1)
+    terms = (calibration.linearization.quadratic * reach, calibration.linearization.cubic * reach**2)
+    return [[f"{round(100.0 * share, 1) + 0.0:.1f}" for share in term.tolist()] for term in terms]
+
+
 def aligned(*rows: Sequence[str]) -> list[list[str]]:
     """Rows of numbers, each column padded to stand on its decimal points."""
     columns = (on_the_point(column) for column in zip(*rows, strict=True))

@@ -44,6 +44,7 @@ from flinders.report.formatting import (
     SOURCES,
     as_sentence,
     condition,
+    curve_entries,
     date_of,
     degrees,
     length,
@@ -210,11 +211,12 @@ def _walk_words(walk: RandomWalk, fit: Fit) -> str:
 
 
 def _parameters(fit: Fit) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Rows x, y and z of offset and matrix, each number as value and uncertainty."""
+    """Rows x, y and z of offset, matrix and terms of a linearization, each number as value and uncertainty."""
     sigma = matrix_sigma(fit) if fit.states_uncertainty else None
     matrix = matrix_entries(fit.calibration.matrix, sigma)
-    rows = zip("xyz", offset_entries(fit.calibration, fit.offset_sigma), matrix, strict=True)
-    return [(axis, [_split(number) for number in (offset, *row)]) for axis, offset, row in rows]
+    curve = list(zip(*curve_entries(fit.calibration), strict=True)) or [()] * 3
+    rows = zip("xyz", offset_entries(fit.calibration, fit.offset_sigma), matrix, curve, strict=True)
+    return [(axis, [_split(number) for number in (offset, *row, *terms)]) for axis, offset, row, terms in rows]
 
 
 def _split(number: str) -> tuple[str, str]:

@@ -183,7 +183,7 @@ def view(
     """
     is_rejected, rejected = _rejected(fit, samples)
     numbered = np.arange(len(samples)) if numbers is None else np.asarray(numbers)
-    corrected = np.empty((0, 3)) if fit.is_flat else fit.calibration.at().apply(samples.field[~is_rejected])
+    corrected = np.empty((0, 3)) if fit.is_flat else fit.calibration.affine.apply(samples.field[~is_rejected])
     is_known = fit.states_uncertainty and not fit.is_flat
     errors = tile_errors_deg(fit) if is_known else np.full(len(tiles().centres), np.nan)
     claims = _claimed(fit, errors, goal, frame) if is_known else {}
@@ -284,7 +284,7 @@ def _rejected(fit: Fit, samples: Samples) -> tuple[NDArray[np.bool_], list[tuple
     for outlier in fit.outliers:
         first, last = int(free[outlier.first - 1]), int(free[outlier.last - 1])
         inside = slice(first, last + 1)
-        lengths = np.linalg.norm(fit.calibration.at().apply(samples.field[inside]), axis=1)
+        lengths = np.linalg.norm(fit.calibration.affine.apply(samples.field[inside]), axis=1)
         distances = np.where(is_at_rail[inside], -1.0, np.abs(lengths - fit.calibration.field_strength))
         is_rejected[first + np.argsort(-distances, kind="stable")[: outlier.rows]] = True
         ends.append((first, last))

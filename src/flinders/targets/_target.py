@@ -244,6 +244,7 @@ class Target:
     fed: bool = False  #: the program around it chooses which readings it corrects: they may be those of the vehicle
     #: which disturbances it has room for: none, one of current and throttle (``motors``), or all
     follows: Literal["", "motors", "all"] = ""
+    linearizes: bool = False  #: it has room for the linearization of axes
     #: how long corrected readings are, where that is the target's own; empty where it is the calibration's
     lengths: str = ""
     gives: str = ""  #: unit of what comes out, where it is another
@@ -305,6 +306,12 @@ class Target:
         asked = asked or ExportOptions()
         if self.refuses_mounted:
             refuse_mounted(calibration, who=self.title)
+        if calibration.linearization is not None and not self.linearizes:
+            raise NotExportable(
+                f"the calibration linearizes its axes, and {self.title} holds {self.holds}: use c, arduino or "
+                "micropython, or calibrate without linearize=True",
+                beyond=("linearization",),
+            )
         written = self.write(calibration, asked)
         plain, motor = followed(calibration) if self.follows == "motors" else (calibration.at(), None)
         lacks = f"{self.title} holds {self.holds}" if self._loses(plain, written.turn) else ""

@@ -30,9 +30,10 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
+from flinders.core.linearization import Linearization
 from flinders.core.units import label
 from flinders.errors import NotExportable, UsageError, figures
-from flinders.targets._numbers import OWN, RECORDED, Affine, shift_in_recorded_axes, single, whole
+from flinders.targets._numbers import OWN, RECORDED, Affine, shift_in_recorded_axes, single, unmapped, whole
 from flinders.targets._target import BLOCK, CHANCE, HASH, TILT_DEG, ExportOptions, Gates, Target, Written
 
 if TYPE_CHECKING:
@@ -66,15 +67,15 @@ FLOAT: Final = """\
 static const float {name}_matrix[3][3] = {{
 {rows}
 }};
-static const float {name}_offset[3] = {{{offset}}}; /* {given} */
+static const float {name}_offset[3] = {{{offset}}}; /* {given} */{curve}
 #define {constant}_FIELD_STRENGTH {strength} /* {result} */
 
 /* From {given} as recorded to {result}; both may be the same array. */
 static inline void {name}_correct(const float raw[3], float corrected[3])
 {{
-    const float x = raw[0] - {name}_offset[0];
-    const float y = raw[1] - {name}_offset[1];
-    const float z = raw[2] - {name}_offset[2];
+    const float x = {u};
+    const float y = {v};
+    const float z = {w};
     int row;
     for (row = 0; row < 3; row++) {{
         corrected[row] = {name}_matrix[row][0] * x + {name}_matrix[row][1] * y + {name}_matrix[row][2] * z;
@@ -102,10 +103,10 @@ const float {constant}_MATRIX[3][3] = {{
 {rows}
 }};
 const float {constant}_OFFSET[3] = {{{offset}}}; // {given}
-
+{curve}
 // Call it with raw readings in {given}; they become {result}.
 void {function}Magnetometer(float &x, float &y, float &z) {{
-  const float u = x - {constant}_OFFSET[0], v = y - {constant}_OFFSET[1], w = z - {constant}_OFFSET[2];
+  const float u = {u}, v = {v}, w = {w};
   x = {constant}_MATRIX[0][0] * u + {constant}_MATRIX[0][1] * v + {constant}_MATRIX[0][2] * w;
   y = {constant}_MATRIX[1][0] * u + {constant}_MATRIX[1][1] * v + {constant}_MATRIX[1][2] * w;
   z = {constant}_MATRIX[2][0] * u + {constant}_MATRIX[2][1] * v + {constant}_MATRIX[2][2] * w;
@@ -117,12 +118,43 @@ MATRIX = (
 )
 OFFSET = ({offset})  # {given}
 FIELD_STRENGTH = {strength}  # {result}
-
+{curve}
 
 def correct(raw):
     \"""From {given} as recorded to {result}: three numbers in, three out.\"""
-    x, y, z = raw[0] - OFFSET[0], raw[1] - OFFSET[1], raw[2] - OFFSET[2]
+    x, y, z = {u}, {v}, {w}
     return tuple(a * x + b * y + c * z for a, b, c in MATRIX)"""
+
+C_CURVE: Final = """
+static const float {name}_quadratic[3] = {{{quadratic}}}; /* one over {given} */
+static const float {name}_cubic[3] = {{{cubic}}}; /* one over the square of it */
+
+/* What a linear axis would read, where this one reads so much from its offset. */
+static inline float {name}_linear(int axis, float read)
+{{
+    return read - ({name}_quadratic[axis] + {name}_cubic[axis] * read) * read * read;
+}}
+"""
+
+SKETCH_CURVE: Final = """\
+const float {constant}_QUADRATIC[3] = {{{quadratic}}}; // one over {given}
+const float {constant}_CUBIC[3] = {{{cubic}}}; // one over the square of it
+
+// What a linear axis would read, where this one reads so much from its offset.
+float {prefix}linearField(int axis, float read) {{
+  return read - ({constant}_QUADRATIC[axis] + {constant}_CUBIC[axis] * read) * read * read;
+}}
+"""
+
+MODULE_CURVE: Final = """\
+QUADRATIC = ({quadratic})  # one over {given}
+CUBIC = ({cubic})  # one over the square of it
+
+
+def linear(axis, read):
+    \"""What a linear axis would read, where this one reads so much from its offset.\"""
+    return read - (QUADRATIC[axis] + CUBIC[axis] * read) * read * read
+"""
 
 C_STRENGTH: Final = """
 #define {constant}_STRENGTH_LIMIT {limit} /* {result} */
@@ -284,7 +316,8 @@ def single_precision(calibration: Calibration) -> Affine:
 def write_header(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a header in single precision, which includes nothing: ``flinders_correct(raw, corrected)``."""
     name = begun(USUAL, asked.name)
-    code = _filled(FLOAT, calibration, name=name, constant=name.upper())
+    reading = Reading("raw[{0}] - " + name + "_offset[{0}]", name + "_linear", C_CURVE)
+    code = _filled(FLOAT, calibration, reading, name=name, constant=name.upper())
     code = _gated(code, calibration, asked, (C_STRENGTH, C_DIP), name=name, constant=name.upper())
     return replace(code, body=guarded(name, [*code.body, *_driven(calibration, name)]))
 
@@ -293,32 +326,79 @@ def write_sketch(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write what is pasted into a sketch: ``correctMagnetometer(x, y, z)`` changes three readings in place."""
     name = begun("", asked.name)
     constant, function = (f"{name.upper()}_MAG", f"{name}_correct") if name else ("MAG", "correct")
-    code, prefix = _filled(SKETCH, calibration, constant=constant, function=function), f"{name}_" if name else ""
+    prefix = f"{name}_" if name else ""
+    reading = Reading("{1} - " + constant + "_OFFSET[{0}]", prefix + "linearField", SKETCH_CURVE)
+    code = _filled(SKETCH, calibration, reading, constant=constant, function=function, prefix=prefix)
     return _gated(code, calibration, asked, (SKETCH_STRENGTH, SKETCH_DIP), constant=constant, prefix=prefix)
 
 
 def write_micropython(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a module that imports nothing, for MicroPython and CircuitPython: ``correct((x, y, z))``."""
-    code = _filled(MODULE, calibration, suffix="", row="    ({}),")
+    reading = Reading("raw[{0}] - OFFSET[{0}]", "linear", MODULE_CURVE)
+    code = _filled(MODULE, calibration, reading, suffix="", row="    ({}),")
     return _gated(code, calibration, asked, (MODULE_STRENGTH, MODULE_DIP), suffix="")
 
 
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How a language writes a reading less its offset, and what makes a linear one of it."""
+
+    departure: str  # of axis {0}, called {1}
+    function: str
+    curve: str  # text of that function, and of its numbers
+
+    def expressions(self, *, is_curved: bool) -> dict[str, str]:
+        """What the matrix is multiplied by."""
+        departures = [self.departure.format(axis, name) for axis, name in enumerate("xyz")]
+        linear = [f"{self.function}({axis}, {each})" for axis, each in enumerate(departures)]
+        return dict(zip("uvw", linear if is_curved else departures, strict=True))
+
+
 def _filled(
-    text: str, calibration: Calibration, *, suffix: str = "f", row: str = "    {{{}}},", **names: str
+    text: str, calibration: Calibration, reading: Reading, *, suffix: str = "f", row: str = "    {{{}}},", **names: str
 ) -> Written:
     """Code in single precision: a text with its names and numbers filled in."""
-    numbers = single_precision(calibration)
+    numbers, curve = single_precision(calibration), recorded_curve(calibration)
     given, result = calibration.raw.name, calibration.unit
+    values = {"matrix": numbers.matrix, "offset": numbers.offset, "unit_in": given, "unit_out": result}
+    notes, curved = [], ""
+    if curve is not None:
+        terms = {"quadratic": curve.quadratic, "cubic": curve.cubic}
+        written = {name: float32s(term, suffix) for name, term in terms.items()}
+        curved = reading.curve.format(given=given, **written, **names)
+        values, notes = values | terms, ["axes are linearized: u = raw - b becomes u - (quadratic + cubic u) u^2"]
     body = text.format(
         rows="\n".join(row.format(float32s(entries, suffix)) for entries in numbers.matrix),
         offset=float32s(numbers.offset, suffix),
         strength=digits(numbers.strength, suffix),
         given=given,
         result=result,
+        curve=curved,
+        **reading.expressions(is_curved=curve is not None),
         **names,
     )
-    values = {"matrix": numbers.matrix, "offset": numbers.offset, "unit_in": given, "unit_out": result}
-    return Written(numbers.apply, body.splitlines(), values)
+    return Written(lambda raw: numbers.apply(_linear(raw, numbers, curve)), body.splitlines(), values, notes)
+
+
+def _linear(raw: Floats, numbers: Affine, curve: Linearization | None) -> Floats:
+    """(..., 3) readings of axes that are linear."""
+    return raw if curve is None else numbers.offset + curve.apply(raw - numbers.offset)
+
+
+def recorded_curve(calibration: Calibration) -> Linearization | None:
+    """The linearization of recorded axes in the recorded unit, in single precision.
+
+    >>> from flinders.core.axes import Axes
+    >>> curve = Linearization([0.001, 0.002, 0.0], [1e-5, 0.0, 0.0])
+    >>> mapped = Calibration(np.eye(3), [1, 2, 3], 50.0, axes=Axes.of("y,-x,z"), linearization=curve)
+    >>> turned = recorded_curve(mapped)
+    >>> turned.quadratic.round(4).tolist(), turned.cubic.round(6).tolist()
+    ([-0.002, 0.001, 0.0], [0.0, 1e-05, 0.0])
+    """
+    curve, scale, back = calibration.linearization, calibration.raw.scale, unmapped(calibration)
+    if curve is None:
+        return None
+    return Linearization(single(scale * back @ curve.quadratic), single(scale**2 * np.abs(back) @ curve.cubic))
 
 
 def _gated(
@@ -522,6 +602,7 @@ HEADER: Final = Target(
     acts="across",
     gives=OWN,
     follows="all",
+    linearizes=True,
     comment=BLOCK,
     named=True,
     write=write_header,
@@ -532,6 +613,7 @@ SHORT: Final = replace(
     use="C99 header, 16-bit fixed point",
     title="C99 header, Q15",
     follows="",
+    linearizes=False,
     storage="int16 readings, int16 matrix, offset in 2^-8 of a unit, 64-bit sums",
     gives=RECORDED,
     write=write_q15,
