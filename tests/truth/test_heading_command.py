@@ -370,6 +370,14 @@ def test_nothing_is_claimed_of_headings_by_a_sensor_that_is_stuck(home: Path, na
     assert "headings run backwards" not in ended.said
 
 
+def test_a_sensor_that_tumbles_is_not_level(home: Path) -> None:
+    calibrated(500)
+    ended = flinders_("heading", "calibration.json", "log.csv", "-o", "out.csv", "--level")
+    assert ended.code == 3
+    assert "the sensor was tilted, as the vertical field shows" in ended.said
+    assert "good to an unknown accuracy: the sensor was tilted" in ended.said
+
+
 @pytest.mark.parametrize("value", [0.0, math.nan])
 def test_an_accelerometer_that_shows_no_vertical_gives_no_heading(home: Path, value: float) -> None:
     calibrated(500)

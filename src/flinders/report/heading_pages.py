@@ -49,7 +49,7 @@ def of_headings(
     how = "from x and y alone, level" if formula == LEVEL else f"tilt-compensated ({formula})"
     known = [
         ("heading", f"of the x axis, {how}; {counted(voyage.readings, 'reading')}"),
-        ("good to", _unclaimed(voyage, doubt) or _heading_error(claims)),
+        ("good to", _unclaimed(voyage, formula, claims, doubt) or _heading_error(claims)),
     ]
     if declination_deg is not None:
         known.append(("north", _north(site, declination_deg)))
@@ -59,15 +59,20 @@ def of_headings(
     return Group(notes(limits), facts(known), notes(note for note in said if note[0] != "limits"))
 
 
-def _unclaimed(voyage: Voyage, doubt: str) -> str:
+def _unclaimed(voyage: Voyage, formula: str, claims: Mapping[str, Any], doubt: str) -> str:
     """Why nothing is claimed of headings, whatever their calibration claims; empty where something is."""
     if voyage.has_none:
         return "nothing: no reading has a heading"
     if doubt:
         return "an unknown accuracy: the readings do not suit the calibration"
-    if voyage.frames.is_foreign:
-        return "an unknown accuracy: the accelerometer does not suit the magnetometer"
-    return ""
+    if formula == LEVEL:
+        return "an unknown accuracy: the sensor was tilted" if _is_tilted(voyage, claims) else ""
+    return "an unknown accuracy: the accelerometer does not suit the magnetometer" if voyage.frames.is_foreign else ""
+
+
+def _is_tilted(voyage: Voyage, claims: Mapping[str, Any]) -> bool:
+    """The vertical field varies of a sensor that is said to be level; a level turn's calibration does not know it."""
+    return voyage.frames.is_foreign and claims["dip_from"] != "calibration"
 
 
 def _heading_error(claims: Mapping[str, Any]) -> str:
@@ -147,7 +152,14 @@ def _notes_of_headings(
 def _level_notes(voyage: Voyage, claims: Mapping[str, Any], doubt: str) -> Iterator[tuple[str, str]]:
     cost = float(np.tan(np.deg2rad(abs(claims["dip_deg"]))))
     yield "note", f"each degree of tilt turns a level heading by up to {cost:.1f}°"
-    if not doubt and _is_z_up(voyage, claims):
+    if doubt:
+        return
+    if _is_tilted(voyage, claims):
+        yield (
+            "limits",
+            "the sensor was tilted, as the vertical field shows: record an accelerometer, and leave --level out",
+        )
+    elif _is_z_up(voyage, claims):
         words = (
             "the vertical field points along −z: z is up and level headings run backwards, unless the site is in "
             "the other hemisphere (--dip): calibrate with --axes x,-y,-z"
