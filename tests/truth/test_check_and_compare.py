@@ -146,6 +146,21 @@ def test_a_calibration_checked_on_its_own_recording_proves_nothing() -> None:
     assert flinders_("check", "made.json", "tuesday.csv").code == 0
 
 
+def test_calibrations_that_leave_any_angle_say_so() -> None:
+    """One of another sensor, whose claim is as wide as it is wrong."""
+    first = flinders.Fit.load("monday.json")
+    moved = replace(first.calibration, offset=first.calibration.offset + np.array([200.0, 0.0, 0.0]))
+    replace(first, calibration=moved, covariance=1e8 * first.covariance).save("wide.json")
+    ended = flinders_("compare", "monday.json", "wide.json")
+    assert ended.code == 3
+    assert "headings any angle apart" in " ".join(ended.out.split())
+    assert "too little to tell" in " ".join(ended.out.split())
+    replace(first, calibration=moved).save("far.json")
+    assert "headings any angle apart, more than the target" in " ".join(
+        flinders_("compare", "monday.json", "far.json").out.split()
+    )
+
+
 def test_angles_and_shares_that_round_to_nothing_have_no_sign() -> None:
     found = flinders.compare(flinders.Fit.load("monday.json"), flinders.Fit.load("tuesday.json"))
     tiny = replace(found, heading_mean_deg=-0.001, scale_difference=-0.00001)

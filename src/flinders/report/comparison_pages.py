@@ -28,6 +28,7 @@ from flinders.comparison.comparison import CHANCE
 from flinders.core.units import label
 from flinders.errors import counted, figures, percent
 from flinders.findings import VERDICTS, in_options
+from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.geometry.ellipsoid import upper
 from flinders.report.fit_pages import plane_rows
 from flinders.report.fleet import STATES, about_order, chance, common_unit, when
@@ -214,16 +215,26 @@ def _words(comparison: Comparison, *, is_limited: bool) -> str:
     if comparison.is_nothing:
         return "the same calibration twice"
     explained, target = chance_words(comparison.p_value), f"{comparison.target_deg:g}°"
-    worst = angle(comparison.heading_difference_deg.worst)
+    worst_deg = comparison.heading_difference_deg.worst
     if comparison.verdict == "agree":
         vague = "" if comparison.is_telling else f"; but they claim too little to tell {target}: record for longer"
         limits = ", with these limits of the recording:" if is_limited else ""
-        return f"heading within {worst}, {explained}{vague}{limits}"
+        within = f"heading within {angle(worst_deg)}" if worst_deg < ANY_ANGLE_DEG else "headings any angle apart"
+        return f"{within}, {explained}{vague}{limits}"
     side, advice = {
         "differ": ("less", "good enough for that, and a new calibration will be better"),
         "contradict": ("more", "the sensor or what is near it has changed, calibrate again"),
     }[comparison.verdict]
-    return f"headings up to {worst} apart, {side} than the target of {target} and {explained}: {advice}"
+    return f"headings {_up_to(worst_deg)} apart, {side} than the target of {target} and {explained}: {advice}"
+
+
+def _up_to(angle_deg: float) -> str:
+    """Write the worst of many angles; beyond a right angle there is no worst.
+
+    >>> _up_to(0.31), _up_to(170.0)
+    ('up to 0.31°', 'any angle')
+    """
+    return f"up to {angle(angle_deg)}" if angle_deg < ANY_ANGLE_DEG else "any angle"
 
 
 def _percent(share: float) -> str:
@@ -298,8 +309,8 @@ def _evaluation_verdict(evaluation: Evaluation) -> Table:
     if evaluation.verdict == "unclaimed":
         reason = "the calibration states no uncertainty"
     off = evaluation.body_heading_error_deg or evaluation.heading_error_deg
-    worst, side = angle(off.worst), "within" if is_on_target else "beyond"
-    words = f"headings are off by up to {worst}, {side} the target of {evaluation.target_deg:g}°; {reason}"
+    worst, side = _up_to(off.worst), "within" if is_on_target else "beyond"
+    words = f"headings are off by {worst}, {side} the target of {evaluation.target_deg:g}°; {reason}"
     basis = _square_basis(evaluation.heading_error_deg, evaluation.chi_square, evaluation.freedom)
     return verdict(EVALUATED[evaluation.verdict], colour, words, basis)
 
