@@ -336,8 +336,17 @@ def scored_trial(motion: str, title: str, number: int) -> Scored | None:
     return Scored(errors, found.covariance, found.layout, math.degrees(apart) ** 2, claimed**2)
 
 
+def in_axes_of_gyro(true: Parameters) -> Parameters:
+    """The truth where the gyro alone tells the axes of the body: they are its own."""
+    left, scales, right = np.linalg.svd(grown(true.gyro))
+    turn, growth = left @ right, (right.T * scales) @ right
+    return replace(true, rotation=turn.T @ true.rotation, gyro_scale=upper(growth - np.eye(3)), gyro_turn=np.zeros(3))
+
+
 def errors_of(found: Aided, true: Parameters) -> Floats:
     """(P,) what was found less the truth; a rotation as the turn that is left, a direction along its own steps."""
+    if "gyro_bias" in found.layout.columns and "gyro_turn" not in found.layout.columns:
+        true = in_axes_of_gyro(true)
     at, errors = found.parameters, np.zeros(found.layout.size)
     for name, columns in found.layout.columns.items():
         if name == "shape":

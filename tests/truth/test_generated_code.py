@@ -125,7 +125,7 @@ def test_the_header_in_single_precision(unit: str, compiler: tuple[str, ...], tm
     npt.assert_allclose(out, expected(calibration, recorded), atol=1e-4)
 
 
-CURVE = Linearization(np.array([4e-4, -2e-4, 0.0]), np.array([1e-5, 0.0, -2e-5]))
+CURVE = Linearization(np.array([4e-4, -2e-4, 0.0]), np.array([1e-5, 0.0, -2e-5]), np.array([60.0, 50.0, 70.0]))
 
 
 @pytest.mark.parametrize("axes", ["x,y,z", "y,x,-z"])

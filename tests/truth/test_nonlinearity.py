@@ -14,13 +14,16 @@ import flinders
 from flinders import Calibration, Samples
 from flinders.core.linearization import Linearization
 from flinders.core.samples import Joined
-from flinders.diagnostics.systematic import nonlinearity_in
+from flinders.diagnostics.systematic import AxisLag, nonlinearity_in
 from flinders.errors import ArrayError, NotExportable, UsageError
+from flinders.fitting.linearization import unchanged
 from flinders.geometry.ellipsoid import Ellipsoid, gathered, symmetric
+from flinders.geometry.sphere import fibonacci
 from flinders.likelihood.magnitude import distances, information
 from flinders.likelihood.site_field import Site
 from flinders.native.engine import engine
 from flinders.simulate import tumble
+from flinders.summary.coverage import CELLS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -103,7 +106,7 @@ def test_the_terms_are_those_that_make_readings_linear() -> None:
     """Of many readings without noise to speak of: the curve that was put on them comes off."""
     samples = tumble(seed=3, n=4000, noise=0.01).samples
     linear = flinders.fit(samples).calibration
-    curve = Linearization(np.array([0.0, 6e-4, 0.0]), np.array([0.0, 2e-5, -1e-5]))
+    curve = Linearization(np.array([0.0, 6e-4, 0.0]), np.array([0.0, 2e-5, -1e-5]), np.full(3, 70.0))
     bent = replace(linear, linearization=curve).unapply(linear.apply(samples.field))
     fit = flinders.fit(replace(samples, field=bent), linearize=True)
     assert fit.calibration.linearization is not None
@@ -115,9 +118,9 @@ def test_the_terms_are_those_that_make_readings_linear() -> None:
 
 
 def test_what_is_not_known_of_the_terms_agrees_with_least_squares() -> None:
-    """Of white noise: terms that scatter as (JᵀJ)⁻¹ says, with what they move the nine parameters by."""
+    """Of white noise: what terms do in the mean over all directions is in the covariance, the rest in the sigma."""
     field = tumble(seed=4, n=2000, motion="uniform").samples.field
-    record = engine().fit(field, statistics=2, robust=0)
+    plain, record = (engine().fit(field, statistics=statistics, robust=0) for statistics in (1, 2))
     surface = Ellipsoid(record["centre"], symmetric(record["shape"]))
     directions = np.linalg.solve(surface.shape, (field - surface.centre).T)
     directions /= np.linalg.norm(directions, axis=0)
@@ -126,17 +129,87 @@ def test_what_is_not_known_of_the_terms_agrees_with_least_squares() -> None:
     step, *_ = np.linalg.lstsq(columns, distances(field, surface), rcond=None)
     variance = np.sum((distances(field, surface) - columns @ step) ** 2) / (len(field) - 15)
     covariance = variance * np.linalg.inv(columns.T @ columns)
-    turned, dip = np.radians(np.arange(0.0, 360.0, 5.0)), np.radians(60.0)
-    level = np.stack([np.cos(dip) * np.cos(turned), -np.cos(dip) * np.sin(turned), np.full(72, np.sin(dip))])
-    across = np.stack([np.sin(turned), np.cos(turned), np.zeros(72)]) / np.cos(dip)
-    by_reading = np.linalg.solve(surface.shape, across)
-    gradient = np.hstack([gathered(by_reading, level), np.tile(by_reading.T, 2) * displacements(surface, level)])
-    gradient -= gradient.mean(axis=0)
-    known = covariance[:9, :9] - covariance[:9, 9:] @ np.linalg.solve(covariance[9:, 9:], covariance[9:, :9])
-    left = np.einsum("ki,ij,kj->k", gradient, covariance, gradient)
-    left -= np.einsum("ki,ij,kj->k", gradient[:, :9], known, gradient[:, :9])
+    reach, image = np.diag(surface.shape) / surface.radius, np.zeros((9, 6))
+    image[:3, :3], image[3:6, 3:] = surface.radius * np.diag(reach**2) / 3.0, surface.radius * np.diag(reach**3) * 0.6
+    of_terms = covariance[9:, 9:]
+    steps = covariance[:9, 9:] @ np.linalg.inv(of_terms) + image
+    added = (record["covariance"] - plain["covariance"]).reshape(9, 9)
+    npt.assert_allclose(added, steps @ of_terms @ steps.T, atol=2e-3 * np.abs(added).max())
+    angles = []
+    for direction in CELLS:
+        moved = (
+            np.diag(displacements(surface, direction[:, np.newaxis])[0, :3]),
+            np.diag(displacements(surface, direction[:, np.newaxis])[0, 3:]),
+        )
+        left = np.hstack(moved) - gathered(np.eye(3), np.tile(direction, (3, 1)).T) @ image
+        turned = (np.eye(3) - np.outer(direction, direction)) @ np.linalg.solve(surface.shape, left)
+        angles.append(np.linalg.eigvalsh(turned @ of_terms @ turned.T)[-1])
     assert record["is_white"]
-    assert record["nonlinear_sigma_deg"] == pytest.approx(np.rad2deg(np.sqrt(left.max())), rel=1e-3)
+    assert record["nonlinear_sigma_deg"] == pytest.approx(np.rad2deg(np.sqrt(max(angles))) / 0.5, rel=2e-3)
+
+
+@pytest.mark.parametrize(("quadratic", "cubic"), [(0.03, 0.0), (0.0, 0.06)])
+@pytest.mark.parametrize("seen_to", [2.0, 0.4], ids=["whole", "one side missing"])
+def test_a_linearized_fit_claims_what_it_is_off_in_every_direction(
+    quadratic: float, cubic: float, seen_to: float
+) -> None:
+    """Also where the bent axis was not turned along the field: such a fit is limited."""
+    ratios, verdicts = [], set()
+    for seed in range(10):
+        simulated = tumble(seed=seed, n=1500)
+        sensor = Calibration(
+            np.linalg.inv(simulated.sensor.matrix), simulated.sensor.offset, STRENGTH, rotation="estimated"
+        )
+        bent = _bent(simulated.samples.field, sensor.offset[1], quadratic, cubic)
+        corrected = sensor.apply(simulated.samples.field)
+        seen = corrected[:, 1] < seen_to * np.linalg.norm(corrected, axis=1)
+        try:
+            fit = flinders.fit(Samples.of(bent[seen], unit="uT"), linearize=True)
+        except flinders.FitError:
+            continue
+        if fit.calibration.linearization is None:
+            continue
+        directions = fibonacci(400)
+        raw = _bent(sensor.unapply(STRENGTH * directions), sensor.offset[1], quadratic, cubic)
+        off = angles_between(fit.calibration.apply(raw), directions)
+        ratios.append(off.max() / fit.direction_error_deg.worst)
+        verdicts.add(fit.verdict)
+    assert len(ratios) >= 2
+    assert verdicts == {"good" if seen_to > 1.0 else "limited"}
+    assert np.median(ratios) < 1.8
+    assert max(ratios) < 3.2
+
+
+def _bent(field: Floats, centre: float, quadratic: float, cubic: float) -> Floats:
+    """(N, 3) readings whose y axis reads too much."""
+    bent, along = np.array(field), (field[:, 1] - centre) / STRENGTH
+    bent[:, 1] += STRENGTH * (quadratic * along**2 + cubic * along**3)
+    return bent
+
+
+def angles_between(corrected: Floats, directions: Floats) -> Floats:
+    """(N,) degrees between vectors and unit directions, a rotation of all of them taken off."""
+    unit = corrected / np.linalg.norm(corrected, axis=1, keepdims=True)
+    left, _, right = np.linalg.svd(unit.T @ directions)
+    return np.asarray(np.degrees(np.arccos(np.sum(unit @ (left @ right) * directions, axis=1).clip(-1.0, 1.0))))
+
+
+def test_a_disturbed_reading_does_not_fold_back() -> None:
+    """The farther from the offset it is, the stronger the field that comes out."""
+    fit = flinders.fit(curved(3, cubic=0.05), linearize=True)
+    away = np.linspace(60.0, 400.0, 200)[:, np.newaxis] * np.eye(3)[1]
+    lengths = np.linalg.norm(fit.calibration.apply(fit.calibration.offset + away), axis=1)
+    assert (np.diff(lengths) > 0.0).all()
+    npt.assert_allclose(fit.calibration.unapply(fit.calibration.apply(away)), away, atol=1e-9)
+
+
+def test_why_nothing_was_linearized_is_said() -> None:
+    fit = flinders.fit(curved(7), linearize=True)
+    assert fit.nonlinearity is not None
+    assert unchanged(fit) == "the axes are linear as far as the readings tell"
+    likely, lag = replace(fit.nonlinearity, p_value=1e-6), AxisLag((0.02, -0.01, -0.01), True, 0.5, 1e-9)
+    assert "not make the heading error smaller" in unchanged(replace(fit, nonlinearity=likely, axis_lag=None))
+    assert "at different moments" in unchanged(replace(fit, nonlinearity=likely, axis_lag=lag))
 
 
 def displacements(surface: Ellipsoid, directions: Floats) -> Floats:
@@ -198,8 +271,13 @@ def test_what_needs_offset_and_matrix_alone_is_refused() -> None:
 
 
 def test_a_curve_that_folds_readings_is_refused() -> None:
-    with pytest.raises(ArrayError, match="axis y takes 1"):
-        Calibration(np.eye(3), np.zeros(3), 50.0, linearization=Linearization(np.array([0.0, 0.012, 0.0]), np.zeros(3)))
+    with pytest.raises(ArrayError, match="bends axis y too much"):
+        Calibration(
+            np.eye(3),
+            np.zeros(3),
+            50.0,
+            linearization=Linearization(np.array([0.0, 0.012, 0.0]), np.zeros(3), np.full(3, 60.0)),
+        )
 
 
 @pytest.mark.parametrize("memory", daily([0, 20, 100], 2))

@@ -452,7 +452,9 @@ def command(options: Calibrate) -> int:
                 raise
             return run.print_refused(refused, refusal)
     if options.estimation.linearize and fit.calibration.linearization is None:
-        say("the axes are linear as far as the readings tell: --linearize changes nothing")
+        from flinders.fitting.linearization import unchanged
+
+        say(f"{unchanged(fit)}: --linearize changes nothing")
     run.write(fit)
     return GOOD if fit.verdict == "good" else LIMITED
 

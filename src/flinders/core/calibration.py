@@ -100,8 +100,6 @@ class Calibration(Value):
         object.__setattr__(self, "field_strength", _positive(self.field_strength, "field_strength"))
         if self.disturbances:
             object.__setattr__(self, "disturbances", checked(self.disturbances))
-        if self.linearization is not None:
-            self.linearization.refuse_folded(np.linalg.norm(self.shape, axis=1))
 
     @classmethod
     def identity(
@@ -532,8 +530,7 @@ class Calibration(Value):
         [0.0, 0.0, 0.0]
         """
         follows = {one.kind.key: to_builtins(_record(one)) for one in self.disturbances}
-        curve = self.linearization
-        terms = {} if curve is None else {"quadratic": curve.quadratic.tolist(), "cubic": curve.cubic.tolist()}
+        terms = {} if self.linearization is None else self.linearization.as_dict()
         return {
             "offset": self.offset.tolist(),
             "matrix": self.matrix.tolist(),
@@ -562,9 +559,9 @@ class Calibration(Value):
         known = "" if self.field_strength_known else ", as none was given"
         title = "Calibration" if self.sensor is None else f"Calibration of {self.sensor}"
         follows = [f"the offset follows {disturbance}" for disturbance in self.disturbances]
-        follows += [] if self.linearization is None else ["axes are linearized by quadratic and cubic terms first"]
-        words = ("corrected = matrix · (raw − offset)", length + known, *follows)
-        return correction(self.matrix.tolist(), self.offset.tolist(), unit, title=title, words=words)
+        words = (length + known, *follows)
+        terms = None if self.linearization is None else self.linearization.as_dict()
+        return correction(self.matrix.tolist(), self.offset.tolist(), unit, title=title, words=words, terms=terms)
 
 
 def _record(disturbance: Disturbance) -> DisturbanceRecord:
@@ -592,7 +589,7 @@ def _drivers(correction: Correction) -> tuple[Disturbance, ...]:
 def _linearization(correction: Correction) -> Linearization | None:
     """The linearization that stands in a file."""
     terms = correction.linearization
-    return Linearization(np.array(terms.quadratic), np.array(terms.cubic)) if terms else None
+    return Linearization(*map(np.array, (terms.quadratic, terms.cubic, terms.limit))) if terms else None
 
 
 def _drive_alike(ours: tuple[Disturbance, ...], theirs: tuple[Disturbance, ...], tolerance: float) -> bool:

@@ -93,6 +93,8 @@ class LinearizationRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
     quadratic: Triple  #: (3,), one over the calibration's unit
     cubic: Triple  #: (3,), one over the square of it
+    #: (3,) in the calibration's unit: d beyond it is corrected by as much as at it
+    limit: tuple[Positive, Positive, Positive]
 
 
 class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

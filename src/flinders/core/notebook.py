@@ -15,7 +15,7 @@ import math
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
 SIGNS: Final = {"good": "✓", "limited": "!", "refused": "✗", "note": "·", "limits": "!", "refuses": "✗"}
 """What stands before a verdict or a finding, so that colour need not."""
@@ -29,18 +29,29 @@ def correction(
     title: str,
     words: Iterable[str] = (),
     offset_sigma: Sequence[float] | None = None,
+    terms: Mapping[str, Sequence[float]] | None = None,
     pictures: str = "",
 ) -> str:
     """Lay out a (3, 3) matrix and a (3,) offset with its optional standard deviations, in `unit`, as HTML.
 
+    And (3,) `terms` of a linearization by their names, with the formula that holds then.
+
     Below the title stand `words`, a line each; all text but the HTML of `pictures` is escaped.
     """
     sigmas = [None] * 3 if offset_sigma is None else list(offset_sigma)
+    terms = terms or {}
+    curves = list(zip(*terms.values(), strict=True)) or [()] * 3
     rows = "".join(
-        f"<tr><th>{axis}</th><td>{measured(value, sigma)}</td>{_cells(row)}</tr>"
-        for axis, value, sigma, row in zip("xyz", offset, sigmas, matrix, strict=True)
+        f"<tr><th>{axis}</th><td>{measured(value, sigma)}</td>{_cells(row)}"
+        f"{''.join(f'<td>{measured(term, None)}</td>' for term in curve)}</tr>"
+        for axis, value, sigma, row, curve in zip("xyz", offset, sigmas, matrix, curves, strict=True)
     )
-    head = f'<tr><td></td><th>offset, {_escaped(unit)}</th><th colspan="3">matrix</th></tr>'
+    more = "".join(f"<th>{_escaped(name)}</th>" for name in terms)
+    head = f'<tr><td></td><th>offset, {_escaped(unit)}</th><th colspan="3">matrix</th>{more}</tr>'
+    formula = (
+        "corrected = matrix · (d − (quadratic + cubic · d) · d²), d = raw − offset, held at limit" if terms else ""
+    )
+    words = [*words, formula or "corrected = matrix · (raw − offset)"]
     return f"{_head(title, words)}{pictures}<table><thead>{head}</thead><tbody>{rows}</tbody></table></div>"
 
 

@@ -490,17 +490,16 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="linearized",
-        number="heading error, 1 σ at the worst heading, that the terms of linearized axes leave, degrees",
-        limit="the target",
+        number="heading error, 1 σ at the worst attitude, by what is not known of the terms of the axes, degrees",
+        limit="none",
         action="write the calibration for a target that holds it: `c`, `arduino`, `micropython`; or apply it here",
         rule=Rule("linearized_deg", (Grade("note", -1.0),), limit=Limit(1.0, "target_deg")),
         said=(
             "axis {nonlinear_axis} is not linear, by {linearized_share:.1%} of the field, and the calibration "
-            "linearizes it; what is not known of its curve is {linearized_deg}° of heading, which the heading error "
-            "has in it"
+            "linearizes it; what is not known of its curve is up to {linearized_deg}° of heading, which the heading "
+            "error has in it"
         ),
         plain="An axis of the sensor does not answer in proportion to the field, and the correction allows for that.",
-        remedy="Nothing; the correction works in code of your own, in C or Python.",
     ),
     CatalogueRow(
         code="axis-lag",

@@ -356,6 +356,11 @@ def fit(
     if driving is not None:
         evidence = evidence._replace(driving=driving)
     if linearize:
+        if request.site is not None or evidence.readings.parts or evidence.readings.recording is None:
+            raise UsageError(
+                "linearize=True takes one recording, and no field of a site: calibrate recordings one by one, and "
+                "leave site= out (--at none for that of a log)"
+            )
         evidence = _linearized(evidence, estimator, frame.unit)
     if evidence.aiding is not None:
         evidence = evidence._replace(aiding=replace(evidence.aiding, each=(*tried, *evidence.aiding.each)))
@@ -410,12 +415,7 @@ def _linearized(plain: _Evidence, estimator: Estimator, unit: Unit | None) -> _E
     """Evidence of linear readings, where axes are hardly linear and a smaller claim is left; else as it was."""
     found, lag = _faults_of_axes(plain.estimate, plain)
     recording = plain.readings.recording
-    if plain.record is None or not isinstance(recording, Samples):
-        raise UsageError(
-            "linearize=True takes one recording, of a sensor that was turned through all directions, and no field of a "
-            "site: leave the others out"
-        )
-    if found is None or not found.is_likely:
+    if plain.record is None or not isinstance(recording, Samples) or found is None or not found.is_likely:
         return plain
     if lag is not None and lag.is_proven and lag.p_value < found.p_value:  # looks a little like curves
         return plain

@@ -1,8 +1,9 @@
 """Axes that are not linear, linearized: quadratic and cubic terms that are taken off their readings.
 
 Readings are linearized by the terms that the engine finds, and fitted again, until it finds nothing more to take off
-(Gauss-Newton, with the offset about which they hold). The heading error has in it what is not known of the terms, and
-of offset and shape along with them (`nonlinearity.c`), and what terms of higher order may be.
+(Gauss-Newton, with the offset about which they hold). What is not known of the terms changes offset and shape in the
+mean over all directions, which is in their covariance; the rest, and what terms of higher order may be, is an error of
+the direction at any attitude (`nonlinearity.c`).
 """
 
 from __future__ import annotations
@@ -18,11 +19,15 @@ from flinders.diagnostics.systematic import Nonlinearity
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.native.engine import Records
 
 ROUNDS: Final = 12
 """Fits, at most: each takes nine tenths of what is left off, or more."""
+
+BEYOND: Final = 1.2
+"""Over what the field makes of an axis: no sensor that is turned reads more, and what it would read is not known."""
 
 CONVERGED: Final = 1e-6
 """Change of terms and offset from one to the next, as a share of the field: 0.0001° of heading."""
@@ -48,8 +53,8 @@ class AxisTerms:
     @property
     def linearization(self) -> Linearization:
         """The same as a calibration holds them."""
-        radius = self.surface.radius
-        return Linearization(self.quadratic / radius, self.cubic / radius**2)
+        radius, reach = self.surface.radius, np.linalg.norm(self.surface.shape, axis=1)
+        return Linearization(self.quadratic / radius, self.cubic / radius**2, BEYOND * reach)
 
     def linear(self, field: Floats) -> Floats:
         """(N, 3) linear readings."""
@@ -69,7 +74,7 @@ class AxisTerms:
         return bool(np.abs(np.concatenate([terms, moved])).max() < CONVERGED)
 
     def corrected(self, record: Records) -> Nonlinearity:
-        """What was corrected, and what is not known of it, by the record of linear readings."""
+        """What was corrected, and what is not known of it beside offset and shape, by the record of linear readings."""
         sigma, level = float(record["nonlinear_sigma_deg"]), math.cos(math.radians(record["dip_deg"]))
         left = math.hypot(sigma, math.degrees(self.beyond_cubic / level))
         return Nonlinearity(
@@ -90,3 +95,13 @@ class AxisTerms:
         """
         each = 8.0 / 7.0 * np.abs(self.quadratic * self.cubic) + 8.0 / 21.0 * self.cubic**2
         return float(np.linalg.norm(each))
+
+
+def unchanged(fit: Fit) -> str:
+    """Why a fit that was asked to linearize its axes did not."""
+    found, lag = fit.nonlinearity, fit.axis_lag
+    if found is None or not found.is_likely:
+        return "the axes are linear as far as the readings tell"
+    if lag is not None and lag.is_proven and lag.p_value < found.p_value:
+        return "the axes are read at different moments, which looks like curves: read them at once first"
+    return "linearized axes would not make the heading error smaller, as far as the readings tell"

@@ -616,6 +616,7 @@ class Fit(Outcome):
             title=title,
             words=[good, *filter(None, [stated(self.conditions)]), *words],
             offset_sigma=self.offset_sigma.tolist() if self.states_uncertainty else None,
+            terms=None if calibration.linearization is None else calibration.linearization.as_dict(),
             pictures=pictures,
         )
 

@@ -68,8 +68,8 @@ typedef struct flinders_options {
                               other one for a sensor that the readings show upside down */
     int32_t robust;        /* reject outliers: 0 never, 1 where residuals ask for it, 2 always (1) */
     int32_t kernels;       /* 0 the best of this processor, 1 the baseline, 2 AVX2 (0) */
-    int32_t statistics;    /* 1: coverage, tails, jumps, swaps, distinct readings; 2: also how well terms of the axes are
-                              known; 0: the fit alone (1) */
+    int32_t statistics;    /* 1: coverage, tails, jumps, swaps, distinct readings; 2: also what is not known of terms of the
+                              axes, and a covariance with it; 0: the fit alone (1) */
     int32_t bias_correction; /* 1: subtract what noise causes on a curved surface; 0: the minimum of Σ s² itself (1) */
 } flinders_options;
 
@@ -142,8 +142,8 @@ typedef struct flinders_record {
                                       radius, a fraction of the radius; NaN: nothing is known */
     flinders_real nonlinear_deg;  /* what they do to a level heading, at the worst one */
     flinders_real nonlinear_by_chance; /* how often chance alone makes as much */
-    flinders_real nonlinear_sigma_deg; /* what is not known of them does to a level heading, 1 sigma, at the worst one;
-                                          where statistics were 2 */
+    flinders_real nonlinear_sigma_deg; /* what is not known of them, beside what is in `covariance` then, does to a
+                                          heading at any attitude, 1 sigma; where statistics were 2 */
     flinders_real axis_lag[3];    /* of x, y, z about their mean, s, or readings where there are no times; NaN: nothing
                                      is known */
     flinders_real lag_deg;        /* what they do to a level heading of a vehicle at rest, at the worst one */

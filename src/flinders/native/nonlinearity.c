@@ -27,13 +27,13 @@ static void displacements(const fl_surface *surface, const real direction[3], re
     }
 }
 
-/* Errors of the headings of a level vehicle, without their mean, that a solution tells of, in radians. */
-static void level_errors(const fl_surface *surface, const real solution[WIDTH], real dip_deg, real errors[HEADINGS])
+/* Error of the heading of a level vehicle at the worst heading, without its mean, that a solution tells of. */
+static real level_error(const fl_surface *surface, const real solution[WIDTH], real dip_deg)
 {
     const real *step = solution, *shape = solution + 3, *terms = solution + 9;
     const real dip = dip_deg / TO_DEG, flat = fl_cos(dip);
     const real turn = fl_cos(2 * FL_PI / HEADINGS), slant = fl_sin(2 * FL_PI / HEADINGS), height = fl_sin(dip);
-    real cosine = 1, sine = 0, mean = 0;
+    real errors[HEADINGS], cosine = 1, sine = 0, mean = 0, worst = 0;
     for (int k = 0; k < HEADINGS; k++) {
         const real field[3] = {flat * cosine, -flat * sine, height}, across[3] = {sine / flat, cosine / flat, 0};
         real added[TERMS], moved[3], corrected[3];
@@ -49,39 +49,76 @@ static void level_errors(const fl_surface *surface, const real solution[WIDTH], 
         sine = sine * turn + cosine * slant;
         cosine = next;
     }
-    for (int k = 0; k < HEADINGS; k++) errors[k] -= mean;
-}
-
-/* The largest of them, in degrees. */
-static real level_error(const fl_surface *surface, const real solution[WIDTH], real dip_deg)
-{
-    real errors[HEADINGS], worst = 0;
-    level_errors(surface, solution, dip_deg, errors);
-    for (int k = 0; k < HEADINGS; k++) worst = fl_abs(errors[k]) > worst ? fl_abs(errors[k]) : worst;
+    for (int k = 0; k < HEADINGS; k++) {
+        const real error = fl_abs(errors[k] - mean);
+        worst = error > worst ? error : worst;
+    }
     return TO_DEG * worst;
 }
 
-/* Write into a record what is not known of the terms, and of the nine parameters along with them, as with L Lᵀ = cov(terms)
- * each column of L and the step of the nine that goes with it. */
+/* What terms do to offset and shape in the mean over all directions: (u²) e and (u³) e are 1/3 e and 3/5 u e but for
+ * harmonics of higher degree. */
+static void images(const fl_surface *surface, real out[9][TERMS])
+{
+    memset(out, 0, 9 * sizeof *out);
+    for (int axis = 0; axis < 3; axis++) {
+        const real reach = surface->shape[axis] / surface->radius;
+        out[axis][axis] = surface->radius * reach * reach / 3;
+        out[3 + axis][3 + axis] = surface->radius * reach * reach * reach * 3 / 5;
+    }
+}
+
+/* The largest error of the direction of the field that steps leave, in radians: each of the terms, and of offset and
+ * shape. */
+static real across(const fl_surface *surface, real steps[TERMS][WIDTH])
+{
+    real centres[100][3], worst = 0;
+    fl_sphere_centres(centres);
+    for (int cell = 0; cell < 100; cell++) {
+        const real *const u = centres[cell];
+        real added[TERMS], scatter[9] = {0}, values[3];
+        displacements(surface, u, added);
+        for (int k = 0; k < TERMS; k++) {
+            real moved[3], error[3];
+            fl_sym3_apply(steps[k] + 3, u, moved);
+            for (int axis = 0; axis < 3; axis++)
+                moved[axis] += steps[k][axis] + steps[k][9 + axis] * added[axis] + steps[k][12 + axis] * added[3 + axis];
+            fl_sym3_apply(surface->inverse, moved, error);
+            const real along = error[0] * u[0] + error[1] * u[1] + error[2] * u[2];
+            for (int i = 0; i < 3; i++) error[i] -= along * u[i];
+            for (int i = 0; i < 9; i++) scatter[i] += error[i / 3] * error[i % 3];
+        }
+        fl_eigen(scatter, 3, values);
+        worst = values[2] > worst ? values[2] : worst;
+    }
+    return fl_sqrt(worst);
+}
+
+/* Add to a record what is not known of the terms. What they do to offset and shape in the mean over all directions, with
+ * the steps of these that go along with them, is in the covariance; the rest is an error of the direction. */
 void fl_nonlinear_sigma(const fl_kernels *kernels, const fl_surface *surface, const fl_room *room,
                         const fl_regression *found, real dip_deg, flinders_record *record)
 {
-    real covariance[WIDTH * WIDTH], factor[TERMS * TERMS], squares[HEADINGS] = {0}, worst = 0;
+    real covariance[WIDTH * WIDTH], factor[TERMS * TERMS], mean[9][TERMS], left[TERMS][WIDTH] = {{0}};
     fl_covariance_of_terms(kernels, found, room, record, covariance);
     for (int a = 0; a < TERMS; a++)
         memcpy(factor + TERMS * a, covariance + WIDTH * (9 + a) + 9, TERMS * sizeof(real));
     if (fl_cholesky(factor, TERMS)) return;
+    images(surface, mean);
     for (int k = 0; k < TERMS; k++) {
-        real solution[WIDTH] = {0}, weights[TERMS], errors[HEADINGS];
-        for (int a = 0; a < TERMS; a++) weights[a] = solution[9 + a] = a < k ? 0 : factor[TERMS * a + k];
+        real column[TERMS], weights[TERMS], step[9] = {0};
+        for (int a = 0; a < TERMS; a++) weights[a] = column[a] = a < k ? 0 : factor[TERMS * a + k];
         fl_cholesky_solve(factor, TERMS, weights);
         for (int i = 0; i < 9; i++)
-            for (int a = 0; a < TERMS; a++) solution[i] += covariance[WIDTH * i + 9 + a] * weights[a];
-        level_errors(surface, solution, dip_deg, errors);
-        for (int h = 0; h < HEADINGS; h++) squares[h] += errors[h] * errors[h];
+            for (int a = 0; a < TERMS; a++) {
+                step[i] += covariance[WIDTH * i + 9 + a] * weights[a] + mean[i][a] * column[a];
+                left[k][i] -= mean[i][a] * column[a];
+            }
+        memcpy(left[k] + 9, column, sizeof column);
+        for (int i = 0; i < 81; i++) record->covariance[i] += step[i / 9] * step[i % 9];
     }
-    for (int h = 0; h < HEADINGS; h++) worst = squares[h] > worst ? squares[h] : worst;
-    record->nonlinear_sigma_deg = TO_DEG * fl_sqrt(worst);
+    record->nonlinear_sigma_deg = TO_DEG * across(surface, left) / fl_cos(dip_deg / TO_DEG);
+    fl_heading_errors(surface, record, dip_deg);
 }
 
 /* Whether a solution takes off what residuals of one direction have in common at different times. */

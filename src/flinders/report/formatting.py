@@ -172,18 +172,19 @@ def matrix_entries(matrix: Floats, sigma: Floats | None = None) -> list[list[str
 
 
 def curve_entries(calibration: Calibration) -> list[list[str]]:
-    """Quadratic and cubic terms of each axis, in percent of its reading where the field lies along it; none of others.
+    """Quadratic and cubic terms of each axis in percent of the field, at its radius from the offset; none of others.
 
     >>> from flinders import Calibration
     >>> from flinders.core.linearization import Linearization
-    >>> curved = Calibration(np.eye(3), [0, 0, 0], 50.0, linearization=Linearization([0.001, 0, 0], [0, 1e-5, 0]))
+    >>> curve = Linearization([0.001, 0, 0], [0, 1e-5, 0], [60, 60, 60])
+    >>> curved = Calibration(np.eye(3), [0, 0, 0], 50.0, linearization=curve)
     >>> curve_entries(curved)
     [['5.0', '0.0', '0.0'], ['0.0', '2.5', '0.0']]
     """
     if calibration.linearization is None:
         return []
-    reach = np.linalg.norm(calibration.shape, axis=1)
-    terms = (calibration.linearization.quadratic * reach, calibration.linearization.cubic * reach**2)
+    radius = calibration.ellipsoid.radius
+    terms = (calibration.linearization.quadratic * radius, calibration.linearization.cubic * radius**2)
     return [[f"{round(100.0 * share, 1) + 0.0:.1f}" for share in term.tolist()] for term in terms]
 
 

@@ -125,6 +125,7 @@ class Written:
     compensated: Callable[[Floats, float], Floats] | None = None
     # (3, 3): rotation of the calibration that is in the mounting which is written, in the recorded axes
     turn: Floats | None = None
+    formula: str = ""  # by which the numbers are used, where that is not the target's usual one
 
 
 @dataclass(frozen=True, slots=True)
@@ -335,11 +336,12 @@ class Target:
         """The file with its comments, and the same for programs."""
         unit, checked = _named(self.unit, plain), self._checked(plain, deviation)
         notes = [*about, *self._notes(plain), *written.notes]
-        remarks = [f"{self.title}: {self.formula}, in {unit}", *notes, *warnings, checked]
+        formula = written.formula or self.formula
+        remarks = [f"{self.title}: {formula}, in {unit}", *notes, *warnings, checked]
         comments = self.comment.lines(remarks) if self.comment else []
         fields = {
             "target": self.name,
-            "formula": self.formula,
+            "formula": formula,
             "unit": unit,
             "axes": self.where,
             "holds": self.holds,

@@ -25,6 +25,7 @@ import re
 import unicodedata
 import zlib
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
@@ -128,32 +129,39 @@ def correct(raw):
 C_CURVE: Final = """
 static const float {name}_quadratic[3] = {{{quadratic}}}; /* one over {given} */
 static const float {name}_cubic[3] = {{{cubic}}}; /* one over the square of it */
+static const float {name}_limit[3] = {{{limit}}}; /* {given}: the correction beyond is that at it */
 
 /* What a linear axis would read, where this one reads so much from its offset. */
 static inline float {name}_linear(int axis, float read)
 {{
-    return read - ({name}_quadratic[axis] + {name}_cubic[axis] * read) * read * read;
+    const float limit = {name}_limit[axis];
+    const float held = read > limit ? limit : read < -limit ? -limit : read;
+    return read - ({name}_quadratic[axis] + {name}_cubic[axis] * held) * held * held;
 }}
 """
 
 SKETCH_CURVE: Final = """\
 const float {constant}_QUADRATIC[3] = {{{quadratic}}}; // one over {given}
 const float {constant}_CUBIC[3] = {{{cubic}}}; // one over the square of it
+const float {constant}_LIMIT[3] = {{{limit}}}; // {given}: the correction beyond is that at it
 
 // What a linear axis would read, where this one reads so much from its offset.
 float {prefix}linearField(int axis, float read) {{
-  return read - ({constant}_QUADRATIC[axis] + {constant}_CUBIC[axis] * read) * read * read;
+  const float limit = {constant}_LIMIT[axis], held = read > limit ? limit : read < -limit ? -limit : read;
+  return read - ({constant}_QUADRATIC[axis] + {constant}_CUBIC[axis] * held) * held * held;
 }}
 """
 
 MODULE_CURVE: Final = """\
 QUADRATIC = ({quadratic})  # one over {given}
 CUBIC = ({cubic})  # one over the square of it
+LIMIT = ({limit})  # {given}: the correction beyond is that at it
 
 
 def linear(axis, read):
     \"""What a linear axis would read, where this one reads so much from its offset.\"""
-    return read - (QUADRATIC[axis] + CUBIC[axis] * read) * read * read
+    held = max(-LIMIT[axis], min(LIMIT[axis], read))
+    return read - (QUADRATIC[axis] + CUBIC[axis] * held) * held * held
 """
 
 C_STRENGTH: Final = """
@@ -361,12 +369,12 @@ def _filled(
     numbers, curve = single_precision(calibration), recorded_curve(calibration)
     given, result = calibration.raw.name, calibration.unit
     values = {"matrix": numbers.matrix, "offset": numbers.offset, "unit_in": given, "unit_out": result}
-    notes, curved = [], ""
+    formula, curved = "", ""
     if curve is not None:
-        terms = {"quadratic": curve.quadratic, "cubic": curve.cubic}
+        terms = curve.as_dict()
         written = {name: float32s(term, suffix) for name, term in terms.items()}
         curved = reading.curve.format(given=given, **written, **names)
-        values, notes = values | terms, ["axes are linearized: u = raw - b becomes u - (quadratic + cubic u) u^2"]
+        values, formula = values | terms, "corrected = A (u - (quadratic + cubic u) u^2), u = raw - b"
     body = text.format(
         rows="\n".join(row.format(float32s(entries, suffix)) for entries in numbers.matrix),
         offset=float32s(numbers.offset, suffix),
@@ -377,28 +385,31 @@ def _filled(
         **reading.expressions(is_curved=curve is not None),
         **names,
     )
-    return Written(lambda raw: numbers.apply(_linear(raw, numbers, curve)), body.splitlines(), values, notes)
+    apply = partial(_apply, numbers=numbers, curve=curve)
+    return Written(apply, body.splitlines(), values, formula=formula)
 
 
-def _linear(raw: Floats, numbers: Affine, curve: Linearization | None) -> Floats:
-    """(..., 3) readings of axes that are linear."""
-    return raw if curve is None else numbers.offset + curve.apply(raw - numbers.offset)
+def _apply(raw: Floats, *, numbers: Affine, curve: Linearization | None) -> Floats:
+    """Correct (..., 3) readings as the code does."""
+    return numbers.apply(raw if curve is None else numbers.offset + curve.apply(raw - numbers.offset))
 
 
 def recorded_curve(calibration: Calibration) -> Linearization | None:
     """The linearization of recorded axes in the recorded unit, in single precision.
 
     >>> from flinders.core.axes import Axes
-    >>> curve = Linearization([0.001, 0.002, 0.0], [1e-5, 0.0, 0.0])
+    >>> from flinders.core.calibration import Calibration
+    >>> curve = Linearization([0.001, 0.002, 0.0], [1e-5, 0.0, 0.0], [60, 50, 40])
     >>> mapped = Calibration(np.eye(3), [1, 2, 3], 50.0, axes=Axes.of("y,-x,z"), linearization=curve)
     >>> turned = recorded_curve(mapped)
-    >>> turned.quadratic.round(4).tolist(), turned.cubic.round(6).tolist()
-    ([-0.002, 0.001, 0.0], [0.0, 1e-05, 0.0])
+    >>> turned.quadratic.round(4).tolist(), turned.cubic.round(6).tolist(), turned.limit
+    ([-0.002, 0.001, 0.0], [0.0, 1e-05, 0.0], array([50., 60., 40.]))
     """
     curve, scale, back = calibration.linearization, calibration.raw.scale, unmapped(calibration)
     if curve is None:
         return None
-    return Linearization(single(scale * back @ curve.quadratic), single(scale**2 * np.abs(back) @ curve.cubic))
+    cubic, limit = np.abs(back) @ curve.cubic, np.abs(back) @ curve.limit
+    return Linearization(single(scale * back @ curve.quadratic), single(scale**2 * cubic), single(limit / scale))
 
 
 def _gated(
