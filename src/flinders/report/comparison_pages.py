@@ -295,7 +295,7 @@ def _true_parameters(evaluation: Evaluation) -> Text:
 def _true_rotation(rotation: RotationDifference) -> tuple[str, str]:
     """How far the rotation into the body is off, and what is claimed of it."""
     if rotation.covariance is None:
-        return angle(rotation.angle_deg), "into the body, which the calibration does not claim: taken off above"
+        return angle(rotation.angle_deg), "into the body, not claimed: taken off above"
     sigma = rotation.angle_sigma_deg
     return angle(
         rotation.angle_deg
