@@ -110,6 +110,7 @@ def test_a_file_without_a_covariance_is_exact() -> None:
     found = flinders_("compare", "other.json", "bare.json", "--json").json
     assert (found["p_value"], found["claimed_deg"], found["offset_sigma"]) == (None, None, None)
     assert "the same calibration twice" in flinders_("compare", "bare.json", "bare.json").out
+    assert "the same calibration twice" in flinders_("compare", "monday.json", "monday.json").out
 
 
 def test_names_of_two_sensors_are_noticed() -> None:
@@ -143,6 +144,21 @@ def test_a_calibration_checked_on_its_own_recording_proves_nothing() -> None:
     both = flinders_("check", "made.json", "tuesday.csv", "copy.csv", "--json")
     assert (both.code, both.json["own_recordings"]) == (3, ["copy.csv"])
     assert flinders_("check", "made.json", "tuesday.csv").code == 0
+
+
+def test_calibrations_that_leave_any_angle_say_so() -> None:
+    """One of another sensor, whose claim is as wide as it is wrong."""
+    first = flinders.Fit.load("monday.json")
+    moved = replace(first.calibration, offset=first.calibration.offset + np.array([200.0, 0.0, 0.0]))
+    replace(first, calibration=moved, covariance=1e8 * first.covariance).save("wide.json")
+    ended = flinders_("compare", "monday.json", "wide.json")
+    assert ended.code == 3
+    assert "headings any angle apart" in " ".join(ended.out.split())
+    assert "too little to tell" in " ".join(ended.out.split())
+    replace(first, calibration=moved).save("far.json")
+    assert "headings any angle apart, more than the target" in " ".join(
+        flinders_("compare", "monday.json", "far.json").out.split()
+    )
 
 
 def test_angles_and_shares_that_round_to_nothing_have_no_sign() -> None:
@@ -275,6 +291,8 @@ def test_the_dip_has_the_sign_that_the_recording_shows() -> None:
         ("two-axis tuesday.csv --after monday.csv", 2, "monday.csv is a recording, calibrate it first"),
         ("compare monday.json nix.json", 5, "nix.json: cannot be read"),
         ("compare monday.json -", 5, "cannot be read"),
+        ("drift monday.json", 2, "monday.json is a calibration: flinders compare compares two"),
+        ("drift monday.csv", 2, "monday.csv is a recording: flinders fleet calibrates a folder of them"),
         ("compare monday.json counts.json", 2, "counts.json for counts"),
         ("compare monday.json axes.json", 2, "axes.json has axes x,-y,-z"),
         ("compare monday.json broken.json", 5, "broken.json: fit.covariance is not symmetric"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,7 @@ from flinders.core.units import Unit
 from flinders.errors import UnitError, UsageError
 from flinders.fitting import calibrate
 from flinders.fitting.result import Fit
+from flinders.geometry.rotation import rotations
 from flinders.simulate import Sensor, tumble
 from flinders.simulate.truth import Truth
 
@@ -61,11 +63,85 @@ def test_a_rotation_is_told_apart_from_soft_iron() -> None:
     turn = simulate.turns([[0.0, 0.0, np.radians(3.0)]])[0]
     told = evaluate(calibration(turn, np.zeros(3), rotation="composed"), Truth.of(tumble(n=10, sensor=Sensor())))
     assert told.rotation_deg == pytest.approx(3.0)
-    assert told.heading_mean_deg == pytest.approx(-3.0)
+    assert told.heading_mean_deg == pytest.approx(0.0, abs=1e-7)
     assert told.matrix_error == pytest.approx(0.0, abs=1e-12)
     assert told.heading_error_deg.worst == pytest.approx(0.0, abs=1e-7)
     assert told.freed_direction_error_deg[1] == pytest.approx(0.0, abs=1e-6)
     assert told.direction_error_deg[1] == pytest.approx(3.0, rel=1e-3)
+
+
+@cache
+def aided() -> tuple[Fit, Truth]:
+    """A fit with an accelerometer, which sees the rotation into the body, and the truth."""
+    recording = tumble(seed=1, n=2000)
+    return calibrate.fit(recording.samples, aiding=("dip",)), Truth.of(recording)
+
+
+def with_rotation_error(fit: Fit, off_deg: float, claimed_deg: float) -> Fit:
+    """The same turned by so much about the body's x axis, and with that claim about each."""
+    assert fit.aiding is not None
+    turn = rotations(np.array([[np.radians(off_deg), 0.0, 0.0]]))[0]
+    turned = replace(fit.calibration, matrix=turn @ fit.calibration.matrix)
+    covariance = np.radians(claimed_deg) ** 2 * np.eye(3)
+    return replace(fit, calibration=turned, aiding=replace(fit.aiding, rotation_covariance=covariance))
+
+
+def test_a_rotation_error_that_is_claimed_is_no_error_beyond_the_claim() -> None:
+    """2° about x turn headings by 3.5°: far more than the ellipsoid claims, and as much as the rotation does."""
+    plain, truth = aided()
+    as_fitted, turned = (evaluate(one, truth) for one in (plain, with_rotation_error(plain, 2.0, 2.0)))
+    assert turned.verdict == as_fitted.verdict == "as claimed"
+    assert turned.heading_ratio == pytest.approx(as_fitted.heading_ratio)
+    assert turned.direction_ratio == pytest.approx(as_fitted.direction_ratio)
+    assert turned.rotation_deg == pytest.approx(2.0, abs=0.1)
+    assert turned.body_heading_error_deg is not None
+    assert turned.claimed_body_heading_deg is not None
+    assert turned.body_heading_error_deg.worst == pytest.approx(2.0 * np.tan(np.radians(60.0)), rel=0.1)
+    assert 0.3 < turned.body_heading_error_deg.rms / turned.claimed_body_heading_deg.rms < 1.0
+    assert not turned.is_on_target
+
+
+def test_a_rotation_that_claims_too_much_is_found_out() -> None:
+    plain, truth = aided()
+    turned = evaluate(with_rotation_error(plain, 2.0, 0.1), truth)
+    assert turned.verdict == "worse than claimed"
+    assert turned.heading_ratio == pytest.approx(evaluate(plain, truth).heading_ratio)
+    assert turned.body_heading_ratio is not None
+    assert turned.body_heading_ratio > 10
+
+
+def test_the_heading_of_the_body_claims_what_the_fit_states() -> None:
+    """Offset and shape, with what the mounting adds."""
+    fit, truth = aided()
+    found = evaluate(fit, truth, dip_deg=fit.known_dip_deg)
+    assert found.claimed_body_heading_deg is not None
+    assert fit.alignment_error_deg is not None
+    stated = np.hypot(fit.heading_error_deg.rms, fit.alignment_error_deg)
+    assert found.claimed_body_heading_deg.rms == pytest.approx(stated, rel=0.02)
+
+
+def test_a_misaligned_sensor_is_as_wrong_as_it_claims_by_the_magnetometer_alone() -> None:
+    """Nobody claims the 3° that its axes are turned by."""
+    turn = simulate.turns([[np.radians(3.0), 0.0, 0.0]])[0]
+    recording = tumble(seed=2, motion="uniform", n=400, sensor=Sensor(RECORDING.sensor.matrix @ turn, noise=0.5))
+    found = evaluate(calibrate.fit(recording.samples), Truth.of(recording))
+    assert (found.verdict, found.is_on_target) == ("as claimed", True)
+    assert found.rotation_deg == pytest.approx(3.0, abs=0.2)
+    assert found.body_heading_error_deg is None
+    assert found.direction_error_deg.worst > 2.0 > 10 * found.freed_direction_error_deg.rms
+
+
+@pytest.mark.parametrize("aid", ["dip", "rate"])
+def test_fits_with_an_aid_are_as_wrong_as_they_claim(aid: str, trials: Choose) -> None:
+    """Their rotation, too."""
+    found, claim = [], trials(30, 8)
+    for seed in claim.seeds:
+        recording = tumble(seed, motion="hand", n=1500)
+        found.append(evaluate(calibrate.fit(recording.samples, aiding=(aid,)), Truth.of(recording)))
+    ratios = np.array([[each.heading_ratio, each.body_heading_ratio] for each in found], dtype=float)
+    low, high = claim.ratios(0.75, 1.25)
+    assert np.all((np.sqrt(np.mean(ratios**2, axis=0)) > low) & (np.sqrt(np.mean(ratios**2, axis=0)) < high))
+    assert sum(each.verdict == "worse than claimed" for each in found) <= 2
 
 
 def test_soft_iron_and_scale_are_told_apart() -> None:

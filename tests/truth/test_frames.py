@@ -147,6 +147,16 @@ def test_what_acts_before_the_mounting_does_not_get_numbers_from_after_it(target
     assert run("export", "--to", target, "c.json", "-o", "out").exit_code == 0
 
 
+@pytest.mark.parametrize("command", ["apply", "heading", "check"])
+def test_a_calibration_is_not_for_a_log_in_other_axes(command: str) -> None:
+    assert run("calibrate", "two.log", "--sensor", "1", "-o", "c.json").exit_code == 0
+    text = Path("c.json").read_text(encoding="utf-8").replace('"frame": "vehicle"', '"frame": "sensor"')
+    Path("c.json").write_text(text, encoding="utf-8")
+    ended = run(command, "c.json", "two.log", "--sensor", "1")
+    assert (ended.exit_code, ended.stdout) == (2, "")
+    assert "is in axes of the vehicle, the calibration is for readings in axes of the sensor" in ended.stderr
+
+
 def test_a_blackbox_goes_to_betaflight_and_not_to_inav() -> None:
     """``magADC`` is after the alignment of the board, where Betaflight acts and INAV does not."""
     field = np.rint(500 * simulate.uniform(np.random.default_rng(5), 400) + [100, -50, 30]).astype(int)
@@ -246,4 +256,6 @@ def test_a_calibration_in_vehicle_axes_is_applied_to_its_own_log() -> None:
     checked = run("check", "c.json", "two.log", "--sensor", "2")
     assert checked.exit_code == 3  # for no other reason than this one
     assert "two.log went into this calibration: check it on a recording made since" in checked.stdout
-    assert run("heading", "c.json", "two.log", "--sensor", "2", "--level").exit_code == 0
+    headings = run("heading", "c.json", "two.log", "--sensor", "2", "--level")
+    assert headings.exit_code == 3  # for no other reason than that it was tumbled
+    assert headings.stderr.count("  ! ") == headings.stderr.count("the sensor was tilted, as the vertical field") == 1

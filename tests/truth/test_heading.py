@@ -139,6 +139,15 @@ def test_a_level_turn_errs_by_its_four_coefficients_and_nothing_else(down: Float
     assert np.sqrt(np.trace(covariance) / 2.0) == pytest.approx(rms, rel=1e-9)
 
 
+def test_deviation_is_that_of_the_body_where_the_sensor_is_turned_in_it() -> None:
+    """A quarter turn to the right: what is fore and aft of the sensor is athwart of the body."""
+    sphere, along_x = Ellipsoid(np.zeros(3), 50.0 * np.eye(3)), np.diag([0.25, 0, 0, 0, 0, 0, 0, 0, 0])
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    plain, turned = (deviation_covariance(sphere, along_x, rotation=each) for each in (None, quarter))
+    npt.assert_allclose(np.diagonal(turned)[[1, 0, 2, 3]], np.diagonal(plain), atol=1e-12)
+    assert plain[0, 0] > 1.0
+
+
 def test_without_tilt_the_tilted_error_is_the_level_one() -> None:
     for down in (None, *DOWNS):
         level = level_error(SKEW, COVARIANCE, dip_deg=-40.0, down=down)

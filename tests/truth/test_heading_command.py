@@ -19,10 +19,12 @@ from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted, beside_record
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
+from flinders.fitting.aiding import Aiding
 from flinders.fitting.calibrate import fit
 from flinders.fitting.result import Fit
 from flinders.geometry.angles import folded
 from flinders.geometry.ellipsoid import symmetric
+from flinders.geometry.rotation import rotations
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.compass import Compass
 from flinders.heading.error_propagation import deviation_covariance
@@ -345,6 +347,55 @@ def test_another_sensor_is_refused_and_an_odd_field_is_mentioned(home: Path) -> 
         assert (ended.code, "do not suit the calibration" in ended.err) == (3, True)
 
 
+STUCK: dict[str, tuple[list[int], str, str, str]] = {
+    "one axis": ([3], "--level", "never changes in 600 readings: z = ", "do not suit the calibration"),
+    "all axes": ([1, 2, 3], "--level", "never changes in 600 readings: x = ", "do not suit the calibration"),
+    "an accelerometer that never changes": (
+        [4, 5, 6], "--dip=60", "the accelerometer never changes", "the accelerometer does not suit",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", STUCK)
+def test_nothing_is_claimed_of_headings_by_a_sensor_that_is_stuck(home: Path, name: str) -> None:
+    columns, option, cause, unclaimed = STUCK[name]
+    calibrated(500)
+    log = log_of(tumbling()[1])
+    log[:, columns] = log[0, columns]
+    ended = flinders_("heading", "calibration.json", write("odd.csv", log), "-o", "out.csv", option)
+    assert ended.code == 3, ended.err
+    assert cause in ended.said
+    assert "good to an unknown accuracy" in ended.said
+    assert unclaimed in ended.said
+    assert "headings run backwards" not in ended.said
+
+
+def test_a_sensor_that_tumbles_is_not_level(home: Path) -> None:
+    calibrated(500)
+    ended = flinders_("heading", "calibration.json", "log.csv", "-o", "out.csv", "--level")
+    assert ended.code == 3
+    assert "the sensor was tilted, as the vertical field shows" in ended.said
+    assert "good to an unknown accuracy: the sensor was tilted" in ended.said
+
+
+@pytest.mark.parametrize("value", [0.0, math.nan])
+def test_an_accelerometer_that_shows_no_vertical_gives_no_heading(home: Path, value: float) -> None:
+    calibrated(500)
+    log = log_of(tumbling()[1])
+    log[:, 4:] = value
+    ended = flinders_("heading", "calibration.json", write("odd.csv", log), "-o", "out.csv")
+    assert ended.code == 3
+    assert "no reading has a heading: the acceleration is zero or missing" in ended.said
+    assert "good to nothing: no reading has a heading" in ended.said
+
+
+def test_an_axis_that_never_changes_is_named_when_readings_are_corrected(home: Path) -> None:
+    log = log_of(tumbling()[1])
+    log[:, 2] = 7.0
+    ended = flinders_("apply", "calibration.json", write("odd.csv", log), "-o", "out.csv")
+    assert (ended.code, "never changes in 600 readings: y = 7." in ended.said) == (3, True)
+
+
 def test_a_calibration_that_states_its_accuracy_notices_a_smaller_change_of_iron(home: Path) -> None:
     """2 µT in each axis is 4 % of spread where noise and claim make 1 %, and degrees of heading."""
     calibrated(500)
@@ -472,6 +523,41 @@ def test_a_swing_says_what_its_calibration_claims_and_whether_that_holds(home: P
     bent = flinders_("swing", "calibration.json", "iron.csv", *KNOWN)
     assert "B to E are more than swing and calibration explain" in " ".join(bent.out.split())
     assert flinders_("swing", "calibration.json", "iron.csv", *KNOWN, "--json").json["calibration"]["p_value"] < 1e-6
+
+
+def with_rotation_error(off_deg: float, claimed_deg: float) -> None:
+    """Turn the calibration by so much about the body's x axis, with that claim about each axis."""
+    known = Fit.load("calibration.json")
+    turn = rotations(np.array([[np.radians(off_deg), 0.0, 0.0]]))[0]
+    turned = replace(known.calibration, matrix=turn @ known.calibration.matrix, rotation="estimated")
+    aiding = Aiding(rotation_covariance=np.radians(claimed_deg) ** 2 * np.eye(3))
+    replace(known, calibration=turned, aiding=aiding).save("calibration.json", force=True)
+
+
+def test_a_rotation_that_is_off_as_it_claims_explains_a_swing(home: Path) -> None:
+    """2° about x turn a level compass by up to 3.5°."""
+    calibrated(2000)
+    write("log.csv", swinging(STOPS))
+    with_rotation_error(2.0, 2.0)
+    told = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json").json
+    assert abs(told["deviation"]["coefficients_deg"]["C"]) == pytest.approx(3.5, abs=0.2)
+    assert told["calibration"]["sigma_deg"]["C"] == pytest.approx(2.0 * math.tan(math.radians(60.0)), rel=0.05)
+    assert told["calibration"]["p_value"] > 0.05
+    with_rotation_error(0.0, 0.1)
+    narrow = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json").json
+    assert narrow["calibration"]["p_value"] < 1e-6
+
+
+def test_what_the_mounting_adds_is_said_with_the_headings(home: Path) -> None:
+    calibrated(2000)
+    plain = flinders_("heading", "calibration.json", "log.csv", "-o", "out.csv", "--json").json
+    assert plain["mounting_error_deg"] is None
+    with_rotation_error(0.0, 0.5)
+    turned = flinders_("heading", "calibration.json", "log.csv", "-o", "out.csv", "--json", "--force").json
+    assert turned["mounting_error_deg"] == pytest.approx(0.5 * math.hypot(1.0, math.tan(math.radians(60.0))), rel=0.01)
+    assert turned["heading_error_deg"]["worst"] == pytest.approx(plain["heading_error_deg"]["worst"], rel=1e-3)
+    said = flinders_("heading", "calibration.json", "log.csv", "-o", "out.csv", "--force").said
+    assert "how the axes sit in the body adds 1.0° (1 σ)" in said
 
 
 def test_a_calibration_without_uncertainty_claims_nothing_of_a_swing(home: Path) -> None:

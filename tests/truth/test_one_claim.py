@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import io
+import json
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
 from rich.console import Console
+from tests.program import flinders_
 from tests.worlds import SENSOR, judged, with_slow_noise
 
-from flinders import Fit, Samples, simulate
+from flinders import Fit, Samples, read, simulate
 from flinders.comparison.comparison import compare
 from flinders.comparison.evaluation import evaluate
 from flinders.comparison.merging import merge
 from flinders.fitting.batch import fit_batch
-from flinders.report.fit_pages import of_fit
+from flinders.geometry.rotation import rotations
+from flinders.report.fit_pages import of_file, of_fit
+from flinders.report.formatting import degrees
 from flinders.report.view import view
 from flinders.simulate.truth import Truth
 
@@ -90,6 +95,8 @@ def test_every_door_states_one_number(fit: Fit) -> None:
     loaded = Fit.from_document(fit.to_document())
     assert loaded.level_error().worst == pytest.approx(claim, rel=1e-6)
     assert loaded.heading_bound_deg == pytest.approx(bound, rel=1e-6)
+    if fit.alignment_error_deg is not None:
+        assert loaded.alignment_error_deg == pytest.approx(fit.alignment_error_deg, rel=1e-6)
 
 
 def test_the_terminal_says_it(fit: Fit) -> None:
@@ -100,15 +107,51 @@ def test_the_terminal_says_it(fit: Fit) -> None:
 
 
 def test_it_is_held_against_the_truth_and_against_other_calibrations(fit: Fit) -> None:
-    exact = replace(fit, covariance=np.zeros((9, 9)), distortion=0.0, nonlinearity=None, axis_lag=None)
-    compared = compare(fit, exact).claimed_deg
-    assert compared is not None
-    assert compared.worst == pytest.approx(fit.heading_error_deg.worst, rel=1e-3)
-    if fit.plane is None:
-        truth = Truth.of(RECORDING)
-        claimed = evaluate(fit, truth, dip_deg=fit.known_dip_deg).claimed_heading_deg
-        assert claimed is not None
-        assert claimed.worst == pytest.approx(fit.heading_error_deg.worst, rel=1e-9)
+    claim, bound = fit.heading_error_deg.worst, fit.heading_bound_deg
+    compared = compare(fit, exact(fit))
+    assert compared.claimed_deg is not None
+    assert (compared.claimed_deg.worst, compared.claimed_bound_deg) == pytest.approx((claim, bound), rel=1e-3)
+    found = evaluate(fit, Truth.of(RECORDING), dip_deg=fit.known_dip_deg)
+    assert found.claimed_heading_deg is not None
+    assert found.claimed_heading_deg.worst == pytest.approx(claim, rel=1e-9)
+    assert found.claimed_bound_deg == pytest.approx(bound, rel=1e-3)
+
+
+def exact(fit: Fit) -> Fit:
+    """The same without any uncertainty."""
+    return replace(fit, covariance=np.zeros((9, 9)), distortion=0.0, nonlinearity=None, axis_lag=None)
+
+
+@pytest.mark.parametrize("aiding", [(), ("dip",)], ids=["alone", "with dip"])
+def test_commands_file_and_page_state_one_number(
+    aiding: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`calibrate`, its file, `evaluate`, `compare`, `check`, `heading` and the page, of one recording."""
+    monkeypatch.chdir(tmp_path)
+    flinders_("simulate", "three-axis", "-o", "hand.csv", "--seed", "7", "--readings", "1500")
+    words = ("--with", ",".join(aiding)) if aiding else ()
+    made = flinders_("calibrate", "hand.csv", *words, "-o", "fit.json", "--json").json
+    fit = Fit.load("fit.json")
+    Fit(fit.calibration).save("exact.json")
+    stated = made["heading_error_deg"]
+    claims = {
+        "the file": json.loads(Path("fit.json").read_text())["fit"]["heading_error_deg"],
+        "evaluate": flinders_("evaluate", "fit.json", "hand.truth.json", "--json").json["claimed_heading_deg"],
+        "compare": flinders_("compare", "exact.json", "fit.json", "--json").json["claimed_deg"],
+        "heading": flinders_(
+            "heading", "fit.json", "hand.csv", "-o", "out.csv", "--dip", f"{stated['dip_deg']}", "--json"
+        ).json["heading_error_deg"],
+    }
+    if not aiding:  # a check fits by the magnetometer alone
+        claims["check"] = flinders_("check", "exact.json", "hand.csv", "--json").json["claimed_deg"]
+    drawn = view(judged(read("hand.csv"), aiding=aiding), read("hand.csv")).heading_error_deg
+    assert drawn is not None
+    claims["the page"] = {"rms": drawn.rms, "worst": drawn.worst, "bound_95": drawn.bound_95}
+    for place, claim in claims.items():
+        for key in ("rms", "worst", "bound_95"):
+            assert claim[key] == pytest.approx(stated[key], rel=1e-3), (place, key)
+    printed = flinders_("calibrate", "hand.csv", *words).out, flinders_("show", "fit.json").out
+    assert all(f"{stated['worst']:.2g}° (95 % within {stated['bound_95']:.2g}°" in page for page in printed)
 
 
 @pytest.mark.parametrize("change", [structured, bent, late, disturbed])
@@ -118,6 +161,28 @@ def test_a_fleet_states_it(change: Callable[[Floats], Floats]) -> None:
     assert columns.by_record.all() or fit.verdict == "refused"
     assert columns.worst_deg[0] == pytest.approx(fit.heading_error_deg.worst, rel=1e-9)
     assert fit.verdict == "refused" or columns.bound_deg[0] == pytest.approx(fit.heading_bound_deg, rel=1e-3)
+
+
+def test_what_the_mounting_adds_is_said_wherever_the_rotation_was_seen() -> None:
+    """By the terminal, of a fit and of its file, and by the file."""
+    fit = FITS["with dip"]()
+    loaded = Fit.from_document(fit.to_document())
+    for page in (of_fit(fit), of_file(loaded, is_verbose=False)):
+        console = Console(file=io.StringIO(), width=200)
+        console.print(page)
+        assert f"adds {degrees(fit.alignment_error_deg or 0.0)} (1 σ)" in console.file.getvalue()  # type: ignore[attr-defined]
+
+
+def test_before_and_after_are_of_the_same_axes() -> None:
+    """The turn that a page draws is that of the numbers beside it, also where the sensor sits turned in the body."""
+    fit = FITS["clean"]()
+    turn = rotations(np.array([[0.3, -0.2, 1.4]]))[0]
+    mounted = replace(
+        fit, calibration=replace(fit.calibration, matrix=turn @ fit.calibration.matrix, rotation="composed")
+    )
+    drawn = view(mounted, SAMPLES).turn
+    assert drawn is not None
+    assert max(map(abs, drawn.before_deg)) == pytest.approx(mounted.uncorrected_heading_error_deg.worst, abs=1e-3)
 
 
 def test_a_merged_calibration_has_what_belongs_to_the_direction() -> None:

@@ -439,7 +439,7 @@ def test_a_calibration_is_applied_to_the_magnetometer_it_is_for(second: Path, tw
         np.testing.assert_allclose(rows[:, 1:4], field_of(0), atol=1e-6)
         np.testing.assert_allclose(np.linalg.norm(rows[:, 7:10], axis=1).mean(), 48.0, atol=0.05)
     assert "two.csv: mag2, columns mag2_x" in run(f"check {second} {two}", code=3).stderr
-    assert "two.csv: mag2, columns mag2_x" in run(f"heading {second} {two} --level -o h.csv").stderr
+    assert "two.csv: mag2, columns mag2_x" in run(f"heading {second} {two} --level -o h.csv", code=3).stderr
 
 
 def test_another_one_is_read_where_it_is_asked_for_and_that_is_said(second: Path, two: Path) -> None:

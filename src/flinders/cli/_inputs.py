@@ -8,7 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flinders.cli._output import refuse_twice, say
-from flinders.errors import DocumentError, FlindersError, TooFewSamples, UnitError, UsageError, counted, figures
+from flinders.errors import (
+    AxesError,
+    DocumentError,
+    FlindersError,
+    TooFewSamples,
+    UnitError,
+    UsageError,
+    counted,
+    figures,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -307,11 +316,19 @@ def made_from(calibration: str, recordings: Iterable[Recording]) -> list[str]:
 
 
 def agree(calibration: Calibration, recording: Recording) -> None:
-    """Give a recording the calibration's unit, or refuse where it states another kind."""
+    """Give a recording the calibration's unit, or refuse where it states another kind, or other axes."""
+    from flinders.core.samples import frame_of
     from flinders.readers import TableRecording, TextRecording
 
+    is_table = isinstance(recording, TextRecording | TableRecording)
     if isinstance(recording, TextRecording | TableRecording) and not recording.states_unit:
         recording.unit = calibration.raw
+    frame = frame_of(recording)
+    if frame != calibration.frame and not (is_table and frame == "sensor"):  # a table does not say
+        raise AxesError(
+            f"{recording.source} is in axes of the {frame}, the calibration is for readings in axes of the "
+            f"{calibration.frame}: calibrate again from a recording like this one"
+        )
     if recording.unit.inside != calibration.unit:
         raise UnitError(
             f"{recording.source} is in {recording.unit.name}, the calibration is for readings in "

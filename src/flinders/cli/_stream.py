@@ -37,7 +37,7 @@ OUTLYING, OUTLIERS = 3.0, 0.1
 ENOUGH_TO_JUDGE: Final = 1000
 """Readings of a stream after which the axes are looked at for the first time; at its end fewer will do."""
 ENOUGH_TO_WEIGH: Final = 100
-"""Readings of a block from which gravity is taken."""
+"""Readings of a block from which gravity is taken; of a recording in which an axis that never changes is stuck."""
 
 
 class Smoother:
@@ -110,6 +110,7 @@ class Corrector:
         self._calibration, self._source, self.spread_limit = fit.calibration, source, _spread_limit(fit)
         self.strength: Strength = Strength()
         self.inliers: Strength = Strength()
+        self._lowest, self._highest = [math.inf] * 3, [-math.inf] * 3
 
     def __call__(self, readings: Floats) -> Floats:
         """Correct (N, 3) readings."""
@@ -126,6 +127,8 @@ class Corrector:
                 f"({self._calibration.field_strength:.4g} {self._calibration.unit}): it is for another sensor, unit or "
                 "range; check --columns, or calibrate this sensor"
             )
+        self._lowest = np.fmin.reduce(np.vstack([self._lowest, readings])).tolist()
+        self._highest = np.fmax.reduce(np.vstack([self._highest, readings])).tolist()
         self.strength += Strength.of(strength)
         self.inliers += Strength.of(strength[np.abs(strength - middle) <= OUTLYING * self.spread_limit])
         return corrected
@@ -139,8 +142,20 @@ class Corrector:
         return not readings or (1 / ODD < inliers.mean < ODD and inliers.spread < self.spread_limit)
 
     @property
+    def stuck(self) -> str:
+        """Axes that have the same value in so many readings, as ``x = 1.5, z = 7``; nothing where all change."""
+        if self.strength.readings < ENOUGH_TO_WEIGH:
+            return ""
+        extremes = zip("xyz", self._lowest, self._highest, strict=True)
+        return ", ".join(f"{axis} = {lowest:g}" for axis, lowest, highest in extremes if lowest == highest)
+
+    @property
     def doubt(self) -> str:
-        """What readings that do not suit may come from; nothing where they suit."""
+        """Why readings do not suit, and what that may come from; nothing where they suit."""
+        if self.stuck:
+            return (
+                f"never changes in {self.strength.readings:,} readings: {self.stuck}. Check the wiring and the columns"
+            )
         if self.is_plausible:
             return ""
         return (
@@ -264,11 +279,20 @@ class HeadingLog:
         dip, scatter = frames.dip_deg
         return min(scatter * abs(math.tan(math.radians(dip))), 180.0)
 
-    def down(self) -> Floats:
-        """(3,) which way is down when the vehicle is level, in the axes of the calibration's ellipsoid."""
+    def mounting_error_deg(self, dip_deg: float) -> float | None:
+        """What the rotation into the body adds to headings, 1 σ; None where the calibration claims none."""
+        aiding = self.fit.aiding
+        return None if aiding is None else aiding.alignment_error_deg(dip_deg)
+
+    def down_in_body(self) -> Floats:
+        """(3,) which way is down when the vehicle is level, in corrected axes."""
         import numpy as np
 
-        down: Floats = self.fit.calibration.rotation_matrix.T @ np.array([0, 0, -1.0 if self.voyage.is_z_up else 1.0])
+        return np.array([0.0, 0.0, -1.0 if self.voyage.is_z_up else 1.0])
+
+    def down(self) -> Floats:
+        """(3,) the same in the axes of the calibration's ellipsoid."""
+        down: Floats = self.fit.calibration.rotation_matrix.T @ self.down_in_body()
         return down
 
 

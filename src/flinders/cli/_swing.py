@@ -461,14 +461,22 @@ def _rests(calibration: str | None, recording: str, options: SwingOptions) -> tu
 
 
 def _expected(log: HeadingLog) -> Expected | None:
-    """Deviation that the calibration's own uncertainty makes, where it states one."""
+    """Deviation that the calibration's own uncertainty makes, and that of its rotation, where it states one."""
+    from flinders.comparison.comparison import rotation_covariance
     from flinders.heading.deviation import Expected
     from flinders.heading.error_propagation import deviation_covariance
 
     if not log.fit.states_uncertainty:
         return None
     dip, source = log.site_dip()
-    covariance = deviation_covariance(log.fit.ellipsoid, log.fit.claimed_covariance, dip_deg=dip, down=log.down())
+    covariance = deviation_covariance(
+        log.fit.ellipsoid,
+        log.fit.claimed_covariance,
+        dip_deg=dip,
+        down=log.down_in_body(),
+        rotation=log.fit.calibration.rotation_matrix,
+        rotation_covariance=rotation_covariance(log.fit),
+    )
     return Expected(covariance, dip, source)
 
 

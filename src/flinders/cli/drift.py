@@ -8,10 +8,14 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
+from flinders.cli._inputs import is_calibration, is_recording
 from flinders.cli._output import refuse_twice, working
 from flinders.cli._program import GOOD, LIMITED
+from flinders.errors import UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from flinders.report.fleet import FleetDrift
 
 
@@ -74,6 +78,7 @@ def command(options: Drift) -> int:
     from flinders.report.comparison_pages import of_drift
 
     refuse_twice(options.tables)
+    _refuse_no_table(options.tables)
     outputs = options.checked_outputs()
     with working() as watch, drift_table(options.out, force=options.force) as each:
         if watch is not None:
@@ -92,6 +97,15 @@ def command(options: Drift) -> int:
     outputs.print(drift.as_dict, lambda: of_drift(drift))
     outputs.say_written()
     return LIMITED if drift.states["recalibrate"] else GOOD
+
+
+def _refuse_no_table(paths: Iterable[str]) -> None:
+    """Refuse calibrations and recordings in the place of a table."""
+    for path in paths:
+        if is_calibration(path):
+            raise UsageError(f"{path} is a calibration: flinders compare compares two; a table is of flinders fleet")
+        if is_recording(path):
+            raise UsageError(f"{path} is a recording: flinders fleet calibrates a folder of them, and writes the table")
 
 
 def _report(drift: FleetDrift, options: Drift) -> str:

@@ -47,7 +47,8 @@ def command(options: Evaluate) -> int:
     """Say how far CALIBRATION is from TRUTH, which `flinders simulate` wrote, and whether it knows.
 
     True errors of heading, direction, offset and matrix stand beside those that the calibration claims, with their
-    ratio: about 1 where the claims are true. A rotation that no magnetometer can see is given on its own.
+    ratio: about 1 where the claims are true. Both are in the magnetometer's own axes; a rotation into the body is
+    given on its own, and counts where the calibration claims it.
     """
     from flinders.comparison.evaluation import evaluate
     from flinders.report.comparison_pages import of_evaluation

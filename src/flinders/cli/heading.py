@@ -152,6 +152,7 @@ def claims(log: HeadingLog) -> dict[str, Any]:
     dip, source = log.site_dip()
     claimed: dict[str, Any] = {"dip_deg": dip, "dip_from": source, "level": None, "bound": None, "tilted": None}
     claimed["tilt_error_deg"] = log.tilt_error_deg
+    claimed["mounting_error_deg"] = log.mounting_error_deg(dip)
     if not log.fit.states_uncertainty:
         return claimed
     ellipsoid, covariance, down, tilt_deg = (
@@ -175,6 +176,7 @@ def summary(log: HeadingLog, claimed: dict[str, Any]) -> dict[str, Any]:
         "heading_error_deg": _error(claimed["level"], bound_95=claimed["bound"]),
         "tilted_heading_error_deg": _error(claimed["tilted"]),
         "tilt_error_deg": claimed["tilt_error_deg"],
+        "mounting_error_deg": claimed["mounting_error_deg"],
         "dip_from": claimed["dip_from"],
         "declination_deg": log.compass.declination_deg,
         "site": None if log.site is None else log.site.as_dict(),
@@ -203,6 +205,7 @@ def _say_how_good(log: HeadingLog, claimed: dict[str, Any]) -> list[str]:
         declination_deg=compass.declination_deg,
         claims=claimed,
         said=said,
+        doubt=log.corrector.doubt,
     )
     say(drawn(page, sys.stderr))
     return [words for kind, words in said if kind == "limits"]

@@ -28,7 +28,7 @@ from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.geometry.plane import to_equator
 from flinders.geometry.rotation import rotation_vectors
 from flinders.geometry.sphere import fibonacci
-from flinders.heading.error_propagation import HeadingError
+from flinders.heading.error_propagation import HeadingError, level_bound_deg
 from flinders.summary.pooling import chance_of, chi_square_of
 
 if TYPE_CHECKING:
@@ -54,6 +54,11 @@ SAME_DEG: Final = 1e-6
 def printed(result: object, *names: str) -> dict[str, Any]:
     """Attributes of a result as JSON has them, by name."""
     return {name: _plain(getattr(result, name)) for name in names}
+
+
+def with_bound(error: HeadingError | None, bound_deg: float | None) -> dict[str, float] | None:
+    """A claimed heading error as JSON has it, with the bound that no heading exceeds with 95 %."""
+    return None if error is None or bound_deg is None else error.as_dict(bound_95=bound_deg)
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a result holds
@@ -86,10 +91,17 @@ class RotationDifference:
         """Take b's rotation after a's is undone; None unless both know one."""
         if "symmetric" in (a.calibration.rotation, b.calibration.rotation):
             return None
-        both = [_rotation_covariance(fit) for fit in (a, b)]
-        covariance = None if both[0] is None or both[1] is None else np.rad2deg(np.rad2deg(both[0] + both[1]))
-        between = b.calibration.rotation_matrix @ a.calibration.rotation_matrix.T
-        return cls(np.rad2deg(rotation_vectors(between)), covariance)
+        both = [rotation_covariance(fit) for fit in (a, b)]
+        covariance = None if both[0] is None or both[1] is None else both[0] + both[1]
+        return cls.between(a.calibration, b.calibration, covariance)
+
+    @classmethod
+    def between(cls, a: Calibration, b: Calibration, covariance: Floats | None = None) -> Self:
+        """The same of two calibrations, with a covariance (3, 3) in rad²."""
+        turn = b.rotation_matrix @ a.rotation_matrix.T
+        return cls(
+            np.rad2deg(rotation_vectors(turn)), None if covariance is None else np.rad2deg(np.rad2deg(covariance))
+        )
 
     @property
     def angle_deg(self) -> float:
@@ -117,9 +129,12 @@ class RotationDifference:
     @property
     def p_value(self) -> float | None:
         """How often chance alone turns them as far apart; None where not both say how well they know theirs."""
-        if self.covariance is None:
-            return None
-        return chance_of(*chi_square_of(self.vector_deg, self.covariance))
+        return None if self.covariance is None else chance_of(*self.chi_square)
+
+    @property
+    def chi_square(self) -> tuple[float, int]:
+        """Of the rotation against its covariance, and degrees of freedom; none without a covariance."""
+        return (0.0, 0) if self.covariance is None else chi_square_of(self.vector_deg, self.covariance)
 
     def heading_deg(self, dip_deg: float) -> float:
         """What it makes of a level vehicle's heading at the worst: a turn about z in full, a tilt by tan I."""
@@ -139,6 +154,8 @@ class Comparison:
     heading_mean_deg: float  #: that mean: it looks like a mounting that has turned
     #: 1 σ of the heading difference, if both covariances are right; None where neither states one
     claimed_deg: HeadingError | None
+    #: what the heading difference exceeds at no heading with a probability of 95 %, likewise
+    claimed_bound_deg: float | None
     #: angle between the corrected fields, rms over 400 directions spread evenly over the sphere
     direction_difference_deg: float
     offset_difference: Floats  #: (3,), in `unit`
@@ -181,7 +198,7 @@ class Comparison:
         ``agree``: no more than chance explains. ``differ``: more, but no heading by more than the target.
         ``contradict``: more, and above it. Without any covariance nothing is left to chance.
         """
-        by_chance = self._is_nothing if self.p_value is None else self.p_value >= CHANCE
+        by_chance = self.is_nothing if self.p_value is None else self.p_value >= CHANCE
         if by_chance:
             return "agree"
         return "differ" if self.worst_deg <= self.target_deg else "contradict"
@@ -212,7 +229,7 @@ class Comparison:
         return self.claimed_deg is None or self.claimed_deg.worst <= self.target_deg
 
     @property
-    def _is_nothing(self) -> bool:
+    def is_nothing(self) -> bool:
         """The same but for rounding."""
         scale = abs(self.scale_difference) if self.is_scale_known else 0.0
         apart = max(math.radians(self.direction_difference_deg), self.offset_share, scale)
@@ -227,7 +244,8 @@ class Comparison:
             "heading_difference_deg": heading.as_dict(
                 mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
             ),
-            **printed(self, "claimed_deg", "ratio", "chi_square", "freedom", "p_value", "direction_difference_deg"),
+            "claimed_deg": with_bound(self.claimed_deg, self.claimed_bound_deg),
+            **printed(self, "ratio", "chi_square", "freedom", "p_value", "direction_difference_deg"),
             **printed(self, "offset_difference", "offset_sigma", "offset_share", "unit", "scale_difference"),
             "scale_known": self.is_scale_known,
             **({} if self.rotation is None else printed(self, "rotation")),
@@ -365,16 +383,18 @@ def _compared(a: Fit, b: Fit, *, dip_deg: float, target_deg: float, is_flat: boo
     pair, is_scale_known = _pair(a, b)
     rms, worst, mean = (float(each[0]) for each in pair.heading_deg(turn_dip_deg))
     claimed = [float(each[0]) for each in pair.sigmas_deg(turn_dip_deg)]
+    middle = Ellipsoid(pair.moved[0], pair.middle[0])
     chi_square, freedom = pair.chi_square(IN_PLANE if is_flat else range(9))
     stated = a.states_uncertainty or b.states_uncertainty
     return Comparison(
         heading_difference_deg=HeadingError(rms, worst, float(dip_deg)),
         heading_mean_deg=mean,
         claimed_deg=HeadingError(claimed[0], claimed[1], float(dip_deg)) if stated else None,
+        claimed_bound_deg=level_bound_deg(middle, pair.covariance[0], dip_deg=turn_dip_deg) if stated else None,
         direction_difference_deg=math.hypot(rms, mean) if is_flat else float(pair.direction_deg(DIRECTIONS)[0]),
         offset_difference=b.calibration.offset - a.calibration.offset,
         offset_sigma=np.sqrt(np.diag(pair.covariance[0])[:3]) if stated else None,
-        field_strength=Ellipsoid(pair.moved[0], pair.middle[0]).radius,
+        field_strength=middle.radius,
         scale_difference=float(pair.scale[0]),
         is_scale_known=is_scale_known,
         chi_square=float(chi_square[0]) if stated else None,
@@ -392,7 +412,7 @@ def _left_out_deg(a: Fit, b: Fit) -> float | None:
     return float(np.rad2deg(np.linalg.norm(rotation_vectors(knowing[0].calibration.rotation_matrix))))
 
 
-def _rotation_covariance(fit: Fit) -> Floats | None:
+def rotation_covariance(fit: Fit) -> Floats | None:
     """(3, 3) rad², about the axes of the body; None where it is not known."""
     covariance = None if fit.aiding is None else fit.aiding.rotation_covariance
     return covariance if covariance is not None and np.isfinite(covariance).all() else None

@@ -22,19 +22,28 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from flinders.comparison.comparison import CHANCE, DIRECTIONS, printed
+from flinders.comparison.comparison import (
+    CHANCE,
+    DIRECTIONS,
+    RotationDifference,
+    printed,
+    rotation_covariance,
+    with_bound,
+)
+from flinders.core.calibration import Calibration
 from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
 from flinders.fitting.calibrate import fit
 from flinders.fitting.result import Refused
-from flinders.geometry.plane import PlaneEllipse, Turn, heading_errors
-from flinders.geometry.rotation import best_rotation, rotation_vectors
+from flinders.geometry.plane import PlaneEllipse, Turn, down_of, heading_errors
 from flinders.heading.error_propagation import (
     DirectionError,
     HeadingError,
-    level_error,
+    body_error,
+    level_bound_deg,
     level_gradients,
     level_turn,
+    upright,
 )
 from flinders.simulate import TwoAxis, swing
 from flinders.simulate.two_axis import Polar
@@ -43,8 +52,8 @@ from flinders.summary.pooling import chance_of, chi_square_of
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
-    from flinders.core.calibration import Calibration
     from flinders.fitting.result import Fit
+    from flinders.geometry.plane import Plane
     from flinders.simulate import Simulated
     from flinders.simulate.truth import Truth
 
@@ -55,15 +64,21 @@ TARGET_DEG: Final = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """True errors of a calibration, and those that it claims."""
+    """True errors of a calibration, and those that it claims.
 
-    heading_error_deg: HeadingError  #: of a level vehicle: rms over 72 headings and the worst, the mean removed
-    heading_mean_deg: float  #: that mean: it looks like a mounting that has turned
-    #: (rms, worst): angle between the corrected and the true field over 400 directions, with any rotation left in
+    An ellipsoid knows no rotation: its claims are in the magnetometer's own axes, and so are the errors that are held
+    against them. Where an aiding sensor saw the rotation, its error is held against its own claim, and the heading of
+    the body, which has both, against both.
+    """
+
+    #: of a level vehicle, in the magnetometer's own axes: rms over 72 headings and the worst, the mean removed
+    heading_error_deg: HeadingError
+    heading_mean_deg: float  #: that mean
+    #: (rms, worst): angle between the corrected and the true field over 400 directions, with the rotation in it
     direction_error_deg: DirectionError
-    #: (rms, worst): the same once the best common rotation is taken away: all that a magnetometer alone can answer for
-    freed_direction_error_deg: DirectionError
-    rotation_deg: float  #: angle of that rotation
+    freed_direction_error_deg: DirectionError  #: (rms, worst): the same in the magnetometer's own axes
+    #: from the true rotation into the body to that of the calibration; with a covariance where one is claimed
+    rotation: RotationDifference
     offset_error: Floats  #: (3,), in `unit`: offset less the true one
     #: what the correction leaves of the soft iron, rotation and scale taken away: Frobenius norm of P − 1, where R P is
     #: the polar decomposition of matrix × true matrix and P is scaled to determinant 1
@@ -75,10 +90,14 @@ class Evaluation:
     unit: str
     #: 1 σ that the calibration's covariance gives at the same dip; None where it states none
     claimed_heading_deg: HeadingError | None = None
-    claimed_direction_deg: DirectionError | None = None  #: (rms, worst): 1 σ, which is one of the rotation-free error
+    claimed_bound_deg: float | None = None  #: what no heading exceeds with a probability of 95 %, as claimed
+    claimed_direction_deg: DirectionError | None = None  #: (rms, worst): 1 σ
     offset_sigma: Floats | None = None  #: (3,), in `unit`: 1 σ, as claimed
-    chi_square: float | None = None  #: of the level heading errors against the covariance
-    freedom: int = 0  # two for a circle, two for a figure of eight around the compass
+    chi_square: float | None = None  #: of the level heading errors and of the rotation against their covariances
+    freedom: int = 0  # two for a circle, two for a figure of eight around the compass, three for a rotation
+    #: of the level body, with the rotation and nothing removed: true error, and 1 σ; None where no rotation is claimed
+    body_heading_error_deg: HeadingError | None = None
+    claimed_body_heading_deg: HeadingError | None = None
 
     @property
     def p_value(self) -> float | None:
@@ -92,8 +111,14 @@ class Evaluation:
         return None if claimed is None else _ratio(self.heading_error_deg.rms, claimed.rms)
 
     @property
+    def body_heading_ratio(self) -> float | None:
+        """The same of the heading of the body; None where no rotation is claimed."""
+        true, claimed = self.body_heading_error_deg, self.claimed_body_heading_deg
+        return None if true is None or claimed is None else _ratio(true.rms, claimed.rms)
+
+    @property
     def direction_ratio(self) -> float | None:
-        """True direction error without the rotation over the claimed one, rms."""
+        """True direction error in the magnetometer's own axes over the claimed one, rms."""
         claimed = self.claimed_direction_deg
         return None if claimed is None else _ratio(self.freed_direction_error_deg.rms, claimed.rms)
 
@@ -117,8 +142,13 @@ class Evaluation:
 
     @property
     def is_on_target(self) -> bool:
-        """No heading is off by more than the target."""
-        return self.heading_error_deg.worst <= self.target_deg
+        """No heading is off by more than the target; of the body, where the calibration claims its rotation."""
+        return (self.body_heading_error_deg or self.heading_error_deg).worst <= self.target_deg
+
+    @property
+    def rotation_deg(self) -> float:
+        """Angle of the rotation error."""
+        return self.rotation.angle_deg
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints."""
@@ -129,11 +159,20 @@ class Evaluation:
             "heading_error_deg": heading.as_dict(
                 mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
             ),
-            **printed(self, "claimed_heading_deg", "heading_ratio", "direction_error_deg", "freed_direction_error_deg"),
+            "claimed_heading_deg": with_bound(self.claimed_heading_deg, self.claimed_bound_deg),
+            **printed(self, "heading_ratio", "direction_error_deg", "freed_direction_error_deg"),
             **printed(self, "claimed_direction_deg", "direction_ratio", "rotation_deg", "offset_error", "offset_sigma"),
             **printed(self, "offset_ratio", "offset_share", "matrix_error", "scale_error"),
+            **self._body_as_dict(),
             **printed(self, "chi_square", "freedom", "p_value", "unit"),
         }
+
+    def _body_as_dict(self) -> dict[str, Any]:
+        """JSON-ready: the rotation and the heading of the body; no key where no rotation is claimed."""
+        if self.body_heading_error_deg is None:
+            return {}
+        names = ("body_heading_error_deg", "claimed_body_heading_deg", "body_heading_ratio", "rotation")
+        return printed(self, *names)
 
     def __repr__(self) -> str:
         heading = self.heading_error_deg
@@ -168,23 +207,28 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
     if fit.calibration.linearization is not None:
         raise UsageError(f"{fit.name} linearizes its axes, and those of the truth are linear: fit without linearize")
     dip_deg = truth.field.dip_deg if dip_deg is None else dip_deg
-    met = _Met(fit.calibration, *mapped(truth, fit.calibration.axes), truth.field.strength)
-    errors, mean = met.heading_errors(dip_deg)
-    seen = met.corrected(DIRECTIONS)
-    rotation = best_rotation(seen.T, DIRECTIONS.T)
+    true = _true_calibration(truth, fit.calibration.axes)
+    left = np.linalg.solve(fit.ellipsoid.shape, true.ellipsoid.shape)
+    values = np.linalg.svd(left, compute_uv=False)
+    scale = float(np.cbrt(np.prod(values)))
+    heading, directions = level_turn(dip_deg, down_of(fit.plane))
+    errors, mean = heading_errors(_levelled(_corrected(fit, true, directions), fit.plane), heading)
+    seen = fit.calibration.rotation_matrix @ _corrected(fit, true, true.rotation_matrix.T @ DIRECTIONS)
+    rotation = RotationDifference.between(true, fit.calibration, rotation_covariance(fit))
     return Evaluation(
         heading_error_deg=HeadingError(*_rms_and_worst(np.rad2deg(errors)), float(dip_deg)),
         heading_mean_deg=math.degrees(mean),
         direction_error_deg=_angles_deg(seen),
-        freed_direction_error_deg=_angles_deg(rotation @ seen),
-        rotation_deg=math.degrees(math.hypot(*rotation_vectors(rotation))),
-        offset_error=np.asarray(fit.calibration.offset - met.offset),
-        matrix_error=met.matrix_error,
-        scale_error=met.scale_error if fit.calibration.field_strength_known else None,
+        freed_direction_error_deg=_angles_deg(_corrected(fit, true, DIRECTIONS)),
+        rotation=rotation,
+        offset_error=np.asarray(fit.calibration.offset - true.offset),
+        matrix_error=float(np.linalg.norm(values / scale - 1.0)),
+        scale_error=scale - 1.0 if fit.calibration.field_strength_known else None,
         field_strength=truth.field.strength,
         target_deg=float(target_deg),
         unit=truth.unit,
-        **(_claims(fit, dip_deg, errors) if fit.states_uncertainty else {}),
+        **(_claims(fit, dip_deg, errors, rotation) if fit.states_uncertainty else {}),
+        **_of_the_body(fit, true, dip_deg),
     )
 
 
@@ -203,54 +247,56 @@ def mapped(truth: Truth, axes: Axes) -> tuple[Floats, Floats]:
     return turn @ sensor.matrix @ turn.T, turn @ sensor.offset
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Met:
-    """A calibration that meets a sensor with the given matrix (3, 3) and offset (3,) in a field of some strength."""
-
-    calibration: Calibration
-    matrix: Floats
-    offset: Floats
-    field_strength: float
-
-    def corrected(self, directions: Floats) -> Floats:
-        """(3, K) what comes out for true unit directions (3, K)."""
-        raw = self.offset[:, np.newaxis] + self.field_strength * self.matrix @ directions
-        corrected: Floats = self.calibration.matrix @ (raw - self.calibration.offset[:, np.newaxis])
-        return corrected
-
-    def heading_errors(self, dip_deg: float) -> tuple[Floats, float]:
-        """(72,) errors over a level turn with their mean removed, and the mean, in rad."""
-        heading, directions = level_turn(dip_deg)
-        return heading_errors(self.corrected(directions), heading)
-
-    @property
-    def matrix_error(self) -> float:
-        """Frobenius norm of P − 1, with P of determinant 1."""
-        left = self.calibration.matrix @ self.matrix
-        values = np.linalg.svd(left, compute_uv=False)
-        return float(np.linalg.norm(values / np.cbrt(np.prod(values)) - 1.0))
-
-    @property
-    def scale_error(self) -> float:
-        """Corrected length over the calibration's field strength, by volume, less one."""
-        length = np.cbrt(abs(np.linalg.det(self.calibration.matrix @ self.matrix))) * self.field_strength
-        return float(length / self.calibration.field_strength - 1.0)
+def _true_calibration(truth: Truth, axes: Axes) -> Calibration:
+    """The calibration without any error, of readings whose axes are turned."""
+    matrix, offset = mapped(truth, axes)
+    return Calibration(np.linalg.inv(matrix), offset, truth.field.strength, rotation="composed")
 
 
-def _claims(fit: Fit, dip_deg: float, errors: Floats) -> dict[str, Any]:
-    """What the covariance of a fit says, and how the level heading errors (72,) in rad bear it out."""
+def _corrected(fit: Fit, true: Calibration, directions: Floats) -> Floats:
+    """(3, K) what comes out for (3, K) unit directions, both in the magnetometer's own axes."""
+    moved = (true.offset - fit.calibration.offset)[:, np.newaxis]
+    corrected: Floats = np.linalg.solve(fit.ellipsoid.shape, moved + true.ellipsoid.shape @ directions)
+    return corrected
+
+
+def _levelled(field: Floats, plane: Plane | None) -> Floats:
+    """(3, K) fields in axes with z down, where a sensor turns in a plane."""
+    down = down_of(plane)
+    return field if down is None else upright(down).T @ field
+
+
+def _claims(fit: Fit, dip_deg: float, errors: Floats, rotation: RotationDifference) -> dict[str, Any]:
+    """What a fit claims, and how the level heading errors (72,) in rad, and the rotation's, bear it out."""
     # A small error of the offset moves headings by a circle around the compass, one of the shape by a figure of eight:
     # the first two harmonics are all there is to first order.
-    heading, _ = level_turn(dip_deg)
+    heading, down = level_turn(dip_deg)[0], down_of(fit.plane)
     waves = np.array([wave(order * heading) for order in (1, 2) for wave in (np.cos, np.sin)]) * (2 / len(heading))
-    gradient = waves @ level_gradients(fit.ellipsoid, dip_deg=dip_deg)
+    gradient = waves @ level_gradients(fit.ellipsoid, dip_deg=dip_deg, down=down)
     chi_square, freedom = chi_square_of(waves @ errors, gradient @ fit.claimed_covariance @ gradient.T)
+    turned, about = rotation.chi_square
     return {
-        "claimed_heading_deg": level_error(fit.ellipsoid, fit.claimed_covariance, dip_deg=dip_deg),
+        "claimed_heading_deg": fit.level_error(dip_deg),
+        "claimed_bound_deg": level_bound_deg(fit.ellipsoid, fit.claimed_covariance, dip_deg=dip_deg, down=down),
         "claimed_direction_deg": fit.direction_error_deg,
         "offset_sigma": fit.offset_sigma,
-        "chi_square": chi_square,
-        "freedom": freedom,
+        "chi_square": chi_square + turned,
+        "freedom": freedom + about,
+    }
+
+
+def _of_the_body(fit: Fit, true: Calibration, dip_deg: float) -> dict[str, Any]:
+    """The heading error of the level body and its claim, where a rotation is claimed."""
+    covariance, turn = rotation_covariance(fit), fit.calibration.rotation_matrix
+    if covariance is None or not fit.states_uncertainty:
+        return {}
+    heading, directions = level_turn(dip_deg)
+    errors, mean = heading_errors(turn @ _corrected(fit, true, true.rotation_matrix.T @ directions), heading)
+    return {
+        "body_heading_error_deg": HeadingError(*_rms_and_worst(np.rad2deg(errors + mean)), float(dip_deg)),
+        "claimed_body_heading_deg": body_error(
+            fit.ellipsoid, fit.claimed_covariance, turn, covariance, dip_deg=dip_deg
+        ),
     }
 
 

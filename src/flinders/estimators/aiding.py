@@ -43,7 +43,7 @@ from flinders.estimators.joint_covariance import (
     spurious_information_of,
     without,
 )
-from flinders.estimators.joint_outliers import without_outliers
+from flinders.estimators.joint_outliers import leaving_out, without_outliers
 from flinders.estimators.likelihood import spheres_about
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import gyro, prior
@@ -321,7 +321,9 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
     problem = put.problem(gyro_scale)
     _refuse_nothing(problem, put.samples)
     search_steps, steps = (SEARCH_STEPS, APPROACH_STEPS) if problem.is_long else (STEPS, STEPS)
-    some = _searched(problem.thinned(SEARCHED).robust(), _begins(problem, put, start, near), search_steps)
+    alone = _alone(put.samples) if start is None else None
+    starts = [start] if start is not None else _starts(put.samples, put.site, alone)
+    some = _searched(_to_search(problem, alone).thinned(SEARCHED), _begins(problem, starts, near), search_steps)
     best = without_outliers(problem, initial(problem, some.at), steps)
     late = _whole_intervals(best.at.delay, problem.interval)
     if not late or put.samples.rate is None:
@@ -350,22 +352,35 @@ def _searched(problem: JointProblem, begins: Iterable[Parameters], steps: int) -
     return best
 
 
-def _begins(problem: JointProblem, put: _Prepared, start: Ellipsoid | None, near: Aided | None) -> Iterator[Parameters]:
-    """Where to start: near another fit, and where readings by themselves say."""
+def _alone(samples: Samples) -> Estimate | None:
+    """What `Auto` finds by the magnetometer alone; None where that is no ellipsoid."""
+    try:
+        return Auto().estimate(Readings.of(samples.field))
+    except FitError:
+        return None
+
+
+def _to_search(problem: JointProblem, alone: Estimate | None) -> JointProblem:
+    """The problem of which a start is looked for: with less weight for large residuals, or without known outliers.
+
+    The latter with an attitude alone: one of each reading holds the directions, as no vertical and no rate does.
+    """
+    if alone is None or not alone.plane or not alone.outliers or problem.aiding != ("attitude",):
+        return problem.robust()
+    return leaving_out(problem, alone.outliers)
+
+
+def _begins(problem: JointProblem, starts: Iterable[Ellipsoid], near: Aided | None) -> Iterator[Parameters]:
+    """Where to start: near another fit, and from ellipsoids."""
     if near is not None:
         yield problem.begin_near(near.parameters, near.layout)
-    for ellipsoid in _starts(put.samples, put.site) if start is None else [start]:
-        yield problem.begin(ellipsoid)
+    yield from map(problem.begin, starts)
 
 
-def _starts(samples: Samples, site: Site | None) -> Iterator[Ellipsoid]:
+def _starts(samples: Samples, site: Site | None, alone: Estimate | None) -> Iterator[Ellipsoid]:
     """Ellipsoids to begin with: that of all readings, and spheres about them."""
-    try:
-        estimate = Auto().estimate(Readings.of(samples.field))
-        if not estimate.plane and not estimate.unobserved:
-            yield estimate.ellipsoid
-    except FitError:
-        pass
+    if alone is not None and not alone.plane and not alone.unobserved:
+        yield alone.ellipsoid
     yield from spheres_about(samples.field, None if site is None else site.strength)
 
 

@@ -3,7 +3,8 @@
 A reading is far where its residual is many times the median; with it go its neighbours, as for a fit of the magnitude
 (`flinders.estimators.outliers`). Where a body hardly leans, a few readings near a magnet move the offset along its
 vertical by more than all others hold it, and then hardly stick out: the fit has to start where large residuals count
-less (`JointProblem.robust`), and not where least squares end.
+less (`JointProblem.robust`), and not where least squares end. Of a level turn the ellipse in its plane shows them, and
+the fit starts without them: along the vertical even such weights let them pull it far.
 """
 
 from __future__ import annotations
@@ -19,9 +20,12 @@ from flinders.likelihood.observations import residuals_of
 from flinders.likelihood.solver import levenberg_marquardt
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.estimators.outliers import Outlier
     from flinders.likelihood.joint import JointIterate, JointProblem
     from flinders.likelihood.observations import ObservationGroup
 
@@ -53,6 +57,14 @@ def without_outliers(problem: JointProblem, iterate: JointIterate, steps: int) -
             break
         iterate = levenberg_marquardt(problem, replace(iterate, groups=groups), steps)
     return iterate
+
+
+def leaving_out(problem: JointProblem, outliers: Sequence[Outlier]) -> JointProblem:
+    """The problem in which runs of readings count nothing."""
+    weight = np.ones(1 + max(int(group.rows.max()) for group in problem.groups))
+    for run in outliers:
+        weight[run.first - 1 : run.last] = 0.0
+    return replace(problem, groups=tuple(_weighed(group, weight[group.rows]) for group in problem.groups))
 
 
 def _inliers(iterate: JointIterate) -> tuple[ObservationGroup, ...]:

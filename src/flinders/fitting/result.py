@@ -661,6 +661,8 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
         target_deg = error.target_deg or fit.target_deg
         loaded = replace(loaded, heading_error_deg=stated, target_deg=target_deg)
         loaded = replace(loaded, dip_deg=known_dip_deg, dip_assumed=error.dip_assumed)
+        if loaded.aiding is not None:
+            loaded = replace(loaded, alignment_error_deg=loaded.aiding.alignment_error_deg(known_dip_deg))
     if record.covariance is not None:
         loaded = _with_covariance(loaded, record.covariance_of, np.array(record.covariance))
     return loaded if record.verdict == loaded.verdict else replace(loaded, stated_verdict=record.verdict or "limited")

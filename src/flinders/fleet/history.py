@@ -244,7 +244,9 @@ def _numbered(number: int, path: str | os.PathLike[str], columns: Sequence[str],
     except OSError as error:
         raise DocumentError(f"{path}: cannot be read as a table of a fleet: {reason(error)}") from None
     except ArrowException as error:
-        raise DocumentError(f"{path}: cannot be read as a table of a fleet ({error})") from None
+        raise DocumentError(
+            f"{path}: cannot be read as a table of a fleet ({error}): need what `flinders fleet` writes"
+        ) from None
 
 
 def _completed(arrow: Any, table: Any, columns: Sequence[str], number: int) -> Any:  # noqa: ANN401

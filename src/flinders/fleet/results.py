@@ -225,7 +225,9 @@ class UnitResults(FitColumns):
         try:
             table = parquet.read_table(path, page_checksum_verification=True)
         except (OSError, ArrowException) as error:
-            raise DocumentError(f"{path}: cannot be read as a table of a fleet ({error})") from None
+            raise DocumentError(
+                f"{path}: cannot be read as a table of a fleet ({error}): need what `flinders fleet` writes"
+            ) from None
         return cls.from_arrow(table)
 
     def to_bytes(self) -> bytes:

@@ -41,6 +41,10 @@ STILL: Final = 0.1
 WANDERS: Final = 0.15
 """Scatter of sin I from which on the axes are doubted: a full tumble with mistaken axes gives about 0.4 to 0.6."""
 
+FOREIGN: Final = 0.3
+"""Scatter of sin I from which on an accelerometer never changes, or is that of another body, whatever its axes; turns
+of an aircraft make 0.14."""
+
 CLEARER: Final = 3.0
 """So many times less must it scatter with the axes that are right."""
 
@@ -149,6 +153,11 @@ class Frames:
             return tuple(fits)
         turned_over = after(Axes.of(OPPOSITE), back)  # fits as well, and is no other attitude
         return (back, *(axes for axes in fits if axes not in (back, turned_over)))
+
+    @property
+    def is_foreign(self) -> bool:
+        """The dip follows the attitude as far as with an accelerometer of another body, or one that never changes."""
+        return self.readings >= ENOUGH and self.dip()[1] > FOREIGN
 
     def refuse_foreign(self, *, site_dip_deg: float | None = None, applied: Axes = EVERY[0]) -> None:
         """Refuse axes that do not fit each other, and name those that do; `ForeignAxes` where the mistake is plain.

@@ -160,6 +160,11 @@ class Voyage:
         )
 
     @property
+    def has_none(self) -> bool:
+        """No reading has a heading."""
+        return 0 < self.readings == self.without
+
+    @property
     def is_z_up(self) -> bool:
         """The sensor was mounted with z up: it pointed up more often than down."""
         return bool(self.tilts[:90].sum() < self.tilts[91:].sum())

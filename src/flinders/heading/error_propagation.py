@@ -142,11 +142,17 @@ def level_gradients(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats
 
 
 def deviation_covariance(
-    ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float = 60.0, down: Floats | None = None
+    ellipsoid: Ellipsoid,
+    covariance: Floats,
+    *,
+    dip_deg: float = 60.0,
+    down: Floats | None = None,
+    rotation: Floats | None = None,
+    rotation_covariance: Floats | None = None,
 ) -> Floats:
     """Carry the covariance of (b, S) over to the deviation that a level vehicle is left with: (4, 4) of B, C, D, E.
 
-    The heading's error over a level turn, as in `level_error`, is A + B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ to first
+    The heading's error over a level turn, as in `body_error`, is A + B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ to first
     order, so that each coefficient is twice the mean of its product with it. A is a matter of mounting.
 
     Raises `UsageError` within a degree of the magnetic poles.
@@ -154,7 +160,9 @@ def deviation_covariance(
     Parameters
     ----------
     covariance : (9, 9) float
-        As for `level_error`, and so are `dip_deg` and `down`.
+        As for `level_error`, and so are `dip_deg` and `down`, which is in axes of the body where a rotation is given.
+    rotation, rotation_covariance : (3, 3) float, optional
+        As for `body_error`; by default none, and exact.
 
     Returns
     -------
@@ -167,11 +175,19 @@ def deviation_covariance(
     >>> sphere, fore_and_aft = Ellipsoid(np.zeros(3), 50.0 * np.eye(3)), np.diag([0.25, 0, 0, 0, 0, 0, 0, 0, 0])
     >>> np.sqrt(np.diagonal(deviation_covariance(sphere, fore_and_aft)).clip(0)).round(2)
     array([1.15, 0.  , 0.  , 0.  ])
+
+    A tilt of the axes by 1° is one, too, by the vertical field:
+
+    >>> tilt = np.diag([np.radians(1.0) ** 2, 0.0, 0.0])
+    >>> tilted = deviation_covariance(sphere, np.zeros((9, 9)), rotation=np.eye(3), rotation_covariance=tilt)
+    >>> np.sqrt(np.diagonal(tilted).clip(0)).round(2)
+    array([0.  , 1.73, 0.  , 0.  ])
     """
     heading, _, _ = _turn_at(float(dip_deg))
     harmonics = np.stack([np.sin(heading), np.cos(heading), np.sin(2.0 * heading), np.cos(2.0 * heading)])
-    gradient = np.rad2deg(2.0 / HEADINGS * harmonics @ level_gradients(ellipsoid, dip_deg=dip_deg, down=down))
-    carried: Floats = gradient @ covariance @ gradient.T
+    turn = np.eye(3) if rotation is None else rotation
+    gradient = np.rad2deg(2.0 / HEADINGS * harmonics @ _body_gradients(ellipsoid, turn, dip_deg, down))
+    carried: Floats = gradient @ _with_rotation(covariance, rotation_covariance) @ gradient.T
     return carried
 
 
@@ -307,6 +323,58 @@ def alignment_error_deg(sigma_deg: float, *, dip_deg: float = 60.0) -> float:
     2.0
     """
     return float(sigma_deg * np.hypot(1.0, np.tan(np.deg2rad(dip_deg))))
+
+
+def body_error(
+    ellipsoid: Ellipsoid, covariance: Floats, rotation: Floats, rotation_covariance: Floats, *, dip_deg: float = 60.0
+) -> HeadingError:
+    """Carry the covariances of (b, S) and of the rotation R into a body over to the heading of that body, level.
+
+    The body meets u(ψ), the magnetometer Rᵀu, and what is corrected to R (Rᵀu + δu) is turned by δθ besides: the
+    heading errs as that of R δu + δθ × u does. Both are taken for independent. Nothing is removed: what is constant is
+    a matter of the mounting, which is known here.
+
+    Raises `UsageError` within a degree of the magnetic poles.
+
+    Parameters
+    ----------
+    covariance : (9, 9) float
+        As for `level_error`.
+    rotation : (3, 3) float
+        From the magnetometer's own axes to those of the body.
+    rotation_covariance : (3, 3) rad²
+        Of its rotation vector, in axes of the body.
+
+    Examples
+    --------
+    A turn about z is one of the heading, and a tilt mixes the vertical field in:
+
+    >>> sphere, exact = Ellipsoid(np.zeros(3), 50.0 * np.eye(3)), np.zeros((9, 9))
+    >>> body_error(sphere, exact, np.eye(3), np.diag([0.0, 0.0, np.radians(1.0) ** 2]))
+    HeadingError(rms=1.00°, worst=1.00°, dip=60°)
+    >>> body_error(sphere, exact, np.eye(3), np.diag([np.radians(1.0) ** 2, 0.0, 0.0]))
+    HeadingError(rms=1.22°, worst=1.73°, dip=60°)
+    """
+    gradient = _body_gradients(ellipsoid, rotation, dip_deg, None)
+    rms, worst = _in_degrees(gradient, _with_rotation(covariance, rotation_covariance))
+    return HeadingError(rms, worst, float(dip_deg))
+
+
+def _body_gradients(ellipsoid: Ellipsoid, rotation: Floats, dip_deg: float, down: Floats | None) -> Floats:
+    """(72, 12) how the heading of a level body changes with (b, S) and with its rotation, up to a sign of both."""
+    across, directions = _level_fields(dip_deg, down)
+    vectors = np.linalg.solve(ellipsoid.shape, rotation.T @ across)
+    own = gathered(vectors, rotation.T @ directions)
+    return np.concatenate([own, np.cross(directions, across, axis=0).T], axis=1)
+
+
+def _with_rotation(covariance: Floats, rotation_covariance: Floats | None) -> Floats:
+    """(12, 12) covariance of (b, S) and of a rotation, which are independent."""
+    both = np.zeros((12, 12))
+    both[:9, :9] = covariance
+    if rotation_covariance is not None:
+        both[9:, 9:] = rotation_covariance
+    return both
 
 
 def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | None = None) -> HeadingError:

@@ -28,6 +28,7 @@ from flinders.comparison.comparison import CHANCE
 from flinders.core.units import label
 from flinders.errors import counted, figures, percent
 from flinders.findings import VERDICTS, in_options
+from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.geometry.ellipsoid import upper
 from flinders.report.fit_pages import plane_rows
 from flinders.report.fleet import STATES, about_order, chance, common_unit, when
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from flinders.arrays import Floats
-    from flinders.comparison.comparison import Comparison, Strength
+    from flinders.comparison.comparison import Comparison, RotationDifference, Strength
     from flinders.comparison.evaluation import Evaluation
     from flinders.comparison.methods import Contest, Entry
     from flinders.core.calibration import Calibration
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from flinders.findings import Severity, Verdict
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Turn
-    from flinders.heading.error_propagation import HeadingError
+    from flinders.heading.error_propagation import DirectionError, HeadingError
     from flinders.report.fleet import BatchDrift, FleetDrift
     from flinders.simulate.two_axis import Polar, TwoAxis
     from flinders.targets import Target
@@ -157,6 +158,7 @@ def _differences(comparison: Comparison) -> Table:
     rows: list[Sequence[RenderableType]] = [styled("bold", "heading", angle(heading.rms), angle(heading.worst), mean)]
     if claimed is not None:
         rows.append(("  claimed, 1 σ", degrees(claimed.rms), degrees(claimed.worst)))
+        rows.append(("  95 % within", "", degrees(comparison.claimed_bound_deg or 0.0)))
     rows.append(("direction", angle(comparison.direction_difference_deg)))
     if comparison.rotation is not None:
         rows.append(("rotation in the body", angle(comparison.rotation.angle_deg)))
@@ -210,19 +212,29 @@ def _square_basis(error: HeadingError, square: float | None, freedom: int) -> st
 
 
 def _words(comparison: Comparison, *, is_limited: bool) -> str:
-    if comparison.verdict == "agree" and comparison.p_value is None:
+    if comparison.is_nothing:
         return "the same calibration twice"
     explained, target = chance_words(comparison.p_value), f"{comparison.target_deg:g}°"
-    worst = angle(comparison.heading_difference_deg.worst)
+    worst_deg = comparison.heading_difference_deg.worst
     if comparison.verdict == "agree":
         vague = "" if comparison.is_telling else f"; but they claim too little to tell {target}: record for longer"
         limits = ", with these limits of the recording:" if is_limited else ""
-        return f"heading within {worst}, {explained}{vague}{limits}"
+        within = f"heading within {angle(worst_deg)}" if worst_deg < ANY_ANGLE_DEG else "headings any angle apart"
+        return f"{within}, {explained}{vague}{limits}"
     side, advice = {
         "differ": ("less", "good enough for that, and a new calibration will be better"),
         "contradict": ("more", "the sensor or what is near it has changed, calibrate again"),
     }[comparison.verdict]
-    return f"headings up to {worst} apart, {side} than the target of {target} and {explained}: {advice}"
+    return f"headings {_up_to(worst_deg)} apart, {side} than the target of {target} and {explained}: {advice}"
+
+
+def _up_to(angle_deg: float) -> str:
+    """Write the worst of many angles; beyond a right angle there is no worst.
+
+    >>> _up_to(0.31), _up_to(170.0)
+    ('up to 0.31°', 'any angle')
+    """
+    return f"up to {angle(angle_deg)}" if angle_deg < ANY_ANGLE_DEG else "any angle"
 
 
 def _percent(share: float) -> str:
@@ -243,19 +255,25 @@ def _percent(share: float) -> str:
 def _true_errors(evaluation: Evaluation) -> Table:
     """True and claimed errors, and their ratio."""
     heading, claimed = evaluation.heading_error_deg, evaluation.claimed_heading_deg
-    rows = (
-        ((heading.rms, heading.worst), claimed and (claimed.rms, claimed.worst), evaluation.heading_ratio),
-        (evaluation.freed_direction_error_deg, evaluation.claimed_direction_deg, evaluation.direction_ratio),
-        (evaluation.direction_error_deg, None, None),
-    )
-    level, free, turned = (
-        [*map(angle, true), *(map(angle, claims) if claims else ("", "")), "" if ratio is None else figures(ratio)]
-        for true, claims, ratio in rows
-    )
-    return table(
-        ("error", "rms", "worst", "claimed, rms", "worst", "true / claimed"),
-        [styled("bold", "level heading", *level), ("direction", *free), ("  with its rotation", *turned)],
-    )
+    bound = evaluation.claimed_bound_deg
+    body, of_body = evaluation.body_heading_error_deg, evaluation.claimed_body_heading_deg
+    free, with_rotation = evaluation.freed_direction_error_deg, evaluation.direction_error_deg
+    rows = [
+        styled("bold", "level heading", *_true_cells(heading, claimed, evaluation.heading_ratio)),
+        None if bound is None else ("  95 % within", "", "", "", angle(bound)),
+        None if body is None else ("  of the body", *_true_cells(body, of_body, evaluation.body_heading_ratio)),
+        ("direction", *_true_cells(free, evaluation.claimed_direction_deg, evaluation.direction_ratio)),
+        ("  of the body", *_true_cells(with_rotation, None, None)),
+    ]
+    return table(("error", "rms", "worst", "claimed, rms", "worst", "true / claimed"), filter(None, rows))
+
+
+def _true_cells(
+    true: HeadingError | DirectionError, claimed: HeadingError | DirectionError | None, ratio: float | None
+) -> list[str]:
+    """An error, its claim, and their ratio; nothing where nothing is claimed."""
+    claims = ("", "") if claimed is None else (angle(claimed.rms), angle(claimed.worst))
+    return [angle(true.rms), angle(true.worst), *claims, "" if ratio is None else figures(ratio)]
 
 
 def _true_parameters(evaluation: Evaluation) -> Text:
@@ -267,11 +285,21 @@ def _true_parameters(evaluation: Evaluation) -> Text:
             ("offset", offset, label(evaluation.unit)),
             ("", _digits(evaluation.offset_share), f"of the field{ratio}"),
             ("matrix", _digits(evaluation.matrix_error), "rotation and scale removed"),
-            ("rotation", angle(evaluation.rotation_deg), "which no magnetometer alone can see"),
-            ("mean", angle(evaluation.heading_mean_deg), "of the heading, subtracted above: as of a turned mounting"),
+            ("rotation", *_true_rotation(evaluation.rotation)),
+            ("mean", angle(evaluation.heading_mean_deg), "of the heading, subtracted above"),
             ("scale", "not claimed: no field strength was given" if scale is None else _digits(scale), ""),
         ]
     )
+
+
+def _true_rotation(rotation: RotationDifference) -> tuple[str, str]:
+    """How far the rotation into the body is off, and what is claimed of it."""
+    if rotation.covariance is None:
+        return angle(rotation.angle_deg), "into the body, not claimed: taken off above"
+    sigma = rotation.angle_sigma_deg
+    return angle(
+        rotation.angle_deg
+    ), f"into the body, 1 σ {degrees(sigma or 0.0)} claimed ({p_value(rotation.p_value or 0.0)})"
 
 
 def _evaluation_verdict(evaluation: Evaluation) -> Table:
@@ -280,8 +308,9 @@ def _evaluation_verdict(evaluation: Evaluation) -> Table:
     reason = f"the errors are {chance_words(evaluation.p_value)}"
     if evaluation.verdict == "unclaimed":
         reason = "the calibration states no uncertainty"
-    worst, side = angle(evaluation.heading_error_deg.worst), "within" if is_on_target else "beyond"
-    words = f"headings are off by up to {worst}, {side} the target of {evaluation.target_deg:g}°; {reason}"
+    off = evaluation.body_heading_error_deg or evaluation.heading_error_deg
+    worst, side = _up_to(off.worst), "within" if is_on_target else "beyond"
+    words = f"headings are off by {worst}, {side} the target of {evaluation.target_deg:g}°; {reason}"
     basis = _square_basis(evaluation.heading_error_deg, evaluation.chi_square, evaluation.freedom)
     return verdict(EVALUATED[evaluation.verdict], colour, words, basis)
 

@@ -120,7 +120,7 @@ def of_file(fit: Fit, *, is_verbose: bool) -> RenderableType:
     basis = f"{counted(fit.samples, 'reading')}; {fit.method}"
     said: RenderableType = "Its uncertainty is not stated."
     if fit.states_uncertainty:
-        said = _quality(fit, "", "as its file says", basis, *filter(None, (condition(fit),)))
+        said = _quality(fit, "", "as its file says", basis, *_more(fit))
     known = facts([(name, words) for name, words in origin if words])
     return Group(
         page(known, numbers(calibration, sigma, fit.noise), said), findings(_shown(fit, is_verbose=is_verbose))
@@ -253,9 +253,13 @@ def _fit_verdict(fit: Fit) -> Table:
     seen = f", {fit.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
     good = "" if fit.verdict != "good" else f", {reach(fit.attitude_limit_deg)}"
+    return _quality(fit, good, "no calibration was written", basis, *_more(fit))
+
+
+def _more(fit: Fit) -> Iterator[str]:
+    """What else a verdict says: what the mounting adds, and on which conditions it holds."""
     adds = "" if fit.verdict == "refused" else mounting(fit)
-    more = filter(None, (adds, condition(fit)))
-    return _quality(fit, good, "no calibration was written", basis, *more)
+    return filter(None, (adds, condition(fit)))
 
 
 # ----------------------------------------------------------------------------------------------- merged, and typed

@@ -38,17 +38,18 @@ def of_headings(
     declination_deg: float | None,
     claims: Mapping[str, Any],
     said: Sequence[tuple[str, str]],
+    doubt: str = "",
 ) -> RenderableType:
     """Lay out a run of headings, what limits them first.
 
     `formula` is by which tilt was removed, or ``level``; `declination_deg` is what true headings were made with;
     `claims` has ``level`` and ``tilted``, a `HeadingError` each or None, for ``dip_deg``, which is from ``dip_from``;
-    `said` is from `heading_notes`.
+    `said` is from `heading_notes`, and `doubt` says why readings do not suit their calibration.
     """
     how = "from x and y alone, level" if formula == LEVEL else f"tilt-compensated ({formula})"
     known = [
         ("heading", f"of the x axis, {how}; {counted(voyage.readings, 'reading')}"),
-        ("good to", _heading_error(claims)),
+        ("good to", _unclaimed(voyage, formula, claims, doubt) or _heading_error(claims)),
     ]
     if declination_deg is not None:
         known.append(("north", _north(site, declination_deg)))
@@ -56,6 +57,22 @@ def of_headings(
         known.append(("dip", _dip(voyage, site)))
     limits = [note for note in said if note[0] == "limits"]
     return Group(notes(limits), facts(known), notes(note for note in said if note[0] != "limits"))
+
+
+def _unclaimed(voyage: Voyage, formula: str, claims: Mapping[str, Any], doubt: str) -> str:
+    """Why nothing is claimed of headings, whatever their calibration claims; empty where something is."""
+    if voyage.has_none:
+        return "nothing: no reading has a heading"
+    if doubt:
+        return "an unknown accuracy: the readings do not suit the calibration"
+    if formula == LEVEL:
+        return "an unknown accuracy: the sensor was tilted" if _is_tilted(voyage, claims) else ""
+    return "an unknown accuracy: the accelerometer does not suit the magnetometer" if voyage.frames.is_foreign else ""
+
+
+def _is_tilted(voyage: Voyage, claims: Mapping[str, Any]) -> bool:
+    """The vertical field varies of a sensor that is said to be level; a level turn's calibration does not know it."""
+    return voyage.frames.is_foreign and claims["dip_from"] != "calibration"
 
 
 def _heading_error(claims: Mapping[str, Any]) -> str:
@@ -66,8 +83,11 @@ def _heading_error(claims: Mapping[str, Any]) -> str:
     words = f"{degrees(level.rms)} rms, {degrees(level.worst)} at worst (95 % within {bound}), while level"
     if tilted is not None:
         words += f"; {degrees(tilted.worst)} at {tilted.tilt_deg:.0f}° of tilt"
+    mounting = claims["mounting_error_deg"]
+    if mounting is not None:
+        words += f"; how the axes sit in the body adds {degrees(mounting)} (1 σ)"
     if claims["tilt_error_deg"] is not None:
-        whole = math.hypot(level.worst, claims["tilt_error_deg"])
+        whole = math.hypot(level.worst, claims["tilt_error_deg"], mounting or 0.0)
         words = f"{degrees(whole)} a reading (1 σ), tilt and noise included; the calibration to {words}"
     return f"{words}; dip {claims['dip_deg']:.0f}°, {_FROM[claims['dip_from']]}"
 
@@ -117,18 +137,29 @@ def _notes_of_headings(
         yield "limits", doubt
     if site is not None and site.doubt:
         yield "limits", site.doubt
-    if voyage.without:
+    if voyage.has_none:
+        yield "limits", "no reading has a heading: the acceleration is zero or missing, or x is vertical"
+    elif voyage.without:
         missing = counted(voyage.without, "reading")
         yield "note", f"{missing} without a heading (nan): a number is missing, or x is vertical"
     yield from (
-        _level_notes(voyage, claims) if formula == LEVEL else _tilted_notes(voyage, formula, site, claims, turned)
+        _level_notes(voyage, claims, doubt)
+        if formula == LEVEL
+        else _tilted_notes(voyage, formula, site, claims, turned)
     )
 
 
-def _level_notes(voyage: Voyage, claims: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _level_notes(voyage: Voyage, claims: Mapping[str, Any], doubt: str) -> Iterator[tuple[str, str]]:
     cost = float(np.tan(np.deg2rad(abs(claims["dip_deg"]))))
     yield "note", f"each degree of tilt turns a level heading by up to {cost:.1f}°"
-    if _is_z_up(voyage, claims):
+    if doubt:
+        return
+    if _is_tilted(voyage, claims):
+        yield (
+            "limits",
+            "the sensor was tilted, as the vertical field shows: record an accelerometer, and leave --level out",
+        )
+    elif _is_z_up(voyage, claims):
         words = (
             "the vertical field points along −z: z is up and level headings run backwards, unless the site is in "
             "the other hemisphere (--dip): calibrate with --axes x,-y,-z"
@@ -162,6 +193,13 @@ def _dip_notes(
 ) -> Iterator[tuple[str, str]]:
     """What the dip shows of iron, axes and the sign of the acceleration."""
     dip, scatter = voyage.frames.dip_deg
+    if voyage.frames.is_foreign:
+        words = (
+            f"the dip of the field wanders by {scatter:.0f}° with the attitude: the accelerometer never "
+            "changes, or is that of another body"
+        )
+        yield "limits", words
+        return
     if claims["dip_from"] == "seen" and dip < 0.0:
         words = (
             f"the field is seen to point up by {-dip:.0f}°. South of the magnetic equator that is right: say so with "

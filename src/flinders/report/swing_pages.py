@@ -243,7 +243,7 @@ def _angles(values: Floats, sigmas: Floats | None) -> list[str]:
 def _angle(value: float, sigma: float | None) -> str:
     """Degrees, with what is known of their uncertainty; a curve through noiseless points has next to none."""
     if sigma is None or sigma < 1e-6:
-        return f"{value + 0.0:+.4f}°"
+        return f"{round(value, 4) + 0.0:+.4f}°"
     return f"{with_uncertainty(float(value), float(sigma))}°"
 
 

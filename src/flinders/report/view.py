@@ -362,7 +362,7 @@ def turn(fit: Fit) -> LevelTurn:
     """What a compass does over a level turn, before and after."""
     dip, down = fit.heading_error_deg.dip_deg, down_of(fit.plane)
     heading, directions = level_turn(dip, down)
-    raw = fit.calibration.offset[:, np.newaxis] + fit.calibration.shape @ directions
+    raw = fit.ellipsoid.centre[:, np.newaxis] + fit.ellipsoid.shape @ directions
     if down is not None:
         raw = upright(down).T @ raw
     turned = np.exp(1j * (np.arctan2(-raw[1], raw[0]) - heading))
