@@ -133,6 +133,18 @@ export class Engine {
     }
 
     /**
+     * What the heading of a level vehicle errs by at most, at all headings, with a probability of 95 %.
+     * @param {number[]} root 4 × 4, of the covariance of its four coefficients, in any unit.
+     * @returns {number}
+     */
+    headingBound(root) {
+        const [rootAt, out] = this.#placed([128, 8]);
+        new Float64Array(this.memory.buffer, rootAt, 16).set(root);
+        this.call.flinders_heading_bounds(rootAt, 1, out);
+        return new Float64Array(this.memory.buffer, out, 1)[0];
+    }
+
+    /**
      * A status in words.
      * @param {number} status
      * @returns {string}

@@ -5,7 +5,7 @@
 
 import { shrunk, widening } from "./claim.js";
 import { cellCounts, corrected } from "./coverage.js";
-import { attitudeLimitDeg, levelBoundDeg, levelError, rawTurn, surfaceOf, tiltedError, withStructure } from "./heading.js";
+import { attitudeLimitDeg, levelRoot, levelError, rawTurn, surfaceOf, tiltedError, withStructure } from "./heading.js";
 import { leftOut, runsOf } from "./outliers.js";
 import { hidesPlane } from "./plane.js";
 import { axisSwapOf } from "./swaps.js";
@@ -105,17 +105,14 @@ export class Fit {
         this.swap = null;
         /** @type {number | null} */
         this.limit = null;
+        /** What a level heading errs by at most, with a probability of 95 %, to the digits that a file has. */
+        this.headingBoundDeg = NaN;
     }
 
     /** Tilt up to which the worst heading error is within the target. */
     get attitudeLimitDeg() {
         this.limit ??= attitudeLimitDeg(this.surface, this.claimed, this.headingError.dipDeg, this.targetDeg);
         return this.limit;
-    }
-
-    /** What a level heading errs by at most, with a probability of 95 %, to the digits that a file has. */
-    get headingBoundDeg() {
-        return Number(levelBoundDeg(this.surface, this.claimed, this.headingError.dipDeg).toPrecision(4));
     }
 
     /** What the heading of the same vehicle errs by without the calibration. */
@@ -176,6 +173,8 @@ export function fitOf(engine, data, request) {
     if (record.status) return { code: CODES[record.status] ?? "", words: engine.message(record.status) };
     const left = leftOf(engine, data, record, { some, when, isFree });
     const fit = new Fit(request, whole, record, left, data);
+    const root = levelRoot(fit.surface, fit.claimed, fit.headingError.dipDeg);
+    fit.headingBoundDeg = Number(engine.headingBound(root).toPrecision(4));
     fit.drift = driftOf(fit, engine);
     if (mayBeSwapped(fit)) fit.swap = axisSwapOf(engine, some, fit.noise, data);
     return fit;

@@ -313,21 +313,15 @@ export function turnSigmaDeg(surface, covariance, dipDeg) {
     return levelRows(surface, dipDeg).rows.map((row) => DEG * Math.sqrt(variance(row, covariance)));
 }
 
-const PROBABILITY = 0.95;
-const BOUND_HEADINGS = 36;
-const BOUND_DIRECTIONS = 128;
-const [LEAST, MOST, START] = [1.9599, 3.0803, 2.4];
-const STEPS = 3;
-const NEGLIGIBLE = 0.1;
-
 /**
- * Bound that the heading error of a level vehicle exceeds at no heading with a probability of 95 %, degrees.
+ * Root (16) of the covariance of the coefficients B, C, D, E by which the heading of a level vehicle errs, degrees: what
+ * the engine bounds the error by.
  * @param {Surface} surface
  * @param {Numbers} covariance
  * @param {number} dipDeg
- * @returns {number}
+ * @returns {number[]} Row by row.
  */
-export function levelBoundDeg(surface, covariance, dipDeg) {
+export function levelRoot(surface, covariance, dipDeg) {
     const { rows } = levelRows(surface, dipDeg);
     const harmonics = rows.map((_, k) => harmonicsAt((2 * Math.PI * k) / HEADINGS));
     const gradient = [0, 1, 2, 3].flatMap((which) =>
@@ -336,7 +330,9 @@ export function levelBoundDeg(surface, covariance, dipDeg) {
         ),
     );
     const deviation = multiply(multiply(gradient, covariance, 4, 9, 9), transposed(gradient, 4, 9), 4, 9, 4);
-    return boundDeg(deviation);
+    const { values, vectors } = eigen(deviation, 4);
+    const columns = vectors.map((vector, k) => vector.map((part) => part * Math.sqrt(Math.max(values[k], 0))));
+    return [0, 1, 2, 3].flatMap((row) => columns.map((column) => column[row]));
 }
 
 /**
@@ -345,56 +341,6 @@ export function levelBoundDeg(surface, covariance, dipDeg) {
  */
 function harmonicsAt(heading) {
     return [Math.sin(heading), Math.cos(heading), Math.sin(2 * heading), Math.cos(2 * heading)];
-}
-
-/**
- * @param {Numbers} deviation 4 × 4, degrees², of the coefficients B, C, D, E.
- * @returns {number}
- */
-function boundDeg(deviation) {
-    const { values, vectors } = eigen(deviation, 4);
-    const roots = vectors.map((vector, i) => vector.map((part) => part * Math.sqrt(Math.max(values[i], 0))));
-    const courses = Array.from({ length: BOUND_HEADINGS }, (_, k) => {
-        const harmonics = harmonicsAt((2 * Math.PI * k) / BOUND_HEADINGS);
-        return roots.map((root) => dot(harmonics, root));
-    });
-    const worst = Math.sqrt(Math.max(...courses.map((course) => dot(course, course))));
-    const largest = evenDirections().map((theta) => Math.max(...courses.map((course) => Math.abs(dot(course, theta)))));
-    return worst * quantile(largest.map((length) => length / Math.max(worst, Number.MIN_VALUE)));
-}
-
-/**
- * @param {number[]} largest Largest errors per unit length, over the worst 1 σ.
- * @returns {number}
- */
-function quantile(largest) {
-    const inverse = largest.map((length) => 0.5 / Math.max(length, NEGLIGIBLE) ** 2);
-    const mean = (/** @type {(half: number) => number} */ of, /** @type {number} */ square) =>
-        inverse.reduce((sum, each) => sum + of(square * each), 0) / inverse.length;
-    let square = START ** 2;
-    for (let step = 0; step < STEPS; step++) {
-        const outside = mean((half) => (1 + half) * Math.exp(-half), square);
-        const slope = mean((half) => half * half * Math.exp(-half), square);
-        square *= 1 + (outside * Math.log(outside / (1 - PROBABILITY))) / slope;
-        square = Math.min(Math.max(square, LEAST ** 2), MOST ** 2);
-    }
-    return Math.sqrt(square);
-}
-
-/**
- * Even directions in four dimensions, up to their sign.
- * @returns {number[][]}
- */
-function evenDirections() {
-    return Array.from({ length: BOUND_DIRECTIONS }, (_, k) => {
-        const place = (k + 0.5) / BOUND_DIRECTIONS;
-        const turns = 2 * Math.PI * BOUND_DIRECTIONS * place;
-        const [first, second] = [turns / Math.SQRT2, turns / 1.533751168755204288118041];
-        const [inner, outer] = [Math.sqrt(place), Math.sqrt(1 - place)];
-        return [
-            inner * Math.sin(first), inner * Math.cos(first), outer * Math.sin(second), outer * Math.cos(second),
-        ]; // prettier-ignore
-    });
 }
 
 /**
