@@ -358,8 +358,8 @@ def fit(
     if linearize:
         if request.site is not None or evidence.readings.parts or evidence.readings.recording is None:
             raise UsageError(
-                "linearize=True takes one recording, and no field of a site, as a log may state one: calibrate recordings "
-                "one by one, and leave the site out"
+                "linearize=True takes one recording, and no field of a site, as a log may state one: calibrate "
+                "recordings one by one, and leave the site out"
             )
         evidence = _linearized(evidence, estimator, frame.unit)
     if evidence.aiding is not None:
