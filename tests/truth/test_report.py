@@ -31,7 +31,7 @@ from flinders.report import html_file
 from flinders.report.figure_data import FigureData, doubts, restored
 from flinders.report.figures import coverage_map, error_map, offset_over_time, projections
 from flinders.report.formatting import degrees, mounting
-from flinders.report.html import page, python_of
+from flinders.report.html import listings_of, page, python_of
 from flinders.report.terminal import plot
 from flinders.report.view import tile_errors_deg
 
@@ -168,6 +168,20 @@ def test_the_python_of_a_report_corrects_readings_as_recorded() -> None:
     exec(python_of(turned), space)
     samples = Samples.of(recorded, unit="mG", axes="y,-x,z")
     npt.assert_allclose(np.asarray(space["corrected"], float), turned.apply(samples.field), rtol=1e-12)
+
+
+def test_a_report_of_linearized_axes_gives_their_terms_and_offers_code_alone() -> None:
+    _, samples = fitted()
+    centre = samples.field.mean(axis=0)
+    along = (samples.field - centre) / 50.0
+    bent = replace(samples, field=samples.field + 50.0 * np.array([0.0, 0.06, 0.0]) * along**3)
+    fit = calibrate.fit(bent, linearize=True)
+    text = page(fit, bent)
+    assert "corrected = matrix · (d − (quadratic + cubic · d) · d²), d = raw − offset" in text
+    assert re.search(r"<th scope=.row.>cubic, %</th>(<td>−?\d+\.\d</td>){3}", text)
+    assert "quadratic = np.array" in unescape(text)
+    assert {each.filename for each in listings_of(fit)} == {"c.h", "arduino.ino", "micropython.py"}
+    assert "quadratic" not in Page.of(page(*fitted())).words
 
 
 def test_modules_are_joined_and_nothing_of_their_imports_is_left() -> None:

@@ -356,12 +356,7 @@ def fit(
     if driving is not None:
         evidence = evidence._replace(driving=driving)
     if linearize:
-        if request.site is not None or evidence.readings.parts or evidence.readings.recording is None:
-            raise UsageError(
-                "linearize=True takes one recording, and no field of a site, as a log may state one: calibrate "
-                "recordings one by one, and leave the site out"
-            )
-        evidence = _linearized(evidence, estimator, frame.unit)
+        evidence = _linearized(evidence, estimator, request, frame.unit)
     if evidence.aiding is not None:
         evidence = evidence._replace(aiding=replace(evidence.aiding, each=(*tried, *evidence.aiding.each)))
     claim = _claimed(evidence, estimator, request)
@@ -411,8 +406,19 @@ def _estimated(readings: Readings, estimator: Estimator, request: Request, unit:
     return _Evidence.of(estimate, at_one_strength(readings, estimate), aiding)
 
 
-def _linearized(plain: _Evidence, estimator: Estimator, unit: Unit | None) -> _Evidence:
-    """Evidence of linear readings, where axes are hardly linear and a smaller claim is left; else as it was."""
+def _linearized(plain: _Evidence, estimator: Estimator, request: Request, unit: Unit | None) -> _Evidence:
+    """Evidence of linear readings, where axes are hardly linear and a smaller claim is left; else as it was.
+
+    Raises
+    ------
+    UsageError
+        For several recordings, sums alone, or a site.
+    """
+    if request.site is not None or plain.readings.parts or plain.readings.recording is None:
+        raise UsageError(
+            "linearize=True takes one recording, and no field of a site, as a log may state one: calibrate recordings "
+            "one by one, and leave the site out"
+        )
     found, lag = _faults_of_axes(plain.estimate, plain)
     recording = plain.readings.recording
     if plain.record is None or not isinstance(recording, Samples) or found is None or not found.is_likely:

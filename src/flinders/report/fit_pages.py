@@ -184,12 +184,11 @@ def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Tex
     """Offset above matrix, in columns x, y and z, each on its decimal points."""
     unit = label(calibration.unit)
     offset, curve = offset_entries(calibration, offset_sigma), curve_entries(calibration)
-    shown = ["   ".join(row) for row in aligned(offset, *matrix_entries(calibration.matrix), *curve)]
+    shown = ["   ".join(row) for row in aligned(offset, *matrix_entries(calibration.matrix), *curve.values())]
     below, _ = on_the_point(["?" if math.isnan(noise) else figures(noise, 3), offset[0]])
     shown.append(below.ljust(len(shown[0])))
-    terms = ("quadratic", "cubic") if curve else ()
-    names = ("offset", "matrix", "", "", *terms, "noise")
-    units = (unit, "", "", "", *("% of the field" for _ in terms), unit)
+    names = ("offset", "matrix", "", "", *curve, "noise")
+    units = (unit, "", "", "", *("% of the field" for _ in curve), unit)
     return lines(list(zip(names, shown, units, strict=True)))
 
 

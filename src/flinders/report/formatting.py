@@ -171,7 +171,7 @@ def matrix_entries(matrix: Floats, sigma: Floats | None = None) -> list[list[str
     return [[f"{round(value, decimals) + 0.0:.{decimals}f}" for value in row.tolist()] for row in matrix]
 
 
-def curve_entries(calibration: Calibration) -> list[list[str]]:
+def curve_entries(calibration: Calibration) -> dict[str, list[str]]:
     """Quadratic and cubic terms of each axis in percent of the field, at its radius from the offset; none of others.
 
     >>> from flinders import Calibration
@@ -179,13 +179,13 @@ def curve_entries(calibration: Calibration) -> list[list[str]]:
     >>> curve = Linearization([0.001, 0, 0], [0, 1e-5, 0], [60, 60, 60])
     >>> curved = Calibration(np.eye(3), [0, 0, 0], 50.0, linearization=curve)
     >>> curve_entries(curved)
-    [['5.0', '0.0', '0.0'], ['0.0', '2.5', '0.0']]
+    {'quadratic': ['5.0', '0.0', '0.0'], 'cubic': ['0.0', '2.5', '0.0']}
     """
     if calibration.linearization is None:
-        return []
-    radius = calibration.ellipsoid.radius
-    terms = (calibration.linearization.quadratic * radius, calibration.linearization.cubic * radius**2)
-    return [[f"{round(100.0 * share, 1) + 0.0:.1f}" for share in term.tolist()] for term in terms]
+        return {}
+    curve, radius = calibration.linearization, calibration.ellipsoid.radius
+    terms = {"quadratic": curve.quadratic * radius, "cubic": curve.cubic * radius**2}
+    return {name: [f"{round(100.0 * share, 1) + 0.0:.1f}" for share in term.tolist()] for name, term in terms.items()}
 
 
 def aligned(*rows: Sequence[str]) -> list[list[str]]:

@@ -137,6 +137,7 @@ def page(
         "usable": usable,
         "upside_down": UPSIDE_DOWN,
         "parameters": [] if usable is None else _parameters(usable),
+        "terms": {} if usable is None else curve_entries(usable.calibration),
         "disturbances": [] if usable is None else disturbance_rows(usable),
         "listings": [] if usable is None else [_as_python(usable.calibration), *listings],
         "walk": walk,
@@ -211,12 +212,11 @@ def _walk_words(walk: RandomWalk, fit: Fit) -> str:
 
 
 def _parameters(fit: Fit) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Rows x, y and z of offset, matrix and terms of a linearization, each number as value and uncertainty."""
+    """Rows x, y and z of offset and matrix, each number as value and uncertainty."""
     sigma = matrix_sigma(fit) if fit.states_uncertainty else None
     matrix = matrix_entries(fit.calibration.matrix, sigma)
-    curve = list(zip(*curve_entries(fit.calibration), strict=True)) or [()] * 3
-    rows = zip("xyz", offset_entries(fit.calibration, fit.offset_sigma), matrix, curve, strict=True)
-    return [(axis, [_split(number) for number in (offset, *row, *terms)]) for axis, offset, row, terms in rows]
+    rows = zip("xyz", offset_entries(fit.calibration, fit.offset_sigma), matrix, strict=True)
+    return [(axis, [_split(number) for number in (offset, *row)]) for axis, offset, row in rows]
 
 
 def _split(number: str) -> tuple[str, str]:
