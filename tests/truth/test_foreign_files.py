@@ -369,9 +369,14 @@ def test_ctrl_c_while_the_program_starts_prints_no_traceback() -> None:
 
 
 def test_ctrl_c_while_a_module_is_imported_ends_the_program() -> None:
-    """Python before 3.12 makes a fault of it while a class is made, NumPy while it is loaded; it comes afterwards."""
+    """Python before 3.12 makes a fault of it while a class is made, NumPy while it is loaded; it comes afterwards.
+
+    It comes again if it is not seen, as one just before the program waits for input.
+    """
     run = "\n".join([
         "import signal, sys, time",
+        "unseen, send = [1], signal.pthread_kill",
+        "signal.pthread_kill = lambda *signal: unseen.pop() if unseen else send(*signal)",
         "signal.signal(signal.SIGINT, signal.default_int_handler)",
         "from flinders.cli import main",
         "class Hidden:",

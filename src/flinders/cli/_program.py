@@ -26,6 +26,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import Field as DataclassField
 from dataclasses import dataclass, field, fields
@@ -222,19 +223,26 @@ def interrupt(number: int, frame: FrameType | None) -> None:
 
     Python before 3.12 raises a `RuntimeError` while a class is made, NumPy an `ImportError` while it is loaded.
     """
+    _handled.set()
     if not _is_importing(frame):
         signal.default_int_handler(number, None)
-    again = threading.Timer(0.01, _send, [number])
-    again.daemon = True
-    again.start()
+    threading.Thread(target=_send_again, args=[number], daemon=True).start()
 
 
-def _send(number: int) -> None:
-    """Send a signal to the main thread, which may wait for input."""
-    if hasattr(signal, "pthread_kill"):
-        signal.pthread_kill(threading.main_thread().ident or 0, number)
-    else:
-        _thread.interrupt_main(signal.Signals(number))
+_handled: Final = threading.Event()
+"""Set once a signal has reached `interrupt`."""
+
+
+def _send_again(number: int) -> None:
+    """Send a signal to the main thread until it is handled: one just before that thread waits for input is not seen."""
+    time.sleep(0.01)
+    _handled.clear()
+    while not _handled.is_set():
+        if hasattr(signal, "pthread_kill"):
+            signal.pthread_kill(threading.main_thread().ident or 0, number)
+        else:
+            _thread.interrupt_main(signal.Signals(number))
+        _handled.wait(0.01)
 
 
 def _is_importing(frame: FrameType | None) -> bool:
