@@ -16,9 +16,10 @@ for s = 1,
 
 and all means of second order follow from these. The mean gradient is
 
-    Σ E J(T_k w_k + t h)ᵀ r_k  +  Σ Jᵀ E r₂
+    Σ E (∂J/∂q (T_k w_k + t h))ᵀ r_k  +  Σ Jᵀ E r₂
 
-J(·) being linear in the direction and t across it. r₂ comes of the mean of the direction, which is
+with t across the direction. All columns of J are linear in the direction q but those of an accelerometer's errors, so
+that ∂J/∂q is a difference of two Jacobians. r₂ comes of the mean of the direction, which is
 −(k + tr Θ/2) v + Σᵢ Hᵢ × tᵢ, less what h takes up, and of E δUᵀ r. The parameters of the gyro itself, a turn of
 B_k = Σ_{j≤k} b_j in all, have the noise in each b_j, too: B_k is off by Σ_{j≤k} (D_j φ_j + w_j × b_j) + B_k × w_k,
 where D_j is how b_j goes with the rate.
@@ -47,7 +48,7 @@ True
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
@@ -58,6 +59,9 @@ from flinders.likelihood.observations import ObservationGroup, ObservationRows, 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.likelihood.parameters import ParameterLayout, Parameters
+
+STEP: Final = 1e-4
+"""Step of the field's direction in the difference of two Jacobians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,12 +145,11 @@ def mean_gradient(
     """
     gradient = _of_model(walk, directions) + _of_gyro(walk, group, at, layout)
     together = _together(walk, group, directions)
-    nowhere = np.zeros((*group.weight.shape, 3))
+    q, _ = group.seen(at, directions)
+    here = jacobian_of(group, at, q, layout, weights)
     for axis in range(3):
-        along = jacobian_of(group, at, nowhere + np.eye(3)[axis], layout, weights)
-        gradient += np.einsum("wknp,wnk->p", along, together[:, :, axis])
-    still = jacobian_of(group, at, nowhere, layout, weights)
-    gradient -= np.einsum("wknp,wnk->p", still, together.sum(axis=2))
+        aside = jacobian_of(group, at, q + STEP * np.eye(3)[axis], layout, weights)
+        gradient += np.einsum("wknp,wnk->p", (aside - here) / STEP, together[:, :, axis])
     return gradient
 
 
