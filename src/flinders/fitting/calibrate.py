@@ -24,7 +24,7 @@ from flinders.core.units import Unit
 from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg
 from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
-from flinders.errors import UsageError
+from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings, method_of, within_range
 from flinders.estimators.auto import Auto, hides_plane
 from flinders.estimators.data import recording_of
@@ -73,6 +73,12 @@ LOOKED_AT: Final = 5_000
 SWAP_LAG_ONE: Final = 0.05
 """Correlation of a residual with the next below which no axes were swapped: 1 − 1/1.1² = 17 % of the variance are those
 of the swap, which follow each other, where undoing it takes a tenth off the noise, as `AxisSwap.gain` has to."""
+
+
+LEANING: Final = 10.0
+"""Times the heading error claimed of a level turn: a fit with aiding sensors that claims more saw no lean. Of drives of
+half a minute it claims 0.1 to 8 times as much, of level turns more than 100 times; the turn errs by up to 5 times its
+claim where the body leans."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -584,9 +590,10 @@ def _aided(readings: Readings, request: Request) -> tuple[Estimate | None, Aidin
         return None, None
     if readings.recording is None:
         raise UsageError("aids need what was recorded beside the readings: give the recording, not its summary")
-    recording = readings.recording
-    samples = in_memory(recording)
-    if len(samples) >= Level.unknowns and turned_level(samples.field):
+    samples = in_memory(readings.recording)
+    is_thin = len(samples) >= Level.unknowns and turned_level(samples.field)
+    turn = _level_turn(readings, request) if is_thin else None
+    if turn is not None and _is_white(turn):
         return None, _of_no_use(samples, request.aiding)
     from flinders.fitting.aid_selection import aided_by
 
@@ -598,9 +605,35 @@ def _aided(readings: Readings, request: Request) -> tuple[Estimate | None, Aidin
         spread=request.prior or SPREAD,
         **dataclasses.asdict(request.instruments),
     )
-    if is_flat(readings.summary.moments.principal_variances, aided.noise):
-        return None, _of_no_use(samples, request.aiding)
-    return aided.estimate() if aided.aiding else None, result
+    estimate = aided.estimate() if aided.aiding else None
+    if is_thin or is_flat(readings.summary.moments.principal_variances, aided.noise):
+        turn = turn or _level_turn(readings, request)
+        if turn is None or estimate is None or _is_level(turn, estimate, request.dip_deg):
+            return None, _of_no_use(samples, request.aiding)
+    return estimate, result
+
+
+def _level_turn(readings: Readings, request: Request) -> Estimate | None:
+    """What readings in one plane are as a level turn; None where they are none."""
+    try:
+        estimate = request.likelihood.estimate(readings)
+    except FitError:
+        return None
+    return estimate if estimate.plane else None
+
+
+def _is_white(estimate: Estimate) -> bool:
+    """Residuals are not correlated."""
+    return estimate.correlation is None or estimate.correlation.is_white
+
+
+def _is_level(turn: Estimate, aided: Estimate, dip_deg: float) -> bool:
+    """Whether the body stayed level: residuals of the turn are white, or a fit with aiding sensors knows far less.
+
+    A body that leans moves the readings within the plane as well: they leave the ellipse, for as long as it leans.
+    """
+    worst = level_error(turn.ellipsoid, turn.covariance, dip_deg=dip_deg, down=down_of(turn.plane)).worst
+    return _is_white(turn) or level_error(aided.ellipsoid, aided.covariance, dip_deg=dip_deg).worst > LEANING * worst
 
 
 def _of_no_use(samples: Samples, aiding: str | Sequence[str]) -> Aiding:

@@ -164,11 +164,12 @@ class _FitRecord(Record):
 
 
 def _flatness(fit: Fit, statistics: Statistics) -> dict[str, float | str]:
-    """Whether the readings lie in one plane: then any number of ellipsoids goes through their ring."""
+    """Whether the readings lie in one plane: then, without an aiding sensor, many ellipsoids go through their ring."""
     thickness, middle, width = np.sqrt(statistics.principal_variances).tolist()
     limit = flat_below(width, fit.noise)
+    is_known = bool(fit.plane or fit.refreshed or fit.method == "aided" or not width)
     return {
-        "flatness": math.nan if fit.plane or fit.refreshed or not width else thickness / width,
+        "flatness": math.nan if is_known else thickness / width,
         "flatness_limit": limit / width if width else math.nan,
         "where_flat": (
             "in one plane, as in a level turn, and tell nothing of the direction across it"
