@@ -1,6 +1,6 @@
 """What each aid is worth beside the magnitude of the field: tables as Markdown. MAGYC's simulation: `benchmarks.magyc`.
 
-    python -m benchmarks.terms [--tables sim,aids,nees,level,magnet,real,time] [--trials 200] [--seeds 10]
+    python -m benchmarks.terms [--tables sim,aids,nees,level,magnet,drives,real,time] [--trials 200] [--seeds 10]
     python -m benchmarks.terms --tables nees --motions rocked --cases "rate; attitude"
 
 sim     SIM1 and SIM2 of Troni and Whitcomb, a bare sensor; the motions are ours, see `sim`.
@@ -11,6 +11,7 @@ nees    Squared error over claimed variance for each parameter, mean over trials
         believes they may.
 level   S7, a level turn, with the field of the site known: heading error level and tilted.
 magnet  A magnet of up to 100 µT passes: heading error, offset and rotation over the claims of `flinders.fit`.
+drives  Drives of half a minute: level heading error over the claim of `flinders.fit`, without and with an aid.
 real    Real recordings: see `benchmarks.terms_recordings`.
 time    CPU seconds, and peak memory of a process of its own.
 """
@@ -25,7 +26,7 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from itertools import product, repeat
+from itertools import pairwise, product, repeat
 from statistics import mode
 from typing import TYPE_CHECKING, Any, Final
 
@@ -46,6 +47,7 @@ from flinders.errors import FlindersError
 from flinders.estimators.aiding import solve
 from flinders.estimators.data import Readings
 from flinders.estimators.level import Level
+from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import symmetric, upper
 from flinders.geometry.quaternions import of_matrix
 from flinders.geometry.rotation import across, rotation_vectors
@@ -458,10 +460,8 @@ def magnet_trial(motion: str, aiding: str, number: int) -> tuple[str, float, flo
         fit = flinders.fit(samples, aiding=aiding)
     except FlindersError:
         return "refused", math.nan, math.nan, math.nan
-    matrix, offset = fit.calibration.matrix, fit.calibration.offset
-    own = symmetric_power(matrix.T @ matrix, 0.5)
-    heading = heading_error_deg(own, offset, recording) / fit.heading_error_deg.rms
-    off = (offset - recording.sensor.offset) / np.sqrt(np.diag(fit.covariance)[:3])
+    heading = _heading_ratio(fit, recording)
+    off = (fit.calibration.offset - recording.sensor.offset) / np.sqrt(np.diag(fit.covariance)[:3])
     return fit.verdict, heading, float(np.max(np.abs(off))), _rotation_ratio(fit)
 
 
@@ -491,7 +491,87 @@ def _median_and_largest(ratios: Floats) -> str:
     return f"{np.median(known):.1f}, {known.max():.1f}" if len(known) else "–"
 
 
-# (f) time
+# (f) drives of half a minute
+
+
+DRIVES: Final[Mapping[str, tuple[str, str]]] = {
+    "attitude off by 1° at each reading": ("attitude", ""),
+    "the same, and a magnet": ("attitude", "magnet"),
+    "attitude off by 1° for ten seconds": ("attitude", "lasting"),
+    "gyro with a constant bias": ("rate", ""),
+    "the same, and a bias that walks by 0.5 mrad/s in a second": ("rate", "walk"),
+}
+"""Aid, and what disturbs it."""
+
+
+def short_drive(disturbed: str, number: int) -> tuple[Simulated, Samples]:
+    """A drive of 1,500 readings at 50 Hz, with an attitude and a gyro."""
+    rng = np.random.default_rng([SEED, 4, number])
+    passing = (simulate.PassingMagnet(100.0),) if disturbed == "magnet" else ()
+    imu = simulate.Imu(gyro_bias=rng.normal(0.0, 0.01, 3))
+    recording = simulate.tumble(rng, motion="drive", n=1500, imu=imu, disturbances=passing)
+    assert recording.attitudes is not None
+    assert recording.samples.rate is not None
+    errors = rng.normal(0.0, math.radians(1.0), (1500, 3))
+    if disturbed == "lasting":
+        stays = math.exp(-1.0 / (10.0 * 50.0))
+        for before, error in pairwise(errors):
+            error[:] = stays * before + math.sqrt(1.0 - stays**2) * error
+    walk = np.cumsum(rng.normal(0.0, 5e-4 / math.sqrt(50.0), (1500, 3)), axis=0) if disturbed == "walk" else 0.0
+    attitude = of_matrix(recording.attitudes @ simulate.turns(errors))
+    return recording, replace(recording.samples, attitude=attitude, rate=recording.samples.rate + walk)
+
+
+def drive_trial(title: str, number: int) -> tuple[float, float, bool, bool]:
+    """Level heading error (rms) over the claim without and with the aid, refused or not; NaN where there is no fit.
+
+    Whether the aid was used, and whether the magnetometer alone makes a level turn of the drive.
+    """
+    aiding, disturbed = DRIVES[title]
+    recording, samples = short_drive(disturbed, number)
+    alone, aided = (_judged(samples, each) for each in ((), aiding))
+    ratios = [math.nan if fit is None else _heading_ratio(fit, recording) for fit in (alone, aided)]
+    is_used = aided is not None and aided.aiding is not None and any(aid.kept for aid in aided.aiding.each)
+    return ratios[0], ratios[1], is_used, alone is not None and bool(alone.plane)
+
+
+def _judged(samples: Samples, aiding: str | tuple[()]) -> Fit | None:
+    """A fit, also one that is refused."""
+    try:
+        return flinders.fit(samples, aiding=aiding)
+    except Refused as refused:
+        return refused.fit
+    except FlindersError:
+        return None
+
+
+def _heading_ratio(fit: Fit, recording: Simulated) -> float:
+    """Level heading error in the sensor's own axes over its claim, both rms."""
+    matrix, offset = fit.calibration.matrix, fit.calibration.offset
+    own = symmetric_power(matrix.T @ matrix, 0.5)
+    return heading_error_deg(own, offset, recording) / fit.heading_error_deg.rms
+
+
+def drives_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
+    """Yield each aid: how often it is used, rms of the ratios, and share of those beyond 2."""
+    numbers = " | ".join(f"{which}: rms | beyond 2" for which in ("without", "with", "used on a level turn"))
+    yield f"| aid | level turns | used, of these | {numbers} |"
+    yield "|---|---:|---:|---:|---:|---:|---:|---:|---:|"
+    for title in DRIVES:
+        alone, aided, used, level = map(
+            np.array, zip(*pool.map(drive_trial, repeat(title), range(trials), chunksize=4), strict=True)
+        )
+        cells = " | ".join(map(_rms_and_beyond, (alone, aided, aided[level & used])))
+        yield f"| {title} | {level.sum()} | {used.sum()}, {(level & used).sum()} | {cells} |"
+
+
+def _rms_and_beyond(ratios: Floats) -> str:
+    """Of those that there are."""
+    known = ratios[np.isfinite(ratios)]
+    return f"{_rms(known):.2f} | {np.mean(known > 2.0):.0%}" if len(known) else "– | –"
+
+
+# (g) time
 
 
 def timed(seconds: float, rate_hz: float, terms: tuple[str, ...]) -> tuple[int, float, float]:
@@ -529,6 +609,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "nees": partial(nees_table, pool, options.trials, options.motions, options.cases),
             "level": partial(level_table, pool, options.trials),
             "magnet": partial(magnet_table, pool, options.trials),
+            "drives": partial(drives_table, pool, options.trials),
             "real": terms_recordings.tables,
             "time": time_table,
         }
@@ -545,7 +626,7 @@ def _parser() -> argparse.ArgumentParser:
     """Describe the command line."""
     parser = argparse.ArgumentParser("python -m benchmarks.terms", description="What each aid is worth.")
     parser.add_argument("--tables", type=_listed, metavar="NAME,…", help="all by default")
-    parser.add_argument("--trials", type=int, default=200, help="of aids, nees, level and magnet")
+    parser.add_argument("--trials", type=int, default=200, help="of aids, nees, level, magnet and drives")
     parser.add_argument("--seeds", type=int, default=10, help="of sim")
     parser.add_argument("--motions", type=_listed, default=MOTIONS, metavar="NAME,…", help="of nees")
     parser.add_argument("--cases", type=_cased, metavar="NAME;…", help=f"of nees: {'; '.join(CASES)}")
