@@ -15,6 +15,7 @@ from flinders import simulate
 from flinders.estimators.aiding import solve
 from flinders.fitting.aid_selection import aided_by
 from flinders.fitting.disturbance_selection import earned
+from flinders.geometry.quaternions import of_matrix
 from flinders.geometry.rotation import rotations
 from flinders.heading.error_propagation import level_turn
 
@@ -172,3 +173,21 @@ def test_a_current_that_does_nothing_is_left_out() -> None:
     assert names == ()
     assert [(aid.name, aid.kept) for aid in told] == [("current", False), ("temperature", False)]
     assert "hardly changed" in told[1].words
+
+
+def test_a_short_drive_that_leans_uses_its_attitude_and_a_level_turn_does_not() -> None:
+    """Both lie flat; of the drive the residuals of the ellipse are correlated, as the body leans."""
+    drive, turn = (_with_attitude(motion, seed=1002) for motion in ("drive", "level"))
+    leaning, level = (flinders.fit(each.samples, aiding="attitude", target_deg=10.0) for each in (drive, turn))
+    assert (leaning.plane, level.plane) == (None, "xy")
+    assert [[aid.kept for aid in fit.aiding.each] for fit in (leaning, level) if fit.aiding] == [[True], [False]]
+    off = np.abs(leaning.calibration.offset - drive.sensor.offset)
+    npt.assert_array_less(off, 3.0 * np.sqrt(np.diag(leaning.covariance)[:3]))
+
+
+def _with_attitude(motion: str, seed: int) -> Simulated:
+    """30 s at 50 Hz, and an attitude that is off by 1° about each axis."""
+    recording = simulate.tumble(seed=seed, motion=motion, n=1500)
+    assert recording.attitudes is not None
+    errors = rotations(np.random.default_rng(seed).normal(0.0, np.radians(1.0), (1500, 3)))
+    return replace(recording, samples=replace(recording.samples, attitude=of_matrix(recording.attitudes @ errors)))
