@@ -75,10 +75,12 @@ def _verticals(turned: Floats, directions: Floats, sine: float) -> Floats:
     """(W, n, 3) verticals at the readings of windows, of one vertical in each to which the field has the sine."""
     aside = across(directions)[..., 0]
     down = sine * directions + np.sqrt(1.0 - sine**2) * aside
-    return np.einsum("wnji,wj->wni", turned, down)
+    verticals: Floats = np.einsum("wnji,wj->wni", turned, down)
+    return verticals
 
 
 def _felt(down: Floats, errors: Floats) -> Floats:
     """(W, n, 3) unit vectors that an accelerometer of some errors makes of verticals."""
-    felt = down @ np.linalg.inv(np.eye(3) + symmetric(errors[3:])) - errors[:3]
-    return felt / np.linalg.norm(felt, axis=2, keepdims=True)
+    felt: Floats = down @ np.linalg.inv(np.eye(3) + symmetric(errors[3:])) - errors[:3]
+    felt /= np.linalg.norm(felt, axis=2, keepdims=True)
+    return felt
