@@ -15,6 +15,7 @@ enum { DRAWS = 64, SCORED = 100, FEW_SCORED = 100 };
 enum { DRAWS = 256, SCORED = 600, FEW_SCORED = 150 };
 #endif
 
+#define ENOUGH_NEAR ((real)25) /* subsets without an outlier */
 #define TO_SIGMA ((real)1.4826)
 #define REJECT ((real)4)
 #define BEYOND_DOUBT ((real)2.5) /* limits, which are ten standard deviations */
@@ -139,6 +140,17 @@ static void draw_points(fl_random *random, size_t n, uint32_t chosen[POINTS])
     memcpy(chosen, places, POINTS * sizeof *chosen);
 }
 
+/* Draws after which enough subsets have had no outlier, as the share of readings near a surface says (M. A. Fischler and
+ * R. C. Bolles, "Random sample consensus", Comm. ACM 24 (1981) 381). Distances are put into another order. */
+static int enough_draws(const real *distances, size_t n, real median, int most)
+{
+    const real limit = REJECT * sigma_of(median, n);
+    real share = 0, all_near = 1;
+    for (size_t i = 0; i < n; i++) share += distances[i] <= limit;
+    for (int k = 0; k < POINTS; k++) all_near *= share / (real)n;
+    return share > (real)0.95 * (real)n && ENOUGH_NEAR < all_near * (real)most ? (int)(ENOUGH_NEAR / all_near) : most;
+}
+
 /* Least median of squares: the best of many ellipsoids through twelve readings each; nonzero if there is none. */
 static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n, fl_random *random, int draws,
                         size_t scored, const fl_room *room, fl_surface *surface)
@@ -160,6 +172,7 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
         if (!kernels->has_closer(&points, &tried, best, chosen / 2 + 1)) continue;
         absolute(kernels, &points, &tried, distances);
         best = fl_select(distances, chosen, chosen / 2);
+        draws = enough_draws(distances, chosen, best, draws);
         winner = tried;
     }
     if (!(best < FL_HUGE)) return 1;
