@@ -15,11 +15,12 @@ enum { DRAWS = 64, SCORED = 100, FEW_SCORED = 100 };
 enum { DRAWS = 256, SCORED = 600, FEW_SCORED = 150 };
 #endif
 
-#define ENOUGH_NEAR ((real)25) /* subsets without an outlier */
 #define TO_SIGMA ((real)1.4826)
 #define REJECT ((real)4)
 #define BEYOND_DOUBT ((real)2.5) /* limits, which are ten standard deviations */
 #define SETTLED ((real)1e-4)
+#define WITHOUT_OUTLIER ((real)25) /* subsets */
+#define NEARLY_ALL ((real)0.95)    /* of the readings near a surface: no other has as many */
 #define LASTING ((real)0.5)  /* correlation of a residual with the next */
 #define SUSPECT ((real)0.95) /* of the standard deviation of all residuals, that of the best of many subsets */
 
@@ -140,15 +141,15 @@ static void draw_points(fl_random *random, size_t n, uint32_t chosen[POINTS])
     memcpy(chosen, places, POINTS * sizeof *chosen);
 }
 
-/* Draws after which enough subsets have had no outlier, as the share of readings near a surface says (M. A. Fischler and
- * R. C. Bolles, "Random sample consensus", Comm. ACM 24 (1981) 381). Distances are put into another order. */
-static int enough_draws(const real *distances, size_t n, real median, int most)
+/* How many subsets to draw: until enough of them had no outlier, as the share of readings near a surface says, but no fewer
+ * than `most` where other surfaces may have as many (M. A. Fischler, R. C. Bolles, Comm. ACM 24 (1981) 381). */
+static int draws_needed(const real *distances, size_t n, real median, int most)
 {
     const real limit = REJECT * sigma_of(median, n);
-    real share = 0, all_near = 1;
-    for (size_t i = 0; i < n; i++) share += distances[i] <= limit;
-    for (int k = 0; k < POINTS; k++) all_near *= share / (real)n;
-    return share > (real)0.95 * (real)n && ENOUGH_NEAR < all_near * (real)most ? (int)(ENOUGH_NEAR / all_near) : most;
+    real share = 0, without = 1;
+    for (size_t i = 0; i < n; i++) share += distances[i] <= limit ? 1 / (real)n : 0;
+    for (int k = 0; k < POINTS; k++) without *= share;
+    return share > NEARLY_ALL && WITHOUT_OUTLIER < without * (real)most ? (int)(WITHOUT_OUTLIER / without) : most;
 }
 
 /* Least median of squares: the best of many ellipsoids through twelve readings each; nonzero if there is none. */
@@ -172,7 +173,7 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
         if (!kernels->has_closer(&points, &tried, best, chosen / 2 + 1)) continue;
         absolute(kernels, &points, &tried, distances);
         best = fl_select(distances, chosen, chosen / 2);
-        draws = enough_draws(distances, chosen, best, draws);
+        draws = draws_needed(distances, chosen, best, draws);
         winner = tried;
     }
     if (!(best < FL_HUGE)) return 1;
