@@ -76,7 +76,7 @@ of the swap, which follow each other, where undoing it takes a tenth off the noi
 
 LEANING: Final = 10.0
 """Times the heading error claimed of a level turn: a fit with aiding sensors that claims more saw no lean. Of drives of
-half a minute it claims 0.1 to 8 times as much, of level turns more than 100 times; the turn errs by up to 5 times its
+half a minute it claims up to 8 times as much, of level turns more than 100 times; the turn errs by up to 5 times its
 claim where the body leans."""
 
 
