@@ -125,7 +125,7 @@ class TableRecording(ColumnsRecording):
         self.skipped = ()
         clock, done, usable = self.span.clock(self.source), 0, 0
         for values in self.table.rows(self.columns.cells):
-            samples = self.columns.samples(values, unit=self.unit, axes=self.axes, source=self.source)
+            samples = self.columns.samples(values.T, unit=self.unit, axes=self.axes, source=self.source)
             self.skipped = added(self.skipped, numbered(samples, done).skipped)
             done += len(values)
             usable += len(samples)

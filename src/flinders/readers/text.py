@@ -238,7 +238,7 @@ class TextRecording(ColumnsRecording):
     def _usable(self, rows: NumberRows, columns: Columns) -> NDArray[np.bool_]:
         """Tell which rows have a field that is finite also in `unit.inside`; a time may be missing."""
         with np.errstate(over="ignore"):
-            usable = np.isfinite(columns.taken(rows.values, columns.field) * self.unit.scale)
+            usable = np.isfinite(columns.taken(rows.values.T, columns.field) * self.unit.scale)
         return np.asarray(usable.all(axis=1), dtype=np.bool_)
 
     def _samples(self, block: _Block) -> Iterator[tuple[Floats, Samples]]:
@@ -250,7 +250,7 @@ class TextRecording(ColumnsRecording):
             yield lines[rows], self._samples_of(self.layout.columns, values[rows])
 
     def _samples_of(self, columns: Columns, values: Floats) -> Samples:
-        return columns.samples(values, unit=self.unit, axes=self.axes, source=self.source, frame=self.frame)
+        return columns.samples(values.T, unit=self.unit, axes=self.axes, source=self.source, frame=self.frame)
 
 
 class Transcription:
