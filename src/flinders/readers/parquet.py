@@ -71,7 +71,8 @@ def open_parquet(file: File, **options: Any) -> TableRecording:
     def batches(names: list[str]) -> Iterator[Any]:
         yield from opened().iter_batches(BLOCK, columns=names)
 
-    metadata, schema = opened().metadata, opened().schema_arrow
+    whole = opened()
+    metadata, schema = whole.metadata, whole.schema_arrow
     refuse_packed_groups(metadata, file.name, file.size)
     return open_table(file, table_of("Parquet", schema, metadata.num_rows, batches, file.name), **options)
 
