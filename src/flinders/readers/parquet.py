@@ -69,7 +69,8 @@ def open_parquet(file: File, **options: Any) -> TableRecording:
         return parquet.ParquetFile(file.path, memory_map=True, page_checksum_verification=True)
 
     def batches(names: list[str]) -> Iterator[Any]:
-        yield from opened().iter_batches(BLOCK, columns=names)
+        is_long = metadata.num_rows > BLOCK  # threads cost a short table a quarter more
+        yield from opened().iter_batches(BLOCK, columns=names, use_threads=is_long)
 
     whole = opened()
     metadata, schema = whole.metadata, whole.schema_arrow
