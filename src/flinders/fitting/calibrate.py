@@ -21,7 +21,6 @@ from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.samples import Samples, frame_of, in_memory
 from flinders.core.units import Unit
-from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg
 from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
@@ -729,8 +728,11 @@ def _attitude_dependence(estimate: Estimate, evidence: _Evidence, dip_deg: float
 def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Evidence) -> float:
     """What the vertical of the accelerometer adds to a heading; NaN in a plane, and where a fit corrects it."""
     samples, aiding = evidence.readings.recording, evidence.aiding
-    is_corrected = aiding is not None and any(sensor.kept and sensor.name in UPRIGHT for sensor in aiding.each)
-    if estimate.plane or is_corrected or not isinstance(samples, Samples) or samples.acceleration is None:
+    if estimate.plane or not isinstance(samples, Samples) or samples.acceleration is None:
+        return math.nan
+    from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg
+
+    if aiding is not None and any(sensor.kept and sensor.name in UPRIGHT for sensor in aiding.each):
         return math.nan
     return vertical_error_deg(samples.field, samples.acceleration, calibration, estimate)
 

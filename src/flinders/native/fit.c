@@ -2,7 +2,7 @@
 #include "record.h"
 #include "sums.h"
 
-enum { FEW_STEPS = 8 }; /* after which outliers are looked for, as they make for many */
+enum { FEW_STEPS = 1 }; /* after which outliers are looked for, as they make for many */
 
 /* Of the noise of all readings, that of a majority which a load left alone. Of 1,200 simulated recordings of a minute or
  * of 12 s with slow noise and no load, 14 are below it (tests/truth/test_switched_load.py). */

@@ -19,6 +19,8 @@ enum { DRAWS = 256, SCORED = 600, FEW_SCORED = 150 };
 #define REJECT ((real)4)
 #define BEYOND_DOUBT ((real)2.5) /* limits, which are ten standard deviations */
 #define SETTLED ((real)1e-4)
+#define WITHOUT_OUTLIER ((real)25) /* subsets */
+#define NEARLY_ALL ((real)0.95)    /* of the readings near a surface: no other has as many */
 #define LASTING ((real)0.5)  /* correlation of a residual with the next */
 #define SUSPECT ((real)0.95) /* of the standard deviation of all residuals, that of the best of many subsets */
 
@@ -139,6 +141,17 @@ static void draw_points(fl_random *random, size_t n, uint32_t chosen[POINTS])
     memcpy(chosen, places, POINTS * sizeof *chosen);
 }
 
+/* How many subsets to draw: until enough of them had no outlier, as the share of readings near a surface says, but no fewer
+ * than `most` where other surfaces may have as many (M. A. Fischler, R. C. Bolles, Comm. ACM 24 (1981) 381). */
+static int draws_needed(const real *distances, size_t n, real median, int most)
+{
+    const real limit = REJECT * sigma_of(median, n);
+    real share = 0, without = 1;
+    for (size_t i = 0; i < n; i++) share += distances[i] <= limit ? 1 / (real)n : 0;
+    for (int k = 0; k < POINTS; k++) without *= share;
+    return share > NEARLY_ALL && WITHOUT_OUTLIER < without * (real)most ? (int)(WITHOUT_OUTLIER / without) : most;
+}
+
 /* Least median of squares: the best of many ellipsoids through twelve readings each; nonzero if there is none. */
 static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n, fl_random *random, int draws,
                         size_t scored, const fl_room *room, fl_surface *surface)
@@ -160,6 +173,7 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
         if (!kernels->has_closer(&points, &tried, best, chosen / 2 + 1)) continue;
         absolute(kernels, &points, &tried, distances);
         best = fl_select(distances, chosen, chosen / 2);
+        draws = draws_needed(distances, chosen, best, draws);
         winner = tried;
     }
     if (!(best < FL_HUGE)) return 1;
