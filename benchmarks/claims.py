@@ -6,7 +6,7 @@
 ``time``        noise that remembers, AR(1) at 50 Hz, on a tumble by hand
 ``slow``        the same with a time constant of up to seconds, beside white noise, in short recordings too
 ``distortion``  a smooth distortion that belongs to the direction, and a field with a gradient along the hand's path
-``outliers``    efficiency (bound ÷ rms angle error) with strays; centre error with clusters, over that without
+``outliers``    efficiency (bound ÷ rms angle error) with outliers; centre error with clusters, over that without
 ``confidence``  motions that leave something unseen: what is called good, and headings far beyond the claim
 ``few``         readings at rest, 10 to 24 of them: how many that only ``few-samples`` limits are wrong, and should be
 ``shrunk``      short turns of sensors that were never corrected: how many fits are shrunk, and how wrong these are
@@ -174,12 +174,12 @@ def by_hand(
     if gradient:
         strength += gradient * wandering(of_field, len(directions), walk_s)
     true = FIELD_STRENGTH * directions * strength[:, np.newaxis]
-    strays = np.zeros(len(directions), dtype=np.bool_)
+    outliers = np.zeros(len(directions), dtype=np.bool_)
     if magnet:
-        pulse, strays = passing(turning.time, of_field, cut=magnet == "cut")
+        pulse, outliers = passing(turning.time, of_field, cut=magnet == "cut")
         true += simulate.seen_from(turning.attitudes, simulate.uniform(of_field, 1)[0]) * pulse[:, np.newaxis]
     raw = replace(sensor, noise=beside).read(true, of_noise) + sigma * remembering(of_noise, true.shape, memory)
-    return Simulated(Samples.of(raw, unit="uT", time=turning.time), sensor, directions, FIELD_STRENGTH, strays)
+    return Simulated(Samples.of(raw, unit="uT", time=turning.time), sensor, directions, FIELD_STRENGTH, outliers)
 
 
 def remembering(rng: Generator, shape: tuple[int, int], memory: float) -> Floats:
@@ -245,16 +245,16 @@ def clustered(seed: int, *, share: float, kind: str) -> Simulated:
     sensor = Sensor.random(rng)
     directions = simulate.uniform(rng, 500)
     raw = sensor.read(FIELD_STRENGTH * directions, rng)
-    strays = np.zeros(500, dtype=np.bool_)
-    strays[: round(500 * share)] = True
+    outliers = np.zeros(500, dtype=np.bool_)
+    outliers[: round(500 * share)] = True
     moved = simulate.uniform(of_cluster, 1)[0] * of_cluster.uniform(0.5, 1.5) * FIELD_STRENGTH
     if kind == "moved alike":
-        raw[strays] += moved
+        raw[outliers] += moved
     elif kind == "one place":
         out = np.array([0.3, 0.5, 1.6, 2.5])[seed % 4]
         place = FIELD_STRENGTH * out * simulate.uniform(of_cluster, 1) @ sensor.matrix + sensor.offset
-        raw[strays] = place + 0.5 * of_cluster.standard_normal((int(strays.sum()), 3))
-    return Simulated(Samples.of(raw, unit="uT"), sensor, directions, FIELD_STRENGTH, strays)
+        raw[outliers] = place + 0.5 * of_cluster.standard_normal((int(outliers.sum()), 3))
+    return Simulated(Samples.of(raw, unit="uT"), sensor, directions, FIELD_STRENGTH, outliers)
 
 
 def _ring(rng: Generator, count: int, height: float) -> Floats:
@@ -280,8 +280,8 @@ def moving(seed: int, *, motion: str, sigma: float) -> Simulated:
     sensor = Sensor.random(rng, noise=sigma)
     directions = MOTIONS[motion](rng)
     raw = sensor.read(FIELD_STRENGTH * directions, rng)
-    strays = np.zeros(len(raw), dtype=np.bool_)
-    return Simulated(Samples.of(raw, unit="uT"), sensor, directions, FIELD_STRENGTH, strays)
+    outliers = np.zeros(len(raw), dtype=np.bool_)
+    return Simulated(Samples.of(raw, unit="uT"), sensor, directions, FIELD_STRENGTH, outliers)
 
 
 def noise(pool: Executor, trials: int) -> Iterator[str]:
@@ -340,7 +340,7 @@ def distortion(pool: Executor, trials: int) -> Iterator[str]:
 
 def outliers(pool: Executor, trials: int) -> Iterator[str]:
     """Strays: S5 0.95, a magnet 0.9; clean data lose 0.02; clusters within 1.3 of the clean error."""
-    yield from _head("strays", "σ µT", "efficiency", "of the likelihood", "failed")
+    yield from _head("outliers", "σ µT", "efficiency", "of the likelihood", "failed")
     for name in ("S1", "S3", "S5"):
         for sigma in NOISES:
             auto, plain = (

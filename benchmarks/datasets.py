@@ -99,8 +99,8 @@ def dataset(name: str, trial: int, sigma: float) -> Simulated:
     sensor = recipe.sensor(rng, sigma)
     path = recipe.path(rng)
     raw = sensor.read(FIELD_STRENGTH * path.directions, rng)
-    fields, strays = simulate.stray_fields(rng, len(raw), recipe.outliers)
-    raw[strays] += fields[strays] * FIELD_STRENGTH
+    fields, outliers = simulate.stray_fields(rng, len(raw), recipe.outliers)
+    raw[outliers] += fields[outliers] * FIELD_STRENGTH
     samples = Samples.of(
         raw,
         unit="uT",
@@ -109,7 +109,7 @@ def dataset(name: str, trial: int, sigma: float) -> Simulated:
         rate=path.rate,
         source=f"{name}, trial {trial}",
     )
-    return Simulated(samples, sensor, path.directions, FIELD_STRENGTH, strays)
+    return Simulated(samples, sensor, path.directions, FIELD_STRENGTH, outliers)
 
 
 def bound(recording: Simulated) -> Bound:

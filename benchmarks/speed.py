@@ -3,7 +3,7 @@
     python -m benchmarks.speed
 
 A fit is compared with the least that a fit can be: build the N × 9 design in NumPy in one go and solve the normal
-equations; and with itself without its honest covariance, its look for strays and its verdict. Sums and summaries
+equations; and with itself without its honest covariance, its search for outliers and its verdict. Sums and summaries
 are compared with ``D @ D.T`` of ten rows, built and multiplied in blocks of 8,192.
 Times are medians of interleaved repeats, processor time of one thread: other work on the machine hardly counts.
 Of shorter recordings there are several, fitted in turn: residuals of one in seven look correlated by chance, and to

@@ -260,6 +260,35 @@ def events(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
+def test_files_with_the_same_names_of_columns_are_written_in_different_ways(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Delimiter, decimal sign, order of the columns, unit of the time: each file of a partition is read as it is."""
+    from flinders.fleet import plan
+
+    monkeypatch.setattr(plan, "LEAST_PARTITIONS", 1)
+    field, time = FIELDS[0], np.arange(150)
+    rows = [[f"{each:.4f}" for each in (0.02 * at, *row)] for at, row in zip(time, field, strict=True)]
+    names = ["t", "mag_x_uT", "mag_y_uT", "mag_z_uT"]
+    written = {
+        "plain": (names, ",", rows),
+        "semicolons": (names, ";", [[cell.replace(".", ",") for cell in row] for row in rows]),
+        "milliseconds": (names, ",", [[str(20 * at), *row[1:]] for at, row in zip(time, rows, strict=True)]),
+        "turned": (names[::-1], ",", [row[::-1] for row in rows]),
+        "spaces": (names, " ", rows),
+    }
+    (tmp_path / "logs").mkdir()
+    for unit, (header, delimiter, cells) in written.items():
+        lines = [delimiter.join(each) for each in (header, *cells)]
+        (tmp_path / "logs" / f"{unit}.csv").write_text("\n".join([*lines, ""]))
+    assert len(plan_of(str(tmp_path / "logs"), Options()).partitions) == 1
+    run(str(tmp_path / "logs"), tmp_path / "out.parquet", Options(), workers=0)
+    table = UnitResults.read(tmp_path / "out.parquet")
+    assert table.verdict.tolist() == ["good"] * len(written)
+    np.testing.assert_array_equal(table.offset, table.offset[[0] * len(written)])
+    np.testing.assert_allclose(table.end_s, 2.98)
+
+
 def test_the_log_says_which_files_were_done_and_which_could_not_be_read(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -275,7 +304,7 @@ def test_the_log_says_which_files_were_done_and_which_could_not_be_read(
     first, *_, last = by_kind["partition"]
     about = ("file_count", "units", "rows", "readings", "verdicts", "codes", "lost")
     assert [first[name] for name in about] == [1, 1, 1, 150, {"good": 1}, {}, False]
-    assert (last["verdicts"], last["codes"]) == ({"failed": 1}, {"unreadable": 1})
+    assert (last["verdicts"], last["codes"]) == ({"failed": 3}, {"unreadable": 3})  # empty files share a partition
     assert [(event["unit"], event["recording"], event["code"]) for event in by_kind["unread"]] == [
         ("U7", "U7.csv", "unreadable")
     ]

@@ -15,7 +15,7 @@ from flinders.core.samples import Samples
 from flinders.estimators import METHODS, Readings
 from flinders.fitting.batch import fit_batch
 from flinders.fitting.result import Refused
-from flinders.fitting.shrinkage import shrunk
+from flinders.fitting.shrinkage import posteriors, shrunk
 from flinders.simulate import Sensor
 
 if TYPE_CHECKING:
@@ -112,3 +112,17 @@ def test_a_direction_of_which_much_is_unknown_leaves_a_negative_variance_to_roun
     assert np.linalg.eigvalsh(covariance)[0] < -1e-3
     shrunken = shrunk(replace(fitted, covariance=covariance * size**2))
     assert shrunken is None or np.isfinite(shrunken.covariance).all()
+
+
+def test_an_estimate_is_shrunk_alike_alone_and_among_others() -> None:
+    """To the last digit: the claim of a unit of a fleet depended on the units of its partition."""
+    rng = np.random.default_rng(1)
+    roots = rng.normal(scale=0.1, size=(40, 9, 9))
+    covariances = roots @ roots.swapaxes(1, 2)
+    parameters = np.repeat([[0.0, 0.0, 0.0, 50.0, 50.0, 50.0, 0.0, 0.0, 0.0]], len(roots), axis=0)
+    places, means, spreads = posteriors(parameters, covariances)
+    assert len(places) == len(roots)
+    for place in places.tolist():
+        _, (mean,), (spread,) = posteriors(parameters[[place]], covariances[[place]])
+        np.testing.assert_array_equal(mean, means[place])
+        np.testing.assert_array_equal(spread, spreads[place])

@@ -454,7 +454,7 @@ def test_a_file_that_is_gone_or_forbidden_is_refused_while_reading(
     written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No error of the operating system gets out."""
-    path = written("1,2,3\n")
+    path = written("1,2,3\n" * 9_000)
     recording = open_recording(path)
 
     def forbid(*_: object, **__: object) -> None:
@@ -467,6 +467,17 @@ def test_a_file_that_is_gone_or_forbidden_is_refused_while_reading(
     path.unlink()
     with pytest.raises(UnreadableInput, match="does not exist"):
         list(recording.blocks())
+
+
+def test_a_short_recording_is_read_when_it_is_opened(written: Callable[..., Path]) -> None:
+    """And held in memory, but for other columns."""
+    path = written("mx,my,mz,ax,ay,az\n1,2,3,4,5,6\n3,2,1,6,5,4\n")
+    recording, other = open_recording(path), opened(path)
+    other.name_acceleration("az,ay,ax")
+    path.unlink()
+    npt.assert_array_equal([block.field for block in recording.blocks()], [[[1, 2, 3], [3, 2, 1]]])
+    with pytest.raises(UnreadableInput, match="does not exist"):
+        list(other.blocks())
 
 
 def test_a_gzip_file_cut_short_gives_what_is_before_the_cut(written: Callable[..., Path]) -> None:

@@ -69,7 +69,7 @@ class Outlier:
 
     first: int  # usable reading, counted from 1 over all recordings
     last: int
-    rows: int  # strays among them
+    rows: int  # outliers among them
     start: float  # s: time of the first; NaN without time
     end: float  # s: time of the last
     farthest: float  # largest distance from the ellipsoid, in the unit of the readings

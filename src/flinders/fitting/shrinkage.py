@@ -105,7 +105,8 @@ def posteriors(parameters: Floats, covariances: Floats) -> tuple[NDArray[np.intp
     means, spreads = _posterior(departures[chosen], spreads[chosen], weights)
     shrunken = sizes * (3.0 * SIZE[:, np.newaxis] + PARAMETERS @ means)
     widths = sizes**2 * (PARAMETERS @ spreads @ PARAMETERS.T)
-    widths += shrunken * shrunken.swapaxes(1, 2) * (SIZE @ covariances @ SIZE)[:, np.newaxis, np.newaxis] / sizes**2
+    of_sizes = SIZE[np.newaxis] @ covariances @ SIZE[:, np.newaxis]
+    widths += shrunken * shrunken.swapaxes(1, 2) * of_sizes / sizes**2
     return places[chosen], shrunken[:, :, 0], widths
 
 

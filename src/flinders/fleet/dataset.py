@@ -20,7 +20,7 @@ import functools
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, cast
 from urllib.parse import unquote
 
 import numpy as np
@@ -50,10 +50,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.fleet.storage import StoredFile
     from flinders.readers import TableRecording
+    from flinders.readers._columns import Values
     from flinders.readers.parquet import Extent
 
 Pair: TypeAlias = tuple[str, str]
@@ -408,23 +408,21 @@ class KeyedTable:
         time = self.recording.columns.time
         return 0.0 if time is None else time.start * time.factor
 
-    def batches(self, groups: Sequence[int], names: Interner) -> Iterator[tuple[Runs, Floats]]:
-        """Yield recordings, as numbers of `names`, which takes their hardware batches, and values (K, B), in order."""
+    def batches(self, groups: Sequence[int], names: Interner) -> Iterator[tuple[Runs, list[NDArray[np.floating]]]]:
+        """Yield recordings, as numbers of `names`, which takes their hardware batches, and K columns (B,), in order."""
         places = places_of(self.schema)
         wanted = [places[cell] for cell in self.recording.columns.cells]
         for batch in self.file.batches(groups, sorted({*(column for column, _, _ in wanted), *self.keys.columns})):
             if not batch.num_rows:
                 continue
-            values = np.empty((len(wanted), batch.num_rows))
             with reading(self.file.name, f"a table of {self.file.kind}"):
-                for row, (column, part, _) in zip(values, wanted, strict=True):
-                    row[:] = values_of(batch.column(column), part)
+                values = [values_of(batch.column(column), part) for column, part, _ in wanted]
             yield _runs(batch, self.keys, names), values
 
-    def samples(self, values: Floats, source: str) -> Samples:
-        """Samples of values (K, N)."""
+    def samples(self, values: Values, source: str) -> Samples:
+        """Samples of K columns (N,)."""
         known = self.recording
-        return known.columns.samples(values.T, unit=known.unit, axes=known.axes, source=source)
+        return known.columns.samples(values, unit=known.unit, axes=known.axes, source=source)
 
     @property
     def schema(self) -> Any:  # noqa: ANN401
@@ -484,7 +482,7 @@ def _note(runs: Runs, batch: Any, keys: KeyColumns, names: Interner) -> None:  #
             names.note(number, keys.batch_value)
         return
     texts, places = _dictionary(batch, keys.batch)
-    both = np.repeat(inverse, runs.lengths) * len(texts) + places
+    both = np.repeat(inverse, runs.lengths) * len(texts) + places.astype(np.int64)
     both = np.unique(both[np.flatnonzero(np.diff(both, prepend=-1))])
     for number, place in zip(numbers[both // len(texts)].tolist(), (both % len(texts)).tolist(), strict=True):
         names.note(number, texts[place])
@@ -594,13 +592,13 @@ def _coded(
     column: str,
     value: str,
     names: Interner,
-) -> tuple[NDArray[np.int64], NDArray[np.int64] | None]:
+) -> tuple[NDArray[np.int64], NDArray[np.integer] | None]:
     """Numbers of texts, and (B,) the index of each row's; None if the path has one text for all rows."""
     texts, places = _dictionary(batch, column) if column else ([value], None)
     return np.array([names.number(text) for text in texts], dtype=np.int64), places
 
 
-def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.int64]]:  # noqa: ANN401
+def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.integer]]:  # noqa: ANN401
     """Distinct texts of a column, and (B,) the index of each row's; null is the empty text."""
     arrow = needs_arrow()
     array = batch.column(batch.schema.get_field_index(column))
@@ -614,7 +612,7 @@ def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.int64]]:
     places = array.indices
     if places.null_count:
         places, texts = places.fill_null(len(texts)), [*texts, ""]
-    return texts, np.asarray(np.from_dlpack(places), dtype=np.int64)
+    return texts, cast("NDArray[np.integer]", np.from_dlpack(places))
 
 
 def _texts(array: Any) -> Any:  # noqa: ANN401

@@ -65,6 +65,8 @@ LEAST_PARTITIONS: Final = 64
 """Partitions of a small job, whose workers would otherwise wait for each other."""
 SHORT: Final = 100_000
 """Rows that take a worker a tenth of a second: smaller partitions are not made,"""
+SHORT_BYTES: Final = 1 << 18
+"""nor of log files of fewer bytes, which take as long,"""
 FEW_PARTITIONS: Final = 16
 """unless there would be fewer than this."""
 LOG_BYTES: Final = 1 << 24
@@ -332,6 +334,11 @@ def _tables(tables: Sequence[_TableSlice], options: Options) -> Iterator[Partiti
     yield from _joined(together, tables)
 
 
+def _enough(total: int, short: int) -> int:
+    """Rows or bytes from which on a partition takes no more files."""
+    return max(total // LEAST_PARTITIONS, min(short, total // FEW_PARTITIONS))
+
+
 def _packed(slices: Sequence[FileSlice]) -> Iterator[list[FileSlice]]:
     """Pack small slices together, in order.
 
@@ -340,7 +347,7 @@ def _packed(slices: Sequence[FileSlice]) -> Iterator[list[FileSlice]]:
     [3, 16, 20, 40]
     """
     total = sum(part.rows for part in slices)
-    enough = min(SMALLEST, max(total // LEAST_PARTITIONS, min(SHORT, total // FEW_PARTITIONS)))
+    enough = min(SMALLEST, _enough(total, SHORT))
 
     def fits(run: list[FileSlice], part: FileSlice) -> bool:
         rows = sum(each.rows for each in run)
@@ -410,11 +417,17 @@ def _units(table: _TableSlice, options: Options) -> set[str]:
 
 
 def _logs(slices: Sequence[FileSlice]) -> Iterator[Partition]:
-    """Partitions of log files, in order."""
-    most = min(MOST_SLICES, max(len(slices) // LEAST_PARTITIONS, 1))
+    """Partitions of log files, in order.
+
+    >>> files = [FileSlice(StoredFile(str(part), "", 12_000)) for part in range(2000)]
+    >>> [len([*_logs(files[:count])]) for count in (3, 32, 600, 2000)]
+    [3, 16, 28, 63]
+    """
+    enough = _enough(sum(part.weight for part in slices), SHORT_BYTES)
 
     def fits(run: list[FileSlice], part: FileSlice) -> bool:
-        return len(run) < most and sum(each.weight for each in run) + part.weight <= LOG_BYTES
+        size = sum(each.weight for each in run)
+        return len(run) < MOST_SLICES and size < enough and size + part.weight <= LOG_BYTES
 
     return (Partition(tuple(run)) for run in _runs_that_fit(slices, fits))
 

@@ -150,15 +150,16 @@ def read_recordings(table: KeyedTable, part: FileSlice, rows: RowFilter) -> Reco
     runs, values = _read(table, part, rows)
     if len(np.unique(runs.numbers)) < len(runs.numbers):
         every = runs.rows
-        values = values[:, np.argsort(every, kind="stable")]
+        order = np.argsort(every, kind="stable")
+        values = [column[order] for column in values]
         runs = Runs(*np.unique(every, return_counts=True))
     ends = np.cumsum(runs.lengths)
     field = [columns.cells.index(cell) for cell in sorted(columns.needed)]
     with np.errstate(over="ignore", invalid="ignore"):
-        is_whole = all(np.isfinite(values[row].sum()) for row in field)  # a sum is finite if all its terms are
-    usable = np.isfinite(values[field]).all(axis=0) if not is_whole else np.ones(1, dtype=bool)
-    if not usable.all():
-        values, ends = values[:, usable], np.concatenate([[0], np.cumsum(usable)])[ends]
+        is_whole = all(np.isfinite(values[place].sum()) for place in field)  # a sum is finite if all its terms are
+    if not is_whole:
+        usable = np.logical_and.reduce([np.isfinite(values[place]) for place in field])
+        values, ends = [column[usable] for column in values], np.concatenate([[0], np.cumsum(usable)])[ends]
     if columns.time is not None:
         values = _sorted_by_time(values, ends, values[columns.cells.index(columns.time.cells[0])])
     pairs = [rows.names.pair(number) for number in runs.numbers.tolist()]
@@ -166,27 +167,32 @@ def read_recordings(table: KeyedTable, part: FileSlice, rows: RowFilter) -> Reco
     return RecordingSet(pairs, lined, runs.lengths, np.full(len(pairs), table.start_s), part.file.name)
 
 
-def _read(table: KeyedTable, part: FileSlice, rows: RowFilter) -> tuple[Runs, Floats]:
-    """Run lengths of the rows of a slice that are taken, and their values (K, N)."""
+def _read(table: KeyedTable, part: FileSlice, rows: RowFilter) -> tuple[Runs, list[NDArray[np.floating]]]:
+    """Run lengths of the rows of a slice that are taken, and their K columns (N,)."""
     nameless = 0
     runs: list[Runs] = []
-    values: list[Floats] = []
-    for own, block in table.batches(part.groups, rows.names):
-        mask = rows.mask(own.numbers)
-        whole = mask.all()
-        nameless += 0 if whole else int(own.lengths[rows.nameless_in(own.numbers)].sum())
-        runs.append(own if whole else Runs(own.numbers[mask], own.lengths[mask]))
-        values.append(block if whole else block[:, np.repeat(mask, own.lengths)])
+    values: list[list[NDArray[np.floating]]] = []
+    for every, block in table.batches(part.groups, rows.names):
+        own, columns, mask = every, block, rows.mask(every.numbers)
+        if not mask.all():
+            nameless += int(every.lengths[rows.nameless_in(every.numbers)].sum())
+            is_taken = np.repeat(mask, every.lengths)
+            own, columns = Runs(every.numbers[mask], every.lengths[mask]), [column[is_taken] for column in block]
+        runs.append(own)
+        values.append(columns)
     rows.nameless += nameless
-    empty = np.empty((len(table.recording.columns.cells), 0))
-    return Runs.joined(runs), values[0] if len(values) == 1 else np.concatenate([empty, *values], axis=1)
+    empty = [[np.empty(0)] * len(table.recording.columns.cells)]
+    whole = values[0] if len(values) == 1 else [*map(np.concatenate, zip(*(values or empty), strict=True))]
+    return Runs.joined(runs), whole
 
 
-def _sorted_by_time(values: Floats, ends: NDArray[np.int64], time: Floats) -> Floats:
-    """Sort columns (K, N) of recordings that end at (R,) `ends` by (N,) times, where all are known.
+def _sorted_by_time(
+    values: list[NDArray[np.floating]], ends: NDArray[np.int64], time: NDArray[np.floating]
+) -> list[NDArray[np.floating]]:
+    """Sort columns (N,) of recordings that end at (R,) `ends` by (N,) times, where all are known.
 
-    >>> _sorted_by_time(np.array([[1.0, 2.0, 3.0, 4.0]]), np.array([2, 4]), np.array([5.0, 3.0, 7.0, 7.0]))
-    array([[2., 1., 3., 4.]])
+    >>> _sorted_by_time([np.array([1.0, 2.0, 3.0, 4.0])], np.array([2, 4]), np.array([5.0, 3.0, 7.0, 7.0]))
+    [array([2., 1., 3., 4.])]
     """
     back = time[1:] < time[:-1]
     back[ends[(ends > 0) & (ends < len(time))] - 1] = False
@@ -198,7 +204,7 @@ def _sorted_by_time(values: Floats, ends: NDArray[np.int64], time: Floats) -> Fl
     moved[recording[~np.isfinite(time)]] = False
     rows, order = np.flatnonzero(moved[recording]), np.arange(len(time))
     order[rows] = rows[np.lexsort((time[rows], recording[rows]))]
-    return values[:, order]
+    return [column[order] for column in values]
 
 
 def merged_recording(parts: Sequence[Job]) -> Job | UnitResult:
@@ -268,7 +274,7 @@ class StreamedRecording:
                 for runs, values in table.batches(part.groups, rows.names):
                     mask = np.repeat(rows.mask(runs.numbers), runs.lengths)
                     if mask.any():
-                        samples = table.samples(values[:, mask], self.source)
+                        samples = table.samples([column[mask] for column in values], self.source)
                         yield delayed(samples, table.start_s - self.start_s)
 
 

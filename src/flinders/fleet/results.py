@@ -249,6 +249,7 @@ VERDICTS: Final = ("good", "limited", "refused", "failed")
 """From the best to the worst."""
 
 
+@cache
 def needs_arrow() -> Any:  # noqa: ANN401
     """Import pyarrow, which writes the table of a fleet; raises MissingExtra."""
     needs("pyarrow.ipc", "fleet", "the table of a fleet")

@@ -473,7 +473,7 @@ class Transcript:
             return None
         layout, unit = self._read
         values = rows_of(rows, range(len(rows)), layout.grid).values
-        readings = layout.columns.samples(values, unit=unit, axes=Axes(), source=self._name)
+        readings = layout.columns.samples(values.T, unit=unit, axes=Axes(), source=self._name)
         self.statistics.measure(readings.field)
         return readings if len(readings) else None
 

@@ -438,7 +438,6 @@ def _table_of(file: Source, reader: Reader, options: _Options) -> TextRecording 
 
 def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
     """Make a magnetometer of a log out of columns of a table; one of several says which columns those are."""
-    description = table.describe().removeprefix(f"{table.source}: {table.name}, ")
     return Instrument(
         source=table.source,
         name=table.name or f"columns {', '.join(table.columns.field.names)}",
@@ -447,7 +446,7 @@ def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
         axes=table.axes,
         frames=(frame_of(table), frame_of(table)),
         readings=table.readings if isinstance(table, TableRecording) else None,
-        notes=(description,) if table.name else (),
+        notes=(table.describe().removeprefix(f"{table.source}: {table.name}, "),) if table.name else (),
         file=getattr(table, "original", None) or table.file,
     )
 

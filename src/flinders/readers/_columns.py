@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 import numpy as np
 
@@ -57,11 +57,15 @@ from flinders.readers._tokenizer import listed
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from numpy.typing import NDArray
+
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.core.samples import TimeSpan
     from flinders.readers._source import Source
 
+Values: TypeAlias = "NDArray[np.floating] | Sequence[NDArray[np.floating]]"
+"""(N,) numbers of each column that is read."""
 OF_MOTORS: Final = (CURRENTS, THROTTLES)  # kinds of which each motor may have a column
 IN_SAMPLES: Final = COLUMNS[1:]  # kinds that stand beside the field
 VALID: Final = {THROTTLE: shares, THROTTLES: shares, ATTITUDE: quaternions.known}  # values out of range become NaN
@@ -147,12 +151,9 @@ class Columns:
         reason = f"{strength.names[0]} (in {own.inside}, the field in {unit.inside}: give unit=, or scale=)"
         return replace(self, auxiliary=others, left_out=(*self.left_out, reason))
 
-    def taken(self, values: Floats, column: Column) -> Floats:
-        """Pick one of the columns from what was read of `cells`; a view where that lies column by column, in order."""
-        places = [self.cells.index(cell) for cell in column.cells]
-        if values.flags.fnc and places == list(range(places[0], places[0] + len(places))):
-            return values[:, places[0] : places[0] + len(places)]
-        return values[:, places]
+    def taken(self, values: Values, column: Column) -> Floats:
+        """(N, k) numbers of one of the columns, from values of `cells`."""
+        return np.stack([values[self.cells.index(cell)] for cell in column.cells], axis=1, dtype=np.float64)
 
     def describe(self, unit: str) -> str:
         """Say which columns are read, in which unit; of several magnetometers, which one."""
@@ -171,8 +172,8 @@ class Columns:
         parts += [f"also there: {numbered(self.others)} (choose with --sensor)"] * bool(self.others)
         return parts + [f"passed over: {numbered(self.passed_over)}"] * bool(self.passed_over)
 
-    def samples(self, values: Floats, *, unit: Unit, axes: Axes, source: str, frame: str = "sensor") -> Samples:
-        """Make samples of (N, len(cells)) values: the field, and what stands beside it in the units of `Samples`."""
+    def samples(self, values: Values, *, unit: Unit, axes: Axes, source: str, frame: str = "sensor") -> Samples:
+        """Make samples of values of `cells`: the field, and its auxiliary columns in the units of `Samples`."""
         field = self.taken(values, self.field)
         if self.reset is not None:
             field = (field - self.taken(values, self.reset)) / 2.0
@@ -183,7 +184,7 @@ class Columns:
         others = {each.kind: self._values_of(values, each) for each in self.auxiliary if each.kind in IN_SAMPLES}
         return Samples.recorded(field, unit=unit, axes=axes, source=source, frame=frame, **others)
 
-    def _values_of(self, values: Floats, column: Column) -> Floats:
+    def _values_of(self, values: Values, column: Column) -> Floats:
         """Take a column in the unit of `Samples`; NaN where a value is not valid."""
         kind = column.kind
         with np.errstate(over="ignore", invalid="ignore"):

@@ -85,9 +85,8 @@ MOST_ABOVE: Final = 40  # Lines in which a header without readings is looked for
 MOST_COLUMNS: Final = 4096  # Columns of a table
 MOST_SENSORS: Final = 8  # Sensors whose number may stand before each reading
 MOST_RANGES: Final = 16  # Columns whose ranges are listed
-_PLAIN: Final = re.compile(r"(?:[-+.,;\s\d]|[eE][-+]\d|nan)*", re.ASCII)
+_PLAIN: Final = re.compile(r"[-+.,;\s\d]*(?:(?:[eE][-+]\d|nan)[-+.,;\s\d]*)*", re.ASCII)
 _GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
-_PARTED: Final = re.compile(r"\S[^\S\n]+\S")
 _OPENS_JSON: Final = re.compile(r"^\s*[\[{]")
 _CLOCK: Final = re.compile(r"\d:\d\d:\d\d")
 _LETTER: Final = re.compile(r"[^\W\d_]")
@@ -266,30 +265,30 @@ def sniff(
         best = max((_cut(some, signs, least) for signs in _signs_of(some)), key=_Cut.score, default=None)
         if best is not None and best.rows:
             choosing = partial(choose, asked=columns, flat=flat, choice=choice, source=name)
-            return _table(name, texts, best.rows, best.signs, header, choosing, is_asked=columns is not None)
+            return _table(name, texts, best, header, choosing, is_asked=columns is not None)
     raise _nothing(name, lines)
 
 
 def _table(
     name: str,
     texts: list[str],
-    rows: dict[int, list[str]],
-    signs: tuple[str, str],
+    best: _Cut,
     known: Sequence[str],
     choosing: partial[Columns | None],
     *,
     is_asked: bool,
 ) -> TextLayout:
     """Lay out a table from the lines that are rows of numbers."""
+    signs, rows = best.signs, best.rows
     width, often = Counter(map(len, rows.values())).most_common(1)[0]
     if width > MOST_COLUMNS:
         raise NoMagnetometer(f"{name} has {width:,} columns: cut the magnetometer's out, with its time")
-    start = min(place for place, cells in rows.items() if len(cells) == width)
-    alike = [cells for cells in rows.values() if len(cells) == width]
+    places = [place for place, cells in rows.items() if len(cells) == width]
+    start, alike = min(places), [rows[place] for place in places]
     closed = not any(cells[-1].strip() for cells in alike)
     place, header = (-1, list(known)) if known else _header(texts[:start], signs[0], width, closed=closed)
     width -= closed and len(header) != width  # each line ends with a delimiter
-    values = np.array([[number(cell, signs[1]) for cell in cells[:width]] for cells in alike[:SAMPLED]], dtype=float)
+    values = np.array([best.values[place][:width] for place in places[:SAMPLED]], dtype=float)
     units = _units(texts[place + 1 : start], signs[0], len(header)) if place >= 0 else ()
     if not header and not is_asked:
         _refuse_numbered(name, alike)
@@ -318,11 +317,12 @@ def _is_comment(text: str) -> bool:
 
 
 class _Cut(NamedTuple):
-    """Lines cut at a delimiter: cells of those that are rows of numbers, by their place, and numbers in all of them."""
+    """Lines cut at a delimiter: those that are rows of numbers, by their place."""
 
     signs: tuple[str, str]
-    rows: dict[int, list[str]]
-    numbers: int
+    rows: dict[int, list[str]]  # cells
+    values: dict[int, list[float | None]]  # their numbers, None for text
+    numbers: int  # in all of them
 
     def score(self) -> tuple[int, int]:
         """How well delimiter and decimal sign fit."""
@@ -334,7 +334,7 @@ def _signs_of(lines: list[tuple[int, str]]) -> list[tuple[str, str]]:
     whole = "\n".join(text for _, text in lines)
     has_comma, has_quote = "," in whole, '"' in whole
     there = {delimiter for delimiter, _ in SIGNS if delimiter in whole} - {SPACES}
-    if _PARTED.search(whole) or GLUED.search(whole.replace('"', "")):
+    if any(len(text.split()) > 1 for _, text in lines) or GLUED.search(whole.replace('"', "")):
         there.add(SPACES)
     decimals = (signs for signs in SIGNS if signs[0] in there)
     return [signs for signs in decimals if signs[1] == "." or (has_quote if signs[0] == "," else has_comma)]
@@ -343,17 +343,18 @@ def _signs_of(lines: list[tuple[int, str]]) -> list[tuple[str, str]]:
 def _cut(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3) -> _Cut:
     """Cut lines, and pick those that hold at least so many numbers, and more numbers than words."""
     delimiter, decimal = signs
-    rows, total = {}, 0
+    rows, values, total = {}, {}, 0
     for place, text in lines:
         cells = split(text, delimiter)
         if len(cells) < least:
             continue
-        filled = [cell for cell in cells if cell.strip()]
-        numbers = sum(number(cell, decimal) is not None for cell in filled)
-        if numbers >= least and 2 * numbers >= len(filled):
-            rows[place] = cells
+        known = [number(cell, decimal) for cell in cells]
+        blank, words = len(cells) - len(list(filter(str.strip, cells))), known.count(None)
+        numbers = len(cells) - blank - words
+        if numbers >= least and numbers >= words:
+            rows[place], values[place] = cells, known
             total += numbers
-    return _Cut(signs, rows, total)
+    return _Cut(signs, rows, values, total)
 
 
 def _first_row(texts: list[str], after: int, start: int) -> int:
@@ -462,10 +463,17 @@ def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]
 
 def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns, decimal: str) -> None:
     """Refuse readings in which commas or points part thousands: whole numbers up to 999, above it three more digits."""
-    cells = [row[place].strip() for row in rows for place in columns.field.cells]
-    grouped = [cell for cell in cells if decimal in cell]
-    whole = [abs(value) for cell in cells if decimal not in cell and (value := number(cell, ".")) is not None]
-    if len(grouped) >= 3 and 100 <= max(whole, default=0) < 1000 and all(map(_GROUPED.fullmatch, grouped)):
+    grouped: list[str] = []
+    whole: list[float] = []
+    for cell in (row[place].strip() for row in rows for place in columns.field.cells):
+        if decimal not in cell:
+            value = number(cell, ".")
+            whole += [] if value is None else [abs(value)]
+        elif _GROUPED.fullmatch(cell):
+            grouped.append(cell)
+        else:
+            return
+    if len(grouped) >= 3 and 100 <= max(whole, default=0) < 1000:
         raise UnreadableInput(
             f"numbers of {name} such as {grouped[0]!r} beside {max(whole):.0f} have {decimal!r} between thousands, it "
             "seems: save it without a separator of thousands, or name the columns with columns= where it is the "

@@ -245,6 +245,7 @@ def is_unit(text: str) -> bool:
     return text.casefold() in _UNITS
 
 
+@lru_cache(maxsize=1_024)
 def field_stem(name: str, axis: str) -> str:
     """Take the axis out of a name, so that the three columns of one sensor are left with the same text."""
     folded = name.strip().casefold()
@@ -252,6 +253,7 @@ def field_stem(name: str, axis: str) -> str:
     return f"{folded[:place]}*{folded[place + 1 :]}"
 
 
+@lru_cache(maxsize=1_024)
 def label(name: str) -> tuple[str, ...]:
     """Take the words of a three-axis sensor's column that distinguish it from others of its kind."""
     words = _words_of_sensor(name)
@@ -278,6 +280,7 @@ def tells_apart(word: str) -> bool:
     return word in PLACES or word in _DEVICES or is_chip(word)
 
 
+@lru_cache(maxsize=1_024)
 def no_readings(name: str) -> str:
     """Tell what a three-axis column is where it is none of a sensor's readings; nothing where it may be one."""
     words = _words_of_sensor(name)
@@ -288,6 +291,7 @@ def no_readings(name: str) -> str:
     return next((_NO_READINGS[word] for word in words if word in _NO_READINGS), "")
 
 
+@lru_cache(maxsize=1_024)
 def sensor_name(name: str, axis: str, *, whole: bool = False) -> str:
     """Name the sensor of a column: without axis, unit, ``raw`` and the like; if `whole`, without the axis alone."""
     bare = name.strip() if whole else _BRACKET.sub("", name.strip())

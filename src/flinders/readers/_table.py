@@ -125,7 +125,7 @@ class TableRecording(ColumnsRecording):
         self.skipped = ()
         clock, done, usable = self.span.clock(self.source), 0, 0
         for values in self.table.rows(self.columns.cells):
-            samples = self.columns.samples(values, unit=self.unit, axes=self.axes, source=self.source)
+            samples = self.columns.samples(values.T, unit=self.unit, axes=self.axes, source=self.source)
             self.skipped = added(self.skipped, numbered(samples, done).skipped)
             done += len(values)
             usable += len(samples)
@@ -168,7 +168,10 @@ def open_table(
         raise UnreadableInput(f"{file.name} has no rows: record again, or check what was saved")
     if not table.width:
         raise NoMagnetometer(f"{file.name} holds no columns of numbers: need three, x y z, beside what else there is")
-    first = next(table.rows(range(table.width)))[:SAMPLED]
+    block = next(table.rows(range(table.width)))
+    if len(block) == table.length:  # all of it, which is not read again
+        table = replace(table, rows=lambda cells: iter([block[:, list(cells)]]))
+    first = block[:SAMPLED]
     known = choose(table.names, first, columns, flat=flat, choice=choice, source=file.name)
     if known is None:
         raise NoMagnetometer(_unknown(file.name, table, first))

@@ -331,12 +331,9 @@ def quoted(cell: str) -> str:
     return '"' + cell.replace('"', '""') + '"' if any(sign in cell for sign in ',"\r\n') else cell
 
 
-@lru_cache(4096)
 def number(cell: str, decimal: str) -> float | None:
     """Read a cell: NaN where it is empty or says so, None where it is text."""
     text = cell.strip()
-    if text.casefold() in MISSING:
-        return math.nan
     if decimal == ",":
         if text.endswith(","):
             return None
@@ -344,7 +341,7 @@ def number(cell: str, decimal: str) -> float | None:
     try:
         return None if "_" in text else float(text.replace(MINUS, "-"))
     except ValueError:
-        return None
+        return math.nan if text.casefold() in MISSING else None
 
 
 def fits(cells: list[str], width: int) -> bool:

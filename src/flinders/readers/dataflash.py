@@ -96,8 +96,8 @@ WANTED: Final = (
     *COMPASS_NAMES, "IMU", "BAT", "CURR", "PARM", "GPS", "POS", "ORGN", "MSG", *QUATERNIONS, *ANGLES,
     *PRIMARY.values(), *THROTTLE_LABELS, *CONTROLLERS, OUTPUTS,
 )  # fmt: skip
-BEGINS: Final = re.compile(rb"\A\xa3\x95|^FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
-"""First bytes: a message, or a line that describes messages."""
+DESCRIPTION: Final = re.compile(rb"^FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
+"""A line that describes messages."""
 
 MOST_SKIPPED: Final = 0.5
 """A log of which more than this belongs to no message is refused."""
@@ -500,13 +500,18 @@ def _damage(messages: Messages, file: File) -> Iterator[str]:
         yield f"{counted(messages.skipped, kind)}{total} in {places} belong to no message: skipped"
 
 
+def is_dataflash(head: bytes) -> bool:
+    """Tell whether a file begins with a message, or has a line that describes messages in its first bytes."""
+    return head.startswith(HEADER) or (b"FMT" in head and DESCRIPTION.search(head) is not None)
+
+
 READERS: Final = (
     Reader(
         "dataflash",
         "ArduPilot DataFlash",
         (".bin", ".log"),
         "each compass, with the calibration in force removed, and what the vehicle logged beside it",
-        pattern=BEGINS,
+        sniff=is_dataflash,
         log=open_dataflash,
     ),
 )

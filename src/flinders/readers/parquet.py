@@ -69,9 +69,11 @@ def open_parquet(file: File, **options: Any) -> TableRecording:
         return parquet.ParquetFile(file.path, memory_map=True, page_checksum_verification=True)
 
     def batches(names: list[str]) -> Iterator[Any]:
-        yield from opened().iter_batches(BLOCK, columns=names)
+        is_long = metadata.num_rows > BLOCK  # threads cost a short table a quarter more
+        yield from opened().iter_batches(BLOCK, columns=names, use_threads=is_long)
 
-    metadata, schema = opened().metadata, opened().schema_arrow
+    whole = opened()
+    metadata, schema = whole.metadata, whole.schema_arrow
     refuse_packed_groups(metadata, file.name, file.size)
     return open_table(file, table_of("Parquet", schema, metadata.num_rows, batches, file.name), **options)
 

@@ -83,6 +83,7 @@ class TextRecording(ColumnsRecording):
     original: Source | None = None  # the recording itself, where `file` is a table that was made of it
     source: str = field(init=False)
     skipped: tuple[Skipped, ...] = field(default=(), init=False)  # what the last pass has left out so far
+    held: _Held | None = field(default=None, init=False)  # of a short one, what was read when it was opened
 
     def __post_init__(self) -> None:
         """Take the name of the file."""
@@ -123,6 +124,12 @@ class TextRecording(ColumnsRecording):
                     yield lines[within], replace(clock.selected(samples, within), skipped=pending)
                     pending = ()
         clock.judge()
+
+    def hold(self) -> None:
+        """Read a short recording, for passes to come; raises as `blocks`."""
+        self.held = _Held(self.columns, list(self._read(self.layout.grid, self.columns)))
+        for _ in self.blocks():
+            pass
 
     def name_acceleration(self, columns: str) -> None:
         """Say which columns are the accelerometer's; UsageError for those that are missing or the magnetometer's."""
@@ -200,6 +207,9 @@ class TextRecording(ColumnsRecording):
 
     def _read(self, grid: Grid, columns: Columns) -> Iterator[tuple[Lines, NumberRows, NDArray[np.bool_]]]:
         """Read blocks of lines, and several at once where pyarrow reads all of their lines and all can be used."""
+        if self.held and self.held.columns == columns:
+            yield from self.held.blocks
+            return
         file, encoding = self.file, self.layout.encoding
         parse, segments = None, file.lines(encoding)
         if isinstance(file, File) and file.size >= LEAST_FOR_ARROW and (parse := parser_of(grid)):
@@ -238,7 +248,7 @@ class TextRecording(ColumnsRecording):
     def _usable(self, rows: NumberRows, columns: Columns) -> NDArray[np.bool_]:
         """Tell which rows have a field that is finite also in `unit.inside`; a time may be missing."""
         with np.errstate(over="ignore"):
-            usable = np.isfinite(columns.taken(rows.values, columns.field) * self.unit.scale)
+            usable = np.isfinite(columns.taken(rows.values.T, columns.field) * self.unit.scale)
         return np.asarray(usable.all(axis=1), dtype=np.bool_)
 
     def _samples(self, block: _Block) -> Iterator[tuple[Floats, Samples]]:
@@ -250,7 +260,7 @@ class TextRecording(ColumnsRecording):
             yield lines[rows], self._samples_of(self.layout.columns, values[rows])
 
     def _samples_of(self, columns: Columns, values: Floats) -> Samples:
-        return columns.samples(values, unit=self.unit, axes=self.axes, source=self.source, frame=self.frame)
+        return columns.samples(values.T, unit=self.unit, axes=self.axes, source=self.source, frame=self.frame)
 
 
 class Transcription:
@@ -336,6 +346,13 @@ def left_out_of(lines: Lines, rows: NumberRows, usable: NDArray[np.bool_]) -> tu
     )
 
 
+class _Held(NamedTuple):
+    """Blocks of lines that are held in memory, and the columns that were read of them."""
+
+    columns: Columns
+    blocks: list[tuple[Lines, NumberRows, NDArray[np.bool_]]]
+
+
 class _Block(NamedTuple):
     """Some lines, what was read from them, which of the rows can be used, and what is left out."""
 
@@ -370,8 +387,7 @@ def open_text(
     if layout.in_force and columns is None:
         raise _not_raw(file.name, layout)
     if laid_out.is_all and not layout.columns.magnetometers:  # one of several may be dead
-        for _ in recording.blocks():  # what is wrong surfaces here, where that costs no more than a block
-            pass
+        recording.hold()  # what is wrong surfaces here, where that costs no more than a block
     recording.progress = progress
     recording.skipped = ()
     return recording
