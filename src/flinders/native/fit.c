@@ -2,7 +2,8 @@
 #include "record.h"
 #include "sums.h"
 
-enum { FEW_STEPS = 1 }; /* after which outliers are looked for, as they make for many */
+enum { FEW_STEPS = 2, MORE_STEPS = 8 }; /* after which outliers are looked for, as they make for many; more of flat readings */
+#define THICK ((real)0.1) /* least variance of readings, over the largest: less tells little of a surface */
 
 /* Of the noise of all readings, that of a majority which a load left alone. Of 1,200 simulated recordings of a minute or
  * of 12 s with slow noise and no load, 14 are below it (tests/truth/test_switched_load.py). */
@@ -129,31 +130,49 @@ void fl_place_fit(const fl_fit *fit, flinders_record *record)
     memcpy(record->textbook, fit->covariance, sizeof record->textbook);
 }
 
+/* Whether readings lie so far from any plane that few of them make a surface, and a few steps its fit. */
+int fl_is_thick(const flinders_record *record)
+{
+    return record->principal_variances[0] > THICK * record->principal_variances[2];
+}
+
+/* Fit the majority alone, from a start of its own or NULL. Nonzero where none is found or, if it has to prove itself, it is
+ * not clearly quieter than all readings: none is rejected then. */
+static int fit_majority(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
+                        int asks, const fl_room *room, fl_fit *fit, flinders_record *record)
+{
+    fl_fit most;
+    const int status = fl_robust(kernels, view, options, start, room, &most, record);
+    if (status == FLINDERS_OK && (options->robust == 2 || asks != FL_SUSPECTS || most.noise <= QUIETER * fit->noise)) {
+        *fit = most;
+        return FLINDERS_OK;
+    }
+    fl_forget_outliers(view, record);
+    fit->has_distances = 0;
+    return status == FLINDERS_OK ? FLINDERS_NOT_AN_ELLIPSOID : status;
+}
+
 /* Fit all readings from a start, then the majority alone where that is asked for, or residuals ask and there is one. The
  * majority has a start of its own, or NULL for that through a few readings. */
 int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
                     const fl_surface *start_of_majority, const fl_room *room, fl_fit *fit, flinders_record *record)
 {
-    fl_fit most;
     const int may_ask = options->robust && view->rows >= 12;
-    const int looks_early = may_ask && !start_of_majority;
-    int status = fl_polish(kernels, view, options, start, looks_early ? FEW_STEPS : FL_STEPS, room->some, fit);
+    const int looks_early = may_ask && !start_of_majority, few = fl_is_thick(record) ? FEW_STEPS : MORE_STEPS;
+    int status = fl_polish(kernels, view, options, start, looks_early ? few : FL_STEPS, room->some, fit);
     fit->has_distances = 0;
     int asks = may_ask && status == FLINDERS_OK ? fl_asks_for_robust(kernels, view, fit, room) : 0;
-    if (asks != 1 && looks_early && status == FLINDERS_OK && fit->steps == FEW_STEPS) { /* it goes on from where it stands */
+    if (looks_early && status == FLINDERS_OK && fit->steps == few) { /* it goes on from where it stands */
+        if (asks == 1 && !fit_majority(kernels, view, options, NULL, asks, room, fit, record)) return FLINDERS_OK;
         const fl_surface so_far = fit->surface;
-        status = fl_polish(kernels, view, options, &so_far, FL_STEPS - FEW_STEPS, room->some, fit);
-        fit->steps += FEW_STEPS;
+        status = fl_polish(kernels, view, options, &so_far, FL_STEPS - few, room->some, fit);
+        fit->steps += few;
+        fit->has_distances = 0;
         asks = status == FLINDERS_OK ? fl_asks_for_robust(kernels, view, fit, room) : 0;
     }
     if (!asks && options->robust < 2) return status;
-    fit->has_distances = 0;
-    const int found = fl_robust(kernels, view, options, start_of_majority, room, &most, record);
-    const int is_proven = found == FLINDERS_OK && !(asks == FL_SUSPECTS && most.noise > QUIETER * fit->noise);
-    if (found != FLINDERS_OK || (!is_proven && options->robust < 2)) fl_forget_outliers(view, record);
-    if (!is_proven && options->robust < 2) return status;
-    *fit = most;
-    return found;
+    const int found = fit_majority(kernels, view, options, start_of_majority, asks, room, fit, record);
+    return options->robust == 2 ? found : status;
 }
 
 /* Fit all readings of a view in borrowed memory, or what remains of them without outliers. */

@@ -152,9 +152,10 @@ static int draws_needed(const real *distances, size_t n, real median, int most)
     return share > NEARLY_ALL && WITHOUT_OUTLIER < without * (real)most ? (int)(WITHOUT_OUTLIER / without) : most;
 }
 
-/* Least median of squares: the best of many ellipsoids through twelve readings each; nonzero if there is none. */
+/* Least median of squares: the best of many ellipsoids through twelve readings each, of fewer where it may end once they are
+ * enough; nonzero if there is none. */
 static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n, fl_random *random, int draws,
-                        size_t scored, const fl_room *room, fl_surface *surface)
+                        size_t scored, int may_end, const fl_room *room, fl_surface *surface)
 {
     static const real ORIGIN[3] = {0, 0, 0};
     real local[3 * SCORED], middle[3], scale, distances[SCORED], best = FL_HUGE, quadric[10], axes[3];
@@ -173,7 +174,7 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
         if (!kernels->has_closer(&points, &tried, best, chosen / 2 + 1)) continue;
         absolute(kernels, &points, &tried, distances);
         best = fl_select(distances, chosen, chosen / 2);
-        draws = draws_needed(distances, chosen, best, draws);
+        if (may_end) draws = draws_needed(distances, chosen, best, draws);
         winner = tried;
     }
     if (!(best < FL_HUGE)) return 1;
@@ -198,7 +199,7 @@ static int suspects_a_load(const fl_kernels *kernels, const fl_view *spread, siz
 {
     fl_random random = fl_random_begin();
     fl_surface other;
-    if (subset_start(kernels, spread, n, &random, DRAWS, SCORED, room, &other)) return 0;
+    if (subset_start(kernels, spread, n, &random, DRAWS, SCORED, 0, room, &other)) return 0;
     absolute(kernels, spread, &other, room->scratch);
     return typical(room->scratch, n) < SUSPECT * sigma ? FL_SUSPECTS : 0;
 }
@@ -247,7 +248,7 @@ int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *f
     const real quiet = (real)0.05 * fit->surface.radius;
     fl_surface other;
     if (fl_abs(kurtosis - 3) >= 2 * error || square >= quiet * quiet) {
-        if (subset_start(kernels, &spread, n, &random, FEW_DRAWS, FEW_SCORED, room, &other)) return 0;
+        if (subset_start(kernels, &spread, n, &random, FEW_DRAWS, FEW_SCORED, 0, room, &other)) return 0;
         absolute(kernels, &spread, &other, room->scratch);
         if (typical(room->scratch, n) < (real)0.75 * sigma) return 1;
     }
@@ -397,7 +398,7 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
     memset(fit, 0, sizeof *fit);
     if (n < UNKNOWNS) return FLINDERS_NOT_AN_ELLIPSOID;
     if (start) fit->surface = *start;
-    else if (subset_start(kernels, &spread, n, &random, DRAWS, SCORED, room, &fit->surface))
+    else if (subset_start(kernels, &spread, n, &random, DRAWS, SCORED, fl_is_thick(record), room, &fit->surface))
         return FLINDERS_NOT_AN_ELLIPSOID;
     for (int round = 0; round < ROUNDS; round++) {
         const real before = limit, least = FL_FINEST * fit->surface.radius;
