@@ -3,7 +3,7 @@
 #include "sums.h"
 
 enum { FEW_STEPS = 2, MORE_STEPS = 8 }; /* after which outliers are looked for, as they make for many; more of flat readings */
-#define THICK ((real)0.1) /* least variance of readings, over the largest: less tells little of a surface */
+#define THICK ((real)0.1) /* least variance of readings, over the largest, that is none of flat ones */
 
 /* Of the noise of all readings, that of a majority which a load left alone. Of 1,200 simulated recordings of a minute or
  * of 12 s with slow noise and no load, 14 are below it (tests/truth/test_switched_load.py). */
@@ -130,12 +130,6 @@ void fl_place_fit(const fl_fit *fit, flinders_record *record)
     memcpy(record->textbook, fit->covariance, sizeof record->textbook);
 }
 
-/* Whether readings lie so far from any plane that few of them make a surface, and a few steps its fit. */
-int fl_is_thick(const flinders_record *record)
-{
-    return record->principal_variances[0] > THICK * record->principal_variances[2];
-}
-
 /* Fit the majority alone, from a start of its own or NULL. Nonzero where none is found or, if it has to prove itself, it is
  * not clearly quieter than all readings: none is rejected then. */
 static int fit_majority(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
@@ -158,7 +152,8 @@ int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options
                     const fl_surface *start_of_majority, const fl_room *room, fl_fit *fit, flinders_record *record)
 {
     const int may_ask = options->robust && view->rows >= 12;
-    const int looks_early = may_ask && !start_of_majority, few = fl_is_thick(record) ? FEW_STEPS : MORE_STEPS;
+    const int looks_early = may_ask && !start_of_majority;
+    const int few = record->principal_variances[0] > THICK * record->principal_variances[2] ? FEW_STEPS : MORE_STEPS;
     int status = fl_polish(kernels, view, options, start, looks_early ? few : FL_STEPS, room->some, fit);
     fit->has_distances = 0;
     int asks = may_ask && status == FLINDERS_OK ? fl_asks_for_robust(kernels, view, fit, room) : 0;

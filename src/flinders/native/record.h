@@ -75,7 +75,6 @@ void fl_residual_statistics(const fl_kernels *kernels, const fl_view *view, cons
 enum { FL_SUSPECTS = 2 };
 
 int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room);
-int fl_is_thick(const flinders_record *record);
 int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
               const fl_room *room, fl_fit *fit, flinders_record *record);
 void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real dip_deg,

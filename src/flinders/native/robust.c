@@ -19,8 +19,6 @@ enum { DRAWS = 256, SCORED = 600, FEW_SCORED = 150 };
 #define REJECT ((real)4)
 #define BEYOND_DOUBT ((real)2.5) /* limits, which are ten standard deviations */
 #define SETTLED ((real)1e-4)
-#define WITHOUT_OUTLIER ((real)25) /* subsets */
-#define NEARLY_ALL ((real)0.95)    /* of the readings near a surface: no other has as many */
 #define LASTING ((real)0.5)  /* correlation of a residual with the next */
 #define SUSPECT ((real)0.95) /* of the standard deviation of all residuals, that of the best of many subsets */
 
@@ -141,21 +139,9 @@ static void draw_points(fl_random *random, size_t n, uint32_t chosen[POINTS])
     memcpy(chosen, places, POINTS * sizeof *chosen);
 }
 
-/* How many subsets to draw: until enough of them had no outlier, as the share of readings near a surface says, but no fewer
- * than `most` where other surfaces may have as many (M. A. Fischler, R. C. Bolles, Comm. ACM 24 (1981) 381). */
-static int draws_needed(const real *distances, size_t n, real median, int most)
-{
-    const real limit = REJECT * sigma_of(median, n);
-    real share = 0, without = 1;
-    for (size_t i = 0; i < n; i++) share += distances[i] <= limit ? 1 / (real)n : 0;
-    for (int k = 0; k < POINTS; k++) without *= share;
-    return share > NEARLY_ALL && WITHOUT_OUTLIER < without * (real)most ? (int)(WITHOUT_OUTLIER / without) : most;
-}
-
-/* Least median of squares: the best of many ellipsoids through twelve readings each, of fewer where it may end once they are
- * enough; nonzero if there is none. */
+/* Least median of squares: the best of many ellipsoids through twelve readings each; nonzero if there is none. */
 static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n, fl_random *random, int draws,
-                        size_t scored, int may_end, const fl_room *room, fl_surface *surface)
+                        size_t scored, const fl_room *room, fl_surface *surface)
 {
     static const real ORIGIN[3] = {0, 0, 0};
     real local[3 * SCORED], middle[3], scale, distances[SCORED], best = FL_HUGE, quadric[10], axes[3];
@@ -174,7 +160,6 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
         if (!kernels->has_closer(&points, &tried, best, chosen / 2 + 1)) continue;
         absolute(kernels, &points, &tried, distances);
         best = fl_select(distances, chosen, chosen / 2);
-        if (may_end) draws = draws_needed(distances, chosen, best, draws);
         winner = tried;
     }
     if (!(best < FL_HUGE)) return 1;
@@ -199,7 +184,7 @@ static int suspects_a_load(const fl_kernels *kernels, const fl_view *spread, siz
 {
     fl_random random = fl_random_begin();
     fl_surface other;
-    if (subset_start(kernels, spread, n, &random, DRAWS, SCORED, 0, room, &other)) return 0;
+    if (subset_start(kernels, spread, n, &random, DRAWS, SCORED, room, &other)) return 0;
     absolute(kernels, spread, &other, room->scratch);
     return typical(room->scratch, n) < SUSPECT * sigma ? FL_SUSPECTS : 0;
 }
@@ -248,7 +233,7 @@ int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *f
     const real quiet = (real)0.05 * fit->surface.radius;
     fl_surface other;
     if (fl_abs(kurtosis - 3) >= 2 * error || square >= quiet * quiet) {
-        if (subset_start(kernels, &spread, n, &random, FEW_DRAWS, FEW_SCORED, 0, room, &other)) return 0;
+        if (subset_start(kernels, &spread, n, &random, FEW_DRAWS, FEW_SCORED, room, &other)) return 0;
         absolute(kernels, &spread, &other, room->scratch);
         if (typical(room->scratch, n) < (real)0.75 * sigma) return 1;
     }
@@ -398,7 +383,7 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
     memset(fit, 0, sizeof *fit);
     if (n < UNKNOWNS) return FLINDERS_NOT_AN_ELLIPSOID;
     if (start) fit->surface = *start;
-    else if (subset_start(kernels, &spread, n, &random, DRAWS, SCORED, fl_is_thick(record), room, &fit->surface))
+    else if (subset_start(kernels, &spread, n, &random, DRAWS, SCORED, room, &fit->surface))
         return FLINDERS_NOT_AN_ELLIPSOID;
     for (int round = 0; round < ROUNDS; round++) {
         const real before = limit, least = FL_FINEST * fit->surface.radius;
