@@ -1,9 +1,10 @@
-"""What looking at the files of a fleet takes, before any work begins: on a disk, and in a store that is far away.
+"""A fleet with a file for each unit: what looking at the files takes before any work begins, and calibrating a unit.
 
-    python -m benchmarks.fleet_files [--files 2000] [--latency 0.03]
+    python -m benchmarks.fleet_files [--files 2000] [--latency 0.03] [--units 600]
 
 The store is `benchmarks.bucket` on this machine, which waits so long before each answer. Files have a unit each, so
-that each has a footer to be read and nothing else. "One at a time" is what threads are held against. Prints Markdown.
+that each has a footer to be read and nothing else. "One at a time" is what threads are held against. Then follows the
+processor time of one core for a unit of 500 readings in a file of its own, the least of five runs. Prints Markdown.
 """
 
 from __future__ import annotations
@@ -12,13 +13,18 @@ import argparse
 import os
 import tempfile
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
 
 from benchmarks.bucket import Bucket
 from flinders.fleet import plan
 from flinders.fleet.dataset import Options
+from flinders.fleet.job import run
+from flinders.simulate.fleet import fleet
+
+REPEATS = 5
+"""Runs, of which the least counts."""
 
 
 def write(folder: Path, files: int) -> None:
@@ -43,11 +49,35 @@ def looked(where: str, at_once: int) -> tuple[float, str]:
     return perf_counter() - begun, f"{found.fingerprint[:8]}, {len(found.partitions)} partitions"
 
 
+def write_units(folder: Path, kind: str, units: int) -> None:
+    """Write files of 500 readings of a unit each, as Parquet or as text."""
+    import pyarrow
+    from pyarrow import csv, parquet
+
+    writers = {"parquet": parquet.write_table, "csv": csv.write_csv}
+    for unit in fleet(units, seed=1, bad=0.0, readings=500):
+        axes = {f"mag_{axis}_uT": unit.samples.field[:, place] for place, axis in enumerate("xyz")}
+        writers[kind](pyarrow.table({"time_s": unit.samples.time, **axes}), folder / f"{unit.name}.{kind}")
+
+
+def unit_ms(kind: str, units: int) -> float:
+    """Processor time of one core, ms a unit."""
+    with tempfile.TemporaryDirectory() as made, tempfile.TemporaryDirectory() as out:
+        write_units(Path(made), kind, units)
+        times = []
+        for number in range(REPEATS + 1):  # the first imports what the others find
+            begun = process_time()
+            run(made, Path(out) / f"{number}.parquet", Options(), workers=0)
+            times.append(process_time() - begun)
+    return 1e3 * min(times[1:]) / units
+
+
 def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description="What looking at files takes.")
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description="What a fleet with a file for each unit takes.")
     parser.add_argument("--files", type=int, default=2000)
     parser.add_argument("--latency", type=float, default=0.03, help="of the store, in seconds")
+    parser.add_argument("--units", type=int, default=600, help="that are calibrated")
     given = parser.parse_args()
     print("| files | where | at a time | s | ms a file | requests | plan |\n|---:|---|---:|---:|---:|---:|---|")
     with tempfile.TemporaryDirectory() as made:
@@ -65,6 +95,9 @@ def main() -> None:
                         f"| {given.files:,} | {name} | {at_once} | {seconds:.2f} | {each:.2f} | {asked} | {told} |",
                         flush=True,
                     )
+    print("\n| a unit in a file of its own | ms of CPU |\n|---|---:|")
+    for kind in ("parquet", "csv"):
+        print(f"| {kind} | {unit_ms(kind, given.units):.1f} |", flush=True)
 
 
 if __name__ == "__main__":
