@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -135,7 +135,7 @@ def command(options: Fleet) -> int:
             watch=watch,
             notice=say,
         )
-    print_result(summary.as_dict, lambda: page(summary), as_json=options.as_json)
+    print_result(summary.as_dict, lambda: of_run(summary), as_json=options.as_json)
     if summary.worst_deg and not options.as_json and not program.is_typed("dip_deg"):
         say(f"heading errors are for a dip of {options.reading.dip_deg:g}° (assumed): give that of the site by --dip")
     if options.report is not None:
@@ -181,68 +181,42 @@ def _progress() -> Iterator[ProgressCallback | None]:
 
 # ----------------------------------------------------------------------------------------------------------------- page
 
-COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red", "failed": "red"}
 SUFFIXES: Final = {"none": "without an ending"}
 """Words for kinds of files that are not their suffix."""
 SHOWN: Final = 8
 """Codes and findings that the page lists; the table has them all."""
 
 
-def page(summary: RunSummary) -> RenderableType:
+def of_run(summary: RunSummary) -> RenderableType:
     """Lay out a run: what was read, verdicts, why rows have no calibration, and findings."""
     from rich.console import Group
+    from rich.table import Column
 
     from flinders.fleet.results import common_findings
+    from flinders.report.terminal import COLOURS, page, styled, table
 
     content = (counted(summary.units, "unit"), counted(summary.rows, "recording"), counted(summary.readings, "reading"))
-    verdicts = _table("verdict", "recordings", "share")
-    for verdict, count in summary.verdicts.items():
-        verdicts.add_row(verdict, f"{count:,}", percent(count, summary.rows), style=COLOURS[verdict])
-    parts = [f"{counted(summary.files, 'file')}: {', '.join(content)}", "", verdicts]
+    verdicts = [
+        styled(COLOURS[verdict], verdict, f"{count:,}", percent(count, summary.rows))
+        for verdict, count in summary.verdicts.items()
+    ]
+    tables = [table(("verdict", "recordings", "share"), verdicts)]
     if summary.rejected:
-        parts += ["", _rejected(summary)]
+        rows = [(row["unit"], row["recording"], row["finding"] or row["code"]) for row in summary.rejected[:SHOWN]]
+        more = summary.verdicts.get("refused", 0) + summary.verdicts.get("failed", 0) - SHOWN
+        rest = [(f"and {more:,} more", "", "")] * (more > 0)
+        headings = ("refused or failed", Column("recording"), Column("because"))
+        tables.append(table(headings, [*(styled("red", *row) for row in rows), *rest]))
     common = common_findings(summary.findings, summary.verdicts)
     others = {code: count for code, count in summary.findings.items() if code not in common}
     for title, counts in (("no calibration because", summary.codes), ("findings", others)):
         if counts:
-            parts += ["", _most_frequent(title, counts)]
+            frequent = [(code, f"{count:,}") for code, count in list(counts.items())[:SHOWN]]
+            rest_of = [(f"and {len(counts) - SHOWN} more", "")] * (len(counts) > SHOWN)
+            tables.append(table((title, "recordings"), [*frequent, *rest_of]))
     remarks = [f"true of each calibration: {', '.join(common)}"] if common else []
-    return Group("", *parts, "", *remarks, *_remarks(summary))
-
-
-def _rejected(summary: RunSummary) -> RenderableType:
-    """Table of the first recordings without a calibration."""
-    table = _table("refused or failed")
-    table.add_column("recording")
-    table.add_column("because")
-    for row in summary.rejected[:SHOWN]:
-        table.add_row(row["unit"], row["recording"], row["finding"] or row["code"], style="red")
-    more = summary.verdicts.get("refused", 0) + summary.verdicts.get("failed", 0) - SHOWN
-    if more > 0:
-        table.add_row(f"and {more:,} more", "", "")
-    return table  # type: ignore[no-any-return]
-
-
-def _table(first: str, *numbers: str) -> Any:  # noqa: ANN401 - rich is imported late
-    """Empty table with a column of texts and columns of numbers."""
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
-    table.add_column(first)
-    for name in numbers:
-        table.add_column(name, justify="right")
-    return table
-
-
-def _most_frequent(title: str, counts: dict[str, int]) -> RenderableType:
-    """Table of the most frequent codes."""
-    table = _table(title, "recordings")
-    for code, count in list(counts.items())[:SHOWN]:
-        table.add_row(code, f"{count:,}")
-    if len(counts) > SHOWN:
-        table.add_row(f"and {len(counts) - SHOWN} more", "")
-    return table  # type: ignore[no-any-return]
+    read = f"{counted(summary.files, 'file')}: {', '.join(content)}"
+    return page(read, *tables, Group(*remarks, *_remarks(summary)))
 
 
 def _remarks(summary: RunSummary) -> list[str]:

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from flinders.report.view import View
 
 
-COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red"}
+COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red", "failed": "red"}
 MARKS: Final = {"refuses": ("✗", "red"), "limits": ("!", "yellow"), "note": ("·", "dim")}
 
 
