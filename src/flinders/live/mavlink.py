@@ -27,7 +27,18 @@ import numpy as np
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, LinkError, NotSent, UsageError, needs
 from flinders.live.feeds import FeedEvent
-from flinders.readers.tlog import COMPASS_MESSAGES, HIGHRES_IMU, IN_SI, MAG_UPDATED, RAW_IMU, WHOLE
+from flinders.readers.tlog import (
+    A_PX4,
+    AN_ARDUPILOT,
+    COMPASS_MESSAGES,
+    FIRST_VERSION,
+    GROUND_STATION,
+    HIGHRES_IMU,
+    IN_SI,
+    RAW_IMU,
+    WHOLE,
+    reading,
+)
 from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters, names
 
 if TYPE_CHECKING:
@@ -37,15 +48,13 @@ if TYPE_CHECKING:
     from flinders.live.feeds import Received
     from flinders.live.transports import ByteSource
 
-ARDUPILOT, PX4 = 3, 12  # MAV_AUTOPILOT in a vehicle's HEARTBEAT
+ARDUPILOT, PX4 = AN_ARDUPILOT, A_PX4
 AUTOPILOTS: Final = {ARDUPILOT: "ArduPilot", PX4: "PX4"}
 NO_AUTOPILOT: Final = 8  # MAV_AUTOPILOT_INVALID: a ground station, a gimbal, a companion computer
 AUTOPILOT: Final = 1
 """MAV_COMP_ID_AUTOPILOT1, the component that is asked where others of the vehicle have heartbeats too."""
 SET_MESSAGE_INTERVAL, RAW_SENSORS = 511, 1  # MAV_CMD, and MAV_DATA_STREAM of RAW_IMU and SCALED_IMU
-FIRST_VERSION: Final = 0xFE  # First byte of a packet of MAVLink 1
 ARMED: Final = 128  # MAV_MODE_FLAG_SAFETY_ARMED
-GROUND_STATION: Final = 6  # MAV_TYPE_GCS, what we say we are
 OUR_SYSTEM, OUR_COMPONENT = 255, 190
 
 HEARTBEAT_S: Final = 6.0  # Seconds that a vehicle has to show itself; they do once a second
@@ -428,19 +437,13 @@ class Telemetry:
         return FeedEvent("back", self._now(), f"{self.name} is back")
 
     def _row(self, message: Any) -> tuple[float, ...] | None:  # noqa: ANN401 - pymavlink has no types
-        """Time, field, force, rate and temperature of a message of the kind that is taken; None for a repeated one."""
+        """A reading of a message of the kind that is taken; None for a repeated one."""
         number = message.get_msgId()
-        if number not in self._messages or (number == HIGHRES_IMU and not message.fields_updated & MAG_UPDATED):
+        row = reading(number, message) if number in self._messages else ()
+        if not any(row[1:4]) or number != self._chosen(number) or row[:4] == self._last:
             return None
-        field = (message.xmag, message.ymag, message.zmag)
-        in_micros = number in (RAW_IMU, HIGHRES_IMU)
-        clock = 1e-6 * message.time_usec if in_micros else 1e-3 * message.time_boot_ms
-        if not any(field) or number != self._chosen(number) or (clock, *field) == self._last:
-            return None
-        self._last = (clock, *field)
-        warm = getattr(message, "temperature", 0)  # 0 where it is not known
-        force, rate = (message.xacc, message.yacc, message.zacc), (message.xgyro, message.ygyro, message.zgyro)
-        return (clock, *field, *force, *rate, warm or np.nan)
+        self._last = row[:4]
+        return row
 
     def _chosen(self, number: int) -> int | None:
         """Which kind of message is taken: the best of those that came within a second."""
@@ -451,7 +454,8 @@ class Telemetry:
         return self._kind
 
     def _samples(self, rows: Floats) -> Samples:
-        clock, field, force, rate, warm = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], rows[:, 10]
+        clock, field, force, rate = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]
+        warm = np.where(rows[:, 10], rows[:, 10], np.nan)  # 0 where it is not known
         units = IN_SI if self._kind == HIGHRES_IMU else WHOLE
         is_raw = self._kind == RAW_IMU and self._vehicle.autopilot != ARDUPILOT
         return Samples.of(

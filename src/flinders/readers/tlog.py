@@ -66,7 +66,7 @@ if TYPE_CHECKING:
 
 DIALECT: Final = "pymavlink.dialects.v20.ardupilotmega"
 TIME_SIZE: Final = 8
-FIRST_VERSION, SECOND_VERSION = 0xFE, 0xFD
+FIRST_VERSION, SECOND_VERSION = 0xFE, 0xFD  # first byte of a packet of MAVLink 1 and 2
 SIGNATURE_SIZE: Final = 13
 EARLIEST_US, LATEST_US = 946_684_800_000_000, 4_102_444_800_000_000
 """Microseconds from 1970 to the years 2000 and 2100: no time of a packet lies beyond."""
@@ -98,9 +98,9 @@ GROUND_STATION: Final = 6
 """HEARTBEAT.type of a ground station."""
 FIX: Final = 3
 FIELDS: Final = ("xmag", "ymag", "zmag", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "temperature")
-PLACE, CLOCK, SINCE, MAG, ACC, GYRO, TEMPERATURE = 0, 1, 2, slice(3, 6), slice(6, 9), slice(9, 12), 12
+PLACE, SINCE, CLOCK, MAG, ACC, GYRO, TEMPERATURE = 0, 1, 2, slice(3, 6), slice(6, 9), slice(9, 12), 12
 WIDTH: Final = 3 + len(FIELDS)
-"""Numbers kept of a reading: its place in the log, s of the vehicle, s of the ground station since 1970, and fields."""
+"""Numbers kept of a reading: its place in the log, s of the ground station since 1970, s of the vehicle, and fields."""
 ATTITUDE_FIELDS: Final = {ATTITUDE_QUATERNION: ("q1", "q2", "q3", "q4"), ATTITUDE: ("roll", "pitch", "yaw")}
 """What is kept of an attitude, after s of the vehicle and s of the ground station since 1970: w, x, y, z, or rad."""
 SAME_CLOCK: Final = 1.0
@@ -172,13 +172,19 @@ class Packet(NamedTuple):
     end: int
 
 
-def _reading(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401 - of a generated class
-    """`WIDTH` numbers of a reading; nothing where HIGHRES_IMU has the reading before once more."""
-    if packet.message == HIGHRES_IMU and not message.fields_updated & MAG_UPDATED:
+def reading(number: int, message: Any) -> tuple[float, ...]:  # noqa: ANN401 - of a generated class
+    """S of the vehicle and `FIELDS` of a reading; nothing where HIGHRES_IMU has the reading before once more."""
+    if number == HIGHRES_IMU and not message.fields_updated & MAG_UPDATED:
         return ()
-    in_micros = packet.message in (RAW_IMU, HIGHRES_IMU)
+    in_micros = number in (RAW_IMU, HIGHRES_IMU)
     clock = 1e-6 * message.time_usec if in_micros else 1e-3 * message.time_boot_ms
-    return (packet.start, clock, packet.since, *(getattr(message, name, 0) for name in FIELDS))
+    return (clock, *(getattr(message, name, 0) for name in FIELDS))
+
+
+def _reading(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
+    """`WIDTH` numbers of a reading."""
+    own = reading(packet.message, message)
+    return (packet.start, packet.since, *own) if own else ()
 
 
 def _attitude(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
