@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from flinders.cli._inputs import load, provenance
 from flinders.cli._output import Outputs, cost_words, print_json, say
-from flinders.cli._program import GOOD, LIMITED
+from flinders.cli._program import GOOD, LIMITED, numbers_of
 from flinders.errors import UsageError, figures
 
 if TYPE_CHECKING:
@@ -36,20 +36,15 @@ def typed(
     if own.pop("trim", False):
         raise UsageError("--option trim=yes needs readings, and --minmax has none: leave it out")
     outputs.check()
+    values = numbers_of(numbers)
+    if not values:
+        raise UsageError(f"--minmax {numbers!r}: need six numbers, such as -157,98,-123,124,-109,101")
     unit = Unit.of(reading.unit or "counts", reading.scale)
-    extremes = from_extremes(_numbers(numbers), unit=unit, axes=Axes.of(reading.axes), **asked, **own)
+    extremes = from_extremes(values, unit=unit, axes=Axes.of(reading.axes), **asked, **own)
     outputs.write(dumps(extremes.to_document(provenance())), outputs.files[0].path)
     outputs.print(extremes.as_dict, lambda: of_extremes(extremes))
     outputs.say_written("nothing was written: name a file with -o calibration.json")
     return LIMITED
-
-
-def _numbers(text: str) -> list[float]:
-    """Read numbers between commas."""
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        raise UsageError(f"--minmax {text!r}: need six numbers, such as -157,98,-123,124,-109,101") from None
 
 
 def bench(parts: Sequence[Recording], disturbances: tuple[str, ...], previous: str, outputs: Outputs) -> int:

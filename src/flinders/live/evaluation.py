@@ -45,7 +45,7 @@ from flinders.live.messages import PreviousState, Reason
 from flinders.live.session import FITTED, REFRESHED, Evaluated, used_readings
 from flinders.live.session_file import Edits, TrimmedRecording
 from flinders.readers import open_recording
-from flinders.report.view import GuidanceView, Shown, view
+from flinders.report.view import GuidanceView, Shown, triple, view
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from flinders.heading.guidance import Frame, Goal
     from flinders.live.messages import Span
     from flinders.live.session import LiveSession
-    from flinders.report.view import Triple, View
+    from flinders.report.view import View
 
 STALE_S: Final = 2.0  # Seconds of equal readings after which a sensor is said to have stopped
 STALE_ROWS: Final = 10
@@ -367,7 +367,7 @@ def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", fr
     if path.worst_deg <= fit.target_deg and not belief.is_rough:
         return view
     words = f"follow the arrow: {path.words(frame)}"
-    leads = GuidanceView(_triple(path.waypoints[0]), words, path.worst_deg, path.after_deg, goal, frame)
+    leads = GuidanceView(triple(path.waypoints[0]), words, path.worst_deg, path.after_deg, goal, frame)
     return msgspec.structs.replace(view, guidance=leads, shown=_round(belief) if belief.is_rough else view.shown)
 
 
@@ -389,12 +389,7 @@ def _readings_per_deg(samples: Samples) -> float:
 def _round(belief: path_planning.Belief) -> Shown:
     """A sphere to draw readings on that no fit has a surface for."""
     radius = belief.ellipsoid.radius
-    return Shown(_triple(belief.ellipsoid.centre), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), radius)
-
-
-def _triple(vector: Floats) -> Triple:
-    x, y, z = vector.tolist()
-    return x, y, z
+    return Shown(triple(belief.ellipsoid.centre), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), radius)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,7 +20,7 @@ from flinders.geometry.angles import shown_heading
 from flinders.heading.deviation import NAMES
 from flinders.report.drawings import swing_drawing
 from flinders.report.formatting import as_sentence, minus, with_uncertainty
-from flinders.report.html_file import START, html_file, joined, style_of
+from flinders.report.html_file import html_file, script_of, style_of
 from flinders.report.swing_pages import MEANINGS, conformity_words, limit_words, sided, swing_words
 
 if TYPE_CHECKING:
@@ -85,8 +85,7 @@ def certificate(
         "drawing": f"data:image/svg+xml;base64,{drawing}",
         "fields": FIELDS,
     }
-    script = f"\n{joined('plain.js')}\n{START}\n"
-    return html_file("certificate.html.j2", given, style=style_of("certificate.css"), script=script, filters={})
+    return html_file("certificate.html.j2", given, style=style_of("certificate.css"), script=script_of(), filters={})
 
 
 def _outcome(deviation: Deviation, conformity: Conformity | None, reasons: Sequence[str]) -> dict[str, str]:

@@ -38,7 +38,7 @@ from flinders.findings import CATALOGUE, action
 from flinders.findings.row import TUMBLE_STATED
 from flinders.report.charts import Axis, Plot, chart, segment, text
 from flinders.report.formatting import as_sentence, date_of, degrees
-from flinders.report.html_file import START, html_file, joined, style_of
+from flinders.report.html_file import html_file, script_of, style_of
 
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping, Sequence
@@ -307,8 +307,7 @@ def page(overview: Overview, drift: FleetDrift | None = None) -> str:
         "date": date_of(datetime.now(UTC)),
         "release": version("flinders"),
     }
-    script = f"\n{joined('plain.js')}\n{START}\n"
-    return html_file("fleet.html.j2", given, style=style_of("fleet.css"), script=script, filters=FILTERS)
+    return html_file("fleet.html.j2", given, style=style_of("fleet.css"), script=script_of(), filters=FILTERS)
 
 
 def when(seconds: float) -> str:

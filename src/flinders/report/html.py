@@ -55,7 +55,7 @@ from flinders.report.formatting import (
     with_uncertainty,
     with_unit,
 )
-from flinders.report.html_file import START, filled, html_file, joined, style_of
+from flinders.report.html_file import filled, html_file, joined, script_of, style_of
 from flinders.report.view import matrix_sigma, sentence, tiles_view
 from flinders.targets import registry
 
@@ -75,9 +75,6 @@ if TYPE_CHECKING:
 
 TITLES: Final = {"good": "Good", "limited": "Limited", "refused": "Refused"}
 """What each verdict is called, as on the page, on the terminal and in JSON."""
-
-WITH_3D, WITHOUT_3D = "report.js", "plain.js"
-"""The script of a report, and that of one without a 3-D view, which has to be started."""
 
 ASTRAY, NOISY = 0.05, 3.0
 """Of the field, and times the noise of the fit: readings that are farther off (rms) do not go with a calibration."""
@@ -338,10 +335,10 @@ def _script(*, has_view: bool) -> tuple[str, bool]:
     """The script, and whether it has the 3-D view."""
     if has_view:
         try:
-            return f"\n{joined(WITH_3D)}\n", True
+            return f"\n{joined()}\n", True
         except FileNotFoundError:  # installed without the bundle
             pass
-    return f"\n{joined(WITHOUT_3D)}\n{START}\nm0.copying();\n", False
+    return f"{script_of()}m0.copying();\n", False
 
 
 def _style() -> str:

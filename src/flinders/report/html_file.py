@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 SHEETS: Final = ("figure.css", "report.css")
 """Style sheets of every report."""
-START: Final = "m0.theming(() => {});"
-"""How the script of a page without a 3-D view is started."""
 
 
 def html_file(template: str, given: Mapping[str, Any], *, style: str, script: str, filters: Mapping[str, Any]) -> str:
@@ -81,6 +79,11 @@ def style_of(*sheets: str) -> str:
         f'@media screen and (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {{ {dark} }} }}\n'
         f'@media screen {{ :root[data-theme="dark"] {{ {dark} }} }}\n{rules}'
     )
+
+
+def script_of() -> str:
+    """The script of a page without a 3-D view."""
+    return f"\n{joined('plain.js')}\nm0.theming(() => {{}});\n"
 
 
 def _hash(text: str) -> str:

@@ -236,10 +236,10 @@ def _shown_errors(errors_deg: Floats) -> tuple[float | None, ...]:
 def _copied(fit: Fit) -> dict[str, Any]:
     """What somebody could copy: not given of a refused fit."""
     calibration, raw = fit.calibration, fit.uncorrected_heading_error_deg
-    sigmas = {"offset_sigma": _triple(fit.offset_sigma), "matrix_sigma": _matrix(matrix_sigma(fit))}
+    sigmas = {"offset_sigma": triple(fit.offset_sigma), "matrix_sigma": _matrix(matrix_sigma(fit))}
     return {
         "field_strength": calibration.field_strength,
-        "offset": _triple(calibration.offset),
+        "offset": triple(calibration.offset),
         "matrix": _matrix(calibration.matrix),
         "uncorrected_heading_error_deg": ErrorView(raw.rms, raw.worst),
         **(sigmas if fit.states_uncertainty else {}),
@@ -252,7 +252,7 @@ def _drawn(fit: Fit, corrected: Floats) -> dict[str, Any]:
     return {
         "noise": fit.noise,
         "residuals": residuals(fit, corrected),
-        "shown": Shown(_triple(calibration.offset), _matrix(calibration.matrix), calibration.field_strength),
+        "shown": Shown(triple(calibration.offset), _matrix(calibration.matrix), calibration.field_strength),
     }
 
 
@@ -401,16 +401,17 @@ def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
     if fit.plane:
         words = movement(fit)
     elif next_turn.after_deg <= (1.0 - WORTH_IT) * next_turn.worst_deg:
-        direction, words = _triple(rotation_of(fit) @ next_turn.direction), next_turn.words(frame)
+        direction, words = triple(rotation_of(fit) @ next_turn.direction), next_turn.words(frame)
     worst, after = (math.hypot(error, fit.structure_deg) for error in (next_turn.worst_deg, next_turn.after_deg))
     return GuidanceView(direction, words, worst, after, goal, frame)
 
 
-def _triple(vector: Floats) -> Triple:
+def triple(vector: Floats) -> Triple:
+    """Three numbers of an array."""
     x, y, z = vector.tolist()
     return x, y, z
 
 
 def _matrix(matrix: Floats) -> Matrix:
-    x, y, z = map(_triple, matrix)
+    x, y, z = map(triple, matrix)
     return x, y, z
