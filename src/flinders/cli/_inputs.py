@@ -121,6 +121,16 @@ def source_file(part: CountedRecording) -> SourceFile:
     )
 
 
+def of_content(name: str, content: bytes, rows: int = 0, **compass: Any) -> SourceFile:
+    """The same of what was read of a file at once; `compass` is whose it was, where a vehicle has several."""
+    import hashlib
+
+    from flinders.core.calibration_file import SourceFile
+
+    digest = hashlib.sha256(content).hexdigest()
+    return SourceFile(name=name, sha256=digest, bytes=len(content), rows=rows, **compass)
+
+
 def joined(parts: Sequence[Recording]) -> Recording:
     """Recordings as one."""
     from flinders.core.samples import Joined

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING, Final
 
 import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import provenance
+from flinders.cli._inputs import of_content, provenance
 from flinders.cli._output import cost_words, print_json, say
 from flinders.cli.targets import NamingTargets
 from flinders.core.units import label
@@ -86,24 +85,15 @@ def command(options: Import) -> None:
 
 def _provenance(content: bytes, file: str, name: str, compass: int | None) -> Provenance | None:
     """Of which compass of the vehicle it is, where there are several: it goes back to that one."""
-    import hashlib
-
-    from flinders.core.calibration_file import SourceFile
+    from flinders.readers._source import printable
     from flinders.targets import find
 
     target = find(name)
     if target.reader is None or target.reader.which is None:
         return None
     number, device = target.reader.which(content, file, compass)
-    source = SourceFile(
-        name=os.fsencode(file).decode(errors="replace"),
-        sha256=hashlib.sha256(content).hexdigest(),
-        bytes=len(content),
-        rows=0,
-        autopilot="px4" if target.family == "px4" else "ardupilot",
-        compass=number,
-        device_id=device,
-    )
+    autopilot = "px4" if target.family == "px4" else "ardupilot"
+    source = of_content(printable(file), content, autopilot=autopilot, compass=number, device_id=device)
     return provenance(files=[source])
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -10,13 +9,12 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import provenance
+from flinders.cli._inputs import of_content, provenance
 from flinders.cli._program import EXITS, GOOD
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
-    from flinders.core.calibration_file import SourceFile
-    from flinders.core.survey import Shots, SurveyCalibration
+    from flinders.core.survey import SurveyCalibration
     from flinders.fitting.survey import SurveyFit
 
 
@@ -102,7 +100,8 @@ def command(options: Survey) -> int:
     fit = fit_survey(shots, target_deg=options.target_deg, non_linear=options.non_linear)
     if fit.verdict != "refused":
         contents = _instrument_files(fit, options)
-        outputs.write(dumps(fit.to_document(provenance(files=[_source_file(options.path, shots)]))), options.output)
+        source = of_content(shots.source, Path(options.path).read_bytes(), len(shots))
+        outputs.write(dumps(fit.to_document(provenance(files=[source]))), options.output)
         for path, content in contents.items():
             outputs.write(content, path)
         outputs.say_written("no calibration was written: name a file with -o calibration.json")
@@ -163,12 +162,3 @@ def _instrument_files(fit: SurveyFit, options: Survey) -> dict[str, str | bytes]
             fit.calibration, dip_deg=fit.dip_deg, noise=fit.noise, gravity_noise=fit.gravity_noise
         )
     return made
-
-
-def _source_file(path: str, shots: Shots) -> SourceFile:
-    """Name, hash and size of the file."""
-    from flinders.core.calibration_file import SourceFile
-
-    content = Path(path).read_bytes()
-    digest = hashlib.sha256(content).hexdigest()
-    return SourceFile(name=shots.source, sha256=digest, bytes=len(content), rows=len(shots))

@@ -398,23 +398,15 @@ def _plain(types: dict[str, Any]) -> dict[str, Any]:
 # the magnetometers
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _TopicReadings:
-    """One magnetometer, with the series of the sensors in its frame."""
+def _columns(
+    source: str, unit: Unit, time: Floats, field: Floats, auxiliary: Mapping[str, TimeSeries | None], _: bool
+) -> Iterator[Samples]:
+    """The readings of a magnetometer with the series of the sensors in its frame; nothing was applied to them."""
 
-    source: str
-    unit: Unit
-    time: Floats
-    field: Floats
-    auxiliary: Mapping[str, TimeSeries | None]
+    def rows(part: slice) -> dict[str, Any]:
+        return {"field": field[part], "time": time[part], **resampled(auxiliary, time[part])}
 
-    def columns(self, _: bool) -> Iterator[Samples]:
-        """Go through the readings; nothing was applied to them."""
-
-        def rows(part: slice) -> dict[str, Any]:
-            return {"field": self.field[part], "time": self.time[part], **resampled(self.auxiliary, self.time[part])}
-
-        return blocks(self.source, self.unit, len(self.time), rows)
+    return blocks(source, unit, len(time), rows)
 
 
 def _instruments(source: str, topics: Sequence[_Topic], since: int, given: Unit | None) -> Iterator[Instrument]:
@@ -431,14 +423,13 @@ def _instruments(source: str, topics: Sequence[_Topic], since: int, given: Unit 
             auxiliary["rate"] = TimeSeries.of(time, motion.table[:, 3:])
         if warmth is not None:
             auxiliary["temperature"] = TimeSeries.of(warmth.seconds(since), warmth.table)
-        readings = _TopicReadings(source, unit, topic.seconds(since), topic.table, auxiliary)
         yield Instrument(
             source,
             shown(topic.name),
             unit,
-            readings.columns,
+            partial(_columns, source, unit, topic.seconds(since), topic.table, auxiliary),
             velocity=_velocity(topics, since),
-            readings=int(np.isfinite(readings.field).all(axis=1).sum()),
+            readings=int(np.isfinite(topic.table).all(axis=1).sum()),
             notes=tuple(_notes(topic, unit, motion, topics)),
         )
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from flinders.errors import UnreadableInput
 from flinders.readers._source import HEAD, find, foreign_kind
-from flinders.readers._tokenizer import encoding_of, number, shown
+from flinders.readers._tokenizer import COMMENTS, encoding_of, number, shown
 
 if TYPE_CHECKING:
     import os
@@ -66,7 +66,7 @@ def read_swing(path: str | os.PathLike[str]) -> SwingTable:
     rows = [
         (line, cells)
         for line, content in enumerate(text.splitlines(), 1)
-        if (cells := _cells(content)) and not content.lstrip().startswith(("#", "%", "//"))
+        if (cells := _cells(content)) and not content.lstrip().startswith(COMMENTS)
     ]
     if not rows:
         raise UnreadableInput(f"{name} is empty: {NEED}")

@@ -24,12 +24,13 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.arrays import Floats, floats
 from flinders.errors import DocumentError
+from flinders.targets._mounting import without_turn
 from flinders.targets._numbers import Affine, single
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
+    from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
 
 SIGNATURE: Final = bytes((117, 84))
@@ -114,12 +115,7 @@ def symmetric_root(matrix: Floats) -> Floats:
            [0. , 1. , 0. ],
            [0. , 0. , 0.5]])
     """
-    if np.array_equal(matrix, matrix.T):
-        return matrix
-    with np.errstate(all="ignore"):
-        squares, axes = np.linalg.eigh(matrix.T @ matrix)
-        root = (axes * np.sqrt(np.maximum(squares, 0))) @ axes.T
-    return floats((root + root.T) / 2)
+    return matrix if np.array_equal(matrix, matrix.T) else without_turn(matrix)[0]
 
 
 def crc16(content: bytes) -> int:
