@@ -169,7 +169,9 @@ def _show_packet(packet: MotionCalPacket, port: str, options: Send) -> None:
 def _to_vehicle(fit: Fit, link: ByteSource, options: Send) -> None:
     """Set the compass parameters of a vehicle, or show what they would be."""
     from flinders.core.files import write_text
-    from flinders.live.mavlink import PX4, Vehicle
+    from flinders.live.mavlink import Vehicle
+    from flinders.live.mavlink_parameters import TARGETS
+    from flinders.targets import find
 
     if options.backup is not None:
         _refuse_backup(options.backup)
@@ -183,8 +185,8 @@ def _to_vehicle(fit: Fit, link: ByteSource, options: Send) -> None:
             "nothing was changed" if plan.pending else f"{vehicle.name} holds these values already: nothing was changed"
         )
         return
-    suffix = "params" if vehicle.autopilot == PX4 else "param"
-    path = options.backup or f"compass-before-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.{suffix}"
+    suffix = find(TARGETS[vehicle.autopilot]).suffix
+    path = options.backup or f"compass-before-{datetime.now(UTC):%Y%m%dT%H%M%SZ}{suffix}"
     _refuse_backup(path)
     write_text(plan.backup(), path)
     say(f"the values from before are in {path}")
@@ -202,11 +204,10 @@ def _to_vehicle(fit: Fit, link: ByteSource, options: Send) -> None:
 def _plan(fit: Fit, vehicle: Vehicle, options: Send) -> ParameterPlan:
     """What would change, for the compass that is named or that the log knows; says what there is to know."""
     from flinders.fitting.export import known_numbers, mounting_of, only_number
-    from flinders.live.mavlink import PX4
-    from flinders.live.mavlink_parameters import ParameterPlan
+    from flinders.live.mavlink_parameters import TARGETS, ParameterPlan
     from flinders.targets import find
 
-    target = "px4" if vehicle.autopilot == PX4 else "ardupilot"
+    target = TARGETS[vehicle.autopilot]
     mounting = mounting_of(fit, find(target), options.mounting)
     compass, device_id = options.compass, options.device_id
     if device_id is None:

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from flinders.errors import LinkError, NotConfirmed, NotSent, UsageError
-from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, KINDS, PX4, Parameter, Vehicle, same
+from flinders.live.mavlink import ARDUPILOT, KINDS, PX4, Parameter, Vehicle, same
 from flinders.targets import ExportOptions, ardupilot, find, px4
 from flinders.targets._mounting import MOST_TURN_DEG, apart_deg, in_words
 
@@ -40,7 +40,6 @@ PARAMETERS: Final[Mapping[int, type[CompassParameters]]] = {
     PX4: px4.Px4Parameters,
 }
 MOUNTING_TRIES: Final = 3  # How often a parameter is asked for that old firmware does not have
-COMPASSES: Final = {ARDUPILOT: ardupilot.COMPASSES, PX4: px4.COMPASSES}  # How they number them
 READS: Final = 4  # How often a value is read back that is not the one that was set
 BACK_S: Final = 30.0  # Seconds that a lost vehicle is waited for, to put the values from before back
 AXES: Final = {
@@ -351,10 +350,10 @@ def _identity(autopilot: int, compass: int) -> Sequence[str]:
 
 def _numbered(vehicle: Vehicle, compass: int | None) -> int:
     """Let through the number of a compass; the first where none is given."""
-    numbers = COMPASSES[vehicle.autopilot]
+    kind = PARAMETERS[vehicle.autopilot]
+    numbers = kind.compasses
     if compass is not None and compass not in numbers:
-        name = AUTOPILOTS[vehicle.autopilot]
-        raise UsageError(f"compass {compass}: {name} counts them from {numbers[0]} to {numbers[-1]}")
+        raise UsageError(f"compass {compass}: {kind.who} counts them from {numbers[0]} to {numbers[-1]}")
     return numbers[0] if compass is None else compass
 
 
@@ -373,7 +372,7 @@ def _device_id(vehicle: Vehicle, compass: int) -> tuple[int, int]:
 def _find_compass(vehicle: Vehicle, wanted: int) -> int:
     """Which compass has this device id."""
     device_ids: dict[int, int] = {}
-    for compass in COMPASSES[vehicle.autopilot]:
+    for compass in PARAMETERS[vehicle.autopilot].compasses:
         with contextlib.suppress(NotSent):  # a vehicle with fewer
             device_ids[compass] = _device_id(vehicle, compass)[1]
             if device_ids[compass] == wanted:

@@ -31,6 +31,7 @@ from collections import Counter
 from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
@@ -222,6 +223,11 @@ class _Flight:
         return self.stages[-1][1]
 
     @property
+    def satellites(self) -> Mapping[str, Any]:
+        """What the receiver of satellites gave; empty where there was none."""
+        return self.topics.get(("vehicle_gps_position", 0)) or self.topics.get(("sensor_gps", 0)) or {}
+
+    @property
     def version(self) -> tuple[int, int] | None:
         """Major and minor number of the release, where the log has them."""
         packed = self.log.msg_info_dict.get("ver_sw_release")
@@ -264,18 +270,11 @@ def _seconds(columns: Mapping[str, Any]) -> Floats:
     return 1e-6 * np.where(measured > 0, measured, logged)
 
 
-def _acceleration(topics: Topics) -> TimeSeries | None:
-    """m/s², in the axes of the vehicle."""
-    return _motion(topics, "accelerometer_m_s2", "delta_velocity")
-
-
-def _rate(topics: Topics) -> TimeSeries | None:
-    """rad/s, in the axes of the vehicle."""
-    return _motion(topics, "gyro_rad", "delta_angle")
-
-
 def _motion(topics: Topics, measured: str, change: str) -> TimeSeries | None:
-    """What ``sensor_combined`` measured, else the change that ``vehicle_imu`` has over its duration."""
+    """What ``sensor_combined`` measured, else the change that ``vehicle_imu`` has over its duration.
+
+    In m/s² or rad/s and the axes of the vehicle.
+    """
     combined, imu = topics.get(("sensor_combined", 0)), topics.get(("vehicle_imu", 0))
     if combined is not None:
         return TimeSeries.of(_seconds(combined), _three(combined, measured))
@@ -333,8 +332,8 @@ def _attitude(topics: Topics) -> AttitudeSeries | None:
 
 
 AUXILIARY: Final = {
-    ACCELERATION: _acceleration,
-    RATE: _rate,
+    ACCELERATION: partial(_motion, measured="accelerometer_m_s2", change="delta_velocity"),
+    RATE: partial(_motion, measured="gyro_rad", change="delta_angle"),
     CURRENT: _current,
     THROTTLE: _throttle,
     CURRENTS: _currents,
@@ -503,8 +502,8 @@ def _selected(flight: _Flight) -> int:
 
 def _position(flight: _Flight) -> Position | None:
     """The first place with a fix."""
-    columns = flight.topics.get(("vehicle_gps_position", 0)) or flight.topics.get(("sensor_gps", 0))
-    if columns is None:
+    columns = flight.satellites
+    if not columns:
         return None
     degrees = _stack(columns, "latitude_deg", "longitude_deg", "altitude_msl_m")
     if "lat" in columns:
@@ -515,8 +514,8 @@ def _position(flight: _Flight) -> Position | None:
 
 def _velocity(flight: _Flight) -> TimeSeries | None:
     """Over ground, north and east, m/s, where satellites gave a place in three dimensions."""
-    columns = flight.topics.get(("vehicle_gps_position", 0)) or flight.topics.get(("sensor_gps", 0))
-    if columns is None or "vel_n_m_s" not in columns:
+    columns = flight.satellites
+    if "vel_n_m_s" not in columns:
         return None
     fixed = np.asarray(columns.get("fix_type", np.full(len(columns["timestamp"]), FIX)), np.float64) >= FIX
     return TimeSeries.of(_seconds(columns)[fixed], _stack(columns, "vel_n_m_s", "vel_e_m_s")[fixed])
@@ -524,7 +523,7 @@ def _velocity(flight: _Flight) -> TimeSeries | None:
 
 def _begun(flight: _Flight) -> datetime | None:
     """When the log was begun, by the clock of the satellites."""
-    columns = flight.topics.get(("vehicle_gps_position", 0)) or flight.topics.get(("sensor_gps", 0)) or {}
+    columns = flight.satellites
     utc = np.asarray(columns.get("time_utc_usec", np.zeros(0)), np.float64)
     known = np.flatnonzero(utc > 0)
     if not len(known):
