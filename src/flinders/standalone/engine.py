@@ -33,6 +33,7 @@ from flinders.summary.coverage import BANDS, CELLS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from types import ModuleType
 
     import numpy as np
 
@@ -63,60 +64,37 @@ SAID: Final = {
 }
 """Sentences of the page alone, by the code of their finding: where the program can do more."""
 
+
+def _of(module: ModuleType, names: str, prefix: str = "") -> dict[str, Any]:
+    """Numbers of a module, by their names with a prefix that tells them from those of others."""
+    return {f"{prefix}{name}": getattr(module, name) for name in names.split()}
+
+
 NUMBERS: Final = {
-    "ALIKE": result.ALIKE,
-    **{name: getattr(verdict, name) for name in ("ALTERNATING", "UNSTEADY", "SWITCHING", "STEPS")},
-    "BATCH_SHARE": guidance.BATCH_SHARE,
-    "BY_CHANCE": systematic.BY_CHANCE,
     "EARTH_WEAKEST": EARTH_UT[0],
     "EARTH_STRONGEST": EARTH_UT[1],
-    "EFFORT_DEG": guidance.EFFORT_DEG,
-    "ENOUGH": verdict.ENOUGH,
-    "ENOUGH_CORRELATED": verdict.ENOUGH_CORRELATED,
-    "FLAT": summary.FLAT,
-    "FLATTEST": summary.FLATTEST,
-    "FLAT_NOISE": summary.FLAT_NOISE,
-    "NOT_BY_CHANCE": verdict.NOT_BY_CHANCE,
-    "WORTH_IT": advice.WORTH_IT,
     "COVERAGE_LIMIT": limit_of("coverage"),
     "OUTLIERS_LIMIT": limit_of("outliers"),
-    "LOOKED_AT": calibrate.LOOKED_AT,
-    "PATH_FLAT": path_planning.FLAT,
-    "PATH_STEPS": path_planning.STEPS,
-    "PATH_THINNED": path_planning.THINNED,
-    **{
-        name: getattr(path_planning, name)
-        for name in ("BEAM", "READINGS_PER_DEG", "NEAREST_DEG", "FARTHEST_DEG", "DEPARTURE", "ARC_DEG", "ROUGHEST")
-    },
-    "SWAP_LAG_ONE": calibrate.SWAP_LAG_ONE,
-    "SWAP_FEWEST": axis_swap.FEWEST,
-    "SWAP_BROKEN": axis_swap.BROKEN,
-    "SWAP_LIKE": axis_swap.LIKE,
-    "SWAP_GAIN": axis_swap.GAIN,
-    "SWAP_MOST": axis_swap.MOST,
-    "PROBABLE": shrinkage.PROBABLE,
-    "FARTHEST": shrinkage.FARTHEST,
-    "UNKNOWN": shrinkage.UNKNOWN,
     "WIDEST_OFFSET": shrinkage.OFFSETS[-1],
-    "UNMOVED_FEWEST": unmoved.FEWEST,
-    "UNMOVED_ROUNDING": unmoved.ROUNDING,
-    **{name: getattr(auto, name) for name in ("TRIMS", "TRIMMED", "FEWEST_LEFT")},
     "UPRIGHT": float(level.UPRIGHT),
-    **{name: getattr(outliers, name) for name in ("WINDOW", "MARGIN", "TOGETHER", "LISTED")},
-    **{
-        name: getattr(unmoved, name)
-        for name in (
-            *("NARROW", "TAILS", "NARROW_BALL", "TAILS_BALL", "BALL", "NEAR", "CLOSE", "FILLED", "POINT"),
-            *("COARSE", "OFTEN", "THIN", "SPHERICAL", "CURVED", "MOST_IRON"),
-        )
-    },
-    **{
-        name: getattr(evaluation, name)
-        for name in (
-            *("STALE_S", "STALE_ROWS", "FROZEN_ROWS", "FROZEN_S", "LIVELY", "MOVING", "STILL_S", "STILL_DEG"),
-            *("CONVERGED", "CONVERGED_FRACTION", "CONVERGED_S", "DENSE", "OFFERED", "KNOWN_DEG", "SPEED_DEG"),
-        )
-    },
+    **_of(result, "ALIKE"),
+    **_of(verdict, "ALTERNATING UNSTEADY SWITCHING STEPS ENOUGH ENOUGH_CORRELATED NOT_BY_CHANCE"),
+    **_of(guidance, "BATCH_SHARE EFFORT_DEG"),
+    **_of(systematic, "BY_CHANCE"),
+    **_of(summary, "FLAT FLATTEST FLAT_NOISE"),
+    **_of(advice, "WORTH_IT"),
+    **_of(calibrate, "LOOKED_AT SWAP_LAG_ONE"),
+    **_of(path_planning, "FLAT STEPS THINNED", "PATH_"),
+    **_of(path_planning, "BEAM READINGS_PER_DEG NEAREST_DEG FARTHEST_DEG DEPARTURE ARC_DEG ROUGHEST"),
+    **_of(axis_swap, "FEWEST BROKEN LIKE GAIN MOST", "SWAP_"),
+    **_of(shrinkage, "PROBABLE FARTHEST UNKNOWN"),
+    **_of(unmoved, "FEWEST ROUNDING", "UNMOVED_"),
+    **_of(unmoved, "NARROW TAILS NARROW_BALL TAILS_BALL BALL NEAR CLOSE FILLED POINT"),
+    **_of(unmoved, "COARSE OFTEN THIN SPHERICAL CURVED MOST_IRON"),
+    **_of(auto, "TRIMS TRIMMED FEWEST_LEFT"),
+    **_of(outliers, "WINDOW MARGIN TOGETHER LISTED"),
+    **_of(evaluation, "STALE_S STALE_ROWS FROZEN_ROWS FROZEN_S LIVELY MOVING STILL_S STILL_DEG"),
+    **_of(evaluation, "CONVERGED CONVERGED_FRACTION CONVERGED_S DENSE OFFERED KNOWN_DEG SPEED_DEG"),
 }
 """Limits and constants that both languages compare with."""
 
