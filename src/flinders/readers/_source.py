@@ -22,6 +22,7 @@ import functools
 import gzip
 import io
 import itertools
+import mmap
 import os
 import stat
 import sys
@@ -114,6 +115,17 @@ class File:
             start = _read(self.name, raw.read, len(GZIP))
             raw.seek(0)
             yield raw, gzip.GzipFile(fileobj=raw) if start == GZIP else raw
+
+    @contextlib.contextmanager
+    def mapped(self) -> Iterator[mmap.mmap]:
+        """Have the bytes as they lie on the disk without reading them in; raises as `opened`."""
+        with contextlib.ExitStack() as opened:
+            try:
+                stream = opened.enter_context(self.path.open("rb"))
+                content = opened.enter_context(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+            except (OSError, ValueError) as error:
+                raise refusal(self.name, error) from None
+            yield content
 
     def chunks(self) -> Iterator[bytes]:
         """Yield all bytes, unpacked; raise `EndsEarly` where they have no end, and as `lines`."""

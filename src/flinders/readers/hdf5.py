@@ -24,7 +24,6 @@ array([0. , 0. , 0.1])
 from __future__ import annotations
 
 import math
-import mmap
 import re
 import zlib
 from collections import Counter
@@ -43,6 +42,7 @@ from flinders.readers._table import WIDEST, Table, TableRecording, named_part, o
 from flinders.readers._tokenizer import MOST_NAMED, shown
 
 if TYPE_CHECKING:
+    import mmap
     from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
@@ -248,7 +248,7 @@ class _Catalogue:
         """
         if self._has_sound_heaps:
             return
-        with self.file.path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        with self.file.mapped() as content:
             is_sound = self.opened.id.get_create_plist().get_sizes() == (8, 8)
             is_sound &= all(_is_sound_heap(content, place) for place in _places_of(HEAP, content))
             is_sound &= all(

@@ -25,11 +25,9 @@ was seen in what pymavlink and QGroundControl write.
 from __future__ import annotations
 
 import math
-import mmap
 import re
 import struct
 from array import array
-from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -52,10 +50,11 @@ from flinders.readers._parameters import (
     unused,
 )
 from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled, shares
-from flinders.readers._source import Reader, refusal
+from flinders.readers._source import Reader
 from flinders.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, ArduPilotParameters, compasses
 
 if TYPE_CHECKING:
+    import mmap
     from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
@@ -134,7 +133,7 @@ def open_tlog(file: File) -> Log:
     `NoMagnetometer` for a log without readings of a compass.
     """
     telemetry = _Telemetry(needs(DIALECT, "mavlink", "a MAVLink telemetry log"))
-    with _mapped(file) as content:
+    with file.mapped() as content:
         telemetry.gather(content)
     if not telemetry.packets:
         raise UnreadableInput(f"{file.name} holds no MAVLink packets with their times: copy it again")
@@ -472,18 +471,6 @@ def _packet(content: bytes | mmap.mmap, at: int) -> Packet | None:
     else:
         return None
     return Packet(message, 1e-6 * since, start, end) if end <= len(content) else None
-
-
-@contextmanager
-def _mapped(file: File) -> Iterator[mmap.mmap]:
-    """Have the bytes of a file without reading them in."""
-    with ExitStack() as opened:
-        try:
-            stream = opened.enter_context(file.path.open("rb"))
-            content = opened.enter_context(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
-        except (OSError, ValueError) as error:
-            raise refusal(file.name, error) from None
-        yield content
 
 
 READERS: Final = (

@@ -26,7 +26,6 @@ stands in ``PX4Magnetometer::update`` of those versions, and a log of 1.11 shows
 from __future__ import annotations
 
 import io
-import mmap
 from collections import Counter
 from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
@@ -46,7 +45,7 @@ from flinders.readers._source import Reader, UpTo, filled_size, reserved_words
 from flinders.targets import px4
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -181,7 +180,7 @@ def _end_of_message(file: File, filled: int) -> int:
     """Find where the message ends that holds the last byte before `filled`: they are gone through from a mark on."""
     if file.size <= HEADER:
         return HEADER
-    with file.path.open("rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content:
+    with file.mapped() as content:
         place = max(content.rfind(SYNC, max(filled - TAIL, 0), filled) + len(SYNC), HEADER)
         while place < filled and place + 3 <= len(content):
             place += 3 + content[place] + (content[place + 1] << 8)
@@ -331,7 +330,7 @@ def _attitude(topics: Topics) -> AttitudeSeries | None:
     return AttitudeSeries.of(_seconds(columns), _stack(columns, *(f"q[{place}]" for place in range(4))))
 
 
-AUXILIARY: Final = {
+AUXILIARY: Final[Mapping[str, Callable[[Topics], TimeSeries | None]]] = {
     ACCELERATION: partial(_motion, measured="accelerometer_m_s2", change="delta_velocity"),
     RATE: partial(_motion, measured="gyro_rad", change="delta_angle"),
     CURRENT: _current,
