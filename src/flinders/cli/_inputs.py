@@ -283,6 +283,12 @@ def is_calibration(path: str) -> bool:
     return False
 
 
+def refuse_calibration(path: str, instead: str) -> None:
+    """Refuse a calibration in the place of something else; `instead` says what to do."""
+    if is_calibration(path):
+        raise UsageError(f"{path} is a calibration: {instead}")
+
+
 def is_recording(path: str) -> bool:
     """Whether a path leads to a file with a magnetometer in it."""
     from flinders.readers import open_recording

@@ -10,7 +10,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import is_calibration, is_recording, site_of
+from flinders.cli._inputs import is_calibration, is_recording, refuse_calibration, site_of
 from flinders.cli._output import progress, say
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.cli._stream import HeadingLog, open_log
@@ -306,8 +306,7 @@ def read_table(path: str, place: option.Place) -> Readings:
     from flinders.geometry.angles import folded, wrapped
     from flinders.readers.swing import read_swing
 
-    if is_calibration(path):
-        raise UsageError(f"{path} is a calibration: give the recording of a swing after it")
+    refuse_calibration(path, "give the recording of a swing after it")
     place.check()
     table = read_swing(path)
     columns = table.columns

@@ -8,7 +8,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import is_calibration, is_recording
+from flinders.cli._inputs import is_recording, refuse_calibration
 from flinders.cli._output import refuse_twice, working
 from flinders.cli._program import GOOD, LIMITED
 from flinders.errors import UsageError
@@ -102,8 +102,7 @@ def command(options: Drift) -> int:
 def _refuse_no_table(paths: Iterable[str]) -> None:
     """Refuse calibrations and recordings in the place of a table."""
     for path in paths:
-        if is_calibration(path):
-            raise UsageError(f"{path} is a calibration: flinders compare compares two; a table is of flinders fleet")
+        refuse_calibration(path, "flinders compare compares two; a table is of flinders fleet")
         if is_recording(path):
             raise UsageError(f"{path} is a recording: flinders fleet calibrates a folder of them, and writes the table")
 

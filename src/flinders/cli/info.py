@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import is_calibration, site_of
+from flinders.cli._inputs import refuse_calibration, site_of
 from flinders.cli._output import print_result, progress
-from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from flinders.core.geomag import SiteField
@@ -46,10 +45,7 @@ def command(options: Info) -> None:
     from flinders.readers import open_log
     from flinders.report.recording import of_contents
 
-    if is_calibration(options.log):
-        raise UsageError(
-            f"{options.log} is a calibration: give a recording; flinders show says what a calibration holds"
-        )
+    refuse_calibration(options.log, "give a recording; flinders show says what a calibration holds")
     options.place.check()
     with progress("reading") as watch:
         contents = _contents(open_log(options.log, progress=watch, **options.reading.as_dict()), options)

@@ -11,7 +11,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import agree, is_calibration, load, made_from, provenance, saying_what_was_read
+from flinders.cli._inputs import agree, load, made_from, provenance, refuse_calibration, saying_what_was_read
 from flinders.cli._output import progress, say
 from flinders.cli._program import LIMITED
 from flinders.errors import FitError, UnitError, UsageError
@@ -74,10 +74,7 @@ class TwoAxis(program.Group):
                 f"--polar {self.polar}: need a name that ends in {DRAWING} (a drawing), or - for standard output"
             )
         self.checked_outputs(self.after)
-        if is_calibration(self.recording):
-            raise UsageError(
-                f"{self.recording} is a calibration: give the recording of a turn, and the calibration to --after"
-            )
+        refuse_calibration(self.recording, "give the recording of a turn, and the calibration to --after")
         if self.after == "-":
             raise UsageError("--after needs a file: standard input is for the recording")
 
