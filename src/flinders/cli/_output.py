@@ -25,7 +25,7 @@ from flinders.errors import NotExportable, UsageError, figures
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from rich.console import RenderableType
+    from rich.console import Console, RenderableType
 
     from flinders.core.calibration import Calibration
     from flinders.core.compensation import Compensator
@@ -143,12 +143,10 @@ def progress(title: str) -> Iterator[Callable[[int, int | None], None] | None]:
 @contextlib.contextmanager
 def _bar(title: str) -> Iterator[Callable[[int, int], None]]:
     """A bar on stderr that goes when it is done."""
-    from rich.console import Console
     from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
-    console = Console(stderr=True, color_system="auto" if _coloured() else None)
-    with Progress(*columns, console=console, transient=True) as shown:
+    with Progress(*columns, console=console(), transient=True) as shown:
         task = shown.add_task(title, total=None)
         yield lambda done, total: shown.update(task, completed=done, total=total)
 
@@ -159,10 +157,15 @@ def working() -> Iterator[Callable[[str], None] | None]:
     if not sys.stderr.isatty():
         yield None
         return
+    with console().status("") as status:
+        yield status.update
+
+
+def console() -> Console:
+    """The terminal of the person who watches."""
     from rich.console import Console
 
-    with Console(stderr=True, color_system="auto" if _coloured() else None).status("") as status:
-        yield status.update
+    return Console(stderr=True, color_system="auto" if _coloured() else None)
 
 
 def _coloured() -> bool:

@@ -94,17 +94,16 @@ def _lines(
     from flinders.readers import TextRecording
 
     is_cut = options.reading.start is not None or options.reading.end is not None
-    if not isinstance(source, TextRecording):
-        return "utf-8", _tabulated(source, corrector, preparation, add=options.add)
-    if is_cut:
-        return source.layout.encoding, _tabulated(source, corrector, preparation, add=options.add)
+    encoding = source.layout.encoding if isinstance(source, TextRecording) else "utf-8"
+    if is_cut or not isinstance(source, TextRecording):
+        return encoding, _tabulated(source, corrector, preparation, add=options.add)
     if preparation.is_nothing:
-        return source.layout.encoding, source.corrected_lines(corrector, add=options.add)
+        return encoding, source.corrected_lines(corrector, add=options.add)
 
     def correct(samples: Samples) -> Floats:
         return corrector(preparation(samples).field)
 
-    return source.layout.encoding, source.corrected_lines(correct, add=options.add, with_disturbances=True)
+    return encoding, source.corrected_lines(correct, add=options.add, with_disturbances=True)
 
 
 def _tabulated(source: Recording, corrector: Corrector, preparation: Preparation, *, add: bool) -> Iterator[str]:

@@ -11,7 +11,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._output import print_result, say
+from flinders.cli._output import console, print_result, say
 from flinders.cli._program import GOOD, LIMITED
 from flinders.errors import UsageError, counted, figures, percent
 
@@ -163,11 +163,10 @@ def _progress() -> Iterator[ProgressCallback | None]:
     if not sys.stderr.isatty():
         yield None
         return
-    from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.fields[state]}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as shown:
+    with Progress(*columns, console=console(), transient=True) as shown:
         task = shown.add_task("", total=None, state="looking at what is there")
 
         def update(done: int, total: int, rows: int, units: int | None) -> None:

@@ -271,7 +271,7 @@ class McapScan(Scan):
 
     def _describe(self, kind: int, content: _Bytes) -> None:
         """Keep a schema, or the connection that a channel is."""
-        container = needs("rosbags.rosbag2.storage_mcap", "ros", KIND)
+        container = mcap()
         number = content.number(2)
         if kind == self.SCHEMA:
             self._schemas[number] = container.Schema(number, content.text(), content.text(), content.text())
@@ -289,10 +289,15 @@ def _fields(packed: bytes) -> dict[bytes, bytes]:
     return fields
 
 
+def mcap() -> Foreign:
+    """What rosbags reads MCAP by; its `zstd` is Python's own, or its backport."""
+    return needs("rosbags.rosbag2.storage_mcap", "ros", KIND)
+
+
 def _unpacker(packing: str) -> Foreign:
     unpackers: dict[str, Callable[[], Any]] = {
         "bz2": bz2.BZ2Decompressor,
         "lz4": needs("lz4.frame", "ros", KIND).LZ4FrameDecompressor,
-        "zstd": needs("rosbags.rosbag2.storage_mcap", "ros", KIND).zstd.ZstdDecompressor,
+        "zstd": mcap().zstd.ZstdDecompressor,
     }
     return unpackers[packing]()

@@ -45,7 +45,7 @@ from flinders.errors import UnreadableInput, counted, needs, reading
 from flinders.readers._columns import LONG
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._resample import TimeSeries, blocks, resampled
-from flinders.readers._scan import BAG, KIND, MCAP, REPAIRS, SQLITE, BagScan, McapScan
+from flinders.readers._scan import BAG, KIND, MCAP, REPAIRS, SQLITE, BagScan, McapScan, mcap
 from flinders.readers._source import MOST_MEMBER, Reader
 from flinders.readers._tokenizer import shown
 
@@ -142,7 +142,7 @@ def _read_folder(file: File, topics: _Topics) -> None:
     if (file.path / METADATA).stat().st_size > MOST_METADATA:
         raise UnreadableInput(f"the {METADATA} of {file.name} has more than {MOST_METADATA >> 20} MB: no ROS wrote it")
     for packed in file.path.glob("*.zstd"):
-        with _zstd().open(packed, "rb") as stream:
+        with mcap().zstd.open(packed, "rb") as stream:
             chunks, size = iter(partial(stream.read, 1 << 20), b""), packed.stat().st_size
             for _ in metered(packed.name, chunks, partial(int, size), most=MOST_MEMBER, ratio=False):
                 pass
@@ -227,10 +227,9 @@ def _named(path: Path, suffix: str) -> Iterator[Path]:
 
 def _bound_mcap() -> None:
     """Have rosbags unpack chunks of MCAP up to `MOST_PIECE` bytes; what is sound unpacks as before."""
-    unpackers = {"lz4": needs("lz4.frame", "ros", KIND).LZ4FrameDecompressor, "zstd": _zstd().ZstdDecompressor}
-    known = needs("rosbags.rosbag2.storage_mcap", "ros", KIND).DECOMPRESSORS
+    unpackers = {"lz4": needs("lz4.frame", "ros", KIND).LZ4FrameDecompressor, "zstd": mcap().zstd.ZstdDecompressor}
     for name, unpacker in unpackers.items():
-        known[name] = partial(_chunk, unpacker)
+        mcap().DECOMPRESSORS[name] = partial(_chunk, unpacker)
 
 
 def _chunk(unpacker: Callable[[], Any], packed: bytes, _: int) -> bytes:
@@ -238,15 +237,10 @@ def _chunk(unpacker: Callable[[], Any], packed: bytes, _: int) -> bytes:
     return unpacked_piece(unpacker(), packed)
 
 
-def _zstd() -> Any:  # noqa: ANN401
-    """The module by which rosbags unpacks zstd: Python's own or its backport."""
-    return needs("rosbags.rosbag2.storage_mcap", "ros", KIND).zstd
-
-
 def _small_messages(messages: Callable[..., Iterator[Any]], *asked: object) -> Iterator[Any]:
     """Let through packed messages that say how long they are, unpacked, and are not too long."""
     for connection, stamp, packed in messages(*asked):
-        length = _zstd().get_frame_info(packed).decompressed_size
+        length = mcap().zstd.get_frame_info(packed).decompressed_size
         if length is None or length > MOST_PIECE:
             raise UnreadableInput("a packed message of the recording does not say how long it is, or is too long")
         yield connection, stamp, packed

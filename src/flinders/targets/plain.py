@@ -25,21 +25,20 @@ FORMULA: Final = "corrected = matrix (raw - offset)"
 
 def write_json(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write one JSON object."""
-    correction = Affine.of(calibration, OWN, who="plain JSON", acts="across")
-    values = _values(calibration, correction)
+    correction, values = _values(calibration)
     return Written(correction.apply, json.dumps(values, indent=1).splitlines(), values)
 
 
 def write_yaml(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the same as YAML; values are written as JSON has them, which YAML reads too."""
-    correction = Affine.of(calibration, OWN, who="plain JSON", acts="across")
-    values = _values(calibration, correction)
+    correction, values = _values(calibration)
     return Written(correction.apply, [f"{name}: {_yaml(value)}" for name, value in values.items()], values)
 
 
-def _values(calibration: Calibration, correction: Affine) -> dict[str, Any]:
-    """All that is written, by name."""
-    return {
+def _values(calibration: Calibration) -> tuple[Affine, dict[str, Any]]:
+    """The correction, and all that is written, by name."""
+    correction = Affine.of(calibration, OWN, who="plain JSON", acts="across")
+    return correction, {
         "formula": FORMULA,
         "unit": calibration.unit,
         "field_strength": calibration.field_strength,
