@@ -59,7 +59,7 @@ class ParameterLayout:
 
     @classmethod
     def of(cls, *, disturbances: int = 0, **free: bool) -> Self:
-        """Lay out the blocks that are to be found, for so many drivers."""
+        """Lay out the blocks that are to be found, for so many disturbances."""
         columns: dict[str, slice] = {}
         begin = 0
         for name, size, _ in BLOCKS:
@@ -160,7 +160,3 @@ class Parameters:
         """(3, 3) S Rᵀ: takes the field's direction in body axes to readings about the offset."""
         product: Floats = self.shape @ self.rotation.T
         return product
-
-    def as_dict(self) -> dict[str, object]:
-        """Plain lists and numbers."""
-        return {field.name: np.asarray(getattr(self, field.name)).tolist() for field in dataclasses.fields(self)}
