@@ -111,7 +111,7 @@ def test_a_noisy_meter_is_named_with_what_it_costs(trials: Choose) -> None:
         noise = np.random.default_rng(seed + 100).normal(scale=3.0, size=3000)
         found = driving_of([replace(samples, current=current_of(samples) + noise)], ("current",))
         losses.append(1.0 - float(found.disturbances[0].per_unit @ PER_AMPERE) / float(PER_AMPERE @ PER_AMPERE))
-        told.append(found.qualities[0].attenuation)
+        told.append(found.estimates[0].attenuation)
     assert np.mean(losses) > 0.1
     assert np.mean(told) == pytest.approx(np.mean(losses), rel=0.35)
     assert "disturbance-noisy" in codes(replace(samples, current=current_of(samples) + noise), "current")
@@ -164,7 +164,7 @@ def test_a_noisy_meter_makes_no_lag_and_hides_none(readings: float, noise: float
     scores = []
     for seed in claim.seeds:
         found = driving_of([metered(seed, 25.0, readings / 25.0, noise)], ("current",))
-        scores.append((found.disturbances[0].lag_s - readings / 25.0) / found.qualities[0].lag_sigma_s)
+        scores.append((found.disturbances[0].lag_s - readings / 25.0) / found.estimates[0].lag_sigma_s)
         assert found.disturbances[0].lag_s == 0.0 or readings
     assert np.sqrt(np.mean(np.square(scores))) < 1.5**claim.widening
 

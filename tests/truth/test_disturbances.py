@@ -112,8 +112,8 @@ def test_a_lag_is_found_only_where_there_is_one() -> None:
     assert driving_of([samples], ("current",)).disturbances[0].lag_s == 0.0
     early = replace(samples, current=np.append(samples.current[10:], np.full(10, samples.current[-1])))  # 0.2 s
     found = driving_of([early], ("current",))
-    assert found.disturbances[0].lag_s == pytest.approx(0.2, abs=4.0 * found.qualities[0].lag_sigma_s)
-    assert found.qualities[0].lag_sigma_s < 0.02
+    assert found.disturbances[0].lag_s == pytest.approx(0.2, abs=4.0 * found.estimates[0].lag_sigma_s)
+    assert found.estimates[0].lag_sigma_s < 0.02
     settled = Compensator(found.calibration)(early).field
     expected = samples.field - np.outer(samples.current, PER_AMPERE)
     npt.assert_allclose(settled[10:], expected[10:], atol=0.5)  # of what was logged before the beginning nobody knows

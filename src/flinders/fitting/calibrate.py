@@ -870,21 +870,12 @@ def _disturbances(result: Fit, driving: Driving) -> dict[str, Any]:
     calibration = replace(result.calibration, disturbances=driving.disturbances)
     dip, down = result.heading_error_deg.dip_deg, down_of(result.plane)
     estimates = [
-        DisturbanceEstimate(
-            disturbance.name,
-            disturbance,
+        replace(
+            estimate,
             taken_deg=calibration.disturbance_deg(disturbance, dip_deg=dip),
             left_deg=driving.remaining_error(result.ellipsoid, place, dip_deg=dip, down=down).worst,
-            shared=quality.shared,
-            monotonicity=quality.monotonicity,
-            attenuation=quality.attenuation,
-            lag_is_beyond=quality.is_beyond,
-            curvature=quality.curvature,
-            collinearity=quality.collinearity,
-            chi_square=quality.chi_square,
-            lag_sigma_s=quality.lag_sigma_s,
         )
-        for place, (disturbance, quality) in enumerate(zip(driving.disturbances, driving.qualities, strict=True))
+        for place, (disturbance, estimate) in enumerate(zip(driving.disturbances, driving.estimates, strict=True))
     ]
     constant = [DisturbanceEstimate(name) for name in driving.constant]
     return {

@@ -117,7 +117,7 @@ def _report(
         driving = driving_of(parts, tried, spread=spread)
     except (FitError, InputError) as refusal:
         return AidingSensor(name, kept=False, words=str(refusal))
-    entangled = max(one.shared for one in driving.qualities if one.name in new)
+    entangled = max(one.shared for one in driving.estimates if one.name in new)
     if entangled > ENTANGLED:
         words = f"{entangled:.1%} of what tells about it could be the attitude as well"
         return AidingSensor(name, kept=False, words=words)
