@@ -104,11 +104,6 @@ class Support:
         return self.share < UNSEEN
 
     @property
-    def is_sound(self) -> bool:
-        """All directions are seen, none of them badly."""
-        return bool(self.values[0] > WELL_CONDITIONED)
-
-    @property
     def unobserved(self) -> int:
         """How many they say nothing about."""
         return int(np.count_nonzero(~self.seen))
