@@ -33,9 +33,8 @@ import numpy as np
 
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators.accelerometer import known_before
-from flinders.estimators.auto import Auto
+from flinders.estimators.auto import found_alone
 from flinders.estimators.base import Estimate
-from flinders.estimators.data import Readings
 from flinders.estimators.joint_covariance import (
     random_walk_of,
     scatter_of,
@@ -306,7 +305,7 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
     problem = put.problem(gyro_scale)
     _refuse_nothing(problem, put.samples)
     search_steps, steps = (SEARCH_STEPS, APPROACH_STEPS) if problem.is_long else (STEPS, STEPS)
-    alone = _alone(put.samples) if start is None else None
+    alone = found_alone(put.samples.field) if start is None else None
     starts = [start] if start is not None else _starts(put.samples, put.site, alone)
     some = _searched(_to_search(problem, alone).thinned(SEARCHED), _begins(problem, starts, near), search_steps)
     best = without_outliers(problem, initial(problem, some.at), steps)
@@ -335,14 +334,6 @@ def _searched(problem: JointProblem, begins: Iterable[Parameters], steps: int) -
     if best is None:
         raise NotAnEllipsoid((float("nan"),) * 3, "aided")
     return best
-
-
-def _alone(samples: Samples) -> Estimate | None:
-    """What `Auto` finds by the magnetometer alone; None where that is no ellipsoid."""
-    try:
-        return Auto().estimate(Readings.of(samples.field))
-    except FitError:
-        return None
 
 
 def _to_search(problem: JointProblem, alone: Estimate | None) -> JointProblem:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.estimators.base import Method, check_prior
-from flinders.estimators.likelihood import fitted
+from flinders.estimators.likelihood import estimated, recorded
 from flinders.likelihood import prior
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class Robust:
         parameters open, and there is no prior to hold them; `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name)
-        return fitted(readings, self.prior, robust=2)
+        return estimated(recorded(readings, self.prior, robust=2), readings, has_statistics=True)
 
 
 def robust_sigma(distances: Floats) -> float:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.core.samples import Joined
+from flinders.core.samples import joined
 from flinders.errors import FitError, counted, figures
 from flinders.estimators.data import WithinRange
 from flinders.findings import CATALOGUE, Record, by_severity
@@ -64,7 +64,7 @@ def fit_filtered(
     options
         Of `flinders.fit`.
     """
-    plain, _ = _tried(_joined(parts), options)
+    plain, _ = _tried(joined(parts), options)
     passed = through(parts, by)
     result, refusal = _tried(passed, options)
     if result is None:
@@ -127,12 +127,7 @@ def through(parts: Sequence[Recording], by: Filter) -> Recording:
     """Recordings as one, their readings filtered."""
     from flinders.heading.smoothing import filtered
 
-    return _joined([filtered(_within_range(part), by) for part in parts])
-
-
-def _joined(parts: Sequence[Recording]) -> Recording:
-    """Recordings as one."""
-    return Joined(tuple(parts)) if len(parts) > 1 else parts[0]
+    return joined([filtered(_within_range(part), by) for part in parts])
 
 
 def _within_range(part: Recording) -> Recording:

@@ -642,25 +642,22 @@ def _out_of_range(disturbance: Disturbance) -> str:
 
 def of_alike(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
     """Whether disturbances are collinear, so that what one does cannot be distinguished from what another does."""
-    row = CATALOGUE["disturbances-collinear"]
-    limit = row.rule.grades[0].factor if row.rule else math.inf
-    names = [one.name for one in estimates if one.collinearity > limit]
+    names = [one.name for one in estimates if one.collinearity > limit_of("disturbances-collinear")]
     record = Record(
         {"most_alike": max((one.collinearity for one in estimates), default=0.0)}, alike=lambda: ", ".join(names)
     )
-    yield from apply_rules((row,), record)
+    yield from apply_rules((CATALOGUE["disturbances-collinear"],), record)
 
 
 def of_noisy(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
     """Whether the columns of disturbances are noisy: one finding for all of them."""
-    row = CATALOGUE["disturbance-noisy"]
-    limit = row.rule.grades[0].factor if row.rule else math.inf
+    limit = limit_of("disturbance-noisy")
     noisy = [one for one in estimates if one.disturbance is not None and one.attenuation > limit]
     shares = [one.attenuation for one in noisy]
     names = ", ".join(one.name for one in noisy)
     is_one = len(noisy) == 1
     yield from apply_rules(
-        (row,),
+        (CATALOGUE["disturbance-noisy"],),
         Record(
             {"most_attenuation": max(shares, default=0.0)},
             noisy=lambda: names,

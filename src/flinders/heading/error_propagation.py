@@ -41,6 +41,7 @@ from flinders.deprecation import renamed_attribute
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import GATHER, Ellipsoid, gathered
 from flinders.geometry.plane import heading_errors
+from flinders.geometry.rotation import rotations
 from flinders.geometry.sphere import fibonacci
 from flinders.native.engine import engine
 
@@ -183,10 +184,8 @@ def deviation_covariance(
     >>> np.sqrt(np.diagonal(tilted).clip(0)).round(2)
     array([0.  , 1.73, 0.  , 0.  ])
     """
-    heading, _, _ = _turn_at(float(dip_deg))
-    harmonics = np.stack([np.sin(heading), np.cos(heading), np.sin(2.0 * heading), np.cos(2.0 * heading)])
     turn = np.eye(3) if rotation is None else rotation
-    gradient = np.rad2deg(2.0 / HEADINGS * harmonics @ _body_gradients(ellipsoid, turn, dip_deg, down))
+    gradient = np.rad2deg(2.0 / HEADINGS * _harmonics(HEADINGS).T @ _body_gradients(ellipsoid, turn, dip_deg, down))
     carried: Floats = gradient @ _with_rotation(covariance, rotation_covariance) @ gradient.T
     return carried
 
@@ -453,14 +452,10 @@ def _level_fields(dip_deg: float, down: Floats | None) -> tuple[Floats, Floats]:
 
 
 def _tilts(angle: float, down: Floats | None) -> Floats:
-    """(24, 3, 3) turns by an angle in rad about axes across `down`: 1 + sin τ K + (1 − cos τ) K² (Rodrigues)."""
+    """(24, 3, 3) turns by an angle in rad about axes across `down`."""
     azimuth = np.arange(AZIMUTHS) * (2.0 * np.pi / AZIMUTHS)
     axes = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(AZIMUTHS)])
-    x, y, z = axes if down is None else upright(down) @ axes
-    zero = np.zeros(AZIMUTHS)
-    cross = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0)
-    tilts: Floats = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
-    return tilts
+    return rotations(angle * (axes if down is None else upright(down) @ axes).T)
 
 
 def _in_degrees(gradient: Floats, covariance: Floats) -> tuple[float, float]:
@@ -520,13 +515,13 @@ def deviation_covariances(shapes: Floats, covariances: Floats, dips_deg: Floats)
     vectors = np.linalg.solve(shapes, across)
     products = (vectors[:, :, np.newaxis] * fields[:, np.newaxis]).reshape(len(shapes), 9, FEW)
     gradients = GATHER.T @ np.concatenate([vectors, products], axis=1)  # (U, 9, 8)
-    jacobian = np.rad2deg(2.0 / FEW * gradients @ _harmonics())
+    jacobian = np.rad2deg(2.0 / FEW * gradients @ _harmonics(FEW))
     carried: Floats = np.swapaxes(jacobian, 1, 2) @ covariances @ jacobian
     return carried
 
 
-@lru_cache(maxsize=1)
-def _harmonics() -> Floats:
-    """(8, 4) sine and cosine of eight headings and of their doubles."""
-    heading = np.arange(FEW) * (2.0 * np.pi / FEW)
+@lru_cache(maxsize=2)
+def _harmonics(count: int) -> Floats:
+    """(count, 4) sine and cosine of headings all round and of their doubles."""
+    heading = np.arange(count) * (2.0 * np.pi / count)
     return np.stack([np.sin(heading), np.cos(heading), np.sin(2.0 * heading), np.cos(2.0 * heading)], axis=1)
