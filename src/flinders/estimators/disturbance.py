@@ -14,15 +14,15 @@ turned. Not where the disturbance only changed in step with the attitude (see `D
 sensor that was not turned: for that there is `flinders.estimators.static_bench`.
 
 The ellipsoid itself is then fitted to the settled readings by whatever method is asked for. What is not known of P is
-carried over to b and S by `Driving.carried`, so that their covariance is that of the joint fit:
+carried over to b and S by `DisturbanceFit.carried`, so that their covariance is that of the joint fit:
 
     C = C | P + G C_P Gᵀ,        G = −(JᵀJ)⁻¹ JᵀJ_P
 
 >>> from flinders import simulate
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
->>> driving_model = driving_of([simulate.tumble(seed=1, disturbances=[motors]).samples], ("current",))
->>> error = driving_model.disturbances[0].per_unit - [0.5, 0.0, -0.3]
->>> bool(np.all(np.abs(error) < 3.0 * np.sqrt(np.diag(driving_model.covariance))))
+>>> found = fit_disturbances([simulate.tumble(seed=1, disturbances=[motors]).samples], ("current",))
+>>> error = found.disturbances[0].per_unit - [0.5, 0.0, -0.3]
+>>> bool(np.all(np.abs(error) < 3.0 * np.sqrt(np.diag(found.covariance))))
 True
 """
 
@@ -78,7 +78,7 @@ MOST_LEVERAGE: Final = 0.99
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Driving:
+class DisturbanceFit:
     """Disturbances with their uncertainty, and what that does to an ellipsoid."""
 
     disturbances: tuple[Disturbance, ...]
@@ -130,9 +130,9 @@ class Driving:
         return level_error(ellipsoid, self.at_end(np.zeros((9, 9)), place), dip_deg=dip_deg, down=down)
 
 
-def driving_of(
+def fit_disturbances(
     recordings: Sequence[Recording], names: Sequence[str], *, spread: float | None = prior.SPREAD
-) -> Driving:
+) -> DisturbanceFit:
     """Find what drives the offset.
 
     Raises `UsageError` for a name that is not known; `InputError` where a recording lacks the column; `TooFewSamples`
@@ -154,7 +154,7 @@ def driving_of(
     without = settle(DisturbanceProblem(logged, (), prior_spread, {}))
     if not moving:
         nothing = np.zeros((0, 0)), np.zeros((9, 0))
-        return Driving((), *nothing, without.at.ellipsoid, without.noise, without.noise, (), constant)
+        return DisturbanceFit((), *nothing, without.at.ellipsoid, without.noise, without.noise, (), constant)
     lags, near = lags_of(logged, moving, prior_spread)
     problem = DisturbanceProblem(logged, moving, prior_spread, proven_lags(lags))
     return _identified(problem, settle(problem, near), lags, without, constant)
@@ -162,7 +162,7 @@ def driving_of(
 
 def _identified(
     problem: DisturbanceProblem, solved: Solved, lags: dict[str, Lag], without: Solved, constant: tuple[str, ...]
-) -> Driving:
+) -> DisturbanceFit:
     """Put together what was found, with the covariance that the residuals allow."""
     residuals = residuals_of(solved)
     believed = problem.prior_matrix(solved.at)
@@ -172,7 +172,7 @@ def _identified(
     covariance = _metered(problem, solved, inverse @ (scatter + believed) @ inverse, inverse)
     plain = NormalEquations(matrix[:9, :9], np.zeros(9), 0.0, 0).inverse()
     disturbances = _disturbances(problem, solved)
-    return Driving(
+    return DisturbanceFit(
         disturbances,
         covariance[9:, 9:],
         -plain @ matrix[:9, 9:],
@@ -293,12 +293,14 @@ def _noise_on(solved: Solved, used: NDArray[np.bool_]) -> float:
     return float(np.sqrt(np.mean(solved.distances[used] ** 2)))
 
 
-def with_disturbances(source: object, names: Sequence[str], *, spread: float | None) -> tuple[Driving, Recording]:
+def with_disturbances(
+    source: object, names: Sequence[str], *, spread: float | None
+) -> tuple[DisturbanceFit, Recording]:
     """Find what drives a recording, and settle it: what is left is fitted like any other.
 
     Raises `UsageError` for what is no recording, or a disturbance that is not known; `NotTurned` where the sensor was
     still: `still` finds its disturbances, and nothing finds an ellipsoid; `InputError` or `TooFewSamples` as
-    `driving_of`.
+    `fit_disturbances`.
     """
     if not hasattr(source, "blocks"):
         raise UsageError(f"to follow {' and '.join(names)} needs a recording with that column: give Samples")
@@ -307,5 +309,5 @@ def with_disturbances(source: object, names: Sequence[str], *, spread: float | N
     unturned = still(parts, names)
     if unturned is not None:
         raise NotTurned(unturned.noise, " and ".join(names))
-    driving = driving_of(parts, names, spread=spread)
-    return driving, compensated(recording, driving.calibration)
+    found = fit_disturbances(parts, names, spread=spread)
+    return found, compensated(recording, found.calibration)

@@ -445,7 +445,7 @@ class Fit(Outcome):
             "repeats": None if self.repeats is None else self.repeats.as_dict(),
             "coverage": self.coverage.as_dict(),
             "covariance": self.covariance.tolist(),
-            **self._driven_as_dict(),
+            **self._disturbances_as_dict(),
             **({} if self.aiding is None else {"aids": self.aiding.as_dict()}),
             **({} if self.refreshed is None else {"refreshed": self.refreshed.as_dict()}),
             "findings": [finding.as_dict() for finding in self.findings],
@@ -454,7 +454,7 @@ class Fit(Outcome):
         unstated = () if self.states_uncertainty else _OF_THE_COVARIANCE
         return {**fields, **dict.fromkeys((*untrusted, *unstated))}
 
-    def _driven_as_dict(self) -> dict[str, Any]:
+    def _disturbances_as_dict(self) -> dict[str, Any]:
         """What is known of the disturbances; no key where it follows none."""
         if not self.disturbances:
             return {}
