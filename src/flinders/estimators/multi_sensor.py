@@ -396,8 +396,4 @@ def _scatter(
 
 def _wider(estimate: Estimate | None) -> float:
     """By how much a sensor by itself claims more than independent residuals would, in variance."""
-    if estimate is None or estimate.textbook is None or estimate.plane:
-        return 1.0
-    plain = np.diag(estimate.textbook)
-    observed = plain > 0.0
-    return max(1.0, float(np.mean(np.diag(estimate.covariance)[observed] / plain[observed])))
+    return 1.0 if estimate is None or estimate.plane else max(1.0, estimate.variance_inflation())

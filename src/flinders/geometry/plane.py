@@ -51,6 +51,9 @@ Plane: TypeAlias = Literal["xy", "yz", "zx"]
 
 PLANES: Final[tuple[Plane, ...]] = get_args(Plane)
 
+IN_PLANE: Final = [0, 1, 3, 4, 6]
+"""Places of b₁, b₂, S₁₁, S₂₂, S₁₂ among the nine parameters: all that the readings of the plane ``xy`` tell."""
+
 
 def order_of(plane: Plane) -> tuple[int, int, int]:
     """Places of the first, the second and the third axis of a plane.
