@@ -20,13 +20,12 @@ array([[0., 0., 2.]])
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.likelihood import magnitude
-from flinders.likelihood.term import Block
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -80,7 +79,3 @@ def _sizes(columns: Floats) -> Floats:
     """(K,) lengths of columns; 1 for one of nothing."""
     sizes = np.linalg.norm(columns, axis=0)
     return np.where(sizes > 0.0, sizes, 1.0)
-
-
-BLOCKS: Final = (Block("disturbances", 3), Block("slope", 1))
-"""Parameters that disturbances bring: an offset for each unit of each, and a slope of the scale."""
