@@ -48,13 +48,14 @@ from flinders.estimators.regressor_quality import (
     noise_of,
     pooled,
     rounding,
+    shared,
     widened,
 )
 from flinders.estimators.regressors import DisturbanceEstimate, Logged
 from flinders.estimators.static_bench import still
 from flinders.estimators.time_delay import lagging, lags_of, proven_lags, residuals_of
 from flinders.heading.error_propagation import HeadingError, level_error
-from flinders.likelihood import disturbance, prior
+from flinders.likelihood import prior
 from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:
@@ -277,7 +278,7 @@ def _estimate(
     return DisturbanceEstimate(
         found.name,
         found,
-        shared=disturbance.shared(solved.jacobian[used, :9], coefficients),
+        shared=shared(solved.jacobian[used, :9], coefficients),
         monotonicity=monotonicity(values),
         attenuation=attenuation(values, solved.distances[used], normals @ found.per_unit),
         lag_sigma_s=np.nan if lag is None else lag.used_sigma_s,

@@ -4,11 +4,17 @@ Minimises
 
     Σ ρ(s(x − Σ P (c(t − lag) − reference)) / σ) + prior
 
-over (b, S, P, a) with the columns of `flinders.likelihood.disturbance`. The Sampson distance s has the direction of
-each reading eliminated already. Readings that lie far off count less at first, ρ(s) = k² log(1 + s²/k²), and not at
-all in the end, where ρ(s) = s². Lags are given: `flinders.estimators.time_delay` looks for them.
+over (b, S, P, a), c the disturbances and τ the departure of the temperature, with which the scale may grow. The Sampson
+distance s has the direction of each reading eliminated already; with the Jacobian J = [n, n_i u_j] of
+`flinders.likelihood.magnitude` its change is linear in P, so that from a fair start a few steps are enough:
 
-Source: P. W. Holland, R. E. Welsch, Comm. Statist. A 6 (1977) 813–827, for Cauchy weights and their k.
+    ∂s/∂P = −n c,        ∂s/∂a = −τ n·S u
+
+Readings that lie far off count less at first, ρ(s) = k² log(1 + s²/k²), and not at all in the end, where ρ(s) = s².
+Lags are given: `flinders.estimators.time_delay` looks for them.
+
+Source: the model is that of ArduPilot's CompassMot, estimated with the magnitude as the only witness; P. W. Holland,
+R. E. Welsch, Comm. Statist. A 6 (1977) 813–827, for Cauchy weights and their k.
 
 >>> from flinders import simulate
 >>> from flinders.estimators.regressors import Logged
@@ -27,8 +33,8 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self, TypeAlias
 import numpy as np
 
 from flinders.estimators.robust import robust_sigma
-from flinders.geometry.ellipsoid import symmetric
-from flinders.likelihood import disturbance, magnitude, prior
+from flinders.geometry.ellipsoid import symmetric, upper
+from flinders.likelihood import magnitude, prior
 from flinders.likelihood.equations import NormalEquations
 from flinders.likelihood.observations import Linearised
 from flinders.likelihood.parameters import ParameterLayout, Surface
@@ -125,8 +131,11 @@ class CompensatedReadings:
     def jacobian(self, at: DisturbedSurface) -> Floats:
         """(N, P) by how much each parameter moves the surface there."""
         directions = directions_of(self.compensated(at), at.ellipsoid)
-        columns = disturbance.columns(directions, at.ellipsoid, self.departures, self.warmth)
-        return np.column_stack([magnitude.information(directions, at.ellipsoid), columns])
+        jacobian = magnitude.information(directions, at.ellipsoid)
+        columns = [jacobian, *(jacobian[:, :3] * values[:, np.newaxis] for values in self.departures.T)]
+        if self.warmth is not None:
+            columns.append(self.warmth * (jacobian[:, 3:] @ upper(at.shape)))
+        return np.column_stack(columns)
 
     def scale(self, at: DisturbedSurface) -> float:
         """Robust standard deviation of the distances that count."""

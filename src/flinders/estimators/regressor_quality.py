@@ -341,6 +341,28 @@ def collinearity(values: Floats, others: Floats) -> float:
     return min(max(1.0 - float(left @ left) / total, 0.0), 1.0)
 
 
+def shared(jacobian: Floats, regressors: Floats) -> float:
+    """Share of the information about a disturbance that offset and shape could explain, 0 to 1, at worst.
+
+    The largest squared canonical correlation of (N, 3) columns of a disturbance, counted from its mean, with (N, 9)
+    those of the ellipsoid: with 1 nothing tells them apart.
+
+    >>> rng = np.random.default_rng(1)
+    >>> ellipsoid = rng.normal(size=(500, 9))
+    >>> round(shared(ellipsoid, ellipsoid[:, :3]), 1), round(shared(ellipsoid, rng.normal(size=(500, 3))), 1)
+    (1.0, 0.0)
+    """
+    ours, _ = np.linalg.qr(jacobian / _sizes(jacobian))
+    theirs, _ = np.linalg.qr(regressors / _sizes(regressors))
+    return float(np.clip(np.linalg.norm(ours.T @ theirs, ord=2) ** 2, 0.0, 1.0))
+
+
+def _sizes(columns: Floats) -> Floats:
+    """(K,) lengths of columns; 1 for one of nothing."""
+    sizes = np.linalg.norm(columns, axis=0)
+    return np.where(sizes > 0.0, sizes, 1.0)
+
+
 def _rising(course: Floats) -> Floats:
     """The nearest course that never falls, in least squares: neighbours that do are pooled."""
     pools: list[tuple[float, int]] = []

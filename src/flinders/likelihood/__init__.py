@@ -20,5 +20,4 @@ readings that share a direction of the field, and `solver` the steps of Levenber
 - `dip`: its angle to the vertical is the same at every attitude (accelerometer, or an attitude without its yaw)
 - `attitude`: it stands still in the world
 - `site_field`: its strength and dip are known
-- `disturbance`: currents, throttle and temperature move the offset
 """
