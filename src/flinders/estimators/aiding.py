@@ -44,7 +44,6 @@ from flinders.estimators.joint_covariance import (
 )
 from flinders.estimators.joint_outliers import leaving_out, without_outliers
 from flinders.estimators.likelihood import spheres_about
-from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import gyro, prior
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, AccelerometerPrior
 from flinders.likelihood.gyro import SCALE_SIGMA
@@ -59,6 +58,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.likelihood.joint import JointIterate
     from flinders.likelihood.parameters import ParameterLayout, Parameters
     from flinders.likelihood.prior import KnownShape
@@ -126,7 +126,7 @@ class Aided:
     @property
     def ellipsoid(self) -> Ellipsoid:
         """In the magnetometer's own axes."""
-        return Ellipsoid(self.parameters.offset, self.parameters.shape)
+        return self.parameters.ellipsoid
 
     @property
     def matrix(self) -> Floats:

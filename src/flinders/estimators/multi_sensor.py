@@ -134,7 +134,7 @@ class Several:
         """The ellipsoid of one sensor with its marginal covariance, as every other method gives it."""
         at, nine = self.parameters[sensor], self.columns[sensor].start + np.arange(9)
         return Estimate(
-            Ellipsoid(at.offset, at.shape),
+            at.ellipsoid,
             self.covariance[np.ix_(nine, nine)],
             float(self.noise[sensor]),
             "together",

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, Self, TypeAlias
 import numpy as np
 
 from flinders.core.axes import TURNS
-from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.rotation import across, in_pieces, lengths
 from flinders.likelihood import attitude, dip, gyro
 from flinders.likelihood.equations import FINEST, NormalEquations
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.likelihood.dip import AccelerometerPrior
     from flinders.likelihood.prior import KnownShape
     from flinders.likelihood.site_field import Site
@@ -153,7 +153,7 @@ class JointProblem:
         """Where to start with what a fit of another `ParameterLayout` has found."""
         free = ("rotation", "gyro_bias", "gyro_scale", "gyro_turn", "delay")
         values = {name: getattr(near, name) for name in free if name in layout and name in self.layout}
-        at = replace(self.begin(Ellipsoid(near.offset, near.shape)), **values)
+        at = replace(self.begin(near.ellipsoid), **values)
         return self.facing(replace(at, rotation=self._aligned(at)))
 
     def _aligned(self, at: Parameters) -> Floats:
