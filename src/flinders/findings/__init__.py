@@ -71,8 +71,6 @@ def limit_of(code: str, name: Severity | str = "limits") -> float:
     (60.0, 5.0, 0.0001)
     """
     rule = CATALOGUE[code].rule
-    if rule is None:
-        raise KeyError(f"{code} has no limit: code decides")
     limits = {grade.severity: grade.factor for grade in rule.grades} | {
         need.quantity: need.factor for need in rule.needs
     }

@@ -273,9 +273,8 @@ class _Table:
         """(U,) which units have each finding, the most severe first."""
         there: dict[tuple[str, Severity], NDArray[np.bool_]] = {}
         for code in CODES:
-            rule = CATALOGUE[code].rule
-            if rule is not None:
-                there |= {(code, severity): holds for severity, holds in rule.holds(self.quantities).items()}
+            holding = CATALOGUE[code].rule.holds(self.quantities)
+            there |= {(code, severity): holds for severity, holds in holding.items()}
         return {key: there[key] for severity in VERDICTS for key in there if key[1] == severity}
 
 
