@@ -30,7 +30,7 @@ from flinders.core.samples import joined
 from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings
 from flinders.estimators.reference.attitude_independent import at_one_strength
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import equator, order_of
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import magnitude
@@ -216,4 +216,4 @@ def _jackknife(ellipsoids: list[Ellipsoid]) -> tuple[Ellipsoid, Floats]:
     middle = each.mean(axis=0)
     apart = each - middle
     scatter = (len(each) - 1) / len(each) * apart.T @ apart
-    return Ellipsoid(middle[:3], symmetric(middle[3:])), scatter
+    return Ellipsoid.of_parameters(middle), scatter

@@ -36,7 +36,7 @@ from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import found_alone
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
 from flinders.estimators.outliers import dense_in, left_out
-from flinders.findings import CATALOGUE, Finding, Record, by_severity
+from flinders.findings import CATALOGUE, Finding, Record, by_severity, found_in
 from flinders.fitting.aiding import Aiding
 from flinders.fitting.calibrate import fit, judged_as
 from flinders.fitting.result import Fit, Refused, fit_of
@@ -608,8 +608,7 @@ def _findings(together: Together, place: int, target_deg: float) -> Iterator[Fin
     yield from _of_clock(member, reference)
     others = [other.scatter_deg for other in together.members if other is not member and not other.copy_of]
     numbers = {"scatter_deg": member.scatter_deg, "best_other_deg": min(others, default=math.inf)}
-    departs = CATALOGUE["sensor-deviates-throughout"].finding(Record({**numbers, "target_deg": target_deg}))
-    yield from () if departs is None else (departs,)
+    yield from found_in(Record({**numbers, "target_deg": target_deg}), "sensor-deviates-throughout")
     yield from _of_departures(together, place, target_deg)
 
 

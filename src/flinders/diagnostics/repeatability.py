@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.heading.error_propagation import level_error
 from flinders.summary.pooling import chance_of, chi_square_of, each_from_the_others, pool
 
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
+    from flinders.geometry.ellipsoid import Ellipsoid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +42,7 @@ class RecordingFit:
     @property
     def parameters(self) -> Floats:
         """(9,) offset and shape."""
-        return np.concatenate([self.ellipsoid.centre, upper(self.ellipsoid.shape)])
+        return self.ellipsoid.parameters
 
 
 @dataclass(frozen=True, slots=True)

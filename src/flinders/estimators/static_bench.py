@@ -45,7 +45,7 @@ from flinders.estimators.regressor_quality import (
 )
 from flinders.estimators.regressors import DisturbanceEstimate, Logged
 from flinders.estimators.time_delay import Shifted, grid_of, lagging, profile, proven_lags, scattered
-from flinders.findings import CATALOGUE, Finding, Record
+from flinders.findings import Finding, Record, found_in
 from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:
@@ -97,8 +97,7 @@ class Still:
     def findings(self) -> tuple[Finding, ...]:
         """What speaks against this bench: a sensor that moved, once or along with a disturbance."""
         record = Record({"step": self.step, "noise": self.noise, "tilted_deg": self.tilted_deg})
-        findings = (CATALOGUE[code].finding(record) for code in ("bench-moved", "bench-tilted"))
-        return tuple(finding for finding in findings if finding is not None)
+        return tuple(found_in(record, "bench-moved", "bench-tilted"))
 
 
 def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None:

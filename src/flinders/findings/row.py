@@ -34,7 +34,7 @@ import numpy as np  # noqa: F401 - for the example above
 from flinders.errors import figures
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
 Severity = Literal["note", "limits", "refuses"]
 Verdict = Literal["good", "limited", "refused"]
@@ -235,11 +235,6 @@ class CatalogueRow:
         finding = self.finding(record)
         assert finding is not None
         return finding
-
-
-def apply_rules(rows: Iterable[CatalogueRow], record: Mapping[str, Any]) -> Iterator[Finding]:
-    """Findings of those rows whose rules hold for a record."""
-    return (finding for row in rows if (finding := row.finding(record)) is not None)
 
 
 class Quantity(float):

@@ -17,7 +17,6 @@ from flinders.estimators.data import WithinRange
 from flinders.findings import CATALOGUE, Record, by_severity
 from flinders.fitting.calibrate import fit
 from flinders.fitting.result import Refused
-from flinders.geometry.ellipsoid import upper
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import level_error
 from flinders.summary.summary import Summary
@@ -114,7 +113,7 @@ def filtered_finding(fit: Fit, plain: Fit | None, by: Filter, dropped: int) -> F
 def _effect(fit: Fit, plain: Fit) -> tuple[float, str]:
     """Degrees by which a filter moved the heading at the worst, and what it did in words."""
     ours, theirs = fit.ellipsoid, plain.ellipsoid
-    apart = np.concatenate([ours.centre - theirs.centre, upper(ours.shape - theirs.shape)])
+    apart = ours.parameters - theirs.parameters
     dip, down = fit.heading_error_deg.dip_deg, down_of(fit.plane)
     moved = level_error(theirs, np.outer(apart, apart), dip_deg=dip, down=down).worst
     smaller = 1.0 - ours.radius / theirs.radius

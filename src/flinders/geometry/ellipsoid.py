@@ -100,6 +100,11 @@ class Ellipsoid:
         semi_axes.flags.writeable = False
         return semi_axes
 
+    @classmethod
+    def of_parameters(cls, parameters: Floats) -> Self:
+        """The ellipsoid with (9,) `parameters`."""
+        return cls(parameters[:3], symmetric(parameters[3:]))
+
     @property
     def parameters(self) -> Floats:
         """(9,) centre, then S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃: what covariances are of."""
