@@ -368,7 +368,7 @@ def _calibration(parts: Sequence[Fit], ellipsoid: Ellipsoid, field: _Field) -> C
 
 
 def _judged(merged: Fit, repeats: Repeats, parts: Sequence[Fit]) -> tuple[Finding, ...]:
-    """Say what there is to know, gravest first."""
+    """Say what there is to know, the most severe first."""
     apart = list(contradiction(repeats, merged.target_deg, label(merged.calibration.unit)))
     is_said = any(finding.severity == "refuses" for finding in apart)
     accuracy = () if is_said else _accuracy(merged, repeats)

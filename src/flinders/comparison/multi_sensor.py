@@ -712,7 +712,7 @@ def _share(runs: Sequence[Departure], together: Together) -> float:
 
 
 def _when(runs: Sequence[Departure]) -> str:
-    """The gravest few stretches, in the order of time.
+    """The three that cost most heading, in the order of time.
 
     >>> _when([Departure(0, False, 0, 9, 1.0, 2.0, 3.0, 6.0, 0.0)])
     '1.0–2.0 s'

@@ -34,7 +34,7 @@ ROWS: Final = (
         former="driver-noisy",
         number=(
             "largest share by which the offset per unit of one is too small by its own course, as readings do not"
-            " follow its fast changes; one finding for all drivers"
+            " follow its fast changes; one finding for all of them"
         ),
         action="log it smoother, or hold each setting for longer",
         rule=Rule("most_attenuation", (Grade("limits", 0.02),)),
