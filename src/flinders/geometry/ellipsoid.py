@@ -161,9 +161,10 @@ def centred(readings: Floats, centre: Floats) -> Floats:
 
 
 def gathered(vectors: Floats, directions: Floats) -> Floats:
-    """(K, 9) coefficients of v·δb + vᵀ δS u in (δb, δS₁₁, δS₂₂, δS₃₃, δS₁₂, δS₁₃, δS₂₃), for (3, K) v and u."""
-    rows = np.concatenate([vectors, (vectors[:, np.newaxis] * directions).reshape(9, -1)])
-    coefficients: Floats = rows.T @ GATHER
+    """(..., K, 9) coefficients of v·δb + vᵀ δS u in b and the entries of S in their order, for (..., 3, K) v and u."""
+    products = vectors[..., np.newaxis, :] * directions[..., np.newaxis, :, :]
+    rows = np.concatenate([vectors, products.reshape(*vectors.shape[:-2], 9, -1)], axis=-2)
+    coefficients: Floats = rows.mT @ GATHER
     return coefficients
 
 

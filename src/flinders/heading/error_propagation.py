@@ -39,7 +39,7 @@ import numpy as np
 
 from flinders.deprecation import renamed_attribute
 from flinders.errors import UsageError
-from flinders.geometry.ellipsoid import GATHER, Ellipsoid, gathered
+from flinders.geometry.ellipsoid import Ellipsoid, gathered
 from flinders.geometry.plane import heading_errors
 from flinders.geometry.rotation import rotations
 from flinders.geometry.sphere import fibonacci
@@ -136,7 +136,7 @@ def level_gradients(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats
 
     Raises `UsageError` within a degree of the magnetic poles.
     """
-    across, directions = _level_fields(dip_deg, down)
+    across, directions = level_fields(dip_deg, down)
     gradient = gathered(np.linalg.solve(ellipsoid.shape, across), directions)
     gradient -= gradient.mean(axis=0)
     return gradient
@@ -214,7 +214,7 @@ def tilted_error(
     tilt_deg : float
         0 to 180, which is upside down.
     """
-    across, directions = _level_fields(dip_deg, down)
+    across, directions = level_fields(dip_deg, down)
     mounting = gathered(np.linalg.solve(ellipsoid.shape, across), directions).mean(axis=0)
     rows = np.concatenate([across, directions], axis=1)
     turned = np.swapaxes(_tilts(np.deg2rad(tilt_deg), down), 1, 2) @ rows  # (24, 3, 144)
@@ -262,7 +262,7 @@ def _worst_anywhere_deg(ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: fl
     """No less than the largest `tilted_error`, whatever the tilt: at a hundredth of its cost."""
     # Wherever the field points, an error across it turns the heading by at most its own size over cos I; what is taken
     # off for the mounting comes on top. Between the 400 directions looked at an error grows by less than `MARGIN`.
-    across, directions = _level_fields(dip_deg, down)
+    across, directions = level_fields(dip_deg, down)
     mounting = gathered(np.linalg.solve(ellipsoid.shape, across), directions).mean(axis=0)
     level = float(np.linalg.norm(across[:, 0]))
     mounting_deg = np.rad2deg(math.sqrt(max(float(mounting @ covariance @ mounting), 0.0)))
@@ -361,7 +361,7 @@ def body_error(
 
 def _body_gradients(ellipsoid: Ellipsoid, rotation: Floats, dip_deg: float, down: Floats | None) -> Floats:
     """(72, 12) how the heading of a level body changes with (b, S) and with its rotation, up to a sign of both."""
-    across, directions = _level_fields(dip_deg, down)
+    across, directions = level_fields(dip_deg, down)
     vectors = np.linalg.solve(ellipsoid.shape, rotation.T @ across)
     own = gathered(vectors, rotation.T @ directions)
     return np.concatenate([own, np.cross(directions, across, axis=0).T], axis=1)
@@ -442,7 +442,7 @@ def upright(down: Floats) -> Floats:
     return rotation
 
 
-def _level_fields(dip_deg: float, down: Floats | None) -> tuple[Floats, Floats]:
+def level_fields(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floats]:
     """(3, 72) horizontal vectors, an error along which is one of heading, and (3, 72) the fields of a level turn."""
     _, directions, across = _turn_at(float(dip_deg))
     if down is None:
@@ -512,11 +512,9 @@ def deviation_covariances(shapes: Floats, covariances: Floats, dips_deg: Floats)
     sine, cosine, level = np.sin(heading), np.cos(heading), np.cos(dip)
     fields = np.stack([level * cosine, -level * sine, np.sin(dip) + 0.0 * sine], axis=1)  # (U, 3, 8)
     across = np.stack([sine / level, cosine / level, 0.0 * fields[:, 2]], axis=1)
-    vectors = np.linalg.solve(shapes, across)
-    products = (vectors[:, :, np.newaxis] * fields[:, np.newaxis]).reshape(len(shapes), 9, FEW)
-    gradients = GATHER.T @ np.concatenate([vectors, products], axis=1)  # (U, 9, 8)
-    jacobian = np.rad2deg(2.0 / FEW * gradients @ _harmonics(FEW))
-    carried: Floats = np.swapaxes(jacobian, 1, 2) @ covariances @ jacobian
+    gradients = gathered(np.linalg.solve(shapes, across), fields)  # (U, 8, 9)
+    jacobian = np.rad2deg(2.0 / FEW * _harmonics(FEW).T @ gradients)
+    carried: Floats = jacobian @ covariances @ np.swapaxes(jacobian, 1, 2)
     return carried
 
 
