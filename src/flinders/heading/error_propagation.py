@@ -33,7 +33,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -76,6 +76,11 @@ class DirectionError(NamedTuple):
 
     rms: float
     worst: float
+
+    @classmethod
+    def of(cls, errors: Floats) -> Self:
+        """Of (K,) errors, in degrees."""
+        return cls(float(np.sqrt(np.mean(errors**2))), float(np.abs(errors).max()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,8 +279,7 @@ def direction_error_deg(ellipsoid: Ellipsoid, covariance: Floats) -> DirectionEr
 
     `direction_errors_deg` in 400 directions.
     """
-    errors = direction_errors_deg(ellipsoid, covariance, _EVERYWHERE)
-    return DirectionError(float(np.sqrt(np.mean(errors**2))), float(errors.max()))
+    return DirectionError.of(direction_errors_deg(ellipsoid, covariance, _EVERYWHERE))
 
 
 def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: Floats) -> Floats:
