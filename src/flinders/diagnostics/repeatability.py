@@ -4,6 +4,7 @@ Each is fitted on its own. As far as they scatter beyond what each claims, somet
 next: a battery that moved, another place, the cover put on. A joint fit smooths that over, and its
 residuals hardly show it.
 
+>>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> sphere, moved = (Ellipsoid(np.array([x, 0.0, 0.0]), 50.0 * np.eye(3)) for x in (0.0, 3.0))
 >>> claimed = np.diag([0.01] * 9)
 >>> days = RecordingFit("monday", 500, sphere, claimed), RecordingFit("tuesday", 500, moved, claimed)

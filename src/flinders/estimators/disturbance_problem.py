@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self, TypeAlias
 import numpy as np
 
 from flinders.estimators.robust import robust_sigma
-from flinders.geometry.ellipsoid import symmetric, upper
+from flinders.geometry.ellipsoid import sphere_through, symmetric, upper
 from flinders.likelihood import magnitude, prior
 from flinders.likelihood.equations import NormalEquations
 from flinders.likelihood.observations import Linearised
@@ -290,10 +290,6 @@ def _near(distances: Floats) -> NDArray[np.bool_]:
 def _sphere(readings: CompensatedReadings, shifts: Floats) -> DisturbedSurface:
     """A sphere about compensated readings, by linear least squares about the median one; also of flat ones."""
     settled = readings.field - readings.departures @ shifts
-    middle = np.median(settled, axis=0)
-    about = settled - middle
-    design = np.column_stack([2.0 * about, np.ones(len(about))])
-    solution = np.linalg.lstsq(design, np.einsum("ij,ij->i", about, about), rcond=None)[0]
-    distances = np.linalg.norm(about - solution[:3], axis=1)
-    radius = max(float(np.median(distances)), 1e-12)
-    return DisturbedSurface(middle + solution[:3], radius * np.eye(3), shifts)
+    centre, _ = sphere_through(settled, np.median(settled, axis=0))
+    radius = max(float(np.median(np.linalg.norm(settled - centre, axis=1))), 1e-12)
+    return DisturbedSurface(centre, radius * np.eye(3), shifts)

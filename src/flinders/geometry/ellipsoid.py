@@ -154,6 +154,22 @@ def upper(matrix: Floats) -> Floats:
     return entries
 
 
+def sphere_through(points: Floats, origin: Floats | None = None) -> tuple[Floats, float]:
+    """Centre (k,) and radius of the sphere, or circle, through (N, k) points by linear least squares (Kåsa 1976).
+
+    |x|² = 2 c·x + r² − |c|² for x about an origin, by default their mean; points in a plane have the centre in it.
+
+    >>> sphere_through(np.array([[3.0, 0.0], [1.0, 2.0], [-1.0, 0.0], [1.0, -2.0]]))
+    (array([1., 0.]), 2.0)
+    """
+    begin = points.mean(axis=0) if origin is None else origin
+    scale = float(np.abs(points - begin).max()) or 1.0
+    about = (points - begin) / scale
+    rows = np.column_stack([2.0 * about, np.ones(len(about))])
+    *centre, rest = np.linalg.lstsq(rows, np.einsum("ij,ij->i", about, about), rcond=None)[0]
+    return begin + scale * np.array(centre), scale * math.sqrt(max(rest + float(np.dot(centre, centre)), 0.0))
+
+
 def centred(readings: Floats, centre: Floats) -> Floats:
     """(3, N) what (N, 3) readings are off a centre, axis by axis in memory: four times faster than row by row."""
     local: Floats = np.subtract(readings.T, centre[:, np.newaxis], order="C")
