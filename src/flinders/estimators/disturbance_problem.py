@@ -32,12 +32,12 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self, TypeAlias
 
 import numpy as np
 
-from flinders.estimators.robust import robust_sigma
 from flinders.geometry.ellipsoid import sphere_through, symmetric, upper
 from flinders.likelihood import magnitude, prior
 from flinders.likelihood.equations import NormalEquations
 from flinders.likelihood.observations import Linearised
 from flinders.likelihood.parameters import ParameterLayout, Surface
+from flinders.likelihood.robust import robust_sigma
 from flinders.likelihood.solver import Iterate, levenberg_marquardt
 from flinders.summary.coverage import directions_of
 

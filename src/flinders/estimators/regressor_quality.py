@@ -72,7 +72,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.estimators.covariance import Residuals
-from flinders.estimators.robust import TO_SIGMA
+from flinders.likelihood.robust import robust_sigma
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -207,8 +207,8 @@ def _white(values: Floats) -> float:
     >>> round(_white(course), 2)
     0.25
     """
-    bends = np.abs(np.diff(values, 2))
-    return (TO_SIGMA * float(np.median(bends))) ** 2 / 6.0 if len(bends) else 0.0
+    bends = np.diff(values, 2)
+    return robust_sigma(bends) ** 2 / 6.0 if len(bends) else 0.0
 
 
 def rounding(values: Floats) -> tuple[float, NDArray[np.intp]]:

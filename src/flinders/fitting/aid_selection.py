@@ -48,6 +48,7 @@ from flinders.estimators.aiding import Aided, refuse_without, solve
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood, start
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
+from flinders.geometry.plane import heading_errors
 from flinders.geometry.rotation import rotation_vectors
 from flinders.heading.error_propagation import level_error, level_turn
 from flinders.likelihood import prior
@@ -262,12 +263,10 @@ def change_deg(first: Aided, second: Aided, dip_deg: float) -> float:
 
     Each in the magnetometer's own axes, whatever the rotation against the body.
     """
-    _, fields = level_turn(dip_deg)
+    heading, fields = level_turn(dip_deg)
     readings = first.parameters.offset + fields.T @ first.parameters.shape
-    other = np.linalg.solve(second.parameters.shape, (readings - second.parameters.offset).T)
-    error = np.exp(1j * (np.arctan2(-other[1], other[0]) - np.arctan2(-fields[1], fields[0])))
-    middle = error.mean()
-    errors = np.angle(error / (middle / abs(middle) if abs(middle) > 0.0 else 1.0))
+    corrected = np.linalg.solve(second.parameters.shape, (readings - second.parameters.offset).T)
+    errors, _ = heading_errors(corrected, heading)
     return float(np.rad2deg(np.sqrt(np.mean(errors**2))))
 
 

@@ -33,6 +33,7 @@ from flinders.estimators.regressors import Logged
 from flinders.estimators.static_bench import still
 from flinders.fitting.aiding import AidingSensor
 from flinders.likelihood import magnitude, prior
+from flinders.likelihood.robust import robust_sigma
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -161,7 +162,7 @@ def hold_out_residuals(
             calm = (cast("Samples", compensated(run, found.calibration)) for run in rest)
             of_names += [magnitude.distances(run.field, found.ellipsoid) for run in calm]
     sizes = [np.abs(np.concatenate(each)) for each in distances]
-    limit = FARTHEST * 1.4826 * min(float(np.median(size)) for size in sizes)
+    limit = FARTHEST * min(map(robust_sigma, sizes))
     before, after = (float(np.sqrt(np.mean(np.minimum(size, limit) ** 2))) for size in sizes)
     return before, after
 

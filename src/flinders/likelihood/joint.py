@@ -20,6 +20,7 @@ from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.observations import ObservationGroup, Weights, residuals_of
 from flinders.likelihood.parameters import ParameterLayout, Parameters
 from flinders.likelihood.prior import SensorPrior
+from flinders.likelihood.robust import HUBER, huber
 from flinders.likelihood.solver import EASED, NO_WORSE, SETTLED, Iterate
 
 if TYPE_CHECKING:
@@ -395,13 +396,13 @@ def _reweighed(
     """
     residual, auxiliary = residuals_of(group, at, directions)
     if is_robust:
-        redescending = dip.huber(lengths(residual) / weights.noise) ** 2
+        redescending = huber(lengths(residual) / weights.noise) ** 2
         group = replace(group, weight=original.weight * redescending)
     if auxiliary is None or original.trust is None:
         return group
     length = np.sqrt(np.einsum("wni,wni->wn", auxiliary, auxiliary)) / weights.vertical
-    beyond = dip.HUBER if group.attitudes is None else attitude.HUBER
-    return replace(group, trust=original.trust * group.weight * dip.huber(length, beyond=beyond))
+    beyond = HUBER if group.attitudes is None else attitude.HUBER
+    return replace(group, trust=original.trust * group.weight * huber(length, beyond=beyond))
 
 
 def deviance(problem: JointProblem, iterate: JointIterate) -> float:
