@@ -33,7 +33,7 @@ from flinders.core.compensation import Compensator
 from flinders.core.disturbance import lagged, motors
 from flinders.core.samples import Samples
 from flinders.estimators import Readings
-from flinders.estimators.disturbance import driving_of
+from flinders.estimators.disturbance import fit_disturbances
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.static_bench import still
 from flinders.fitting.result import Refused
@@ -324,7 +324,7 @@ def flight_table() -> Iterator[str]:
         block = np.arange(len(samples)) * BLOCKS // len(samples)
         for half in (0, 1):
             learnt = [samples[block == place] for place in range(half, BLOCKS, 2)]
-            found = driving_of(learnt, ("current",)).calibration
+            found = fit_disturbances(learnt, ("current",)).calibration
             without = plain(np.concatenate([part.field for part in learnt]))
             for upright in (False, True):
                 kept = (block % 2 != half) & (block < BLOCKS - ON_ITS_BACK * upright)
@@ -352,7 +352,9 @@ def onboard_table() -> Iterator[str]:
         learnt = [air[block == place] for place in np.unique(block[block % 2 == half])]
         others = air[block % 2 != half]
         calm = plain(np.concatenate([part.field for part in learnt]))
-        spreads = [strength(others, one).std() for one in (board, calm, driving_of(learnt, ("current",)).calibration)]
+        spreads = [
+            strength(others, one).std() for one in (board, calm, fit_disturbances(learnt, ("current",)).calibration)
+        ]
         told = " | ".join(f"{spread:.2%}" for spread in (spreads[0], moved_spread(others, board), *spreads[1:]))
         yield f"| {('even', 'odd')[1 - half]} blocks | {told} |"
     yield ""
@@ -396,7 +398,7 @@ def _onboard_row(samples: Samples, board: Calibration) -> str:
     carried = np.hstack([np.eye(3), np.zeros((3, 6)), drawn * np.eye(3)])
     sigma = np.sqrt(np.diag(carried @ fit.disturbances_covariance @ carried.T))
     offset = fit.calibration.at(current=drawn).offset
-    leaning = np.sqrt(np.diag(driving_of([samples], ("current",)).leaning)[:3])
+    leaning = np.sqrt(np.diag(fit_disturbances([samples], ("current",)).leaning)[:3])
     return " | ".join(
         ", ".join(f"{value:.2f}" for value in values) for values in (offset, sigma, board.offset - offset, leaning)
     )

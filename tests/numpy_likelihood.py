@@ -17,10 +17,10 @@ from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.base import Correlation, Estimate
 from flinders.estimators.covariance import Residuals, time_of
 from flinders.estimators.likelihood import start
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import GATHER, Ellipsoid, centred, symmetric
 from flinders.likelihood import magnitude, prior
 from flinders.likelihood.equations import FINEST, NormalEquations
-from flinders.likelihood.identifiability import Support, spurious_information
+from flinders.likelihood.identifiability import WELL_CONDITIONED, Support, spurious_information
 from flinders.summary.coverage import CELLS, cells_of, directions_of
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ class NumpyLikelihood:
         for _ in range(HALVINGS):
             moved = _moved(now.ellipsoid, step)
             if _is_closed(moved):
-                tried = self._seen([now.some.field], moved, now.some, sound=now.sound or now.support.is_sound)
+                tried = self._seen([now.some.field], moved, now.some, sound=now.sound or is_sound(now.support))
                 if not tried.sound and now.support.unobserved:
                     return tried
                 if tried.cost(now.variance) <= now.cost(now.variance) + NO_WORSE:
@@ -190,7 +190,8 @@ class NumpyLikelihood:
 
     def _seen(self, blocks: Iterable[Floats], ellipsoid: Ellipsoid, some: _Some, *, sound: bool = False) -> _Posterior:
         """Linearise the likelihood and the prior at an ellipsoid."""
-        likelihood = magnitude.equations(blocks, ellipsoid, exact=not self.bias_correction)
+        linearised = magnitude.equations if self.bias_correction else exact_equations
+        likelihood = linearised(blocks, ellipsoid)
         believed = NormalEquations.empty()
         if self.prior is not None:
             believed = prior.equations(ellipsoid, spread=self.prior) + prior.sense(ellipsoid, some.middle, some.spread)
@@ -213,6 +214,29 @@ class NumpyLikelihood:
         if at_most < NOTHING:
             return at_most
         return float(np.clip(np.real(np.linalg.eigvals(posterior.covariance @ believed)).max(), 0.0, 1.0))
+
+
+def exact_equations(blocks: Iterable[Floats], ellipsoid: Ellipsoid) -> NormalEquations:
+    """Normal equations with the gradient of Σ s² itself, whose root is the minimum of the Sampson cost."""
+    inverse, total = np.linalg.inv(ellipsoid.shape), NormalEquations.empty()
+    for block in blocks:
+        y = inverse @ centred(block, ellipsoid.centre)
+        length = np.linalg.norm(y, axis=0)
+        unit = y / length
+        normal = inverse @ unit
+        steepness = np.linalg.norm(normal, axis=0)
+        normal /= steepness
+        turned, s = inverse @ normal, (length - 1.0) / steepness
+        tangent = inverse @ (turned - unit * np.sum(unit * turned, axis=0)) / steepness
+        grid = normal[:, np.newaxis] * y - s * (turned[:, np.newaxis] * normal + tangent[:, np.newaxis] * unit)
+        jacobian = np.concatenate([normal - tangent * (s / length), grid.reshape(9, -1)]).T @ GATHER
+        total += NormalEquations(jacobian.T @ jacobian, jacobian.T @ s, float(s @ s), len(s))
+    return total
+
+
+def is_sound(support: Support) -> bool:
+    """All directions are seen, none of them badly."""
+    return bool(support.values[0] > WELL_CONDITIONED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -351,7 +375,7 @@ class _Posterior:
             return True
         is_bent = largest * (largest + self.noise) / radius > LEFT_OUT * least
         gains = float(step @ likelihood.matrix @ step) > LEAST_GAIN * likelihood.cost
-        return not (is_bent or gains) and self.support.is_sound
+        return not (is_bent or gains) and is_sound(self.support)
 
     def cost(self, variance: float) -> float:
         """χ² of the readings for a noise variance, and the prior's."""

@@ -157,7 +157,7 @@ int main(void)
 
 
 def severity_of(row: CatalogueRow, record: dict[str, float]) -> int:
-    return firmware.SEVERITIES.index((row.rule and row.rule.severity(record)) or "")
+    return firmware.SEVERITIES.index(row.rule.severity(record) or "")
 
 
 def test_rules_of_the_board_are_those_of_the_catalogue(folder: Path, archive: Path) -> None:

@@ -22,7 +22,6 @@ from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_angles, of_matrix, product
 from flinders.geometry.rotation import rotations
 from flinders.heading.error_propagation import level_turn
-from flinders.likelihood.disturbance import Disturbances
 from flinders.likelihood.site_field import Site
 
 if TYPE_CHECKING:
@@ -168,17 +167,6 @@ def test_an_attitude_gives_the_whole_matrix() -> None:
     npt.assert_allclose(found.parameters.direction, [0.5, 0.0, np.sqrt(0.75)], atol=0.01)
 
 
-def test_a_driver_is_found_beside_the_rest() -> None:
-    true = swayed(6)
-    current = 10.0 + 8.0 * np.sin(np.arange(len(true.samples)) * 0.013)
-    pull = np.array([0.4, -0.2, 0.3])
-    flown = replace(true.samples, field=true.samples.field + np.outer(current, pull))
-    found = solve(flown, ("rate",), disturbances=Disturbances.of({"current": current}))
-    covariance = found.of("disturbances")
-    assert covariance is not None
-    assert np.all(np.abs(found.parameters.disturbances[0] - pull) < 4.0 * np.sqrt(np.diag(covariance)))
-
-
 @pytest.mark.nightly
 def test_strays_are_left_out() -> None:
     true = swayed(7)
@@ -273,12 +261,6 @@ def test_an_attitude_from_the_same_compass_is_named_and_not_used() -> None:
     circular = replace(true.samples, attitude=product(of_angles(deviation), known))
     assert codes(circular, ("dip", "attitude")) == ["circular-attitude"]
     assert codes(replace(circular, attitude=known), ("dip", "attitude")) == []
-
-
-def test_a_driver_that_never_changes_is_left_out() -> None:
-    still = Disturbances.of({"current": np.full(10, 3.0)})
-    assert still.constant == ("current",)
-    assert still.without(still.constant) is None
 
 
 def test_fit_takes_aids_and_says_what_each_changed() -> None:

@@ -18,7 +18,7 @@ from flinders.cli import main
 from flinders.comparison.evaluation import evaluate
 from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples
-from flinders.estimators.disturbance import driving_of
+from flinders.estimators.disturbance import fit_disturbances
 from flinders.estimators.regressor_quality import noise_of
 from flinders.estimators.static_bench import still
 from flinders.findings import CATALOGUE
@@ -109,9 +109,9 @@ def test_a_noisy_meter_is_named_with_what_it_costs(trials: Choose) -> None:
     for seed in trials(3, 2).seeds:
         samples = flown(seed, n=3000)
         noise = np.random.default_rng(seed + 100).normal(scale=3.0, size=3000)
-        found = driving_of([replace(samples, current=current_of(samples) + noise)], ("current",))
+        found = fit_disturbances([replace(samples, current=current_of(samples) + noise)], ("current",))
         losses.append(1.0 - float(found.disturbances[0].per_unit @ PER_AMPERE) / float(PER_AMPERE @ PER_AMPERE))
-        told.append(found.qualities[0].attenuation)
+        told.append(found.estimates[0].attenuation)
     assert np.mean(losses) > 0.1
     assert np.mean(told) == pytest.approx(np.mean(losses), rel=0.35)
     assert "disturbance-noisy" in codes(replace(samples, current=current_of(samples) + noise), "current")
@@ -132,7 +132,7 @@ def test_a_claim_is_as_wide_as_its_meter_makes_it(meter: str, trials: Choose) ->
     for seed in claim.seeds:
         samples = flown(seed, n=3000)
         told = METERS[meter](current_of(samples), np.random.default_rng(900 + seed))
-        found = driving_of([replace(samples, current=told)], ("current",))
+        found = fit_disturbances([replace(samples, current=told)], ("current",))
         nees.append((found.disturbances[0].per_unit - PER_AMPERE) ** 2 / np.diag(found.covariance))
     assert np.mean(nees) < 3.0**claim.widening
 
@@ -163,8 +163,8 @@ def test_a_noisy_meter_makes_no_lag_and_hides_none(readings: float, noise: float
     claim = trials(10, 3)
     scores = []
     for seed in claim.seeds:
-        found = driving_of([metered(seed, 25.0, readings / 25.0, noise)], ("current",))
-        scores.append((found.disturbances[0].lag_s - readings / 25.0) / found.qualities[0].lag_sigma_s)
+        found = fit_disturbances([metered(seed, 25.0, readings / 25.0, noise)], ("current",))
+        scores.append((found.disturbances[0].lag_s - readings / 25.0) / found.estimates[0].lag_sigma_s)
         assert found.disturbances[0].lag_s == 0.0 or readings
     assert np.sqrt(np.mean(np.square(scores))) < 1.5**claim.widening
 

@@ -27,7 +27,7 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import InputError, NotTurned, UsageError
 from flinders.estimators import Readings
-from flinders.estimators.disturbance import driving_of
+from flinders.estimators.disturbance import fit_disturbances
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.static_bench import still
 from flinders.fitting.disturbance_selection import earned
@@ -70,7 +70,7 @@ def test_what_motors_do_is_found_within_what_is_claimed(trials: Choose) -> None:
     claim = trials(12, 4)
     nees = []
     for seed in claim.seeds:
-        found = driving_of([simulate.tumble(seed=seed, n=1500, disturbances=[MOTORS]).samples], ("current",))
+        found = fit_disturbances([simulate.tumble(seed=seed, n=1500, disturbances=[MOTORS]).samples], ("current",))
         error = found.disturbances[0].per_unit - PER_AMPERE
         nees.append(error @ np.linalg.solve(found.covariance, error) / 3.0)
     low, high = claim.ratios(0.4, 1.8)
@@ -109,11 +109,11 @@ def test_the_file_of_such_a_fit_holds_what_it_claims_of_the_driver() -> None:
 def test_a_lag_is_found_only_where_there_is_one() -> None:
     samples = simulate.tumble(seed=1, disturbances=[MOTORS]).samples
     assert samples.current is not None
-    assert driving_of([samples], ("current",)).disturbances[0].lag_s == 0.0
+    assert fit_disturbances([samples], ("current",)).disturbances[0].lag_s == 0.0
     early = replace(samples, current=np.append(samples.current[10:], np.full(10, samples.current[-1])))  # 0.2 s
-    found = driving_of([early], ("current",))
-    assert found.disturbances[0].lag_s == pytest.approx(0.2, abs=4.0 * found.qualities[0].lag_sigma_s)
-    assert found.qualities[0].lag_sigma_s < 0.02
+    found = fit_disturbances([early], ("current",))
+    assert found.disturbances[0].lag_s == pytest.approx(0.2, abs=4.0 * found.estimates[0].lag_sigma_s)
+    assert found.estimates[0].lag_sigma_s < 0.02
     settled = Compensator(found.calibration)(early).field
     expected = samples.field - np.outer(samples.current, PER_AMPERE)
     npt.assert_allclose(settled[10:], expected[10:], atol=0.5)  # of what was logged before the beginning nobody knows
@@ -121,7 +121,7 @@ def test_a_lag_is_found_only_where_there_is_one() -> None:
 
 def test_current_and_temperature_are_told_apart() -> None:
     samples = simulate.tumble(seed=5, disturbances=[MOTORS, WARM]).samples
-    found = driving_of([samples], ("temperature", "current"))
+    found = fit_disturbances([samples], ("temperature", "current"))
     current, temperature = found.disturbances  # in the order of a calibration, whatever was asked for first
     sigma = np.sqrt(np.diag(found.covariance))
     assert np.all(np.abs(current.per_unit - PER_AMPERE) < 4.0 * sigma[:3])
@@ -138,7 +138,7 @@ def test_a_scale_that_grows_with_the_temperature_is_found() -> None:
     away = temperature - round(float(np.median(temperature)), 1)
     about = simulated.samples.field - OFFSET_SENSOR.offset
     grown = replace(simulated.samples, field=OFFSET_SENSOR.offset + about * (1.0 + 0.003 * away)[:, np.newaxis])
-    found = driving_of([grown], ("temperature",))
+    found = fit_disturbances([grown], ("temperature",))
     assert found.disturbances[0].gain_per_unit == pytest.approx(
         0.003, abs=4.0 * float(np.sqrt(found.covariance[-1, -1]))
     )
@@ -366,7 +366,7 @@ def test_in_flight_the_current_takes_off_what_it_can(
     block = np.arange(len(samples)) * BLOCKS // len(samples)
     learnt = [samples[block == place] for place in range(BLOCKS) if place % 2 != held_out]
     others = [samples[block == place] for place in range(BLOCKS - 2) if place % 2 == held_out]
-    found = driving_of(learnt, ("current",))
+    found = fit_disturbances(learnt, ("current",))
     ellipsoid = Likelihood().estimate(Readings.of(np.concatenate([part.field for part in learnt]))).ellipsoid
     plain = Calibration.from_ellipsoid(ellipsoid.centre, ellipsoid.shape)
     without = np.concatenate([strength(part, plain) for part in others])
@@ -391,7 +391,7 @@ def test_upright_ours_leaves_a_third_of_what_the_calibration_on_board_leaves(
     diagonal, (xy, xz, yz) = [0.995731, 1.008149, 1.002741], [0.018288, -0.002727, -0.004213]
     matrix = np.diag(diagonal) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
     board = Calibration(matrix, -0.1 * np.array([-97.79, 118.11, 213.18]), 50.0)
-    found = driving_of([samples], ("current",))
+    found = fit_disturbances([samples], ("current",))
     left = [
         np.abs(lengths / np.median(lengths) - 1.0)
         for lengths in (strength(samples, each) for each in (board, found.calibration))
@@ -405,7 +405,7 @@ def test_upright_ours_leaves_a_third_of_what_the_calibration_on_board_leaves(
 def test_in_flight_the_current_correlates_with_the_internal_compass_no_more(recordings: Callable[[str], Path]) -> None:
     """−0.65 before, 0.03 after; with what is far off left out."""
     samples = flight(recordings, "2")
-    found = driving_of([samples], ("current",))
+    found = fit_disturbances([samples], ("current",))
     assert found.noise_without > 2.5 * found.noise
     length = strength(samples, found.calibration)
     near = np.abs(length - 1.0) < 0.1
@@ -466,7 +466,7 @@ def test_what_each_of_four_motors_does_is_found_within_what_is_claimed(trials: C
     claim = trials(6, 2)
     nees = []
     for seed in claim.seeds:
-        found = driving_of([flown_by_four(seed, 0.1)], ("currents",))
+        found = fit_disturbances([flown_by_four(seed, 0.1)], ("currents",))
         assert [disturbance.name for disturbance in found.disturbances] == [
             "current1",
             "current2",
@@ -525,7 +525,7 @@ def test_motors_have_one_lag() -> None:
     samples = flown_by_four(4, 0.1, n=3000)
     assert samples.currents is not None
     early = replace(samples, currents=np.concatenate([samples.currents[10:], np.tile(samples.currents[-1], (10, 1))]))
-    found = driving_of([early], ("currents",))
+    found = fit_disturbances([early], ("currents",))
     assert len({disturbance.lag_s for disturbance in found.disturbances}) == 1
     assert found.disturbances[0].lag_s == pytest.approx(0.2, abs=0.02)
 
@@ -602,11 +602,11 @@ def test_a_claim_that_leans_on_one_reading_says_so(trials: Choose) -> None:
         field[over] += np.random.default_rng(seed).normal(scale=0.6, size=(1, 3))
         samples = replace(simulated.samples, field=field)[rows]
         samples = replace(samples, time=np.arange(len(rows)) / 50.0)
-        fit, found = flinders.fit(samples, disturbances=("current",)), driving_of([samples], ("current",))
+        fit, found = flinders.fit(samples, disturbances=("current",)), fit_disturbances([samples], ("current",))
         assert fit.disturbances_covariance is not None
         square = (fit.calibration.offset[2] - sensor.offset[2]) ** 2
         claimed.append(square / fit.disturbances_covariance[2, 2])
         leant.append(square / (fit.disturbances_covariance[2, 2] - found.leaning[2, 2]))
     assert np.mean(leant) > 10.0
     assert np.mean(claimed) < 4.0
-    assert not driving_of([simulate.tumble(seed=1, disturbances=[MOTORS]).samples], ("current",)).leaning.any()
+    assert not fit_disturbances([simulate.tumble(seed=1, disturbances=[MOTORS]).samples], ("current",)).leaning.any()

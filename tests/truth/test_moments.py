@@ -21,13 +21,12 @@ from flinders.estimators.consistent import Consistent
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.native.engine import engine
 from flinders.simulate import uniform
-from flinders.summary.moments import EXPONENTS, Moments, packed, unpacked
+from flinders.summary.moments import EXPONENTS, Moments
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from flinders.arrays import Floats
 
 FIELD: Final = 500.0
 N: Final = 1_000_000
@@ -43,8 +42,8 @@ def counts(strengths: float) -> NDArray[np.int64]:
     return readings
 
 
-def exact_scatter(readings: NDArray[np.int64], origin: NDArray[np.int64], scale: int) -> Floats:
-    """(10, 10) scatter matrix about an origin of whole counts: integer sums, each divided and rounded once."""
+def exact_moments(readings: NDArray[np.int64], origin: NDArray[np.int64], scale: int) -> Moments:
+    """Moments about an origin of whole counts: integer sums, each divided and rounded once."""
     sums = [0] * 35
     for start in range(0, len(readings), 100_000):
         z = readings[start : start + 100_000] - origin
@@ -54,7 +53,7 @@ def exact_scatter(readings: NDArray[np.int64], origin: NDArray[np.int64], scale:
         powers = np.stack([np.ones_like(z), z, squares, squares * z, squares * squares])
         for row, (i, j, k) in enumerate(EXPONENTS.tolist()):
             sums[row] += int(np.sum(powers[i, :, 0] * powers[j, :, 1] * powers[k, :, 2]))
-    return unpacked(np.array([total / scale ** sum(e) for total, e in zip(sums, EXPONENTS.tolist(), strict=True)]))
+    return Moments(np.array([total / scale ** sum(e) for total, e in zip(sums, EXPONENTS.tolist(), strict=True)]), 1.0)
 
 
 @pytest.mark.parametrize(("strengths", "bound"), daily([(0.0, 1e-15), (1.0, 3e-15), (3.0, 1e-13), (10.0, 1e-10)], 2))
@@ -63,7 +62,8 @@ def test_shifted_sums_are_the_exact_ones(strengths: float, bound: float) -> None
     readings = counts(strengths)
     moments = Moments.of(readings)
     origin, scale = np.rint(moments.mean).astype(np.int64), round(moments.spread)
-    error = np.abs(moments.about(origin, float(scale)) - exact_scatter(readings, origin, scale)).max() / N
+    exact = exact_moments(readings, origin, scale).about(np.zeros(3), 1.0)
+    error = np.abs(moments.about(origin, float(scale)) - exact).max() / N
     assert error < bound
 
 
@@ -73,7 +73,7 @@ def test_the_consistent_fit_is_that_of_exact_sums_to_a_ten_thousandth_of_its_unc
     readings = counts(strengths)
     moments = Moments.of(readings)
     origin, scale = np.rint(moments.mean).astype(np.int64), round(moments.spread)
-    record = engine().solve(packed(exact_scatter(readings, origin, scale)), origin=origin, unit=scale)
+    record = engine().solve(exact_moments(readings, origin, scale).sums, origin=origin, unit=scale)
     exact = Ellipsoid(record["centre"], symmetric(record["shape"]))
     found = Consistent().estimate(Readings(Summary.of(readings)))
     sigma = np.sqrt(np.diag(found.covariance))
@@ -90,7 +90,8 @@ def test_a_million_readings_added_in_blocks_of_a_thousand_lose_nothing_more() ->
     for block in np.array_split(readings, 1000):
         streamed = streamed + Moments.of(block)
     origin, scale = np.rint(streamed.mean).astype(np.int64), round(streamed.spread)
-    error = np.abs(streamed.about(origin, float(scale)) - exact_scatter(readings, origin, scale)).max() / N
+    exact = exact_moments(readings, origin, scale).about(np.zeros(3), 1.0)
+    error = np.abs(streamed.about(origin, float(scale)) - exact).max() / N
     assert error < 1e-10
     assert streamed.count == N
 

@@ -82,14 +82,11 @@ def test_what_is_claimed_is_what_is_off(trials: Choose) -> None:
         assert low < np.mean(values) < high
 
 
-def test_the_rotation_between_any_two_and_its_covariance() -> None:
+def test_the_rotation_of_the_reference_is_exact() -> None:
     recordings, _, _ = body(3, n=500, noises=(0.5, 0.5, 1.0))
-    fields = np.stack([samples.field for samples in recordings.values()])
-    first, other = multi_sensor.solve(fields), multi_sensor.solve(fields, reference=1)
-    for ours, theirs in zip(first.rotation(2, 1), other.rotation(2), strict=True):
-        npt.assert_allclose(ours, theirs, rtol=0.05, atol=2e-4)
-    npt.assert_allclose(first.rotation(1, 1)[0], np.eye(3), atol=1e-12)
-    assert not first.rotation(0)[1].any()
+    found = multi_sensor.solve(np.stack([samples.field for samples in recordings.values()]), reference=1)
+    npt.assert_allclose(found.rotation(1)[0], np.eye(3), atol=1e-12)
+    assert not found.rotation(1)[1].any()
 
 
 @pytest.mark.nightly
@@ -225,11 +222,11 @@ def test_the_rotation_of_a_mirror_image_is_as_uncertain_as_of_its_original() -> 
     recordings, _, _ = body(12, n=500, same=True, noises=(0.5, 0.5, 0.5))
     fields = np.stack([samples.field for samples in recordings.values()])
     plain = multi_sensor.solve(fields)
-    fields[1] *= [1.0, 1.0, -1.0]
+    fields[2] *= [1.0, 1.0, -1.0]
     mirrored = multi_sensor.solve(fields)
-    turn, covariance = mirrored.rotation(2, 1)
+    turn, covariance = mirrored.rotation(2)
     assert np.linalg.det(turn) == pytest.approx(-1.0)
-    npt.assert_allclose(np.trace(covariance), np.trace(plain.rotation(2, 1)[1]), rtol=0.05)
+    npt.assert_allclose(np.trace(covariance), np.trace(plain.rotation(2)[1]), rtol=0.05)
 
 
 def test_another_unit_is_named() -> None:

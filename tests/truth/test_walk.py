@@ -15,7 +15,7 @@ from flinders import simulate
 from flinders.core.compensation import Compensator
 from flinders.diagnostics.random_walk import RandomWalk, _filtered, _smoothed, _Spans, random_walk_of, walk_through
 from flinders.errors import NeedsSamples, TooFewSamples
-from flinders.estimators.disturbance import driving_of
+from flinders.estimators.disturbance import fit_disturbances
 from flinders.fitting.result import Refused
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def test_what_motors_do_is_no_drift_once_modelled_and_a_drift_is_still_seen() ->
         assert samples.time is not None
         moved = samples.field + drift * np.outer((samples.time / samples.time[-1]) ** 2, [1.0, 0.0, 0.0])
         drifting = replace(samples, field=moved)
-        found = driving_of([drifting], ("current",))
+        found = fit_disturbances([drifting], ("current",))
         walk = walk_through(Compensator(found.calibration)(drifting), found.ellipsoid)
         assert walk.is_proven == (drift > 0.0)
         assert (walk.as_dict(level_deg=2.0)["valid_for_s"] or np.inf) == walk.valid_for_s(2.0)

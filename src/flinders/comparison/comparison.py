@@ -25,7 +25,7 @@ from flinders.core.calibration import Calibration
 from flinders.core.units import label
 from flinders.errors import AxesError, UnitError, UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
-from flinders.geometry.plane import to_equator
+from flinders.geometry.plane import IN_PLANE, to_equator
 from flinders.geometry.rotation import rotation_vectors
 from flinders.geometry.sphere import fibonacci
 from flinders.heading.error_propagation import HeadingError, level_bound_deg
@@ -43,9 +43,6 @@ CHANCE: Final = 0.01
 DIRECTIONS: Final = fibonacci(400).T
 """(3, 400) unit vectors, over which the direction difference is taken."""
 
-
-IN_PLANE: Final = (0, 1, 3, 4, 6)
-"""Where the middle and the shape of an ellipse in x and y stand among the nine; the rest follows from those."""
 
 SAME_DEG: Final = 1e-6
 """Rotations nearer than that are the same but for rounding."""

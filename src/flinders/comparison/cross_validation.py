@@ -26,11 +26,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from flinders.core.samples import Joined
+from flinders.core.samples import joined
 from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings
 from flinders.estimators.reference.attitude_independent import at_one_strength
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import equator, order_of
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import magnitude
@@ -194,8 +194,7 @@ def _blocks(samples: Samples, blocks: int) -> Iterator[tuple[Recording, slice]]:
     cuts = np.linspace(0, len(samples), blocks + 1).astype(int)
     for begin, end in pairwise(cuts):
         before, after = samples[:begin], samples[end:]
-        rest = tuple(part for part in (before, after) if len(part))
-        yield (rest[0] if len(rest) == 1 else Joined(rest)), slice(begin, end)
+        yield joined([part for part in (before, after) if len(part)]), slice(begin, end)
 
 
 def _required_change(equations: NormalEquations, curvature: Floats, ellipsoid: Ellipsoid) -> Floats:
@@ -217,4 +216,4 @@ def _jackknife(ellipsoids: list[Ellipsoid]) -> tuple[Ellipsoid, Floats]:
     middle = each.mean(axis=0)
     apart = each - middle
     scatter = (len(each) - 1) / len(each) * apart.T @ apart
-    return Ellipsoid(middle[:3], symmetric(middle[3:])), scatter
+    return Ellipsoid.of_parameters(middle), scatter

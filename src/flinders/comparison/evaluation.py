@@ -216,7 +216,7 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
     seen = fit.calibration.rotation_matrix @ _corrected(fit, true, true.rotation_matrix.T @ DIRECTIONS)
     rotation = RotationDifference.between(true, fit.calibration, rotation_covariance(fit))
     return Evaluation(
-        heading_error_deg=HeadingError(*_rms_and_worst(np.rad2deg(errors)), float(dip_deg)),
+        heading_error_deg=HeadingError(*DirectionError.of(np.rad2deg(errors)), float(dip_deg)),
         heading_mean_deg=math.degrees(mean),
         direction_error_deg=_angles_deg(seen),
         freed_direction_error_deg=_angles_deg(_corrected(fit, true, DIRECTIONS)),
@@ -293,7 +293,7 @@ def _of_the_body(fit: Fit, true: Calibration, dip_deg: float) -> dict[str, Any]:
     heading, directions = level_turn(dip_deg)
     errors, mean = heading_errors(turn @ _corrected(fit, true, true.rotation_matrix.T @ directions), heading)
     return {
-        "body_heading_error_deg": HeadingError(*_rms_and_worst(np.rad2deg(errors + mean)), float(dip_deg)),
+        "body_heading_error_deg": HeadingError(*DirectionError.of(np.rad2deg(errors + mean)), float(dip_deg)),
         "claimed_body_heading_deg": body_error(
             fit.ellipsoid, fit.claimed_covariance, turn, covariance, dip_deg=dip_deg
         ),
@@ -303,12 +303,7 @@ def _of_the_body(fit: Fit, true: Calibration, dip_deg: float) -> dict[str, Any]:
 def _angles_deg(seen: Floats) -> DirectionError:
     """Angles between (3, 400) vectors and `DIRECTIONS` in degrees: rms and largest."""
     across = np.linalg.norm(np.cross(seen, DIRECTIONS, axis=0), axis=0)
-    return _rms_and_worst(np.rad2deg(np.arctan2(across, np.sum(seen * DIRECTIONS, axis=0))))
-
-
-def _rms_and_worst(angles: Floats) -> DirectionError:
-    """Of (K,) angles."""
-    return DirectionError(float(np.sqrt(np.mean(angles**2))), float(np.abs(angles).max()))
+    return DirectionError.of(np.rad2deg(np.arctan2(across, np.sum(seen * DIRECTIONS, axis=0))))
 
 
 def _ratio(error: float, claimed: float) -> float | None:

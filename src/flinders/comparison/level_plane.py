@@ -33,12 +33,12 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.comparison.comparison import IN_PLANE, as_equator, compare_level
+from flinders.comparison.comparison import as_equator, compare_level
 from flinders.core.samples import singles
 from flinders.estimators.covariance import Residuals, time_of
 from flinders.estimators.known_dip import Heights
 from flinders.geometry.ellipsoid import symmetric
-from flinders.geometry.plane import equator, root, to_equator
+from flinders.geometry.plane import IN_PLANE, equator, root, to_equator
 from flinders.heading.error_propagation import upright
 
 if TYPE_CHECKING:
@@ -114,9 +114,9 @@ class _Turn:
         ellipse = equator(fresh.ellipsoid, "xy", dip_deg=dip_deg)
         noise = fresh.noise if math.isfinite(fresh.noise) else 0.0
         heights = _heights(recording, ellipse.centre[:2], noise)
-        numbers = np.concatenate([ellipse.parameters[list(IN_PLANE)], [heights.height], heights.slopes])
+        numbers = np.concatenate([ellipse.parameters[IN_PLANE], [heights.height], heights.slopes])
         covariance = np.zeros((8, 8))
-        rows = to_equator("xy", dip_deg=dip_deg)[list(IN_PLANE)]
+        rows = to_equator("xy", dip_deg=dip_deg)[IN_PLANE]
         covariance[:5, :5] = rows @ fresh.claimed_covariance @ rows.T
         covariance[5:, 5:] = heights.covariance
         return cls(known, numbers, covariance)

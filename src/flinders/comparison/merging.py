@@ -39,10 +39,10 @@ from flinders.core.units import Unit, label
 from flinders.deprecation import renamed_attribute
 from flinders.diagnostics.repeatability import RecordingFit, compared
 from flinders.errors import UsageError, counted, figures
-from flinders.findings import CATALOGUE, Record, by_severity
+from flinders.findings import Record, by_severity, found_in
 from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import contradiction, of_calibration
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.summary.pooling import chi_square_of, pool
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
     brought = [field.bring(part) for part in parts]
     _refuse_constrained(brought)
     together = pool([part.parameters for part in brought], [part.covariance for part in brought])
-    ellipsoid = Ellipsoid(together.mean[:3], symmetric(together.mean[3:]))
+    ellipsoid = Ellipsoid.of_parameters(together.mean)
     if not ellipsoid.semi_axes[0] > 0.0:
         raise UsageError("they have so little in common that no ellipsoid lies between them: they are of two sensors")
     ellipsoid, covariance = field.settle(ellipsoid, together.covariance + together.predicted)
@@ -368,7 +368,7 @@ def _calibration(parts: Sequence[Fit], ellipsoid: Ellipsoid, field: _Field) -> C
 
 
 def _judged(merged: Fit, repeats: Repeats, parts: Sequence[Fit]) -> tuple[Finding, ...]:
-    """Say what there is to know, gravest first."""
+    """Say what there is to know, the most severe first."""
     apart = list(contradiction(repeats, merged.target_deg, label(merged.calibration.unit)))
     is_said = any(finding.severity == "refuses" for finding in apart)
     accuracy = () if is_said else _accuracy(merged, repeats)
@@ -386,8 +386,7 @@ def _accuracy(merged: Fit, repeats: Repeats) -> Iterator[Finding]:
             "merge calibrations that were made in the state of use, of sensors turned through all directions"
         ),
     )
-    if finding := CATALOGUE["heading-error"].finding(record):
-        yield finding
+    yield from found_in(record, "heading-error")
 
 
 def _carried(repeats: Repeats, parts: Sequence[Fit]) -> Iterator[Finding]:

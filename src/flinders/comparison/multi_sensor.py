@@ -33,10 +33,10 @@ from flinders.core.samples import Samples, in_memory
 from flinders.core.time_alignment import Paired, affine_residuals, paired
 from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
 from flinders.estimators import Readings, within_range
-from flinders.estimators.auto import Auto
+from flinders.estimators.auto import found_alone
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
 from flinders.estimators.outliers import dense_in, left_out
-from flinders.findings import CATALOGUE, Finding, Record, by_severity
+from flinders.findings import CATALOGUE, Finding, Record, by_severity, found_in
 from flinders.fitting.aiding import Aiding
 from flinders.fitting.calibrate import fit, judged_as
 from flinders.fitting.result import Fit, Refused, fit_of
@@ -253,7 +253,7 @@ class _Body:
     ) -> Self:
         """Pair the readings, and see what each sensor finds by itself."""
         place = list(sources).index(reference)
-        starts = [_estimated(each.field) for each in samples.values()]
+        starts = [found_alone(each.field) for each in samples.values()]
         common = _paired(list(samples.values()), place)
         return cls(sources, place, mounting, starts, common, _copies(common.fields, starts, place), prior, options)
 
@@ -307,7 +307,7 @@ class _Body:
                 if run.sensor is not None:
                     left[run.sensor, run.first : run.last + 1] = np.nan
             for sensor in {run.sensor for run in runs if run.sensor is not None}:
-                begins[sensor] = _estimated(left[sensor])
+                begins[sensor] = found_alone(left[sensor])
             try:
                 several = solve(left, reference=self.own.index(self.reference), starts=begins, spread=self.prior)
             except FitError:
@@ -472,14 +472,6 @@ def _in_memory(source: Recording) -> Samples:
     return samples[order.tolist()] if len(order) < len(samples) or np.any(np.diff(order) < 0) else samples
 
 
-def _estimated(field: Floats) -> Estimate | None:
-    """What a sensor finds by itself, where that is an ellipsoid, of those readings that are there."""
-    try:
-        return Auto().estimate(Readings.of(field[np.isfinite(field).all(axis=1)]))
-    except FitError:
-        return None
-
-
 def _paired(samples: Sequence[Samples], reference: int) -> Paired:
     """Readings of all at common moments."""
     times = [each.time for each in samples if each.time is not None]
@@ -531,7 +523,7 @@ def _own_outliers(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[
     >>> q = rng.normal(size=(400, 3))
     >>> field = 50.0 * q / np.linalg.norm(q, axis=1, keepdims=True) + rng.normal(scale=0.5, size=q.shape)
     >>> field[100:150] *= 1.4
-    >>> outliers = _own_outliers(field[np.newaxis], [_estimated(field)])[0]
+    >>> outliers = _own_outliers(field[np.newaxis], [found_alone(field)])[0]
     >>> float(outliers[100:150].mean()), bool(outliers[:80].mean() < 0.1), bool(outliers[170:].mean() < 0.1)
     (1.0, True, True)
     """
@@ -616,8 +608,7 @@ def _findings(together: Together, place: int, target_deg: float) -> Iterator[Fin
     yield from _of_clock(member, reference)
     others = [other.scatter_deg for other in together.members if other is not member and not other.copy_of]
     numbers = {"scatter_deg": member.scatter_deg, "best_other_deg": min(others, default=math.inf)}
-    departs = CATALOGUE["sensor-deviates-throughout"].finding(Record({**numbers, "target_deg": target_deg}))
-    yield from () if departs is None else (departs,)
+    yield from found_in(Record({**numbers, "target_deg": target_deg}), "sensor-deviates-throughout")
     yield from _of_departures(together, place, target_deg)
 
 
@@ -721,7 +712,7 @@ def _share(runs: Sequence[Departure], together: Together) -> float:
 
 
 def _when(runs: Sequence[Departure]) -> str:
-    """The gravest few stretches, in the order of time.
+    """The three that cost most heading, in the order of time.
 
     >>> _when([Departure(0, False, 0, 9, 1.0, 2.0, 3.0, 6.0, 0.0)])
     '1.0–2.0 s'

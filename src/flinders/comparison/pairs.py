@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import GATHER, upper
-from flinders.heading.error_propagation import level_turn
+from flinders.geometry.ellipsoid import gathered, upper
+from flinders.heading.error_propagation import level_fields, level_turn
 from flinders.summary.pooling import chi_squares
 
 if TYPE_CHECKING:
@@ -135,12 +135,8 @@ class Pairs:
 
         Gradients are those of `flinders.heading.error_propagation.level_gradients`.
         """
-        heading, directions = level_turn(dip_deg)
-        level = math.cos(math.radians(dip_deg))
-        across = np.stack([np.sin(heading), np.cos(heading), np.zeros_like(heading)]) / level
-        vectors = np.linalg.solve(self.middle, np.broadcast_to(across, (len(self.moved), *across.shape)))
-        products = (vectors[:, :, np.newaxis] * directions).reshape(len(self.moved), 9, -1)
-        gradient = np.swapaxes(np.concatenate([vectors, products], axis=1), 1, 2) @ GATHER
+        across, directions = level_fields(dip_deg)
+        gradient = gathered(np.linalg.solve(self.middle, across), directions)
         gradient -= gradient.mean(axis=1, keepdims=True)
 
         def variance(part: slice) -> Floats:

@@ -408,7 +408,7 @@ class Calibration(Value):
             and abs(field - other.field_strength) <= tolerance * field
             and bool(np.abs(self.offset - other.offset).max() <= tolerance * field)
             and bool(np.abs(self.matrix - other.matrix).max() <= tolerance * gain)
-            and _drive_alike(self.disturbances, other.disturbances, tolerance * field)
+            and _disturbed_alike(self.disturbances, other.disturbances, tolerance * field)
             and _bend_alike(self, other, tolerance * field)
         )
 
@@ -505,7 +505,7 @@ class Calibration(Value):
                 Axes.of(raw.axes),
                 raw.sensor,
                 raw.frame,
-                _drivers(correction),
+                _disturbances(correction),
                 _linearization(correction),
             )
         except (ArrayError, UnitError, AxesError, UsageError) as error:
@@ -576,7 +576,7 @@ def _record(disturbance: Disturbance) -> DisturbanceRecord:
     )
 
 
-def _drivers(correction: Correction) -> tuple[Disturbance, ...]:
+def _disturbances(correction: Correction) -> tuple[Disturbance, ...]:
     """The disturbances that stand in a file."""
     return tuple(
         Disturbance(
@@ -592,7 +592,7 @@ def _linearization(correction: Correction) -> Linearization | None:
     return Linearization(*map(np.array, (terms.quadratic, terms.cubic, terms.limit))) if terms else None
 
 
-def _drive_alike(ours: tuple[Disturbance, ...], theirs: tuple[Disturbance, ...], tolerance: float) -> bool:
+def _disturbed_alike(ours: tuple[Disturbance, ...], theirs: tuple[Disturbance, ...], tolerance: float) -> bool:
     """Whether both follow the same, to within `tolerance` over what was recorded."""
     if [disturbance.name for disturbance in ours] != [disturbance.name for disturbance in theirs]:
         return False

@@ -71,7 +71,9 @@ WIDTH: Final = 110
 """Characters of text on a line, up to which a group of plain values stays on one line."""
 
 Triple: TypeAlias = tuple[float, float, float]
-Driving: TypeAlias = Annotated[str, Meta(pattern="^(current([1-9][0-9]?)?_A|throttle([1-9][0-9]?)?|temperature_C)$")]
+DisturbanceKey: TypeAlias = Annotated[
+    str, Meta(pattern="^(current([1-9][0-9]?)?_A|throttle([1-9][0-9]?)?|temperature_C)$")
+]
 Rotation: TypeAlias = Literal["symmetric", "estimated", "composed"]
 Positive: TypeAlias = Annotated[float, Meta(gt=0)]
 NotNegative: TypeAlias = Annotated[float, Meta(ge=0)]
@@ -110,7 +112,7 @@ class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     rotation: Rotation = "symmetric"
     #: name to DisturbanceRecord: what the offset follows: ``current_A``, ``throttle`` (0 to 1), ``temperature_C``; of
     #: motor 1 by itself ``current1_A``, ``throttle1``
-    disturbances: dict[Driving, DisturbanceRecord] | UnsetType = field(name="drivers", default=UNSET)
+    disturbances: dict[DisturbanceKey, DisturbanceRecord] | UnsetType = field(name="drivers", default=UNSET)
     linearization: LinearizationRecord | UnsetType = UNSET  #: where axes are linearized before the matrix
 
 

@@ -406,6 +406,11 @@ def frame_of(recording: Recording) -> str:
     return str(getattr(recording, "frame", "sensor"))
 
 
+def joined(recordings: Sequence[Recording]) -> Recording:
+    """Recordings of one sensor as one."""
+    return Joined(tuple(recordings)) if len(recordings) > 1 else recordings[0]
+
+
 def singles(recording: Recording) -> Iterator[Recording]:
     """The recordings that one is made of, each on its own, however they were joined."""
     if not isinstance(recording, Joined):

@@ -25,9 +25,8 @@ import numpy as np
 
 from flinders.arrays import floats, table
 from flinders.core.axes import Axes
-from flinders.core.calibration import Calibration
+from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.calibration_file import Recorded, SurveyRecord, read, write
-from flinders.core.units import Unit
 from flinders.errors import ArrayError, DocumentError, NoAccelerometer, UsageError
 
 if TYPE_CHECKING:
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, Fitted, Provenance
     from flinders.core.samples import Samples
+    from flinders.core.units import Unit
 
 
 class Angles(NamedTuple):
@@ -131,9 +131,6 @@ class SurveyCalibration:
 
 
 Pointing = Literal["x", "y", "z"]
-
-UNSTATED: Final = Unit.of()
-AS_RECORDED: Final = Axes()
 
 FORWARD_RIGHT_DOWN: Final[dict[Pointing, Axes]] = {"x": Axes(), "y": Axes.of("y,x,-z"), "z": Axes.of("z,x,y")}
 """Forward, right and down of an instrument, by the axis of its laser."""

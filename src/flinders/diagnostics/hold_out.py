@@ -18,7 +18,6 @@ import numpy as np
 
 from flinders.errors import FitError
 from flinders.estimators.aiding import parameters_of
-from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import dip, magnitude
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
@@ -100,8 +99,7 @@ def hold_out_misfit(samples: Samples, fits: list[Parameters], vertical: str | No
         return HoldOutMisfit(np.inf, np.inf)
     lengths, heights = [], []
     for parameters, (_, left_out) in zip(fits, folds(len(samples)), strict=True):
-        ellipsoid = Ellipsoid(parameters.offset, parameters.shape)
-        lengths.append(np.mean(magnitude.distances(samples.field[left_out], ellipsoid) ** 2))
+        lengths.append(np.mean(magnitude.distances(samples.field[left_out], parameters.ellipsoid) ** 2))
         heights.append(_heights(samples[left_out], parameters, vertical))
     return HoldOutMisfit(float(np.sqrt(np.mean(lengths))), float(np.sqrt(np.mean(heights))))
 

@@ -38,6 +38,7 @@ from flinders.estimators.mounting import (
 from flinders.findings import CATALOGUE, Finding, Record
 from flinders.geometry.rotation import lengths
 from flinders.heading.attitude import magnetic_heading_deg, tilt_error_deg
+from flinders.heading.deviation import design
 from flinders.heading.error_propagation import direction_error_deg, level_error
 from flinders.likelihood import attitude, dip, gyro
 from flinders.likelihood.gyro import SCALE_SIGMA
@@ -333,8 +334,8 @@ def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | No
     off = float(np.rad2deg(np.std(turned)))
     claimed = level_error(reference.ellipsoid, reference.covariance[:9, :9], dip_deg=dip_deg).rms
     limit = max(CIRCULAR_DEG, CIRCULAR_SIGMAS * claimed)
-    design = _harmonics(np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0]))
-    follows = design[:, 1:] @ np.linalg.lstsq(design, turned, rcond=None)[0][1:]
+    columns = design(np.rad2deg(np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0])))
+    follows = columns[:, 1:] @ np.linalg.lstsq(columns, turned, rcond=None)[0][1:]
     deviation = float(np.rad2deg(np.std(follows)))
     shaped = reference.corrected(field), field @ reference.parameters.rotation.T
     by_offset = min(float(np.rad2deg(np.std(_less_an_offset(matrices, seated)))) for seated in shaped)
@@ -447,12 +448,6 @@ def _from_the_middle(matrices: Floats, corrected: Floats) -> Floats:
     middle = np.sum(across)
     angles: Floats = np.angle(across * np.conj(middle / max(abs(middle), 1e-300)))
     return angles
-
-
-def _harmonics(heading: Floats) -> Floats:
-    """(N, 5) columns of a deviation: 1, sin ψ, cos ψ, sin 2ψ, cos 2ψ."""
-    columns = [np.ones_like(heading), np.sin(heading), np.cos(heading), np.sin(2 * heading), np.cos(2 * heading)]
-    return np.stack(columns, axis=1)
 
 
 def _less_an_offset(matrices: Floats, field: Floats) -> Floats:

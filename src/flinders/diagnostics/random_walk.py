@@ -43,10 +43,10 @@ from flinders.core.samples import singles
 from flinders.errors import NeedsSamples, TooFewSamples, figures
 from flinders.estimators.covariance import Residuals, time_of
 from flinders.estimators.in_plane import equator
-from flinders.estimators.robust import robust_sigma
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import PlaneEllipse, order_of
 from flinders.likelihood import magnitude
+from flinders.likelihood.robust import robust_sigma
 from flinders.summary.coverage import directions_of
 
 if TYPE_CHECKING:

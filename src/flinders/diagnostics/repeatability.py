@@ -4,6 +4,7 @@ Each is fitted on its own. As far as they scatter beyond what each claims, somet
 next: a battery that moved, another place, the cover put on. A joint fit smooths that over, and its
 residuals hardly show it.
 
+>>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> sphere, moved = (Ellipsoid(np.array([x, 0.0, 0.0]), 50.0 * np.eye(3)) for x in (0.0, 3.0))
 >>> claimed = np.diag([0.01] * 9)
 >>> days = RecordingFit("monday", 500, sphere, claimed), RecordingFit("tuesday", 500, moved, claimed)
@@ -20,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.heading.error_propagation import level_error
 from flinders.summary.pooling import chance_of, chi_square_of, each_from_the_others, pool
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
+    from flinders.geometry.ellipsoid import Ellipsoid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +43,7 @@ class RecordingFit:
     @property
     def parameters(self) -> Floats:
         """(9,) offset and shape."""
-        return np.concatenate([self.ellipsoid.centre, upper(self.ellipsoid.shape)])
+        return self.ellipsoid.parameters
 
 
 @dataclass(frozen=True, slots=True)

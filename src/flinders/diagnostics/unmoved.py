@@ -32,6 +32,7 @@ import numpy as np
 
 from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.errors import Unmoved
+from flinders.geometry.ellipsoid import sphere_through
 from flinders.summary.summary import FLATTEST, Summary
 
 if TYPE_CHECKING:
@@ -178,11 +179,8 @@ def _radius_seen(apart: Floats) -> float:
 
 def _radius(apart: Floats, thickness: float) -> float:
     """Radius of the sphere through (K, k) places, unless they lie as close to a plane, but for their thickness."""
-    scale = float(np.abs(apart).max())
-    rows = np.column_stack([2.0 * apart / scale, np.ones(len(apart))])
-    *centre, rest = np.linalg.lstsq(rows, np.einsum("ij,ij->i", apart, apart) / scale**2, rcond=None)[0]
-    radius = scale * math.sqrt(max(rest + float(np.dot(centre, centre)), 0.0))
-    noise = float(np.std(np.linalg.norm(apart - scale * np.array(centre), axis=1)))
+    centre, radius = sphere_through(apart)
+    noise = float(np.std(np.linalg.norm(apart - centre, axis=1)))
     return radius if noise < min(SPHERICAL * radius, CURVED * thickness) else np.inf
 
 

@@ -32,7 +32,8 @@ from flinders.estimators.covariance import Residuals, time_of
 from flinders.estimators.joint_covariance import MOST
 from flinders.geometry.ellipsoid import symmetric
 from flinders.geometry.rotation import across, lengths
-from flinders.likelihood.dip import MAD, AccelerometerPrior, by_symmetric, huber
+from flinders.likelihood.dip import AccelerometerPrior, by_symmetric
+from flinders.likelihood.robust import huber, robust_sigma
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -57,7 +58,7 @@ def known_before(acceleration: Floats, prior: AccelerometerPrior) -> Acceleromet
     for _ in range(STEPS):
         corrected = (errors[:3] - force) @ (np.eye(3) + symmetric(errors[3:]))
         residuals = 1.0 - lengths(corrected)
-        sigma = max(MAD * float(np.median(np.abs(residuals))), FINEST_LENGTH)
+        sigma = max(robust_sigma(residuals), FINEST_LENGTH)
         weights = huber(residuals / sigma) / (sigma**2 * _in_a_row(residuals))
         along = corrected / np.maximum(1.0 - residuals, 1e-300)[:, np.newaxis]
         jacobian = _gradients(along, along)
@@ -73,7 +74,7 @@ def scatter_at_rest(acceleration: Floats) -> float:
     errors = known_before(acceleration, AccelerometerPrior.of()).mean
     force = acceleration[np.isfinite(acceleration).all(axis=1)]
     corrected = lengths((errors[:3] - force / np.median(lengths(force))) @ (np.eye(3) + symmetric(errors[3:])))
-    return MAD * float(np.median(np.abs(corrected - np.median(corrected))))
+    return robust_sigma(corrected - np.median(corrected))
 
 
 def _gradients(first: Floats, second: Floats) -> Floats:

@@ -2,7 +2,7 @@
 
 Minimises the sum of the squares of all residuals, each in its own standard deviation, over
 
-    θ = (b, S, R, disturbances, slope, gyro bias, scales and delay, accelerometer bias and gains, sin I or m)
+    θ = (b, S, R, gyro bias, scales and delay, accelerometer bias and gains, sin I or m)
 
 and a direction of the field for each group of readings that shares one, see `flinders.likelihood.observations`.
 Levenberg–Marquardt on the normal equations of all groups, their directions eliminated; the noise of readings and of
@@ -33,9 +33,8 @@ import numpy as np
 
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators.accelerometer import known_before
-from flinders.estimators.auto import Auto
+from flinders.estimators.auto import found_alone
 from flinders.estimators.base import Estimate
-from flinders.estimators.data import Readings
 from flinders.estimators.joint_covariance import (
     random_walk_of,
     scatter_of,
@@ -45,7 +44,6 @@ from flinders.estimators.joint_covariance import (
 )
 from flinders.estimators.joint_outliers import leaving_out, without_outliers
 from flinders.estimators.likelihood import spheres_about
-from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import gyro, prior
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, AccelerometerPrior
 from flinders.likelihood.gyro import SCALE_SIGMA
@@ -60,7 +58,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.likelihood.disturbance import Disturbances
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.likelihood.joint import JointIterate
     from flinders.likelihood.parameters import ParameterLayout, Parameters
     from flinders.likelihood.prior import KnownShape
@@ -121,7 +119,6 @@ class Aided:
     # factor by which stretches of the recording scatter more than their residuals explain, in variance
     excess_variance: float = 1.0
     site_off: float | None = None  # standard deviations between the dip found and that of the site
-    disturbances: tuple[str, ...] = ()  # names of the disturbances
     # what the gyro's scales came out at, the farthest, where that is beyond `FAR_SCALES`: they were held instead. 0
     # where they are as gyros are.
     scales_off: float = 0.0
@@ -129,7 +126,7 @@ class Aided:
     @property
     def ellipsoid(self) -> Ellipsoid:
         """In the magnetometer's own axes."""
-        return Ellipsoid(self.parameters.offset, self.parameters.shape)
+        return self.parameters.ellipsoid
 
     @property
     def matrix(self) -> Floats:
@@ -155,7 +152,7 @@ class Aided:
         return part
 
     def corrected(self, field: Floats) -> Floats:
-        """(N, 3) unit-length field in body axes of (N, 3) readings, without drivers."""
+        """(N, 3) unit-length field in body axes of (N, 3) readings."""
         turned: Floats = (field - self.parameters.offset) @ self.matrix.T
         return turned
 
@@ -177,12 +174,10 @@ def solve(
     terms: Sequence[str] = ("rate", "dip"),
     *,
     site: Site | None = None,
-    disturbances: Disturbances | None = None,
     start: Ellipsoid | None = None,
     rotation: Floats | None = None,
     spread: float = prior.SPREAD,
     window_s: float = gyro.WINDOW_S,
-    delay: bool = True,
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
     acceleration_gain: float = GAIN_SIGMA,
@@ -204,8 +199,6 @@ def solve(
         Of `AIDS`; none of them leaves the magnitude alone.
     site : Site, optional
         What is known of the field there.
-    disturbances : Disturbances, optional
-        Currents, throttle or temperature, a column each.
     start : Ellipsoid, optional
         Where to begin; by default what `Auto` finds, or a sphere about the readings.
     rotation : (3, 3) float, optional
@@ -214,8 +207,6 @@ def solve(
         Of the prior on the shape, see `flinders.likelihood.prior`.
     window_s : float
         Length of the windows of the rate, in s.
-    delay : bool
-        Whether to find by how much the magnetometer is behind the gyro.
     gyro_scale : float
         What the scales of the gyro may be off by, 1 σ, and its axes from square and from those of an accelerometer, in
         rad: they are found with the rest.
@@ -227,7 +218,7 @@ def solve(
     acceleration_gain : float
         What its gains may be off by, 1 σ, and its axes from square, in rad: found with the rest as well.
     near : Aided, optional
-        Another fit to the same readings, with the same disturbances: tried before any other start.
+        Another fit to the same readings: tried before any other start.
     shape : KnownShape, optional
         Of an earlier calibration of this sensor, instead of `spread`.
     is_rough : bool
@@ -236,9 +227,7 @@ def solve(
     refuse_without(samples, terms)
     samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
     accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
-    put = _Prepared(
-        samples, tuple(terms), site, disturbances, rotation, spread, window_s, delay, accelerometer, shape, is_rough
-    )  # fmt: skip
+    put = _Prepared(samples, tuple(terms), site, rotation, spread, window_s, accelerometer, shape, is_rough)
     aided = _solved(put, gyro_scale, start, near).finished()
     off = float(np.abs(aided.parameters.gyro_scale).max())
     if gyro_scale > 0.0 and off > FAR_SCALES * gyro_scale:
@@ -258,10 +247,8 @@ def parameters_of(
 ) -> Parameters:
     """What `solve` finds in part of the readings of another fit, without what it claims, which takes as long again."""
     samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
-    put = _Prepared(
-        samples, tuple(terms), None, None, rotation, prior.SPREAD, gyro.WINDOW_S,
-        delay=True, accelerometer=_accelerometer(samples, terms, acceleration_bias, acceleration_gain),
-    )  # fmt: skip
+    accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
+    put = _Prepared(samples, tuple(terms), None, rotation, prior.SPREAD, gyro.WINDOW_S, accelerometer)
     solved_for = _solved(put, gyro_scale, None, near)
     return bias_corrected(solved_for.problem.freed(), solved_for.iterate)[0].at
 
@@ -272,11 +259,9 @@ class _Prepared(NamedTuple):
     samples: Samples
     terms: tuple[str, ...]
     site: Site | None
-    disturbances: Disturbances | None
     rotation: Floats | None
     spread: float
     window_s: float
-    delay: bool
     accelerometer: AccelerometerPrior | None
     shape: KnownShape | None = None
     is_rough: bool = False
@@ -284,9 +269,8 @@ class _Prepared(NamedTuple):
     def problem(self, gyro_scale: float) -> JointProblem:
         """Put the readings in groups."""
         return JointProblem.of(
-            self.samples, self.terms, self.site, self.disturbances, self.rotation, self.spread, self.window_s,
-            delay=self.delay, gyro_scale=gyro_scale, accelerometer=self.accelerometer, shape=self.shape,
-            is_rough=self.is_rough,
+            self.samples, self.terms, self.site, self.rotation, self.spread, self.window_s,
+            gyro_scale=gyro_scale, accelerometer=self.accelerometer, shape=self.shape, is_rough=self.is_rough,
         )  # fmt: skip
 
 
@@ -321,7 +305,7 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
     problem = put.problem(gyro_scale)
     _refuse_nothing(problem, put.samples)
     search_steps, steps = (SEARCH_STEPS, APPROACH_STEPS) if problem.is_long else (STEPS, STEPS)
-    alone = _alone(put.samples) if start is None else None
+    alone = found_alone(put.samples.field) if start is None else None
     starts = [start] if start is not None else _starts(put.samples, put.site, alone)
     some = _searched(_to_search(problem, alone).thinned(SEARCHED), _begins(problem, starts, near), search_steps)
     best = without_outliers(problem, initial(problem, some.at), steps)
@@ -350,14 +334,6 @@ def _searched(problem: JointProblem, begins: Iterable[Parameters], steps: int) -
     if best is None:
         raise NotAnEllipsoid((float("nan"),) * 3, "aided")
     return best
-
-
-def _alone(samples: Samples) -> Estimate | None:
-    """What `Auto` finds by the magnetometer alone; None where that is no ellipsoid."""
-    try:
-        return Auto().estimate(Readings.of(samples.field))
-    except FitError:
-        return None
 
 
 def _to_search(problem: JointProblem, alone: Estimate | None) -> JointProblem:
@@ -468,7 +444,6 @@ def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
         seen,
         scatter.excess_variance,
         _site_off(problem, iterate, covariance),
-        () if problem.disturbances is None else problem.disturbances.names,
     )
 
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.errors import NeedsSamples
+from flinders.errors import FitError, NeedsSamples
 from flinders.estimators.base import Method, check_prior
+from flinders.estimators.data import Readings
 from flinders.estimators.level import Level, is_level
 from flinders.estimators.likelihood import ENOUGH, Likelihood, estimated, recorded
 from flinders.estimators.robust import Robust
@@ -19,7 +20,6 @@ from flinders.summary.summary import NEARLY_FLAT_NOISE
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.base import Estimate
-    from flinders.estimators.data import Readings
     from flinders.native.engine import Records
 
 TRIMS, TRIMMED = 3, 0.03
@@ -130,6 +130,14 @@ class Auto:
         from flinders.estimators.consistent import Consistent
 
         return Consistent().estimate(readings)
+
+
+def found_alone(field: Floats) -> Estimate | None:
+    """What (N, 3) readings of one sensor give by themselves, those that are there; None where that is no ellipsoid."""
+    try:
+        return Auto().estimate(Readings.of(field[np.isfinite(field).all(axis=1)]))
+    except FitError:
+        return None
 
 
 def _can_be_level(readings: Readings) -> bool:

@@ -19,6 +19,8 @@ from flinders.errors import UsageError
 from flinders.likelihood.prior import SPREAD
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from flinders.arrays import Floats
     from flinders.estimators.data import Readings
     from flinders.estimators.outliers import Outlier
@@ -79,6 +81,14 @@ class Estimate:
     # False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
     # that dip was used and neither an accelerometer nor anybody says which way z points
     z_down: bool | None = True
+
+    def variance_inflation(self, parameters: Iterable[int] = range(9)) -> float:
+        """Mean ratio of variances to those that would hold for independent residuals; 1 where these are not known."""
+        if self.textbook is None:
+            return 1.0
+        claimed, independent = self.covariance.diagonal().tolist(), self.textbook.diagonal().tolist()
+        ratios = [claimed[place] / independent[place] for place in parameters if independent[place] > 0.0]
+        return sum(ratios) / len(ratios) if ratios else 1.0
 
 
 def check_prior(spread: object) -> None:

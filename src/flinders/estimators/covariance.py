@@ -110,6 +110,18 @@ def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float,
     return covariance
 
 
+def beyond_chance(difference: Floats, covariance: Floats) -> Floats:
+    """(P,) what of a difference d of two estimates its covariance C does not explain.
+
+    Where only chance is at work χ² = dᵀC⁻¹d is P on average; √max(0, 1 − P/χ²) of d is left, as James and Stein shrink
+    a mean.
+    """
+    chi_square = float(difference @ np.linalg.pinv(covariance, rcond=1e-12, hermitian=True) @ difference)
+    share = max(0.0, 1.0 - len(difference) / chi_square) if chi_square > 0.0 else 0.0
+    beyond: Floats = difference * np.sqrt(share)
+    return beyond
+
+
 LONGEST_LAG: Final = 1000
 """Readings: twenty seconds at 50 Hz, longer than a turn by hand takes."""
 

@@ -255,10 +255,6 @@ class Readings:
         """The recordings one by one: the parts, or this."""
         return self.parts or (self,)
 
-    def only(self, field: Floats) -> Self:
-        """Some of the readings, in memory, with the sums of all."""
-        return replace(self, recording=Samples(field), parts=())
-
     def near(self, ellipsoid: Ellipsoid, limit: float) -> Self:
         """Those readings that are close to a surface, with the sums of all."""
         return self if np.isinf(limit) else self.through(lambda recording: Inliers(recording, ellipsoid, limit))

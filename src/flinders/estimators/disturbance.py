@@ -10,19 +10,19 @@ the lag of motors, s being the Sampson distance. `flinders.estimators.regressors
 keeps those that readings prove, and `flinders.estimators.regressor_quality` says whether a column is fit to be used.
 
 Use it where a current, a throttle or a temperature was recorded beside the readings and changed while the sensor was
-turned. Not where the disturbance only changed in step with the attitude (see `DisturbanceQuality.shared`), nor for a
+turned. Not where the disturbance only changed in step with the attitude (see `DisturbanceEstimate.shared`), nor for a
 sensor that was not turned: for that there is `flinders.estimators.static_bench`.
 
 The ellipsoid itself is then fitted to the settled readings by whatever method is asked for. What is not known of P is
-carried over to b and S by `Driving.carried`, so that their covariance is that of the joint fit:
+carried over to b and S by `DisturbanceFit.carried`, so that their covariance is that of the joint fit:
 
     C = C | P + G C_P Gᵀ,        G = −(JᵀJ)⁻¹ JᵀJ_P
 
 >>> from flinders import simulate
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
->>> driving_model = driving_of([simulate.tumble(seed=1, disturbances=[motors]).samples], ("current",))
->>> error = driving_model.disturbances[0].per_unit - [0.5, 0.0, -0.3]
->>> bool(np.all(np.abs(error) < 3.0 * np.sqrt(np.diag(driving_model.covariance))))
+>>> found = fit_disturbances([simulate.tumble(seed=1, disturbances=[motors]).samples], ("current",))
+>>> error = found.disturbances[0].per_unit - [0.5, 0.0, -0.3]
+>>> bool(np.all(np.abs(error) < 3.0 * np.sqrt(np.diag(found.covariance))))
 True
 """
 
@@ -48,13 +48,14 @@ from flinders.estimators.regressor_quality import (
     noise_of,
     pooled,
     rounding,
+    shared,
     widened,
 )
-from flinders.estimators.regressors import Logged
+from flinders.estimators.regressors import DisturbanceEstimate, Logged
 from flinders.estimators.static_bench import still
 from flinders.estimators.time_delay import lagging, lags_of, proven_lags, residuals_of
 from flinders.heading.error_propagation import HeadingError, level_error
-from flinders.likelihood import disturbance, prior
+from flinders.likelihood import prior
 from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:
@@ -77,27 +78,9 @@ MOST_LEVERAGE: Final = 0.99
 """More would say anything of what the reading is off."""
 
 
-@dataclass(frozen=True, slots=True)
-class DisturbanceQuality:
-    """What is known of one disturbance beside its numbers."""
-
-    name: str
-    #: share of what readings tell about it, in the worst direction, that offset and shape could explain as well
-    shared: float
-    monotonicity: float  #: share of its course that a monotone function of time explains
-    attenuation: float  #: by which share P is too small, as its meter is noisy
-    #: standard deviation of the lag, s, of none where it is not proven; NaN where none was looked for
-    lag_sigma_s: float
-    chi_square: float  #: what it takes off the sum of squares, in the noise variance that is left
-    is_beyond: bool = False  #: the end of the search for a lag is best
-    #: how far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance
-    curvature: float = 0.0
-    collinearity: float = 0.0  #: share of its course that the other disturbances explain
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Driving:
-    """Drivers with their uncertainty, and what that does to an ellipsoid."""
+class DisturbanceFit:
+    """Disturbances with their uncertainty, and what that does to an ellipsoid."""
 
     disturbances: tuple[Disturbance, ...]
     #: (K, K): of (P₁, P₂, …, a): three rows for each disturbance, and one for the growth of the scale with temperature
@@ -106,7 +89,8 @@ class Driving:
     ellipsoid: Ellipsoid  #: the one found along with them
     noise: float  #: standard deviation of the distances that are left, in the unit of the readings
     noise_without: float  #: the same of the best ellipsoid that follows nothing, over the same readings
-    qualities: tuple[DisturbanceQuality, ...]  #: one for each disturbance
+    #: one for each disturbance, without what it does to headings
+    estimates: tuple[DisturbanceEstimate, ...]
     constant: tuple[str, ...] = ()  #: disturbances that hardly changed, of which nothing was found
     #: (D, D): what a unit of one disturbance goes with of another motor's, in its unit, row by row; ones on the
     #: diagonal
@@ -147,9 +131,9 @@ class Driving:
         return level_error(ellipsoid, self.at_end(np.zeros((9, 9)), place), dip_deg=dip_deg, down=down)
 
 
-def driving_of(
+def fit_disturbances(
     recordings: Sequence[Recording], names: Sequence[str], *, spread: float | None = prior.SPREAD
-) -> Driving:
+) -> DisturbanceFit:
     """Find what drives the offset.
 
     Raises `UsageError` for a name that is not known; `InputError` where a recording lacks the column; `TooFewSamples`
@@ -171,7 +155,7 @@ def driving_of(
     without = settle(DisturbanceProblem(logged, (), prior_spread, {}))
     if not moving:
         nothing = np.zeros((0, 0)), np.zeros((9, 0))
-        return Driving((), *nothing, without.at.ellipsoid, without.noise, without.noise, (), constant)
+        return DisturbanceFit((), *nothing, without.at.ellipsoid, without.noise, without.noise, (), constant)
     lags, near = lags_of(logged, moving, prior_spread)
     problem = DisturbanceProblem(logged, moving, prior_spread, proven_lags(lags))
     return _identified(problem, settle(problem, near), lags, without, constant)
@@ -179,7 +163,7 @@ def driving_of(
 
 def _identified(
     problem: DisturbanceProblem, solved: Solved, lags: dict[str, Lag], without: Solved, constant: tuple[str, ...]
-) -> Driving:
+) -> DisturbanceFit:
     """Put together what was found, with the covariance that the residuals allow."""
     residuals = residuals_of(solved)
     believed = problem.prior_matrix(solved.at)
@@ -188,14 +172,15 @@ def _identified(
     scatter = residuals.scatter(residuals.autocovariance()) / solved.noise**4
     covariance = _metered(problem, solved, inverse @ (scatter + believed) @ inverse, inverse)
     plain = NormalEquations(matrix[:9, :9], np.zeros(9), 0.0, 0).inverse()
-    return Driving(
-        _drivers(problem, solved),
+    disturbances = _disturbances(problem, solved)
+    return DisturbanceFit(
+        disturbances,
         covariance[9:, 9:],
         -plain @ matrix[:9, 9:],
         solved.at.ellipsoid,
         solved.noise,
         _noise_on(without, solved.used),
-        tuple(_quality(problem, solved, inverse, name, lags.get(name)) for name in problem.names),
+        tuple(_estimate(problem, solved, inverse, each, lags.get(each.name)) for each in disturbances),
         constant,
         _along(problem),
         _leaning(solved, matrix),
@@ -266,7 +251,7 @@ def _along(problem: DisturbanceProblem) -> Floats:
     return np.where(np.array(is_related) | np.eye(len(family), dtype=bool), slopes, 0.0)
 
 
-def _drivers(problem: DisturbanceProblem, solved: Solved) -> tuple[Disturbance, ...]:
+def _disturbances(problem: DisturbanceProblem, solved: Solved) -> tuple[Disturbance, ...]:
     """The disturbances that a solution stands for."""
     return tuple(
         Disturbance(
@@ -281,25 +266,25 @@ def _drivers(problem: DisturbanceProblem, solved: Solved) -> tuple[Disturbance, 
     )
 
 
-def _quality(
-    problem: DisturbanceProblem, solved: Solved, inverse: Floats, name: str, lag: Lag | None
-) -> DisturbanceQuality:
-    """What there is to say of one driver."""
-    place, used = problem.names.index(name), solved.used
+def _estimate(
+    problem: DisturbanceProblem, solved: Solved, inverse: Floats, found: Disturbance, lag: Lag | None
+) -> DisturbanceEstimate:
+    """What is known of one disturbance."""
+    place, used = problem.names.index(found.name), solved.used
     rows = slice(9 + 3 * place, 12 + 3 * place)
     values = problem.departures[used, place]
     normals = solved.jacobian[used, :3]
     coefficients = normals * (values - values.mean())[:, np.newaxis]
-    per_unit = solved.at.disturbances[place]
-    return DisturbanceQuality(
-        name,
-        shared=disturbance.shared(solved.jacobian[used, :9], coefficients),
+    return DisturbanceEstimate(
+        found.name,
+        found,
+        shared=shared(solved.jacobian[used, :9], coefficients),
         monotonicity=monotonicity(values),
-        attenuation=attenuation(values, solved.distances[used], normals @ per_unit),
+        attenuation=attenuation(values, solved.distances[used], normals @ found.per_unit),
         lag_sigma_s=np.nan if lag is None else lag.used_sigma_s,
-        chi_square=float(per_unit @ np.linalg.solve(inverse[rows, rows], per_unit)),
-        is_beyond=lag is not None and lag.is_beyond,
-        curvature=curvature(values, residuals_of(solved), normals, per_unit),
+        chi_square=float(found.per_unit @ np.linalg.solve(inverse[rows, rows], found.per_unit)),
+        lag_is_beyond=lag is not None and lag.is_beyond,
+        curvature=curvature(values, residuals_of(solved), normals, found.per_unit),
         collinearity=collinearity(values, np.delete(problem.departures[used], place, axis=1)),
     )
 
@@ -309,12 +294,14 @@ def _noise_on(solved: Solved, used: NDArray[np.bool_]) -> float:
     return float(np.sqrt(np.mean(solved.distances[used] ** 2)))
 
 
-def with_disturbances(source: object, names: Sequence[str], *, spread: float | None) -> tuple[Driving, Recording]:
+def with_disturbances(
+    source: object, names: Sequence[str], *, spread: float | None
+) -> tuple[DisturbanceFit, Recording]:
     """Find what drives a recording, and settle it: what is left is fitted like any other.
 
     Raises `UsageError` for what is no recording, or a disturbance that is not known; `NotTurned` where the sensor was
     still: `still` finds its disturbances, and nothing finds an ellipsoid; `InputError` or `TooFewSamples` as
-    `driving_of`.
+    `fit_disturbances`.
     """
     if not hasattr(source, "blocks"):
         raise UsageError(f"to follow {' and '.join(names)} needs a recording with that column: give Samples")
@@ -323,5 +310,5 @@ def with_disturbances(source: object, names: Sequence[str], *, spread: float | N
     unturned = still(parts, names)
     if unturned is not None:
         raise NotTurned(unturned.noise, " and ".join(names))
-    driving = driving_of(parts, names, spread=spread)
-    return driving, compensated(recording, driving.calibration)
+    found = fit_disturbances(parts, names, spread=spread)
+    return found, compensated(recording, found.calibration)

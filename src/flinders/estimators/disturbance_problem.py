@@ -4,11 +4,17 @@ Minimises
 
     Σ ρ(s(x − Σ P (c(t − lag) − reference)) / σ) + prior
 
-over (b, S, P, a) with the columns of `flinders.likelihood.disturbance`. The Sampson distance s has the direction of
-each reading eliminated already. Readings that lie far off count less at first, ρ(s) = k² log(1 + s²/k²), and not at
-all in the end, where ρ(s) = s². Lags are given: `flinders.estimators.time_delay` looks for them.
+over (b, S, P, a), c the disturbances and τ the departure of the temperature, with which the scale may grow. The Sampson
+distance s has the direction of each reading eliminated already; with the Jacobian J = [n, n_i u_j] of
+`flinders.likelihood.magnitude` its change is linear in P, so that from a fair start a few steps are enough:
 
-Source: P. W. Holland, R. E. Welsch, Comm. Statist. A 6 (1977) 813–827, for Cauchy weights and their k.
+    ∂s/∂P = −n c,        ∂s/∂a = −τ n·S u
+
+Readings that lie far off count less at first, ρ(s) = k² log(1 + s²/k²), and not at all in the end, where ρ(s) = s².
+Lags are given: `flinders.estimators.time_delay` looks for them.
+
+Source: the model is that of ArduPilot's CompassMot, estimated with the magnitude as the only witness; P. W. Holland,
+R. E. Welsch, Comm. Statist. A 6 (1977) 813–827, for Cauchy weights and their k.
 
 >>> from flinders import simulate
 >>> from flinders.estimators.regressors import Logged
@@ -26,11 +32,12 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self, TypeAlias
 
 import numpy as np
 
-from flinders.estimators.robust import robust_sigma
-from flinders.likelihood import disturbance, magnitude, prior
+from flinders.geometry.ellipsoid import sphere_through, symmetric, upper
+from flinders.likelihood import magnitude, prior
 from flinders.likelihood.equations import NormalEquations
 from flinders.likelihood.observations import Linearised
-from flinders.likelihood.parameters import ParameterLayout, Parameters
+from flinders.likelihood.parameters import ParameterLayout, Surface
+from flinders.likelihood.robust import robust_sigma
 from flinders.likelihood.solver import Iterate, levenberg_marquardt
 from flinders.summary.coverage import directions_of
 
@@ -70,6 +77,24 @@ GROWTH: Final = 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class DisturbedSurface(Surface):
+    """Offset and shape at the references of the disturbances, and what these change."""
+
+    disturbances: Floats  # (K, 3) P: offset for each unit of each disturbance
+    slope: float = 0.0  # a, 1/°C: of the scale
+
+    def moved(self, step: Floats, layout: ParameterLayout) -> Self:
+        """Take a step."""
+        shifts, growth = step[layout.columns["disturbances"]], step[layout.columns["slope"]]
+        return type(self)(
+            self.offset + step[:3],
+            self.shape + symmetric(step[3:9]),
+            self.disturbances + shifts.reshape(-1, 3),
+            self.slope + float(growth.sum()),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class CompensatedReadings:
     """Observations of the magnitude alone, of readings less what disturbances add."""
 
@@ -87,9 +112,11 @@ class CompensatedReadings:
     @property
     def layout(self) -> ParameterLayout:
         """Offset, shape, P and a."""
-        return ParameterLayout.of(disturbances=self.departures.shape[1], slope=self.warmth is not None)
+        end = 9 + 3 * self.departures.shape[1]
+        size = end + (self.warmth is not None)
+        return ParameterLayout({"disturbances": slice(9, end), "slope": slice(end, size)}, size)
 
-    def compensated(self, at: Parameters) -> Floats:
+    def compensated(self, at: DisturbedSurface) -> Floats:
         """(N, 3) readings at the references of the disturbances."""
         settled = self.field - self.departures @ at.disturbances
         if self.warmth is None:
@@ -97,27 +124,30 @@ class CompensatedReadings:
         grown: Floats = np.maximum(1.0 + at.slope * self.warmth, 0.1)[:, np.newaxis]
         return at.offset + (settled - at.offset) / grown
 
-    def distances(self, at: Parameters) -> Floats:
+    def distances(self, at: DisturbedSurface) -> Floats:
         """(N,) Sampson distances."""
         return magnitude.distances(self.compensated(at), at.ellipsoid)
 
-    def jacobian(self, at: Parameters) -> Floats:
+    def jacobian(self, at: DisturbedSurface) -> Floats:
         """(N, P) by how much each parameter moves the surface there."""
         directions = directions_of(self.compensated(at), at.ellipsoid)
-        columns = disturbance.columns(directions, at.ellipsoid, self.departures, self.warmth)
-        return np.column_stack([magnitude.information(directions, at.ellipsoid), columns])
+        jacobian = magnitude.information(directions, at.ellipsoid)
+        columns = [jacobian, *(jacobian[:, :3] * values[:, np.newaxis] for values in self.departures.T)]
+        if self.warmth is not None:
+            columns.append(self.warmth * (jacobian[:, 3:] @ upper(at.shape)))
+        return np.column_stack(columns)
 
-    def scale(self, at: Parameters) -> float:
+    def scale(self, at: DisturbedSurface) -> float:
         """Robust standard deviation of the distances that count."""
         distances = self.distances(at)
         counted = distances if self.inliers is None else distances[self.inliers]
         return max(robust_sigma(counted), FINEST * at.ellipsoid.radius)
 
-    def at(self, _: Parameters) -> Self:
+    def at(self, _: DisturbedSurface) -> Self:
         """Nothing of it is calculated before."""
         return self
 
-    def linearised(self, at: Parameters, _: Floats, __: ParameterLayout, scale: float) -> Linearised:
+    def linearised(self, at: DisturbedSurface, _: Floats, __: ParameterLayout, scale: float) -> Linearised:
         """Normal equations, of iteratively reweighted least squares; it has no directions of its own."""
         scaled = self.distances(at) / scale
         weights = 1.0 / (1.0 + (scaled / CAUCHY) ** 2) if self.inliers is None else self.inliers.astype(float)
@@ -125,7 +155,7 @@ class CompensatedReadings:
         weighted = rows * weights[:, np.newaxis]
         return Linearised.without_directions(weighted.T @ rows, weighted.T @ scaled, self._loss(scaled))
 
-    def cost(self, at: Parameters, _: Floats, scale: float) -> float:
+    def cost(self, at: DisturbedSurface, _: Floats, scale: float) -> float:
         """Σ ρ of the distances in their scale."""
         return self._loss(self.distances(at) / scale)
 
@@ -136,7 +166,7 @@ class CompensatedReadings:
         return float(scaled[self.inliers] @ scaled[self.inliers])
 
 
-CompensatedIterate: TypeAlias = Iterate[Parameters, CompensatedReadings, float]
+CompensatedIterate: TypeAlias = Iterate[DisturbedSurface, CompensatedReadings, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,7 +183,7 @@ class _Fit:
         """Of the readings."""
         return self.readings.layout
 
-    def prior_equations(self, at: Parameters) -> NormalEquations:
+    def prior_equations(self, at: DisturbedSurface) -> NormalEquations:
         """What is thought before: of the shape, and that P and a are small over what was recorded."""
         matrix, gradient = np.zeros((self.layout.size, self.layout.size)), np.zeros(self.layout.size)
         shape = prior.equations(at.ellipsoid, spread=self.spread)
@@ -170,7 +200,7 @@ class _Fit:
         """Weighed by the robust scale of the distances."""
         return replace(iterate, weights=self.readings.scale(iterate.at))
 
-    def solved(self, at: Parameters) -> Parameters:
+    def solved(self, at: DisturbedSurface) -> DisturbedSurface:
         """Where the solver leads from some parameters."""
         start = Iterate(at, (self.readings,), (np.empty((0, 3)),), self.readings.scale(at))
         return levenberg_marquardt(self, start).at
@@ -197,7 +227,7 @@ class DisturbanceProblem:
         warmth = departures[:, self.names.index("temperature")] if "temperature" in self.names else None
         return CompensatedReadings(self.logged.field, departures, warmth)
 
-    def prior_matrix(self, at: Parameters) -> Floats:
+    def prior_matrix(self, at: DisturbedSurface) -> Floats:
         """(P, P) precision of what is thought before."""
         return _Fit(self.readings, self.spread).prior_equations(at).matrix
 
@@ -206,7 +236,7 @@ class DisturbanceProblem:
 class Solved:
     """A solution."""
 
-    at: Parameters
+    at: DisturbedSurface
     distances: Floats  # (N,)
     jacobian: Floats  # (N, 9 + K): of offset, shape, P₁, P₂, … and a
     used: NDArray[np.bool_]  # (N,): readings that belong to the surface
@@ -232,7 +262,7 @@ def settle(problem: DisturbanceProblem, start: Solved | None = None) -> Solved:
     return Solved(at, readings.distances(at), readings.jacobian(at), used)
 
 
-def _start(readings: CompensatedReadings, spread: float) -> Parameters:
+def _start(readings: CompensatedReadings, spread: float) -> DisturbedSurface:
     """The best of what the solver finds from spheres: about readings as they are, and without steps of disturbances."""
     shifts: list[Floats] = [np.zeros((readings.departures.shape[1], 3))]
     if readings.departures.shape[1]:
@@ -257,13 +287,9 @@ def _near(distances: Floats) -> NDArray[np.bool_]:
     return near
 
 
-def _sphere(readings: CompensatedReadings, shifts: Floats) -> Parameters:
+def _sphere(readings: CompensatedReadings, shifts: Floats) -> DisturbedSurface:
     """A sphere about compensated readings, by linear least squares about the median one; also of flat ones."""
     settled = readings.field - readings.departures @ shifts
-    middle = np.median(settled, axis=0)
-    about = settled - middle
-    design = np.column_stack([2.0 * about, np.ones(len(about))])
-    solution = np.linalg.lstsq(design, np.einsum("ij,ij->i", about, about), rcond=None)[0]
-    distances = np.linalg.norm(about - solution[:3], axis=1)
-    radius = max(float(np.median(distances)), 1e-12)
-    return replace(Parameters.at(middle + solution[:3], radius * np.eye(3)), disturbances=shifts)
+    centre, _ = sphere_through(settled, np.median(settled, axis=0))
+    radius = max(float(np.median(np.linalg.norm(settled - centre, axis=1))), 1e-12)
+    return DisturbedSurface(centre, radius * np.eye(3), shifts)

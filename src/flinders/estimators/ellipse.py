@@ -89,11 +89,11 @@ class Ellipse:
         require_turn(readings, self.unknowns, self.name, self.plane)
         return lifted(
             fitted_flat(laid_flat(readings, self.plane), self.prior),
+            readings,
             self.plane,
             name=self.name,
             dip_deg=self.dip_deg,
             field_strength=self.field_strength,
-            mean_across=float(readings.summary.moments.mean[order_of(self.plane)[2]]),
         )
 
 

@@ -51,6 +51,7 @@ from flinders.core.samples import frame_of
 from flinders.estimators.level import Level
 from flinders.estimators.likelihood import ENOUGH
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.plane import IN_PLANE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -192,7 +193,7 @@ def _by_dip(
     parameters = np.linalg.solve(from_turn, estimate.ellipsoid.parameters)  # of the middle c and of S
     heights = Heights.of(_inliers(estimate, readings, parameters[:2], dip), parameters[:2], estimate.noise)
     parameters[2] = heights.height
-    wider, field = _widening(estimate), estimate.ellipsoid.radius
+    wider, field = max(1.0, estimate.variance_inflation(IN_PLANE)), estimate.ellipsoid.radius
     doubt = math.radians(math.hypot(site.inclination_sigma_deg, LEVEL_SIGMA_DEG, tilt_deg))
     claims = []
     for claimed in (estimate.covariance, estimate.textbook):
@@ -305,15 +306,6 @@ def _inliers(estimate: Estimate, readings: Readings, middle: Floats, dip: float)
     steepness = np.linalg.norm(local @ inverse, axis=1) / length
     inliers: Floats = field[np.abs(length - 1.0) <= estimate.rejected_beyond * np.maximum(steepness, 1e-300)]
     return inliers
-
-
-def _widening(estimate: Estimate) -> float:
-    """Factor by which correlated residuals widen the variances in the plane."""
-    if estimate.textbook is None:
-        return 1.0
-    seen = [0, 1, 3, 4, 6]
-    ratios = np.diag(estimate.covariance)[seen] / np.maximum(np.diag(estimate.textbook)[seen], np.finfo(float).tiny)
-    return max(1.0, float(ratios.mean()))
 
 
 class _Shown(NamedTuple):

@@ -8,37 +8,22 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.core.samples import Wrapped
-from flinders.errors import NotAnEllipsoid, UsageError
+from flinders.errors import UsageError
 from flinders.estimators.base import Method, check_prior
+from flinders.estimators.in_plane import ellipse_start, laid_flat, lift_of, lifted_covariance
 from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.robust import SEED
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import prior
-from flinders.likelihood.equations import ROUNDING
 from flinders.summary.summary import FLAT_NOISE, is_flat
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.random import Generator
-
     from flinders.arrays import Floats
-    from flinders.core.samples import Recording, Samples
     from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
 
-DRAWS: Final = 256
-SCORED: Final = 600
-THINNEST: Final = 1e-12
-POINTS: Final = 7
-RIDGE: Final = np.diag([1e-3] * 2 + [1e-9] * 3)
-LONGEST_AXIS: Final = 5.0
 TRIMS, TRIMMED = 3, 0.03
 """Share of the readings that is left out, the farthest from their plane, and how often, to see how flat the rest is."""
-
-STRAIGHT: Final = 1e-6
-"""Variance across over that along, of an arc of two degrees: less is a line."""
 
 UPRIGHT: Final = np.cos(np.deg2rad(30.0))
 """The axis of a level turn is the sensor's z, to this angle; about another one x and y do not make a heading."""
@@ -100,7 +85,7 @@ class Level:
         """
         readings.require(self.unknowns, self.name, axes="xy")
         height = float(readings.summary.moments.mean[2])
-        flat = readings.through(lambda recording: _Flat(recording, height))
+        flat = laid_flat(readings, "xy", height)
         rng = np.random.default_rng(SEED)
         start = ellipse_start(flat.spread_out(flat.thinned(ENOUGH, self.name), rng), rng)
         estimate = Likelihood(prior=self.prior).polish(flat, start, robust=True)
@@ -148,97 +133,6 @@ def turned_level(field: Floats) -> bool:
     covariance = np.cov(field.T)
     steps = np.diff(field @ np.linalg.eigh(covariance)[1][:, 0])
     return is_level(covariance, math.sqrt(0.5 * float(np.mean(steps**2))))
-
-
-def ellipse_start(readings: Floats, rng: Generator) -> Ellipsoid:
-    """Least median of squares: of many ellipses through seven readings each, the one that is nearest to half of all.
-
-    As of `Robust`, in the plane: conics with tr Q = 2 and a slight pull towards the circle. A circle around the
-    readings where no seven of them lie on an ellipse.
-
-    `readings`: (N, 3), at one height. Raises `NotAnEllipsoid` if half of the readings are in one place, or all on a
-    line.
-    """
-    some = readings if len(readings) <= SCORED else readings[rng.choice(len(readings), SCORED, replace=False)]
-    origin = np.median(some, axis=0)
-    apart = np.linalg.norm(some - origin, axis=1)
-    scale = float(np.median(apart))
-    if not scale > THINNEST * float(apart.max()):
-        raise NotAnEllipsoid(method=Level.name)
-    points = (some[:, :2] - origin[:2]) / scale
-    chosen = points[np.argsort(rng.random((DRAWS, len(points))), axis=1)[:, :POINTS]]
-    centres, inverses = _closed(_conics(chosen))
-    if not len(centres):  # a short arc, or a line
-        across, along = np.linalg.eigvalsh(np.cov(points.T))
-        if across <= STRAIGHT * along:
-            raise NotAnEllipsoid(method=Level.name)
-        return Ellipsoid(origin, scale * np.eye(3))
-    y = np.matmul(inverses, (points - centres[:, np.newaxis]).transpose(0, 2, 1))
-    lengths = np.maximum(np.linalg.norm(y, axis=1), THINNEST)
-    steepness = np.linalg.norm(np.matmul(inverses, y), axis=1)
-    distances = np.abs(lengths - 1.0) * lengths / np.maximum(steepness, THINNEST)
-    best = int(np.argmin(np.median(distances, axis=1)))
-    shape = np.zeros((3, 3))
-    shape[:2, :2] = np.linalg.inv(inverses[best])
-    shape[2, 2] = np.trace(shape) / 2.0
-    return Ellipsoid(origin + scale * np.append(centres[best], 0.0), scale * shape)
-
-
-def _conics(points: Floats) -> Floats:
-    """(H, 5) a, b, l₁, l₂, d of H conics (1 + a) x² + (1 − a) y² + 2 b x y + l·x + d through (H, K, 2) points."""
-    x, y = np.moveaxis(points, 2, 0)
-    rows = np.stack([x * x - y * y, 2.0 * x * y, x, y, np.ones_like(x)], axis=2)
-    transposed = rows.transpose(0, 2, 1)
-    normal = transposed @ rows + RIDGE
-    normal += ROUNDING * np.trace(normal, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(5)
-    solution: Floats = np.linalg.solve(normal, -(transposed @ (x * x + y * y)[..., np.newaxis]))
-    return solution[..., 0]
-
-
-def _closed(conics: Floats) -> tuple[Floats, Floats]:
-    """Centres (H, 2) and inverse shapes (H, 2, 2) of those conics that are ellipses of a sensible shape."""
-    a, b = conics[:, 0], conics[:, 1]
-    forms = np.stack([1.0 + a, b, b, 1.0 - a], axis=1).reshape(-1, 2, 2)
-    eigenvalues, vectors = np.linalg.eigh(forms)
-    sound = eigenvalues[:, 0] > LONGEST_AXIS**-2 * eigenvalues[:, 1]
-    eigenvalues, vectors, conics, forms = eigenvalues[sound], vectors[sound], conics[sound], forms[sound]
-    centres = -0.5 * np.linalg.solve(forms, conics[:, 2:4, np.newaxis])[..., 0]
-    levels = np.einsum("hi,hij,hj->h", centres, forms, centres) - conics[:, 4]
-    real = levels > THINNEST
-    roots = np.sqrt(eigenvalues[real] / levels[real, np.newaxis])
-    return centres[real], np.einsum("hij,hj,hkj->hik", vectors[real], roots, vectors[real])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Flat(Wrapped):
-    """A recording with all readings at one height."""
-
-    recording: Recording
-    height: float
-
-    def blocks(self) -> Iterator[Samples]:
-        """Go through the recording."""
-        for block in self.recording.blocks():
-            field = block.field.copy()
-            field[:, 2] = self.height
-            yield replace(block, field=field)
-
-
-def lift_of(dip: float) -> Floats:
-    """(9, 9) from offset and shape of an equator to those of the ellipsoid that has the ellipse at a dip, in rad."""
-    lift = np.eye(9)
-    lift[3:, 3:] /= np.cos(dip)
-    lift[[0, 1, 2], [7, 8, 5]] = -np.tan(dip)
-    return lift
-
-
-def lifted_covariance(covariance: Floats, lift: Floats, unclaimed: float) -> Floats:
-    """(9, 9) covariance of the lifted ellipsoid; the offset across is known to `unclaimed`, whatever it was before."""
-    known = covariance.copy()
-    known[2, :] = known[:, 2] = 0.0
-    carried: Floats = lift @ known @ lift.T
-    carried[2, 2] += unclaimed**2
-    return carried
 
 
 METHOD: Final = Method(

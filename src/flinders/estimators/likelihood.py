@@ -121,23 +121,13 @@ class Likelihood:
         return estimated(record, readings)
 
 
-def fitted(readings: Readings, prior: float | None, *, robust: int, dip_deg: float = 60.0) -> Estimate:
-    """Fit from the consistent start; robustly never (0), where residuals ask for it (1) or always (2).
-
-    Raises
-    ------
-    NotAnEllipsoid, Undetermined
-        Where there is no fit.
-    NeedsSamples
-        If only sums were given.
-    """
-    return estimated(recorded(readings, prior, robust=robust, dip_deg=dip_deg), readings, has_statistics=True)
-
-
 def recorded(
     readings: Readings, prior: float | None, *, robust: int, dip_deg: float = 60.0, statistics: int = 1
 ) -> Records:
-    """The engine's record of a fit from the consistent start, see `fitted`; raises NeedsSamples."""
+    """The engine's record of a fit from the consistent start; raises NeedsSamples.
+
+    The fit is robust never (0), where residuals ask for it (1) or always (2).
+    """
     field, ends = readings.in_memory(Likelihood.name)
     time = readings.recording.time if isinstance(readings.recording, Samples) else None
     options = {"prior": prior or 0.0, "dip_deg": dip_deg, "robust": robust, "statistics": statistics}

@@ -39,11 +39,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples
-from flinders.estimators.auto import Auto
+from flinders.errors import NotAnEllipsoid, TooFewSamples
+from flinders.estimators.auto import found_alone
 from flinders.estimators.base import Estimate
 from flinders.estimators.covariance import Residuals
-from flinders.estimators.data import Readings
 from flinders.estimators.joint_covariance import projected
 from flinders.estimators.likelihood import spheres_about
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -120,25 +119,10 @@ class Several:
         part: Floats = self.covariance[self.columns[sensor], self.columns[sensor]]
         return part
 
-    def rotation(self, sensor: int, into: int | None = None) -> tuple[Floats, Floats]:
-        """(3, 3) from the axes of one sensor into those of another, by default the reference, and its covariance.
-
-        Returns
-        -------
-        rotation : (3, 3) float
-        covariance : (3, 3) float, rad²
-            Of the rotation vector, in the axes of that other sensor.
-        """
-        other = self.reference if into is None else into
-        back = self.parameters[other].rotation.T
-        turn = np.zeros((3, len(self.covariance)))
-        for which, sign in ((sensor, 1.0), (other, -1.0)):
-            if which != self.reference:
-                first = self.columns[which].start + 9
-                turn[:, first : first + 3] += sign * np.eye(3)
-        # a rotation vector is an axial one: where a mirror image takes it back, its sign changes
-        axial = back * float(np.linalg.det(back))
-        return back @ self.parameters[sensor].rotation, axial @ turn @ self.covariance @ turn.T @ axial.T
+    def rotation(self, sensor: int) -> tuple[Floats, Floats]:
+        """(3, 3) from the axes of a sensor into those of the reference, and (3, 3) rad² of its rotation vector."""
+        of_turn = self.of(sensor)[9:, 9:]
+        return self.parameters[sensor].rotation, of_turn if sensor != self.reference else np.zeros((3, 3))
 
     def corrected(self, sensor: int, field: Floats) -> Floats:
         """(N, 3) unit-length field in the axes of the reference, of (N, 3) readings of a sensor."""
@@ -150,7 +134,7 @@ class Several:
         """The ellipsoid of one sensor with its marginal covariance, as every other method gives it."""
         at, nine = self.parameters[sensor], self.columns[sensor].start + np.arange(9)
         return Estimate(
-            Ellipsoid(at.offset, at.shape),
+            at.ellipsoid,
             self.covariance[np.ix_(nine, nine)],
             float(self.noise[sensor]),
             "together",
@@ -186,7 +170,7 @@ def solve(
     shared = np.count_nonzero(np.isfinite(fields[:, :, 0]).sum(axis=0) > 1)
     if shared < FEWEST:
         raise TooFewSamples(found=int(shared), needed=FEWEST, method="together")
-    alone = [_alone(field) for field in fields] if starts is None else list(starts)
+    alone = [found_alone(field) for field in fields] if starts is None else list(starts)
     few = fields[:, :: max(1, fields.shape[1] // TRIED)]
     iterates = [_from_start(few, reference, begin, spread) for begin in _begins(few, reference, alone)]
     best = min((iterate for iterate in iterates if iterate is not None), key=_misfit, default=None)
@@ -222,14 +206,6 @@ def mirror_or_rotation(seen: Floats, into: Floats) -> Floats:
 def is_sound(estimate: Estimate) -> bool:
     """Whether a sensor by itself leaves nothing open."""
     return not estimate.plane and not estimate.unobserved
-
-
-def _alone(field: Floats) -> Estimate | None:
-    """What one sensor finds by itself, where that is an ellipsoid."""
-    try:
-        return Auto().estimate(Readings.of(field[np.isfinite(field).all(axis=1)]))
-    except FitError:
-        return None
 
 
 def _begins(fields: Floats, reference: int, alone: Sequence[Estimate | None]) -> Iterator[Sensors]:
@@ -420,8 +396,4 @@ def _scatter(
 
 def _wider(estimate: Estimate | None) -> float:
     """By how much a sensor by itself claims more than independent residuals would, in variance."""
-    if estimate is None or estimate.textbook is None or estimate.plane:
-        return 1.0
-    plain = np.diag(estimate.textbook)
-    observed = plain > 0.0
-    return max(1.0, float(np.mean(np.diag(estimate.covariance)[observed] / plain[observed])))
+    return 1.0 if estimate is None or estimate.plane else max(1.0, estimate.variance_inflation())

@@ -72,7 +72,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.estimators.covariance import Residuals
-from flinders.estimators.robust import TO_SIGMA
+from flinders.likelihood.robust import robust_sigma
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -207,8 +207,8 @@ def _white(values: Floats) -> float:
     >>> round(_white(course), 2)
     0.25
     """
-    bends = np.abs(np.diff(values, 2))
-    return (TO_SIGMA * float(np.median(bends))) ** 2 / 6.0 if len(bends) else 0.0
+    bends = np.diff(values, 2)
+    return robust_sigma(bends) ** 2 / 6.0 if len(bends) else 0.0
 
 
 def rounding(values: Floats) -> tuple[float, NDArray[np.intp]]:
@@ -339,6 +339,28 @@ def collinearity(values: Floats, others: Floats) -> float:
     centred = others - others.mean(axis=0)
     left = about - centred @ np.linalg.lstsq(centred, about, rcond=None)[0]
     return min(max(1.0 - float(left @ left) / total, 0.0), 1.0)
+
+
+def shared(jacobian: Floats, regressors: Floats) -> float:
+    """Share of the information about a disturbance that offset and shape could explain, 0 to 1, at worst.
+
+    The largest squared canonical correlation of (N, 3) columns of a disturbance, counted from its mean, with (N, 9)
+    those of the ellipsoid: with 1 nothing tells them apart.
+
+    >>> rng = np.random.default_rng(1)
+    >>> ellipsoid = rng.normal(size=(500, 9))
+    >>> round(shared(ellipsoid, ellipsoid[:, :3]), 1), round(shared(ellipsoid, rng.normal(size=(500, 3))), 1)
+    (1.0, 0.0)
+    """
+    ours, _ = np.linalg.qr(jacobian / _sizes(jacobian))
+    theirs, _ = np.linalg.qr(regressors / _sizes(regressors))
+    return float(np.clip(np.linalg.norm(ours.T @ theirs, ord=2) ** 2, 0.0, 1.0))
+
+
+def _sizes(columns: Floats) -> Floats:
+    """(K,) lengths of columns; 1 for one of nothing."""
+    sizes = np.linalg.norm(columns, axis=0)
+    return np.where(sizes > 0.0, sizes, 1.0)
 
 
 def _rising(course: Floats) -> Floats:

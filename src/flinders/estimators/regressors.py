@@ -181,7 +181,7 @@ class Logged:
         return round(float(np.median(self.values[name])), 1) if name == "temperature" else 0.0
 
     def range(self, name: str) -> tuple[float, float]:
-        """Lowest and highest value of a driver."""
+        """Lowest and highest value of a disturbance."""
         values = self.values[name]
         return float(np.nanmin(values)), float(np.nanmax(values))
 

@@ -5,22 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
-import numpy as np
-
 from flinders.estimators.base import Method, check_prior
-from flinders.estimators.likelihood import fitted
+from flinders.estimators.likelihood import estimated, recorded
 from flinders.likelihood import prior
 
 if TYPE_CHECKING:
-    from flinders.arrays import Floats
     from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
 
 SEED: Final = 20240607
 """Any number: with a fixed one the same readings give the same fit."""
-
-TO_SIGMA: Final = 1.4826
-"""From the median of absolute values to the standard deviation of a normal distribution."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,12 +72,7 @@ class Robust:
         parameters open, and there is no prior to hold them; `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name)
-        return fitted(readings, self.prior, robust=2)
-
-
-def robust_sigma(distances: Floats) -> float:
-    """Standard deviation of distances about zero, from the median of their absolute values."""
-    return TO_SIGMA * float(np.median(np.abs(distances)))
+        return estimated(recorded(readings, self.prior, robust=2), readings, has_statistics=True)
 
 
 METHOD: Final = Method(

@@ -45,7 +45,7 @@ from flinders.estimators.regressor_quality import (
 )
 from flinders.estimators.regressors import DisturbanceEstimate, Logged
 from flinders.estimators.time_delay import Shifted, grid_of, lagging, profile, proven_lags, scattered
-from flinders.findings import CATALOGUE, Finding, Record
+from flinders.findings import Finding, Record, found_in
 from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:
@@ -95,10 +95,9 @@ class Still:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What speaks against this bench: a sensor that moved, once or along with a driver."""
+        """What speaks against this bench: a sensor that moved, once or along with a disturbance."""
         record = Record({"step": self.step, "noise": self.noise, "tilted_deg": self.tilted_deg})
-        findings = (CATALOGUE[code].finding(record) for code in ("bench-moved", "bench-tilted"))
-        return tuple(finding for finding in findings if finding is not None)
+        return tuple(found_in(record, "bench-moved", "bench-tilted"))
 
 
 def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None:
@@ -106,7 +105,7 @@ def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None
 
     What is left tells whether the sensor was still: a turn leaves much more than noise.
 
-    Raises `UsageError`, `InputError` or `TooFewSamples` as `flinders.estimators.disturbance.driving_of`.
+    Raises `UsageError`, `InputError` or `TooFewSamples` as `flinders.estimators.disturbance.fit_disturbances`.
 
     Parameters
     ----------
@@ -131,7 +130,7 @@ def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None
     )
     made = float(np.sqrt(np.var(departures @ shifts, axis=0).sum()))
     estimates = tuple(
-        _driven(disturbance, place, departures, left, lags) for place, disturbance in enumerate(disturbances)
+        _estimate(disturbance, place, departures, left, lags) for place, disturbance in enumerate(disturbances)
     )
     covariance = _metered(logged, departures, left, disturbances, _covariance(left, design, believed))
     tilted = _tilted_deg(_felt(recordings, logged), departures)
@@ -149,7 +148,7 @@ def described(still: Still, unit: str) -> str:
 
 
 def _is_still(readings: Floats, noise: float) -> bool:
-    """What is left is noise, and the readings were either hardly scattered or scattered by the drivers."""
+    """What is left is noise, and the readings were either hardly scattered or scattered by the disturbances."""
     length = float(np.linalg.norm(readings.mean(axis=0)))
     scatter = float(np.sqrt(np.mean(np.var(readings, axis=0))))
     if noise > UNMOVED * length:
@@ -256,7 +255,7 @@ class _LineCost:
         return _line(self._field, self._shifted(lag_s))[0]
 
 
-def _driven(
+def _estimate(
     disturbance: Disturbance, place: int, disturbances: Floats, left: Floats, lags: dict[str, Lag]
 ) -> DisturbanceEstimate:
     """What is known of one of the disturbances beside its numbers."""

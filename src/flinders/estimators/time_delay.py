@@ -134,7 +134,7 @@ def lags_of(logged: Logged, names: tuple[str, ...], spread: float) -> tuple[dict
 
 
 def lagging(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Drivers that may come late, those together that have one lag.
+    """Disturbances that may come late, those together that have one lag.
 
     >>> lagging(["current1", "current2", "throttle", "temperature"])
     [('current1', 'current2'), ('throttle',)]

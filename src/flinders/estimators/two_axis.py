@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.estimators.base import Method
+from flinders.estimators.covariance import beyond_chance
 from flinders.estimators.in_plane import NotAnEllipse, equator, fitted_flat, laid_flat, lifted, require_turn
 from flinders.estimators.likelihood import ENOUGH
-from flinders.geometry.ellipsoid import upper
-from flinders.geometry.plane import Plane, PlaneEllipse, order_of
+from flinders.geometry.plane import IN_PLANE, Plane, PlaneEllipse, order_of
 from flinders.likelihood import magnitude, prior
 from flinders.likelihood.equations import FINEST
 
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
     from flinders.geometry.ellipsoid import Ellipsoid
-
-IN_PLANE: Final = [0, 1, 3, 4, 6]
-"""Parameters that the readings of a plane tell, in its frame: b₁, b₂, S₁₁, S₂₂, S₁₂."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,23 +111,19 @@ class TwoAxisRecipe:
         )
         return lifted(
             estimate,
+            readings,
             self.plane,
             name=self.name,
             dip_deg=self.dip_deg,
             field_strength=self.field_strength,
-            mean_across=float(readings.summary.moments.mean[order_of(self.plane)[2]]),
         )
 
 
 def _bias(ellipsoid: Ellipsoid, reference: Estimate) -> Floats:
     """(9,) what separates an ellipse from that of least squares, beyond what the uncertainty of that explains."""
-    other = reference.ellipsoid
-    apart = np.concatenate([ellipsoid.centre - other.centre, upper(ellipsoid.shape - other.shape)])[IN_PLANE]
-    covariance = reference.covariance[np.ix_(IN_PLANE, IN_PLANE)]
-    surprise = float(apart @ np.linalg.pinv(covariance, rcond=1e-12, hermitian=True) @ apart)
+    apart = ellipsoid.parameters - reference.ellipsoid.parameters
     bias = np.zeros(9)
-    if surprise > 0.0:
-        bias[IN_PLANE] = apart * np.sqrt(max(0.0, 1.0 - len(apart) / surprise))
+    bias[IN_PLANE] = beyond_chance(apart[IN_PLANE], reference.covariance[np.ix_(IN_PLANE, IN_PLANE)])
     return bias
 
 

@@ -13,7 +13,7 @@ have yet is made where the record is made (`flinders.fitting.verdict`).
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
 from flinders.findings import aiding, calibration, disturbances, fit, recording, sensors
 from flinders.findings.refusal import REFUSALS as REFUSALS
@@ -26,9 +26,11 @@ from flinders.findings.row import Quantity as Quantity
 from flinders.findings.row import Record as Record
 from flinders.findings.row import Severity as Severity  # noqa: TC001 - for others
 from flinders.findings.row import Verdict as Verdict
-from flinders.findings.row import apply_rules as apply_rules
 from flinders.findings.row import by_severity as by_severity
 from flinders.findings.row import first_causes as first_causes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
 
 CATALOGUE: Final[dict[str, CatalogueRow]] = {
     row.code: row for subject in (fit, recording, disturbances, calibration, aiding, sensors) for row in subject.ROWS
@@ -64,6 +66,15 @@ def _naming(finding: Finding, names: str) -> str:
     return f"{finding.advice} ({names})" if names else finding.advice
 
 
+def found_in(record: Mapping[str, Any], *codes: str) -> Iterator[Finding]:
+    """Of some findings those whose rules hold for a record.
+
+    >>> [finding.code for finding in found_in({"axis_ratio": 3.0, "step": 0.0}, "axis-ratio", "quantised")]
+    ['axis-ratio']
+    """
+    return (finding for code in codes if (finding := CATALOGUE[code].finding(record)) is not None)
+
+
 def limit_of(code: str, name: Severity | str = "limits") -> float:
     """The factor of a limit in a rule: that of a severity, or of another quantity that it needs.
 
@@ -71,8 +82,6 @@ def limit_of(code: str, name: Severity | str = "limits") -> float:
     (60.0, 5.0, 0.0001)
     """
     rule = CATALOGUE[code].rule
-    if rule is None:
-        raise KeyError(f"{code} has no limit: code decides")
     limits = {grade.severity: grade.factor for grade in rule.grades} | {
         need.quantity: need.factor for need in rule.needs
     }

@@ -31,7 +31,6 @@ ROWS: Final = (
     CatalogueRow(
         code="gyro-unit",
         number="how many times better the rate fits in another unit",
-        limit="2",
         action="record the rate in rad/s; it was not used",
         rule=Rule("times_better", (Grade("limits", 0.0),), limit=Limit(2.0)),
         said=(
@@ -44,7 +43,6 @@ ROWS: Final = (
     CatalogueRow(
         code="gyro-differs",
         number="of how far the field moves, what the gyro leaves",
-        limit="0.5",
         action="the gyro is stuck, at its limit, too slow, or another body's; it was not used",
         rule=Rule("gyro_leaves", (Grade("limits", 0.5),)),
         said=(
@@ -60,7 +58,6 @@ ROWS: Final = (
     CatalogueRow(
         code="gyro-clipped",
         number="share of the readings in which an axis of the gyro is at its limit",
-        limit="0.01",
         action="set a wider range, or turn more slowly; it was not used",
         rule=Rule("clipped_share", (Grade("limits", 0.0),), limit=Limit(0.01)),
         said=(
@@ -89,7 +86,6 @@ ROWS: Final = (
     CatalogueRow(
         code="gyro-gaps",
         number="share of the readings that have no rate, in gaps of three at most",
-        limit="0",
         action="the rate was taken from their neighbours; log the gyro as often as the magnetometer",
         rule=Rule("gap_share", (Grade("note", 0.0),)),
         said=(
@@ -102,7 +98,6 @@ ROWS: Final = (
     CatalogueRow(
         code="aids-disagree",
         number="by how much the scales of the gyro would be off beside an aid, where without it they are not",
-        limit="0.1",
         action="leave that aid out: an accelerometer leans in steady turns; it was not used",
         rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
@@ -146,7 +141,6 @@ ROWS: Final = (
     CatalogueRow(
         code="aid-diverged",
         number="times more heading error that is claimed with an aid than without it",
-        limit="4",
         action="leave it out, or turn the sensor through more directions; it was not used",
         rule=Rule("times_claim", (Grade("limits", 4.0),)),
         said=(
@@ -160,7 +154,6 @@ ROWS: Final = (
     CatalogueRow(
         code="aid-empty",
         number="readings that have what an aid goes by",
-        limit="12",
         action="record it, or leave the aid out; it was not used",
         rule=Rule("usable", (Grade("limits", 12.0),), comparison="<"),
         said="{usable:.0f} of {samples:,.0f} readings have {what}: record it, or leave {aid!r} out; it was not used",
@@ -170,7 +163,6 @@ ROWS: Final = (
     CatalogueRow(
         code="swapped-axes",
         number="how many times better an instrument fits with its axes exchanged",
-        limit="2",
         action=(
             "map the magnetometer's axes with `--axes`, or mind that corrected readings are in the other "
             "instrument's axes"
@@ -183,7 +175,6 @@ ROWS: Final = (
     CatalogueRow(
         code="one-axis",
         number="turning about the second axis, of that about the first",
-        limit="0.05",
         action="the gyro says nothing of the offset along the one axis: turn about another as well",
         rule=Rule("second_axis", (Grade("note", 0.05),), comparison="<"),
         said=(
@@ -199,7 +190,6 @@ ROWS: Final = (
     CatalogueRow(
         code="site-differs",
         number="degrees between the dip found and that of the site",
-        limit="2",
         action="check place and date, whether iron was near, and the accelerometer's sign; the site was not used",
         rule=Rule("dip_off_deg", (Grade("limits", 0.0),), limit=Limit(2.0)),
         said=(

@@ -10,7 +10,6 @@ ROWS: Final = (
     CatalogueRow(
         code="axis-ratio",
         number="longest axis of the ellipsoid over the shortest",
-        limit="2",
         action="check the gains of the axes, and the columns",
         rule=Rule("axis_ratio", (Grade("limits", 2.0),)),
         said="one axis reads {axis_ratio} times as much as another: check the axes' gains and the columns",
@@ -40,7 +39,6 @@ ROWS: Final = (
     CatalogueRow(
         code="mirrored-axes",
         number="−1",
-        limit="1",
         action="check the axes mapping: right only for a left-handed sensor",
         rule=Rule("handedness", (Grade("limits", 1.0),), comparison="<"),
         said=(
@@ -100,7 +98,6 @@ ROWS: Final = (
             "what a level heading would be off by, degrees, if the half-ranges differed only because the turn did"
             " not reach the shorter ends; 0 where they are alike, which says nothing"
         ),
-        limit="the target",
         action=(
             "check the compass on known bearings; record the readings where that can be done, since six typed "
             "numbers tell neither noise nor directions"
@@ -124,7 +121,6 @@ ROWS: Final = (
             "what the rotation that [three planes](two-axis.md#three-axes-from-three-planes) leave costs at the "
             "worst level heading, degrees; 180 where none of the turns was in xy"
         ),
-        limit="the target",
         action="turn in the plane xy last; or fit the same turns, unloaded, together with `flinders calibrate`",
         rule=Rule("is_composed", (Grade("limits", 0.0),), number="rotation_left_deg", limit=Limit(1.0, "target_deg")),
         said="composed of turns ({turns}){composition}",

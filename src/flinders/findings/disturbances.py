@@ -14,7 +14,6 @@ ROWS: Final = (
             "largest share of the course of one disturbance that follows from the others, such as motors of which each"
             " is followed by itself"
         ),
-        limit="0.95",
         action=(
             "use the calibration where they rise and fall as in the recording, follow one of them alone, or vary each "
             "by itself"
@@ -35,9 +34,8 @@ ROWS: Final = (
         former="driver-noisy",
         number=(
             "largest share by which the offset per unit of one is too small by its own course, as readings do not"
-            " follow its fast changes; one finding for all drivers"
+            " follow its fast changes; one finding for all of them"
         ),
-        limit="0.02",
         action="log it smoother, or hold each setting for longer",
         rule=Rule("most_attenuation", (Grade("limits", 0.02),)),
         said=(
@@ -74,7 +72,6 @@ ROWS: Final = (
             "heading error that [following](disturbances.md) a current, a throttle or a temperature takes away at the "
             "far end of its recorded range, degrees, at the worst attitude"
         ),
-        limit="0",
         action="nothing; log that column wherever the calibration is used",
         rule=Rule("taken_deg", (Grade("note", -1.0),), limit=Limit(0.0)),
         said=(
@@ -91,7 +88,6 @@ ROWS: Final = (
             "heading error (1 σ) that its own uncertainty leaves at the far end of its recorded range, degrees, "
             "at the worst heading"
         ),
-        limit="the target",
         action="vary it while turning the sensor through all directions",
         rule=Rule("left_deg", (Grade("limits", 1.0, "target_deg"),)),
         said=(
@@ -105,7 +101,6 @@ ROWS: Final = (
         code="disturbance-collinear-attitude",
         former="driver-entangled",
         number="share of what tells about it that the attitude could explain as well",
-        limit="0.95",
         action="vary it in each attitude, not in step with the turning",
         rule=Rule("shared", (Grade("limits", 0.95),)),
         said=(
@@ -122,7 +117,6 @@ ROWS: Final = (
         code="disturbance-monotone",
         former="driver-one-way",
         number="share of its course that a function of time explains which only rises, or only falls",
-        limit="0.95",
         action=(
             "let it go up and down again while recording: a drift of the offset, or a sensor that moved, would "
             "look the same"
@@ -142,7 +136,6 @@ ROWS: Final = (
         code="disturbance-lag",
         former="driver-lag",
         number="lag at which least is left, seconds: the end of the search",
-        limit="1",
         action="check the times of its column: another clock, or not what moves the readings",
         rule=Rule("lag_is_beyond", (Grade("limits", 0.0),), number="lag_s", limit=Limit(1.0)),
         said=(
@@ -163,7 +156,6 @@ ROWS: Final = (
             "how far what a disturbance makes is off a straight line, over its range and at its reference, as a share "
             "of what it makes; reported where chance makes it once in a million"
         ),
-        limit="0.03",
         action="record the current instead of the throttle, or use the calibration near where most was recorded",
         rule=Rule("curvature", (Grade("limits", 0.03),), needs=(Needs("curvature_deg", ">=", 1.0, "unsaid_deg"),)),
         said=(
@@ -205,7 +197,6 @@ ROWS: Final = (
             "how far the reference, no throttle or no current, lies outside the range that was recorded, as a "
             "share of that range"
         ),
-        limit="0.25",
         action=(
             "record with the motors off as well, or use the calibration in the recorded range alone: at the "
             "reference the offset is extrapolated"
@@ -232,7 +223,6 @@ ROWS: Final = (
             "how far it goes beyond the range at which the calibration was made, as a share of that range; in "
             "`--json` of `apply`, `heading` and `check`"
         ),
-        limit="0",
         action="calibrate over the whole range: the offset is extrapolated there",
         rule=Rule("beyond", (Grade("limits", 0.0),)),
         said="{beyond_words}",
@@ -258,7 +248,6 @@ ROWS: Final = (
             "by how much the vertical turns over the range of a disturbance "
             "[on the bench](disturbances.md#on-the-bench), as an accelerometer shows, degrees"
         ),
-        limit="0.5",
         action=(
             "fix the sensor, and record again: it moved with the disturbance, and so much of the earth's field was "
             "taken for the disturbance's"

@@ -43,7 +43,6 @@ ROWS: Final = (
     CatalogueRow(
         code="level-plane",
         number="tilt up to which the heading is within the target, degrees",
-        limit="180",
         action="keep the vehicle level, or turn the sensor onto its sides and upside down too",
         rule=Rule("is_planar", (Grade("limits", 0.0),), number="attitude_limit_deg", limit=Limit(180.0)),
         said=(
@@ -86,7 +85,6 @@ ROWS: Final = (
     CatalogueRow(
         code="soft-iron-changed",
         number="how often chance alone makes the readings contradict the soft iron of the earlier calibration as much",
-        limit="0.001",
         action="tumble the sensor again and calibrate: what was renewed allows the soft iron a change of 5 %",
         rule=Rule("soft_iron_by_chance", (Grade("limits", 0.001),), comparison="<"),
         said=(
@@ -100,7 +98,6 @@ ROWS: Final = (
     CatalogueRow(
         code="poses-contradict",
         number="how often chance alone makes poses at known headings contradict each other as much",
-        limit="0.001",
         action="check each heading, the dip, and that no iron is near; soft iron that has changed needs a full tumble",
         rule=Rule("poses_by_chance", (Grade("refuses", 0.001),), comparison="<"),
         said=(
@@ -115,7 +112,6 @@ ROWS: Final = (
         number=(
             "heading error (1 σ, rms over a level turn) that is left open by a rotation that an aid has found, degrees"
         ),
-        limit="the target",
         action=(
             "tilt the body far about two axes while recording, say how well the accelerometer is calibrated "
             "(`--accelerometer-bias`), or calibrate without aids and measure the mounting"
@@ -136,7 +132,6 @@ ROWS: Final = (
         code="bias",
         grades="note; limits above the target",
         number="how far the method is off the likelihood, degrees of heading, rms, beyond what chance explains",
-        limit="a tenth of the target",
         action="use `auto`: the method's model is too simple for this sensor, or noise biases it",
         rule=Rule("bias_deg", (Grade("note", 0.1, "target_deg"), Grade("limits", 1.0, "target_deg"))),
         said="{method!r} is {bias_deg}° of heading (rms) off the likelihood, beyond what chance explains: {why_biased}",
@@ -149,7 +144,6 @@ ROWS: Final = (
     CatalogueRow(
         code="coverage",
         number="angle from the middle of the largest gap to the nearest reading, degrees",
-        limit="60",
         action=(
             "good up to the tilt that the advice names, and how fast it gets worse beyond; for all attitudes turn"
             " the sensor as the advice says"
@@ -167,7 +161,6 @@ ROWS: Final = (
         code="noise",
         grades="limits; refuses above 0.2",
         number="standard deviation of the readings' distance from the ellipsoid, as a fraction of the field",
-        limit="0.05",
         action=(
             "record again away from iron and currents, with nothing magnetic moving near the sensor; check the columns"
         ),
@@ -191,7 +184,6 @@ ROWS: Final = (
         code="unobservable-parameters",
         former="rings",
         number="of nine parameters, how many the readings say nothing of",
-        limit="0",
         action=(
             "as where all readings lie on one ring or on two: turn the sensor about another axis too; until then "
             "the prior that soft iron is mild holds what is open"
@@ -210,7 +202,6 @@ ROWS: Final = (
     CatalogueRow(
         code="prior",
         number="share of the least known shape parameter that the prior speaks for",
-        limit="0.1",
         action="turn the sensor as the advice says, or trust that soft iron is mild",
         fleet_action="turn the sensor through more directions, or trust that soft iron is mild",
         rule=Rule("prior_share", (Grade("limits", 0.1),)),
@@ -255,7 +246,6 @@ ROWS: Final = (
     CatalogueRow(
         code="lasting-noise",
         number="probability that slow noise lasts longer than a third of the recording",
-        limit="0.15",
         action="record for longer, turning all the time",
         # `docs/adversary.md`: of 10 good fits with noise of 30 s in a minute 4 were wrong, and 9 are beyond this
         rule=Rule(
@@ -281,7 +271,6 @@ ROWS: Final = (
             "independent readings, as a share of those used; residuals below a millionth of the field are "
             "rounding and count as independent"
         ),
-        limit="0.5",
         action="nothing: the heading error allows for it; usual for a tumble by hand, and less of it away from iron",
         rule=Rule(
             "independent_share", (Grade("note", 0.5),), comparison="<", needs=(Needs("independent", ">=", 20.0),)
@@ -299,7 +288,6 @@ ROWS: Final = (
     CatalogueRow(
         code="inflation",
         number="longest axis of the ellipsoid over the widest extent of the readings",
-        limit="2",
         action="turn the sensor as the advice says: the readings lie on a small patch",
         fleet_action="turn the sensor further: the readings lie on a small patch",
         rule=Rule("inflation", (Grade("limits", 2.0),)),
@@ -314,7 +302,6 @@ ROWS: Final = (
             "how far one recording is off the others at the worst heading, degrees; reported where chance makes such "
             "a difference less often than once in a hundred"
         ),
-        limit="the target",
         action="find out what changed between the recordings, and use those made in the state of use",
         rule=Rule(
             "apart_beyond_claim_deg",
@@ -341,7 +328,6 @@ ROWS: Final = (
             "change of the offset from the beginning of a recording to its end, degrees at the worst heading; "
             "told where chance makes it less often than once in ten thousand"
         ),
-        limit="the target",
         action="let the sensor warm up, keep currents and everything magnetic as they are, and record again",
         rule=Rule(
             "drift_deg",
@@ -369,7 +355,6 @@ ROWS: Final = (
             "how many times closer to an ellipsoid the readings lie once the sign of an axis, or two axes, are "
             "put right from some reading on"
         ),
-        limit="1.1",
         action=(
             "find out what the driver did at the reading that the advice names; record again. What is so "
             "throughout [cannot be told](faults.md)"
@@ -390,7 +375,6 @@ ROWS: Final = (
             "what a [disturbance](disturbances.md) that was recorded and not asked for makes of a level heading at the "
             "far end of its range, degrees"
         ),
-        limit="half the target",
         action="calibrate `--with` it, or record without",
         rule=Rule("unmodelled_deg", (Grade("limits", 0.5, "target_deg"),)),
         said=(
@@ -411,7 +395,6 @@ ROWS: Final = (
             "what a disturbance that follows the attitude, by a recorded accelerometer, makes of a level heading where "
             "it is largest, degrees; without what hides in offset and soft iron"
         ),
-        limit="half the target",
         action=(
             "record the current and calibrate `--with` it; fasten what is loose; or record far from iron and compare"
         ),
@@ -437,7 +420,6 @@ ROWS: Final = (
             " error of the calibration, times the tangent of the dip; of a sensor that was hardly accelerated (scatter"
             " of |g| below 2%)"
         ),
-        limit="the target",
         action="calibrate `--with dip`, which finds bias and gains of the accelerometer, or calibrate that one",
         rule=Rule("tilt_error_deg", (Grade("limits", 1.0, "target_deg"),)),
         said=(
@@ -460,7 +442,6 @@ ROWS: Final = (
             "heading error, at the worst heading, of the quadratic and cubic terms of the axes; told where chance "
             "makes as much less often than once in ten thousand"
         ),
-        limit="the target",
         action=(
             "nothing below the target, the heading error allows for it; else correct it (`linearize=True`, "
             "`--linearize`) where the correction goes into C or Python code, or move the sensor away from magnets, so "
@@ -508,7 +489,6 @@ ROWS: Final = (
             "heading error, at the worst heading, of axes that are read at different moments; told where chance makes "
             "as much less often than once in ten thousand"
         ),
-        limit="the target",
         action=(
             "nothing below the target, the heading error allows for it; else read all axes at once (one burst, block "
             "data update), or turn the sensor more slowly"
@@ -533,7 +513,6 @@ ROWS: Final = (
         code="structure",
         grades="note; limits above the target",
         number=("standard deviation of what depends on the direction as no ellipsoid does, as a fraction of the field"),
-        limit="0.005",
         action=(
             "nothing: the heading error allows for it; a sensor that is not linear, or a field that is not the "
             "same everywhere"

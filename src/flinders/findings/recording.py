@@ -36,7 +36,6 @@ ROWS: Final = (
         former="strays",
         grades="note; limits above the limit",
         number="share of the readings that do not belong to the rest and were left out",
-        limit="0.1",
         action=(
             "look at the rows or times that the advice names: something magnetic passed by, a cable moved, or "
             "bits were lost on the way"
@@ -57,7 +56,6 @@ ROWS: Final = (
     CatalogueRow(
         code="saturated",
         number="largest share of the readings at the very end of an axis; they are left out",
-        limit="0.01",
         action="choose a larger range of the sensor, or move it away from magnets",
         rule=Rule("rail_share", (Grade("limits", 0.0),), limit=Limit(0.01)),
         said=("of the readings {rails}, and are left out: choose a larger range, or move the sensor away from magnets"),
@@ -68,7 +66,6 @@ ROWS: Final = (
     CatalogueRow(
         code="quantised",
         number="coarsest step of an axis; looked for where many readings share its end value, and its next one",
-        limit="0",
         action="nothing: the heading error allows for it; a smaller range of the sensor has finer steps",
         rule=Rule("step", (Grade("note", 0.0),)),
         said=(
@@ -80,7 +77,6 @@ ROWS: Final = (
     CatalogueRow(
         code="stale-repeats",
         number="share of the readings that another one equals",
-        limit="0.1",
         action="nothing: the uncertainty counts them once; log no faster than the sensor measures",
         rule=Rule("repeated_share", (Grade("note", 0.1),)),
         said=(
@@ -95,7 +91,6 @@ ROWS: Final = (
     CatalogueRow(
         code="unordered",
         number="correlation of one reading with the next, of a hundred different readings or more without times",
-        limit="0.3",
         action="keep the rows in the order of recording, with their times, or record again",
         rule=Rule("path_correlation", (Grade("note", 0.3),), comparison="<", needs=(Needs("distinct", ">=", 100.0),)),
         said=(
@@ -111,7 +106,6 @@ ROWS: Final = (
     CatalogueRow(
         code="time-back",
         number="how often the clock steps back",
-        limit="0",
         action="check the order of the recordings, and the clock",
         rule=Rule("backward_steps", (Grade("note", 0.0),)),
         said="time steps back {often}: recordings out of order, or a clock that was set",

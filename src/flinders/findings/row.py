@@ -4,7 +4,7 @@ A rule is data: comparisons of plain numbers with limits, so that a program in a
 numbers of a row may be those of one fit or columns of many.
 
 >>> hot = CatalogueRow(
-...     code="hot", number="temperature, °C", limit="60", grades="note; limits above 80",
+...     code="hot", number="temperature, °C", grades="note; limits above 80",
 ...     rule=Rule("celsius", (Grade("note", 60.0), Grade("limits", 80.0))),
 ...     said="the sensor was at {celsius:.0f} °C", plain="It was hot.", remedy="Cool it.", action="cool it",
 ... )
@@ -34,7 +34,7 @@ import numpy as np  # noqa: F401 - for the example above
 from flinders.errors import figures
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
 Severity = Literal["note", "limits", "refuses"]
 Verdict = Literal["good", "limited", "refused"]
@@ -66,6 +66,8 @@ Comparison = Literal["<", ">", ">="]
 COMPARISONS: Final[dict[str, Callable[[Any, Any], Any]]] = {"<": lt, ">": gt, ">=": ge}
 
 ANY_ANGLE_DEG: Final = 90.0
+
+_OF_THE_TARGET: Final = {1.0: "the target", 0.5: "half the target", 0.1: "a tenth of the target"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,10 +104,6 @@ class Limit(NamedTuple):
     factor: float
     times: str = ""
 
-    def value(self, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a number, or a column of them
-        """The limit for a record."""
-        return _scaled(self.factor, self.times, record)
-
 
 class Grade(NamedTuple):
     """How severe it is beyond a limit: a factor, of a quantity of the record or of one."""
@@ -113,10 +111,6 @@ class Grade(NamedTuple):
     severity: Severity
     factor: float
     times: str = ""
-
-    def limit(self, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a number, or a column of them
-        """The limit for a record."""
-        return _scaled(self.factor, self.times, record) if self.times else self.factor
 
 
 class Needs(NamedTuple):
@@ -144,6 +138,11 @@ class Rule:
     limit: Limit | None = None  #: that a finding states, where it is not that of the first grade
 
     @property
+    def stated_limit(self) -> Limit:
+        """The limit that a finding states."""
+        return self.limit or Limit(*self.grades[0][1:])
+
+    @property
     def compared(self) -> frozenset[str]:
         """Names of the quantities that it compares."""
         graded = (grade.times for grade in self.grades)
@@ -159,7 +158,7 @@ class Rule:
         """How severe it is for one record; None where it is not found."""
         number, beyond, severity = record[self.quantity], COMPARISONS[self.comparison], None
         for worse, factor, times in self.grades:  # each asks for more than the one before
-            if not beyond(number, factor * record[times] if times else factor):
+            if not beyond(number, _scaled(factor, times, record)):
                 break
             severity = worse
         return severity if severity and all(need.holds(record) for need in self.needs) else None
@@ -167,7 +166,7 @@ class Rule:
     def holds(self, record: Mapping[str, Any]) -> dict[Severity, Any]:
         """For each severity whether a record has it; of columns (U,) bool."""
         number, beyond = record[self.quantity], COMPARISONS[self.comparison]
-        exceeded = [beyond(number, grade.limit(record)) for grade in self.grades]
+        exceeded = [beyond(number, _scaled(grade.factor, grade.times, record)) for grade in self.grades]
         for need in self.needs:
             exceeded = [each & need.holds(record) for each in exceeded]
         more = [*exceeded[1:], number != number]  # noqa: PLR0124 - no number differs from itself
@@ -178,8 +177,7 @@ class Rule:
 
     def stated(self, record: Mapping[str, Any]) -> tuple[float, float]:
         """Number and limit as a finding states them."""
-        limit = self.grades[0].limit(record) if self.limit is None else self.limit.value(record)
-        return record[self.number or self.quantity], limit
+        return record[self.number or self.quantity], _scaled(*self.stated_limit, record)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,8 +185,8 @@ class CatalogueRow:
     """A finding that there can be: all that is known of it."""
 
     code: str  #: stable name
+    rule: Rule  #: when it is found
     number: str  #: for the table of docs/findings.md: meaning and unit of the number
-    limit: str  #: meaning of the limit
     action: str  #: what to do
     said: str  #: the technical sentence, a format of quantities and words of the record
     plain: str  #: what it means for whoever uses the compass, without the mathematics
@@ -197,10 +195,10 @@ class CatalogueRow:
     #: read on pages and in files, too, and name neither
     arguments: str = ""
     options: str = ""
-    rule: Rule | None = None  #: None where code decides
+    limit: str | None = None  #: meaning of the limit; None where it is that number of the rule, or share of the target
     grades: str = ""  #: how severe when; empty where that is the one severity of the rule
     alarm: bool = False  #: the live page warns of it: something is wrong, and not only more turning needed
-    #: its code before it was renamed, which files and tables may hold; see `flinders.findings.current`
+    #: its code before it was renamed, which files and tables may hold; see `flinders.findings.RENAMED`
     former: str = ""
     #: what to do in a report of many units, where `action` speaks of what the advice to one unit names
     fleet_action: str = ""
@@ -213,29 +211,30 @@ class CatalogueRow:
         record : mapping
             Quantities of the rule by name, and what the sentence takes.
         """
-        return next(apply_rules((self,), record), None)
+        severity = self.rule.severity(record)
+        if severity is None:
+            return None
+        number, limit = self.rule.stated(record)
+        return Finding(self.code, severity, float(number), float(limit), self.said.format_map(_Stated(record)))
 
     @property
     def severities(self) -> str:
         """How severe it is when, for the table of docs/findings.md."""
-        return self.grades or (self.rule.grades[0].severity if self.rule else "")
+        return self.grades or self.rule.grades[0].severity
+
+    @property
+    def limit_words(self) -> str:
+        """Meaning of the limit, for the table of docs/findings.md."""
+        if self.limit is not None:
+            return self.limit
+        factor, times = self.rule.stated_limit
+        return _OF_THE_TARGET[factor] if times else f"{factor:g}"
 
     def certain(self, record: Mapping[str, Any]) -> Finding:
         """Apply the rule to a record for which it holds."""
         finding = self.finding(record)
         assert finding is not None
         return finding
-
-    def stating(self, severity: Severity, number: float, limit: float, words: Mapping[str, Any]) -> Finding:
-        """State a finding that code has decided on."""
-        return Finding(self.code, severity, float(number), float(limit), self.said.format_map(_Stated(words)))
-
-
-def apply_rules(rows: Iterable[CatalogueRow], record: Mapping[str, Any]) -> Iterator[Finding]:
-    """Findings of those rows whose rules hold for a record."""
-    for row in rows:
-        if (rule := row.rule) and (severity := rule.severity(record)):
-            yield row.stating(severity, *rule.stated(record), record)
 
 
 class Quantity(float):
@@ -254,8 +253,9 @@ class Quantity(float):
 class Record(dict[str, Any]):
     """Quantities by name, and words of a sentence, which may be made when a sentence asks for them.
 
-    >>> Record({"noise": 0.123456}, who=lambda: "somebody").filled("{noise} {who}")
-    '0.12 somebody'
+    >>> record = Record({"noise": 0.12}, who=lambda: "somebody")
+    >>> record["noise"], record["who"]
+    (0.12, 'somebody')
     """
 
     def __init__(self, numbers: Mapping[str, Any], **words: Callable[[], str] | str) -> None:
@@ -265,10 +265,6 @@ class Record(dict[str, Any]):
     def __missing__(self, name: str) -> str:
         word = self._words[name]
         return word if isinstance(word, str) else word()
-
-    def filled(self, sentence: str) -> str:
-        """Fill a sentence."""
-        return sentence.format_map(_Stated(self))
 
 
 class _Stated(dict[str, Any]):

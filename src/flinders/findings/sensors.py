@@ -15,7 +15,6 @@ ROWS: Final = (
             "heading error that a sensor shows against the [others of its body](sensors.md) for a while, degrees,"
             " at the worst attitude"
         ),
-        limit="the target",
         action=(
             "something magnetic was near it at the times that the advice names, or a current flowed; record again"
             " without, or steer by another"
@@ -63,7 +62,6 @@ ROWS: Final = (
     CatalogueRow(
         code="disagree",
         number="heading that sensors of one body are apart for a while, or of two all the time (1 σ), degrees",
-        limit="the target",
         action="neither a majority nor a length tells which is off: compare with a known bearing, or fit a third",
         rule=Rule("apart_deg", (Grade("limits", 0.0),), limit=Limit(1.0, "target_deg")),
         said="{disagreement}, and it cannot be told which of them is off: no length tells, and no majority{alone}",
@@ -86,7 +84,6 @@ ROWS: Final = (
     CatalogueRow(
         code="mirrored-sensor",
         number="−1",
-        limit="1",
         action=(
             "one of two sensors is not right-handed, or one of its axes is turned over: find out which, and map "
             "its axes (`--axes`)"
@@ -127,7 +124,6 @@ ROWS: Final = (
     CatalogueRow(
         code="clock-differs",
         number="by how much its clock is behind that of the reference, seconds",
-        limit="0",
         action="nothing; it was removed to hold them against each other",
         rule=Rule("is_delayed", (Grade("note", 0.0),), number="delay_s", limit=Limit(0.0)),
         said=(
@@ -169,7 +165,6 @@ ROWS: Final = (
         code="shots-contradict",
         grades="note; limits for more than a tenth of the shots",
         number="share of [shots](survey.md) that contradict the others and were left out",
-        limit="0",
         action="repeat those shots",
         rule=Rule("contradicting", (Grade("note", 0.0), Grade("limits", 0.1)), limit=Limit(0.0)),
         said=(

@@ -47,7 +47,7 @@ MADE: Final = "Made by `flinders firmware` from the library's catalogue of findi
 
 def on_board() -> list[CatalogueRow]:
     """Rows of the catalogue whose rule the board applies."""
-    return [row for row in CATALOGUE.values() if row.rule is not None and row.rule.compared <= set(QUANTITIES)]
+    return [row for row in CATALOGUE.values() if row.rule.compared <= set(QUANTITIES)]
 
 
 def unchecked() -> list[str]:
@@ -103,7 +103,6 @@ def source() -> str:
 def _rule(row: CatalogueRow) -> str:
     """One rule as an initialiser."""
     rule = row.rule
-    assert rule is not None
     words = f"{_text(row.code)}, {_text(row.fleet_action or row.action)}"
     counts = f"{_quantity(rule.quantity)}, {len(rule.grades)}, {len(rule.needs)}, {_comparison(rule.comparison)}"
     grades = ", ".join(f"{{FLINDERS_{grade.severity.upper()}, {_limit(grade)}}}" for grade in rule.grades)

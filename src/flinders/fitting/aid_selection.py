@@ -44,11 +44,12 @@ from flinders.diagnostics.instruments import (
     wrong_dip,
 )
 from flinders.errors import FitError, figures
-from flinders.estimators.aiding import AIDS, Aided, refuse_without, solve
+from flinders.estimators.aiding import Aided, refuse_without, solve
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood, start
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
-from flinders.geometry.quaternions import of_matrix
+from flinders.geometry.plane import heading_errors
+from flinders.geometry.rotation import rotation_vectors
 from flinders.heading.error_propagation import level_error, level_turn
 from flinders.likelihood import prior
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
@@ -262,12 +263,10 @@ def change_deg(first: Aided, second: Aided, dip_deg: float) -> float:
 
     Each in the magnetometer's own axes, whatever the rotation against the body.
     """
-    _, fields = level_turn(dip_deg)
+    heading, fields = level_turn(dip_deg)
     readings = first.parameters.offset + fields.T @ first.parameters.shape
-    other = np.linalg.solve(second.parameters.shape, (readings - second.parameters.offset).T)
-    error = np.exp(1j * (np.arctan2(-other[1], other[0]) - np.arctan2(-fields[1], fields[0])))
-    middle = error.mean()
-    errors = np.angle(error / (middle / abs(middle) if abs(middle) > 0.0 else 1.0))
+    corrected = np.linalg.solve(second.parameters.shape, (readings - second.parameters.offset).T)
+    errors, _ = heading_errors(corrected, heading)
     return float(np.rad2deg(np.sqrt(np.mean(errors**2))))
 
 
@@ -329,7 +328,7 @@ class _AidTrial(NamedTuple):
         covariance = self.aided.rotation_covariance
         if covariance is None or self.standing.aided.sees_rotation or self.aided.aiding[-1] not in UPRIGHT[:2]:
             return ""
-        angle = _angle_of(self.aided.parameters.rotation)
+        angle = rotation_vectors(self.aided.parameters.rotation)
         is_proven = float(angle @ np.linalg.solve(covariance, angle)) >= TURNED
         if not is_proven or self._is_far() or report.after_deg > FAR_CLAIM * report.before_deg:
             return ""
@@ -346,7 +345,7 @@ class _AidTrial(NamedTuple):
     def _is_far(self) -> bool:
         """The rotation is farther from the axes as they are mounted than instruments on one body sit apart."""
         mounted = np.eye(3) if self.candidate.rotation is None else self.candidate.rotation
-        apart = _angle_of(self.aided.parameters.rotation @ mounted.T)
+        apart = rotation_vectors(self.aided.parameters.rotation @ mounted.T)
         return bool(np.rad2deg(np.linalg.norm(apart)) > FAR_TURN_DEG)
 
     def _missed(self, candidate: _Candidate) -> HoldOutMisfit:
@@ -368,20 +367,5 @@ def turned_deg(rotation: Floats, dip_deg: float) -> float:
     >>> round(turned_deg(rotations(np.array([[0.0, 0.0, 0.01]]))[0], 60.0), 3)
     0.573
     """
-    x, y, z = _angle_of(rotation).tolist()
+    x, y, z = rotation_vectors(rotation).tolist()
     return min(float(np.rad2deg(np.sqrt(z**2 + 0.5 * np.tan(np.deg2rad(dip_deg)) ** 2 * (x**2 + y**2)))), 180.0)
-
-
-def _angle_of(rotation: Floats) -> Floats:
-    """(3,) rotation vector, rad, of a (3, 3) rotation.
-
-    >>> _angle_of(np.diag([1.0, -1.0, -1.0])).round(4)
-    array([3.1416, 0.    , 0.    ])
-    """
-    w, *along = of_matrix(rotation).tolist()
-    length = float(np.linalg.norm(along))
-    angle: Floats = np.array(along) * (2.0 * np.arctan2(length, w) / length if length > 0.0 else 2.0)
-    return angle
-
-
-__all__ = ["AIDS", "aided_by", "available", "change_deg", "claim_deg"]

@@ -28,7 +28,7 @@ from flinders.errors import FitError, FlindersError, UsageError
 from flinders.estimators.auto import FEWEST_LEFT, trimmed_covariance
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import Robust
-from flinders.findings import CATALOGUE, VERDICTS, fit
+from flinders.findings import CATALOGUE, VERDICTS
 from flinders.fitting import calibrate
 from flinders.fitting.claim import widening
 from flinders.fitting.result import ALIKE, Fit, Refused
@@ -38,6 +38,7 @@ from flinders.fitting.verdict import (
     ENOUGH,
     ENOUGH_CORRELATED,
     OF_CALIBRATION,
+    OF_FIT,
     OF_RECORDING,
     halves_matter,
     unlike_correlation,
@@ -75,7 +76,7 @@ NEVER_FLAT: Final = 0.6
 DIAGONAL: Final = slice(0, 81, 10)
 """Of a flat covariance."""
 
-CODES: Final = (*(row.code for row in fit.ROWS), "alternating", "outliers", *OF_CALIBRATION, *OF_RECORDING)
+CODES: Final = (*OF_FIT, "alternating", "outliers", *OF_CALIBRATION, *OF_RECORDING)
 """Findings that a record tells, in the order of `flinders.fitting.verdict.judge`."""
 
 
@@ -273,9 +274,8 @@ class _Table:
         """(U,) which units have each finding, the most severe first."""
         there: dict[tuple[str, Severity], NDArray[np.bool_]] = {}
         for code in CODES:
-            rule = CATALOGUE[code].rule
-            if rule is not None:
-                there |= {(code, severity): holds for severity, holds in rule.holds(self.quantities).items()}
+            holding = CATALOGUE[code].rule.holds(self.quantities)
+            there |= {(code, severity): holds for severity, holds in holding.items()}
         return {key: there[key] for severity in VERDICTS for key in there if key[1] == severity}
 
 

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.systematic import AxisLag, Drift, Nonlinearity
     from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.estimators import Estimate, Estimator
-    from flinders.estimators.disturbance import Driving
+    from flinders.estimators.disturbance import DisturbanceFit
     from flinders.fitting.claim import Claim
     from flinders.fitting.linearization import AxisTerms
     from flinders.likelihood.site_field import Site
@@ -184,7 +184,7 @@ class _Evidence(NamedTuple):
     coverage : Coverage
     record : Records, optional
         Of the engine, where the other attributes were taken from it.
-    driving : Driving, optional
+    disturbed : DisturbanceFit, optional
         The disturbances that the readings were compensated for.
     aiding : Aiding, optional
     is_joint : bool
@@ -200,7 +200,7 @@ class _Evidence(NamedTuple):
     statistics: Statistics
     coverage: Coverage
     record: Records | None = None
-    driving: Driving | None = None
+    disturbed: DisturbanceFit | None = None
     aiding: Aiding | None = None
     is_joint: bool = False
     refreshed: Refreshed | None = None
@@ -355,11 +355,11 @@ def fit(
     unit = Unit.of(unit) if isinstance(unit, str) else unit
     axes = Axes.of(axes) if isinstance(axes, str) else axes
     source, sensor = recording_of(source, unit, axes, sensor)
-    source, driving, tried = _compensated(source, disturbances, request)
+    source, disturbed, tried = _compensated(source, disturbances, request)
     frame = _Frame.of(source, unit, axes)
     evidence = _estimated(Readings.of(source), estimator, request, frame.unit)
-    if driving is not None:
-        evidence = evidence._replace(driving=driving)
+    if disturbed is not None:
+        evidence = evidence._replace(disturbed=disturbed)
     if linearize:
         evidence = _linearized(evidence, estimator, request, frame.unit)
     if evidence.aiding is not None:
@@ -376,7 +376,7 @@ class _Compensated(NamedTuple):
     """Readings less their disturbances, those disturbances, and what there is to say of each column."""
 
     source: Recording | Summary
-    driving: Driving | None = None
+    disturbed: DisturbanceFit | None = None
     tried: tuple[AidingSensor, ...] = ()
 
 
@@ -391,8 +391,8 @@ def _compensated(source: Recording | Summary, disturbances: Sequence[str], reque
         return _Compensated(source, tried=tried)
     from flinders.estimators.disturbance import with_disturbances
 
-    driving, recording = with_disturbances(source, disturbances, spread=request.prior)
-    return _Compensated(recording, driving, tried)
+    disturbed, recording = with_disturbances(source, disturbances, spread=request.prior)
+    return _Compensated(recording, disturbed, tried)
 
 
 def _estimated(readings: Readings, estimator: Estimator, request: Request, unit: Unit | None) -> _Evidence:
@@ -464,15 +464,15 @@ def _claimed(evidence: _Evidence, estimator: Estimator, request: Request) -> Cla
         is_biased=estimator.is_biased,
         is_joint=evidence.is_joint,
     )
-    if evidence.driving is None:
+    if evidence.disturbed is None:
         return claim
-    covariance = evidence.driving.widened(claim.estimate.covariance)
+    covariance = evidence.disturbed.widened(claim.estimate.covariance)
     return claim._replace(estimate=replace(claim.estimate, covariance=covariance))
 
 
 def _shrunk(estimate: Estimate, evidence: _Evidence, estimator: Estimator, request: Request) -> Estimate | None:
     """The ellipsoid of `auto` by the magnitude alone, with a prior, where its readings were corrected before."""
-    is_plain = isinstance(estimator, Auto) and not estimate.plane and not evidence.is_joint and not evidence.driving
+    is_plain = isinstance(estimator, Auto) and not estimate.plane and not evidence.is_joint and not evidence.disturbed
     return shrunk(estimate) if is_plain and request.prior is not None else None
 
 
@@ -712,7 +712,7 @@ def _with_halves(drift: Drift | None, estimate: Estimate, readings: Readings, re
 
 def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlinearity | None, AxisLag | None]:
     """Whether axes answer along a curve, or late, by an ellipsoid that was fitted to readings that nothing drives."""
-    if evidence.record is None or evidence.driving or estimate.plane or estimate.unobserved:
+    if evidence.record is None or evidence.disturbed or estimate.plane or estimate.unobserved:
         return None, None
     if estimate.bias is not None:
         return None, None
@@ -738,7 +738,7 @@ def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
 def _unmodelled(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Unmodelled | None:
     """Test whether a recorded disturbance moves the readings of one recording in memory while none is modelled."""
     samples = evidence.readings.recording
-    if estimate.unobserved or evidence.driving or not isinstance(samples, Samples) or not samples.disturbances:
+    if estimate.unobserved or evidence.disturbed or not isinstance(samples, Samples) or not samples.disturbances:
         return None
     from flinders.diagnostics.unmodelled import unmodelled_of
 
@@ -799,8 +799,8 @@ def _judged(
 ) -> Fit:
     """Put together what is known and judge it: of the estimate, or of one that is shrunk towards the readings."""
     described = _described(claim, evidence, calibration, request, nearer)
-    if evidence.driving is not None:
-        described = partial(described, **_disturbances(described(), evidence.driving))
+    if evidence.disturbed is not None:
+        described = partial(described, **_disturbances(described(), evidence.disturbed))
     result = described()
     findings = judge(result, evidence.statistics)
     return described(findings=findings, conditions=conditions(result, findings))
@@ -812,7 +812,7 @@ def _described(
     """Everything that is known of a fit but its findings: its claim, its noise, its coverage, faults tested for."""
     estimate, aiding = claim.estimate, evidence.aiding
     final, correlation = nearer or estimate, estimate.correlation
-    error = evidence.heading_error(final, request.dip_deg, is_scaled=evidence.driving is None and nearer is None)
+    error = evidence.heading_error(final, request.dip_deg, is_scaled=evidence.disturbed is None and nearer is None)
     distortion, faults = _distortion(estimate, evidence.refreshed), _faults_of_axes(estimate, evidence)
     level = calibration.ellipsoid.radius * math.cos(math.radians(error.dip_deg))
     nonlinearity, axis_lag = faults
@@ -863,33 +863,24 @@ def _changes(estimate: Estimate, evidence: _Evidence, request: Request, dip_deg:
     }
 
 
-def _disturbances(result: Fit, driving: Driving) -> dict[str, Any]:
+def _disturbances(result: Fit, disturbed: DisturbanceFit) -> dict[str, Any]:
     """What is known of the disturbances of a fit to compensated readings, and its calibration with them."""
     from flinders.estimators.regressors import DisturbanceEstimate
 
-    calibration = replace(result.calibration, disturbances=driving.disturbances)
+    calibration = replace(result.calibration, disturbances=disturbed.disturbances)
     dip, down = result.heading_error_deg.dip_deg, down_of(result.plane)
     estimates = [
-        DisturbanceEstimate(
-            disturbance.name,
-            disturbance,
+        replace(
+            estimate,
             taken_deg=calibration.disturbance_deg(disturbance, dip_deg=dip),
-            left_deg=driving.remaining_error(result.ellipsoid, place, dip_deg=dip, down=down).worst,
-            shared=quality.shared,
-            monotonicity=quality.monotonicity,
-            attenuation=quality.attenuation,
-            lag_is_beyond=quality.is_beyond,
-            curvature=quality.curvature,
-            collinearity=quality.collinearity,
-            chi_square=quality.chi_square,
-            lag_sigma_s=quality.lag_sigma_s,
+            left_deg=disturbed.remaining_error(result.ellipsoid, place, dip_deg=dip, down=down).worst,
         )
-        for place, (disturbance, quality) in enumerate(zip(driving.disturbances, driving.qualities, strict=True))
+        for place, (disturbance, estimate) in enumerate(zip(disturbed.disturbances, disturbed.estimates, strict=True))
     ]
-    constant = [DisturbanceEstimate(name) for name in driving.constant]
+    constant = [DisturbanceEstimate(name) for name in disturbed.constant]
     return {
         "calibration": calibration,
         "disturbances": (*estimates, *constant),
-        "disturbances_covariance": driving.joint(result.covariance),
-        "noise_uncompensated": driving.noise_without,
+        "disturbances_covariance": disturbed.joint(result.covariance),
+        "noise_uncompensated": disturbed.noise_without,
     }

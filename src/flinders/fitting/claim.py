@@ -25,6 +25,7 @@ import numpy as np
 from flinders.core.samples import Joined
 from flinders.errors import FitError
 from flinders.estimators import ROWS, Readings
+from flinders.estimators.covariance import beyond_chance
 
 if TYPE_CHECKING:
     from flinders.core.samples import Samples
@@ -121,11 +122,7 @@ def _widened(
 def _repetition(estimate: Estimate, statistics: Statistics) -> float:
     """Factor by which repeated readings widen a covariance that does not know of them yet."""
     share = statistics.rows / max(statistics.distinct, 1)
-    if estimate.textbook is None:
-        return share
-    known, independent = estimate.covariance.diagonal().tolist(), estimate.textbook.diagonal().tolist()
-    ratios = [one / other for one, other in zip(known, independent, strict=True) if other > 0.0]  # 0 of what is fixed
-    return max(1.0, share * len(ratios) / max(float(sum(ratios)), sys.float_info.min))
+    return max(1.0, share / max(estimate.variance_inflation(), sys.float_info.min))
 
 
 def _parameters(estimate: Estimate) -> int:
@@ -146,8 +143,7 @@ def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:
     """
     if estimate.correlation is not None or likelihood.correlation is None or likelihood.textbook is None:
         return estimate
-    textbook = np.maximum(np.diag(likelihood.textbook), np.finfo(float).tiny)
-    factor = max(1.0, float(np.mean(np.diag(likelihood.covariance) / textbook)))
+    factor = max(1.0, likelihood.variance_inflation())
     return replace(
         estimate,
         covariance=estimate.covariance * factor,
@@ -157,20 +153,15 @@ def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:
 
 
 def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
-    """Add what separates an estimate from the likelihood's to its covariance.
-
-    With d the difference of (b, S) and P the sum of both covariances, χ² = dᵀP⁻¹d is nine on average where only
-    chance is at work; the share max(0, 1 − 9/χ²) of ddᵀ is kept, as James and Stein shrink a mean.
+    """Add ddᵀ to the covariance, where d separates an estimate from the likelihood's `beyond_chance`.
 
     Parameters
     ----------
     estimate, likelihood : Estimate
         Of the same readings.
     """
-    apart = estimate.ellipsoid.parameters - likelihood.ellipsoid.parameters
-    chance = np.linalg.pinv(estimate.covariance + likelihood.covariance, rcond=1e-12, hermitian=True)
-    surprise = float(apart @ chance @ apart)
-    bias = apart * np.sqrt(max(0.0, 1.0 - len(apart) / surprise)) if surprise > 0.0 else np.zeros(9)
+    difference = estimate.ellipsoid.parameters - likelihood.ellipsoid.parameters
+    bias = beyond_chance(difference, estimate.covariance + likelihood.covariance)
     covariance = estimate.covariance + np.outer(bias, bias)
     if likelihood.unobserved:  # where the readings leave it open, nobody knows how far off a method is
         covariance = covariance + likelihood.covariance

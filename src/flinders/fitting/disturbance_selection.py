@@ -28,11 +28,12 @@ from flinders.core.disturbance import KINDS, MOTORS, motor
 from flinders.core.samples import Samples, in_memory, singles
 from flinders.diagnostics.hold_out import folds
 from flinders.errors import FitError, InputError, figures
-from flinders.estimators.disturbance import driving_of
+from flinders.estimators.disturbance import fit_disturbances
 from flinders.estimators.regressors import Logged
 from flinders.estimators.static_bench import still
 from flinders.fitting.aiding import AidingSensor
 from flinders.likelihood import magnitude, prior
+from flinders.likelihood.robust import robust_sigma
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -114,16 +115,16 @@ def _report(
         if after > WORTH * before:
             words = "the strength of the field scatters as much with it as without, where it was left out"
             return AidingSensor(name, kept=False, words=words)
-        driving = driving_of(parts, tried, spread=spread)
+        found = fit_disturbances(parts, tried, spread=spread)
     except (FitError, InputError) as refusal:
         return AidingSensor(name, kept=False, words=str(refusal))
-    entangled = max(one.shared for one in driving.qualities if one.name in new)
+    entangled = max(one.shared for one in found.estimates if one.name in new)
     if entangled > ENTANGLED:
         words = f"{entangled:.1%} of what tells about it could be the attitude as well"
         return AidingSensor(name, kept=False, words=words)
-    ours = [one for one in driving.disturbances if one.name in new]
-    changed = max(driving.calibration.disturbance_deg(one, dip_deg=dip_deg) for one in ours)
-    percent = 100.0 / driving.ellipsoid.radius
+    ours = [one for one in found.disturbances if one.name in new]
+    changed = max(found.calibration.disturbance_deg(one, dip_deg=dip_deg) for one in ours)
+    percent = 100.0 / found.ellipsoid.radius
     words = (
         f"the strength of the field scatters by {figures(percent * after)} % with it and by "
         f"{figures(percent * before)} % without, where it was left out"
@@ -157,11 +158,11 @@ def hold_out_residuals(
         fitted = [run for part, (training, _) in zip(parts, fold, strict=True) for run in _runs(part, training)]
         rest = [run for part, (_, out) in zip(parts, fold, strict=True) for run in _runs(part, out)]
         for names, of_names in zip((without, tried), distances, strict=True):
-            driving = driving_of(fitted, names, spread=spread)
-            calm = (cast("Samples", compensated(run, driving.calibration)) for run in rest)
-            of_names += [magnitude.distances(run.field, driving.ellipsoid) for run in calm]
+            found = fit_disturbances(fitted, names, spread=spread)
+            calm = (cast("Samples", compensated(run, found.calibration)) for run in rest)
+            of_names += [magnitude.distances(run.field, found.ellipsoid) for run in calm]
     sizes = [np.abs(np.concatenate(each)) for each in distances]
-    limit = FARTHEST * 1.4826 * min(float(np.median(size)) for size in sizes)
+    limit = FARTHEST * min(map(robust_sigma, sizes))
     before, after = (float(np.sqrt(np.mean(np.minimum(size, limit) ** 2))) for size in sizes)
     return before, after
 

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.core.samples import Joined
+from flinders.core.samples import joined
 from flinders.errors import FitError, counted, figures
 from flinders.estimators.data import WithinRange
 from flinders.findings import CATALOGUE, Record, by_severity
 from flinders.fitting.calibrate import fit
 from flinders.fitting.result import Refused
-from flinders.geometry.ellipsoid import upper
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import level_error
 from flinders.summary.summary import Summary
@@ -64,7 +63,7 @@ def fit_filtered(
     options
         Of `flinders.fit`.
     """
-    plain, _ = _tried(_joined(parts), options)
+    plain, _ = _tried(joined(parts), options)
     passed = through(parts, by)
     result, refusal = _tried(passed, options)
     if result is None:
@@ -114,7 +113,7 @@ def filtered_finding(fit: Fit, plain: Fit | None, by: Filter, dropped: int) -> F
 def _effect(fit: Fit, plain: Fit) -> tuple[float, str]:
     """Degrees by which a filter moved the heading at the worst, and what it did in words."""
     ours, theirs = fit.ellipsoid, plain.ellipsoid
-    apart = np.concatenate([ours.centre - theirs.centre, upper(ours.shape - theirs.shape)])
+    apart = ours.parameters - theirs.parameters
     dip, down = fit.heading_error_deg.dip_deg, down_of(fit.plane)
     moved = level_error(theirs, np.outer(apart, apart), dip_deg=dip, down=down).worst
     smaller = 1.0 - ours.radius / theirs.radius
@@ -127,12 +126,7 @@ def through(parts: Sequence[Recording], by: Filter) -> Recording:
     """Recordings as one, their readings filtered."""
     from flinders.heading.smoothing import filtered
 
-    return _joined([filtered(_within_range(part), by) for part in parts])
-
-
-def _joined(parts: Sequence[Recording]) -> Recording:
-    """Recordings as one."""
-    return Joined(tuple(parts)) if len(parts) > 1 else parts[0]
+    return joined([filtered(_within_range(part), by) for part in parts])
 
 
 def _within_range(part: Recording) -> Recording:

@@ -44,7 +44,7 @@ import numpy as np
 
 from flinders.core.calibration import Calibration
 from flinders.errors import FitError, UsageError
-from flinders.findings import CATALOGUE, Record, by_severity
+from flinders.findings import Record, by_severity, found_in
 from flinders.fitting.refreshing import (
     FINEST_SHAPE,
     known_shape,
@@ -157,8 +157,8 @@ def refresh_at_headings(
     readings = np.concatenate([recording.field for recording in recordings])
     seen = [Pose.of(recording, shape) for recording in recordings]
     equations = _Equations.of(seen, np.radians(headings_deg), math.radians(dip_deg), sigmas, shape, rotation)
-    centre, entries, covariance, chance = equations.solved(known.entries, known.covariance)
-    ellipsoid = Ellipsoid(centre, symmetric(entries))
+    parameters, covariance, chance = equations.solved(known.entries, known.covariance)
+    ellipsoid = Ellipsoid.of_parameters(parameters)
     fit = Fit(
         _calibration(ellipsoid, previous, site),
         method=METHOD,
@@ -275,8 +275,8 @@ class _Equations:
         covariance += np.radians(sigmas.crab_deg) ** 2 * np.cos(around[:, np.newaxis] - around) * np.outer(turns, turns)
         return cls(design, np.concatenate([pose.mean for pose in poses]), covariance)
 
-    def solved(self, entries: Floats, prior: Floats) -> tuple[Floats, Floats, Floats, float]:
-        """Offset (3,), shape (6,), covariance (9, 9), and how often chance makes residuals as large.
+    def solved(self, entries: Floats, prior: Floats) -> tuple[Floats, Floats, float]:
+        """Offset and shape (9,), their covariance (9, 9), and how often chance makes residuals as large.
 
         `entries` (6,) and `prior` (6, 6) are the earlier shape and its covariance.
         """
@@ -289,7 +289,7 @@ class _Equations:
         left, moved = self.readings - self.design @ solution, solution[3:] - entries
         freedom = len(left) - 3
         chance = chance_of(float(left @ precision @ left + moved @ known @ moved), freedom) if freedom else 1.0
-        return solution[:3], solution[3:], covariance, chance
+        return solution, covariance, chance
 
 
 def _calibration(ellipsoid: Ellipsoid, previous: Fit, site: Site | None) -> Calibration:
@@ -314,9 +314,7 @@ def _judged(fit: Fit, chance: float) -> Iterator[Finding]:
         why="",
         remedy="add poses at other headings, or turn the vehicle",
     )
-    for code in ("poses-contradict", "heading-error"):
-        if finding := CATALOGUE[code].finding(record):
-            yield finding
+    yield from found_in(record, "poses-contradict", "heading-error")
     yield from of_calibration(fit)
 
 

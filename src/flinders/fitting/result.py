@@ -85,16 +85,10 @@ ALIKE: Final = 0.5
 
 
 class Outcome:
-    """A calibration with findings: it has a verdict, and a file it can be written to.
-
-    Attributes
-    ----------
-    findings : tuple of Finding
-        Most severe first.
-    """
+    """A calibration with findings: it has a verdict, and a file it can be written to."""
 
     __slots__ = ()
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  #: most severe first
 
     @property
     def verdict(self) -> Verdict:
@@ -131,148 +125,80 @@ def _stated(number: float) -> float | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit(Outcome):
-    """A calibration, how it was found and how far to trust it.
-
-    Attributes
-    ----------
-    calibration : Calibration
-    method : str
-        What was run in the end; ``not stated`` where a file says nothing but the calibration.
-    covariance : (9, 9) float
-        Of the offset b and the shape S = F W⁻¹, in the order b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the
-        square of the calibration's unit. Singular where the method holds some of them; zeros where no uncertainty is
-        stated, see `states_uncertainty`.
-    noise : float
-        Standard deviation of the readings' distance from the ellipsoid, in the calibration's unit; NaN if not stated.
-    samples : int
-        Readings used; 0 if not stated.
-    coverage : Coverage
-        Directions seen. Of a loaded fit only its numbers are known, not the readings of each direction.
-    heading_error_deg : HeadingError
-        Expected of a level vehicle, 1 σ; NaN if not stated.
-    target_deg : float
-        The worst heading error that was asked for.
-    dip_deg : float
-        Inclination of the field at the site. That of `heading_error_deg` has the sign that the recording shows: the
-        other one for a sensor mounted upside down.
-    dip_assumed : bool
-        Nobody said where the readings were taken, and `dip_deg` is a guess.
-    prior_influence : float
-        Share of the least known shape parameter that the prior speaks for, 0 to 1.
-    textbook_covariance : (9, 9) float, optional
-        As `covariance`, if residuals were independent.
-    independent_samples : float
-        Independent readings that say as much as those used, whose residuals are correlated.
-    autocorrelation : float, optional
-        Correlation of a residual with the next; None where the residuals were not looked at.
-    noise_lasts : float
-        Probability that slow noise lasts longer than a third of the recording.
-    steps_kurtosis : float
-        Of the steps between means of five successive residuals or more: 3 for normal noise, however long it lasts, more
-        where something comes and goes at once. NaN where residuals are white, or few.
-    outliers : tuple of Outlier
-        Runs of readings that were rejected.
-    unobserved : int
-        Directions of parameter space of which the readings say nothing; the prior holds them.
-    alignment_error_deg : float, optional
-        Heading error (1 σ) from a mounting of the stated uncertainty, beside `heading_error_deg`.
-    bias_deg : float
-        Heading error (rms) that the method's own bias and misfit cost, as far as the readings show; in the covariance.
-    distortion : float
-        Standard deviation of what belongs to the direction and no ellipsoid takes off, in the calibration's unit;
-        `structure_deg` of it is in the heading error.
-    drift : Drift, optional
-        Where the recording is one and long enough.
-    axis_lag : AxisLag, optional
-        How late each axis is read, likewise.
-    nonlinearity : Nonlinearity, optional
-        Of the axes, where the fit is one of a hundred readings or more as they were recorded. Where it is proven,
-        `structure_deg` has it, or what the linearization of the calibration leaves of it.
-    conditions : tuple of {'same-soft-iron', 'uniform-field', 'constant-iron'}
-        What a good verdict rests on and no recording of this kind shows: that the field is the same wherever the sensor
-        was, and that neither current nor iron near it changed with its attitude. Other evidence ends them.
-    axis_swap : AxisSwap, optional
-        Where the readings tell that axes slipped in mid-recording.
-    unmodelled : Unmodelled, optional
-        A disturbance that was recorded, moves the readings, and is not followed.
-    attitude_dependence : AttitudeDependence, optional
-        A disturbance that follows the attitude, as an accelerometer shows.
-    tilt_error_deg : float
-        What the tilt by an accelerometer adds to a heading, where one was recorded at rest and nothing corrects it;
-        else not a number.
-    repeats : Repeats, optional
-        Several recordings, compared with each other; their scatter is in the covariance.
-    is_shrunk : bool
-        Whether the readings were corrected before, and the fit is shrunk towards leaving them as they are:
-        `flinders.fitting.shrinkage`.
-    plane : str, optional
-        ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on: headings are then those of
-        a turn about the third axis.
-    disturbances : tuple of DisturbanceEstimate
-        What the offset was asked to follow.
-    disturbances_covariance : (9 + K, 9 + K) float, optional
-        Of the nine of `covariance` and the offset per unit of each disturbance, with the growth of the scale last.
-    noise_uncompensated : float, optional
-        `noise` of the best ellipsoid that follows nothing.
-    aiding : Aiding, optional
-        What was recorded beside the magnetometer and helped.
-    refreshed : Refreshed, optional
-        Where the shape is that of an earlier calibration, see `flinders.refresh`.
-    z_down : bool, optional
-        False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
-        that dip was used and neither an accelerometer nor anybody says which way z points.
-    findings : tuple of Finding
-        Most severe first.
-    name : str
-        What messages call it: the path of a file that was loaded.
-    provenance : Provenance, optional
-        Release, date and recordings that a loaded file states.
-    stated_verdict : str, optional
-        Verdict that a file states and its findings do not explain.
-    """
+    """A calibration, how it was found and how far to trust it."""
 
     calibration: Calibration
-    method: str = NOT_STATED
+    method: str = NOT_STATED  #: what was run in the end; ``not stated`` where a file says nothing but the calibration
+    #: (9, 9): of the offset b and the shape S = F W⁻¹, in the order b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the
+    #: square of the calibration's unit. Singular where the method holds some of them; zeros where no uncertainty is
+    #: stated, see `states_uncertainty`.
     covariance: Floats = field(default_factory=lambda: np.zeros((9, 9)))
+    #: standard deviation of the readings' distance from the ellipsoid, in the calibration's unit; NaN if not stated
     noise: float = math.nan
-    samples: int = 0
+    samples: int = 0  #: readings used; 0 if not stated
+    #: directions seen. Of a loaded fit only its numbers are known, not the readings of each direction.
     coverage: Coverage = field(default_factory=Coverage)
-    heading_error_deg: HeadingError = NO_ERROR
-    target_deg: float = 1.0
+    heading_error_deg: HeadingError = NO_ERROR  #: expected of a level vehicle, 1 σ; NaN if not stated
+    target_deg: float = 1.0  #: the worst heading error that was asked for
+    #: inclination of the field at the site. That of `heading_error_deg` has the sign that the recording shows: the
+    #: other one for a sensor mounted upside down.
     dip_deg: float = ASSUMED_DIP_DEG
-    dip_assumed: bool = False
-    prior_influence: float = 0.0
-    unobserved: int = 0
+    dip_assumed: bool = False  #: nobody said where the readings were taken, and `dip_deg` is a guess
+    prior_influence: float = 0.0  #: share of the least known shape parameter that the prior speaks for, 0 to 1
+    unobserved: int = 0  #: directions of parameter space of which the readings say nothing; the prior holds them
+    #: heading error (1 σ) from a mounting of the stated uncertainty, beside `heading_error_deg`
     alignment_error_deg: float | None = None
+    #: heading error (rms) that the method's own bias and misfit cost, as far as the readings show; in the covariance
     bias_deg: float = 0.0
-    textbook_covariance: Floats | None = None
+    textbook_covariance: Floats | None = None  #: (9, 9): as `covariance`, if residuals were independent
+    #: independent readings that say as much as those used, whose residuals are correlated
     independent_samples: float = np.inf
+    #: correlation of a residual with the next; None where the residuals were not looked at
     autocorrelation: float | None = None
-    noise_lasts: float = 0.0
+    noise_lasts: float = 0.0  #: probability that slow noise lasts longer than a third of the recording
+    #: of the steps between means of five successive residuals or more: 3 for normal noise, however long it lasts, more
+    #: where something comes and goes at once. NaN where residuals are white, or few.
     steps_kurtosis: float = math.nan
-    outliers: tuple[Outlier, ...] = ()
+    outliers: tuple[Outlier, ...] = ()  #: runs of readings that were rejected
+    #: standard deviation of what belongs to the direction and no ellipsoid takes off, in the calibration's unit;
+    #: `structure_deg` of it is in the heading error
     distortion: float = 0.0
-    drift: Drift | None = None
+    drift: Drift | None = None  #: where the recording is one and long enough
+    #: of the axes, where the fit is one of a hundred readings or more as they were recorded. Where it is proven,
+    #: `structure_deg` has it, or what the linearization of the calibration leaves of it.
     nonlinearity: Nonlinearity | None = None
-    axis_lag: AxisLag | None = None
+    axis_lag: AxisLag | None = None  #: how late each axis is read, likewise
+    #: what a good verdict rests on and no recording of this kind shows: that the field is the same wherever the sensor
+    #: was, and that neither current nor iron near it changed with its attitude. Other evidence ends them.
     conditions: tuple[Condition, ...] = ()
-    axis_swap: AxisSwap | None = None
-    unmodelled: Unmodelled | None = None
+    axis_swap: AxisSwap | None = None  #: where the readings tell that axes slipped in mid-recording
+    unmodelled: Unmodelled | None = None  #: a disturbance that was recorded, moves the readings, and is not followed
+    #: a disturbance that follows the attitude, as an accelerometer shows
     attitude_dependence: AttitudeDependence | None = None
+    #: what the tilt by an accelerometer adds to a heading, where one was recorded at rest and nothing corrects it; else
+    #: not a number
     tilt_error_deg: float = math.nan
-    repeats: Repeats | None = None
+    repeats: Repeats | None = None  #: several recordings, compared with each other; their scatter is in the covariance
+    #: whether the readings were corrected before, and the fit is shrunk towards leaving them as they are:
+    #: `flinders.fitting.shrinkage`
     is_shrunk: bool = False
+    #: ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on: headings are then those of a
+    #: turn about the third axis
     plane: Plane | None = None
-    disturbances: tuple[DisturbanceEstimate, ...] = ()
+    disturbances: tuple[DisturbanceEstimate, ...] = ()  #: what the offset was asked to follow
+    #: (9 + K, 9 + K): of the nine of `covariance` and the offset per unit of each disturbance, with the growth of the
+    #: scale last
     disturbances_covariance: Floats | None = None
-    noise_uncompensated: float | None = None
-    aiding: Aiding | None = None
-    refreshed: Refreshed | None = None
+    noise_uncompensated: float | None = None  #: `noise` of the best ellipsoid that follows nothing
+    aiding: Aiding | None = None  #: what was recorded beside the magnetometer and helped
+    refreshed: Refreshed | None = None  #: where the shape is that of an earlier calibration, see `flinders.refresh`
+    #: False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
+    #: that dip was used and neither an accelerometer nor anybody says which way z points
     z_down: bool | None = True
-    findings: tuple[Finding, ...] = ()
-    name: str = "fit"
-    provenance: Provenance | None = None
-    stated_verdict: Verdict | None = None
+    findings: tuple[Finding, ...] = ()  #: most severe first
+    name: str = "fit"  #: what messages call it: the path of a file that was loaded
+    provenance: Provenance | None = None  #: release, date and recordings that a loaded file states
+    stated_verdict: Verdict | None = None  #: verdict that a file states and its findings do not explain
 
     strays = renamed_attribute("strays", "outliers")
     slip = renamed_attribute("slip", "axis_swap")
@@ -519,7 +445,7 @@ class Fit(Outcome):
             "repeats": None if self.repeats is None else self.repeats.as_dict(),
             "coverage": self.coverage.as_dict(),
             "covariance": self.covariance.tolist(),
-            **self._driven_as_dict(),
+            **self._disturbances_as_dict(),
             **({} if self.aiding is None else {"aids": self.aiding.as_dict()}),
             **({} if self.refreshed is None else {"refreshed": self.refreshed.as_dict()}),
             "findings": [finding.as_dict() for finding in self.findings],
@@ -528,7 +454,7 @@ class Fit(Outcome):
         unstated = () if self.states_uncertainty else _OF_THE_COVARIANCE
         return {**fields, **dict.fromkeys((*untrusted, *unstated))}
 
-    def _driven_as_dict(self) -> dict[str, Any]:
+    def _disturbances_as_dict(self) -> dict[str, Any]:
         """What is known of the disturbances; no key where it follows none."""
         if not self.disturbances:
             return {}

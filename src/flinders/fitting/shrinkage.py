@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -74,7 +74,7 @@ def shrunk(estimate: Estimate) -> Estimate | None:
     places, means, spreads = posteriors(parameters[np.newaxis], covariance[np.newaxis])
     if not len(places):
         return None
-    ellipsoid = Ellipsoid(means[0, :3], symmetric(means[0, 3:]))
+    ellipsoid = Ellipsoid.of_parameters(means[0])
     return replace(estimate, ellipsoid=ellipsoid, covariance=spreads[0], textbook=None)
 
 

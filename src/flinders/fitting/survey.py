@@ -32,7 +32,7 @@ from flinders.core.calibration import UNSTATED, Calibration
 from flinders.core.calibration_file import Fitted, HeadingErrorRecord
 from flinders.core.survey import FORWARD_RIGHT_DOWN, Angles, SurveyCalibration
 from flinders.errors import FitError, counted, figures
-from flinders.findings import CATALOGUE, Record, by_severity
+from flinders.findings import Record, by_severity, found_in
 from flinders.fitting.claim import widening_by_few
 from flinders.fitting.result import Outcome
 from flinders.geometry.rotation import lengths
@@ -352,5 +352,4 @@ def _findings(
     }
     named = ", ".join(str(number) for number, out in zip(errors.numbers, errors.left_out, strict=True) if out)
     record = Record(numbers, remedy=REST, shots=f"shot {named}")
-    findings = (CATALOGUE[code].finding(record) for code in ("pointing-error", "shots-contradict"))
-    return by_severity(finding for finding in findings if finding is not None)
+    return by_severity(found_in(record, "pointing-error", "shots-contradict"))

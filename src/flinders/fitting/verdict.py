@@ -22,13 +22,13 @@ from flinders.core.compensation import beyond_words
 from flinders.core.disturbance import known, motor
 from flinders.core.units import COUNTS, EARTH_UT, MICROTESLA, label
 from flinders.errors import counted, figures
-from flinders.findings import CATALOGUE, Finding, Record, apply_rules, by_severity, fit, limit_of
+from flinders.findings import Finding, Record, by_severity, fit, found_in, limit_of
 from flinders.fitting.advice import attitudes, movement, remedy
 from flinders.geometry.plane import order_of
 from flinders.summary.summary import flat_below
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Disturbance
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from flinders.summary.quality import Rail
     from flinders.summary.summary import Statistics
 
+OF_FIT: Final = tuple(row.code for row in fit.ROWS)
+"""Findings of a fit by itself."""
 OF_CALIBRATION: Final = (
     "axis-ratio",
     "field-strength",
@@ -53,8 +55,6 @@ OF_RECORDING: Final = ("quantised", "stale-repeats", "unordered", "time-back", "
 """Findings of a recording as a whole."""
 OF_THE_RECORDING: Final = frozenset({"saturated", *OF_RECORDING})
 """Findings that hold whatever the fit is worth, and may be the reason why it is worth nothing."""
-CALIBRATION_ROWS: Final = tuple(CATALOGUE[code] for code in OF_CALIBRATION)
-RECORDING_ROWS: Final = tuple(CATALOGUE[code] for code in ("saturated", *OF_RECORDING))
 
 PLACED, SKEWED = 0.5, 0.15
 """Of the field: an offset across a level turn is known, a shape across it is not."""
@@ -93,17 +93,13 @@ def judge(result: Fit, statistics: Statistics) -> tuple[Finding, ...]:
         Of the recording it came from.
     """
     record = fit_record(result, statistics)
-    flat = CATALOGUE["one-plane"].finding(record)
-    supported: Iterable[Finding] = (
-        (  # what follows from a surface that nothing supports is no finding
-            *apply_rules(fit.ROWS, record),
-            *_of_aiding(result),
-            *apply_rules((CATALOGUE["alternating"], CATALOGUE["outliers"]), record),
-            *of_disturbances(result),
-            *of_calibration(result),
-        )
-        if flat is None
-        else (flat,)
+    flat = tuple(found_in(record, "one-plane"))
+    supported = flat or (  # what follows from a surface that nothing supports is no finding
+        *found_in(record, *OF_FIT),
+        *_of_aiding(result),
+        *found_in(record, "alternating", "outliers"),
+        *of_disturbances(result),
+        *of_calibration(result),
     )
     return by_severity([*supported, *of_recording(statistics)])
 
@@ -385,7 +381,7 @@ def contradiction(repeats: Repeats, target_deg: float, unit: str) -> Iterator[Fi
     """Whether recordings of one sensor contradict each other."""
     words = {"contradiction": lambda: _contradiction(repeats, target_deg, unit)}
     record = Record({"target_deg": target_deg, **_apart(repeats, target_deg)}, **words)
-    yield from apply_rules((CATALOGUE["recordings-differ"],), record)
+    yield from found_in(record, "recordings-differ")
 
 
 def _contradiction(repeats: Repeats | None, target_deg: float, unit: str) -> str:
@@ -459,7 +455,7 @@ WORDS: Final[dict[str, Callable[[Fit], str]]] = {
 
 def of_recording(health: Statistics) -> Iterator[Finding]:
     """What a recording says about itself."""
-    yield from apply_rules(RECORDING_ROWS, _recording_record(health))
+    yield from found_in(_recording_record(health), "saturated", *OF_RECORDING)
 
 
 def _at_rail(rail: Rail) -> str:
@@ -503,7 +499,7 @@ class Corrected(Protocol):
 
 def of_calibration(corrected: Corrected) -> Iterator[Finding]:
     """Say what the calibration alone tells, whatever it was made from."""
-    yield from apply_rules(CALIBRATION_ROWS, calibration_record(corrected))
+    yield from found_in(calibration_record(corrected), *OF_CALIBRATION)
 
 
 def calibration_record(corrected: Corrected) -> Record:
@@ -542,7 +538,7 @@ def of_disturbances(fit: Fit) -> Iterator[Finding]:
     ]
     for estimate in fit.disturbances:
         if estimate.disturbance is None:
-            yield from apply_rules((CATALOGUE["disturbance-constant"],), _constant_record(estimate))
+            yield from found_in(_constant_record(estimate), "disturbance-constant")
             continue
         record = _disturbance_record(estimate, estimate.disturbance, UNSAID * fit.target_deg)
         record |= Record({"target_deg": fit.target_deg, "left_at_most_deg": min(estimate.left_deg, 180.0)})
@@ -553,7 +549,7 @@ def of_disturbances(fit: Fit) -> Iterator[Finding]:
             "without": _without(fit),
         }
         first = ("disturbance", "disturbance-uncertain", "disturbance-collinear-attitude")
-        yield from apply_rules((CATALOGUE[code] for code in (*first, *OF_A_COLUMN)), record)
+        yield from found_in(record, *first, *OF_A_COLUMN)
 
 
 OF_A_COLUMN: Final = tuple(f"disturbance-{fault}" for fault in ("monotone", "lag", "nonlinear", "range", "reference"))
@@ -642,37 +638,32 @@ def _out_of_range(disturbance: Disturbance) -> str:
 
 def of_alike(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
     """Whether disturbances are collinear, so that what one does cannot be distinguished from what another does."""
-    row = CATALOGUE["disturbances-collinear"]
-    limit = row.rule.grades[0].factor if row.rule else math.inf
-    names = [one.name for one in estimates if one.collinearity > limit]
+    names = [one.name for one in estimates if one.collinearity > limit_of("disturbances-collinear")]
     record = Record(
         {"most_alike": max((one.collinearity for one in estimates), default=0.0)}, alike=lambda: ", ".join(names)
     )
-    yield from apply_rules((row,), record)
+    yield from found_in(record, "disturbances-collinear")
 
 
 def of_noisy(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
     """Whether the columns of disturbances are noisy: one finding for all of them."""
-    row = CATALOGUE["disturbance-noisy"]
-    limit = row.rule.grades[0].factor if row.rule else math.inf
+    limit = limit_of("disturbance-noisy")
     noisy = [one for one in estimates if one.disturbance is not None and one.attenuation > limit]
     shares = [one.attenuation for one in noisy]
     names = ", ".join(one.name for one in noisy)
     is_one = len(noisy) == 1
-    yield from apply_rules(
-        (row,),
-        Record(
-            {"most_attenuation": max(shares, default=0.0)},
-            noisy=lambda: names,
-            noisy_what=lambda: (
-                "its meter is noisy, and what was found of it is"
-                if is_one
-                else "their meters are noisy, and what was found of each is, by its own course,"
-            ),
-            noisy_share=lambda: _share(min(shares), max(shares)),
-            noisy_remedy=lambda: f"a smoother {names}" if is_one else "them smoother",
+    record = Record(
+        {"most_attenuation": max(shares, default=0.0)},
+        noisy=names,
+        noisy_what=(
+            "its meter is noisy, and what was found of it is"
+            if is_one
+            else "their meters are noisy, and what was found of each is, by its own course,"
         ),
+        noisy_share=lambda: _share(min(shares), max(shares)),
+        noisy_remedy=f"a smoother {names}" if is_one else "them smoother",
     )
+    yield from found_in(record, "disturbance-noisy")
 
 
 def _share(least: float, most: float) -> str:
@@ -682,9 +673,7 @@ def _share(least: float, most: float) -> str:
 def of_column(estimate: DisturbanceEstimate) -> Iterator[Finding]:
     """Whether what was logged of a disturbance is fit to be modelled, of a sensor on a bench."""
     if estimate.disturbance is not None:
-        yield from apply_rules(
-            (CATALOGUE[code] for code in OF_A_COLUMN), _disturbance_record(estimate, estimate.disturbance)
-        )
+        yield from found_in(_disturbance_record(estimate, estimate.disturbance), *OF_A_COLUMN)
 
 
 def of_extrapolation(correction: Calibration, beyond: Mapping[str, float]) -> Iterator[Finding]:
@@ -702,4 +691,4 @@ def of_extrapolation(correction: Calibration, beyond: Mapping[str, float]) -> It
     for disturbance in correction.disturbances:
         share = beyond.get(disturbance.name, 0.0)
         words = {"beyond_words": lambda disturbance=disturbance, share=share: beyond_words(disturbance, share)}
-        yield from apply_rules((CATALOGUE["disturbance-beyond"],), Record({"beyond": share}, **words))
+        yield from found_in(Record({"beyond": share}, **words), "disturbance-beyond")

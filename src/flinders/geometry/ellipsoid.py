@@ -100,6 +100,11 @@ class Ellipsoid:
         semi_axes.flags.writeable = False
         return semi_axes
 
+    @classmethod
+    def of_parameters(cls, parameters: Floats) -> Self:
+        """The ellipsoid with (9,) `parameters`."""
+        return cls(parameters[:3], symmetric(parameters[3:]))
+
     @property
     def parameters(self) -> Floats:
         """(9,) centre, then S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃: what covariances are of."""
@@ -149,6 +154,22 @@ def upper(matrix: Floats) -> Floats:
     return entries
 
 
+def sphere_through(points: Floats, origin: Floats | None = None) -> tuple[Floats, float]:
+    """Centre (k,) and radius of the sphere, or circle, through (N, k) points by linear least squares (Kåsa 1976).
+
+    |x|² = 2 c·x + r² − |c|² for x about an origin, by default their mean; points in a plane have the centre in it.
+
+    >>> sphere_through(np.array([[3.0, 0.0], [1.0, 2.0], [-1.0, 0.0], [1.0, -2.0]]))
+    (array([1., 0.]), 2.0)
+    """
+    begin = points.mean(axis=0) if origin is None else origin
+    scale = float(np.abs(points - begin).max()) or 1.0
+    about = (points - begin) / scale
+    rows = np.column_stack([2.0 * about, np.ones(len(about))])
+    *centre, rest = np.linalg.lstsq(rows, np.einsum("ij,ij->i", about, about), rcond=None)[0]
+    return begin + scale * np.array(centre), scale * math.sqrt(max(rest + float(np.dot(centre, centre)), 0.0))
+
+
 def centred(readings: Floats, centre: Floats) -> Floats:
     """(3, N) what (N, 3) readings are off a centre, axis by axis in memory: four times faster than row by row."""
     local: Floats = np.subtract(readings.T, centre[:, np.newaxis], order="C")
@@ -156,9 +177,10 @@ def centred(readings: Floats, centre: Floats) -> Floats:
 
 
 def gathered(vectors: Floats, directions: Floats) -> Floats:
-    """(K, 9) coefficients of v·δb + vᵀ δS u in (δb, δS₁₁, δS₂₂, δS₃₃, δS₁₂, δS₁₃, δS₂₃), for (3, K) v and u."""
-    rows = np.concatenate([vectors, (vectors[:, np.newaxis] * directions).reshape(9, -1)])
-    coefficients: Floats = rows.T @ GATHER
+    """(..., K, 9) coefficients of v·δb + vᵀ δS u in b and the entries of S in their order, for (..., 3, K) v and u."""
+    products = vectors[..., np.newaxis, :] * directions[..., np.newaxis, :, :]
+    rows = np.concatenate([vectors, products.reshape(*vectors.shape[:-2], 9, -1)], axis=-2)
+    coefficients: Floats = rows.mT @ GATHER
     return coefficients
 
 

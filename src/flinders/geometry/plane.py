@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeAlias, get_args
 import numpy as np
 
 from flinders.errors import UsageError, counted, figures
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -50,6 +50,9 @@ Plane: TypeAlias = Literal["xy", "yz", "zx"]
 """The two axes that see the field go round; the third one, which completes a right-handed frame, is turned about."""
 
 PLANES: Final[tuple[Plane, ...]] = get_args(Plane)
+
+IN_PLANE: Final = [0, 1, 3, 4, 6]
+"""Places of b₁, b₂, S₁₁, S₂₂, S₁₂ among the nine parameters: all that the readings of the plane ``xy`` tell."""
 
 
 def order_of(plane: Plane) -> tuple[int, int, int]:
@@ -280,7 +283,7 @@ def equator(ellipsoid: Ellipsoid, plane: Plane, *, dip_deg: float) -> Ellipsoid:
         Inclination of the field towards that axis.
     """
     parameters = to_equator(plane, dip_deg=dip_deg) @ ellipsoid.parameters
-    return Ellipsoid(parameters[:3], symmetric(parameters[3:]))
+    return Ellipsoid.of_parameters(parameters)
 
 
 def to_equator(plane: Plane, *, dip_deg: float) -> Floats:

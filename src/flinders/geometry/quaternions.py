@@ -34,7 +34,7 @@ STRAIGHT: Final = 1e-6
 """Half a turn, in rad, below which the way between two attitudes is a straight line to the last bit but a few."""
 
 
-def attitudes(values: ArrayLike, name: str = "attitude") -> Floats:
+def attitudes(values: ArrayLike) -> Floats:
     """Let through (..., 4) quaternions, brought to length 1; NaN where a number is missing.
 
     Raises `ArrayError` for a wrong shape, or a length that is not 1 to within a hundredth.
@@ -45,15 +45,16 @@ def attitudes(values: ArrayLike, name: str = "attitude") -> Floats:
     array([[ 1.,  0.,  0.,  0.],
            [nan, nan, nan, nan]])
     """
-    array = floats(values, name)
+    array = floats(values, "attitude")
     if array.ndim == 0 or array.shape[-1] != 4:
-        raise ArrayError(f"{name} has shape {array.shape}: need (..., 4), one quaternion w, x, y, z a reading")
+        raise ArrayError(f"attitude has shape {array.shape}: need (..., 4), one quaternion w, x, y, z a reading")
     length = np.linalg.norm(array, axis=-1, keepdims=True)
     off = np.argwhere(np.abs(length[..., 0] - 1) > NEAR_ONE)
     if len(off):
         row = tuple(int(index) for index in off[0])
         raise ArrayError(
-            f"{name} at index {row} is {length[row][0]:.3g} long ({len(off):,} such): need unit quaternions w, x, y, z"
+            f"attitude at index {row} is {length[row][0]:.3g} long ({len(off):,} such): need unit quaternions "
+            "w, x, y, z"
         )
     unit: Floats = array / length
     return unit

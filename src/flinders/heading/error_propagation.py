@@ -33,14 +33,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
 from flinders.deprecation import renamed_attribute
 from flinders.errors import UsageError
-from flinders.geometry.ellipsoid import GATHER, Ellipsoid, gathered
+from flinders.geometry.ellipsoid import Ellipsoid, gathered
 from flinders.geometry.plane import heading_errors
+from flinders.geometry.rotation import rotations
 from flinders.geometry.sphere import fibonacci
 from flinders.native.engine import engine
 
@@ -75,6 +76,11 @@ class DirectionError(NamedTuple):
 
     rms: float
     worst: float
+
+    @classmethod
+    def of(cls, errors: Floats) -> Self:
+        """Of (K,) errors, in degrees."""
+        return cls(float(np.sqrt(np.mean(errors**2))), float(np.abs(errors).max()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +141,7 @@ def level_gradients(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats
 
     Raises `UsageError` within a degree of the magnetic poles.
     """
-    across, directions = _level_fields(dip_deg, down)
+    across, directions = level_fields(dip_deg, down)
     gradient = gathered(np.linalg.solve(ellipsoid.shape, across), directions)
     gradient -= gradient.mean(axis=0)
     return gradient
@@ -183,10 +189,8 @@ def deviation_covariance(
     >>> np.sqrt(np.diagonal(tilted).clip(0)).round(2)
     array([0.  , 1.73, 0.  , 0.  ])
     """
-    heading, _, _ = _turn_at(float(dip_deg))
-    harmonics = np.stack([np.sin(heading), np.cos(heading), np.sin(2.0 * heading), np.cos(2.0 * heading)])
     turn = np.eye(3) if rotation is None else rotation
-    gradient = np.rad2deg(2.0 / HEADINGS * harmonics @ _body_gradients(ellipsoid, turn, dip_deg, down))
+    gradient = np.rad2deg(2.0 / HEADINGS * _harmonics(HEADINGS).T @ _body_gradients(ellipsoid, turn, dip_deg, down))
     carried: Floats = gradient @ _with_rotation(covariance, rotation_covariance) @ gradient.T
     return carried
 
@@ -215,7 +219,7 @@ def tilted_error(
     tilt_deg : float
         0 to 180, which is upside down.
     """
-    across, directions = _level_fields(dip_deg, down)
+    across, directions = level_fields(dip_deg, down)
     mounting = gathered(np.linalg.solve(ellipsoid.shape, across), directions).mean(axis=0)
     rows = np.concatenate([across, directions], axis=1)
     turned = np.swapaxes(_tilts(np.deg2rad(tilt_deg), down), 1, 2) @ rows  # (24, 3, 144)
@@ -263,7 +267,7 @@ def _worst_anywhere_deg(ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: fl
     """No less than the largest `tilted_error`, whatever the tilt: at a hundredth of its cost."""
     # Wherever the field points, an error across it turns the heading by at most its own size over cos I; what is taken
     # off for the mounting comes on top. Between the 400 directions looked at an error grows by less than `MARGIN`.
-    across, directions = _level_fields(dip_deg, down)
+    across, directions = level_fields(dip_deg, down)
     mounting = gathered(np.linalg.solve(ellipsoid.shape, across), directions).mean(axis=0)
     level = float(np.linalg.norm(across[:, 0]))
     mounting_deg = np.rad2deg(math.sqrt(max(float(mounting @ covariance @ mounting), 0.0)))
@@ -275,8 +279,7 @@ def direction_error_deg(ellipsoid: Ellipsoid, covariance: Floats) -> DirectionEr
 
     `direction_errors_deg` in 400 directions.
     """
-    errors = direction_errors_deg(ellipsoid, covariance, _EVERYWHERE)
-    return DirectionError(float(np.sqrt(np.mean(errors**2))), float(errors.max()))
+    return DirectionError.of(direction_errors_deg(ellipsoid, covariance, _EVERYWHERE))
 
 
 def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: Floats) -> Floats:
@@ -362,7 +365,7 @@ def body_error(
 
 def _body_gradients(ellipsoid: Ellipsoid, rotation: Floats, dip_deg: float, down: Floats | None) -> Floats:
     """(72, 12) how the heading of a level body changes with (b, S) and with its rotation, up to a sign of both."""
-    across, directions = _level_fields(dip_deg, down)
+    across, directions = level_fields(dip_deg, down)
     vectors = np.linalg.solve(ellipsoid.shape, rotation.T @ across)
     own = gathered(vectors, rotation.T @ directions)
     return np.concatenate([own, np.cross(directions, across, axis=0).T], axis=1)
@@ -443,7 +446,7 @@ def upright(down: Floats) -> Floats:
     return rotation
 
 
-def _level_fields(dip_deg: float, down: Floats | None) -> tuple[Floats, Floats]:
+def level_fields(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floats]:
     """(3, 72) horizontal vectors, an error along which is one of heading, and (3, 72) the fields of a level turn."""
     _, directions, across = _turn_at(float(dip_deg))
     if down is None:
@@ -453,14 +456,10 @@ def _level_fields(dip_deg: float, down: Floats | None) -> tuple[Floats, Floats]:
 
 
 def _tilts(angle: float, down: Floats | None) -> Floats:
-    """(24, 3, 3) turns by an angle in rad about axes across `down`: 1 + sin τ K + (1 − cos τ) K² (Rodrigues)."""
+    """(24, 3, 3) turns by an angle in rad about axes across `down`."""
     azimuth = np.arange(AZIMUTHS) * (2.0 * np.pi / AZIMUTHS)
     axes = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(AZIMUTHS)])
-    x, y, z = axes if down is None else upright(down) @ axes
-    zero = np.zeros(AZIMUTHS)
-    cross = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0)
-    tilts: Floats = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
-    return tilts
+    return rotations(angle * (axes if down is None else upright(down) @ axes).T)
 
 
 def _in_degrees(gradient: Floats, covariance: Floats) -> tuple[float, float]:
@@ -517,16 +516,14 @@ def deviation_covariances(shapes: Floats, covariances: Floats, dips_deg: Floats)
     sine, cosine, level = np.sin(heading), np.cos(heading), np.cos(dip)
     fields = np.stack([level * cosine, -level * sine, np.sin(dip) + 0.0 * sine], axis=1)  # (U, 3, 8)
     across = np.stack([sine / level, cosine / level, 0.0 * fields[:, 2]], axis=1)
-    vectors = np.linalg.solve(shapes, across)
-    products = (vectors[:, :, np.newaxis] * fields[:, np.newaxis]).reshape(len(shapes), 9, FEW)
-    gradients = GATHER.T @ np.concatenate([vectors, products], axis=1)  # (U, 9, 8)
-    jacobian = np.rad2deg(2.0 / FEW * gradients @ _harmonics())
-    carried: Floats = np.swapaxes(jacobian, 1, 2) @ covariances @ jacobian
+    gradients = gathered(np.linalg.solve(shapes, across), fields)  # (U, 8, 9)
+    jacobian = np.rad2deg(2.0 / FEW * _harmonics(FEW).T @ gradients)
+    carried: Floats = jacobian @ covariances @ np.swapaxes(jacobian, 1, 2)
     return carried
 
 
-@lru_cache(maxsize=1)
-def _harmonics() -> Floats:
-    """(8, 4) sine and cosine of eight headings and of their doubles."""
-    heading = np.arange(FEW) * (2.0 * np.pi / FEW)
+@lru_cache(maxsize=2)
+def _harmonics(count: int) -> Floats:
+    """(count, 4) sine and cosine of headings all round and of their doubles."""
+    heading = np.arange(count) * (2.0 * np.pi / count)
     return np.stack([np.sin(heading), np.cos(heading), np.sin(2.0 * heading), np.cos(2.0 * heading)], axis=1)

@@ -34,6 +34,7 @@ import numpy as np
 
 from flinders.errors import FitError, counted
 from flinders.geometry.angles import folded, mean_deg, wrapped
+from flinders.geometry.ellipsoid import sphere_through
 from flinders.heading.deviation import LEAST, NAMES, design
 from flinders.heading.stationary import rests
 
@@ -151,10 +152,8 @@ def _current(means: Complexes) -> tuple[complex, Floats]:
 
     |v|² = 2 u·v + (s² − |u|²) is linear in u and the bracket; the uncertainty is that of s from leg to leg.
     """
-    east, north = means.imag, means.real
-    rows = np.column_stack([2.0 * north, 2.0 * east, np.ones(len(means))])
-    (up, right, rest), *_ = np.linalg.lstsq(rows, np.abs(means) ** 2, rcond=None)
-    through = float(np.sqrt(max(rest + up**2 + right**2, 1e-12)))
+    (up, right), radius = sphere_through(np.column_stack([means.real, means.imag]))
+    through = max(radius, 1e-6)
     relative = means - complex(up, right)
     unit = relative / np.abs(relative)
     freedom = max(len(means) - 3, 1)

@@ -44,7 +44,7 @@ import numpy as np
 
 from flinders.arrays import table, triple
 from flinders.errors import ArrayError
-from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid, sphere_through
 from flinders.geometry.sphere import bisected, fibonacci, icosahedron
 from flinders.heading.guidance import goal_gradients, reading_variance, sharp_mean
 from flinders.likelihood import magnitude
@@ -211,9 +211,8 @@ def rough(readings: ArrayLike) -> Belief | None:
     if len(plane) < 2:
         return None
     flat = (points - mean) @ plane.T
-    sphere, *_ = np.linalg.lstsq(np.c_[2.0 * flat, np.ones(len(flat))], np.sum(flat**2, axis=1))
-    centre = mean + sphere[:-1] @ plane
-    radius = math.sqrt(max(sphere[-1] + sphere[:-1] @ sphere[:-1], 0.0))
+    centre, radius = sphere_through(flat)
+    centre = mean + centre @ plane
     lengths = np.linalg.norm(points - centre, axis=1)
     if radius == 0.0 or not lengths.all():
         return None

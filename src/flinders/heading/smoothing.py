@@ -239,24 +239,17 @@ class SmoothingStream:
 
     It starts afresh where the clock steps back, and after a pause of twenty mean steps: what lies before a pause says
     nothing of what comes after it. The first ten steps tell what a step is; without times no pause is seen.
-
-    Attributes
-    ----------
-    dropped : int
-        Readings that a Kalman filter has dropped so far.
-    restarts : int
-        Pauses after which it has started afresh, and, of a Kalman filter, fields that have really changed.
     """
 
     def __init__(self, by: Filter, *, centred: bool) -> None:
         self._run: _Kalman | _Window = _Kalman(by.gain) if by.name == "kalman" else _Window(by, centred=centred)
         self._clock = _Clock()
         self._pauses = 0
-        self.dropped = 0
+        self.dropped = 0  #: readings that a Kalman filter has dropped so far
 
     @property
     def restarts(self) -> int:
-        """See above."""
+        """Pauses after which it has started afresh, and, of a Kalman filter, fields that have really changed."""
         return self._pauses + self._run.restarts
 
     def push(self, field: Floats, time: Floats | None = None) -> Passed:

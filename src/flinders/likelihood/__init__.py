@@ -12,7 +12,8 @@ know nothing of each other, and the solver knows nothing of what they observe.
 - `prior`: soft iron is mild unless the readings say otherwise
 
 Where there is more than a magnetometer, `parameters` holds what else is found, `observations` the residuals of all
-readings that share a direction of the field, and `solver` the steps of Levenberg and Marquardt. Its problems are
+readings that share a direction of the field, `solver` the steps of Levenberg and Marquardt, and `robust` the weights
+that large residuals lose. The problems of `solver` are
 `joint`, a magnetometer with aiding sensors, `sensors`, several magnetometers on one body, and that of
 `flinders.estimators.disturbance_problem`, where the magnitude alone tells what disturbances add. Terms:
 
@@ -20,5 +21,4 @@ readings that share a direction of the field, and `solver` the steps of Levenber
 - `dip`: its angle to the vertical is the same at every attitude (accelerometer, or an attitude without its yaw)
 - `attitude`: it stands still in the world
 - `site_field`: its strength and dip are known
-- `disturbance`: currents, throttle and temperature move the offset
 """

@@ -41,6 +41,7 @@ from flinders.geometry.ellipsoid import symmetric
 from flinders.geometry.quaternions import inverse, rotated
 from flinders.geometry.rotation import components, lengths, transformed, vectors_of
 from flinders.likelihood.equations import NormalEquations
+from flinders.likelihood.robust import robust_sigma
 from flinders.likelihood.term import Block, Term
 
 if TYPE_CHECKING:
@@ -69,12 +70,6 @@ LEAST_RAISED: Final = 1e-3
 EXACT: Final = 1e-6
 """Standard deviation, of gravity, of what somebody states is exact."""
 
-HUBER: Final = 2.5
-"""Standard deviations beyond which a residual counts less than its square."""
-
-MAD: Final = 1.4826
-"""Standard deviation of Gaussian noise in median absolute deviations."""
-
 
 def verticals(acceleration: Floats) -> tuple[Floats, Floats]:
     """Take the vertical from an accelerometer.
@@ -94,7 +89,7 @@ def verticals(acceleration: Floats) -> tuple[Floats, Floats]:
         return np.zeros_like(acceleration), np.zeros(len(acceleration))
     down = np.where(observed[:, np.newaxis], -acceleration / np.where(observed, length, 1.0)[:, np.newaxis], 0.0)
     usual = float(np.median(length[observed]))
-    scatter = 3.0 * max(MAD * float(np.median(np.abs(length[observed] - usual))), QUIET * usual / 3.0)
+    scatter = 3.0 * max(robust_sigma(length[observed] - usual), QUIET * usual / 3.0)
     trust = np.where(observed, 1.0 / (1.0 + ((length - usual) / scatter) ** 2), 0.0)
     return down, trust
 
@@ -193,16 +188,6 @@ def verticals_of(attitude: Floats) -> tuple[Floats, Floats]:
     safe = np.where(observed[:, np.newaxis], attitude, [1.0, 0.0, 0.0, 0.0])
     down = rotated(inverse(safe), np.broadcast_to([0.0, 0.0, 1.0], (len(attitude), 3)))
     return down * observed[:, np.newaxis], observed.astype(float)
-
-
-def huber(residuals: Floats, *, beyond: float = HUBER) -> Floats:
-    """Weights of residuals in standard deviations.
-
-    >>> huber(np.array([0.5, -5.0]))
-    array([1. , 0.5])
-    """
-    weights: Floats = beyond / np.maximum(np.abs(residuals), beyond)
-    return weights
 
 
 def heights(down: Floats, q: Floats) -> Floats:

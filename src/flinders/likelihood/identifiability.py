@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.geometry.ellipsoid import GATHER, Ellipsoid
+from flinders.geometry.rotation import across
 from flinders.likelihood.equations import ROUNDING
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def turning(directions: Floats, ellipsoid: Ellipsoid) -> Iterator[Floats]:
     normal = inverse @ u
     steepness = np.sqrt(np.einsum("ij,ij->j", normal, normal))
     normal = normal / steepness
-    for tangent in _tangents(normal):
+    for tangent in across(normal.T).transpose(2, 1, 0):
         along = inverse @ tangent
         turned = inverse @ along
         bent = (turned - normal * np.einsum("ij,ij->j", normal, turned)) / steepness
@@ -104,11 +105,6 @@ class Support:
         return self.share < UNSEEN
 
     @property
-    def is_sound(self) -> bool:
-        """All directions are seen, none of them badly."""
-        return bool(self.values[0] > WELL_CONDITIONED)
-
-    @property
     def unobserved(self) -> int:
         """How many they say nothing about."""
         return int(np.count_nonzero(~self.seen))
@@ -145,11 +141,3 @@ class Support:
         scaled = self.vectors[:, self.seen] * self.scale[:, np.newaxis]
         information: Floats = (scaled * (self.values * (1.0 - self.share) ** 2)[self.seen]) @ scaled.T
         return information
-
-
-def _tangents(normals: Floats) -> tuple[Floats, Floats]:
-    """Two (3, K) unit vectors along the surface at each of (3, K) normals."""
-    axis = np.eye(3)[:, np.argmin(np.abs(normals), axis=0)]
-    first = np.cross(normals, axis, axis=0)
-    first /= np.sqrt(np.einsum("ij,ij->j", first, first))
-    return first, np.cross(normals, first, axis=0)

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, Self, TypeAlias
 import numpy as np
 
 from flinders.core.axes import TURNS
-from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.rotation import across, in_pieces, lengths
 from flinders.likelihood import attitude, dip, gyro
 from flinders.likelihood.equations import FINEST, NormalEquations
@@ -21,6 +20,7 @@ from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.observations import ObservationGroup, Weights, residuals_of
 from flinders.likelihood.parameters import ParameterLayout, Parameters
 from flinders.likelihood.prior import SensorPrior
+from flinders.likelihood.robust import HUBER, huber
 from flinders.likelihood.solver import EASED, NO_WORSE, SETTLED, Iterate
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.likelihood.dip import AccelerometerPrior
-    from flinders.likelihood.disturbance import Disturbances
     from flinders.likelihood.prior import KnownShape
     from flinders.likelihood.site_field import Site
     from flinders.likelihood.solver import Equations
@@ -67,7 +67,6 @@ class JointProblem:
     aiding: tuple[str, ...]
     site: Site | None
     prior: SensorPrior
-    disturbances: Disturbances | None
     interval: float  # s: between two readings of a window
     accelerometer: AccelerometerPrior | None = None  # where it brings verticals
     is_rough: bool = False  # a check asks for no more steps than a long recording takes
@@ -80,32 +79,26 @@ class JointProblem:
         samples: Samples,
         terms: tuple[str, ...],
         site: Site | None,
-        disturbances: Disturbances | None,
         rotation: Floats | None,
         spread: float,
         window_s: float,
         *,
-        delay: bool,
         gyro_scale: float = SCALE_SIGMA,
         accelerometer: AccelerometerPrior | None = None,
         shape: KnownShape | None = None,
         is_rough: bool = False,
     ) -> Self:
         """Put the readings in groups, and lay out what is to be found."""
-        if disturbances is not None and disturbances.constant:
-            disturbances = disturbances.without(disturbances.constant)
-        groups, interval = grouped(samples, terms, disturbances, window_s)
+        groups, interval = grouped(samples, terms, window_s)
         in_windows = any(group.turned is not None for group in groups)
         upright = any(group.down is not None for group in groups)
         pointed = any(group.attitudes is not None for group in groups)
         layout = ParameterLayout.of(
-            disturbances=0 if disturbances is None else len(disturbances.names),
             rotation=in_windows or upright or pointed,
-            slope=disturbances is not None and disturbances.warmth is not None,
             gyro_bias=in_windows,
             gyro_scale=in_windows and gyro_scale > 0.0,
             gyro_turn=in_windows and gyro_scale > 0.0 and (upright or pointed),
-            delay=in_windows and delay,
+            delay=in_windows,
             sine=upright,
             direction=pointed,
         )
@@ -114,7 +107,7 @@ class JointProblem:
             gyro_scale=gyro_scale, gyro_turn=gyro_scale,
         )  # fmt: skip
         chunks = tuple(chunk for group in groups for chunk in group.chunks())
-        return cls(chunks, layout, terms, site, before, disturbances, interval, accelerometer, is_rough)
+        return cls(chunks, layout, terms, site, before, interval, accelerometer, is_rough)
 
     @property
     def readings(self) -> int:
@@ -147,23 +140,21 @@ class JointProblem:
         """
         if self.accelerometer is None or "sine" not in self.layout:
             return self
-        count = 0 if self.disturbances is None else len(self.disturbances.names)
-        free = dict.fromkeys(self.layout.columns.keys() - {"disturbances"}, True)
-        return replace(self, layout=ParameterLayout.of(disturbances=count, **free, accelerometer=True))
+        free = dict.fromkeys(self.layout.columns, True)
+        return replace(self, layout=ParameterLayout.of(**free, accelerometer=True))
 
     def begin(self, ellipsoid: Ellipsoid) -> Parameters:
         """Where to start, with directions and dip that follow from an ellipsoid."""
-        count = 0 if self.disturbances is None else len(self.disturbances.names)
-        at = replace(Parameters.at(ellipsoid.centre, ellipsoid.shape, disturbances=count), rotation=self.prior.rotation)
+        at = replace(Parameters.at(ellipsoid.centre, ellipsoid.shape), rotation=self.prior.rotation)
         if self.accelerometer is not None:
             at = replace(at, accelerometer=self.accelerometer.mean)
         return self.facing(replace(at, rotation=self._aligned(at)))
 
     def begin_near(self, near: Parameters, layout: ParameterLayout) -> Parameters:
-        """Where to start with what a fit of another `ParameterLayout` has found, of as many drivers."""
-        free = ("rotation", "disturbances", "slope", "gyro_bias", "gyro_scale", "gyro_turn", "delay")
+        """Where to start with what a fit of another `ParameterLayout` has found."""
+        free = ("rotation", "gyro_bias", "gyro_scale", "gyro_turn", "delay")
         values = {name: getattr(near, name) for name in free if name in layout and name in self.layout}
-        at = replace(self.begin(Ellipsoid(near.offset, near.shape)), **values)
+        at = replace(self.begin(near.ellipsoid), **values)
         return self.facing(replace(at, rotation=self._aligned(at)))
 
     def _aligned(self, at: Parameters) -> Floats:
@@ -298,14 +289,12 @@ def aligned(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
     return best_rotation
 
 
-def grouped(
-    samples: Samples, terms: Sequence[str], disturbances: Disturbances | None, window_s: float
-) -> tuple[list[ObservationGroup], float]:
+def grouped(samples: Samples, terms: Sequence[str], window_s: float) -> tuple[list[ObservationGroup], float]:
     """Put readings that share a direction together, and say how far apart those of a window are, in s."""
     auxiliary = _Attitudes.of(samples, terms)
     every = np.arange(len(samples), dtype=np.intp)
     if "rate" not in terms or samples.rate is None or samples.time is None:
-        return [_group(samples, every[:, np.newaxis], auxiliary, disturbances)], 0.0
+        return [_group(samples, every[:, np.newaxis], auxiliary)], 0.0
     inside = gyro.windows(samples.time, samples.rate, window_s=window_s)
     groups = []
     interval = 0.0
@@ -314,10 +303,10 @@ def grouped(
         interval = float(np.median(steps))
         intervals = np.concatenate([steps, steps[:, -1:]], axis=1)
         turned = gyro.integrated(np.nan_to_num(samples.rate[inside]), intervals, np.zeros(3))
-        groups.append(replace(_group(samples, inside, auxiliary, disturbances), turned=turned))
+        groups.append(replace(_group(samples, inside, auxiliary), turned=turned))
     rest = np.setdiff1d(every, inside.ravel())[:, np.newaxis]
     if len(rest):
-        groups.append(_group(samples, rest, auxiliary, disturbances))
+        groups.append(_group(samples, rest, auxiliary))
     return groups, interval
 
 
@@ -343,9 +332,7 @@ class _Attitudes(NamedTuple):
         return cls()
 
 
-def _group(
-    samples: Samples, rows: NDArray[np.intp], auxiliary: _Attitudes, disturbances: Disturbances | None
-) -> ObservationGroup:
+def _group(samples: Samples, rows: NDArray[np.intp], auxiliary: _Attitudes) -> ObservationGroup:
     """Take what belongs to (W, n) readings."""
     return ObservationGroup(
         rows,
@@ -354,8 +341,6 @@ def _group(
         attitudes=None if auxiliary.attitudes is None else in_pieces(auxiliary.attitudes[rows], 2),
         down=None if auxiliary.down is None else in_pieces(auxiliary.down[rows]),
         trust=None if auxiliary.trust is None else auxiliary.trust[rows],
-        disturbances=None if disturbances is None or not disturbances.names else disturbances.columns[rows],
-        warmth=None if disturbances is None or disturbances.warmth is None else disturbances.warmth[rows],
     )
 
 
@@ -411,13 +396,13 @@ def _reweighed(
     """
     residual, auxiliary = residuals_of(group, at, directions)
     if is_robust:
-        redescending = dip.huber(lengths(residual) / weights.noise) ** 2
+        redescending = huber(lengths(residual) / weights.noise) ** 2
         group = replace(group, weight=original.weight * redescending)
     if auxiliary is None or original.trust is None:
         return group
     length = np.sqrt(np.einsum("wni,wni->wn", auxiliary, auxiliary)) / weights.vertical
-    beyond = dip.HUBER if group.attitudes is None else attitude.HUBER
-    return replace(group, trust=original.trust * group.weight * dip.huber(length, beyond=beyond))
+    beyond = HUBER if group.attitudes is None else attitude.HUBER
+    return replace(group, trust=original.trust * group.weight * huber(length, beyond=beyond))
 
 
 def deviance(problem: JointProblem, iterate: JointIterate) -> float:

@@ -42,25 +42,14 @@ _GATHER[:12, :9] = GATHER
 _GATHER[12, 9] = 1.0
 
 
-def equations(blocks: Iterable[Floats], ellipsoid: Ellipsoid, *, exact: bool = False) -> NormalEquations:
-    """Add up the normal equations over blocks of readings.
-
-    Parameters
-    ----------
-    blocks : iterable of (m, 3) float
-        Raw readings.
-    ellipsoid : Ellipsoid
-        Where to linearise.
-    exact : bool
-        Take the gradient of Σ s² itself instead of the foot-point estimating equation: its root is
-        the minimum of the Sampson cost that other software reports.
-    """
+def equations(blocks: Iterable[Floats], ellipsoid: Ellipsoid) -> NormalEquations:
+    """Add up the normal equations over blocks of (m, 3) readings, linearised at an ellipsoid."""
     inverse = np.linalg.inv(ellipsoid.shape)
     total = np.zeros((10, 10))
     count = 0
     for block in blocks:
         for start in range(0, len(block), BLOCK):
-            rows = _rows(block[start : start + BLOCK], ellipsoid.centre, inverse, exact=exact)
+            rows = _rows(block[start : start + BLOCK], ellipsoid.centre, inverse)
             total += _GATHER.T @ (rows @ rows.T) @ _GATHER
             count += rows.shape[1]
     return NormalEquations(total[:9, :9], total[:9, 9], float(total[9, 9]), count)
@@ -100,44 +89,28 @@ def information(directions: Floats, ellipsoid: Ellipsoid) -> Floats:
     return gathered(normals, directions.T)
 
 
-def _rows(readings: Floats, centre: Floats, inverse: Floats, *, exact: bool) -> Floats:
+def _rows(readings: Floats, centre: Floats, inverse: Floats) -> Floats:
     """(13, m): normal n, the products n_i u_j, and s, for one block."""
     rows = np.empty((13, len(readings)))
     y = inverse @ centred(readings, centre)
-    s, unit, normal, steepness, length = _distances(y, inverse)
-    if exact:
-        _exact_gradient(rows, s, unit, normal, steepness, length, inverse)
-    else:
-        foot = y - inverse @ normal * s
-        foot /= _lengths(foot)
-        normal = inverse @ foot
-        normal /= _lengths(normal)
-        rows[:3] = normal
-        np.multiply(normal[:, np.newaxis], foot, out=rows[3:12].reshape(3, 3, -1))
+    s, normal = _distances(y, inverse)
+    foot = y - inverse @ normal * s
+    foot /= _lengths(foot)
+    normal = inverse @ foot
+    normal /= _lengths(normal)
+    rows[:3] = normal
+    np.multiply(normal[:, np.newaxis], foot, out=rows[3:12].reshape(3, 3, -1))
     rows[12] = s
     return rows
 
 
-def _exact_gradient(
-    rows: Floats, s: Floats, unit: Floats, normal: Floats, steepness: Floats, length: Floats, inverse: Floats
-) -> None:
-    """Fill rows 0–11 with −∂s/∂(b, S) at the readings themselves."""
-    turned = inverse @ normal
-    tangent = inverse @ (turned - unit * _dot(unit, turned)) / steepness
-    rows[:3] = normal - tangent * (s / length)
-    grid = rows[3:12].reshape(3, 3, -1)
-    np.multiply(normal[:, np.newaxis] * length, unit, out=grid)
-    grid -= s * (turned[:, np.newaxis] * normal + tangent[:, np.newaxis] * unit)
-
-
-def _distances(y: Floats, inverse: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """s (m,), u (3, m), n (3, m), |S⁻¹u| (m,) and |y| (m,) of y = S⁻¹(x − b), (3, m)."""
+def _distances(y: Floats, inverse: Floats) -> tuple[Floats, Floats]:
+    """s (m,) and n (3, m) of y = S⁻¹(x − b), (3, m)."""
     length = _lengths(y)
-    unit = y / length
-    normal = inverse @ unit
+    normal = inverse @ (y / length)
     steepness = _lengths(normal)
     normal /= steepness
-    return (length - 1.0) / steepness, unit, normal, steepness, length
+    return (length - 1.0) / steepness, normal
 
 
 def _dot(a: Floats, b: Floats) -> Floats:

@@ -9,7 +9,7 @@ share it is what an aid changes:
     attitude       one reading, or    C_k q_k = m           and the rotation is seen in full
                    a window
 
-Residuals are r = x − b − Σ pc − (1 + aτ) S Rᵀ q in the unit of the readings, sin I − dᵀq where there is a
+Residuals are r = x − b − S Rᵀ q in the unit of the readings, sin I − dᵀq where there is a
 vertical d, and m − C q where there is an attitude C. All are linear in the noise. Each group's own direction is
 eliminated by a Schur complement: with the Jacobians J of the parameters and V of the direction, the normal equations
 lose JᵀV (VᵀV)⁻¹ VᵀJ.
@@ -59,7 +59,7 @@ from flinders.geometry.rotation import (
     transformed,
     vectors_of,
 )
-from flinders.likelihood import attitude, dip, disturbance, gyro
+from flinders.likelihood import attitude, dip, gyro
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -106,8 +106,6 @@ class ObservationGroup:
     attitudes: Floats | None = None
     down: Floats | None = None  # (W, n, 3)
     trust: Floats | None = None  # (W, n): in the vertical, or in the attitude; a group has one of the two at most
-    disturbances: Floats | None = None  # (W, n, m)
-    warmth: Floats | None = None  # (W, n)
 
     @classmethod
     def of(cls, field: Floats) -> Self:
@@ -144,7 +142,7 @@ class ObservationGroup:
         """Some of the windows."""
         parts = {
             name: None if getattr(self, name) is None else getattr(self, name)[rows]
-            for name in ("rows", "field", "weight", "attitudes", "down", "trust", "disturbances", "warmth")
+            for name in ("rows", "field", "weight", "attitudes", "down", "trust")
         }
         return replace(self, **parts, turned=None if self.turned is None else self.turned.chunk(rows))  # type: ignore[arg-type]
 
@@ -161,16 +159,9 @@ class ObservationGroup:
             return self.turned.rotations
         return np.broadcast_to(np.eye(3), (*self.weight.shape, 3, 3))
 
-    def gain(self, at: Parameters) -> Floats | None:
-        """(W, n) what the temperature makes of the scale; None where that is 1."""
-        return None if self.warmth is None else 1.0 + at.slope * self.warmth
-
     def centred(self, at: Parameters) -> Floats:
         """(W, n, 3) readings about their offset."""
-        centred = self.field - at.offset
-        if self.disturbances is not None and len(at.disturbances):
-            centred = centred - self.disturbances @ at.disturbances
-        return centred
+        return self.field - at.offset
 
     def upright(self, at: Parameters) -> Floats | None:
         """(W, n, 3) v, which points down and is about as long as d; None where no vertical was recorded."""
@@ -178,9 +169,7 @@ class ObservationGroup:
 
     def guess(self, at: Parameters) -> Floats:
         """(W, 3) the direction of each window that readings agree on best."""
-        gain = self.gain(at)
-        seen = self.centred(at) @ np.linalg.inv(at.ellipsoid_like).T
-        seen = (seen if gain is None else seen / gain[..., np.newaxis]) * self.weight[..., np.newaxis]
+        seen = self.centred(at) @ np.linalg.inv(at.ellipsoid_like).T * self.weight[..., np.newaxis]
         if self.turned is not None:
             seen = applied(self.turned.rotations, in_pieces(seen))
         total = seen.sum(axis=1)
@@ -273,20 +262,13 @@ class Linearised:
 def residuals_of(group: ObservationGroup, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
     """(W, n, 3) r in the unit of the readings, and (W, n, 1) sin I − dᵀq or (W, n, 3) m − C q, without weights."""
     q, _ = group.seen(at, directions)
-    residual = group.centred(at) - _modelled(group, at, q)
+    residual = group.centred(at) - transformed(at.ellipsoid_like, q)
     if group.attitudes is not None:
         return residual, at.direction - applied(group.attitudes, q)
     down = group.upright(at)
     if down is None:
         return residual, None
     return residual, dip.residuals(down, q, at.sine)[..., np.newaxis]
-
-
-def _modelled(group: ObservationGroup, at: Parameters, q: Floats) -> Floats:
-    """(W, n, 3) readings about their offset, of the field's direction (W, n, 3) at each."""
-    gain = group.gain(at)
-    model = transformed(at.ellipsoid_like, q)
-    return model if gain is None else model * gain[..., np.newaxis]
 
 
 def eliminated(rows: ObservationRows) -> Linearised:
@@ -357,7 +339,7 @@ def rows_of(
     q, back = group.seen(at, directions)
     windows, n = group.weight.shape
     residual, model, lean = np.swapaxes(np.zeros((3, group.tall, windows, n)), 1, 2)
-    linear = _modelled(group, at, q)
+    linear = transformed(at.ellipsoid_like, q)
     scale = _steepness_of_readings(group, weights)
     model[:, :3] = np.swapaxes(linear, 1, 2) * scale
     residual[:, :3] = np.swapaxes(group.centred(at) - linear, 1, 2) * scale
@@ -387,10 +369,9 @@ def _own_of(
     own = np.empty((2, group.tall, windows, n)).transpose(2, 1, 3, 0)
     tangent = across(directions)[:, np.newaxis]
     turned = np.broadcast_to(tangent, (windows, n, 3, 2)) if back is None else product(back, tangent)
-    gain, scale = group.gain(at), _steepness_of_readings(group, weights)
+    scale = _steepness_of_readings(group, weights)
     for axis in range(2):
-        moved = np.swapaxes(transformed(at.ellipsoid_like, turned[..., axis]), 1, 2) * scale
-        own[:, :3, :, axis] = moved if gain is None else moved * gain[:, np.newaxis]
+        own[:, :3, :, axis] = np.swapaxes(transformed(at.ellipsoid_like, turned[..., axis]), 1, 2) * scale
     steep = _steepness_beside(group, weights)[..., np.newaxis]
     if group.attitudes is not None:
         own[:, 3:] = np.swapaxes(product(group.attitudes, turned) * steep[..., np.newaxis], 1, 2)
@@ -457,7 +438,7 @@ def jacobian_of(
     jacobian = np.zeros((layout.size, group.tall, *q.shape[:2])).transpose(2, 1, 3, 0)  # a column in one piece
     turned = group.turned
     moved = None if turned is None else gyro.moved(turned, q, at.turning(turned.rate), layout.columns)
-    _fill(jacobian, group, at, q, layout, moved)
+    _fill(jacobian, at, q, layout, moved)
     jacobian[:, :3] *= _steepness_of_readings(group, weights)[..., np.newaxis]
     if group.trust is None:
         return jacobian
@@ -475,25 +456,19 @@ def jacobian_of(
     return jacobian
 
 
-def _fill(
-    jacobian: Floats, group: ObservationGroup, at: Parameters, q: Floats, layout: ParameterLayout, moved: Floats | None
-) -> None:
+def _fill(jacobian: Floats, at: Parameters, q: Floats, layout: ParameterLayout, moved: Floats | None) -> None:
     """Write the Jacobian (W, 3 or 4, n, P) of the readings, in their unit."""
-    gain, shape = group.gain(at), at.ellipsoid_like
-    scaled = q if gain is None else q * gain[..., np.newaxis]
-    u = transformed(at.rotation.T, scaled)
+    shape, u = at.ellipsoid_like, transformed(at.rotation.T, q)
     for axis in range(3):
         jacobian[:, axis, :, axis] = 1.0
     for column, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)), start=3):
         jacobian[:, i, :, column] = u[..., j]
         jacobian[:, j, :, column] = u[..., i]
     if "rotation" in layout:
-        turned = np.tensordot(shape, np.moveaxis(cross_matrices(scaled), (2, 3), (0, 1)), 1)  # S Rᵀ [q]×
+        turned = np.tensordot(shape, np.moveaxis(cross_matrices(q), (2, 3), (0, 1)), 1)  # S Rᵀ [q]×
         jacobian[:, :3, :, layout.columns["rotation"]] = turned.transpose(2, 0, 3, 1)
-    disturbance.fill(jacobian, layout.columns, group.disturbances, group.warmth, transformed(shape, q))
     if moved is not None:
-        with_gain = moved if gain is None else moved * gain[..., np.newaxis, np.newaxis]
-        moving = np.tensordot(shape, np.moveaxis(with_gain, (2, 3), (0, 1)), 1)
+        moving = np.tensordot(shape, np.moveaxis(moved, (2, 3), (0, 1)), 1)
         jacobian[:, :3, :, gyro.columns_of(layout.columns)] = moving.transpose(2, 0, 3, 1)
 
 

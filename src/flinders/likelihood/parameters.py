@@ -2,12 +2,11 @@
 
 A reading, in raw units, is
 
-    x = b + Σⱼ pⱼ cⱼ + (1 + a τ) S Rᵀ q + n,   |q| = 1
+    x = b + S Rᵀ q + n,   |q| = 1
 
-with the field's direction q in body axes, the symmetric shape S, the rotation R from the magnetometer's axes to those
-of the body, an offset pⱼ for each unit of a disturbance cⱼ, and a slope a of the scale with the temperature τ. The gyro
-brings its bias, its scales, its mounting and its delay, the accelerometer its bias, its gains and the sine of the dip,
-a logged attitude the direction of the site's field.
+with the field's direction q in body axes, the symmetric shape S, and the rotation R from the magnetometer's axes to
+those of the body. The gyro brings its bias, its scales, its mounting and its delay, the accelerometer its bias, its
+gains and the sine of the dip, a logged attitude the direction of the site's field.
 
 >>> layout = ParameterLayout.of(rotation=True, gyro_bias=True)
 >>> layout.size, layout.columns["gyro_bias"]
@@ -27,7 +26,7 @@ import numpy as np
 
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.geometry.rotation import on_the_sphere, rotations
-from flinders.likelihood import attitude, dip, disturbance, gyro
+from flinders.likelihood import attitude, dip, gyro
 from flinders.likelihood.gyro import grown
 from flinders.likelihood.term import Block
 
@@ -44,10 +43,10 @@ TERMS: Final = {term.name: term for term in (gyro.TERM, dip.TERM, dip.TILT, atti
 """What may be recorded beside the readings, by name."""
 
 BLOCKS: Final = (
-    Block("offset", 3), Block("shape", 6), Block("rotation", 3, ROTATION_SIGMA), *disturbance.BLOCKS,
+    Block("offset", 3), Block("shape", 6), Block("rotation", 3, ROTATION_SIGMA),
     *(block for term in TERMS.values() for block in term.blocks),
 )  # fmt: skip
-"""Columns of a Jacobian, in their order; of disturbances three for each."""
+"""Columns of a Jacobian, in their order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,15 +57,14 @@ class ParameterLayout:
     size: int
 
     @classmethod
-    def of(cls, *, disturbances: int = 0, **free: bool) -> Self:
-        """Lay out the blocks that are to be found, for so many drivers."""
+    def of(cls, **free: bool) -> Self:
+        """Lay out the blocks that are to be found."""
         columns: dict[str, slice] = {}
         begin = 0
         for name, size, _ in BLOCKS:
-            width = 3 * disturbances if name == "disturbances" else size
-            if width and (name in ("offset", "shape", "disturbances") or free.get(name, False)):
-                columns[name] = slice(begin, begin + width)
-                begin += width
+            if name in ("offset", "shape") or free.get(name, False):
+                columns[name] = slice(begin, begin + size)
+                begin += size
         return cls(columns, begin)
 
     def __contains__(self, name: object) -> bool:
@@ -74,56 +72,11 @@ class ParameterLayout:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Parameters:
-    """One set of values."""
+class Surface:
+    """Offset and shape on the way to an ellipsoid."""
 
     offset: Floats  # (3,), unit of the readings
     shape: Floats  # (3, 3), unit of the readings: symmetric and positive definite
-    # (3, 3): turns vectors in the magnetometer's axes into the body's, which are those of gyro, accelerometer and
-    # attitude
-    rotation: Floats
-    disturbances: Floats  # (m, 3): offset for each unit of each disturbance
-    slope: float  # 1/°C: of the scale
-    gyro_bias: Floats  # (3,), rad/s
-    delay: float  # s: by how much the magnetometer is behind the gyro
-    sine: float  # of the field's dip, positive where it points below the horizon
-    direction: Floats  # (3,): unit vector: the site's field in the axes that a logged attitude turns into
-    # (6,): upper triangle of Γ, in the order of `flinders.geometry.ellipsoid.symmetric`: the body turns by (1 + Γ)(ω −
-    # d)
-    gyro_scale: Floats = dataclasses.field(default_factory=lambda: np.zeros(6))
-    # (3,), rad: ψ: how the gyro's axes are turned against those of the body: it turns by (1 + Γ + [ψ]×)(ω − d)
-    gyro_turn: Floats = dataclasses.field(default_factory=lambda: np.zeros(3))
-    # (9,): its bias β, of gravity, and the upper triangle of Γ, see `flinders.likelihood.dip.AccelerometerPrior`
-    accelerometer: Floats = dataclasses.field(default_factory=lambda: np.zeros(9))
-
-    @classmethod
-    def at(cls, offset: Floats, shape: Floats, *, disturbances: int = 0) -> Self:
-        """Begin somewhere, with nothing else known."""
-        zero = np.zeros(3)
-        return cls(
-            offset, shape, np.eye(3), np.zeros((disturbances, 3)), 0.0, zero, 0.0, 0.0, np.array([0.0, 0.0, 1.0])
-        )
-
-    def moved(self, step: Floats, layout: ParameterLayout) -> Self:
-        """Take a step; a rotation is turned by its part of it, on the left."""
-        parts = {name: step[columns] for name, columns in layout.columns.items()}
-        changed: dict[str, Floats | float] = {
-            "offset": self.offset + parts["offset"],
-            "shape": self.shape + symmetric(parts["shape"]),
-        }
-        for name in ("slope", "delay", "sine"):
-            if name in parts:
-                changed[name] = getattr(self, name) + float(parts[name][0])
-        if "disturbances" in parts:
-            changed["disturbances"] = self.disturbances + parts["disturbances"].reshape(-1, 3)
-        for name in ("gyro_bias", "gyro_scale", "gyro_turn", "accelerometer"):
-            if name in parts:
-                changed[name] = getattr(self, name) + parts[name]
-        if "rotation" in parts:
-            changed["rotation"] = rotations(parts["rotation"][np.newaxis])[0] @ self.rotation
-        if "direction" in parts:
-            changed["direction"] = on_the_sphere(self.direction, parts["direction"])
-        return replace(self, **changed)  # type: ignore[arg-type]
 
     @property
     def ellipsoid(self) -> Ellipsoid:
@@ -145,6 +98,50 @@ class Parameters:
         """Largest change of offset and shape in a (P,) step, in radii."""
         return float(np.abs(step[:9]).max()) / self.radius
 
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parameters(Surface):
+    """One set of values."""
+
+    # (3, 3): turns vectors in the magnetometer's axes into the body's, which are those of gyro, accelerometer and
+    # attitude
+    rotation: Floats
+    gyro_bias: Floats  # (3,), rad/s
+    delay: float  # s: by how much the magnetometer is behind the gyro
+    sine: float  # of the field's dip, positive where it points below the horizon
+    direction: Floats  # (3,): unit vector: the site's field in the axes that a logged attitude turns into
+    # (6,): upper triangle of Γ, in the order of `flinders.geometry.ellipsoid.symmetric`: the body turns by (1 + Γ)(ω −
+    # d)
+    gyro_scale: Floats = dataclasses.field(default_factory=lambda: np.zeros(6))
+    # (3,), rad: ψ: how the gyro's axes are turned against those of the body: it turns by (1 + Γ + [ψ]×)(ω − d)
+    gyro_turn: Floats = dataclasses.field(default_factory=lambda: np.zeros(3))
+    # (9,): its bias β, of gravity, and the upper triangle of Γ, see `flinders.likelihood.dip.AccelerometerPrior`
+    accelerometer: Floats = dataclasses.field(default_factory=lambda: np.zeros(9))
+
+    @classmethod
+    def at(cls, offset: Floats, shape: Floats) -> Self:
+        """Begin somewhere, with nothing else known."""
+        return cls(offset, shape, np.eye(3), np.zeros(3), 0.0, 0.0, np.array([0.0, 0.0, 1.0]))
+
+    def moved(self, step: Floats, layout: ParameterLayout) -> Self:
+        """Take a step; a rotation is turned by its part of it, on the left."""
+        parts = {name: step[columns] for name, columns in layout.columns.items()}
+        changed: dict[str, Floats | float] = {
+            "offset": self.offset + parts["offset"],
+            "shape": self.shape + symmetric(parts["shape"]),
+        }
+        for name in ("delay", "sine"):
+            if name in parts:
+                changed[name] = getattr(self, name) + float(parts[name][0])
+        for name in ("gyro_bias", "gyro_scale", "gyro_turn", "accelerometer"):
+            if name in parts:
+                changed[name] = getattr(self, name) + parts[name]
+        if "rotation" in parts:
+            changed["rotation"] = rotations(parts["rotation"][np.newaxis])[0] @ self.rotation
+        if "direction" in parts:
+            changed["direction"] = on_the_sphere(self.direction, parts["direction"])
+        return replace(self, **changed)  # type: ignore[arg-type]
+
     def turning(self, rate: Floats) -> Floats:
         """(..., 3) rad/s that the body turns by, of (..., 3) that its gyro says."""
         turning: Floats = (rate - self.gyro_bias) @ grown(self.gyro).T
@@ -160,7 +157,3 @@ class Parameters:
         """(3, 3) S Rᵀ: takes the field's direction in body axes to readings about the offset."""
         product: Floats = self.shape @ self.rotation.T
         return product
-
-    def as_dict(self) -> dict[str, object]:
-        """Plain lists and numbers."""
-        return {field.name: np.asarray(getattr(self, field.name)).tolist() for field in dataclasses.fields(self)}

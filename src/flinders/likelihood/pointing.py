@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self, TypeAlias
 
 import numpy as np
 
+from flinders.geometry.ellipsoid import sphere_through
 from flinders.geometry.rotation import across, cross_matrices, lengths, on_the_sphere, rotations
 from flinders.likelihood.equations import FINEST, NormalEquations
 from flinders.likelihood.observations import (
@@ -307,7 +308,7 @@ class SurveyProblem:
     def of(cls, magnetic: Floats, gravity: Floats, groups: NDArray[np.intp], *, is_quadratic: bool = False) -> Self:
         """Of (N, 3) readings of field and gravity, forward, right and down but for errors, and (N,) groups."""
         of_field, of_gravity = (SensorPrior.of(readings, GAIN_SPREAD, np.eye(3)) for readings in (magnetic, gravity))
-        layout = SurveyLayout(len(magnetic), sphere(gravity)[1] if is_quadratic else 0.0)
+        layout = SurveyLayout(len(magnetic), sphere_through(gravity)[1] if is_quadratic else 0.0)
         return cls(ShotGroup.of(magnetic, gravity, groups), layout, (of_field, of_gravity))
 
     def initial(self, at: SurveyParameters) -> SurveyIterate:
@@ -410,15 +411,6 @@ def _inverse(matrix: Floats) -> Floats:
     return inverse
 
 
-def sphere(readings: Floats) -> tuple[Floats, float]:
-    """Centre and radius of the sphere through (N, 3) readings (least squares of squares)."""
-    middle = readings.mean(axis=0)
-    centred = readings - middle
-    design = np.column_stack([2.0 * centred, np.ones(len(readings))])
-    solution = np.linalg.lstsq(design, np.sum(centred**2, axis=1), rcond=None)[0]
-    return middle + solution[:3], float(np.sqrt(solution[3] + solution[:3] @ solution[:3]))
-
-
 def attitudes_of(field: Floats, down: Floats) -> Floats:
     """(N, 3, 3) from the instrument to north, east and down, of (N, 3) directions of field and gravity (TRIAD)."""
     east = np.cross(down, field)
@@ -429,7 +421,7 @@ def attitudes_of(field: Floats, down: Floats) -> Floats:
 
 def begin(magnetic: Floats, gravity: Floats) -> SurveyParameters:
     """Where to start: sphere and axes as stated for both sensors, and attitudes by their readings."""
-    sensors = [Parameters.at(centre, radius * np.eye(3)) for centre, radius in map(sphere, (magnetic, gravity))]
+    sensors = [Parameters.at(centre, radius * np.eye(3)) for centre, radius in map(sphere_through, (magnetic, gravity))]
     at = SurveyParameters(sensors[0], sensors[1], 0.0, FORWARD, np.empty((0, 3, 3)))
     field, down = (vectors / lengths(vectors)[:, np.newaxis] for vectors in at.corrected(magnetic, gravity))
     sine = float(np.mean(np.einsum("ni,ni->n", field, down)))

@@ -106,23 +106,12 @@ W = TypeVar("W")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Iterate(Generic[P, G, W]):
-    """Where the iteration stands.
-
-    Attributes
-    ----------
-    at : ParameterSet
-    groups : tuple of Observations
-        With weights, trust and integrated rates as they are now.
-    directions : tuple of (W, 3) float
-        Of each group.
-    weights : array_like of float
-        Standard deviations of each kind of residual, and what else residuals are weighed by.
-    """
+    """Where the iteration stands."""
 
     at: P
-    groups: tuple[G, ...]
-    directions: tuple[Floats, ...]
-    weights: W
+    groups: tuple[G, ...]  # with weights, trust and integrated rates as they are now
+    directions: tuple[Floats, ...]  # (W, 3) of each group
+    weights: W  # standard deviations of each kind of residual, and what else residuals are weighed by
 
 
 class Problem(Protocol[P, G, W]):
@@ -149,24 +138,12 @@ class Problem(Protocol[P, G, W]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Equations:
-    """Normal equations of all groups and of the prior, in standard deviations.
+    """Normal equations of all groups and of the prior, in standard deviations."""
 
-    Attributes
-    ----------
-    parts : tuple of Linearised
-        One for each group.
-    matrix : (P, P) float
-        N of the groups alone.
-    gradient : (P,) float
-    bent : (P,) float
-        Mean gradient that noise makes on the sphere of directions.
-    prior : NormalEquations
-    """
-
-    parts: tuple[Linearised, ...]
-    matrix: Floats
-    gradient: Floats
-    bent: Floats
+    parts: tuple[Linearised, ...]  # one for each group
+    matrix: Floats  # (P, P): N of the groups alone
+    gradient: Floats  # (P,)
+    bent: Floats  # (P,): mean gradient that noise makes on the sphere of directions
     prior: NormalEquations
 
     @classmethod

@@ -15,7 +15,7 @@ class Block(NamedTuple):
     """Parameters that belong together."""
 
     name: str  # as the attribute of `flinders.likelihood.parameters.Parameters`
-    size: int  # columns in the Jacobian; of disturbances for each of them
+    size: int  # columns in the Jacobian
     # prior standard deviation about zero, or about what is known; None without a prior of its own
     sigma: float | None = None
 

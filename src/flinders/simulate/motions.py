@@ -17,12 +17,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import accumulate
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
 from flinders.arrays import table
 from flinders.errors import UsageError
+from flinders.geometry.plane import PLANES, order_of
 from flinders.geometry.rotation import cross_matrices, rotation_vectors
 from flinders.geometry.sphere import clumped, hemisphere, uniform
 from flinders.simulate._checks import count
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
+    from flinders.geometry.plane import Plane
 
 RATE_HZ: Final = 50.0
 
@@ -45,9 +47,6 @@ SETTLING: Final = 200
 
 BLOCK: Final = 64
 """Steps of a turn that are multiplied before the next rounding to a rotation."""
-
-PLANES: Final = {"xy": (0, 1, 2), "yz": (1, 2, 0), "zx": (2, 0, 1)}
-"""Which body axes point north, east and down while one plane is swept."""
 
 LEANING: Final = 0.8
 """s, time constant of each filter of a swayed body's leans: it goes from one side to the other in some seconds."""
@@ -297,7 +296,7 @@ def planar_sweeps(
     *,
     seconds: float = 60.0,
     rate_hz: float = RATE_HZ,
-    planes: Sequence[str] = ("xy", "yz", "zx"),
+    planes: Sequence[str] = PLANES,
     turns_each: float = 2.0,
 ) -> Trajectory:
     """Turn a body about its own axes, one after the other, each pointing down meanwhile.
@@ -310,15 +309,14 @@ def planar_sweeps(
     >>> bool(np.allclose(flat.attitudes[:, 2], [0.0, 0.0, 1.0]))
     True
     """
-    unknown = [plane for plane in planes if plane not in PLANES]
-    if unknown or not planes:
+    if not planes or not set(planes) <= set(PLANES):
         raise UsageError(f"planes {','.join(planes)!r}: need one or more of {', '.join(PLANES)}")
     n = count(round(seconds * rate_hz))
     over = round(n * TURNING_OVER) if len(planes) > 1 else 0
     parts: list[Floats] = []
     for plane, rows in zip(planes, np.array_split(np.arange(n - over * (len(planes) - 1)), len(planes)), strict=True):
         heading = rng.uniform(0, 2 * np.pi) + np.linspace(0.0, 2 * np.pi * turns_each, len(rows), endpoint=False)
-        flat = posed(heading, 0.0, 0.0) @ np.eye(3)[list(PLANES[plane])]
+        flat = posed(heading, 0.0, 0.0) @ np.eye(3)[list(order_of(cast("Plane", plane)))]
         if parts and over and len(flat):
             parts.append(_between(parts[-1][-1], flat[0], over))
         parts.append(flat)

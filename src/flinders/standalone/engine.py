@@ -149,7 +149,7 @@ def unchecked() -> list[str]:
 
 def _is_checked(row: CatalogueRow) -> bool:
     """Whether the page knows all that a row compares and says."""
-    return row.rule is not None and row.rule.names | set(_fields(row.said)) <= NAMES
+    return row.rule.names | set(_fields(row.said)) <= NAMES
 
 
 def _fields(sentence: str) -> Iterable[str]:
@@ -158,7 +158,6 @@ def _fields(sentence: str) -> Iterable[str]:
 
 
 def _row(row: CatalogueRow) -> dict[str, Any]:
-    assert row.rule is not None
     return {
         "code": row.code,
         "is_of_recording": row.code in verdict.OF_THE_RECORDING,

@@ -48,7 +48,6 @@ SMALLEST_UNIT: Final = 2.0**-1000
 
 _INDEX: Final = {tuple(e): i for i, e in enumerate(EXPONENTS.tolist())}
 _PRODUCT: Final = np.array([[_INDEX[tuple(row)] for row in np.add(form, FORMS).tolist()] for form in FORMS])
-_FIRST: Final = np.array([int(np.flatnonzero(_PRODUCT.ravel() == i)[0]) for i in range(35)])
 _DOUBLED: Final = np.outer(TWICE, TWICE)
 
 
@@ -167,18 +166,6 @@ class Moments:
             if self.count
             else "Moments()"
         )
-
-
-def packed(scatter: Floats) -> Floats:
-    """(35,) moments out of a (10, 10) scatter matrix of `Moments.about`: each product once."""
-    sums: Floats = (scatter / _DOUBLED).ravel()[_FIRST]
-    return sums
-
-
-def unpacked(sums: Floats) -> Floats:
-    """(10, 10) scatter matrix of (35,) moments."""
-    scatter: Floats = sums[_PRODUCT] * _DOUBLED
-    return scatter
 
 
 def power_of_two_above(value: float) -> float:

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, Self, TypeAlias
 
 import numpy as np
 
-from flinders.core.samples import Joined, Samples, Wrapped
+from flinders.core.samples import Samples, Wrapped, joined
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, UsageError, figures
 from flinders.estimators.base import Estimate
 from flinders.estimators.consistent import adjusted
@@ -501,20 +501,16 @@ def shrunk(theta: Floats, start: Floats) -> float:
 # What comes out.
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class AtOneStrength(Wrapped):
     """A recording of a varying field as it would be in one of its mean strength: x₀ + (x − x₀) H/H_k about a centre.
 
     What looks for an ellipsoid can then look at it; noise grows where the field is weak.
-
-    Attributes
-    ----------
-    recording : Recording
-    centre : (3,) float
-    mean : float
     """
 
-    def __init__(self, recording: Recording, centre: Floats, mean: float) -> None:
-        self.recording, self.centre, self.mean = recording, centre, mean
+    recording: Recording
+    centre: Floats  # (3,)
+    mean: float
 
     def blocks(self) -> Iterator[Samples]:
         """Go through the recording; readings without a strength are left out."""
@@ -534,7 +530,7 @@ def at_one_strength(readings: Readings, estimate: Estimate) -> Readings:
         return readings
     centre, mean = estimate.ellipsoid.centre, estimate.strength
     parts = [AtOneStrength(part.recording, centre, mean) for part in readings.each if part.recording is not None]
-    alike = type(readings).of(Joined(tuple(parts)) if len(parts) > 1 else parts[0])
+    alike = type(readings).of(joined(parts))
     return replace(alike, summary=Summary(alike.summary.moments, alike.summary.cloud, readings.summary.health))
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol, Self, runtime_checkable
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,12 +40,7 @@ class Convergence:
         (array([ 5, 10]), array([nan,  1.]), 50.0)
         """
         unknown = np.full(9, np.nan)
-        parameters = [
-            unknown
-            if estimate is None
-            else np.concatenate([estimate.ellipsoid.centre, upper(estimate.ellipsoid.shape)])
-            for estimate in estimates
-        ]
+        parameters = [unknown if estimate is None else estimate.ellipsoid.parameters for estimate in estimates]
         sigmas = [unknown if estimate is None else np.sqrt(np.diag(estimate.covariance)) for estimate in estimates]
         return cls(
             np.array(counts, dtype=np.int64).reshape(-1),
@@ -66,7 +61,7 @@ class Convergence:
 
     def ellipsoid(self, step: int) -> Ellipsoid:
         """What was found at a step."""
-        return Ellipsoid(self.parameters[step, :3], symmetric(self.parameters[step, 3:]))
+        return Ellipsoid.of_parameters(self.parameters[step])
 
     def __len__(self) -> int:
         return len(self.counts)
