@@ -34,7 +34,8 @@ int flinders_distances(const real *field, size_t rows, const flinders_record *re
     return FLINDERS_OK;
 }
 
-/* The covariance of a record. Rejected readings that may be noise do not sharpen it: it is no smaller than with them. */
+/* The covariance of a record. Rejected readings that may be noise do not sharpen it: it is no smaller than with them. Where
+ * another draw of subsets finds another majority, how far these are apart is added. */
 static void covariance_of(const fl_kernels *kernels, const fl_view *view, const flinders_options *options, fl_fit *fit,
                           const fl_room *room, flinders_record *record)
 {
@@ -49,6 +50,7 @@ static void covariance_of(const fl_kernels *kernels, const fl_view *view, const 
     }
     fl_covariance(kernels, view, fit, room, record);
     if (is_wider) fl_raise(record->covariance, covariance, 9, 0);
+    for (int i = 0; i < 81 && record->is_robust; i++) record->covariance[i] += fit->others[i];
 }
 
 /* Everything that is known after the fit: covariance, errors of heading and direction, statistics. */
