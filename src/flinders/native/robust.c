@@ -7,7 +7,7 @@
 #include "record.h"
 
 enum { POINTS = 12, FEW_DRAWS = 24, ROUNDS = 12, PER_CELL = 4, WINDOW = 11, MARGIN = 25, LEAST = 3, LOOKS = 3,
-       UNKNOWNS = 12, ENOUGH_TO_JUDGE = 40, OTHERS = 4 };
+       UNKNOWNS = 12, ENOUGH_TO_JUDGE = 40, OTHERS = 8 };
 
 #ifdef FLINDERS_SMALL
 enum { DRAWS = 64, SCORED = 100, FEW_SCORED = 100 };
