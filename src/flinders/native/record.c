@@ -34,8 +34,7 @@ int flinders_distances(const real *field, size_t rows, const flinders_record *re
     return FLINDERS_OK;
 }
 
-/* The covariance of a record. Rejected readings that may be noise do not sharpen it: it is no smaller than with them. Where
- * another draw of subsets finds another majority, how far these are apart is added. */
+/* The covariance of a record. Rejected readings that may be noise do not sharpen it: it is no smaller than with them. */
 static void covariance_of(const fl_kernels *kernels, const fl_view *view, const flinders_options *options, fl_fit *fit,
                           const fl_room *room, flinders_record *record)
 {
@@ -50,7 +49,6 @@ static void covariance_of(const fl_kernels *kernels, const fl_view *view, const 
     }
     fl_covariance(kernels, view, fit, room, record);
     if (is_wider) fl_raise(record->covariance, covariance, 9, 0);
-    for (int i = 0; i < 81 && record->is_robust; i++) record->covariance[i] += fit->others[i];
 }
 
 /* Everything that is known after the fit: covariance, errors of heading and direction, statistics. */
@@ -59,6 +57,10 @@ static void describe(const fl_kernels *kernels, const fl_view *view, const flind
 {
     covariance_of(kernels, view, options, fit, room, record);
     fl_place_fit(fit, record);
+    for (int i = 0; i < 81 && record->is_robust; i++) { /* it comes of no noise, white or not */
+        record->covariance[i] += fit->others[i];
+        record->textbook[i] += fit->others[i];
+    }
     if (options->statistics) fl_residual_statistics(kernels, view, fit, room, record);
     fl_heading_errors(&fit->surface, record, options->dip_deg);
     if (options->statistics && !record->is_white && !record->unobserved && !room->parts)

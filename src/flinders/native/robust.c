@@ -407,15 +407,16 @@ static int fit_about(const fl_kernels *kernels, const samples *of, const flinder
     return fit_near(kernels, &of->every, options, dense, room, fit);
 }
 
-/* Whether the rejected readings say more of some combination of parameters than those that were kept. */
+/* Whether the runs that a fit rejects say more of some combination of parameters than the readings that it keeps. */
 static int outweigh(const fl_kernels *kernels, const fl_view *every, const flinders_options *options, const fl_fit *fit,
-                    const fl_room *room)
+                    int dense, const fl_room *room)
 {
-    const fl_view rejected = {every->field, every->rows, room->far, 1};
+    unsigned char *const in_run = (unsigned char *)room->scratch;
+    const fl_view runs = {every->field, every->rows, room->far, 1};
     real sums[55], difference[81];
-    if (fit->unseen) return 0;
-    for (size_t i = 0; i < every->rows; i++) room->far[i] = !room->rejected[i];
-    kernels->products(&rejected, &fit->posterior.surface, !options->bias_correction, sums);
+    if (fit->unseen || !mark_runs(room->far, every->rows, dense, in_run).all) return 0;
+    for (size_t i = 0; i < every->rows; i++) room->far[i] = !in_run[i];
+    kernels->products(&runs, &fit->posterior.surface, !options->bias_correction, sums);
     for (int i = 0, at = 0; i < 9; i++, at++)
         for (int j = i; j < 9; j++, at++)
             difference[9 * i + j] = difference[9 * j + i] = fit->posterior.matrix[9 * i + j] - sums[at];
@@ -459,7 +460,7 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
     else if (subset_start(kernels, &of.spread, n, &random, DRAWS, SCORED, room, &first)) return FLINDERS_NOT_AN_ELLIPSOID;
     const int status = fit_about(kernels, &of, options, &first, room, fit, record);
     if (status != FLINDERS_OK) return status;
-    if (!start && outweigh(kernels, &of.every, options, fit, room))
+    if (!start && outweigh(kernels, &of.every, options, fit, record->dense, room))
         scatter_of_others(kernels, &of, options, &first, &random, room, fit, record);
     view->rejected = room->rejected;
     record->is_robust = 1;
