@@ -9,11 +9,12 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks import adversary
+from scipy.spatial.transform import Rotation
 from tests.trials import daily
 from tests.worlds import SENSOR, Streamed, moved_alike, passed_by_a_magnet
 
 import flinders
-from flinders import simulate
+from flinders import Samples, simulate
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators import Readings, data
 from flinders.estimators.auto import Auto
@@ -29,7 +30,10 @@ from flinders.summary.coverage import Coverage
 if TYPE_CHECKING:
     from tests.trials import Choose
 
+    from flinders.arrays import Floats
     from flinders.estimators import Estimate
+
+OFFSET: Final = np.array([5.0, -3.0, 8.0])
 
 PASSED: Final = slice(1200, 1320)
 """Rows, from 0, that a magnet spoils: 24.0 to 26.4 s."""
@@ -232,3 +236,32 @@ def test_rejected_runs_that_may_be_noise_do_not_sharpen_the_claim() -> None:
             claim, of_all = (level_error(one.ellipsoid, one.covariance).worst for one in (estimate, plain))
             assert claim > 0.9 * of_all
     assert wider >= 2
+
+
+def leaned_in_a_field_that_changes(seed: int, shifts: tuple[float, ...]) -> Floats:
+    """Readings of a body that lies nearly flat and leans in between, each time with another vertical offset."""
+    rng = np.random.default_rng(seed)
+
+    def held(n: int, tilt_deg: float) -> Floats:
+        heading, direction = rng.uniform(0.0, 2.0 * np.pi, (2, n))
+        tilt = np.radians(tilt_deg) * rng.uniform(0.3, 1.0, n)
+        axis = np.stack([np.cos(direction), np.sin(direction), np.zeros(n)], axis=1)
+        field = np.stack([20.0 * np.cos(heading), 20.0 * np.sin(heading), np.full(n, 45.0)], axis=1)
+        return Rotation.from_rotvec(tilt[:, np.newaxis] * axis).apply(field)
+
+    parts = [part for shift in shifts for part in (held(500, 2.0), held(40, 30.0) + np.array([0.0, 0.0, shift]))]
+    field = np.concatenate(parts)
+    return field + rng.normal(0.0, 0.1, field.shape) + OFFSET
+
+
+def test_a_majority_found_by_chance_claims_what_others_differ_by() -> None:
+    """The few readings that tell the vertical offset disagree; where all are rejected, it is off by 20 µT and more."""
+    far, ratios = 0, []
+    for seed in range(20):
+        for shifts in ((0.0, 3.0), (-2.0, 0.0, 2.0)):
+            estimate = Robust().estimate(Readings.of(Samples.of(leaned_in_a_field_that_changes(seed, shifts))))
+            off = np.abs(estimate.ellipsoid.centre - OFFSET)
+            far += off[2] > 20.0
+            ratios.append(np.max(off / np.sqrt(np.diag(estimate.covariance)[:3])))
+    assert far >= 5
+    assert max(ratios) < 3.0

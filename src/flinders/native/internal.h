@@ -211,6 +211,7 @@ typedef struct {
     int has_distances; /* 1 if those of a room are the distances of all readings from the surface */
     real median_distance; /* of them, without regard to their sign, where there are no more than FL_SOME; else 0 */
     int is_doubtful; /* of a robust fit: 1 if some of the readings that it rejects may be noise; fl_room.far has the others */
+    real others[81]; /* of a robust fit: scatter of other majorities about it; 0 where the majority is beyond doubt */
     fl_slow slow;
     fl_posterior posterior;
 } fl_fit;

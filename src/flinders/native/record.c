@@ -57,6 +57,10 @@ static void describe(const fl_kernels *kernels, const fl_view *view, const flind
 {
     covariance_of(kernels, view, options, fit, room, record);
     fl_place_fit(fit, record);
+    for (int i = 0; i < 81 && record->is_robust; i++) { /* it comes of no noise, white or not */
+        record->covariance[i] += fit->others[i];
+        record->textbook[i] += fit->others[i];
+    }
     if (options->statistics) fl_residual_statistics(kernels, view, fit, room, record);
     fl_heading_errors(&fit->surface, record, options->dip_deg);
     if (options->statistics && !record->is_white && !record->unobserved && !room->parts)

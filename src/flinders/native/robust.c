@@ -7,7 +7,7 @@
 #include "record.h"
 
 enum { POINTS = 12, FEW_DRAWS = 24, ROUNDS = 12, PER_CELL = 4, WINDOW = 11, MARGIN = 25, LEAST = 3, LOOKS = 3,
-       UNKNOWNS = 12, ENOUGH_TO_JUDGE = 40 };
+       UNKNOWNS = 12, ENOUGH_TO_JUDGE = 40, OTHERS = 8 };
 
 #ifdef FLINDERS_SMALL
 enum { DRAWS = 64, SCORED = 100, FEW_SCORED = 100 };
@@ -369,48 +369,103 @@ static int certain_runs(const fl_room *room, size_t rows, real limit, unsigned c
     return others;
 }
 
-/* The robust fit from a start, or NULL for that through a few readings; the view then leaves out what was rejected. */
+/* What a robust fit is made of: all readings, those of them that it is iterated on, and a sample with few of each cell. */
+typedef struct {
+    fl_view every, part, spread;
+    size_t sampled;
+} samples;
+
+/* Fit the majority about a surface: reject far readings and fit the others, until the limit of rejection settles. */
+static int fit_about(const fl_kernels *kernels, const samples *of, const flinders_options *options,
+                     const fl_surface *start, const fl_room *room, fl_fit *fit, flinders_record *record)
+{
+    const size_t rows = of->every.rows;
+    real limit = 0;
+    int dense = FL_NO_RUN;
+    memset(fit, 0, sizeof *fit);
+    fit->surface = *start;
+    for (int round = 0; round < ROUNDS; round++) {
+        const real before = limit, least = FL_FINEST * fit->surface.radius;
+        absolute(kernels, &of->every, &fit->surface, room->distances);
+        sampled(room, rows, room->scratch);
+        const real sigma = typical(room->scratch, of->sampled);
+        limit = REJECT * (sigma > least ? sigma : least);
+        mark_far(room, rows, limit);
+        dense = of->part.stride == 1 ? dense_in(room->far, rows, rows, room) : FL_NO_RUN;
+        const int status = fit_near(kernels, &of->part, options, dense, room, fit);
+        if (status != FLINDERS_OK) return status;
+        if (fl_abs(limit - before) <= SETTLED * limit) break;
+    }
+    const size_t looked = absolute(kernels, &of->part, &fit->surface, room->distances);
+    mark_far(room, looked, limit);
+    dense = dense_in(room->far, looked, rows, room);
+    if (of->part.stride > 1) absolute(kernels, &of->every, &fit->surface, room->distances), mark_far(room, rows, limit);
+    memcpy(record->majority_centre, fit->surface.centre, sizeof record->majority_centre);
+    memcpy(record->majority_shape, fit->surface.shape, sizeof record->majority_shape);
+    record->dense = dense;
+    record->rejected_beyond = limit;
+    return fit_near(kernels, &of->every, options, dense, room, fit);
+}
+
+/* Whether the runs that a fit rejects say more of some combination of parameters than the readings that it keeps. */
+static int outweigh(const fl_kernels *kernels, const fl_view *every, const flinders_options *options, const fl_fit *fit,
+                    int dense, const fl_room *room)
+{
+    unsigned char *const in_run = (unsigned char *)room->scratch;
+    const fl_view runs = {every->field, every->rows, room->far, 1};
+    real sums[55], difference[81];
+    if (fit->unseen || !mark_runs(room->far, every->rows, dense, in_run).all) return 0;
+    for (size_t i = 0; i < every->rows; i++) room->far[i] = !in_run[i];
+    kernels->products(&runs, &fit->posterior.surface, !options->bias_correction, sums);
+    for (int i = 0, at = 0; i < 9; i++, at++)
+        for (int j = i; j < 9; j++, at++)
+            difference[9 * i + j] = difference[9 * j + i] = fit->posterior.matrix[9 * i + j] - sums[at];
+    return fl_cholesky(difference, 9);
+}
+
+/* Scatter of other majorities, which other draws of subsets lead to, about the fit from a start, whose readings the room
+ * then holds again. */
+static void scatter_of_others(const fl_kernels *kernels, const samples *of, const flinders_options *options,
+                              const fl_surface *first, fl_random *random, const fl_room *room, fl_fit *fit,
+                              flinders_record *record)
+{
+    fl_surface start;
+    fl_fit other;
+    real apart[9];
+    for (int draw = 0; draw < OTHERS; draw++) {
+        if (subset_start(kernels, &of->spread, of->sampled, random, DRAWS, SCORED, room, &start)) continue;
+        if (fit_about(kernels, of, options, &start, room, &other, record) != FLINDERS_OK) continue;
+        for (int i = 0; i < 3; i++) apart[i] = other.surface.centre[i] - fit->surface.centre[i];
+        for (int i = 0; i < 6; i++) apart[3 + i] = other.surface.shape[i] - fit->surface.shape[i];
+        for (int i = 0; i < 9; i++)
+            for (int j = 0; j < 9; j++) fit->others[9 * i + j] += apart[i] * apart[j] / OTHERS;
+    }
+    fit_about(kernels, of, options, first, room, &other, record);
+}
+
+/* The robust fit from a start, or NULL for that through a few readings; the view then leaves out what was rejected. Where
+ * that outweighs what is left, draws of other subsets show whether the majority is one by chance. */
 int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
               const fl_room *room, fl_fit *fit, flinders_record *record)
 {
     fl_random random = fl_random_begin();
     const size_t rows = view->rows, n = spread_out(kernels, view->field, rows, FL_ENOUGH, &random, room);
-    const fl_view spread = {view->field, rows, room->passed, 1};
-    const fl_view every = {view->field, rows, NULL, 1};
-    const fl_view part = {view->field, rows, NULL, (rows + FL_ENOUGH - 1) / FL_ENOUGH};
-    real limit = 0;
-    int status = FLINDERS_OK, dense = FL_NO_RUN;
-    memset(fit, 0, sizeof *fit);
+    const samples of = {{view->field, rows, NULL, 1},
+                        {view->field, rows, NULL, (rows + FL_ENOUGH - 1) / FL_ENOUGH},
+                        {view->field, rows, room->passed, 1},
+                        n};
+    fl_surface first;
     if (n < UNKNOWNS) return FLINDERS_NOT_AN_ELLIPSOID;
-    if (start) fit->surface = *start;
-    else if (subset_start(kernels, &spread, n, &random, DRAWS, SCORED, room, &fit->surface))
-        return FLINDERS_NOT_AN_ELLIPSOID;
-    for (int round = 0; round < ROUNDS; round++) {
-        const real before = limit, least = FL_FINEST * fit->surface.radius;
-        absolute(kernels, &every, &fit->surface, room->distances);
-        sampled(room, rows, room->scratch);
-        const real sigma = typical(room->scratch, n);
-        limit = REJECT * (sigma > least ? sigma : least);
-        mark_far(room, rows, limit);
-        dense = part.stride == 1 ? dense_in(room->far, rows, rows, room) : FL_NO_RUN;
-        status = fit_near(kernels, &part, options, dense, room, fit);
-        if (status != FLINDERS_OK) return status;
-        if (fl_abs(limit - before) <= SETTLED * limit) break;
-    }
-    const size_t looked = absolute(kernels, &part, &fit->surface, room->distances);
-    mark_far(room, looked, limit);
-    dense = dense_in(room->far, looked, rows, room);
-    if (part.stride > 1) absolute(kernels, &every, &fit->surface, room->distances), mark_far(room, rows, limit);
-    memcpy(record->majority_centre, fit->surface.centre, sizeof record->majority_centre);
-    memcpy(record->majority_shape, fit->surface.shape, sizeof record->majority_shape);
-    status = fit_near(kernels, &every, options, dense, room, fit);
+    if (start) first = *start;
+    else if (subset_start(kernels, &of.spread, n, &random, DRAWS, SCORED, room, &first)) return FLINDERS_NOT_AN_ELLIPSOID;
+    const int status = fit_about(kernels, &of, options, &first, room, fit, record);
     if (status != FLINDERS_OK) return status;
+    if (!start && outweigh(kernels, &of.every, options, fit, record->dense, room))
+        scatter_of_others(kernels, &of, options, &first, &random, room, fit, record);
     view->rejected = room->rejected;
     record->is_robust = 1;
-    record->dense = dense;
-    record->rejected_beyond = limit;
     for (size_t i = 0; i < rows; i++) record->rejected += room->rejected[i];
-    fit->is_doubtful = certain_runs(room, rows, limit, room->far);
+    fit->is_doubtful = certain_runs(room, rows, record->rejected_beyond, room->far);
     return FLINDERS_OK;
 }
 
