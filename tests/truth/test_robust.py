@@ -247,11 +247,13 @@ def leaned_in_a_field_that_changes(seed: int, shifts: tuple[float, ...]) -> Floa
         tilt = np.radians(tilt_deg) * rng.uniform(0.3, 1.0, n)
         axis = np.stack([np.cos(direction), np.sin(direction), np.zeros(n)], axis=1)
         field = np.stack([20.0 * np.cos(heading), 20.0 * np.sin(heading), np.full(n, 45.0)], axis=1)
-        return Rotation.from_rotvec(tilt[:, np.newaxis] * axis).apply(field)
+        leaned: Floats = Rotation.from_rotvec(tilt[:, np.newaxis] * axis).apply(field)
+        return leaned
 
     parts = [part for shift in shifts for part in (held(500, 2.0), held(40, 30.0) + np.array([0.0, 0.0, shift]))]
     field = np.concatenate(parts)
-    return field + rng.normal(0.0, 0.1, field.shape) + OFFSET
+    noisy: Floats = field + rng.normal(0.0, 0.1, field.shape) + OFFSET
+    return noisy
 
 
 def test_a_majority_found_by_chance_claims_what_others_differ_by() -> None:
