@@ -24,7 +24,8 @@ class Robust:
     Starts from the least median of squares over many subsets of twelve readings each, rejects what is farther
     from the surface than four standard deviations, and minimises what `Likelihood` minimises over the rest,
     until the same readings are rejected again. σ comes from the median distance, in a sample
-    that takes few readings of each place, so that a rest of the sensor does not pass for its noise.
+    that takes few readings of each place, so that a rest of the sensor does not pass for its noise. Where rejected
+    runs outweigh the other readings, other draws of the subsets are fitted too; the covariance has what they differ by.
 
     Use it where something magnetic passed by, a cable moved or a bus dropped bits; `auto` takes it when the
     residuals ask for it. Up to about a quarter of outliers have no effect worth a digit; clean readings

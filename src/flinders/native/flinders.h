@@ -104,7 +104,7 @@ typedef struct flinders_record {
     flinders_real shape[6];       /* S, unit */
     flinders_real radius;         /* geometric mean of the semi-axes, unit */
     flinders_real noise;          /* standard deviation of the distances from the surface, unit */
-    flinders_real covariance[81]; /* of the nine parameters, residuals as they are correlated, unit² */
+    flinders_real covariance[81]; /* of the nine parameters: residuals as they are correlated, other majorities, unit² */
     flinders_real textbook[81];   /* the same for independent residuals, unit² */
     flinders_real prior_influence;    /* largest share of the prior in what is known of any combination of parameters */
     flinders_real rejected_beyond; /* distance from the surface, unit; 0 if none was rejected */
