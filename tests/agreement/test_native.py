@@ -248,7 +248,7 @@ def test_quality_counts_what_it_counted(limit: float) -> None:
     time = np.arange(3000.0)
     time[50] = 0.0
     time[7] = np.nan
-    record = engine().fit(field, time=time)
+    record = engine().fit(field, time=time, rests=0)
     quality = DataQuality.of(Samples(field, time=time))
     npt.assert_array_equal(record["lowest"], quality.lows.values)
     npt.assert_array_equal(record["highest"], -quality.highs.values)

@@ -27,6 +27,7 @@ from flinders.diagnostics.unmoved import was_turned
 from flinders.errors import FitError, FlindersError, UsageError
 from flinders.estimators.auto import FEWEST_LEFT, trimmed_covariance
 from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.rests import Rests
 from flinders.estimators.robust import Robust
 from flinders.findings import CATALOGUE, VERDICTS
 from flinders.fitting import calibrate
@@ -47,7 +48,7 @@ from flinders.fitting.verdict import (
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.heading.error_propagation import bounds_deg, deviation_covariances, level_error, raw_error
 from flinders.native.engine import engine
-from flinders.summary.summary import flat_below
+from flinders.summary.summary import fitted_rows, flat_below
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -357,7 +358,7 @@ def _shrink(records: Records) -> Floats:
 
 def _repetition(records: Records) -> tuple[Floats, Floats]:
     """Factors by which repeated readings, and these with few ones, widen covariances, as `flinders.fitting.claim`."""
-    rows = records["rows"].astype(float)
+    rows = fitted_rows(records).astype(float)
     share = rows / np.maximum(records["distinct"], 1)
     known = np.mean(records["covariance"][:, DIAGONAL] / records["textbook"][:, DIAGONAL], axis=1)
     repetition = np.maximum(1.0, share / known)
@@ -408,7 +409,7 @@ def _of_accuracy(records: Records) -> dict[str, Floats]:
     structure_deg = np.fmax(across, np.fmax(_proven(records, "nonlinear"), _proven(records, "lag")))
     lag_one = np.nan_to_num(records["lag_one"])
     off = np.sqrt(np.maximum(-3.0 * lag_one, 0.0)) * records["noise"]
-    lasting = unlike_correlation(lag_one, records["repeats"] / records["rows"])
+    lasting = unlike_correlation(lag_one, records["repeats"] / fitted_rows(records))
     return {
         "worst_deg": np.hypot(records["level_worst_deg"], structure_deg),
         "rms_deg": np.hypot(records["level_rms_deg"], structure_deg),
@@ -439,7 +440,7 @@ def _named_fault(records: Records, fault: str, other: str) -> Floats:
 def _of_evidence(records: Records, repetition: Floats) -> dict[str, Floats]:
     """How much there was to go by."""
     per_reading = 1.0 / (records["correlation_time"] * records["excess_variance"])
-    effective = np.minimum(records["rows"] / repetition * per_reading, records["distinct"])
+    effective = np.minimum(fitted_rows(records) / repetition * per_reading, records["distinct"])
     independent = np.minimum(np.nan_to_num(effective, nan=np.inf), records["used"])
     return {
         "hole_deg": records["hole_deg"],
@@ -456,8 +457,8 @@ def _of_the_recording(records: Records) -> dict[str, Floats]:
     """What recordings say about themselves."""
     seconds = np.nan_to_num(records["end"] - records["start"])
     return {
-        "outlier_share": records["rejected"] / records["rows"],
-        "repeated_share": 1.0 - records["distinct"] / records["rows"],
+        "outlier_share": records["rejected"] / fitted_rows(records),
+        "repeated_share": 1.0 - records["distinct"] / fitted_rows(records),
         "distinct": records["distinct"],
         "step": records["step"],
         "path_correlation": np.where(np.isnan(records["start"]), records["path_correlation"], np.nan),
@@ -473,7 +474,8 @@ def _changes(records: Records, disturbed: Iterator[tuple[int, Samples]]) -> dict
     for place, one in disturbed:
         record = records[place]
         time = float(np.nan_to_num(record["correlation_time"], nan=1.0))
-        unmodelled = unmodelled_of(one, _surface(record), dip_deg=record["dip_deg"], time=time, limit=_limit(record))
+        once = Rests.of(one).averaged(one) if record["rests"] else one
+        unmodelled = unmodelled_of(once, _surface(record), dip_deg=record["dip_deg"], time=time, limit=_limit(record))
         unmodelled_deg[place] = np.nan if unmodelled is None else unmodelled.heading_deg
     return {
         "drift_deg": records["drift_deg"],

@@ -137,7 +137,7 @@ def fit_record(fit: Fit, statistics: Statistics) -> Record:
             **_evidence(fit),
             **_changes(fit),
             **_lasting(fit, statistics),
-            **_outliers(fit, statistics.rows),
+            **_outliers(fit, statistics.fitted),
             "inflation": math.nan if fit.plane or fit.refreshed else _inflation(fit, statistics.extent),
             "noise_share": fit.noise / fit.ellipsoid.radius,
             **_structure(fit),
@@ -324,7 +324,7 @@ def _apart(repeats: Repeats | None, target_deg: float) -> dict[str, float]:
 
 def _lasting(fit: Fit, statistics: Statistics) -> dict[str, float]:
     """What lasts from one reading to the next different one, and the heading error of a single moment that it makes."""
-    correlation = unlike_correlation(fit.autocorrelation or 0.0, statistics.repeats / max(statistics.rows, 1))
+    correlation = unlike_correlation(fit.autocorrelation or 0.0, statistics.repeats / max(statistics.fitted, 1))
     level = fit.ellipsoid.radius * math.cos(math.radians(fit.known_dip_deg))
     return {
         "noise_lasts": fit.noise_lasts,
@@ -407,9 +407,9 @@ def _of_aiding(fit: Fit) -> Iterator[Finding]:
     yield from () if fit.aiding is None else (mistake.finding for mistake in fit.aiding.mistakes)
 
 
-def _outliers(fit: Fit, rows: int) -> dict[str, Any]:
-    """What a robust fit left out: outliers, and the readings around their runs."""
-    share = sum(run.rows for run in fit.outliers) / max(rows, 1)
+def _outliers(fit: Fit, fitted: int) -> dict[str, Any]:
+    """What a robust fit left out of so many readings: outliers, and the readings around their runs."""
+    share = sum(run.fitted for run in fit.outliers) / max(fitted, 1)
     return {
         "outlier_share": share,
         "farthest": max((run.farthest for run in fit.outliers), default=math.nan),
@@ -446,7 +446,7 @@ WORDS: Final[dict[str, Callable[[Fit], str]]] = {
     "halves": _halves,
     "leave": _leave,
     "unmodelled": lambda fit: "" if fit.unmodelled is None else fit.unmodelled.name,
-    "outliers": lambda fit: counted(sum(run.rows for run in fit.outliers), "reading"),
+    "outliers": lambda fit: counted(sum(run.fitted for run in fit.outliers), "reading"),
     "runs": _runs,
     "previous": lambda fit: fit.refreshed.previous if fit.refreshed else "",
 }
@@ -470,7 +470,7 @@ def _recording_record(health: Statistics) -> Record:
             "rows": health.rows,
             "distinct": health.distinct,
             "rail_share": max((rail.share for rail in health.rails), default=0.0),
-            "repeated_share": 1.0 - health.distinct / max(health.rows, 1),
+            "repeated_share": 1.0 - health.distinct / max(health.fitted, 1),
             "step": health.step,
             "path_correlation": math.nan if clock.steps else health.path_correlation,
             "backward_steps": clock.backward_steps,

@@ -77,7 +77,7 @@ static real square_of(const fl_residuals *residuals)
 /* Whether some readings are others again. */
 static int has_copies(const flinders_record *record)
 {
-    return record->distinct > 0 && record->distinct < record->rows;
+    return record->distinct > 0 && record->distinct < fl_averaged_rows(record);
 }
 
 /* Scatter of Σ J s over all readings, and what was found of it; `known` as for `fl_distortion`. */
