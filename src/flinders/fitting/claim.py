@@ -141,7 +141,7 @@ def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:
     estimate, likelihood : Estimate
         Of the same readings.
     """
-    if estimate.correlation is not None or likelihood.correlation is None or likelihood.textbook is None:
+    if estimate.correlation is not None or likelihood.textbook is None:
         return estimate
     factor = max(1.0, likelihood.variance_inflation())
     return replace(

@@ -1,8 +1,8 @@
 /* Rests: intervals in which the direction stands still. However often it is read there, a place tells of the surface what
  * one reading tells, with what the field differs by between places; so each rest becomes one reading, its mean.
  *
- * Windows of readings are as short as the recording lets them be: so long that in one of them the sensor turns by ten
- * times as much, on average, as it may in a rest. A window is still where its readings scatter hardly more than steps from
+ * Windows of readings are as short as the recording lets them be: so long that in those that are no rest the sensor turns
+ * by ten times as much, on average, as it may in a rest. A window is still where its readings scatter hardly more than steps from
  * one to the next explain, which are all noise there.
  */
 #include "record.h"
@@ -12,8 +12,10 @@ enum { SHORTEST = 2, /* readings of half a window */
 
 #define FAR_SHARE ((real)0.97) /* of the readings: the others may be outliers */
 #define STILL ((real)0.015)    /* movement of a rest, over the distance from the mean to the far readings */
-#define TYPICAL ((real)10)     /* movement of an average window over that */
-#define LARGEST ((real)2)      /* what a window counts for at most, over the average: one with an outlier */
+#define TYPICAL ((real)10)     /* movement of an average window that is not still over that */
+#define LARGEST ((real)2)      /* what a window counts for at most, over the average */
+#define MOVING ((real)0.05)    /* share of windows that are not still, at least */
+#define SPIKE ((real)3)        /* distance of an outlier from the middle of its neighbours, over that between these */
 #define NOISY ((real)0.1)      /* scatter of a rest at most, over the same distance */
 #define LOOSE ((real)3)        /* standard deviations by which noise may make a rest move */
 #define NEAR ((real)2.5)       /* standard deviations up to which readings next to a rest are of it */
@@ -81,13 +83,24 @@ static void variances(const half *first, const half *second, size_t n, real *var
     *noise = (first->steps + second->link + second->steps) / (real)(2 * (n - 1));
 }
 
-/* Mark the still ones of windows, each half a window behind the other; whether they are long enough: on average they then
- * scatter by far more than those. */
+/* Whether a reading of a window is an outlier by itself. */
+static int has_spike(const fl_rests *rests, size_t begin, size_t end)
+{
+    for (size_t row = begin ? begin : 1; row < end && row + 1 < rests->rows; row++) {
+        const real *const here = rests->field + 3 * row;
+        const real middle[3] = {(here[-3] + here[3]) / 2, (here[-2] + here[4]) / 2, (here[-1] + here[5]) / 2};
+        if (square_apart(here, middle) > SPIKE * SPIKE * square_apart(here - 3, here + 3)) return 1;
+    }
+    return 0;
+}
+
+/* Mark the still ones of windows, each half a window behind the other; whether they are long enough: the others then
+ * scatter by far more than those on average. */
 static int mark_still(fl_rests *rests)
 {
     const size_t n = 2 * rests->half;
     const real moved = rests->still * rests->still, typical = TYPICAL * TYPICAL * moved;
-    real sum = 0;
+    real sum = 0, moving = 0;
     half last = half_of(rests, 0);
     rests->windows = rests->rows / rests->half - 1;
     for (size_t window = 0; window < rests->windows; window++) {
@@ -99,10 +112,12 @@ static int mark_still(fl_rests *rests)
         const real loose = moved + (chance < LOOSE * LOOSE * moved ? chance : LOOSE * LOOSE * moved);
         rests->is_still[window] = (unsigned char)(variance - noise < loose && variance < rests->noisy * rests->noisy &&
                                                   !is_cut(rests, begin, begin + n));
-        sum += variance < LARGEST * LARGEST * typical ? variance : LARGEST * LARGEST * typical;
         last = next;
+        if (rests->is_still[window] || (variance > typical && has_spike(rests, begin, begin + n))) continue;
+        sum += variance < LARGEST * LARGEST * typical ? variance : LARGEST * LARGEST * typical;
+        moving++;
     }
-    return sum >= typical * (real)rests->windows;
+    return moving > MOVING * (real)rests->windows && sum >= typical * moving;
 }
 
 /* Begin anew. */
