@@ -288,7 +288,12 @@ class Readings:
             return statistics
         once = DataQuality.of(self.recording)
         return replace(
-            statistics, rests=len(self.rests), fitted=once.rows, repeats=once.repeats, distinct=once.distinct
+            statistics,
+            rests=len(self.rests),
+            at_rest=self.rests.at_rest,
+            fitted=once.rows,
+            fitted_repeats=once.repeats,
+            fitted_distinct=once.distinct,
         )
 
     @property

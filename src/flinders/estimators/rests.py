@@ -62,6 +62,11 @@ class Rests:
         return len(self.bounds)
 
     @property
+    def at_rest(self) -> int:
+        """Readings at rest."""
+        return int(np.diff(self.bounds, axis=1).sum())
+
+    @property
     def count(self) -> int:
         """Readings with each rest as one."""
         return len(self.first)

@@ -48,7 +48,7 @@ from flinders.fitting.verdict import (
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.heading.error_propagation import bounds_deg, deviation_covariances, level_error, raw_error
 from flinders.native.engine import engine
-from flinders.summary.summary import fitted_rows, flat_below
+from flinders.summary.summary import flat_below
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -358,8 +358,8 @@ def _shrink(records: Records) -> Floats:
 
 def _repetition(records: Records) -> tuple[Floats, Floats]:
     """Factors by which repeated readings, and these with few ones, widen covariances, as `flinders.fitting.claim`."""
-    rows = fitted_rows(records).astype(float)
-    share = rows / np.maximum(records["distinct"], 1)
+    rows = records["fitted"].astype(float)
+    share = rows / np.maximum(records["fitted_distinct"], 1)
     known = np.mean(records["covariance"][:, DIAGONAL] / records["textbook"][:, DIAGONAL], axis=1)
     repetition = np.maximum(1.0, share / known)
     factor = [widening(*each, 9) for each in zip(rows.tolist(), repetition.tolist(), strict=True)]
@@ -409,7 +409,7 @@ def _of_accuracy(records: Records) -> dict[str, Floats]:
     structure_deg = np.fmax(across, np.fmax(_proven(records, "nonlinear"), _proven(records, "lag")))
     lag_one = np.nan_to_num(records["lag_one"])
     off = np.sqrt(np.maximum(-3.0 * lag_one, 0.0)) * records["noise"]
-    lasting = unlike_correlation(lag_one, records["repeats"] / fitted_rows(records))
+    lasting = unlike_correlation(lag_one, records["fitted_repeats"] / records["fitted"])
     return {
         "worst_deg": np.hypot(records["level_worst_deg"], structure_deg),
         "rms_deg": np.hypot(records["level_rms_deg"], structure_deg),
@@ -440,7 +440,7 @@ def _named_fault(records: Records, fault: str, other: str) -> Floats:
 def _of_evidence(records: Records, repetition: Floats) -> dict[str, Floats]:
     """How much there was to go by."""
     per_reading = 1.0 / (records["correlation_time"] * records["excess_variance"])
-    effective = np.minimum(fitted_rows(records) / repetition * per_reading, records["distinct"])
+    effective = np.minimum(records["fitted"] / repetition * per_reading, records["fitted_distinct"])
     independent = np.minimum(np.nan_to_num(effective, nan=np.inf), records["used"])
     return {
         "hole_deg": records["hole_deg"],
@@ -457,9 +457,10 @@ def _of_the_recording(records: Records) -> dict[str, Floats]:
     """What recordings say about themselves."""
     seconds = np.nan_to_num(records["end"] - records["start"])
     return {
-        "outlier_share": records["rejected"] / fitted_rows(records),
-        "repeated_share": 1.0 - records["distinct"] / fitted_rows(records),
+        "outlier_share": records["rejected"] / records["fitted"],
+        "repeated_share": 1.0 - records["distinct"] / records["rows"],
         "distinct": records["distinct"],
+        "at_rest_share": records["at_rest"] / records["rows"],
         "step": records["step"],
         "path_correlation": np.where(np.isnan(records["start"]), records["path_correlation"], np.nan),
         "backward_steps": records["backward_steps"],

@@ -779,7 +779,7 @@ def _independent(estimate: Estimate, statistics: Statistics, repetition: float) 
     """How many independent readings say as much: no more than there are different ones."""
     if estimate.correlation is None:
         return np.inf
-    return min(estimate.correlation.effective(statistics.fitted / repetition), statistics.distinct)
+    return min(estimate.correlation.effective(statistics.fitted / repetition), statistics.fitted_distinct)
 
 
 def _distortion(estimate: Estimate, refreshed: Refreshed | None) -> float:

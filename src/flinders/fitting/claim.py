@@ -121,7 +121,7 @@ def _widened(
 
 def _repetition(estimate: Estimate, statistics: Statistics) -> float:
     """Factor by which repeated readings widen a covariance that does not know of them yet."""
-    share = statistics.fitted / max(statistics.distinct, 1)
+    share = statistics.fitted / max(statistics.fitted_distinct, 1)
     return max(1.0, share / max(estimate.variance_inflation(), sys.float_info.min))
 
 

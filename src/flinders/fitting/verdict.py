@@ -51,7 +51,7 @@ OF_CALIBRATION: Final = (
     "rotation-unknown",
 )
 """Findings of a calibration, whatever it was made from."""
-OF_RECORDING: Final = ("quantised", "stale-repeats", "unordered", "time-back", "time-gap", "skipped-rows")
+OF_RECORDING: Final = ("quantised", "stale-repeats", "at-rest", "unordered", "time-back", "time-gap", "skipped-rows")
 """Findings of a recording as a whole."""
 OF_THE_RECORDING: Final = frozenset({"saturated", *OF_RECORDING})
 """Findings that hold whatever the fit is worth, and may be the reason why it is worth nothing."""
@@ -324,7 +324,7 @@ def _apart(repeats: Repeats | None, target_deg: float) -> dict[str, float]:
 
 def _lasting(fit: Fit, statistics: Statistics) -> dict[str, float]:
     """What lasts from one reading to the next different one, and the heading error of a single moment that it makes."""
-    correlation = unlike_correlation(fit.autocorrelation or 0.0, statistics.repeats / max(statistics.fitted, 1))
+    correlation = unlike_correlation(fit.autocorrelation or 0.0, statistics.fitted_repeats / max(statistics.fitted, 1))
     level = fit.ellipsoid.radius * math.cos(math.radians(fit.known_dip_deg))
     return {
         "noise_lasts": fit.noise_lasts,
@@ -470,7 +470,8 @@ def _recording_record(health: Statistics) -> Record:
             "rows": health.rows,
             "distinct": health.distinct,
             "rail_share": max((rail.share for rail in health.rails), default=0.0),
-            "repeated_share": 1.0 - health.distinct / max(health.fitted, 1),
+            "repeated_share": 1.0 - health.distinct / max(health.rows, 1),
+            "at_rest_share": health.at_rest / max(health.rows, 1),
             "step": health.step,
             "path_correlation": math.nan if clock.steps else health.path_correlation,
             "backward_steps": clock.backward_steps,
@@ -479,6 +480,7 @@ def _recording_record(health: Statistics) -> Record:
             "skipped": skipped,
         },
         rails=lambda: ", ".join(map(_at_rail, health.rails)),
+        intervals=lambda: counted(health.rests, "interval"),
         often=lambda: "once" if clock.backward_steps == 1 else f"{clock.backward_steps:,} times",
         skipped_rows=lambda: "; ".join(map(str, health.skipped)),
         check=lambda: "" if few else ". Check the sensor, its cable, and what was saved",

@@ -89,7 +89,7 @@ static void confirm_swaps(const fl_kernels *kernels, const fl_view *view, const 
     int swap = 0, is_behind = 0;
     size_t n = 0;
     for (int other = 1; other < 6; other++) swap = record->swaps[other] > record->swaps[swap] ? other : swap;
-    if (record->swaps[swap] == 0 || !((real)record->rejected < FEW * (real)fl_averaged_rows(record))) return;
+    if (record->swaps[swap] == 0 || !((real)record->rejected < FEW * (real)record->fitted)) return;
     for (int is_changed = 0; is_changed < 2; is_changed++) {
         for (n = 0; n * stride < view->rows; n++)
             for (int axis = 0; axis < 3; axis++) {

@@ -79,7 +79,7 @@ static real square_of(const fl_residuals *residuals)
 /* Whether some readings are others again. */
 static int has_copies(const flinders_record *record)
 {
-    return record->distinct > 0 && record->distinct < fl_averaged_rows(record);
+    return record->fitted_distinct > 0 && record->fitted_distinct < record->fitted;
 }
 
 /* Scatter of Σ J s over all readings, and what was found of it; `known` as for `fl_distortion`. */

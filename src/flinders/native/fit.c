@@ -184,7 +184,9 @@ static void average_rests(fl_view *view, fl_room *room, flinders_record *record)
     view->rows = fl_rests_average(&rests, &out);
     view->field = out.field;
     room->time = out.time, room->ends = room->parts ? out.ends : NULL;
-    fl_count_repeats(view->field, view->rows, record);
+    record->fitted = (int64_t)view->rows;
+    record->fitted_repeats = fl_repeats(view->field, view->rows);
+    record->fitted_distinct = record->distinct ? fl_distinct(view->field, view->rows, room) : 0;
 }
 
 /* Fit all readings of a view in borrowed memory, each rest as one, or what remains of them without outliers. */
@@ -199,9 +201,10 @@ int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options
     if (fl_quality(kernels, view->field, room->time, view->rows, record)) return FLINDERS_NOT_FINITE;
     int status = refused(record, options);
     if (status != FLINDERS_OK && status != FLINDERS_UNMOVED) return status;
-    if (options->rests && room->averaged) average_rests(view, room, record);
     if (options->statistics) record->distinct = fl_distinct(view->field, view->rows, room);
     if (options->statistics && record->distinct < 10) return FLINDERS_TOO_FEW;
+    record->fitted = record->rows, record->fitted_repeats = record->repeats, record->fitted_distinct = record->distinct;
+    if (options->rests && room->averaged) average_rests(view, room, record);
     sum_up(kernels, view->field, view->rows, record);
     status = refused(record, options);
     if (status != FLINDERS_OK) return status;

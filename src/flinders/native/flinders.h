@@ -94,11 +94,14 @@ typedef struct flinders_record {
     int64_t rows;       /* readings given */
     int64_t rests;      /* intervals in which the direction stands still, each of which is one reading of the fit */
     int64_t at_rest;    /* readings given of these */
+    int64_t fitted;     /* readings with each rest as one, which the fit goes by; of them ... */
+    int64_t fitted_repeats; /* ... those equal to the one before, and ... */
+    int64_t fitted_distinct; /* ... different ones */
     int64_t used;       /* readings of the fit */
     int64_t rejected;   /* readings left out as outliers, a rest as one */
-    int64_t repeats;    /* readings equal to the one before, a rest as one */
+    int64_t repeats;    /* readings equal to the one before */
     int64_t longest_repeat; /* most equal readings in a row */
-    int64_t distinct;   /* different readings, a rest as one; beyond 4096 of them from a sample of those */
+    int64_t distinct;   /* different readings; beyond 4096 of them from a sample of those */
     int64_t end_counts[6]; /* readings at the lowest x, y, z and at the highest x, y, z */
     int64_t rails;      /* ends at which the sensor was at its limit: bit i for end i of `end_counts` */
     int64_t swaps[6];   /* moments at which x, y or z changed sign, or x and y, y and z, z and x were exchanged */

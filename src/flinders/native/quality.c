@@ -195,17 +195,15 @@ static void compare_with_next(const real *field, size_t rows, int end, flinders_
     else record->step = step > record->step ? step : record->step;
 }
 
-/* Count readings equal to the one before. */
-void fl_count_repeats(const real *field, size_t rows, flinders_record *record)
+/* Readings equal to the one before. */
+int64_t fl_repeats(const real *field, size_t rows)
 {
-    int64_t run = 0;
-    record->repeats = 0, record->longest_repeat = 1;
+    int64_t count = 0;
     for (size_t row = 1; row < rows; row++) {
         const real *const here = field + 3 * row;
-        run = here[0] == here[-3] && here[1] == here[-2] && here[2] == here[-1] ? run + 1 : 0;
-        record->repeats += run > 0;
-        record->longest_repeat = run + 1 > record->longest_repeat ? run + 1 : record->longest_repeat;
+        count += here[0] == here[-3] && here[1] == here[-2] && here[2] == here[-1];
     }
+    return count;
 }
 
 /* Look at all readings; nonzero if one is not finite. */

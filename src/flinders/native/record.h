@@ -55,9 +55,6 @@ static inline size_t fl_slot(const uint64_t *keys, size_t slots, uint64_t key)
     return slot;
 }
 
-/* Readings that a recording is fitted by, a rest as one. */
-static inline int64_t fl_averaged_rows(const flinders_record *record) { return record->rows - record->at_rest + record->rests; }
-
 /* The distances of the readings whose Jacobian there is, behind nine columns of that. */
 static inline real *fl_column_of_distances(const fl_room *room) { return room->columns + 9 * room->apart; }
 
@@ -99,7 +96,7 @@ int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options
                 flinders_record *record);
 int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room);
 int fl_quality(const fl_kernels *kernels, const real *field, const real *time, size_t rows, flinders_record *record);
-void fl_count_repeats(const real *field, size_t rows, flinders_record *record);
+int64_t fl_repeats(const real *field, size_t rows);
 int64_t fl_distinct(const real *field, size_t rows, const fl_room *room);
 void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room,
                    flinders_record *record);

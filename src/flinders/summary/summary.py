@@ -26,7 +26,7 @@ from flinders.summary.quality import DataQuality, TimeStamps
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording, Skipped
@@ -103,10 +103,13 @@ class Summary:
         health = self.health
         return Statistics(
             rows=health.rows,
-            rests=0,
-            fitted=health.rows,
             repeats=health.repeats,
             distinct=health.distinct,
+            rests=0,
+            at_rest=0,
+            fitted=health.rows,
+            fitted_repeats=health.repeats,
+            fitted_distinct=health.distinct,
             path_correlation=health.path.correlation(self.moments.spread),
             extent=float(health.extent.max()),
             principal_variances=self.moments.principal_variances,
@@ -210,21 +213,18 @@ def flat_below(width: float, noise: float, *, within: float = FLAT_NOISE) -> flo
     return min(max(within * noise, FLAT * width), FLATTEST * width)
 
 
-def fitted_rows(records: Records) -> NDArray[np.int64]:
-    """Readings that each fit of some records of the engine, or of one, goes by: a rest is one."""
-    rows: NDArray[np.int64] = records["rows"] - records["at_rest"] + records["rests"]
-    return rows
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Statistics:
     """What a verdict asks of a recording, from its summary or from a record of the engine."""
 
     rows: int  #: usable readings
+    repeats: int  #: readings equal to the one before in all three axes
+    distinct: int  #: different readings
     rests: int  #: intervals in which the direction stands still
-    fitted: int  #: readings that a fit goes by: all, each rest as one; of these …
-    repeats: int  #: … how many are equal to the one before in all three axes
-    distinct: int  #: … and how many differ
+    at_rest: int  #: usable readings of these
+    fitted: int  #: readings with each rest as one, which a fit goes by; of them …
+    fitted_repeats: int  #: … those equal to the one before, …
+    fitted_distinct: int  #: … and different ones
     path_correlation: float  #: of one reading with the next
     extent: float  #: range of the axis that ranges farthest
     principal_variances: Floats  #: (3,): variances along the principal axes, ascending
@@ -253,10 +253,13 @@ class Statistics:
         """
         return cls(
             rows=int(record["rows"]),
-            rests=int(record["rests"]),
-            fitted=int(fitted_rows(record)),
             repeats=int(record["repeats"]),
             distinct=int(record["distinct"]),
+            rests=int(record["rests"]),
+            at_rest=int(record["at_rest"]),
+            fitted=int(record["fitted"]),
+            fitted_repeats=int(record["fitted_repeats"]),
+            fitted_distinct=int(record["fitted_distinct"]),
             path_correlation=float(record["path_correlation"]),
             extent=float((record["highest"] - record["lowest"]).max()),
             principal_variances=record["principal_variances"],

@@ -60,7 +60,7 @@ export class Fit {
      */
     constructor(request, whole, record, left, data) {
         const fitted = record.rests ? record : whole;
-        const { repetition, factor } = widening(record, fittedRows(fitted), fitted.distinct);
+        const { repetition, factor } = widening(record, fitted.fitted, fitted.fitted_distinct);
         const surface = surfaceOf(record.centre, record.shape);
         const claimed = record.covariance.map((part) => part * factor);
         const nearer = shrunk(surface, claimed, data);
@@ -78,7 +78,7 @@ export class Fit {
         this.covariance = nearer?.covariance ?? Float64Array.from(claimed);
         this.textbook = nearer ? null : record.textbook;
         this.noise = record.noise;
-        this.samples = record.used || fittedRows(fitted);
+        this.samples = record.used || fitted.fitted;
         this.correlation = correlationOf(record);
         this.independent = independentOf(this.correlation, fitted, repetition);
         this.distortion = this.correlation?.direction ?? 0;
@@ -283,16 +283,7 @@ function correlationOf(record) {
  */
 function independentOf(correlation, fitted, repetition) {
     if (!correlation) return Infinity;
-    return Math.min(fittedRows(fitted) / repetition / (correlation.time * correlation.excess), fitted.distinct);
-}
-
-/**
- * Readings that a fit goes by: a rest is one.
- * @param {Fitted} record
- * @returns {number}
- */
-function fittedRows({ rows, rests, at_rest: atRest }) {
-    return rows - atRest + rests;
+    return Math.min(fitted.fitted / repetition / (correlation.time * correlation.excess), fitted.fitted_distinct);
 }
 
 /**
@@ -305,9 +296,11 @@ function statisticsOf({ time }, whole, fitted) {
     const steps = time ? time.length - 1 : 0;
     return {
         rows: whole.rows,
-        fitted: fittedRows(fitted),
-        repeats: fitted.repeats,
-        distinct: fitted.distinct,
+        distinct: whole.distinct,
+        rests: whole.rests,
+        atRest: whole.at_rest,
+        fitted: fitted.fitted,
+        fittedRepeats: fitted.fitted_repeats,
         extent: Math.max(...whole.highest.map((highest, axis) => highest - whole.lowest[axis])),
         rails: railsOf(whole),
         step: whole.step,
