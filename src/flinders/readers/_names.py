@@ -280,6 +280,11 @@ def tells_apart(word: str) -> bool:
     return word in PLACES or word in _DEVICES or is_chip(word)
 
 
+def tells_readings_apart(word: str) -> bool:
+    """Tell whether a word in lower case says which of several readings these are, or what was done to them."""
+    return bool(tells_apart(word) or _RAW.match(word) or _DERIVED.match(word))
+
+
 @lru_cache(maxsize=1_024)
 def no_readings(name: str) -> str:
     """Tell what a three-axis column is where it is none of a sensor's readings; nothing where it may be one."""

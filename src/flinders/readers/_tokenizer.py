@@ -39,7 +39,7 @@ import numpy as np
 
 from flinders.core.samples import BLOCK
 from flinders.errors import UnreadableInput
-from flinders.readers._names import FACTORS, meaning
+from flinders.readers._names import FACTORS, meaning, tells_readings_apart
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -81,7 +81,26 @@ _CUT: Final = re.compile(f"({NUMBER})")
 _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")  # of a terminal, as the log of ESP-IDF has them
 _CHECK_SUM: Final = re.compile(r"\*[0-9a-fA-F]{2}\s*$")  # ends a sentence of NMEA 0183, which begins with ``$``
 _LOOSE_SIGN: Final = re.compile(r"(?<=[:=,(\[])\s*-\s+(?=[\d.])")  # ``X: - 12``
-_NUMBERED: Final = re.compile(r"\b([^\W\d_]{3,}) +(\d{1,2})(?=\s*:(?!\d))")  # ``Mag 1:``, the number of a sensor
+_NUMBERED: Final = re.compile(
+    r"\b([^\W\d_]{3,})(?: +|\s*(?=[(\[#]))[(\[#]*(\d{1,2})[)\]]?(?=\s*:(?!\d)|\s*=|(?<=[)\]])\s+[xyzXYZ]\b)"
+)
+"""The number of a sensor: ``Mag 1:``, ``Mag (1):``."""
+_REMARKED: Final = re.compile(
+    r"(?<=[^\W_])\s?[(\[][^()\[\]:=]*[^\W\d_][^()\[\]:=]*[)\]](?=\s*[:=]|\s+[xyz]\s*[:=])", re.IGNORECASE
+)
+"""A remark in brackets behind a label, in which numbers are no readings: ``Mag (±4 gauss):``."""
+_DIGITS: Final = re.compile(r"(?<![\w.^])\d[\d.]*")
+_MONTH: Final = r"(?:Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|Sep|Oct|Nov|Dec)[a-z]*\.?"
+_YEAR: Final = r"(?:19|20)\d\d"
+_DAY: Final = (
+    rf"(?:{_YEAR}(?:-\d\d?-\d\d?|/\d\d?/\d\d?|\.\d\d\.\d\d)|\d\d?(?:-\d\d?-|/\d\d?/|\.\d\d?\.){_YEAR}|\d\d?/\d\d?/\d\d"
+    rf"|{_MONTH}\s+\d\d?(?:st|nd|rd|th)?(?:,?\s+{_YEAR})?|\d\d?[\s-]{_MONTH}[\s-]{_YEAR})"
+)
+_TIME: Final = (
+    r"(?:[01]?\d|2[0-3]):[0-5]\d(?::[0-5]\d(?:[.,]\d+)?)?(?:\s?[AP]M\b)?(?:\s?(?:Z|UTC|GMT)\b|\s?[+-]\d\d:?\d\d)?"
+)
+MOMENT: Final = re.compile(rf"(?<![\w.:+-])(?:{_DAY}(?:[T\s,]+{_TIME})?|{_TIME}(?:\s+{_DAY})?)(?![\w:/]|[.-]\d)", re.IGNORECASE)
+"""A date, a time of day, or both, with their zone: none of its numbers is a reading."""
 _TELEPLOT: Final = re.compile(r"^(\s*>[^:|\s]+:)\d+(?:\.\d+)?:(?=[-+.\d])")  # a time: ``>mag_x:1627551892437:-20.8``
 _PLAIN: Final = r"([-+]?\d+(?:\.\d*)?)"
 _BITS: Final = {2: 8, 4: 16, 6: 24, 8: 32}  # of a signed hexadecimal number with so many digits
@@ -102,6 +121,8 @@ _UNIT_INSIDE: Final = re.compile(
 """A unit in brackets at the end of a label, or behind ``in``."""
 _UNIT_AND_AXIS: Final = re.compile(rf"{_KNOWN_UNIT}\s+([xyz])", re.IGNORECASE)  # ``Gauss X``
 _SENSOR_AND_UNIT: Final = re.compile(r"\s*\[(\w{3,})/(\w+)\]")  # ``LSM303AGR [mag/mgauss]``
+_BRACKET: Final = re.compile(r"(?<=[^\W_])\s*[(\[]([^()\[\]]*)[)\]]")  # behind the words of a label
+_LEVEL: Final = re.compile(r"\b(?:trace|debug|info|notice|warn(?:ing)?|err(?:or)?)\b", re.IGNORECASE)  # of a log
 _REMARK: Final = re.compile(r"^\s*\([^()]*\)\s+(?=\w)")  # on the number before: ``type=8(magn_x) index=0``
 _EDGE: Final = " \t,;:=|()[{}<>\"'-#*/>→~&$!"  # what stands around the words of a label
 _BEHIND: Final = " )]}§"  # what closes brackets around the number before
@@ -435,7 +456,8 @@ def cut(line: str) -> tuple[list[str], tuple[str, ...]]:
     line = _COLOURS.sub("", line) if "\x1b" in line else line
     line = _CHECK_SUM.sub("", line) if line.startswith("$") else line
     line = _TELEPLOT.sub(r"\1", line) if ">" in line else line
-    line = _NUMBERED.sub(r"\1\2", unglued(line))
+    line = _NUMBERED.sub(r"\1\2", MOMENT.sub(" ", unglued(line)))
+    line = _REMARKED.sub(_without_numbers, line) if "(" in line or "[" in line else line
     pieces = _CUT.split(_LOOSE_SIGN.sub(" -", line) if "- " in line else line)
     return [decimal(number) for number in pieces[1::2]], tuple(piece.strip() for piece in pieces[::2])
 
@@ -491,6 +513,16 @@ def pattern_of(line: str) -> str:
     return "".join(f"{{{names[place // 2]}}}" if place % 2 else piece for place, piece in enumerate(pieces))
 
 
+@lru_cache(1024)
+def label_of(gaps: tuple[str, ...]) -> str:
+    """All words before and between the numbers of a line; lines of one sensor have the same.
+
+    >>> label_of(("Foo: X=", "Y=", "Z=", "uT")), label_of(("[INFO] Foo X:", "Y:", "Z:", ""))
+    ('fooxyz', 'fooxyz')
+    """
+    return "".join(filter(str.isalnum, _LEVEL.sub("", " ".join(gaps[:-1])))).casefold()
+
+
 def is_labelled(gaps: Sequence[str]) -> bool:
     """Tell whether signs of a label stand between the numbers, as ``X:``, ``x=`` or ``mag [``, and not commas only."""
     return any(gap[-1] in "xyzXYZ" or any(map(_LABEL.search, re.split("[,;]", gap))) for gap in gaps[:-1] if gap)
@@ -507,8 +539,19 @@ def _label(text: str) -> str:
     """The words of a label, without the signs around them; brackets around a unit at its end stay."""
     text = _SENSOR_AND_UNIT.sub(r" \1 (\2)", _REMARK.sub("", text.rstrip(_BEFORE)))
     inside = _UNIT_INSIDE.search(text)
+    text = text if inside else _BRACKET.sub(_remark, text)
     words = _BETWEEN.sub(" ", _UNIT_INSIDE.sub(" ", text).strip(_EDGE)).strip(_EDGE)
     return f"{words} ({inside[1]})".lstrip() if inside else words
+
+
+def _without_numbers(remark: re.Match[str]) -> str:
+    """A remark with a sign in the place of its numbers."""
+    return _DIGITS.sub("#", remark[0])
+
+
+def _remark(bracket: re.Match[str]) -> str:
+    """What a remark behind a label adds to it: words that tell readings apart, as ``raw`` and ``left`` do."""
+    return "".join(f" {word}" for word in re.findall(r"\w+", bracket[1]) if tells_readings_apart(word.casefold()))
 
 
 def _without_unit(label: str) -> tuple[str, str]:
