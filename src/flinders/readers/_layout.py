@@ -32,6 +32,7 @@ from flinders.readers._names import (
     RATE,
     Choice,
     Meaning,
+    clearness,
     is_unit,
     meaning,
     names_magnetometer,
@@ -43,6 +44,7 @@ from flinders.readers._tokenizer import (
     CUT_OFF,
     ENDS_EARLY,
     GLUED,
+    MOMENT,
     QUANTITY,
     SPACES,
     Grid,
@@ -156,11 +158,13 @@ def recognise_layout(
     Raises what `lay_out` raises where they are neither.
     """
     dialect = Pattern.of(pattern) if pattern is not None else recognise(lines)
+    if isinstance(dialect, labelled.Labelled) and not _names_magnetometer(dialect) and names_columns(lines):
+        dialect = None
     try:
         return dialect, _laid_out(name, lines, lay_out, dialect)
     except (NoMagnetometer, UnreadableInput):
         dialect = None if dialect else guess(lines)
-        if dialect is None:
+        if dialect is None or (not _names_magnetometer(dialect) and names_columns(lines)):
             raise
     return dialect, _laid_out(name, lines, lay_out, dialect)
 
@@ -202,8 +206,8 @@ def recognise(lines: list[str]) -> Dialect | None:
 def guess(lines: list[str]) -> Dialect | None:
     """Find a dialect for lines that are no table either: tuples, words before numbers, time stamps before a table."""
     return (
-        wrapped.stamped(lines, recognise, rows_of_table, marked=False)
-        or wrapped.stamped(lines, _labelled, rows_of_table, marked=False)
+        wrapped.stamped(lines, recognise, rows_of_table, marked=False, share=wrapped.SOME)
+        or wrapped.stamped(lines, _labelled, rows_of_table, marked=False, share=wrapped.SOME)
         or labelled.recognise(lines, marked=False)
     )
 
@@ -211,6 +215,24 @@ def guess(lines: list[str]) -> Dialect | None:
 def _labelled(lines: list[str]) -> Dialect | None:
     """Find labels that name a magnetometer, else three numbers between any words."""
     return labelled.recognise(lines) or labelled.recognise(lines, marked=False)
+
+
+def _names_magnetometer(dialect: Dialect) -> bool:
+    """Tell whether names say in words that a magnetometer is among them, and not by a letter or an axis."""
+    known = map(meaning, dialect.names)
+    return any(each.kind == FIELD and each.axis and clearness(each.rank) == 0 for each in known)
+
+
+def names_columns(lines: list[str]) -> bool:
+    """Tell whether lines are a table with names above its columns, parted by more than spaces."""
+    some = [(place, text) for place, text in enumerate(lines[:TRIED]) if text.strip() and not _is_comment(text)]
+    cuts = (_cut(some, signs) for signs in _signs_of(some) if signs[0] != SPACES)
+    best = max(cuts, key=_Cut.score, default=None)
+    if best is None or 2 * len(best.rows) < len(some):
+        return False
+    width = Counter(map(len, best.rows.values())).most_common(1)[0][0]
+    start = min(place for place, cells in best.rows.items() if len(cells) == width)
+    return _header(lines[:start], best.signs[0], width, closed=False)[0] >= 0
 
 
 def rows_of_table(lines: list[str]) -> Cells | None:
@@ -549,11 +571,17 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
             f"line {place + 1} of {name} is longer than a million characters ({shown(text)!r}): need one reading a line"
         )
     place, text = numbers[0] if numbers else lines[0]
+    texts = [text[:PRINTED] for _, text in lines[:MOST_ABOVE]]
     line = f" (line {place + 1}: {shown(text)!r})"
     if numbers and (other := _other_labels(name, text, line)):
         return other
-    is_short = numbers and len(text) <= LONGEST_EXAMPLE
-    example = f"; this line is pattern={pattern_of(text)!r}, if those are its x, y and z" if is_short else ""
+    pattern = pattern_of(text) if numbers and len(text) <= LONGEST_EXAMPLE else ""
+    if not numbers and any(map(MOMENT.search, texts)):
+        return NoMagnetometer(
+            f"no magnetometer in {name}: no line has three numbers besides dates and times{line}; need x, y and z of a "
+            "reading on a line"
+        )
+    example = f"; this line is pattern={pattern!r}, if those are its x, y and z" if pattern else ""
     return UnreadableInput(
         f"no readings are recognised in {name}{line}: need three columns of numbers, "
         f"labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT', or pattern=, which says how a line is printed{example}"

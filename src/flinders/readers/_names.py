@@ -359,7 +359,7 @@ def _without_axis(words: list[str]) -> tuple[list[str], str]:
             return [*words[:place], attached[1], *words[place + 1 :]], attached[2]
         if ahead := _AXIS_BEFORE.fullmatch(word):
             return [*words[:place], ahead[2], *words[place + 1 :]], ahead[1]
-    if len(words) > 1 and words[-1] in {"0", "1", "2", "3"}:
+    if len(words) > 1 and words[-1] in {"0", "1", "2", "3"} and not all(map(str.isdigit, words)):
         return words[:-1], words[-1]
     return words, ""
 

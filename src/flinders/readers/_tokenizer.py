@@ -82,7 +82,8 @@ _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")  # of a terminal, as the 
 _CHECK_SUM: Final = re.compile(r"\*[0-9a-fA-F]{2}\s*$")  # ends a sentence of NMEA 0183, which begins with ``$``
 _LOOSE_SIGN: Final = re.compile(r"(?<=[:=,(\[])\s*-\s+(?=[\d.])")  # ``X: - 12``
 _NUMBERED: Final = re.compile(
-    r"\b([^\W\d_]{3,})(?: +|\s*(?=[(\[#]))[(\[#]*(\d{1,2})[)\]]?(?=\s*:(?!\d)|\s*=|(?<=[)\]])\s+[xyzXYZ]\b)"
+    r"\b(?!(?:reading|sample|measurement|point|step|row|line|packet|frame|loop|count)\b)([^\W\d_]{3,})(?: +|\s*(?=[(\[#]))[(\[#]*(\d{1,2})[)\]]?(?=\s*:(?!\d)|\s*=|(?<=[)\]])\s+[xyz]\b)",
+    re.IGNORECASE,
 )
 """The number of a sensor: ``Mag 1:``, ``Mag (1):``."""
 _REMARKED: Final = re.compile(
@@ -94,13 +95,19 @@ _MONTH: Final = r"(?:Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|Sep|Oct|Nov|Dec)[a-z]*\.?"
 _YEAR: Final = r"(?:19|20)\d\d"
 _DAY: Final = (
     rf"(?:{_YEAR}(?:-\d\d?-\d\d?|/\d\d?/\d\d?|\.\d\d\.\d\d)|\d\d?(?:-\d\d?-|/\d\d?/|\.\d\d?\.){_YEAR}|\d\d?/\d\d?/\d\d"
-    rf"|{_MONTH}\s+\d\d?(?:st|nd|rd|th)?(?:,?\s+{_YEAR})?|\d\d?[\s-]{_MONTH}[\s-]{_YEAR})"
+    rf"|{_MONTH}\s+\d\d?(?:st|nd|rd|th)?(?:,?\s+{_YEAR})?|\d\d?[\s/-]{_MONTH}[\s/-]{_YEAR})"
 )
 _TIME: Final = (
     r"(?:[01]?\d|2[0-3]):[0-5]\d(?::[0-5]\d(?:[.,]\d+)?)?(?:\s?[AP]M\b)?(?:\s?(?:Z|UTC|GMT)\b|\s?[+-]\d\d:?\d\d)?"
 )
-MOMENT: Final = re.compile(rf"(?<![\w.:+-])(?:{_DAY}(?:[T\s,]+{_TIME})?|{_TIME}(?:\s+{_DAY})?)(?![\w:/]|[.-]\d)", re.IGNORECASE)
-"""A date, a time of day, or both, with their zone: none of its numbers is a reading."""
+MOMENT: Final = re.compile(
+    rf"(?<![\w.:+-])(?:{_DAY}(?:[T\s,:]+{_TIME})?|{_TIME}(?:\s+{_DAY})?|\d+(?:\.\d+){{2,}})(?![\w:/]|[.-]\d)", re.IGNORECASE
+)
+"""A date, a time of day, or both, with their zone, or a version: none of its numbers is a reading."""
+_OF_OTHERS: Final = re.compile(
+    r"\s*(?:km/h|kmh|kph|mph|kn|kts?|knots?|m/s|mps|deg|degrees?|°|º|hz|hpa|mbar|%|volts?|ms|rpm)(?![\w/])", re.IGNORECASE
+)
+"""What stands behind a number that is no magnetometer's: a speed, an angle."""
 _TELEPLOT: Final = re.compile(r"^(\s*>[^:|\s]+:)\d+(?:\.\d+)?:(?=[-+.\d])")  # a time: ``>mag_x:1627551892437:-20.8``
 _PLAIN: Final = r"([-+]?\d+(?:\.\d*)?)"
 _BITS: Final = {2: 8, 4: 16, 6: 24, 8: 32}  # of a signed hexadecimal number with so many digits
@@ -507,10 +514,26 @@ def names_of(gaps: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def pattern_of(line: str) -> str:
-    """Write a line as the ``--pattern`` of lines like it: ``<{x}/{y}/{z}/{n4}>``."""
-    pieces = re.split(rf"((?!(?<=[A-Za-z]{{3}} )\d{{1,2}}\s*:(?!\d)){NUMBER})", line.strip())
-    names = ("x", "y", "z", *(f"n{place}" for place in range(4, len(pieces))))
-    return "".join(f"{{{names[place // 2]}}}" if place % 2 else piece for place, piece in enumerate(pieces))
+    """Write a line as the ``--pattern`` of lines like it, ``<{x}/{y}/{z}/{n4}>``; empty where no three may be x, y, z.
+
+    Numbers of a date, a check sum, a speed or an angle are none of these.
+
+    >>> pattern_of("12:30:00 <1/2/3/4>"), pattern_of("$VTG,5 kn,1,2,3*3A"), pattern_of("12:30:00 5 km/h 1 2")
+    ('<{x}/{y}/{z}/{n4}>', '$VTG,{n1} kn,{x},{y},{z}', '')
+    """
+    line = _CHECK_SUM.sub("", line) if line.startswith("$") else line
+    written = (_as_pattern(stretch.strip()) for stretch in reversed(MOMENT.sub("\n", line).split("\n")))
+    return next((pattern for pattern in written if "{z}" in pattern), "")
+
+
+def _as_pattern(text: str) -> str:
+    """Put names for the numbers of a text without dates."""
+    pieces = re.split(rf"((?!(?<=[A-Za-z]{{3}} )\d{{1,2}}\s*:(?!\d)){NUMBER})", text)
+    axes = iter("xyz")
+    for place in range(1, len(pieces), 2):
+        own = "" if _OF_OTHERS.match(pieces[place + 1]) or QUANTITY.search(pieces[place - 1]) else next(axes, "")
+        pieces[place] = f"{{{own or f'n{place // 2 + 1}'}}}"
+    return "".join(pieces)
 
 
 @lru_cache(1024)
@@ -537,7 +560,7 @@ def _unit_and_label(gap: str) -> tuple[str, str]:
 
 def _label(text: str) -> str:
     """The words of a label, without the signs around them; brackets around a unit at its end stay."""
-    text = _SENSOR_AND_UNIT.sub(r" \1 (\2)", _REMARK.sub("", text.rstrip(_BEFORE)))
+    text = _SENSOR_AND_UNIT.sub(r" \1 (\2)", _REMARK.sub("", _LEVEL.sub("", text).rstrip(_BEFORE)))
     inside = _UNIT_INSIDE.search(text)
     text = text if inside else _BRACKET.sub(_remark, text)
     words = _BETWEEN.sub(" ", _UNIT_INSIDE.sub(" ", text).strip(_EDGE)).strip(_EDGE)

@@ -155,9 +155,10 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     """Find lines whose labels name a magnetometer; unless `marked`, also three numbers between any words."""
     lines = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS) and len(line) <= LONGEST]
     every = list(map(_printed, lines))
-    if has_headings := _has_headings(every):
-        heading = _Heading()
-        every = [_printed(joined) for line in lines if (joined := heading.joined(line))]
+    heading = _Heading()
+    headed = [_printed(joined) for line in lines if (joined := heading.joined(line))]
+    if has_headings := _has_headings(every, headed):
+        every = headed
     of_three = Counter(each.kind for each in every if len(each.numbers) >= len(PLAIN))
     enough = OFTEN * max(of_three.values(), default=0)
     printed = [each for each in every if each.numbers and not each.is_setting and not (each.is_plain and not marked)]
@@ -173,7 +174,7 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     else:
         dialect = _line_by_line(closing, counts, printed)
     if dialect is None:
-        return None if marked else _by_place(printed, max(enough, OFTEN * len(lines)))
+        return None if marked else _by_place(printed, enough, every)
     dialect.has_headings = has_headings
     dialect.labels = _labels(dialect, printed)
     return dialect
@@ -184,10 +185,15 @@ def _is_heading(line: str) -> bool:
     return len(line) <= LONGEST and line.rstrip().endswith(":") and not cut(line)[0]
 
 
-def _has_headings(every: Sequence[_Printed]) -> bool:
-    """Tell whether labels stand in lines of their own above the numbers, at more than half of the readings."""
+def _has_headings(every: Sequence[_Printed], headed: Sequence[_Printed]) -> bool:
+    """Tell whether labels stand in lines of their own above the numbers: often, and several or such as mean something."""
+    headings = [each.text for each in every if _is_heading(each.text)]
     counts = Counter(each.kind for each in every if any(each.kind))
-    return 2 * sum(_is_heading(each.text) for each in every) > max(counts.values(), default=0)
+    if 2 * len(headings) <= max(counts.values(), default=0):
+        return False
+    alone = {each.kind for each in every}
+    is_known = any(meaning(name).kind for each in headed if each.kind not in alone for name in each.kind)
+    return is_known or len(set(headings)) > 1
 
 
 def _printed(line: str) -> _Printed:
@@ -207,7 +213,7 @@ def _labels(dialect: Labelled, printed: Sequence[_Printed]) -> dict[Kind, str]:
     for kind in list(dialect.kinds):
         every = Counter(each.label for each in printed if each.kind == kind)
         often = [label for label, count in every.items() if count >= SELDOM * every.total()]
-        if len(often) > MAX_LABELS:
+        if not 0 < len(often) <= MAX_LABELS:
             continue
         labels[kind] = often[0]
         if len(often) == 1:
@@ -296,16 +302,21 @@ def _axis_by_axis(kinds: Sequence[Kind], printed: Sequence[_Printed]) -> Labelle
     return Labelled(WORDS, names, starts, closing, frozenset(fields[0].cells))
 
 
-def _by_place(printed: Sequence[_Printed], enough: float) -> Labelled | None:
-    """Take the lines of three numbers, or of four of which the first is the time, whatever stands between them."""
+def _by_place(printed: Sequence[_Printed], enough: float, every: Sequence[_Printed]) -> Labelled | None:
+    """Take the lines of three numbers, or of four of which the first is the time, whatever stands between them.
+
+    They are half of `every` line but those that come back with them.
+    """
     alike = Counter((each.kind, each.gaps[:-1]) for each in printed if _says_nothing(each.kind))
     (kind, signs), count = max(alike.items(), key=lambda counted: counted[1], default=(((), ()), 0))
-    if not count or count < enough or sum(other > OFTEN * count for other in alike.values()) > 1:
+    beside = Counter(each.gaps for each in every if len(each.numbers) < len(PLAIN)).values()
+    rest = len(every) - sum(lines for lines in beside if lines >= OFTEN * count)
+    if not count or count < max(enough, OFTEN * rest) or sum(other > OFTEN * count for other in alike.values()) > 1:
         return None
     rows = [each.numbers for each in printed if (each.kind, each.gaps[:-1]) == (kind, signs)]
     values = np.array(rows, float)
     axes = values[:, -len(PLAIN) :].T
-    if _alternates(values) or any(map(_counts, axes)) or (len(rows) >= MIN_ROWS and not any(map(np.ptp, axes))):
+    if _alternates(values) or any(map(_counts, axes)) or (len(rows) >= MIN_ROWS and sum(np.ptp(axis) != 0 for axis in axes) < 2):
         return None
     names = _timed(kind, rows)
     if len(kind) != len(PLAIN) and meaning(names[0]).kind != TIME:
