@@ -116,7 +116,7 @@ _OTHER_UNITS: Final = (  # of what stands beside a magnetometer and is not read
     "deg", "degs", "degree", "degrees", "°", "º", "hz", "hpa", "%", "rad", "mbar", "ft", "f", "°f", "mm", "cm",
 )  # fmt: skip
 _UNIT: Final = "|".join(
-    re.escape(unit)
+    re.sub("^(micro|milli|nano)(?=tesla|gauss)", r"\1[\\s-]?", re.escape(unit))
     for unit in sorted({*_OTHER_UNITS, *(unit for units in FACTORS.values() for unit in units)}, key=len, reverse=True)
 )
 _KNOWN_UNIT: Final = rf"((?:{_UNIT}|[^\x00-\x7f]{{1,3}}T))"
