@@ -25,6 +25,7 @@ import numpy as np
 
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, figures
 from flinders.readers._columns import Columns, choose
+from flinders.readers._known_texts import refusal
 from flinders.readers._names import (
     ACCELERATION,
     FIELD,
@@ -59,7 +60,7 @@ from flinders.readers._tokenizer import (
     shown,
     split,
 )
-from flinders.readers.dialects import Dialect, json_records, labelled, marked, wrapped
+from flinders.readers.dialects import Dialect, influx, json_records, labelled, marked, wrapped
 from flinders.readers.dialects.pattern import Pattern
 
 if TYPE_CHECKING:
@@ -151,13 +152,19 @@ class Cells(Dialect):
 
 
 def recognise_layout(
-    name: str, lines: list[str], lay_out: Callable[..., TextLayout], pattern: str | None = None
+    name: str,
+    lines: list[str],
+    lay_out: Callable[..., TextLayout],
+    pattern: str | None = None,
+    flat: str | None = None,
 ) -> tuple[Dialect | None, TextLayout]:
     """Recognise how lines are written: as a table, which `lay_out` does, or in a dialect that makes one.
 
-    Raises what `lay_out` raises where they are neither.
+    Raises what `lay_out` raises where they are neither; of a text that is known, `NoMagnetometer` says what it is.
     """
-    dialect = Pattern.of(pattern) if pattern is not None else recognise(lines)
+    if pattern is None and (known := refusal(name, lines)):
+        raise known
+    dialect = Pattern.of(pattern) if pattern is not None else recognise(lines, flat)
     if isinstance(dialect, labelled.Labelled) and not _names_magnetometer(dialect) and names_columns(lines):
         dialect = None
     try:
@@ -165,6 +172,8 @@ def recognise_layout(
     except (NoMagnetometer, UnreadableInput):
         dialect = None if dialect else guess(lines)
         if dialect is None or (not _names_magnetometer(dialect) and names_columns(lines)):
+            if known := refusal(name, lines, is_unread=True):
+                raise known from None
             raise
     return dialect, _laid_out(name, lines, lay_out, dialect)
 
@@ -192,10 +201,12 @@ def split_records(source: Source, encoding: str, beginning: str) -> Source | Non
     return derived(source, marked.datagrams_as_lines(source)) if marked.are_glued(beginning) else None
 
 
-def recognise(lines: list[str]) -> Dialect | None:
-    """Find the dialect whose signs the lines bear; None for a table."""
+def recognise(lines: list[str], flat: str | None = None) -> Dialect | None:
+    """Find the dialect whose signs the lines bear; None for a table. Behind time stamps two axes will do if `flat`."""
     if is_plain(lines):
         return None
+    if flat and (level := wrapped.stamped(lines[:TRIED], recognise, partial(rows_of_table, flat=flat))):
+        return level
     for sign, recogniser, most in DIALECTS:
         some = lines[:most]
         if any(map(sign.search, some)) and (dialect := recogniser(some)):
@@ -235,14 +246,14 @@ def names_columns(lines: list[str]) -> bool:
     return _header(lines[:start], best.signs[0], width, closed=False)[0] >= 0
 
 
-def rows_of_table(lines: list[str]) -> Cells | None:
-    """Find the rows of a table, as behind time stamps; three columns without names are x, y, z."""
+def rows_of_table(lines: list[str], flat: str | None = None) -> Cells | None:
+    """Find the rows of a table, as behind time stamps; three columns without names are x, y, z, two those of `flat`."""
     try:
-        layout = sniff("", lines)
+        layout = sniff("", lines, flat=flat)
     except FlindersError:
         return None
-    width = layout.grid.width
-    nameless = "xyz" if width == len("xyz") else [str(place + 1) for place in range(width)]
+    width, axes = layout.grid.width, flat or ""
+    nameless = next((each for each in ("xyz", axes) if len(each) == width), [str(place + 1) for place in range(width)])
     return Cells.of(layout, f"{SPOKEN[layout.grid.delimiter]}-separated numbers", nameless)
 
 
@@ -257,6 +268,7 @@ class _Row(NamedTuple):
 DIALECTS: Final = (
     _Row(marked.SIGN, marked.recognise, None),  # a log may begin with other messages
     _Row(_OPENS_JSON, json_records.recognise),
+    _Row(influx.SIGN, influx.recognise),
     _Row(_CLOCK, lambda lines: wrapped.stamped(lines, recognise, rows_of_table)),
     _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _labelled)),
     _Row(_LETTER, labelled.recognise),

@@ -397,7 +397,8 @@ def open_text(
     axes = axes if isinstance(axes, Axes) else Axes.of(axes)
     head = file.head()
     refuse_foreign(file.name, head)
-    laid_out = _laid_out(file, head, partial(sniff, file.name, columns=columns, flat=flat, choice=choice), pattern)
+    sniffed = partial(sniff, file.name, columns=columns, flat=flat, choice=choice)
+    laid_out = _laid_out(file, head, sniffed, pattern, flat)
     table, layout, transcription = laid_out.table, laid_out.layout, laid_out.transcription
     frame = transcription.frame if transcription else "sensor"
     recording = TextRecording(
@@ -421,7 +422,9 @@ class _LaidOut(NamedTuple):
     transcription: Transcription | None = None  # of a file in a dialect
 
 
-def _laid_out(file: Source, head: bytes, lay_out: Callable[..., TextLayout], pattern: str | None) -> _LaidOut:
+def _laid_out(
+    file: Source, head: bytes, lay_out: Callable[..., TextLayout], pattern: str | None, flat: str | None
+) -> _LaidOut:
     """Find how the lines of a file are written; what is no table becomes one."""
     encoding = encoding_of(head)
     beginning = head.decode(encoding, "replace").removeprefix("\ufeff")
@@ -429,7 +432,7 @@ def _laid_out(file: Source, head: bytes, lay_out: Callable[..., TextLayout], pat
     if pattern is None and may_be_glued and (apart := split_records(file, encoding, beginning)):
         file, encoding = apart, "utf-8"
     opening, is_all = file.opening(encoding)
-    dialect, layout = recognise_layout(file.name, opening, lay_out, pattern)
+    dialect, layout = recognise_layout(file.name, opening, lay_out, pattern, flat)
     if dialect is not None:
         transcription = Transcription(file, dialect, encoding)
         return _LaidOut(transcription.table, layout, is_all, transcription)
