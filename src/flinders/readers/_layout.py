@@ -239,7 +239,7 @@ def names_columns(lines: list[str]) -> bool:
     some = [(place, text) for place, text in enumerate(lines[:TRIED]) if text.strip() and not _is_comment(text)]
     cuts = (_cut(some, signs) for signs in _signs_of(some) if signs[0] != SPACES)
     best = max(cuts, key=_Cut.score, default=None)
-    if best is None or 2 * len(best.rows) < len(some):
+    if best is None or not best.rows or 2 * len(best.rows) < len(some):
         return False
     width = Counter(map(len, best.rows.values())).most_common(1)[0][0]
     start = min(place for place, cells in best.rows.items() if len(cells) == width)
