@@ -583,16 +583,18 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
             f"line {place + 1} of {name} is longer than a million characters ({shown(text)!r}): need one reading a line"
         )
     place, text = numbers[0] if numbers else lines[0]
-    texts = [text[:PRINTED] for _, text in lines[:MOST_ABOVE]]
     line = f" (line {place + 1}: {shown(text)!r})"
-    if numbers and (other := _other_labels(name, text, line)):
-        return other
-    pattern = pattern_of(text) if numbers and len(text) <= LONGEST_EXAMPLE else ""
-    if not numbers and any(map(MOMENT.search, texts)):
+    if not numbers and any(MOMENT.search(text[:PRINTED]) for _, text in lines[:MOST_ABOVE]):
         return NoMagnetometer(
             f"no magnetometer in {name}: no line has three numbers besides dates and times{line}; need x, y and z of a "
             "reading on a line"
         )
+    return (_other_labels(name, text, line) if numbers else None) or _unrecognised(name, text if numbers else "", line)
+
+
+def _unrecognised(name: str, text: str, line: str) -> UnreadableInput:
+    """Say that no readings are recognised, and the pattern of a line of numbers."""
+    pattern = pattern_of(text) if len(text) <= LONGEST_EXAMPLE else ""
     example = f"; this line is pattern={pattern!r}, if those are its x, y and z" if pattern else ""
     return UnreadableInput(
         f"no readings are recognised in {name}{line}: need three columns of numbers, "

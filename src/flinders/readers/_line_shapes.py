@@ -32,8 +32,8 @@ _TITLE: Final = re.compile(r"[^\W\d_]{2}[^:=,;\d]*")
 _APART: Final = re.compile(r"(?<![^\W_])0(?![^\W_])")  # a value that is no part of a word
 _RULER: Final = re.compile(r"([^\w\s,;])\1")
 _FAILURE: Final = re.compile(
-    r"\b(?:err(?:or)?s?|fail(?:ed|s|ure)?|time[ -]?out|timed out|nack|lost|overrun|overflow|invalid|bad|no (?:data|response)"
-    r"|not ready|exception)\b",
+    r"\b(?:err(?:or)?s?|fail(?:ed|s|ure)?|time[ -]?out|timed out|nack|lost|overrun|overflow|invalid|bad"
+    r"|no (?:data|response)|not ready|exception)\b",
     re.IGNORECASE,
 )
 """What a line says that stands in place of a reading."""

@@ -78,8 +78,8 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
 }
 _UNITS: Final = frozenset(unit for units in FACTORS.values() for unit in units)
 _UNITS_OF_AXES: Final = frozenset(unit for kind in (FIELD, ACCELERATION, RATE) for unit in FACTORS[kind])
-# Sensors that go by a letter or a few, as in ``mx``, ``B_x`` or ``geo_x``, and the letters that may follow the name of a device, as in
-# ``imu_mx``; a ``b`` there is a bias or the second one.
+# Sensors that go by a letter or a few, as in ``mx``, ``B_x`` or ``geo_x``, and the letters that may follow the name of
+# a device, as in ``imu_mx``; a ``b`` there is a bias or the second one.
 _LETTERS: Final = {
     "m": FIELD, "h": FIELD, "b": FIELD, "mf": FIELD, "geo": FIELD, "a": ACCELERATION, "g": RATE, "w": RATE,
 }  # fmt: skip

@@ -82,7 +82,8 @@ _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")  # of a terminal, as the 
 _CHECK_SUM: Final = re.compile(r"\*[0-9a-fA-F]{2}\s*$")  # ends a sentence of NMEA 0183, which begins with ``$``
 _LOOSE_SIGN: Final = re.compile(r"(?<=[:=,(\[])\s*-\s+(?=[\d.])")  # ``X: - 12``
 _NUMBERED: Final = re.compile(
-    r"\b(?!(?:reading|sample|measurement|point|step|row|line|packet|frame|loop|count)\b)([^\W\d_]{3,})(?: +|\s*(?=[(\[#]))[(\[#]*(\d{1,2})[)\]]?(?=\s*:(?!\d)|\s*=|(?<=[)\]])\s+[xyz]\b)",
+    r"\b(?!(?:reading|sample|measurement|point|step|row|line|packet|frame|loop|count)\b)([^\W\d_]{3,})"
+    r"(?: +|\s*(?=[(\[#]))[(\[#]*(\d{1,2})[)\]]?(?=\s*:(?!\d)|\s*=|(?<=[)\]])\s+[xyz]\b)",
     re.IGNORECASE,
 )
 """The number of a sensor: ``Mag 1:``, ``Mag (1):``."""
@@ -98,14 +99,19 @@ _DAY: Final = (
     rf"|{_MONTH}\s+\d\d?(?:st|nd|rd|th)?(?:,?\s+{_YEAR})?|\d\d?[\s/-]{_MONTH}[\s/-]{_YEAR})"
 )
 _TIME: Final = (
-    r"(?:[01]?\d|2[0-3]):[0-5]\d(?::[0-5]\d(?:[.,]\d+)?)?(?:\s?[AP]M\b)?(?:\s?(?:Z|UTC|GMT)\b|\s?[+-]\d\d:?\d\d)?"
+    r"(?:[01]?\d|2[0-3]):[0-5]\d(?::[0-5]\d(?:[.,]\d+)?)?(?:\s?(?:[AP]M|[ap]m)\b)?"
+    r"(?:\s?(?:Z|UTC|GMT)\b|\s?[+-]\d\d:?\d\d)?"
 )
 MOMENT: Final = re.compile(
-    rf"(?<![\w.:+-])(?:{_DAY}(?:[T\s,:]+{_TIME})?|{_TIME}(?:\s+{_DAY})?|\d+(?:\.\d+){{2,}})(?![\w:/]|[.-]\d)", re.IGNORECASE
+    rf"(?<![\w.:+-])(?:{_DAY}(?:[T\s,:]+{_TIME})?|{_TIME}(?:\s+{_DAY})?|\d+(?:\.\d+){{2,}})(?![\w:/]|[.-]\d)"
 )
 """A date, a time of day, or both, with their zone, or a version: none of its numbers is a reading."""
+_MAY_BE_MOMENT: Final = re.compile(r"\d(?:[:/-]\d|\.\d+\.\d)|Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|Sep|Oct|Nov|Dec")
+_MAY_BE_NUMBERED: Final = re.compile(r"\d[)\]]?\s*[:=]|\d[)\]]\s+[xyzXYZ]\b")
+"""What a line with a `MOMENT`, and with the number of a sensor, has and few others: found in a third of the time."""
 _OF_OTHERS: Final = re.compile(
-    r"\s*(?:km/h|kmh|kph|mph|kn|kts?|knots?|m/s|mps|deg|degrees?|°|º|hz|hpa|mbar|%|volts?|ms|rpm)(?![\w/])", re.IGNORECASE
+    r"\s*(?:km/h|kmh|kph|mph|kn|kts?|knots?|m/s|mps|deg|degrees?|°|º|hz|hpa|mbar|%|volts?|ms|rpm)(?![\w/])",
+    re.IGNORECASE,
 )
 """What stands behind a number that is no magnetometer's: a speed, an angle."""
 _TELEPLOT: Final = re.compile(r"^(\s*>[^:|\s]+:)\d+(?:\.\d+)?:(?=[-+.\d])")  # a time: ``>mag_x:1627551892437:-20.8``
@@ -463,7 +469,9 @@ def cut(line: str) -> tuple[list[str], tuple[str, ...]]:
     line = _COLOURS.sub("", line) if "\x1b" in line else line
     line = _CHECK_SUM.sub("", line) if line.startswith("$") else line
     line = _TELEPLOT.sub(r"\1", line) if ">" in line else line
-    line = _NUMBERED.sub(r"\1\2", MOMENT.sub(" ", unglued(line)))
+    line = unglued(line)
+    line = MOMENT.sub(" ", line) if _MAY_BE_MOMENT.search(line) else line
+    line = _NUMBERED.sub(r"\1\2", line) if _MAY_BE_NUMBERED.search(line) else line
     line = _REMARKED.sub(_without_numbers, line) if "(" in line or "[" in line else line
     pieces = _CUT.split(_LOOSE_SIGN.sub(" -", line) if "- " in line else line)
     return [decimal(number) for number in pieces[1::2]], tuple(piece.strip() for piece in pieces[::2])

@@ -195,8 +195,8 @@ class TextRecording(ColumnsRecording):
         others: tuple[Skipped, ...] = ()
         self.skipped = ()
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
-        for lines, rows, usable in self._read(grid, columns):
-            rows, left_out = accounted(lines, rows, usable, shapes)
+        for lines, read, usable in self._read(grid, columns):
+            rows, left_out = accounted(lines, read, usable, shapes)
             if self.transcription:
                 left_out += self.transcription.others(others)
                 others = self.transcription.others()
@@ -285,7 +285,7 @@ class Transcription:
         )
 
     def _rows(self, source: Source) -> Iterator[bytes]:
-        """Yield the rows of each block of lines; a blank row for a line that is none, so that lines keep their numbers."""
+        """Yield the rows of each block of lines; a blank one where a line is none, so that these keep their numbers."""
         row, shapes = self._dialect.row, LineShapes()
         for lines in source.lines(self._encoding):
             texts, others = lines.texts, list[int]()
@@ -334,7 +334,7 @@ class Tally:
 def accounted(
     lines: Lines, rows: NumberRows, usable: NDArray[np.bool_], shapes: LineShapes
 ) -> tuple[NumberRows, tuple[Skipped, ...]]:
-    """Account for the rows of a block that cannot be used and the lines that are none; those that accompany are dropped."""
+    """Account for the rows of a block that cannot be used and the lines that are none; drop those that accompany."""
     left_out: tuple[Skipped, ...] = ()
     if not usable.all():
         gaps = [rows.lines[int(place)] for place in np.flatnonzero(~usable)]

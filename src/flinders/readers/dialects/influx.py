@@ -4,8 +4,10 @@ A field's name stands for itself where it tells what it is, else behind its meas
 protocol reference"; a time without a unit is in ns, and shorter ones in µs, ms or s.
 
 >>> dialect = recognise(["mag,host=a x=1,y=2,z=3 1700000000000000000", "cpu,host=a load=0.5 1700000000000000000"])
->>> dialect.names, dialect.row("mag,host=a x=4i,y=5,z=6 1700000000200000000"), dialect.row("cpu,host=a load=1 1"), dialect.row("x")
-(('time (ns)', 'mag x', 'mag y', 'mag z'), ['1700000000200000000', '4', '5', '6'], (), None)
+>>> dialect.names, dialect.row("mag,host=a x=4i,y=5,z=6 1700000000200000000")
+(('time (ns)', 'mag x', 'mag y', 'mag z'), ['1700000000200000000', '4', '5', '6'])
+>>> dialect.row("cpu,host=a load=1"), dialect.row("x")
+((), None)
 """
 
 from __future__ import annotations
@@ -88,4 +90,6 @@ def _fields(text: str) -> dict[str, str]:
 def _names(series: str, fields: Sequence[str]) -> tuple[str, ...]:
     """Names of fields, behind that of their measurement where they do not tell what they are."""
     measurement = series.partition(",")[0]
-    return tuple(name if meaning(name).kind and not meaning(name).is_bare else f"{measurement} {name}" for name in fields)
+    return tuple(
+        name if meaning(name).kind and not meaning(name).is_bare else f"{measurement} {name}" for name in fields
+    )

@@ -186,7 +186,7 @@ def _is_heading(line: str) -> bool:
 
 
 def _has_headings(every: Sequence[_Printed], headed: Sequence[_Printed]) -> bool:
-    """Tell whether labels stand in lines of their own above the numbers: often, and several or such as mean something."""
+    """Tell whether labels stand in lines of their own above the numbers: often, several or known ones."""
     headings = [each.text for each in every if _is_heading(each.text)]
     counts = Counter(each.kind for each in every if any(each.kind))
     if 2 * len(headings) <= max(counts.values(), default=0):
@@ -205,7 +205,7 @@ def _printed(line: str) -> _Printed:
 
 
 def _labels(dialect: Labelled, printed: Sequence[_Printed]) -> dict[Kind, str]:
-    """Find the label of each kind that is read; NoMagnetometer where the magnetometer's kind has those of several sensors.
+    """Find the label of each kind that is read; NoMagnetometer where the magnetometer's has those of several sensors.
 
     Another kind with several labels is left out.
     """
@@ -243,7 +243,11 @@ def _may_be_readings(names: Kind, kinds: Sequence[Kind], printed: Sequence[_Prin
     known = meaning(names[fields[0].cells[0]]) if fields else None
     if known is None or clearness(known.rank) == 0:
         return True
-    columns = [column for kind in kinds for column in zip(*(each.numbers for each in printed if each.kind == kind), strict=True)]
+    columns = [
+        column
+        for kind in kinds
+        for column in zip(*(each.numbers for each in printed if each.kind == kind), strict=True)
+    ]
     axes = [np.array(columns[cell], float) for cell in fields[0].cells]
     return not any(map(_counts, axes)) and (known.is_bare or any(map(np.ptp, axes)) or len(axes[0]) < MIN_ROWS)
 
@@ -316,7 +320,11 @@ def _by_place(printed: Sequence[_Printed], enough: float, every: Sequence[_Print
     rows = [each.numbers for each in printed if (each.kind, each.gaps[:-1]) == (kind, signs)]
     values = np.array(rows, float)
     axes = values[:, -len(PLAIN) :].T
-    if _alternates(values) or any(map(_counts, axes)) or (len(rows) >= MIN_ROWS and sum(np.ptp(axis) != 0 for axis in axes) < 2):
+    if (
+        _alternates(values)
+        or any(map(_counts, axes))
+        or (len(rows) >= MIN_ROWS and sum(np.ptp(axis) != 0 for axis in axes) < 2)
+    ):
         return None
     names = _timed(kind, rows)
     if len(kind) != len(PLAIN) and meaning(names[0]).kind != TIME:

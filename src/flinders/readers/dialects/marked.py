@@ -53,9 +53,7 @@ REPLAY: Final = re.compile(r"(?P<time>\d+),(?P<mark>mag|imu|baro|gps|landed|airs
 VECTORNAV: Final = re.compile(
     r"(?P<time>)(?:.* -> )?\s*\$(?P<mark>VN[A-Z]{3}),(?P<values>[-+.\d]+(?:,[-+.\d]+)*)\s*(?:\*[0-9A-Fa-fX]{2,4})?"
 )
-SIGN: Final = re.compile(
-    r"\b(?:Raw|Uni)\b|\|.*\*|\bIMU_MAG_|^\s*\d+,(?:mag|imu),|\$VN[A-Z]{3},", re.IGNORECASE
-)
+SIGN: Final = re.compile(r"\b(?:Raw|Uni)\b|\|.*\*|\bIMU_MAG_|^\s*\d+,(?:mag|imu),|\$VN[A-Z]{3},", re.IGNORECASE)
 """What a line of one of the programs holds."""
 GLUED: Final = re.compile(r"^\s*\|(?:[^|*,\n]+,){12}[^|*,\n]+\*[^\S\n]*\|", re.MULTILINE)
 """Datagrams of magcc without the end of a line between them."""

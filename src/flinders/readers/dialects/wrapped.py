@@ -84,7 +84,7 @@ class Hexadecimal(Dialect):
 def stamped(
     lines: list[str], behind: Recognise, table: Recognise, *, marked: bool = True, share: float = MOST
 ) -> Stamped | None:
-    """Find stamps before this share of lines; if `marked`, before a `table` only with a sign such as ``->`` behind them."""
+    """Find stamps before a share of lines; if `marked`, before a `table` only with a sign as ``->`` behind them."""
     filled = [line for line in lines if line.strip()]
     stamps = [stamp for line in filled if (stamp := STAMP.match(line))]
     if not stamps or len(stamps) < share * len(filled):
