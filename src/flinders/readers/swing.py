@@ -64,8 +64,8 @@ def read_swing(path: str | os.PathLike[str]) -> SwingTable:
     Raises `UnreadableInput` for what is not there or no such table; names the line.
     """
     name, text = _text_of(path)
-    if known := refusal(name, text.splitlines()):
-        raise known
+    if refused := refusal(name, text.splitlines()):
+        raise refused
     rows = [
         (line, cells)
         for line, content in enumerate(text.splitlines(), 1)
