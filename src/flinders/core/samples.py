@@ -35,13 +35,15 @@ if TYPE_CHECKING:
 
 BLOCK: Final = 8192
 """Rows worked on at a time: long enough for the arithmetic to dominate, short enough for the cache."""
+ACCOMPANYING: Final = "accompanying"
+"""Why lines are left out that a program prints with its readings: a heading, a state, a ruler."""
 
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """Rows of a recording that could not be used."""
+    """Rows of a recording that are no readings."""
 
-    reason: str  #: ``"not finite"`` or ``"unreadable"``
+    reason: str  #: ``"not finite"``, ``"unreadable"``, ``"other"`` or ``"accompanying"``
     rows: int  #: how many
     lines: tuple[int, ...] = ()  #: numbers of the first few lines of the file, or rows of the array, counted from 1
     example: str = ""  #: what the first of them says, cut short
@@ -53,7 +55,13 @@ class Skipped:
     def __str__(self) -> str:
         lines = ", ".join(str(line) for line in self.lines[:3]) + (", …" if self.rows > 3 else "")
         example = f": {self.example!r}" if self.example else ""
-        return f"{self.rows:,} {self.reason} row{'s' * (self.rows != 1)} (line {lines}{example})"
+        what = "row" if self.is_loss else "line"
+        return f"{self.rows:,} {self.reason} {what}{'s' * (self.rows != 1)} (line {lines}{example})"
+
+    @property
+    def is_loss(self) -> bool:
+        """They should have been readings."""
+        return self.reason != ACCOMPANYING
 
 
 def added(one: tuple[Skipped, ...], other: tuple[Skipped, ...]) -> tuple[Skipped, ...]:

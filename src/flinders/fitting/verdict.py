@@ -463,7 +463,8 @@ def _at_rail(rail: Rail) -> str:
 
 
 def _recording_record(health: Statistics) -> Record:
-    clock, skipped = health.clock, sum(part.rows for part in health.skipped)
+    clock, lost = health.clock, [part for part in health.skipped if part.is_loss]
+    skipped = sum(part.rows for part in lost)
     few = skipped <= 0.1 * health.rows
     return Record(
         {
@@ -482,7 +483,7 @@ def _recording_record(health: Statistics) -> Record:
         rails=lambda: ", ".join(map(_at_rail, health.rails)),
         intervals=lambda: counted(health.rests, "interval"),
         often=lambda: "once" if clock.backward_steps == 1 else f"{clock.backward_steps:,} times",
-        skipped_rows=lambda: "; ".join(map(str, health.skipped)),
+        skipped_rows=lambda: "; ".join(map(str, lost)),
         check=lambda: "" if few else ". Check the sensor, its cable, and what was saved",
     )
 
