@@ -102,9 +102,7 @@ class Estimator(Protocol):
 
     name: ClassVar[str]  # what `flinders.fit(method=…)` calls it
     unknowns: ClassVar[int]  # what it finds, the noise among it, and so the least number of readings
-    # its model or its equation leaves an error that more readings do not take away: a published recipe, for which each
-    # reading counts. For others a rest is one reading.
-    is_biased: ClassVar[bool]
+    is_biased: ClassVar[bool]  # its model or its equation leaves an error that more readings do not take away
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit.

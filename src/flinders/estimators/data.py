@@ -269,8 +269,9 @@ class Readings:
         if ends is not None:
             bounds = [0, *np.searchsorted(rests.first, ends).tolist()]
             parts = tuple(
-                replace(part, recording=once[begin:end])
+                replace(part, recording=replace(once[begin:end], source=part.recording.source))
                 for part, begin, end in zip(self.parts, bounds, bounds[1:], strict=False)
+                if part.recording is not None
             )
         summary = Summary(seen.moments, seen.cloud, self.summary.health)
         return replace(self, summary=summary, recording=once, parts=parts, whole=self, rests=rests)

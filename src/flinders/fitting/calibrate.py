@@ -74,6 +74,9 @@ SWAP_LAG_ONE: Final = 0.05
 of the swap, which follow each other, where undoing it takes a tenth off the noise, as `AxisSwap.gain` has to."""
 
 
+ONE_A_REST: Final = frozenset({"auto", "ellipse", "level", "likelihood", "robust"})
+"""Methods for which a rest is one reading; for published recipes, and where there may be only sums, each counts."""
+
 LEANING: Final = 10.0
 """Times the heading error claimed of a level turn: a fit with aiding sensors that claims more saw no lean. Of drives of
 half a minute it claims up to 8 times as much, of level turns more than 100 times; the turn errs by up to 5 times its
@@ -404,7 +407,7 @@ def _estimated(readings: Readings, estimator: Estimator, request: Request, unit:
         if recorded is not None:
             return recorded
     readings = within_range(_moved(readings, estimator, unit))
-    if not estimator.is_biased:
+    if estimator.name in ONE_A_REST:
         readings = readings.averaged()
     joint, aiding = _aided(readings.unaveraged, request)
     if joint is not None:

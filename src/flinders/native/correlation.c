@@ -179,7 +179,9 @@ static void assume_slow_noise(const fl_kernels *kernels, const fl_view *view, co
                               const fl_room *room, flinders_record *record)
 {
     real step[9], weighed[81], explained[81];
-    if (!is_slow_noise(kernels, view, residuals, fit, room, step, weighed, explained)) return;
+    const int is_slow = is_slow_noise(kernels, view, residuals, fit, room, step, weighed, explained);
+    memset(&fit->slow, 0, sizeof fit->slow); /* it is assumed, not found */
+    if (!is_slow) return;
     fl_raise(weighed, record->covariance, 9, 0);
     memcpy(record->covariance, weighed, sizeof weighed);
     if (!are_large(fit)) move(fit, step);

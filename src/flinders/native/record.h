@@ -65,6 +65,7 @@ typedef struct {
     const int64_t *ends;     /* (parts,) of the recordings that the readings are */
     size_t parts;
     real origin[3];          /* mean of the readings, of a long recording of some of them */
+    real far;                /* distance from that which few readings are beyond, unit */
     real still, noisy;       /* most that a rest moves and that its readings scatter, unit */
     size_t half, windows;    /* readings of half a window, and how many windows there are, half over half */
     unsigned char *is_still; /* (windows,) */

@@ -11,13 +11,14 @@ enum { SHORTEST = 2, /* readings of half a window */
        FEWEST_LEFT = 12 }; /* readings, those of rests included, that a fit needs */
 
 #define FAR_SHARE ((real)0.97) /* of the readings: the others may be outliers */
-#define STILL ((real)0.015)    /* movement of a rest, over the distance from the mean to the far readings */
-#define TYPICAL ((real)10)     /* movement of an average window that is not still over that */
+#define STILL ((real)0.005)    /* movement of a rest, over the distance from the mean to the far readings */
+#define TYPICAL ((real)30)     /* movement of an average window that is not still over that */
 #define LARGEST ((real)2)      /* what a window counts for at most, over the average */
 #define MOVING ((real)0.05)    /* share of windows that are not still, at least */
 #define SPIKE ((real)3)        /* distance of an outlier from the middle of its neighbours, over that between these */
 #define NOISY ((real)0.1)      /* scatter of a rest at most, over the same distance */
-#define LOOSE ((real)3)        /* standard deviations by which noise may make a rest move */
+#define SAGITTA ((real)0.1)    /* how far movement takes the mean of a rest off the surface, over the noise of a reading */
+#define LOOSE ((real)2)        /* standard deviations by which noise may make a rest move */
 #define NEAR ((real)2.5)       /* standard deviations up to which readings next to a rest are of it */
 
 /* Sums over half a window of readings less an origin, and of squared steps from one to the next: among them, and from the
@@ -83,13 +84,14 @@ static void variances(const half *first, const half *second, size_t n, real *var
     *noise = (first->steps + second->link + second->steps) / (real)(2 * (n - 1));
 }
 
-/* Whether a reading of a window is an outlier by itself. */
-static int has_spike(const fl_rests *rests, size_t begin, size_t end)
+/* Whether a reading is an outlier by itself, that makes the variance of a window. */
+static int has_spike(const fl_rests *rests, size_t begin, size_t end, real variance)
 {
     for (size_t row = begin ? begin : 1; row < end && row + 1 < rests->rows; row++) {
         const real *const here = rests->field + 3 * row;
         const real middle[3] = {(here[-3] + here[3]) / 2, (here[-2] + here[4]) / 2, (here[-1] + here[5]) / 2};
-        if (square_apart(here, middle) > SPIKE * SPIKE * square_apart(here - 3, here + 3)) return 1;
+        const real off = square_apart(here, middle);
+        if (off > variance && off > SPIKE * SPIKE * square_apart(here - 3, here + 3)) return 1;
     }
     return 0;
 }
@@ -99,7 +101,7 @@ static int has_spike(const fl_rests *rests, size_t begin, size_t end)
 static int mark_still(fl_rests *rests)
 {
     const size_t n = 2 * rests->half;
-    const real moved = rests->still * rests->still, typical = TYPICAL * TYPICAL * moved;
+    const real most = rests->still * rests->still, typical = TYPICAL * TYPICAL * most;
     real sum = 0, moving = 0;
     half last = half_of(rests, 0);
     rests->windows = rests->rows / rests->half - 1;
@@ -108,12 +110,13 @@ static int mark_still(fl_rests *rests)
         const half next = half_of(rests, begin + rests->half);
         real variance, noise;
         variances(&last, &next, n, &variance, &noise);
+        const real bent = SAGITTA * rests->far * fl_sqrt(noise / 3), moved = bent < most ? bent : most;
         const real chance = LOOSE * variance * fl_sqrt(2 / (3 * (real)n));
         const real loose = moved + (chance < LOOSE * LOOSE * moved ? chance : LOOSE * LOOSE * moved);
         rests->is_still[window] = (unsigned char)(variance - noise < loose && variance < rests->noisy * rests->noisy &&
                                                   !is_cut(rests, begin, begin + n));
         last = next;
-        if (rests->is_still[window] || (variance > typical && has_spike(rests, begin, begin + n))) continue;
+        if (rests->is_still[window] || (variance > typical && has_spike(rests, begin, begin + n, variance))) continue;
         sum += variance < LARGEST * LARGEST * typical ? variance : LARGEST * LARGEST * typical;
         moving++;
     }
@@ -140,8 +143,8 @@ void fl_rests_begin(const real *field, size_t rows, const int64_t *ends, size_t 
     memset(rests, 0, sizeof *rests);
     rests->field = field, rests->rows = rows, rests->ends = ends, rests->parts = parts, rests->is_still = is_still;
     if (rows < 4 * SHORTEST) return;
-    const real far = far_distance(field, rows, scratch, rests->origin);
-    rests->still = STILL * far, rests->noisy = NOISY * far;
+    rests->far = far_distance(field, rows, scratch, rests->origin);
+    rests->still = STILL * rests->far, rests->noisy = NOISY * rests->far;
     for (rests->half = SHORTEST; 4 * rests->half <= rows; rests->half *= 2)
         if (mark_still(rests)) break;
     if (4 * rests->half > rows || count_left(rests) < FEWEST_LEFT) rests->windows = 0;
