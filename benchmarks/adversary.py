@@ -364,8 +364,8 @@ def cut(rng: Generator, rows: Floats) -> Floats:
 def rested(rng: Generator, readings: Floats, *, rests: int) -> Floats:
     """The body is put down so many times, for 5 to 60 s, before, amid or after the turn, where the field is another."""
     for _ in range(rests):
-        at, seconds, off = rng.integers(len(readings)), rng.uniform(5.0, 60.0), rng.uniform(-0.2, 0.2)
-        at = (0, at, len(readings) - 1)[rng.integers(3)]
+        amid, seconds, off = int(rng.integers(len(readings))), rng.uniform(5.0, 60.0), rng.uniform(-0.2, 0.2)
+        at = (0, amid, len(readings) - 1)[rng.integers(3)]
         still = np.tile((1.0 + off) * readings[at], (round(FINE * RATE_HZ * seconds), 1))
         readings = np.concatenate([readings[:at], still, readings[at:]])
     return readings

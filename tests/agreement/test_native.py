@@ -65,7 +65,7 @@ def surface(record: NDArray[np.void]) -> Ellipsoid:
 
 WORLDS = {
     "all around": tumble(500),
-    "few": tumble(15),
+    "few": tumble(11),  # of twelve and more, noise that lasts has a say
     "half a sphere": tumble(2000, top=0.0),
     "noisy half": tumble(2000, top=0.0, noise=2.0),
     "a cap": tumble(2000, top=-0.7, noise=1.0),

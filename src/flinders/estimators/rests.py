@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
@@ -86,11 +86,9 @@ class Rests:
 
     def averaged(self, samples: Samples) -> Samples:
         """The recording with each rest as one reading."""
-        columns = {name: getattr(samples, name) for name in COLUMNS}
-        return replace(
-            samples,
-            **{name: self._averaged(name, values) for name, values in columns.items() if values is not None},
-        )
+        there = {name: values for name in COLUMNS if (values := getattr(samples, name)) is not None}
+        columns: dict[str, Any] = {name: self._averaged(name, values) for name, values in there.items()}
+        return replace(samples, **columns)
 
     def _averaged(self, name: str, values: Floats) -> Floats:
         """One column: means of those values that are there."""

@@ -768,7 +768,7 @@ def _attitude_dependence(estimate: Estimate, evidence: _Evidence, dip_deg: float
 
 def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Evidence) -> float:
     """What the vertical of the accelerometer adds to a heading; NaN in a plane, and where a fit corrects it."""
-    samples, aiding = evidence.readings.recording, evidence.aiding
+    samples, aiding = evidence.readings.unaveraged.recording, evidence.aiding
     if estimate.plane or not isinstance(samples, Samples) or samples.acceleration is None:
         return math.nan
     from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg

@@ -113,7 +113,7 @@ static int mark_still(fl_rests *rests)
         const real bent = SAGITTA * rests->far * fl_sqrt(noise / 3), moved = bent < most ? bent : most;
         const real chance = LOOSE * variance * fl_sqrt(2 / (3 * (real)n));
         const real loose = moved + (chance < LOOSE * LOOSE * moved ? chance : LOOSE * LOOSE * moved);
-        rests->is_still[window] = (unsigned char)(variance - noise < loose && variance < rests->noisy * rests->noisy &&
+        rests->is_still[window] = (unsigned char)(variance - noise <= loose && variance < rests->noisy * rests->noisy &&
                                                   !is_cut(rests, begin, begin + n));
         last = next;
         if (rests->is_still[window] || (variance > typical && has_spike(rests, begin, begin + n, variance))) continue;
