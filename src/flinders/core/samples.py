@@ -17,6 +17,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass, replace
 from functools import reduce
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
@@ -467,10 +468,10 @@ class TimeSpan:
     @classmethod
     def of(cls, start: float | None, end: float | None) -> TimeSpan:
         """Take what the user gave; what is not given is not limited."""
-        span = cls(-np.inf if start is None else float(start), np.inf if end is None else float(end))
         for name, given in (("from", start), ("to", end)):
-            if given is not None and not (np.isfinite(given) and given >= 0):
-                raise UsageError(f"--{name} is {given:g}: need seconds from the beginning of the recording, 0 or more")
+            if given is not None and not (isinstance(given, Real) and np.isfinite(given) and given >= 0):
+                raise UsageError(f"--{name} is {given!r}: need seconds from the beginning of the recording, 0 or more")
+        span = cls(-np.inf if start is None else float(start), np.inf if end is None else float(end))
         if span.end <= span.start:
             raise UsageError(f"from {span.start:g} to {span.end:g} s: nothing lies between; the end comes second")
         return span
