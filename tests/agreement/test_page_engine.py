@@ -81,6 +81,7 @@ def worlds() -> dict[str, Samples]:
     rng = np.random.default_rng(1)
     tilted = simulate.tumble(seed=7, n=300, motion="tilted")
     matrix, offset = tilted.sensor.correction
+    passed = simulate.tumble(seed=0, n=1000, disturbances=[simulate.PassingMagnet(100.0)]).samples
     worlds = {
         "all around": tumble,
         "beginning": simulate.tumble(seed=3, n=1500).samples[:40],
@@ -99,7 +100,8 @@ def worlds() -> dict[str, Samples]:
         "milligauss": replace(tumble, field=10.0 * field),
         "corrected before": Samples((tilted.samples.field - offset) @ np.transpose(matrix), unit=tumble.unit),
         "outliers": simulate.tumble(seed=0, n=1000, outliers=0.02).samples,
-        "passing magnet": simulate.tumble(seed=0, n=1000, disturbances=[simulate.PassingMagnet(100.0)]).samples,
+        "passing magnet": passed,
+        "clock set back": replace(passed, time=np.arange(1000) / 50.0 - 1000.0 * (np.arange(1000) >= 500)),
         "step": simulate.tumble(seed=0, n=1000, disturbances=[simulate.Step(4.0, at=0.7)]).samples,
         "motor": simulate.tumble(seed=0, n=1500, disturbances=[simulate.MotorCurrent(0.2)]).samples,
         "coarse": dataset("60 coarse samples", trial=0, sigma=0.5).samples,

@@ -81,7 +81,7 @@ class Outlier:
 
     def __str__(self) -> str:
         rows = f"{self.rows:,} readings" if self.rows > 1 else "a reading"
-        if np.isnan(self.start):
+        if not self.start <= self.end:  # no time, or a clock that stepped back
             if self.first == self.last:
                 return f"reading {self.first}"
             return f"readings {self.first}–{self.last}: {rows}"

@@ -328,7 +328,7 @@ ROWS: Final = (
             "change of the offset from the beginning of a recording to its end, degrees at the worst heading; "
             "told where chance makes it less often than once in ten thousand"
         ),
-        action="let the sensor warm up, keep currents and everything magnetic as they are, and record again",
+        action="record again while temperature, currents and everything magnetic stay as they are in use",
         rule=Rule(
             "drift_deg",
             (
@@ -341,11 +341,10 @@ ROWS: Final = (
         ),
         said=(
             "the offset changed by {drift} {unit} from the beginning of the recording to its end, {drift_deg}° of"
-            " heading{halves}: let the sensor warm up, keep currents and everything magnetic as they are, and record "
-            "again"
+            " heading{halves}: record again while temperature, currents and everything magnetic stay as they are in use"
         ),
         plain="Something changed while the recording was made: from its beginning to its end, by {angle} of heading.",
-        remedy="Let the sensor warm up, keep currents and everything magnetic as they are, and record again.",
+        remedy="Record again while temperature, currents and everything magnetic stay as they are in use.",
         alarm=True,
     ),
     CatalogueRow(

@@ -357,10 +357,15 @@ def _alternation(fit: Fit) -> dict[str, float]:
     }
 
 
+def improves(fit: Fit) -> bool:
+    """Whether headings are better with a calibration; of readings that were corrected before, by more than chance."""
+    better = NOT_BY_CHANCE if fit.is_shrunk else 1.0
+    return fit.uncorrected_heading_error_deg.worst > better * fit.heading_error_deg.worst
+
+
 def _leave(fit: Fit) -> str:
     """Whether the readings of a sensor that was corrected before are as good without the calibration."""
-    is_needed = fit.uncorrected_heading_error_deg.worst > NOT_BY_CHANCE * fit.heading_error_deg.worst
-    if is_needed:
+    if improves(fit):
         return "the calibration is worth having"
     is_covered = fit.coverage.hole_deg <= limit_of("coverage")
     return "leave them as they are" if is_covered else "leave them as they are, or turn the sensor further"

@@ -67,7 +67,7 @@ export function runsOf(out, distances, time, { numbers }) {
  */
 function runWords({ first, last, rows, start, end }) {
     const many = rows > 1 ? `${grouped(rows)} readings` : "a reading";
-    if (!Number.isNaN(start)) {
+    if (start <= end) {
         return rows === 1 ? `${start.toFixed(1)} s: ${many}` : `${start.toFixed(1)}–${end.toFixed(1)} s: ${many}`;
     }
     return first === last ? `reading ${first}` : `readings ${first}–${last}: ${many}`;
