@@ -8,8 +8,9 @@ and only after, T is applied to those behind it:
 
 for r₋ and r₊ continued by half a step from before and from behind. Such a moment is a candidate. It is one where the
 readings with all candidates undone lie clearly closer to an ellipsoid than they do as recorded, as close as those of a
-usable recording: a gap in the recording passes neither, nor does a field that is not the same everywhere. What is so throughout has no moment, and a mirror image of an ellipsoid is an ellipsoid: no magnetometer
-alone can tell it. Nor can it where the offset along the axis is nothing: then nothing is changed but the heading.
+usable recording: a gap in the recording passes neither, nor does a field that is not the same everywhere. What is so
+throughout has no moment, and a mirror image of an ellipsoid is an ellipsoid: no magnetometer alone can tell it. Nor can
+it where the offset along the axis is nothing: then nothing is changed but the heading.
 
 >>> rng = np.random.default_rng(1)
 >>> turn = np.linspace(0.0, 40.0, 1000)

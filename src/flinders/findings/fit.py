@@ -352,7 +352,7 @@ ROWS: Final = (
         former="slipped-axes",
         number=(
             "how many times closer to an ellipsoid the readings lie once the sign of an axis, or two axes, are "
-            "put right from some reading on"
+            "put right from some reading on; told where they then fit as those of a usable recording do"
         ),
         action=(
             "find out what the driver did at the reading that the advice names; record again. What is so "
@@ -439,7 +439,7 @@ ROWS: Final = (
         grades="note; limits above the target; refuses above five times",
         number=(
             "heading error, at the worst heading, of the quadratic and cubic terms of the axes; told where chance "
-            "makes as much less often than once in ten thousand"
+            "makes as much less often than once in ten thousand, and both halves of the recording show it"
         ),
         action=(
             "nothing below the target, the heading error allows for it; else correct it (`linearize=True`, "
@@ -486,7 +486,7 @@ ROWS: Final = (
         grades="note from a tenth of the target on; limits above the target; refuses above five times",
         number=(
             "heading error, at the worst heading, of axes that are read at different moments; told where chance makes "
-            "as much less often than once in ten thousand"
+            "as much less often than once in ten thousand, and both halves of the recording show it"
         ),
         action=(
             "nothing below the target, the heading error allows for it; else read all axes at once (one burst, block "

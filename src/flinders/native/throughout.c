@@ -7,7 +7,9 @@
 
 enum { NINE = 9, PARTS = 8, MOST = 6, PRODUCTS = (FL_WIDEST + 1) * (FL_WIDEST + 1) };
 
-#define ALIKE ((real)1 / 3)    /* least square of the terms over that of the difference between two halves */
+#define ALIKE ((real)1 / 3)    /* least square of the terms over that of the difference between two halves by chance */
+#define CLOSE ((real)1)        /* and over that of a difference that is no chance */
+#define BY_CHANCE ((real)0.01)
 #define INDEPENDENT ((real)25) /* fewest independent residuals */
 #define USABLE ((real)0.05)    /* of the field: most noise of a recording that is not limited for it */
 
@@ -70,7 +72,7 @@ static int told_by(const fl_kernels *kernels, const fl_residuals *all, size_t be
     return 1;
 }
 
-/* Whether both halves of a recording tell of the same terms: these are not small beside what the halves are apart. */
+/* Whether both halves of a recording tell of the same terms: they are apart by chance, or by less than the terms. */
 static int are_alike(const fl_kernels *kernels, const fl_regression *found, int place, const fl_room *room,
                      const flinders_record *record)
 {
@@ -82,9 +84,10 @@ static int are_alike(const fl_kernels *kernels, const fl_regression *found, int 
     if (!told_by(kernels, all, half, all->n - half, place, room, record, other, of_other)) return 0;
     for (int i = 0; i < count * count; i++) both[i] += of_other[i];
     for (int i = 0; i < count; i++) one[i] -= other[i];
-    fl_chi_square(one, both, count, &apart);
+    const int freedom = fl_chi_square(one, both, count, &apart);
     fl_chi_square(found->solution + place, both, count, &size);
-    return size > ALIKE * apart;
+    const real by_chance = fl_chance_of(apart, (real)freedom, (real)(all->n - 2 * (size_t)all->width));
+    return size > (by_chance > BY_CHANCE ? ALIKE : CLOSE) * apart;
 }
 
 /* Count what makes an error of a level heading at the worst one as a distortion that errs as much. */
