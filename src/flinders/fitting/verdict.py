@@ -207,8 +207,9 @@ def _evidence(fit: Fit) -> dict[str, float]:
 def _independent_readings(fit: Fit) -> str:
     """How many readings there are to go by."""
     independent = min(fit.independent_samples, float(fit.samples))
-    alike = "" if independent == fit.samples else f" (of {fit.samples:,}: the others repeat them, or err alike)"
-    return f"{counted(independent, 'independent reading')}{alike}"
+    alike = "the others repeat them, or err alike, as where the field is not the same everywhere"
+    others = "" if independent == fit.samples else f" (of {fit.samples:,}: {alike})"
+    return f"{counted(independent, 'independent reading')}{others}"
 
 
 def _correlation(fit: Fit) -> str:
