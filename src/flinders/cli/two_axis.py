@@ -117,7 +117,7 @@ def command(options: TwoAxis) -> int:
 
     The mean of points equally spaced in heading is the offset; the eigenvalues and eigenvectors of their scatter are
     the soft iron. Where the points turn out not to be equally spaced it says so, and by how many degrees the mean is
-    wrong; if that refuses it, the ellipse of least squares is fitted instead (--method ellipse). The
+    wrong, and the ellipse of least squares is fitted instead (--method ellipse), unless --method two-axis is typed. The
     result holds for this plane alone: exit code 3, as of everything limited.
     """
     from flinders.comparison.composition import composed, refuse_unloaded
