@@ -468,7 +468,8 @@ class TimeSpan:
     @classmethod
     def of(cls, start: float | None, end: float | None) -> TimeSpan:
         """Take what the user gave; what is not given is not limited."""
-        for name, given in (("from", start), ("to", end)):
+        ends: tuple[tuple[str, Any], ...] = (("from", start), ("to", end))
+        for name, given in ends:
             if given is not None and not (isinstance(given, Real) and np.isfinite(given) and given >= 0):
                 raise UsageError(f"--{name} is {given!r}: need seconds from the beginning of the recording, 0 or more")
         span = cls(-np.inf if start is None else float(start), np.inf if end is None else float(end))
