@@ -469,7 +469,8 @@ class TimeSpan:
         """Take what the user gave; what is not given is not limited."""
         ends: tuple[tuple[str, Any], ...] = (("from", start), ("to", end))
         for name, given in ends:
-            if given is not None and not (isinstance(given, int | float | np.number) and np.isfinite(given) and given >= 0):
+            is_number = isinstance(given, int | float | np.number)
+            if given is not None and not (is_number and np.isfinite(given) and given >= 0):
                 raise UsageError(f"--{name} is {given!r}: need seconds from the beginning of the recording, 0 or more")
         span = cls(-np.inf if start is None else float(start), np.inf if end is None else float(end))
         if span.end <= span.start:
