@@ -207,7 +207,7 @@ def test_a_disturbed_reading_does_not_fold_back() -> None:
 def test_why_nothing_was_linearized_is_said() -> None:
     fit = flinders.fit(curved(7), linearize=True)
     assert fit.nonlinearity is not None
-    assert unchanged(fit) == "the axes are linear as far as the readings tell"
+    assert unchanged(fit).startswith("the axes are linear as far as the readings tell")
     likely, lag = replace(fit.nonlinearity, p_value=1e-6), AxisLag((0.02, -0.01, -0.01), True, 0.5, 1e-9)
     assert "not make the heading error smaller" in unchanged(replace(fit, nonlinearity=likely, axis_lag=None))
     assert "at different moments" in unchanged(replace(fit, nonlinearity=likely, axis_lag=lag))

@@ -107,13 +107,13 @@ def source_file(part: CountedRecording) -> SourceFile:
     from flinders.core.calibration_file import SourceFile
 
     recording = part.recording
-    size = file_of(recording).size
+    size, stored = file_of(recording).size, getattr(recording, "stored", None)
     return SourceFile(
         name=part.source,
         sha256=sha256(recording),
         bytes=size,
         rows=part.rows,
-        as_logged=getattr(recording, "as_logged", False) and getattr(recording, "stored", None) is not None,
+        as_logged=getattr(recording, "as_logged", False) and stored is not None and stored.applied,
         autopilot=getattr(recording, "autopilot", None),
         compass=getattr(recording, "compass", None),
         device_id=getattr(recording, "device_id", None),

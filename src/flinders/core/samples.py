@@ -475,10 +475,12 @@ class TimeSpan:
     @classmethod
     def of(cls, start: float | None, end: float | None) -> TimeSpan:
         """Take what the user gave; what is not given is not limited."""
+        ends: tuple[tuple[str, Any], ...] = (("from", start), ("to", end))
+        for name, given in ends:
+            is_number = isinstance(given, int | float | np.number)
+            if given is not None and not (is_number and np.isfinite(given) and given >= 0):
+                raise UsageError(f"--{name} is {given!r}: need seconds from the beginning of the recording, 0 or more")
         span = cls(-np.inf if start is None else float(start), np.inf if end is None else float(end))
-        for name, given in (("from", start), ("to", end)):
-            if given is not None and not (np.isfinite(given) and given >= 0):
-                raise UsageError(f"--{name} is {given:g}: need seconds from the beginning of the recording, 0 or more")
         if span.end <= span.start:
             raise UsageError(f"from {span.start:g} to {span.end:g} s: nothing lies between; the end comes second")
         return span

@@ -84,7 +84,7 @@ class Outlier:
     def __str__(self) -> str:
         rows = f"{self.rows:,} readings" if self.rows > 1 else "a reading"
         rows += " at rest" if self.rows > 1 == self.fitted else ""
-        if np.isnan(self.start):
+        if not self.start <= self.end:  # no time, or a clock that stepped back
             if self.first == self.last:
                 return f"reading {self.first}"
             return f"readings {self.first}–{self.last}: {rows}"

@@ -207,8 +207,9 @@ def _evidence(fit: Fit) -> dict[str, float]:
 def _independent_readings(fit: Fit) -> str:
     """How many readings there are to go by."""
     independent = min(fit.independent_samples, float(fit.samples))
-    alike = "" if independent == fit.samples else f" (of {fit.samples:,}: the others repeat them, or err alike)"
-    return f"{counted(independent, 'independent reading')}{alike}"
+    alike = "the others repeat them, or err alike, as where the field is not the same everywhere"
+    others = "" if independent == fit.samples else f" (of {fit.samples:,}: {alike})"
+    return f"{counted(independent, 'independent reading')}{others}"
 
 
 def _correlation(fit: Fit) -> str:
@@ -357,10 +358,15 @@ def _alternation(fit: Fit) -> dict[str, float]:
     }
 
 
+def improves(fit: Fit) -> bool:
+    """Whether headings are better with a calibration; of readings that were corrected before, by more than chance."""
+    better = NOT_BY_CHANCE if fit.is_shrunk else 1.0
+    return fit.uncorrected_heading_error_deg.worst > better * fit.heading_error_deg.worst
+
+
 def _leave(fit: Fit) -> str:
     """Whether the readings of a sensor that was corrected before are as good without the calibration."""
-    is_needed = fit.uncorrected_heading_error_deg.worst > NOT_BY_CHANCE * fit.heading_error_deg.worst
-    if is_needed:
+    if improves(fit):
         return "the calibration is worth having"
     is_covered = fit.coverage.hole_deg <= limit_of("coverage")
     return "leave them as they are" if is_covered else "leave them as they are, or turn the sensor further"

@@ -33,7 +33,9 @@ import re
 from collections import Counter, defaultdict
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
+
+import numpy as np
 
 from flinders.core.units import PARTED, SPELLINGS
 from flinders.errors import UsageError
@@ -638,6 +640,19 @@ class Choice:
     sensor: str | None = None  # asked for, by its number from 1 or its name
     preferred: str | None = None  # the name of the one that a calibration was made from
     is_name: bool = False  # `sensor` may be given to the only magnetometer of a table, which does not know its name
+
+    @classmethod
+    def of(cls, sensor: str | int | None) -> Self:
+        """Take what the user gave: a name, or a number from 1 as digits or as an integer.
+
+        >>> Choice.of(2) == Choice("2")
+        True
+        """
+        if isinstance(sensor, (int, np.integer)) and not isinstance(sensor, bool):
+            return cls(str(sensor))
+        if sensor is None or isinstance(sensor, str):
+            return cls(sensor)
+        raise UsageError(f"sensor={sensor!r} names no magnetometer: give its number from 1, or its name")
 
     @property
     def is_open(self) -> bool:

@@ -26,7 +26,7 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
-from flinders.errors import NoMagnetometer, UnreadableInput
+from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.readers._columns import Columns, ColumnsRecording, choose, unit_of
 from flinders.readers._layout import ranges
 from flinders.readers._names import FIRST, Choice
@@ -168,7 +168,9 @@ def open_table(
         raise UnreadableInput(f"{file.name} has no rows: record again, or check what was saved")
     if not table.width:
         raise NoMagnetometer(f"{file.name} holds no columns of numbers: need three, x y z, beside what else there is")
-    block = next(table.rows(range(table.width)))
+    block = next(table.rows(range(table.width)), None)
+    if block is None:
+        raise UnreadableInput(f"{file.name} tells of {counted(table.length, 'row')} and none is there: copy it again")
     if len(block) == table.length:  # all of it, which is not read again
         table = replace(table, rows=lambda cells: iter([block[:, list(cells)]]))
     first = block[:SAMPLED]

@@ -18,7 +18,7 @@ from flinders.errors import figures
 from flinders.findings import first_causes
 from flinders.findings.row import ANY_ANGLE_DEG, stated
 from flinders.fitting.advice import UPSIDE_DOWN
-from flinders.fitting.verdict import OF_THE_RECORDING
+from flinders.fitting.verdict import OF_THE_RECORDING, improves
 from flinders.likelihood.parameters import TERMS
 
 if TYPE_CHECKING:
@@ -200,6 +200,7 @@ def aligned(*rows: Sequence[str]) -> list[list[str]]:
 def summary(fit: Fit) -> str:
     """How good a calibration is, how far off the compass was and will be, in two sentences."""
     good = "is good" if fit.verdict == "good" else "can be used, with limits"
+    good = good if improves(fit) else "makes headings no better"
     error = fit.heading_error_deg
     with_it = f"with it, by {degrees(error.rms)} on average and by {degrees(error.worst)} at the worst heading"
     return f"The calibration {good}. Without it headings are off by {uncorrected(fit)}; {with_it}."

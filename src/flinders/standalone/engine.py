@@ -88,7 +88,7 @@ NUMBERS: Final = {
     **_of(calibrate, "LOOKED_AT SWAP_LAG_ONE"),
     **_of(path_planning, "FLAT STEPS THINNED", "PATH_"),
     **_of(path_planning, "BEAM READINGS_PER_DEG NEAREST_DEG FARTHEST_DEG DEPARTURE ARC_DEG ROUGHEST"),
-    **_of(axis_swap, "FEWEST BROKEN LIKE GAIN MOST", "SWAP_"),
+    **_of(axis_swap, "FEWEST BROKEN LIKE GAIN MOST_NOISE LEAST_EVIDENCE MOST", "SWAP_"),
     **_of(shrinkage, "PROBABLE FARTHEST UNKNOWN"),
     **_of(unmoved, "FEWEST ROUNDING", "UNMOVED_"),
     **_of(unmoved, "NARROW TAILS NARROW_BALL TAILS_BALL BALL NEAR CLOSE FILLED POINT"),

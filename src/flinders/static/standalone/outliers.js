@@ -71,7 +71,7 @@ export function runsOf(out, distances, time, { first, last }, { numbers }) {
  */
 function runWords({ first, last, rows, fitted, start, end }) {
     const many = rows > 1 ? `${grouped(rows)} readings${fitted === 1 ? " at rest" : ""}` : "a reading";
-    if (!Number.isNaN(start)) {
+    if (start <= end) {
         return rows === 1 ? `${start.toFixed(1)} s: ${many}` : `${start.toFixed(1)}–${end.toFixed(1)} s: ${many}`;
     }
     return first === last ? `reading ${first}` : `readings ${first}–${last}: ${many}`;

@@ -313,8 +313,9 @@ function whereFlat({ whole, noise, data }) {
 /** @param {Fit} fit */
 function independentReadings({ independent, samples }) {
     const least = Math.min(independent, samples);
-    const alike = least === samples ? "" : ` (of ${grouped(samples)}: the others repeat them, or err alike)`;
-    return `${counted(least, "independent reading")}${alike}`;
+    const alike = "the others repeat them, or err alike, as where the field is not the same everywhere";
+    const others = least === samples ? "" : ` (of ${grouped(samples)}: ${alike})`;
+    return `${counted(least, "independent reading")}${others}`;
 }
 
 /** @param {Fit} fit */
