@@ -129,6 +129,18 @@ ROWS: Final = (
         plain="Nothing was recorded for {seconds} s in one stretch.",
     ),
     CatalogueRow(
+        code="no-answer",
+        grades="note; limits above a tenth of the rows",
+        number="readings of 0, 0, 0, of −1, or of another word that a bus gives whose sensor does not answer",
+        limit="a tenth of the rows",
+        action="check its supply and its bus, and read the sensor only when it has a new reading; they are left out",
+        fleet_action="check the sensor's supply and bus",
+        rule=Rule("silent", (Grade("note", 0.0), Grade("limits", 0.1, "rows")), limit=Limit(0.1, "rows")),
+        said="{silent_rows}; left out{supply}",
+        plain="At some readings the sensor did not answer (number of readings: {number:,.0f}). They were left out.",
+        remedy="Check the sensor's wires, its supply, and how it is read.",
+    ),
+    CatalogueRow(
         code="skipped-rows",
         grades="note; limits above a tenth of the rows",
         number="rows that could not be used",

@@ -33,6 +33,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.core.axes import Axes
+from flinders.core.samples import added
 from flinders.core.units import label
 from flinders.errors import FlindersError, OutputError, counted, figures
 from flinders.live.feeds import FeedEvent
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
-    from flinders.core.samples import Samples
+    from flinders.core.samples import Samples, Skipped
     from flinders.core.units import Unit
     from flinders.live.feeds import Kind
     from flinders.readers.dialects import Dialect
@@ -57,6 +58,7 @@ ENOUGH: Final = 20  # Lines that settle it at once
 LONGEST: Final = 4096  # Bytes in a line; a longer one is none
 SILENT_S: Final = 3.0  # Seconds without a reading after which advice is given
 UNLIKE: Final = 50  # Lines in a row that are not like the first ones, after which advice is given
+UNANSWERED: Final = 10  # Readings at which the sensor did not answer, after which advice is given
 STEP_S: Final = 1e-4  # Lines that arrive together differ by so much, the last digit of a time
 ENDS: Final = re.compile(rb"[\r\n]+")
 TIME: Final = "t_s"
@@ -290,6 +292,7 @@ class Transcript:
         self._heard_at: float | None = None
         self._advised: set[Kind] = set()
         self._unlike = 0
+        self._silent: tuple[Skipped, ...] = ()  # readings at which the sensor did not answer
         self._events: list[FeedEvent] = []
 
     @property
@@ -419,8 +422,9 @@ class Transcript:
             self._settle()
         while self._waiting and not self.is_full:
             text += self._written(self._waiting.pop(0), rows)
+        readings = self._readings(rows)
         events, self._events = self._events, []
-        return Taken(text, self._readings(rows), events)
+        return Taken(text, readings, events)
 
     def _written(self, line: _WaitingLine, rows: list[str]) -> str:
         """One line as it goes into the recording."""
@@ -465,6 +469,15 @@ class Transcript:
                 f"comments: the latest is {shown(text)!r}; stop, and record again",
             )
 
+    def _count_silent(self, readings: Samples) -> None:
+        """Count readings at which the sensor did not answer, and say so once there are some."""
+        before = sum(entry.rows for entry in self._silent)
+        new = (replace(entry, lines=()) for entry in readings.skipped if entry.is_silent)
+        self._silent = added(self._silent, tuple(new))
+        if before < UNANSWERED <= sum(entry.rows for entry in self._silent):
+            words = "; ".join(map(str, self._silent))
+            self._tell("no-answer", f"{words}; such readings are left out: check its supply and its bus")
+
     def _tell(self, kind: Kind, words: str) -> None:
         self._events.append(FeedEvent(kind, self.statistics.seconds, words))
 
@@ -474,6 +487,7 @@ class Transcript:
         layout, unit = self._read
         values = rows_of(rows, range(len(rows)), layout.grid).values
         readings = layout.columns.samples(values.T, unit=unit, axes=Axes(), source=self._name)
+        self._count_silent(readings)
         self.statistics.measure(readings.field)
         return readings if len(readings) else None
 

@@ -155,6 +155,17 @@ class Columns:
         """(N, k) numbers of one of the columns, from values of `cells`."""
         return np.stack([values[self.cells.index(cell)] for cell in column.cells], axis=1, dtype=np.float64)
 
+    def readings(self, values: Values) -> Floats:
+        """(N, 3) of the field as it was recorded, from values of `cells`: of set and reset half their difference."""
+        field = self.taken(values, self.field)
+        if self.reset is not None:
+            field = (field - self.taken(values, self.reset)) / 2.0
+        if len(self.field.cells) == 2:
+            level = np.zeros((len(field), 3))
+            level[:, self.field.axes] = field
+            field = level
+        return field
+
     def describe(self, unit: str) -> str:
         """Say which columns are read, in which unit; of several magnetometers, which one."""
         which = f"{self.name}, " if self.name else ""
@@ -174,13 +185,7 @@ class Columns:
 
     def samples(self, values: Values, *, unit: Unit, axes: Axes, source: str, frame: str = "sensor") -> Samples:
         """Make samples of values of `cells`: the field, and its auxiliary columns in the units of `Samples`."""
-        field = self.taken(values, self.field)
-        if self.reset is not None:
-            field = (field - self.taken(values, self.reset)) / 2.0
-        if len(self.field.cells) == 2:
-            level = np.zeros((len(field), 3))
-            level[:, self.field.axes] = field
-            field = level
+        field = self.readings(values)
         others = {each.kind: self._values_of(values, each) for each in self.auxiliary if each.kind in IN_SAMPLES}
         return Samples.recorded(field, unit=unit, axes=axes, source=source, frame=frame, **others)
 

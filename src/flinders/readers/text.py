@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
+from flinders.core.samples import BLOCK, NOTED, Skipped, TimeSpan, added, unanswered
+from flinders.core.silence import silent
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput
 from flinders.readers._columns import ColumnsRecording, unit_of, wanted_acceleration, wanted_strength
@@ -64,7 +65,6 @@ _CALIBRATION: Final = re.compile(
 UNREADABLE: Final = "unreadable"
 NOT_FINITE: Final = "not finite"
 OTHER: Final = "other"  # Why lines are left out that are none of the dialect
-SHOWN_LINES: Final = 10  # Numbers of lines that are noted, of each reason
 _NO_GAIN: Final = 1024  # INAV's ``maggain`` that changes nothing
 
 
@@ -194,7 +194,7 @@ class TextRecording(ColumnsRecording):
         self.skipped = ()
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
         for lines, rows, usable in self._read(grid, columns):
-            left_out = left_out_of(lines, rows, usable)
+            left_out = left_out_of(lines, rows, usable, columns)
             if self.transcription:
                 left_out += (other := self.transcription.others(others))
                 others += sum(entry.rows for entry in other)
@@ -246,10 +246,11 @@ class TextRecording(ColumnsRecording):
         return not any(other[0] in text and other in text for other in others)
 
     def _usable(self, rows: NumberRows, columns: Columns) -> NDArray[np.bool_]:
-        """Tell which rows have a field that is finite also in `unit.inside`; a time may be missing."""
-        with np.errstate(over="ignore"):
-            usable = np.isfinite(columns.taken(rows.values.T, columns.field) * self.unit.scale)
-        return np.asarray(usable.all(axis=1), dtype=np.bool_)
+        """Tell which rows are a sensor's answer, finite also in `unit.inside`; a time may be missing."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            read = columns.readings(rows.values.T)
+            usable = np.isfinite(read * self.unit.scale).all(axis=1)
+        return np.asarray(usable & ~silent(read), dtype=np.bool_)
 
     def _samples(self, block: _Block) -> Iterator[tuple[Floats, Samples]]:
         """Make samples of the rows that can be used, with the numbers of their lines, `BLOCK` at a time."""
@@ -295,7 +296,7 @@ class Transcription:
         if text.strip():
             self._others += 1
             self._example = self._example or shown(text)
-            if len(self._numbers) < SHOWN_LINES:
+            if len(self._numbers) < NOTED:
                 self._numbers.append(lines.first + place)
         return ""
 
@@ -332,18 +333,21 @@ class Tally:
             )
 
 
-def left_out_of(lines: Lines, rows: NumberRows, usable: NDArray[np.bool_]) -> tuple[Skipped, ...]:
+def left_out_of(lines: Lines, rows: NumberRows, usable: NDArray[np.bool_], columns: Columns) -> tuple[Skipped, ...]:
     """Account for the rows of a block that cannot be used, and the lines that are none."""
-    accounts = []
-    if not usable.all():
-        gaps = [rows.lines[int(place)] for place in np.flatnonzero(~usable)]
+    accounts: list[tuple[str, Sequence[int], str]] = []
+    unusable = np.flatnonzero(~usable)
+    read = columns.readings(rows.values[unusable].T)
+    is_silent = silent(read)
+    if not is_silent.all():
+        gaps = [rows.lines[int(place)] for place in unusable[~is_silent]]
         accounts.append((NOT_FINITE, gaps, lines.texts[gaps[0] - lines.first]))
     if rows.unreadable:
         accounts.append((UNREADABLE, [line for line, _ in rows.unreadable], rows.unreadable[0][1]))
-    return tuple(
-        Skipped(reason, len(numbers), tuple(numbers[:SHOWN_LINES]), shown(example))
-        for reason, numbers, example in accounts
+    others = (
+        Skipped(reason, len(numbers), tuple(numbers[:NOTED]), shown(example)) for reason, numbers, example in accounts
     )
+    return (*unanswered(read[is_silent, 0], rows.numbers[unusable[is_silent]]), *others)
 
 
 class _Held(NamedTuple):

@@ -13,7 +13,7 @@ import dataclasses
 import re
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.core import units
+from flinders.core import silence, units
 from flinders.live import transcript
 from flinders.readers import READERS, _columns, _layout, _names, _source, _tokenizer
 from flinders.readers.dialects import json_records, labelled, marked, wrapped
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 MODULES: Final = {
     "units": units,
+    "silence": silence,
     "names": _names,
     "tokenizer": _tokenizer,
     "columns": _columns,

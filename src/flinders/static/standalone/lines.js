@@ -9,6 +9,7 @@ import { hexadecimal, jsonLines, labelled, marked, parsed, stamped } from "./dia
 import { Names } from "./names.js";
 import { revived, whole } from "./patterns.js";
 import { Prints } from "./printed.js";
+import { Silence } from "./silence.js";
 import { Tables, Unreadable } from "./tables.js";
 
 /** @typedef {import("./dialects.js").Dialect} Dialect */
@@ -40,6 +41,7 @@ const REMEMBERED = 20;
  * @property {"uT" | "counts"} unit
  * @property {{unit: string, scale: number}} raw The recorded unit, and what one of it is in `unit`.
  * @property {boolean} isTimed
+ * @property {Silence} silence Readings so far at which the sensor did not answer.
  * @property {(line: string) => Reading | null | undefined} reading Null for another line, undefined for one without a reading.
  */
 
@@ -207,14 +209,17 @@ class Language {
         const { field, time, unit, names } = columns;
         const scale = PER_UNIT[unit] ?? 1;
         const timed = time ? `, time in ${time.name}` : "";
+        const silence = new Silence(this.rules.silence);
         return {
             words: `${words}: columns ${names.join(", ")} in ${unit}${timed}`,
             unit: unit === COUNTS ? "counts" : "uT",
             raw: { unit, scale },
             isTimed: time !== null,
+            silence,
             reading: (line) => {
                 const row = numbers(line);
                 if (!row) return row;
+                if (silence.has(field.map((cell) => row[cell]))) return undefined;
                 const [x, y, z] = field.map((cell) => row[cell] * scale);
                 return Number.isFinite(x + y + z) ? { time: secondsOf(time, row), field: [x, y, z] } : undefined;
             },
@@ -276,6 +281,12 @@ export class LineReader {
     /** How lines are written, for people; empty while that is not known. */
     get words() {
         return this.form?.words ?? "";
+    }
+
+    /** Readings at which the sensor did not answer, for people; empty while they are few. */
+    get silence() {
+        const silence = this.form?.silence;
+        return silence && silence.count >= this.rules.UNANSWERED ? `${silence}; such readings are left out: check its supply and its bus` : "";
     }
 
     /**
@@ -351,7 +362,7 @@ export class LineReader {
         try {
             const trial = this.language.form(all);
             const times = all.flatMap((line) => trial.reading(line) ?? []).map(({ time }) => time ?? NaN);
-            if (!times.length) throw new Unreadable("no line has a reading");
+            if (!times.length && !trial.silence.count) throw new Unreadable("no line has a reading");
             this.isTimed = trial.isTimed && ascend(times);
             this.form = this.language.form(all); // its trial remembers parts of a reading
         } catch (error) {
@@ -437,16 +448,18 @@ export function readLog(data, name, bytes) {
         unknown++;
     }
     if (!readings.length) {
-        throw new Unreadable(`no usable reading in ${name}: need finite x, y and z; check the sensor and its wiring`);
+        const silent = form.silence.count ? ` (${form.silence})` : "";
+        throw new Unreadable(`no usable reading in ${name}${silent}: need finite x, y and z; check the sensor and its wiring`);
     }
     const hasTimes = readings.every(({ time }) => time !== null);
+    const silent = form.silence.count ? [`${form.silence}`] : [];
     const others = unknown ? [`${unknown} other ${unknown === 1 ? "line" : "lines"} (${example})`] : [];
     return {
         field: Float64Array.from(readings.flatMap(({ field }) => field)),
         time: hasTimes ? Float64Array.from(readings, ({ time }) => time ?? NaN) : null,
         unit: form.unit,
         raw: form.raw,
-        words: [`${name}: ${form.words}`, `${readings.length.toLocaleString("en")} readings`, ...others],
+        words: [`${name}: ${form.words}`, `${readings.length.toLocaleString("en")} readings`, ...silent, ...others],
     };
 }
 
