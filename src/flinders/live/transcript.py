@@ -39,7 +39,7 @@ from flinders.errors import FlindersError, OutputError, counted, figures
 from flinders.live.feeds import FeedEvent
 from flinders.readers._columns import unit_of
 from flinders.readers._layout import SPOKEN, Cells, TextLayout, recognise_layout, sniff
-from flinders.readers._names import is_unit
+from flinders.readers._names import is_unit, numbered
 from flinders.readers._tokenizer import COMMENTS, number, quoted, rows_of, shown, split
 
 if TYPE_CHECKING:
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples, Skipped
     from flinders.core.units import Unit
     from flinders.live.feeds import Kind
+    from flinders.readers._columns import Columns
     from flinders.readers.dialects import Dialect
 
 SETTLE_S: Final = 0.9
@@ -137,7 +138,7 @@ def _runs(column: Sequence[str]) -> bool:
     return all(b >= a for a, b in pairwise(times)) and (len(times) < 2 or times[-1] > times[0])
 
 
-def _unclear(lines: list[str], header: Sequence[str] = ()) -> TextLayout:
+def _unclear(lines: list[str], header: Sequence[str] = (), **_: object) -> TextLayout:
     """Lay out a table of which all is recorded, as it is not clear what is the magnetometer: by three numbers."""
     layout = sniff("", lines, "1,2,3", header)
     sign, decimal = layout.grid.delimiter, layout.grid.decimal
@@ -406,6 +407,8 @@ class Transcript:
             self.statistics.unit = label(self._read[1].inside)
             columns = f": {layout.columns.describe(self.statistics.unit)}"
         self._tell("settled", f"{form}{columns}")
+        if self._read and self._read[0].columns.device:
+            self._tell("several", _alone(self._read[0].columns))
 
     def _named(self, form: Form) -> str | None:
         """The columns that were asked for: numbers count what is printed, before which the recording has a time."""
@@ -485,11 +488,18 @@ class Transcript:
         if not rows or self._read is None:
             return None
         layout, unit = self._read
+        rows = [row for row in rows if not layout.is_of_other_device(row)]
         values = rows_of(rows, range(len(rows)), layout.grid).values
         readings = layout.columns.samples(values.T, unit=unit, axes=Axes(), source=self._name)
         self._count_silent(readings)
         self.statistics.measure(readings.field)
         return readings if len(readings) else None
+
+
+def _alone(columns: Columns) -> str:
+    """Say that lines of one of several devices are shown."""
+    others = numbered([other.partition(" ")[2] for other in columns.others])
+    return f"lines of several devices come, and {columns.name} is shown alone: {others} not"
 
 
 def escaped(line: bytes) -> str:

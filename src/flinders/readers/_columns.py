@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.core.samples import TimeSpan
+    from flinders.readers._devices import Device
     from flinders.readers._source import Source
 
 Values: TypeAlias = "NDArray[np.floating] | Sequence[NDArray[np.floating]]"
@@ -115,6 +116,7 @@ class Columns:
         None  # what a sensor with set and reset pulses read after a reset, where `field` is after a set
     )
     own_offset: tuple[float, ...] = ()  # (3,) of such a sensor, in its unit: half of set plus reset, of the first rows
+    device: Device | None = None  # whose rows are read, where a column tells several devices apart
 
     @property
     def time(self) -> Column | None:
@@ -418,6 +420,7 @@ def choose(
     choice: Choice = FIRST,
     source: str = "the table",
     quoted: str = "",
+    devices: Sequence[Device] = (),
 ) -> Columns | None:
     """Choose columns as the user asked, else by their names, else by their places; None where neither decides."""
     width = values.shape[1]
@@ -428,16 +431,31 @@ def choose(
         is_bare = chosen is not None and not chosen.stated and meaning(chosen.field.names[0]).is_bare
         if chosen is None or (is_bare and (chosen.magnetometers or "w" in [name.strip().casefold() for name in names])):
             _refuse_unclear(names, values, source, quoted)
-        return chosen and _chosen(chosen, choice, source)
+        return chosen and _chosen(_of_devices(chosen, devices), choice, source)
     wanted = wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units) if names else by_place(values, wanted)
     if chosen is None:
         return None
-    every = by_name(names, values, units=units)
-    chosen = _named(chosen, every.magnetometers if every else (), choice, asked, source)
+    several = _of_devices(chosen, devices)
+    if several.magnetometers:
+        chosen = _chosen(several, choice, source)
+    else:
+        every = by_name(names, values, units=units)
+        chosen = _named(chosen, every.magnetometers if every else (), choice, asked, source)
     if flat is None or len(wanted) != 2:
         return chosen
     return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
+
+
+def _of_devices(columns: Columns, devices: Sequence[Device]) -> Columns:
+    """Columns as those of each of several devices, whose rows another column tells apart."""
+    made = tuple(
+        replace(each, device=device, name=", ".join(filter(None, (device.name, each.name))), magnetometers=())
+        for device in devices
+        for each in columns.magnetometers or (columns,)
+        if not set(device.cells) & set(each.field.cells)
+    )
+    return replace(made[0], magnetometers=made) if made else columns
 
 
 def _refuse_unclear(names: Sequence[str], values: Floats, source: str, quoted: str) -> None:

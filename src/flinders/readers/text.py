@@ -240,6 +240,8 @@ class TextRecording(ColumnsRecording):
 
     def _is_all_readings(self, text: str) -> bool:
         """Tell whether lines below the header hold neither that nor a comment; blank lines they may hold."""
+        if self.layout.columns.device is not None:
+            return False
         header_text = self.layout.header_text
         others = (*COMMENTS, header_text) if header_text else COMMENTS
         # one character is found in a tenth of the time that two take
@@ -414,7 +416,8 @@ def _laid_out(file: Source, head: bytes, lay_out: Callable[..., TextLayout], pat
     if pattern is None and may_be_glued and (apart := split_records(file, encoding, beginning)):
         file, encoding = apart, "utf-8"
     opening, is_all = file.opening(encoding)
-    dialect, layout = recognise_layout(file.name, opening, lay_out, pattern)
+    every = partial(_lines, file, encoding) if isinstance(file, File) else None
+    dialect, layout = recognise_layout(file.name, opening, lay_out, pattern, every)
     if dialect is not None:
         transcription = Transcription(file, dialect, encoding)
         return _LaidOut(transcription.table, layout, is_all, transcription)
@@ -422,6 +425,12 @@ def _laid_out(file: Source, head: bytes, lay_out: Callable[..., TextLayout], pat
         layout = replace(layout, in_force=calibration_in_force(opening[: layout.start - 1]))
     end = re.search("\r\n|\n|\r", beginning)
     return _LaidOut(file, replace(layout, encoding=encoding, newline=end[0] if end else "\n"), is_all)
+
+
+def _lines(file: File, encoding: str) -> Iterator[str]:
+    """Yield all lines of a file."""
+    for lines in file.lines(encoding):
+        yield from lines.texts
 
 
 def calibration_in_force(above: Sequence[str]) -> str:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core import silence, units
 from flinders.live import transcript
-from flinders.readers import READERS, _columns, _layout, _names, _source, _tokenizer
+from flinders.readers import READERS, _columns, _devices, _layout, _names, _source, _tokenizer
 from flinders.readers.dialects import json_records, labelled, marked, wrapped
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ MODULES: Final = {
     "names": _names,
     "tokenizer": _tokenizer,
     "columns": _columns,
+    "devices": _devices,
     "layout": _layout,
     "marked": marked,
     "json": json_records,

@@ -69,18 +69,19 @@ class Language {
 
     /**
      * How lines are written.
-     * @param {string[]} lines
+     * @param {string[]} lines The first.
+     * @param {string[]} [every] All, by which several devices are told apart.
      * @returns {Form}
      * @throws {Unreadable}
      */
-    form(lines) {
+    form(lines, every = lines) {
         const dialect = this.recognised(lines);
         try {
-            return dialect ? this.ofDialect(dialect, lines) : this.ofTable(lines);
+            return dialect ? this.ofDialect(dialect, lines, every) : this.ofTable(lines, every);
         } catch (error) {
             const guess = error instanceof Unreadable && !dialect ? this.guessed(lines) : null;
             if (!guess) throw error;
-            return this.ofDialect(guess, lines);
+            return this.ofDialect(guess, lines, every);
         }
     }
 
@@ -157,32 +158,48 @@ class Language {
     /**
      * @param {Dialect} dialect
      * @param {string[]} lines
+     * @param {string[]} every
      * @returns {Form}
      */
-    ofDialect(dialect, lines) {
-        const trial = dialect.fresh();
-        const rows = lines.map((line) => trial.row(line) ?? []).filter((row) => row.length).slice(0, this.rules.layout.SAMPLED);
-        if (!rows.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
-        const columns = this.tables.columns(dialect.names, rows.map((row) => row.map((cell) => this.prints.number(cell) ?? NaN)));
+    ofDialect(dialect, lines, every) {
+        const first = rowsOf(dialect, lines);
+        if (!first.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
+        const devices = this.tables.devicesOf(dialect.names, first, () => rowsOf(dialect, every));
+        const rows = this.tables.ofFirst(devices, first).slice(0, this.rules.layout.SAMPLED);
+        const numbers = rows.map((row) => row.map((cell) => this.prints.number(cell) ?? NaN));
+        const columns = { ...this.tables.columns(dialect.names, numbers), devices };
         this.tables.refuseOthers(dialect.names, rows, columns, ".");
         const own = dialect.fresh();
         return this.formOf(dialect.words, columns, (line) => {
             const row = own.row(line);
-            return row?.length ? row.map((cell) => this.prints.number(cell) ?? NaN) : row && undefined;
+            if (!row?.length || this.isOfOther(devices, row)) return row && undefined;
+            return row.map((cell) => this.prints.number(cell) ?? NaN);
         });
     }
 
     /**
      * @param {string[]} lines
+     * @param {string[]} every
      * @returns {Form}
      */
-    ofTable(lines) {
-        const layout = this.tables.laidOut(lines);
+    ofTable(lines, every) {
+        const layout = this.tables.laidOut(lines, every);
         const separated = `${this.rules.layout.SPOKEN[layout.delimiter]}-separated`;
         return this.formOf(`lines of numbers, ${separated}`, layout.columns, (line) => {
             if (!line.trim() || this.prints.isComment(line) || line === layout.headerText) return undefined;
+            const { devices } = layout.columns;
+            if (devices.length && this.isOfOther(devices, this.prints.split(line, layout.delimiter))) return undefined;
             return this.cells(line, layout);
         });
+    }
+
+    /**
+     * Whether a row is of a device that is not read.
+     * @param {import("./devices.js").Device[]} devices
+     * @param {readonly string[]} cells
+     */
+    isOfOther([first], cells) {
+        return first !== undefined && this.tables.devices.isOfOther(first, cells);
     }
 
     /**
@@ -206,12 +223,14 @@ class Language {
      */
     formOf(words, columns, numbers) {
         const { PER_UNIT, COUNTS } = this.rules.units;
-        const { field, time, unit, names } = columns;
+        const { field, time, unit, names, devices } = columns;
         const scale = PER_UNIT[unit] ?? 1;
         const timed = time ? `, time in ${time.name}` : "";
+        const [first, ...others] = devices.map(({ name }) => name);
+        const device = first ? `${first} alone (also there: ${others.join(", ")}), ` : "";
         const silence = new Silence(this.rules.silence);
         return {
-            words: `${words}: columns ${names.join(", ")} in ${unit}${timed}`,
+            words: `${words}: ${device}columns ${names.join(", ")} in ${unit}${timed}`,
             unit: unit === COUNTS ? "counts" : "uT",
             raw: { unit, scale },
             isTimed: time !== null,
@@ -225,6 +244,19 @@ class Language {
             },
         };
     }
+}
+
+/**
+ * The rows that a dialect makes of lines.
+ * @param {Dialect} dialect
+ * @param {string[]} lines
+ */
+function rowsOf(dialect, lines) {
+    const trial = dialect.fresh();
+    return lines.flatMap((line) => {
+        const row = trial.row(line);
+        return row?.length ? [row] : [];
+    });
 }
 
 /**
@@ -437,7 +469,7 @@ export function readLog(data, name, bytes) {
     const language = languageOf(data);
     refuseForeign(language.rules.files, name, bytes);
     const lines = linesOf(language, decoded(bytes));
-    const form = language.form(lines.slice(0, OPENING));
+    const form = language.form(lines.slice(0, OPENING), lines);
     const readings = [];
     let [unknown, example] = [0, ""];
     for (const [place, line] of lines.entries()) {
