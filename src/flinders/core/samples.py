@@ -152,6 +152,8 @@ class Samples:
     #: what the recorded axes are: ``sensor``, or ``vehicle`` where they were turned into those before
     frame: str = "sensor"
     skipped: tuple[Skipped, ...] = ()  #: what was left out while reading
+    #: columns that were taken for a magnetometer's though neither their names nor the user say so, as ``1,2,3``
+    nameless: str = ""
 
     @classmethod
     def of(
@@ -222,6 +224,7 @@ class Samples:
         strength: Floats | None = None,
         source: str = "array",
         frame: str = "sensor",
+        nameless: str = "",
         **others: Floats | None,
     ) -> Samples:
         """Take float64 columns of equal length, as a reader made them, without the checks of `of`."""
@@ -238,6 +241,7 @@ class Samples:
             source=source,
             frame=frame,
             skipped=noted,
+            nameless=nameless,
             **others,  # type: ignore[arg-type]
         )
         return read.turned(axes)._without(is_silent)
@@ -483,6 +487,7 @@ def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
         source=recording.source,
         frame=frame_of(recording),
         skipped=reduce(added, (block.skipped for block in blocks), ()),
+        nameless=next((block.nameless for block in filled if block.nameless), ""),
         **others,
     )
 

@@ -51,7 +51,9 @@ OF_CALIBRATION: Final = (
     "rotation-unknown",
 )
 """Findings of a calibration, whatever it was made from."""
-OF_RECORDING: Final = ("quantised", "stale-repeats", "unordered", "time-back", "time-gap", "no-answer", "skipped-rows")
+OF_RECORDING: Final = (
+    "quantised", "stale-repeats", "unordered", "time-back", "time-gap", "no-answer", "like-gravity", "skipped-rows",
+)  # fmt: skip
 """Findings of a recording as a whole."""
 OF_THE_RECORDING: Final = frozenset({"saturated", *OF_RECORDING})
 """Findings that hold whatever the fit is worth, and may be the reason why it is worth nothing."""
@@ -480,11 +482,13 @@ def _recording_record(health: Statistics) -> Record:
             "usual_step_s": clock.usual_step,
             "skipped": skipped,
             "silent": unanswered,
+            "is_doubtful": float(bool(health.doubt)),
         },
         rails=lambda: ", ".join(map(_at_rail, health.rails)),
         often=lambda: "once" if clock.backward_steps == 1 else f"{clock.backward_steps:,} times",
         skipped_rows=lambda: "; ".join(map(str, others)),
         check=lambda: "" if skipped <= most else ". Check the sensor, its cable, and what was saved",
+        doubt=health.doubt,
         silent_rows=lambda: "; ".join(map(str, silent)),
         supply=lambda: "" if unanswered <= most else ". Check its supply and its bus, and how it is read",
     )

@@ -117,6 +117,7 @@ class Columns:
     )
     own_offset: tuple[float, ...] = ()  # (3,) of such a sensor, in its unit: half of set plus reset, of the first rows
     device: Device | None = None  # whose rows are read, where a column tells several devices apart
+    is_assumed: bool = False  # nobody says that they are a magnetometer's, neither their names nor the user
 
     @property
     def time(self) -> Column | None:
@@ -152,6 +153,10 @@ class Columns:
             return replace(self, auxiliary=(*others, replace(strength, factor=own.scale / unit.scale)))
         reason = f"{strength.names[0]} (in {own.inside}, the field in {unit.inside}: give unit=, or scale=)"
         return replace(self, auxiliary=others, left_out=(*self.left_out, reason))
+
+    def in_given(self, unit: str | None, scale: float | None) -> Columns:
+        """The same where the user says which unit of a field they are in."""
+        return self if unit is None and scale is None else replace(self, is_assumed=False)
 
     def taken(self, values: Values, column: Column) -> Floats:
         """(N, k) numbers of one of the columns, from values of `cells`."""
@@ -189,7 +194,8 @@ class Columns:
         """Make samples of values of `cells`: the field, and its auxiliary columns in the units of `Samples`."""
         field = self.readings(values)
         others = {each.kind: self._values_of(values, each) for each in self.auxiliary if each.kind in IN_SAMPLES}
-        return Samples.recorded(field, unit=unit, axes=axes, source=source, frame=frame, **others)
+        nameless = ",".join(self.field.names) * self.is_assumed
+        return Samples.recorded(field, unit=unit, axes=axes, source=source, frame=frame, nameless=nameless, **others)
 
     def _values_of(self, values: Values, column: Column) -> Floats:
         """Take a column in the unit of `Samples`; NaN where a value is not valid."""
@@ -431,7 +437,7 @@ def choose(
         is_bare = chosen is not None and not chosen.stated and meaning(chosen.field.names[0]).is_bare
         if chosen is None or (is_bare and (chosen.magnetometers or "w" in [name.strip().casefold() for name in names])):
             _refuse_unclear(names, values, source, quoted)
-        return chosen and _chosen(_of_devices(chosen, devices), choice, source)
+        return chosen and _chosen(_of_devices(_assumed(chosen), devices), choice, source)
     wanted = wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units) if names else by_place(values, wanted)
     if chosen is None:
@@ -445,6 +451,12 @@ def choose(
     if flat is None or len(wanted) != 2:
         return chosen
     return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
+
+
+def _assumed(columns: Columns) -> Columns:
+    """Note where columns without telling names are taken for a magnetometer's."""
+    is_bare = all(name.isdecimal() or meaning(name).is_bare for name in columns.field.names)
+    return replace(columns, is_assumed=is_bare and not columns.unit)
 
 
 def _of_devices(columns: Columns, devices: Sequence[Device]) -> Columns:

@@ -17,6 +17,7 @@ hard iron; rates and angles near none.
 
 from __future__ import annotations
 
+import shlex
 from itertools import combinations, groupby
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
 
 GRAVITY: Final = {  # its length in units of accelerometers; fewer counts than these could be milligauss
     "m/s²": 9.80665, "g": 1.0, "mg": 1000.0, **{f"counts of 1/{2**n} g": float(2**n) for n in range(10, 15)}
@@ -91,6 +93,19 @@ def likeness(vectors: Floats) -> str:
     """Say what three columns plainly are if not a magnetometer: a direction, or gravity; else nothing."""
     group = _judged(vectors[:: max(len(vectors) // MANY, 1)])
     return group.what if group.is_known else ""
+
+
+def doubt(samples: Samples) -> str:
+    """Say what samples plainly are if not a magnetometer's, where nobody says that they are; else nothing."""
+    if not samples.nameless or not len(samples):
+        return ""
+    return likeness(samples.field / samples.unit.scale)
+
+
+def looks_like(what: str, columns: str) -> str:
+    """Say what columns look like, and what to type where they are a magnetometer's after all."""
+    option = f"--columns {shlex.quote(columns)}"
+    return f"these look like {what}: if a magnetometer recorded them after all, add {option}"
 
 
 def advice(judged: Sequence[ColumnGroup]) -> str:

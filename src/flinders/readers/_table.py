@@ -163,7 +163,7 @@ class TableRecording(ColumnsRecording):
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> TableRecording:
         """Read these columns, in the unit that their names or the user say."""
         own = unit_of(columns, self.source, unit, scale)
-        recording = replace(self, columns=columns.with_strength_in(own), unit=own)
+        recording = replace(self, columns=columns.in_given(unit, scale).with_strength_in(own), unit=own)
         recording.temporary_files = self.temporary_files
         return recording
 
@@ -231,7 +231,8 @@ def open_table(
     if known is None:
         raise NoMagnetometer(_unknown(file.name, table, first))
     settled = unit_of(known, file.name, unit, scale)
-    return TableRecording(file, table, known.with_strength_in(settled), settled, axes or Axes(), progress)
+    known = known.in_given(unit, scale).with_strength_in(settled)
+    return TableRecording(file, table, known, settled, axes or Axes(), progress)
 
 
 def _unknown(name: str, table: Table, first: Floats) -> str:

@@ -98,7 +98,7 @@ class TextRecording(ColumnsRecording):
         """Read these columns, in the unit that their names or the user say."""
         own = unit_of(columns, self.source, unit, scale)
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
-        layout = replace(self.layout, columns=columns.with_strength_in(own), grid=grid)
+        layout = replace(self.layout, columns=columns.in_given(unit, scale).with_strength_in(own), grid=grid)
         frame = "vehicle" if layout.is_blackbox else self.frame
         return replace(self, layout=layout, unit=own, frame=frame)
 
