@@ -130,12 +130,18 @@ def _quaternions(values: Floats, places: Sequence[int]) -> Iterator[tuple[int, .
     after = 0
     for at in range(len(places) - 3):
         cells = tuple(places[at : at + 4])
-        if at >= after and cells[3] - cells[0] == 3 and np.nanmax(np.nanstd(values[:, cells], axis=0)) > 0:
+        if at >= after and cells[3] - cells[0] == 3 and _changes(values[:, cells]):
             four = values[:, cells]
             low, _, high = _lengths(four[np.isfinite(four).all(axis=1)])
             if low > 1 - EXACT and high < 1 + EXACT:
                 after = at + 4
                 yield cells
+
+
+def _changes(four: Floats) -> bool:
+    """Tell whether four columns change as the parts of a quaternion do; none of them stays 1 meanwhile."""
+    low, high = np.nanmin(four, axis=0), np.nanmax(four, axis=0)
+    return bool((low < high).any() and not ((low == high) & (np.abs(low) > 1 - EXACT)).any())
 
 
 def _runs(places: Sequence[int]) -> Iterator[list[int]]:
