@@ -131,14 +131,18 @@ DEVICES: Final = {
     "devices without a header": ("", "{device},{0},{1},{2}", ["node-1", "node-2"]),
 }
 """Header and form of tables, and the words of their devices."""
-TABLES.update(
-    {
-        name: "\n".join(
-            [header, *(form.format(*row, n=n, device=words[n % len(words)]) for n, row in enumerate(FIELD)), ""]
-        )
-        for name, (header, form, words) in DEVICES.items()
-    }
-)
+HEXADECIMAL: Final = {
+    "hexadecimal words under a header": ("mx my mz temp", "{0:04X} {1:04X} {2:04X} 08FC", 0xFFFF),
+    "hexadecimal words behind a time": ("t;mag_x;mag_y;mag_z", "{n};{0:04x};{1:04x};{2:04x}", 0xFFFF),
+    "hexadecimal words without zeros": ("mx,my,mz", "{0:X},{1:X},{2:X}", 0xFFFFFFFF),
+}
+"""Header and form of tables, and the bits of a word."""
+for name, (header, form, words) in DEVICES.items():
+    rows = [form.format(*row, n=n, device=words[n % len(words)]) for n, row in enumerate(FIELD)]
+    TABLES[name] = "\n".join([header, *rows, ""])
+for name, (header, form, bits) in HEXADECIMAL.items():
+    rows = [form.format(*(int(value) & bits for value in row), n=1000 + n) for n, row in enumerate(FIELD)]
+    TABLES[name] = "\n".join([header, *rows, ""])
 CASES: Final = dict(texts())
 """What makes each text: collecting the tests needs the names alone."""
 
@@ -234,6 +238,7 @@ FOREIGN: Final = (
     ("flight.bin", b"\xa3\x95\x80\x80\x59FMT" + bytes(range(64)), "DataFlash.*flinders calibrate"),
     ("data.mat", b"MATLAB 5.0 MAT-file\0\0\0\0" + bytes(120), "MATLAB.*flinders calibrate"),
     ("logo.png", b"\x89PNG\r\n\x1a\n" + bytes(40), "a PNG image: give the recording itself"),
+    ("log.bbl", b"H Product:Blackbox flight data\n" + bytes(99), "a blackbox log of Betaflight.*: decode it with"),
     ("index.html", b"<!DOCTYPE html><html>", "an HTML page: download the raw file"),
     ("empty.txt", b"", "is empty"),
     (

@@ -145,16 +145,19 @@ class Cells(Dialect):
     """Rows of a table."""
 
     grid: Grid
+    header_text: str = ""  # a line that says their names
 
     @classmethod
     def of(cls, layout: TextLayout, words: str, nameless: Sequence[str] = ()) -> Cells:
         """Take the rows of a table; the units below its header go into the names, and without one it has `nameless`."""
         named = zip_longest(layout.header, layout.units, fillvalue="")
         names = [f"{name}_{unit}" if unit and not meaning(name).unit else name for name, unit in named]
-        return cls(words, tuple(names or nameless), layout.grid)
+        return cls(words, tuple(names or nameless), layout.grid, layout.header_text)
 
     def row(self, line: str) -> list[str] | None:
         """Cut a line; one of another width, or with words for the magnetometer's numbers, is another line."""
+        if self.header_text and line == self.header_text:
+            return []
         if _is_comment(line) or self.grid.row(line) is None:
             return None
         cells = split(line, self.grid.delimiter)[: self.grid.width or None]
@@ -241,6 +244,12 @@ def _labelled(lines: list[str]) -> Dialect | None:
     return labelled.recognise(lines) or labelled.recognise(lines, marked=False)
 
 
+def _named_table(lines: list[str]) -> Cells | None:
+    """Find the rows of a table with a header."""
+    table = rows_of_table(lines)
+    return table if table and table.header_text else None
+
+
 def rows_of_table(lines: list[str]) -> Cells | None:
     """Find the rows of a table, as behind time stamps; three columns without names are x, y, z."""
     try:
@@ -264,7 +273,7 @@ DIALECTS: Final = (
     _Row(marked.SIGN, marked.recognise, None),  # a log may begin with other messages
     _Row(_OPENS_JSON, json_records.recognise),
     _Row(_CLOCK, lambda lines: wrapped.stamped(lines, recognise, rows_of_table)),
-    _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _labelled)),
+    _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _labelled, _named_table)),
     _Row(_LETTER, labelled.recognise),
 )
 
@@ -295,7 +304,7 @@ def sniff(
         if best is not None and best.rows:
             choosing = partial(choose, asked=columns, flat=flat, choice=choice, source=name)
             return _table(name, texts, best, header, choosing, every or (lambda: texts), is_asked=columns is not None)
-    raise _nothing(name, lines)
+    raise _extremes(name, [text for _, text in lines]) or _nothing(name, lines)
 
 
 def _table(
@@ -538,7 +547,25 @@ def ranges(values: Floats) -> str:
     return ", ".join(written + ["…"] * (len(ends) > MOST_RANGES))
 
 
+def _extremes(name: str, texts: Sequence[str]) -> NoMagnetometer | None:
+    """Say what to do with six numbers alone, the smallest and the largest of each axis; None for anything else."""
+    if len(texts) > 2 * len("xyz"):
+        return None
+    numbers = [each for text in texts for each in cut(text[:PRINTED])[0]]
+    if len(numbers) != 2 * len("xyz"):
+        return None
+    pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
+    in_turn = all((number(low, ".") or 0.0) < (number(high, ".") or 0.0) for low, high in pairs)
+    typed = ",".join(numbers) if in_turn else "X0,X1,Y0,Y1,Z0,Z1"
+    return NoMagnetometer(
+        f"{name} has six numbers and no readings: where they are the smallest and the largest reading of each axis, "
+        f"type them: flinders calibrate --minmax={typed}"
+    )
+
+
 def _no_magnetometer(name: str, header: list[str], values: Floats, text: str, line: str) -> NoMagnetometer:
+    if not header and len(values) == 1 and (extremes := _extremes(name, [text])):
+        return extremes
     if header:
         return NoMagnetometer(
             f"no magnetometer among the columns of {name}: {listed(header)}; "

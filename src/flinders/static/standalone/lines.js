@@ -102,7 +102,7 @@ class Language {
             (lines.some((line) => programs.SIGN.test(line)) && marked(this.prints, programs, lines)) ||
             (has(layout._OPENS_JSON) && jsonLines(this.prints, json, tried)) ||
             (has(layout._CLOCK) && stamped(wrapped, tried, behind, table, true)) ||
-            (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest))) ||
+            (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest), (rest) => this.tableRows(rest, true))) ||
             (has(layout._LETTER) && labelled(this.prints, this.rules.labelled, tried, true)) ||
             null
         );
@@ -130,9 +130,10 @@ class Language {
     /**
      * Rows of a table, as behind time stamps.
      * @param {string[]} lines
+     * @param {boolean} [isNamed] It needs a header.
      * @returns {Dialect | null}
      */
-    tableRows(lines) {
+    tableRows(lines, isNamed = false) {
         let layout;
         try {
             layout = this.tables.laidOut(lines);
@@ -140,13 +141,15 @@ class Language {
             if (error instanceof Unreadable) return null;
             throw error;
         }
-        const { delimiter, decimal, width, header } = layout;
+        const { delimiter, decimal, width, header, headerText } = layout;
+        if (isNamed && !header.length) return null;
         const nameless = width === 3 ? ["x", "y", "z"] : Array.from({ length: width }, (_, i) => `${i + 1}`);
         /** @type {Dialect} */
         const rows = {
             words: `${this.rules.layout.SPOKEN[delimiter]}-separated numbers`,
             names: header.length ? header : nameless,
             row: (line) => {
+                if (headerText && line === headerText) return [];
                 const cells = this.cells(line, layout) && this.prints.split(line, delimiter).slice(0, width || undefined);
                 return cells && cells.map((cell) => cell.trim().replace(decimal, "."));
             },
