@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pytest
@@ -69,8 +69,8 @@ def test_every_command_says_so(unit: str, tmp_path: Path) -> None:
         assert ended.code == 3, words
         assert said in " ".join(f"{ended.out} {ended.err}".split()), words
     assert said in " ".join(flinders_("info", log).out.split())
-    words = " ".join((tmp_path / "words.txt").read_text().split())
-    assert "These readings look like gravity, as an accelerometer reads it" in words
+    page = " ".join((tmp_path / "words.txt").read_text().split())
+    assert "These readings look like gravity, as an accelerometer reads it" in page
 
 
 @pytest.mark.parametrize("header", NAMED)
@@ -82,7 +82,7 @@ def test_names_and_units_are_believed(unit: str, header: str, tmp_path: Path) ->
 
 @pytest.mark.parametrize("options", [{"columns": "1,2,3"}, {"unit": "mG"}, {"scale": 0.1}])
 @pytest.mark.parametrize("unit", UNITS)
-def test_what_is_given_is_believed(unit: str, options: dict[str, str], tmp_path: Path) -> None:
+def test_what_is_given_is_believed(unit: str, options: dict[str, Any], tmp_path: Path) -> None:
     samples = flinders.read(written(tmp_path / "log.txt", unit, *FORMS["tabs"]), **options)
     assert "like-gravity" not in {finding.code for finding in flinders.fit(samples).findings}
 
