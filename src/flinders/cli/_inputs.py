@@ -64,7 +64,7 @@ def saying_what_was_read(parts: Sequence[CountedRecording]) -> Iterator[None]:
             needed=error.needed,
             method=error.method,
             among=error.among,
-            skipped=[entry for part in parts for entry in part.skipped],
+            skipped=[entry for part in parts for entry in part.skipped if entry.is_loss],
             how=error.how,
         ) from None
     finally:

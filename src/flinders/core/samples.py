@@ -39,17 +39,19 @@ BLOCK: Final = 8192
 SILENT: Final = "silent"
 """Why readings are left out at which the sensor did not answer."""
 NOTED: Final = 10  # Lines that are named, of each reason
+ACCOMPANYING: Final = "accompanying"
+"""Why lines are left out that a program prints with its readings: a heading, a state, a ruler."""
 
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """Rows of a recording that could not be used.
+    """Rows of a recording that are no readings.
 
     >>> print(Skipped(SILENT, 200, (2, 4, 6, 8), "0, 0, 0"))
     200 readings are 0, 0, 0: the sensor did not answer (line 2, 4, 6, …)
     """
 
-    reason: str  #: ``"not finite"``, ``"unreadable"``, ``"silent"`` …
+    reason: str  #: ``"not finite"``, ``"unreadable"``, ``"other"``, ``"silent"`` or ``"accompanying"``
     rows: int  #: how many
     lines: tuple[int, ...] = ()  #: numbers of the first few lines of the file, or rows of the array, counted from 1
     example: str = ""  #: what the first of them says, cut short; of silent ones what each of them says
@@ -75,7 +77,13 @@ class Skipped:
             where = f" (line {lines})" * bool(self.lines)
             return f"{counted(self.rows, 'reading')} {are} {self.example}: the sensor did not answer{where}"
         example = f": {self.example!r}" if self.example else ""
-        return f"{self.rows:,} {self.reason} row{'s' * (self.rows != 1)} (line {lines}{example})"
+        what = "row" if self.is_loss else "line"
+        return f"{self.rows:,} {self.reason} {what}{'s' * (self.rows != 1)} (line {lines}{example})"
+
+    @property
+    def is_loss(self) -> bool:
+        """They should have been readings."""
+        return self.reason != ACCOMPANYING
 
 
 def added(one: tuple[Skipped, ...], other: tuple[Skipped, ...]) -> tuple[Skipped, ...]:

@@ -89,6 +89,16 @@ ROWS: Final = (
         ),
     ),
     CatalogueRow(
+        code="at-rest",
+        number="share of the readings that were made while the direction stood still",
+        action="nothing: each rest counts as one reading; turn the sensor all the time",
+        rule=Rule("at_rest_share", (Grade("note", 0.1),), needs=(Needs("repeated_share", "<", 0.1),)),
+        said=(
+            "{at_rest_share:.0%} of the readings were made at rest, in {intervals}: each of these counts as one reading"
+        ),
+        plain="While {number:.0%} of the readings were made, the sensor lay still. Each rest counts as one reading.",
+    ),
+    CatalogueRow(
         code="unordered",
         number="correlation of one reading with the next, of a hundred different readings or more without times",
         action="keep the rows in the order of recording, with their times, or record again",

@@ -52,7 +52,8 @@ OF_CALIBRATION: Final = (
 )
 """Findings of a calibration, whatever it was made from."""
 OF_RECORDING: Final = (
-    "quantised", "stale-repeats", "unordered", "time-back", "time-gap", "no-answer", "like-gravity", "skipped-rows",
+    "quantised", "stale-repeats", "at-rest", "unordered", "time-back", "time-gap", "no-answer", "like-gravity",
+    "skipped-rows",
 )  # fmt: skip
 """Findings of a recording as a whole."""
 OF_THE_RECORDING: Final = frozenset({"saturated", *OF_RECORDING})
@@ -139,7 +140,7 @@ def fit_record(fit: Fit, statistics: Statistics) -> Record:
             **_evidence(fit),
             **_changes(fit),
             **_lasting(fit, statistics),
-            **_outliers(fit, statistics.rows),
+            **_outliers(fit, statistics.fitted),
             "inflation": math.nan if fit.plane or fit.refreshed else _inflation(fit, statistics.extent),
             "noise_share": fit.noise / fit.ellipsoid.radius,
             **_structure(fit),
@@ -326,7 +327,7 @@ def _apart(repeats: Repeats | None, target_deg: float) -> dict[str, float]:
 
 def _lasting(fit: Fit, statistics: Statistics) -> dict[str, float]:
     """What lasts from one reading to the next different one, and the heading error of a single moment that it makes."""
-    correlation = unlike_correlation(fit.autocorrelation or 0.0, statistics.repeats / max(statistics.rows, 1))
+    correlation = unlike_correlation(fit.autocorrelation or 0.0, statistics.fitted_repeats / max(statistics.fitted, 1))
     level = fit.ellipsoid.radius * math.cos(math.radians(fit.known_dip_deg))
     return {
         "noise_lasts": fit.noise_lasts,
@@ -409,9 +410,9 @@ def _of_aiding(fit: Fit) -> Iterator[Finding]:
     yield from () if fit.aiding is None else (mistake.finding for mistake in fit.aiding.mistakes)
 
 
-def _outliers(fit: Fit, rows: int) -> dict[str, Any]:
-    """What a robust fit left out: outliers, and the readings around their runs."""
-    share = sum(run.rows for run in fit.outliers) / max(rows, 1)
+def _outliers(fit: Fit, fitted: int) -> dict[str, Any]:
+    """What a robust fit left out of so many readings: outliers, and the readings around their runs."""
+    share = sum(run.fitted for run in fit.outliers) / max(fitted, 1)
     return {
         "outlier_share": share,
         "farthest": max((run.farthest for run in fit.outliers), default=math.nan),
@@ -448,7 +449,7 @@ WORDS: Final[dict[str, Callable[[Fit], str]]] = {
     "halves": _halves,
     "leave": _leave,
     "unmodelled": lambda fit: "" if fit.unmodelled is None else fit.unmodelled.name,
-    "outliers": lambda fit: counted(sum(run.rows for run in fit.outliers), "reading"),
+    "outliers": lambda fit: counted(sum(run.fitted for run in fit.outliers), "reading"),
     "runs": _runs,
     "previous": lambda fit: fit.refreshed.previous if fit.refreshed else "",
 }
@@ -467,14 +468,15 @@ def _at_rail(rail: Rail) -> str:
 def _recording_record(health: Statistics) -> Record:
     clock, most = health.clock, 0.1 * health.rows
     silent = [part for part in health.skipped if part.is_silent]
-    others = [part for part in health.skipped if not part.is_silent]
-    skipped, unanswered = (sum(part.rows for part in parts) for parts in (others, silent))
+    lost = [part for part in health.skipped if part.is_loss and not part.is_silent]
+    skipped, unanswered = (sum(part.rows for part in parts) for parts in (lost, silent))
     return Record(
         {
             "rows": health.rows,
             "distinct": health.distinct,
             "rail_share": max((rail.share for rail in health.rails), default=0.0),
             "repeated_share": 1.0 - health.distinct / max(health.rows, 1),
+            "at_rest_share": health.at_rest / max(health.rows, 1),
             "step": health.step,
             "path_correlation": math.nan if clock.steps else health.path_correlation,
             "backward_steps": clock.backward_steps,
@@ -485,8 +487,9 @@ def _recording_record(health: Statistics) -> Record:
             "is_doubtful": float(bool(health.doubt)),
         },
         rails=lambda: ", ".join(map(_at_rail, health.rails)),
+        intervals=lambda: counted(health.rests, "interval"),
         often=lambda: "once" if clock.backward_steps == 1 else f"{clock.backward_steps:,} times",
-        skipped_rows=lambda: "; ".join(map(str, others)),
+        skipped_rows=lambda: "; ".join(map(str, lost)),
         check=lambda: "" if skipped <= most else ". Check the sensor, its cable, and what was saved",
         doubt=health.doubt,
         silent_rows=lambda: "; ".join(map(str, silent)),

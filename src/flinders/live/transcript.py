@@ -39,6 +39,7 @@ from flinders.errors import FlindersError, OutputError, counted, figures
 from flinders.live.feeds import FeedEvent
 from flinders.readers._columns import unit_of
 from flinders.readers._layout import SPOKEN, Cells, TextLayout, recognise_layout, sniff
+from flinders.readers._line_shapes import LineShapes
 from flinders.readers._names import is_unit, numbered
 from flinders.readers._tokenizer import COMMENTS, number, quoted, rows_of, shown, split
 
@@ -167,6 +168,7 @@ class RecordingStatistics:
     unit: str = ""  # µT or counts; nothing where it is not clear which numbers are the magnetometer's
     readings: int = 0  # rows
     unknown: int = 0  # lines that were not understood
+    accompanying: int = 0  # of them, those that a program prints with its readings; counted at the end
     lines: int = 0
     received: int = 0  # bytes
     seconds: float = 0.0  # since the start
@@ -214,7 +216,8 @@ class RecordingStatistics:
                 "min": self.weakest if known else None,
                 "max": self.strongest if known else None,
             },
-            "not_understood": self.unknown,
+            "not_understood": self.unknown - self.accompanying,
+            "accompanying": self.accompanying,
             "first_not_understood": self.first_unknown or None,
             "bytes": self.received,
             "losses": self.losses,
@@ -287,6 +290,8 @@ class Transcript:
         self._read: tuple[TextLayout, Unit] | None = None
         self._rest, self._pieces = b"", 0  # of a line whose end has not come
         self._waiting: list[_WaitingLine] = []
+        self._shapes = LineShapes()
+        self._unknown: list[str] = []  # the first lines that were not understood
         self._before: deque[str] = deque(maxlen=ENOUGH)  # lines before it was recognised how they are written
         self._last: float | None = None
         self._is_cut = not is_framed
@@ -341,6 +346,9 @@ class Transcript:
             taken = replace(taken, text=f"{taken.text}# cut off: {escaped(self._rest)}\n")
             self.statistics.first_unknown = self.statistics.first_unknown or shown(_text(self._rest))
         self._rest, self._pieces = b"", 0
+        self.statistics.accompanying = self._shapes.count_accompanying()
+        lost = (text for text in self._unknown if not self._shapes.accompanies(text))
+        self.statistics.first_unknown = next(map(shown, lost), self.statistics.first_unknown)
         return taken
 
     def nothing(self) -> str:
@@ -447,6 +455,7 @@ class Transcript:
             return f"# {'cut off: ' * cut}{escaped(line.content)}\n"
         self._last, self._unlike = at, 0
         self.statistics.count_row(at)
+        self._shapes.add(text, is_reading=True)
         rows.append(row)
         if self._header is not None:
             return f"{row}\n"
@@ -459,11 +468,14 @@ class Transcript:
         if form is None:
             self._before.append(text)
         if not (text.lstrip().startswith(COMMENTS) or (form and form.is_heading(text))):
+            self._shapes.add(text)
             self._count_unknown(text)
 
     def _count_unknown(self, text: str) -> None:
         self.statistics.unknown += 1
         self.statistics.first_unknown = self.statistics.first_unknown or shown(text)
+        if len(self._unknown) < ENOUGH and not self._shapes.accompanies(text):
+            self._unknown.append(text)
         self._unlike += self.statistics.form is not None
         if self._unlike == UNLIKE:
             self._tell(

@@ -9,7 +9,7 @@
  */
 #include "residuals.h"
 
-enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * FINE + 1, FEWEST = 20, HALF = (FL_LANES + 1) / 2,
+enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * FINE + 1, FEWEST = 12, HALF = (FL_LANES + 1) / 2,
        FEW_RATIOS = 2 }; /* of the middle memory, that are not hopeless: others then mostly have no more than four */
 
 #define LEAST_RATIO ((real)1e-3)  /* of the variances, disturbance over white noise */

@@ -430,8 +430,8 @@ def choose(
 ) -> Columns | None:
     """Choose columns as the user asked, else by their names, else by their places; None where neither decides."""
     width = values.shape[1]
-    if flat is not None and asked is None and width == 2:
-        asked = "1,2"
+    if flat is not None and asked is None and (width == 2 or set(flat) <= set(names)):
+        asked = "1,2" if width == 2 else ",".join(flat)
     if asked is None:
         chosen = by_name(names, values, units=units) if names else by_place(values)
         is_bare = chosen is not None and not chosen.stated and meaning(chosen.field.names[0]).is_bare

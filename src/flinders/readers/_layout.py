@@ -26,6 +26,7 @@ import numpy as np
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, figures
 from flinders.readers._columns import Columns, choose
 from flinders.readers._devices import are_ids, devices_in, names_device
+from flinders.readers._known_texts import refusal
 from flinders.readers._names import (
     ACCELERATION,
     FIELD,
@@ -34,6 +35,7 @@ from flinders.readers._names import (
     RATE,
     Choice,
     Meaning,
+    clearness,
     is_unit,
     meaning,
     names_magnetometer,
@@ -45,6 +47,7 @@ from flinders.readers._tokenizer import (
     CUT_OFF,
     ENDS_EARLY,
     GLUED,
+    MOMENT,
     QUANTITY,
     SPACES,
     Grid,
@@ -59,7 +62,7 @@ from flinders.readers._tokenizer import (
     shown,
     split,
 )
-from flinders.readers.dialects import Dialect, json_records, labelled, marked, wrapped
+from flinders.readers.dialects import Dialect, influx, json_records, labelled, marked, wrapped
 from flinders.readers.dialects.pattern import Pattern
 
 if TYPE_CHECKING:
@@ -169,19 +172,27 @@ def recognise_layout(
     lines: list[str],
     lay_out: Callable[..., TextLayout],
     pattern: str | None = None,
+    flat: str | None = None,
     every: EveryLine | None = None,
 ) -> tuple[Dialect | None, TextLayout]:
     """Recognise how lines are written: as a table, which `lay_out` does, or in a dialect that makes one.
 
-    Raises what `lay_out` raises where they are neither. `every` gives all lines, of which `lines` are the first.
+    Raises what `lay_out` raises where they are neither; of a text that is known, `NoMagnetometer` says what it is.
+    `every` gives all lines, of which `lines` are the first.
     """
     every = every or (lambda: lines)
-    dialect = Pattern.of(pattern) if pattern is not None else recognise(lines)
+    if pattern is None and (known := refusal(name, lines)):
+        raise known
+    dialect = Pattern.of(pattern) if pattern is not None else recognise(lines, flat)
+    if isinstance(dialect, labelled.Labelled) and not _names_magnetometer(dialect) and names_columns(lines):
+        dialect = None
     try:
         return dialect, _laid_out(name, lines, lay_out, dialect, every)
     except (NoMagnetometer, UnreadableInput):
         dialect = None if dialect else guess(lines)
-        if dialect is None:
+        if dialect is None or (not _names_magnetometer(dialect) and names_columns(lines)):
+            if known := refusal(name, lines, is_unread=True):
+                raise known from None
             raise
     return dialect, _laid_out(name, lines, lay_out, dialect, every)
 
@@ -219,10 +230,12 @@ def split_records(source: Source, encoding: str, beginning: str) -> Source | Non
     return derived(source, marked.datagrams_as_lines(source)) if marked.are_glued(beginning) else None
 
 
-def recognise(lines: list[str]) -> Dialect | None:
-    """Find the dialect whose signs the lines bear; None for a table."""
+def recognise(lines: list[str], flat: str | None = None) -> Dialect | None:
+    """Find the dialect whose signs the lines bear; None for a table. Behind time stamps two axes will do if `flat`."""
     if is_plain(lines):
         return None
+    if flat and (level := wrapped.stamped(lines[:TRIED], recognise, partial(rows_of_table, flat=flat))):
+        return level
     for sign, recogniser, most in DIALECTS:
         some = lines[:most]
         if any(map(sign.search, some)) and (dialect := recogniser(some)):
@@ -233,8 +246,8 @@ def recognise(lines: list[str]) -> Dialect | None:
 def guess(lines: list[str]) -> Dialect | None:
     """Find a dialect for lines that are no table either: tuples, words before numbers, time stamps before a table."""
     return (
-        wrapped.stamped(lines, recognise, rows_of_table, marked=False)
-        or wrapped.stamped(lines, _labelled, rows_of_table, marked=False)
+        wrapped.stamped(lines, recognise, rows_of_table, marked=False, share=wrapped.SOME)
+        or wrapped.stamped(lines, _labelled, rows_of_table, marked=False, share=wrapped.SOME)
         or labelled.recognise(lines, marked=False)
     )
 
@@ -250,14 +263,32 @@ def _named_table(lines: list[str]) -> Cells | None:
     return table if table and table.header_text else None
 
 
-def rows_of_table(lines: list[str]) -> Cells | None:
-    """Find the rows of a table, as behind time stamps; three columns without names are x, y, z."""
+def _names_magnetometer(dialect: Dialect) -> bool:
+    """Tell whether names say in words that a magnetometer is among them, and not by a letter or an axis."""
+    known = map(meaning, dialect.names)
+    return any(each.kind == FIELD and each.axis and clearness(each.rank) == 0 for each in known)
+
+
+def names_columns(lines: list[str]) -> bool:
+    """Tell whether lines are a table with names above its columns, parted by more than spaces."""
+    some = [(place, text) for place, text in enumerate(lines[:TRIED]) if text.strip() and not _is_comment(text)]
+    cuts = (_cut(some, signs) for signs in _signs_of(some) if signs[0] != SPACES)
+    best = max(cuts, key=_Cut.score, default=None)
+    if best is None or not best.rows or 2 * len(best.rows) < len(some):
+        return False
+    width = Counter(map(len, best.rows.values())).most_common(1)[0][0]
+    start = min(place for place, cells in best.rows.items() if len(cells) == width)
+    return _header(lines[:start], best.signs[0], width, closed=False)[0] >= 0
+
+
+def rows_of_table(lines: list[str], flat: str | None = None) -> Cells | None:
+    """Find the rows of a table, as behind time stamps; three columns without names are x, y, z, two those of `flat`."""
     try:
-        layout = sniff("", lines)
+        layout = sniff("", lines, flat=flat)
     except FlindersError:
         return None
-    width = layout.grid.width
-    nameless = "xyz" if width == len("xyz") else [str(place + 1) for place in range(width)]
+    width, axes = layout.grid.width, flat or ""
+    nameless = next((each for each in ("xyz", axes) if len(each) == width), [str(place + 1) for place in range(width)])
     return Cells.of(layout, f"{SPOKEN[layout.grid.delimiter]}-separated numbers", nameless)
 
 
@@ -272,6 +303,7 @@ class _Row(NamedTuple):
 DIALECTS: Final = (
     _Row(marked.SIGN, marked.recognise, None),  # a log may begin with other messages
     _Row(_OPENS_JSON, json_records.recognise),
+    _Row(influx.SIGN, influx.recognise),
     _Row(_CLOCK, lambda lines: wrapped.stamped(lines, recognise, rows_of_table)),
     _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _labelled, _named_table)),
     _Row(_LETTER, labelled.recognise),
@@ -626,10 +658,18 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
         )
     place, text = numbers[0] if numbers else lines[0]
     line = f" (line {place + 1}: {shown(text)!r})"
-    if numbers and (other := _other_labels(name, text, line)):
-        return other
-    is_short = numbers and len(text) <= LONGEST_EXAMPLE
-    example = f"; this line is pattern={pattern_of(text)!r}, if those are its x, y and z" if is_short else ""
+    if not numbers and any(MOMENT.search(text[:PRINTED]) for _, text in lines[:MOST_ABOVE]):
+        return NoMagnetometer(
+            f"no magnetometer in {name}: no line has three numbers besides dates and times{line}; need x, y and z of a "
+            "reading on a line"
+        )
+    return (_other_labels(name, text, line) if numbers else None) or _unrecognised(name, text if numbers else "", line)
+
+
+def _unrecognised(name: str, text: str, line: str) -> UnreadableInput:
+    """Say that no readings are recognised, and the pattern of a line of numbers."""
+    pattern = pattern_of(text) if len(text) <= LONGEST_EXAMPLE else ""
+    example = f"; this line is pattern={pattern!r}, if those are its x, y and z" if pattern else ""
     return UnreadableInput(
         f"no readings are recognised in {name}{line}: need three columns of numbers, "
         f"labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT', or pattern=, which says how a line is printed{example}"

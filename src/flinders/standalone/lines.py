@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 from flinders.core import silence, units
 from flinders.live import transcript
 from flinders.readers import READERS, _columns, _devices, _layout, _names, _source, _tokenizer
-from flinders.readers.dialects import json_records, labelled, marked, wrapped
+from flinders.readers.dialects import influx, json_records, labelled, marked, wrapped
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -31,6 +31,7 @@ MODULES: Final = {
     "layout": _layout,
     "marked": marked,
     "json": json_records,
+    "influx": influx,
     "wrapped": wrapped,
     "labelled": labelled,
     "transcript": transcript,

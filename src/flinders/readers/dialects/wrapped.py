@@ -37,6 +37,7 @@ STAMP: Final = re.compile(
 )
 """The time that a serial monitor, a logger or an operating system puts before a line."""
 MOST: Final = 0.6  # share of lines that have to have a stamp
+SOME: Final = 0.1  # the same, where lines are no table and in no dialect either
 DAY_S: Final = 86400.0
 LETTERED_WORD: Final = re.compile(r"(?<![\w.+-])(?=\d*[a-fA-F])[0-9a-fA-F]{4,8}(?![\w.])")
 SIGNED: Final = (4, 6, 8)  # digits of words of 16, 24 and 32 bits
@@ -86,11 +87,13 @@ class Hexadecimal(Dialect):
         return self.inner.row(_written(line, self.digits, self.count, in_decimals=self.is_table))
 
 
-def stamped(lines: list[str], behind: Recognise, table: Recognise, *, marked: bool = True) -> Stamped | None:
-    """Find stamps before most lines; if `marked`, before a `table` only with a sign such as ``->`` behind them."""
+def stamped(
+    lines: list[str], behind: Recognise, table: Recognise, *, marked: bool = True, share: float = MOST
+) -> Stamped | None:
+    """Find stamps before a share of lines; if `marked`, before a `table` only with a sign as ``->`` behind them."""
     filled = [line for line in lines if line.strip()]
     stamps = [stamp for line in filled if (stamp := STAMP.match(line))]
-    if not stamps or len(stamps) < MOST * len(filled):
+    if not stamps or len(stamps) < share * len(filled):
         return None
     marks = {stamp["mark"] for stamp in stamps}
     if marked and marks & {",", ";", "\t"}:

@@ -5,7 +5,7 @@
  * `page.json` under `lines`.
  */
 
-import { hexadecimal, jsonLines, labelled, marked, parsed, stamped } from "./dialects.js";
+import { hexadecimal, jsonLines, labelled, marked, parsed, points, stamped } from "./dialects.js";
 import { Names } from "./names.js";
 import { revived, whole } from "./patterns.js";
 import { Prints } from "./printed.js";
@@ -75,14 +75,27 @@ class Language {
      * @throws {Unreadable}
      */
     form(lines, every = lines) {
-        const dialect = this.recognised(lines);
+        const found = this.recognised(lines);
+        const isPrint = found !== null && found.words === this.rules.labelled.WORDS;
+        const dialect = isPrint && !this.namesMagnetometer(found) && this.tables.namesColumns(lines) ? null : found;
         try {
             return dialect ? this.ofDialect(dialect, lines, every) : this.ofTable(lines, every);
         } catch (error) {
             const guess = error instanceof Unreadable && !dialect ? this.guessed(lines) : null;
-            if (!guess) throw error;
+            if (!guess || (!this.namesMagnetometer(guess) && this.tables.namesColumns(lines))) throw error;
             return this.ofDialect(guess, lines, every);
         }
+    }
+
+    /**
+     * Whether names say in words that a magnetometer is among them, and not by a letter or an axis.
+     * @param {Dialect} dialect
+     */
+    namesMagnetometer({ names }) {
+        return names.some((name) => {
+            const { kind, axis, rank } = this.prints.names.meaning(name);
+            return kind === this.rules.names.FIELD && axis && this.prints.names.clearness(rank) === 0;
+        });
     }
 
     /**
@@ -101,6 +114,7 @@ class Language {
         return (
             (lines.some((line) => programs.SIGN.test(line)) && marked(this.prints, programs, lines)) ||
             (has(layout._OPENS_JSON) && jsonLines(this.prints, json, tried)) ||
+            (has(this.rules.influx.SIGN) && points(this.prints, this.rules.influx, tried)) ||
             (has(layout._CLOCK) && stamped(wrapped, tried, behind, table, true)) ||
             (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest), (rest) => this.tableRows(rest, true))) ||
             (has(layout._LETTER) && labelled(this.prints, this.rules.labelled, tried, true)) ||
@@ -115,8 +129,8 @@ class Language {
     guessed(lines) {
         const table = (/** @type {string[]} */ rest) => this.tableRows(rest);
         return (
-            stamped(this.rules.wrapped, lines, (rest) => this.recognised(rest), table, false) ??
-            stamped(this.rules.wrapped, lines, (rest) => this.labelled(rest), table, false) ??
+            stamped(this.rules.wrapped, lines, (rest) => this.recognised(rest), table, false, this.rules.wrapped.SOME) ??
+            stamped(this.rules.wrapped, lines, (rest) => this.labelled(rest), table, false, this.rules.wrapped.SOME) ??
             labelled(this.prints, this.rules.labelled, lines, false)
         );
     }

@@ -74,6 +74,22 @@ export class Tables {
     }
 
     /**
+     * Whether lines are a table with names above its columns, parted by more than spaces.
+     * @param {string[]} texts
+     */
+    namesColumns(texts) {
+        const tried = texts.slice(0, this.layout.TRIED);
+        const lines = tried.flatMap((text, place) => (text.trim() && !this.prints.isComment(text) ? [{ text, place }] : []));
+        const signs = this.signsOf(lines).filter(([delimiter]) => delimiter !== this.rules.tokenizer.SPACES);
+        const best = largest(signs.map((each) => this.cutAt(lines, each)), ({ rows, numbers }) => [rows.size, numbers]);
+        if (!best || 2 * best.rows.size < lines.length || !best.rows.size) return false;
+        const widths = counted([...best.rows.values()].map((cells) => cells.length));
+        const width = /** @type {number} */ (largest([...widths.keys()], (each) => [widths.get(each) ?? 0]));
+        const start = Math.min(...[...best.rows].filter(([, cells]) => cells.length === width).map(([place]) => place));
+        return this.header(texts.slice(0, start), best.delimiter, width, false).place >= 0;
+    }
+
+    /**
      * Delimiters and decimal signs that lines may have.
      * @param {{text: string}[]} lines
      * @returns {[string, string][]}

@@ -15,7 +15,8 @@
  * not compared with that of the earth's field.
  *
  * The board stores at most FLINDERS_BOARD_READINGS readings, in the order in which they came, spread over directions:
- * a new one replaces one of the cell of the sphere that has most. The fit is that of the library to these readings. Its
+ * a new one replaces one of the cell of the sphere that has most, and what is read while the direction stands still
+ * becomes one reading, its mean. The fit is that of the library to these readings. Its
  * heading error allows for the correlation of their residuals and for few readings. What the library finds from the
  * order or the number of all readings is not checked here: `flinders_unchecked` lists it.
  */
