@@ -77,7 +77,7 @@ def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> li
     is_named = all(own) and len(set(own)) == len(places) and not any("," in name for name in own)
     called = {place: own[at] if is_named else str(place + 1) for at, place in enumerate(places)}
     judged: list[tuple[tuple[int, ...], ColumnGroup]] = []
-    for cells in _quaternions(values, places):
+    for cells in _quaternions(values, places, may_rest=bool(names)):
         judged.append((cells, ColumnGroup((), "a quaternion", is_known=True)))
         places = [place for place in places if place not in cells]
     for place in list(places):
@@ -125,12 +125,12 @@ def ascends(values: Floats) -> bool:
     return len(values) > 1 and bool((np.diff(values) > 0).all())
 
 
-def _quaternions(values: Floats, places: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """Find four columns in a row whose length is 1, and that change."""
+def _quaternions(values: Floats, places: Sequence[int], *, may_rest: bool) -> Iterator[tuple[int, ...]]:
+    """Find four columns in a row whose length is 1, and that change; one of them may stay 1 if they `may_rest`."""
     after = 0
     for at in range(len(places) - 3):
         cells = tuple(places[at : at + 4])
-        if at >= after and cells[3] - cells[0] == 3 and _changes(values[:, cells]):
+        if at >= after and cells[3] - cells[0] == 3 and _changes(values[:, cells], may_rest):
             four = values[:, cells]
             low, _, high = _lengths(four[np.isfinite(four).all(axis=1)])
             if low > 1 - EXACT and high < 1 + EXACT:
@@ -138,10 +138,11 @@ def _quaternions(values: Floats, places: Sequence[int]) -> Iterator[tuple[int, .
                 yield cells
 
 
-def _changes(four: Floats) -> bool:
-    """Tell whether four columns change as the parts of a quaternion do; none of them stays 1 meanwhile."""
+def _changes(four: Floats, may_rest: bool) -> bool:
+    """Tell whether four columns change as parts of a quaternion; a field in tesla beside a column of 1 does not."""
     low, high = np.nanmin(four, axis=0), np.nanmax(four, axis=0)
-    return bool((low < high).any() and not ((low == high) & (np.abs(low) > 1 - EXACT)).any())
+    is_one = (low == high) & (np.abs(low) > 1 - EXACT)
+    return bool((low < high).any() and (may_rest or not is_one.any()))
 
 
 def _runs(places: Sequence[int]) -> Iterator[list[int]]:
