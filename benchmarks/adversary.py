@@ -238,6 +238,11 @@ def remembering(rng: Generator, path: Path, *, sigma: float, time_s: float) -> F
     return scaled
 
 
+def lasting(rng: Generator, path: Path, *, sigma: float) -> Floats:
+    """The same with a memory of 1 to 30 s."""
+    return remembering(rng, path, sigma=sigma, time_s=float(np.exp(rng.uniform(0.0, np.log(30.0)))))
+
+
 def gradient(rng: Generator, path: Path, *, per_metre: float) -> Floats:
     """A field without sources that changes from place to place: symmetric, traceless."""
     tensor = rng.standard_normal((3, 3))
@@ -402,9 +407,10 @@ EFFECTS: Final[dict[str, Effect]] = {
     "memory 10 s, 1.5 µT": _slow(1.5, 10.0),
     "memory 10 s, 0.5 µT, shuffled": _slow(0.5, 10.0, log=shuffled),
     **{
-        f"{count} readings, memory {time_s:g} s, 1 µT": _slow(1.0, time_s, log=partial(thinned, count=count))
+        f"{count} readings, memory 1 to 30 s, 0.5 µT": Effect(
+            body=partial(lasting, sigma=0.5), log=partial(thinned, count=count), is_timed=False
+        )
         for count in (20, 30, 40)
-        for time_s in (1.0, 3.0, 10.0, 30.0)
     },
     "a rest, field within 20 %": Effect(rest=partial(rested, rests=1)),
     "three rests, field within 20 %": Effect(rest=partial(rested, rests=3)),
