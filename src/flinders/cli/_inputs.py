@@ -82,6 +82,9 @@ def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
     """
     words = [counted(rows, "reading")]
     for entry in skipped:
+        if entry.is_silent:
+            words.append(str(entry))
+            continue
         example = f": {entry.example!r}" if entry.example else ""
         where = f" (line {entry.lines[0]}{example})" if entry.lines else ""
         words.append(f"{counted(entry.rows, f'{entry.reason} line')}{where}")

@@ -87,8 +87,8 @@ def label(inside: str) -> str:
 def unit_of_the_earth(strength: float) -> str:
     """Find the unit in which a strength would be that of the earth's field; nothing where none would do.
 
-    >>> unit_of_the_earth(48.0), unit_of_the_earth(480.0), unit_of_the_earth(3.0)
-    ('uT', 'mG', '')
+    >>> unit_of_the_earth(48.0), unit_of_the_earth(480.0), unit_of_the_earth(4.8e-5), unit_of_the_earth(3.0)
+    ('uT', 'mG', 'T', '')
     """
     low, high = EARTH_WITH_ROOM_UT
-    return next((name for name in ("uT", "mG", "G", "nT") if low <= strength * PER_UNIT[name] <= high), "")
+    return next((name for name, scale in PER_UNIT.items() if low <= strength * scale <= high), "")

@@ -342,7 +342,7 @@ class Readings:
         plane = "" if axes == "xyz" else f"all the way round in the plane {axes}"
         how = plane or "through all directions"
         if len(self) < unknowns:
-            raise TooFewSamples(found=len(self), needed=unknowns, method=method, how=how)
+            raise TooFewSamples(found=len(self), needed=unknowns, method=method, skipped=self.summary.skipped, how=how)
         if not self.are_in_scale:
             raise OutOfScale(self.summary.moments.unit)
         health = self.summary.health

@@ -295,7 +295,7 @@ NOT_ASKED: Final = dict.fromkeys(
         "poses_by_chance",
     ),
     np.nan,
-) | dict.fromkeys(("bias_deg", "is_planar", "skipped", "nothing", "rows"), 0.0)
+) | dict.fromkeys(("bias_deg", "is_planar", "skipped", "silent", "is_doubtful", "nothing", "rows"), 0.0)
 """Quantities of what no record tells; a unit of which one of them matters is fitted by itself."""
 
 

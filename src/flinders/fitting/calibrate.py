@@ -214,7 +214,8 @@ class _Evidence(NamedTuple):
         """Take it from the summary of the readings."""
         summary = readings.summary
         coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
-        return cls(estimate, readings, readings.statistics, coverage, aiding=aiding)
+        statistics = replace(readings.statistics, doubt=_doubt(readings))
+        return cls(estimate, readings, statistics, coverage, aiding=aiding)
 
     @classmethod
     def of_record(
@@ -236,6 +237,7 @@ class _Evidence(NamedTuple):
         if hides_plane(readings, estimate):
             return None
         statistics = Statistics.of_record(record, samples.time, readings.summary.skipped)
+        statistics = replace(statistics, doubt=_doubt(readings))
         coverage = RecordCoverage(record, readings.summary, estimate.ellipsoid, estimate.rejected_beyond)
         return cls(estimate, readings, statistics, coverage, record)
 
@@ -255,6 +257,17 @@ class _Evidence(NamedTuple):
             dips = (dip_deg,) if claim.plane else self.coverage.facings(dip_deg)
         errors = (level_error(claim.ellipsoid, claim.covariance, dip_deg=dip, down=down) for dip in dips)
         return max(errors, key=lambda error: error.worst)
+
+
+def _doubt(readings: Readings) -> str:
+    """What readings look like, if not like a magnetometer's; of a long recording by its first block."""
+    recording = readings.recording
+    first = recording if recording is None or isinstance(recording, Samples) else next(iter(recording.blocks()), None)
+    if first is None or not first.nameless:
+        return ""
+    from flinders.readers._likeness import doubt
+
+    return doubt(first)
 
 
 def fit(

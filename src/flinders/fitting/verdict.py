@@ -51,7 +51,10 @@ OF_CALIBRATION: Final = (
     "rotation-unknown",
 )
 """Findings of a calibration, whatever it was made from."""
-OF_RECORDING: Final = ("quantised", "stale-repeats", "at-rest", "unordered", "time-back", "time-gap", "skipped-rows")
+OF_RECORDING: Final = (
+    "quantised", "stale-repeats", "at-rest", "unordered", "time-back", "time-gap", "no-answer", "like-gravity",
+    "skipped-rows",
+)  # fmt: skip
 """Findings of a recording as a whole."""
 OF_THE_RECORDING: Final = frozenset({"saturated", *OF_RECORDING})
 """Findings that hold whatever the fit is worth, and may be the reason why it is worth nothing."""
@@ -469,9 +472,10 @@ def _at_rail(rail: Rail) -> str:
 
 
 def _recording_record(health: Statistics) -> Record:
-    clock, lost = health.clock, [part for part in health.skipped if part.is_loss]
-    skipped = sum(part.rows for part in lost)
-    few = skipped <= 0.1 * health.rows
+    clock, most = health.clock, 0.1 * health.rows
+    silent = [part for part in health.skipped if part.is_silent]
+    lost = [part for part in health.skipped if part.is_loss and not part.is_silent]
+    skipped, unanswered = (sum(part.rows for part in parts) for parts in (lost, silent))
     return Record(
         {
             "rows": health.rows,
@@ -485,12 +489,17 @@ def _recording_record(health: Statistics) -> Record:
             "longest_step_s": clock.longest_step,
             "usual_step_s": clock.usual_step,
             "skipped": skipped,
+            "silent": unanswered,
+            "is_doubtful": float(bool(health.doubt)),
         },
         rails=lambda: ", ".join(map(_at_rail, health.rails)),
         intervals=lambda: counted(health.rests, "interval"),
         often=lambda: "once" if clock.backward_steps == 1 else f"{clock.backward_steps:,} times",
         skipped_rows=lambda: "; ".join(map(str, lost)),
-        check=lambda: "" if few else ". Check the sensor, its cable, and what was saved",
+        check=lambda: "" if skipped <= most else ". Check the sensor, its cable, and what was saved",
+        doubt=health.doubt,
+        silent_rows=lambda: "; ".join(map(str, silent)),
+        supply=lambda: "" if unanswered <= most else ". Check its supply and its bus, and how it is read",
     )
 
 

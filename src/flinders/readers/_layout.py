@@ -19,17 +19,19 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, figures
 from flinders.readers._columns import Columns, choose
+from flinders.readers._devices import are_ids, devices_in, names_device
 from flinders.readers._known_texts import refusal
 from flinders.readers._names import (
     ACCELERATION,
     FIELD,
     FIRST,
+    MOST_NAMED,
     RATE,
     Choice,
     Meaning,
@@ -64,11 +66,14 @@ from flinders.readers.dialects import Dialect, influx, json_records, labelled, m
 from flinders.readers.dialects.pattern import Pattern
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
     from flinders.errors import InputError
+    from flinders.readers._devices import Device
     from flinders.readers._source import Source
+
+    EveryLine: TypeAlias = Callable[[], Iterable[str]]
 
 ON_BOARD: Final = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
 """What a blackbox logs; `compassUpdate` in `sensors/compass.c` of Betaflight and INAV."""
@@ -86,14 +91,13 @@ PRINTED: Final = 1024  # Characters of a line that are looked at for labels
 LONGEST_EXAMPLE: Final = 160  # Characters of a line that is shown as a pattern
 MOST_ABOVE: Final = 40  # Lines in which a header without readings is looked for
 MOST_COLUMNS: Final = 4096  # Columns of a table
-MOST_SENSORS: Final = 8  # Sensors whose number may stand before each reading
+NAMELESS: Final = 5  # Columns without a header, up to which a number ahead of three is that of a sensor
 MOST_RANGES: Final = 16  # Columns whose ranges are listed
 _PLAIN: Final = re.compile(r"[-+.,;\s\d]*(?:(?:[eE][-+]\d|nan)[-+.,;\s\d]*)*", re.ASCII)
 _GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
 _OPENS_JSON: Final = re.compile(r"^\s*[\[{]")
 _CLOCK: Final = re.compile(r"\d:\d\d:\d\d")
 _LETTER: Final = re.compile(r"[^\W\d_]")
-_SENSOR: Final = re.compile(r"[A-Za-z]{0,8}(\d)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +122,16 @@ class TextLayout:
         return self.columns.field.names[0].casefold().startswith("magadc")
 
     def is_reading(self, text: str) -> bool:
-        """Tell whether a line below the header should be a reading: no blank, comment or header come again."""
+        """Tell whether a line below the header should be a reading that is read."""
+        return self._is_row(text) and not self.is_of_other_device(text)
+
+    def is_of_other_device(self, text: str) -> bool:
+        """Tell whether a line is a row of a device that is not read."""
+        device = self.columns.device
+        return device is not None and self._is_row(text) and device.is_of_other(split(text, self.grid.delimiter))
+
+    def _is_row(self, text: str) -> bool:
+        """Tell whether a line is no blank, comment or header come again."""
         return bool(text.strip()) and not _is_comment(text) and not (self.header_text and text == self.header_text)
 
     def __str__(self) -> str:
@@ -135,16 +148,19 @@ class Cells(Dialect):
     """Rows of a table."""
 
     grid: Grid
+    header_text: str = ""  # a line that says their names
 
     @classmethod
     def of(cls, layout: TextLayout, words: str, nameless: Sequence[str] = ()) -> Cells:
         """Take the rows of a table; the units below its header go into the names, and without one it has `nameless`."""
         named = zip_longest(layout.header, layout.units, fillvalue="")
         names = [f"{name}_{unit}" if unit and not meaning(name).unit else name for name, unit in named]
-        return cls(words, tuple(names or nameless), layout.grid)
+        return cls(words, tuple(names or nameless), layout.grid, layout.header_text)
 
     def row(self, line: str) -> list[str] | None:
         """Cut a line; one of another width, or with words for the magnetometer's numbers, is another line."""
+        if self.header_text and line == self.header_text:
+            return []
         if _is_comment(line) or self.grid.row(line) is None:
             return None
         cells = split(line, self.grid.delimiter)[: self.grid.width or None]
@@ -157,31 +173,36 @@ def recognise_layout(
     lay_out: Callable[..., TextLayout],
     pattern: str | None = None,
     flat: str | None = None,
+    every: EveryLine | None = None,
 ) -> tuple[Dialect | None, TextLayout]:
     """Recognise how lines are written: as a table, which `lay_out` does, or in a dialect that makes one.
 
     Raises what `lay_out` raises where they are neither; of a text that is known, `NoMagnetometer` says what it is.
+    `every` gives all lines, of which `lines` are the first.
     """
+    every = every or (lambda: lines)
     if pattern is None and (known := refusal(name, lines)):
         raise known
     dialect = Pattern.of(pattern) if pattern is not None else recognise(lines, flat)
     if isinstance(dialect, labelled.Labelled) and not _names_magnetometer(dialect) and names_columns(lines):
         dialect = None
     try:
-        return dialect, _laid_out(name, lines, lay_out, dialect)
+        return dialect, _laid_out(name, lines, lay_out, dialect, every)
     except (NoMagnetometer, UnreadableInput):
         dialect = None if dialect else guess(lines)
         if dialect is None or (not _names_magnetometer(dialect) and names_columns(lines)):
             if known := refusal(name, lines, is_unread=True):
                 raise known from None
             raise
-    return dialect, _laid_out(name, lines, lay_out, dialect)
+    return dialect, _laid_out(name, lines, lay_out, dialect, every)
 
 
-def _laid_out(name: str, lines: list[str], lay_out: Callable[..., TextLayout], dialect: Dialect | None) -> TextLayout:
+def _laid_out(
+    name: str, lines: list[str], lay_out: Callable[..., TextLayout], dialect: Dialect | None, every: EveryLine
+) -> TextLayout:
     """Lay out a table, or the one that a dialect makes of these lines."""
     if dialect is None:
-        return lay_out(lines)
+        return lay_out(lines, every=every)
     trial = deepcopy(dialect)  # it remembers parts of a reading
     rows, filled = list[str](), 0
     for line in lines:
@@ -191,7 +212,15 @@ def _laid_out(name: str, lines: list[str], lay_out: Callable[..., TextLayout], d
             break
     if not filled:
         raise NoMagnetometer(f"{name} is a {dialect.words} without a line of a magnetometer")
-    return replace(lay_out(rows, header=dialect.names), words=dialect.words)
+    return replace(lay_out(rows, header=dialect.names, every=partial(_rows_of, dialect, every)), words=dialect.words)
+
+
+def _rows_of(dialect: Dialect, every: EveryLine) -> Iterator[str]:
+    """Yield the rows of a table that a dialect makes of all lines."""
+    trial = deepcopy(dialect)
+    for line in every():
+        if cells := trial.row(line):
+            yield ",".join(cells)
 
 
 def split_records(source: Source, encoding: str, beginning: str) -> Source | None:
@@ -226,6 +255,12 @@ def guess(lines: list[str]) -> Dialect | None:
 def _labelled(lines: list[str]) -> Dialect | None:
     """Find labels that name a magnetometer, else three numbers between any words."""
     return labelled.recognise(lines) or labelled.recognise(lines, marked=False)
+
+
+def _named_table(lines: list[str]) -> Cells | None:
+    """Find the rows of a table with a header."""
+    table = rows_of_table(lines)
+    return table if table and table.header_text else None
 
 
 def _names_magnetometer(dialect: Dialect) -> bool:
@@ -270,7 +305,7 @@ DIALECTS: Final = (
     _Row(_OPENS_JSON, json_records.recognise),
     _Row(influx.SIGN, influx.recognise),
     _Row(_CLOCK, lambda lines: wrapped.stamped(lines, recognise, rows_of_table)),
-    _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _labelled)),
+    _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _labelled, _named_table)),
     _Row(_LETTER, labelled.recognise),
 )
 
@@ -287,6 +322,7 @@ def sniff(
     header: Sequence[str] = (),
     flat: str | None = None,
     choice: Choice = FIRST,
+    every: EveryLine | None = None,
 ) -> TextLayout:
     """Recognise by its first lines how a table is laid out; `header` are names that are known from elsewhere."""
     lines = [(place, text) for place, text in enumerate(texts) if text.strip() and not _is_comment(text)]
@@ -299,8 +335,8 @@ def sniff(
         best = max((_cut(some, signs, least) for signs in _signs_of(some)), key=_Cut.score, default=None)
         if best is not None and best.rows:
             choosing = partial(choose, asked=columns, flat=flat, choice=choice, source=name)
-            return _table(name, texts, best, header, choosing, is_asked=columns is not None)
-    raise _nothing(name, lines)
+            return _table(name, texts, best, header, choosing, every or (lambda: texts), is_asked=columns is not None)
+    raise _extremes(name, [text for _, text in lines]) or _nothing(name, lines)
 
 
 def _table(
@@ -309,6 +345,7 @@ def _table(
     best: _Cut,
     known: Sequence[str],
     choosing: partial[Columns | None],
+    every: EveryLine,
     *,
     is_asked: bool,
 ) -> TextLayout:
@@ -322,12 +359,14 @@ def _table(
     closed = not any(cells[-1].strip() for cells in alike)
     place, header = (-1, list(known)) if known else _header(texts[:start], signs[0], width, closed=closed)
     width -= closed and len(header) != width  # each line ends with a delimiter
-    values = np.array([best.values[place][:width] for place in places[:SAMPLED]], dtype=float)
+    devices = _devices(header, alike, signs[0], every)
+    own = [place for place in places if not (devices and devices[0].is_of_other(rows[place]))] or places
+    values = np.array([best.values[place][:width] for place in own[:SAMPLED]], dtype=float)
     units = _units(texts[place + 1 : start], signs[0], len(header)) if place >= 0 else ()
     if not header and not is_asked:
-        _refuse_numbered(name, alike)
+        _refuse_nameless(name, devices, width)
     line = f" (line {start + 1}: {shown(texts[start])!r})"
-    chosen = choosing(header, values, units=units, quoted=line)
+    chosen = choosing(header, values, units=units, quoted=line, devices=devices)
     if chosen is None:
         raise _no_magnetometer(name, header, values, texts[start], line)
     if not is_asked:
@@ -344,6 +383,26 @@ def _table(
         header_line=place + 1,
         header_text=texts[place] if place >= 0 else "",
     )
+
+
+def _devices(
+    header: Sequence[str], alike: Sequence[Sequence[str]], delimiter: str, every: EveryLine
+) -> tuple[Device, ...]:
+    """Devices that a column of a table tells apart, by its name or the first rows, and then by all of its rows."""
+    width = len(alike[0])
+    if header:
+        places = [place for place, name in enumerate(header) if names_device(name)]
+    else:
+        ahead = width - len("xyz") if width <= NAMELESS else 0
+        places = [at for at in range(width) if are_ids((row[at] for row in alike), is_ahead=at < ahead)]
+
+    def rows() -> Iterator[tuple[str, ...]]:
+        for text in every():
+            cells = split(text, delimiter)
+            if fits(cells, width):
+                yield tuple(cells[place] for place in places)
+
+    return devices_in(header, places, rows) if places else ()
 
 
 def _is_comment(text: str) -> bool:
@@ -465,19 +524,16 @@ def _could_name(names: list[str], delimiter: str) -> bool:
 # What is refused ------------------------------------------------------------------------------------------------------
 
 
-def _refuse_numbered(name: str, rows: Sequence[Sequence[str]]) -> None:
-    """Refuse a table without a header in which the number of a sensor stands before the three of each line."""
-    width = len(rows[0])
-    for place in range(width - 3) if width in (4, 5) else ():
-        words = Counter(row[place].strip(" ()[]:#,;") for row in rows)
-        numbers = sorted(int(match[1]) for word in words if (match := _SENSOR.fullmatch(word)))
-        is_row = len(numbers) == len(words) and numbers in (list(range(len(words))), list(range(1, len(words) + 1)))
-        if is_row and 2 <= len(words) <= MOST_SENSORS and min(words.values()) > 1:
-            last = ",".join(str(cell) for cell in range(width - 2, width + 1))
-            raise NoMagnetometer(
-                f"column {place + 1} of {name} says which sensor each line is of ({', '.join(sorted(words))}): keep "
-                f"the lines of one of them; columns='{last}' reads all as one sensor"
-            )
+def _refuse_nameless(name: str, devices: Sequence[Device], width: int) -> None:
+    """Refuse a table without a header in which a column says which of several sensors each line is of."""
+    if devices and width <= NAMELESS:
+        words = ", ".join(" ".join(device.words) for device in devices[:MOST_NAMED])
+        column = devices[0].cells[0]
+        others = ",".join([str(cell + 1) for cell in range(width) if cell not in devices[0].cells][-3:])
+        raise NoMagnetometer(
+            f"column {column + 1} of {name} says which sensor each line is of ({words}): add columns='{others}' where "
+            "those are x, y and z, and say with sensor= which one is meant"
+        )
 
 
 def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -523,7 +579,25 @@ def ranges(values: Floats) -> str:
     return ", ".join(written + ["…"] * (len(ends) > MOST_RANGES))
 
 
+def _extremes(name: str, texts: Sequence[str]) -> NoMagnetometer | None:
+    """Say what to do with six numbers alone, the smallest and the largest of each axis; None for anything else."""
+    if len(texts) > 2 * len("xyz"):
+        return None
+    numbers = [each for text in texts for each in cut(text[:PRINTED])[0]]
+    if len(numbers) != 2 * len("xyz"):
+        return None
+    pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
+    in_turn = all((number(low, ".") or 0.0) < (number(high, ".") or 0.0) for low, high in pairs)
+    typed = ",".join(numbers) if in_turn else "X0,X1,Y0,Y1,Z0,Z1"
+    return NoMagnetometer(
+        f"{name} has six numbers and no readings: where they are the smallest and the largest reading of each axis, "
+        f"type them: flinders calibrate --minmax={typed}"
+    )
+
+
 def _no_magnetometer(name: str, header: list[str], values: Floats, text: str, line: str) -> NoMagnetometer:
+    if not header and len(values) == 1 and (extremes := _extremes(name, [text])):
+        return extremes
     if header:
         return NoMagnetometer(
             f"no magnetometer among the columns of {name}: {listed(header)}; "

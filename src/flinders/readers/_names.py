@@ -245,6 +245,15 @@ def tells_nothing(name: str) -> bool:
     return known.is_bare or not (known.kind or is_other)
 
 
+def words_of(name: str) -> list[str]:
+    """Take a name apart into its words, without a unit.
+
+    >>> words_of("deviceID"), words_of("MAC address"), words_of("node_2 (uT)")
+    (['device', 'ID'], ['MAC', 'address'], ['node', '2'])
+    """
+    return _words(name)[0]
+
+
 def is_unit(text: str) -> bool:
     """Tell whether a text is a unit and nothing else, as in a row of units below a header."""
     return _IN.sub("", PARTED.sub(r"\1", text)).casefold() in _UNITS

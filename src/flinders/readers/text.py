@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import ACCOMPANYING, BLOCK, Skipped, TimeSpan, added
+from flinders.core.samples import ACCOMPANYING, BLOCK, NOTED, Skipped, TimeSpan, added, unanswered
+from flinders.core.silence import silent
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput
 from flinders.readers._columns import ColumnsRecording, unit_of, wanted_acceleration, wanted_strength
@@ -65,7 +66,6 @@ _CALIBRATION: Final = re.compile(
 UNREADABLE: Final = "unreadable"
 NOT_FINITE: Final = "not finite"
 OTHER: Final = "other"  # Why lines are left out that are none of the dialect
-SHOWN_LINES: Final = 10  # Numbers of lines that are noted, of each reason
 _NO_GAIN: Final = 1024  # INAV's ``maggain`` that changes nothing
 
 
@@ -99,7 +99,7 @@ class TextRecording(ColumnsRecording):
         """Read these columns, in the unit that their names or the user say."""
         own = unit_of(columns, self.source, unit, scale)
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
-        layout = replace(self.layout, columns=columns.with_strength_in(own), grid=grid)
+        layout = replace(self.layout, columns=columns.in_given(unit, scale).with_strength_in(own), grid=grid)
         frame = "vehicle" if layout.is_blackbox else self.frame
         return replace(self, layout=layout, unit=own, frame=frame)
 
@@ -196,7 +196,7 @@ class TextRecording(ColumnsRecording):
         self.skipped = ()
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
         for lines, read, usable in self._read(grid, columns):
-            rows, left_out = accounted(lines, read, usable, shapes)
+            rows, left_out = accounted(lines, read, usable, columns, shapes)
             if self.transcription:
                 left_out += self.transcription.others(others)
                 others = self.transcription.others()
@@ -242,16 +242,19 @@ class TextRecording(ColumnsRecording):
 
     def _is_all_readings(self, text: str) -> bool:
         """Tell whether lines below the header hold neither that nor a comment; blank lines they may hold."""
+        if self.layout.columns.device is not None:
+            return False
         header_text = self.layout.header_text
         others = (*COMMENTS, header_text) if header_text else COMMENTS
         # one character is found in a tenth of the time that two take
         return not any(other[0] in text and other in text for other in others)
 
     def _usable(self, rows: NumberRows, columns: Columns) -> NDArray[np.bool_]:
-        """Tell which rows have a field that is finite also in `unit.inside`; a time may be missing."""
-        with np.errstate(over="ignore"):
-            usable = np.isfinite(columns.taken(rows.values.T, columns.field) * self.unit.scale)
-        return np.asarray(usable.all(axis=1), dtype=np.bool_)
+        """Tell which rows are a sensor's answer, finite also in `unit.inside`; a time may be missing."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            read = columns.readings(rows.values.T)
+            usable = np.isfinite(read * self.unit.scale).all(axis=1)
+        return np.asarray(usable & ~silent(read), dtype=np.bool_)
 
     def _samples(self, block: _Block) -> Iterator[tuple[Floats, Samples]]:
         """Make samples of the rows that can be used, with the numbers of their lines, `BLOCK` at a time."""
@@ -332,12 +335,15 @@ class Tally:
 
 
 def accounted(
-    lines: Lines, rows: NumberRows, usable: NDArray[np.bool_], shapes: LineShapes
+    lines: Lines, rows: NumberRows, usable: NDArray[np.bool_], columns: Columns, shapes: LineShapes
 ) -> tuple[NumberRows, tuple[Skipped, ...]]:
     """Account for the rows of a block that cannot be used and the lines that are none; drop those that accompany."""
-    left_out: tuple[Skipped, ...] = ()
-    if not usable.all():
-        gaps = [rows.lines[int(place)] for place in np.flatnonzero(~usable)]
+    unusable = np.flatnonzero(~usable)
+    read = columns.readings(rows.values[unusable].T)
+    is_silent = silent(read)
+    left_out = unanswered(read[is_silent, 0], rows.numbers[unusable[is_silent]])
+    if not is_silent.all():
+        gaps = [rows.lines[int(place)] for place in unusable[~is_silent]]
         left_out += (_skipped(lines, gaps, NOT_FINITE),)
     if rows.unreadable:
         left_out += besides(lines, [number for number, _ in rows.unreadable], shapes, UNREADABLE)
@@ -362,7 +368,7 @@ def besides(lines: Lines, others: Sequence[int], shapes: LineShapes, reason: str
 def _skipped(lines: Lines, numbers: Sequence[int], reason: str) -> Skipped:
     """An account of the lines of these numbers, which shows the first."""
     example = lines.texts[numbers[0] - lines.first]
-    return Skipped(reason, len(numbers), tuple(numbers[:SHOWN_LINES]), shown(example))
+    return Skipped(reason, len(numbers), tuple(numbers[:NOTED]), shown(example))
 
 
 class _Held(NamedTuple):
@@ -432,7 +438,8 @@ def _laid_out(
     if pattern is None and may_be_glued and (apart := split_records(file, encoding, beginning)):
         file, encoding = apart, "utf-8"
     opening, is_all = file.opening(encoding)
-    dialect, layout = recognise_layout(file.name, opening, lay_out, pattern, flat)
+    every = partial(_lines, file, encoding) if isinstance(file, File) else None
+    dialect, layout = recognise_layout(file.name, opening, lay_out, pattern, flat, every)
     if dialect is not None:
         transcription = Transcription(file, dialect, encoding)
         return _LaidOut(transcription.table, layout, is_all, transcription)
@@ -440,6 +447,12 @@ def _laid_out(
         layout = replace(layout, in_force=calibration_in_force(opening[: layout.start - 1]))
     end = re.search("\r\n|\n|\r", beginning)
     return _LaidOut(file, replace(layout, encoding=encoding, newline=end[0] if end else "\n"), is_all)
+
+
+def _lines(file: File, encoding: str) -> Iterator[str]:
+    """Yield all lines of a file."""
+    for lines in file.lines(encoding):
+        yield from lines.texts
 
 
 def calibration_in_force(above: Sequence[str]) -> str:

@@ -120,7 +120,7 @@ def _read(outcome: Fit | FitError, fit: Fit | None, provenance: Provenance) -> l
         more = f"; and {counted(len(runs) - RUNS, 'more run')}" if len(runs) > RUNS else ""
         items.append(f"Left out, as they do not belong to the rest: {'; '.join(runs[:RUNS])}{more}.")
     findings = fit.findings if fit else ()
-    items += [as_sentence(finding.advice) for finding in findings if finding.code == "skipped-rows"]
+    items += [as_sentence(finding.advice) for finding in findings if finding.code in ("no-answer", "skipped-rows")]
     return [*items, *(f"Left out: {entry}." for entry in getattr(outcome, "skipped", ()))]
 
 

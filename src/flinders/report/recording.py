@@ -16,7 +16,7 @@ from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label, unit_of_the_e
 from flinders.diagnostics.unmoved import require_moved
 from flinders.errors import FitError, InputError, Unmoved, counted, figures
 from flinders.fitting.calibrate import fit
-from flinders.readers._likeness import likeness
+from flinders.readers._likeness import likeness, looks_like
 from flinders.readers._names import meaning
 from flinders.report.formatting import written_time
 from flinders.report.terminal import facts, page
@@ -341,9 +341,7 @@ def _of_values(sensor: RecordedSensor) -> list[str]:
     """What is odd about the values of a sensor that was turned."""
     doubts = []
     if sensor.likeness:
-        names = sensor.name.removeprefix("columns ").replace(", ", ",")
-        option = f"--columns {shlex.quote(names)}"
-        doubts.append(f"these look like {sensor.likeness}: if a magnetometer recorded them after all, add {option}")
+        doubts.append(looks_like(sensor.likeness, sensor.name.removeprefix("columns ").replace(", ", ",")))
     if sensor.repeats > STALE * sensor.readings:
         doubts.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
     if sensor.rails:

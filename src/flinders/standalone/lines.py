@@ -13,9 +13,9 @@ import dataclasses
 import re
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.core import units
+from flinders.core import silence, units
 from flinders.live import transcript
-from flinders.readers import READERS, _columns, _layout, _names, _source, _tokenizer
+from flinders.readers import READERS, _columns, _devices, _layout, _names, _source, _tokenizer
 from flinders.readers.dialects import influx, json_records, labelled, marked, wrapped
 
 if TYPE_CHECKING:
@@ -23,9 +23,11 @@ if TYPE_CHECKING:
 
 MODULES: Final = {
     "units": units,
+    "silence": silence,
     "names": _names,
     "tokenizer": _tokenizer,
     "columns": _columns,
+    "devices": _devices,
     "layout": _layout,
     "marked": marked,
     "json": json_records,

@@ -232,6 +232,7 @@ class Statistics:
     step: float  #: of the coarsest axis that is read in coarse steps; 0 where none is
     clock: TimeStamps  #: what the time stamps say
     skipped: tuple[Skipped, ...]  #: rows left out while reading
+    doubt: str = ""  #: what the readings look like, if not like a magnetometer's, where nobody says that they are
 
     @classmethod
     def of_record(cls, record: Records, time: Floats | None = None, skipped: tuple[Skipped, ...] = ()) -> Self:

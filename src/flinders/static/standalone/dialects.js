@@ -371,13 +371,11 @@ export function stamped(rules, lines, behind, table, isMarked, share = rules.MOS
 
 class Hexadecimal {
     /**
-     * @param {RegExp} word
-     * @param {number} count Words of a line that are hexadecimal, its last.
+     * @param {(line: string) => string} written A line with its words as `inner` reads them.
      * @param {Dialect} inner
      */
-    constructor(word, count, inner) {
-        this.word = word;
-        this.count = count;
+    constructor(written, inner) {
+        this.written = written;
         this.inner = inner;
         this.words = `hexadecimal words in ${inner.words}`;
         this.names = inner.names;
@@ -385,31 +383,40 @@ class Hexadecimal {
 
     /** @returns {Dialect} */
     fresh() {
-        return new Hexadecimal(this.word, this.count, this.inner.fresh());
+        return new Hexadecimal(this.written, this.inner.fresh());
     }
 
     /** @param {string} line */
     row(line) {
-        return this.inner.row(withPrefixes(line, this.word, this.count));
+        return this.inner.row(this.written(line));
     }
 }
 
 /**
- * Lines of three words of one length that only hexadecimal digits explain.
+ * Lines of three words of one length that only hexadecimal digits explain, or such rows of any lengths.
  * @param {Constants} rules
  * @param {string[]} lines
  * @param {Recognise} behind
+ * @param {Recognise} table
  * @returns {Dialect | null}
  */
-export function hexadecimal(rules, lines, behind) {
-    for (const word of /** @type {RegExp[]} */ (Object.values(rules.WORDS))) {
-        const wordsOf = (/** @type {string} */ line) => every(word, line).map((match) => match[0]);
-        const rows = lines.map(wordsOf).filter((words) => words.length >= rules.LEAST);
+export function hexadecimal(rules, lines, behind, table) {
+    const { LEAST, LETTERED, MOST, SIGNED, WORDS, _BETWEEN } = rules;
+    const cells = lines.map((line) => line.trim().split(_BETWEEN));
+    const bare = cells.filter((words) => words.length >= LEAST && words.every((word) => whole(WORDS[0], word)));
+    for (const digits of [...SIGNED, 0]) {
+        const found = lines.map((line) => every(WORDS[digits], line).map((match) => match[0]));
+        const rows = digits ? found.filter((words) => words.length >= LEAST) : bare;
         const lettered = rows.filter((words) => !words.every((each) => /^\d+$/.test(each)));
-        if (!lettered.length || lettered.length < rules.LETTERED * rows.length) continue;
+        if (!lettered.length || lettered.length < LETTERED * rows.length || rows.length < MOST * bare.length) continue;
         const count = hexadecimalWords(rules, rows);
-        const inner = behind(lines.map((line) => withPrefixes(line, word, count)));
-        return inner && new Hexadecimal(word, count, inner);
+        const [inDecimals, withPrefixes] = [(/** @type {string} */ word) => `${signed(rules, word)}`, (/** @type {string} */ word) => `0x${word}`].map(
+            (write) => (/** @type {string} */ line) => rewritten(line, WORDS[digits], count, write),
+        );
+        const rowsBehind = table(lines.map(inDecimals));
+        if (rowsBehind) return new Hexadecimal(inDecimals, rowsBehind);
+        const inner = digits ? behind(lines.map(withPrefixes)) : null;
+        return inner && new Hexadecimal(withPrefixes, inner);
     }
     return null;
 }
@@ -430,15 +437,26 @@ function hexadecimalWords(rules, rows) {
 }
 
 /**
- * A line with `0x` before its last words of so many digits.
+ * A line with its last words of a kind written anew.
  * @param {string} line
  * @param {RegExp} word
  * @param {number} count
+ * @param {(word: string) => string} write
  */
-function withPrefixes(line, word, count) {
+function rewritten(line, word, count, write) {
     const words = every(word, line);
     const last = words.length >= count ? words.slice(-count).reverse() : [];
-    return last.reduce((text, { index }) => `${text.slice(0, index)}0x${text.slice(index)}`, line);
+    return last.reduce((text, { 0: each, index }) => `${text.slice(0, index)}${write(each)}${text.slice(index + each.length)}`, line);
+}
+
+/**
+ * The two's complement of a word of 16, 24 or 32 bits; a shorter one, which lacks its zeros, is positive.
+ * @param {Constants} rules
+ * @param {string} word
+ */
+function signed({ SIGNED }, word) {
+    const [value, bits] = [Number.parseInt(word, 16), 4 * word.length];
+    return SIGNED.includes(word.length) && value >= 2 ** (bits - 1) ? value - 2 ** bits : value;
 }
 
 // Lines in which labels say what the numbers are

@@ -9,6 +9,7 @@ import { hexadecimal, jsonLines, labelled, marked, parsed, points, stamped } fro
 import { Names } from "./names.js";
 import { revived, whole } from "./patterns.js";
 import { Prints } from "./printed.js";
+import { Silence } from "./silence.js";
 import { Tables, Unreadable } from "./tables.js";
 
 /** @typedef {import("./dialects.js").Dialect} Dialect */
@@ -40,6 +41,7 @@ const REMEMBERED = 20;
  * @property {"uT" | "counts"} unit
  * @property {{unit: string, scale: number}} raw The recorded unit, and what one of it is in `unit`.
  * @property {boolean} isTimed
+ * @property {Silence} silence Readings so far at which the sensor did not answer.
  * @property {(line: string) => Reading | null | undefined} reading Null for another line, undefined for one without a reading.
  */
 
@@ -67,20 +69,21 @@ class Language {
 
     /**
      * How lines are written.
-     * @param {string[]} lines
+     * @param {string[]} lines The first.
+     * @param {string[]} [every] All, by which several devices are told apart.
      * @returns {Form}
      * @throws {Unreadable}
      */
-    form(lines) {
+    form(lines, every = lines) {
         const found = this.recognised(lines);
         const isPrint = found !== null && found.words === this.rules.labelled.WORDS;
         const dialect = isPrint && !this.namesMagnetometer(found) && this.tables.namesColumns(lines) ? null : found;
         try {
-            return dialect ? this.ofDialect(dialect, lines) : this.ofTable(lines);
+            return dialect ? this.ofDialect(dialect, lines, every) : this.ofTable(lines, every);
         } catch (error) {
             const guess = error instanceof Unreadable && !dialect ? this.guessed(lines) : null;
             if (!guess || (!this.namesMagnetometer(guess) && this.tables.namesColumns(lines))) throw error;
-            return this.ofDialect(guess, lines);
+            return this.ofDialect(guess, lines, every);
         }
     }
 
@@ -113,7 +116,7 @@ class Language {
             (has(layout._OPENS_JSON) && jsonLines(this.prints, json, tried)) ||
             (has(this.rules.influx.SIGN) && points(this.prints, this.rules.influx, tried)) ||
             (has(layout._CLOCK) && stamped(wrapped, tried, behind, table, true)) ||
-            (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest))) ||
+            (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest), (rest) => this.tableRows(rest, true))) ||
             (has(layout._LETTER) && labelled(this.prints, this.rules.labelled, tried, true)) ||
             null
         );
@@ -141,9 +144,10 @@ class Language {
     /**
      * Rows of a table, as behind time stamps.
      * @param {string[]} lines
+     * @param {boolean} [isNamed] It needs a header.
      * @returns {Dialect | null}
      */
-    tableRows(lines) {
+    tableRows(lines, isNamed = false) {
         let layout;
         try {
             layout = this.tables.laidOut(lines);
@@ -151,13 +155,15 @@ class Language {
             if (error instanceof Unreadable) return null;
             throw error;
         }
-        const { delimiter, decimal, width, header } = layout;
+        const { delimiter, decimal, width, header, headerText } = layout;
+        if (isNamed && !header.length) return null;
         const nameless = width === 3 ? ["x", "y", "z"] : Array.from({ length: width }, (_, i) => `${i + 1}`);
         /** @type {Dialect} */
         const rows = {
             words: `${this.rules.layout.SPOKEN[delimiter]}-separated numbers`,
             names: header.length ? header : nameless,
             row: (line) => {
+                if (headerText && line === headerText) return [];
                 const cells = this.cells(line, layout) && this.prints.split(line, delimiter).slice(0, width || undefined);
                 return cells && cells.map((cell) => cell.trim().replace(decimal, "."));
             },
@@ -169,32 +175,48 @@ class Language {
     /**
      * @param {Dialect} dialect
      * @param {string[]} lines
+     * @param {string[]} every
      * @returns {Form}
      */
-    ofDialect(dialect, lines) {
-        const trial = dialect.fresh();
-        const rows = lines.map((line) => trial.row(line) ?? []).filter((row) => row.length).slice(0, this.rules.layout.SAMPLED);
-        if (!rows.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
-        const columns = this.tables.columns(dialect.names, rows.map((row) => row.map((cell) => this.prints.number(cell) ?? NaN)));
+    ofDialect(dialect, lines, every) {
+        const first = rowsOf(dialect, lines);
+        if (!first.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
+        const devices = this.tables.devicesOf(dialect.names, first, () => rowsOf(dialect, every));
+        const rows = this.tables.ofFirst(devices, first).slice(0, this.rules.layout.SAMPLED);
+        const numbers = rows.map((row) => row.map((cell) => this.prints.number(cell) ?? NaN));
+        const columns = { ...this.tables.columns(dialect.names, numbers), devices };
         this.tables.refuseOthers(dialect.names, rows, columns, ".");
         const own = dialect.fresh();
         return this.formOf(dialect.words, columns, (line) => {
             const row = own.row(line);
-            return row?.length ? row.map((cell) => this.prints.number(cell) ?? NaN) : row && undefined;
+            if (!row?.length || this.isOfOther(devices, row)) return row && undefined;
+            return row.map((cell) => this.prints.number(cell) ?? NaN);
         });
     }
 
     /**
      * @param {string[]} lines
+     * @param {string[]} every
      * @returns {Form}
      */
-    ofTable(lines) {
-        const layout = this.tables.laidOut(lines);
+    ofTable(lines, every) {
+        const layout = this.tables.laidOut(lines, every);
         const separated = `${this.rules.layout.SPOKEN[layout.delimiter]}-separated`;
         return this.formOf(`lines of numbers, ${separated}`, layout.columns, (line) => {
             if (!line.trim() || this.prints.isComment(line) || line === layout.headerText) return undefined;
+            const { devices } = layout.columns;
+            if (devices.length && this.isOfOther(devices, this.prints.split(line, layout.delimiter))) return undefined;
             return this.cells(line, layout);
         });
+    }
+
+    /**
+     * Whether a row is of a device that is not read.
+     * @param {import("./devices.js").Device[]} devices
+     * @param {readonly string[]} cells
+     */
+    isOfOther([first], cells) {
+        return first !== undefined && this.tables.devices.isOfOther(first, cells);
     }
 
     /**
@@ -218,22 +240,40 @@ class Language {
      */
     formOf(words, columns, numbers) {
         const { PER_UNIT, COUNTS } = this.rules.units;
-        const { field, time, unit, names } = columns;
+        const { field, time, unit, names, devices } = columns;
         const scale = PER_UNIT[unit] ?? 1;
         const timed = time ? `, time in ${time.name}` : "";
+        const [first, ...others] = devices.map(({ name }) => name);
+        const device = first ? `${first} alone (also there: ${others.join(", ")}), ` : "";
+        const silence = new Silence(this.rules.silence);
         return {
-            words: `${words}: columns ${names.join(", ")} in ${unit}${timed}`,
+            words: `${words}: ${device}columns ${names.join(", ")} in ${unit}${timed}`,
             unit: unit === COUNTS ? "counts" : "uT",
             raw: { unit, scale },
             isTimed: time !== null,
+            silence,
             reading: (line) => {
                 const row = numbers(line);
                 if (!row) return row;
+                if (silence.has(field.map((cell) => row[cell]))) return undefined;
                 const [x, y, z] = field.map((cell) => row[cell] * scale);
                 return Number.isFinite(x + y + z) ? { time: secondsOf(time, row), field: [x, y, z] } : undefined;
             },
         };
     }
+}
+
+/**
+ * The rows that a dialect makes of lines.
+ * @param {Dialect} dialect
+ * @param {string[]} lines
+ */
+function rowsOf(dialect, lines) {
+    const trial = dialect.fresh();
+    return lines.flatMap((line) => {
+        const row = trial.row(line);
+        return row?.length ? [row] : [];
+    });
 }
 
 /**
@@ -290,6 +330,12 @@ export class LineReader {
     /** How lines are written, for people; empty while that is not known. */
     get words() {
         return this.form?.words ?? "";
+    }
+
+    /** Readings at which the sensor did not answer, for people; empty while they are few. */
+    get silence() {
+        const silence = this.form?.silence;
+        return silence && silence.count >= this.rules.UNANSWERED ? `${silence}; such readings are left out: check its supply and its bus` : "";
     }
 
     /**
@@ -365,7 +411,7 @@ export class LineReader {
         try {
             const trial = this.language.form(all);
             const times = all.flatMap((line) => trial.reading(line) ?? []).map(({ time }) => time ?? NaN);
-            if (!times.length) throw new Unreadable("no line has a reading");
+            if (!times.length && !trial.silence.count) throw new Unreadable("no line has a reading");
             this.isTimed = trial.isTimed && ascend(times);
             this.form = this.language.form(all); // its trial remembers parts of a reading
         } catch (error) {
@@ -440,7 +486,7 @@ export function readLog(data, name, bytes) {
     const language = languageOf(data);
     refuseForeign(language.rules.files, name, bytes);
     const lines = linesOf(language, decoded(bytes));
-    const form = language.form(lines.slice(0, OPENING));
+    const form = language.form(lines.slice(0, OPENING), lines);
     const readings = [];
     let [unknown, example] = [0, ""];
     for (const [place, line] of lines.entries()) {
@@ -451,16 +497,18 @@ export function readLog(data, name, bytes) {
         unknown++;
     }
     if (!readings.length) {
-        throw new Unreadable(`no usable reading in ${name}: need finite x, y and z; check the sensor and its wiring`);
+        const silent = form.silence.count ? ` (${form.silence})` : "";
+        throw new Unreadable(`no usable reading in ${name}${silent}: need finite x, y and z; check the sensor and its wiring`);
     }
     const hasTimes = readings.every(({ time }) => time !== null);
+    const silent = form.silence.count ? [`${form.silence}`] : [];
     const others = unknown ? [`${unknown} other ${unknown === 1 ? "line" : "lines"} (${example})`] : [];
     return {
         field: Float64Array.from(readings.flatMap(({ field }) => field)),
         time: hasTimes ? Float64Array.from(readings, ({ time }) => time ?? NaN) : null,
         unit: form.unit,
         raw: form.raw,
-        words: [`${name}: ${form.words}`, `${readings.length.toLocaleString("en")} readings`, ...others],
+        words: [`${name}: ${form.words}`, `${readings.length.toLocaleString("en")} readings`, ...silent, ...others],
     };
 }
 

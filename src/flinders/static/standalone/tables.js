@@ -1,5 +1,6 @@
 /** Tables: delimiter, decimal sign and header, and which columns are the magnetometer and the time. As `readers/_layout.py`. */
 
+import { Devices } from "./devices.js";
 import { counted, largest, median, replaced, whole } from "./patterns.js";
 
 /** @typedef {import("./names.js").Names} Names */
@@ -14,6 +15,7 @@ import { counted, largest, median, replaced, whole } from "./patterns.js";
  * @property {string} unit The recorded one: `uT`, `mG` … or `counts`.
  * @property {{cell: number, name: string, factor: number, start: number, fraction: number | null} | null} time Its place,
  *     seconds in one unit, where it starts, and the place of nanoseconds that belong to it.
+ * @property {import("./devices.js").Device[]} devices Those that another column tells apart; the rows of the first are read.
  */
 
 /**
@@ -44,20 +46,22 @@ export class Tables {
         this.signs = rules.layout.SIGNS;
         this.prints = prints;
         this.names = prints.names;
+        this.devices = new Devices(rules.devices, prints);
     }
 
     /**
      * How a table is laid out, by its first lines.
      * @param {string[]} texts
+     * @param {string[]} [every] All lines.
      * @returns {Layout}
      */
-    laidOut(texts) {
+    laidOut(texts, every = texts) {
         const lines = texts.flatMap((text, place) => (text.trim() && !this.prints.isComment(text) ? [{ text, place }] : []));
         if (!lines.length) throw new Unreadable("it holds no lines of numbers: need one reading a line");
         for (const some of [lines.slice(0, this.layout.TRIED), lines]) {
             const cuts = this.signsOf(some).map((signs) => this.cutAt(some, signs));
             const best = largest(cuts, ({ rows, numbers }) => [rows.size, numbers]);
-            if (best?.rows.size) return this.table(texts, best);
+            if (best?.rows.size) return this.table(texts, best, every);
         }
         const isHeader = (/** @type {string} */ text) =>
             this.signs.some(([sign]) => this.names.magnetometer(this.prints.split(text, sign)));
@@ -118,9 +122,10 @@ export class Tables {
     /**
      * @param {string[]} texts
      * @param {{delimiter: string, decimal: string, rows: Map<number, string[]>}} cut
+     * @param {string[]} every
      * @returns {Layout}
      */
-    table(texts, { delimiter, decimal, rows }) {
+    table(texts, { delimiter, decimal, rows }, every) {
         const widths = counted([...rows.values()].map((cells) => cells.length));
         let width = /** @type {number} */ (largest([...widths.keys()], (each) => [widths.get(each) ?? 0]));
         const often = widths.get(width) ?? 0;
@@ -132,11 +137,12 @@ export class Tables {
         const isClosed = alike.every((cells) => !cells[width - 1].trim());
         const { place, names } = this.header(texts.slice(0, start), delimiter, width, isClosed);
         if (isClosed && names.length !== width) width--;
-        const sampled = alike.slice(0, this.layout.SAMPLED).map((cells) => cells.slice(0, width));
+        const devices = this.devicesOf(names, alike, () => every.map((text) => this.prints.split(text, delimiter)));
+        const sampled = this.ofFirst(devices, alike).slice(0, this.layout.SAMPLED).map((cells) => cells.slice(0, width));
         const units = place < 0 ? [] : this.units(texts.slice(place + 1, start), delimiter, names.length);
         const values = sampled.map((cells) => cells.map((cell) => this.prints.number(cell, decimal) ?? NaN));
-        if (!names.length) this.refuseNumbered(alike);
-        const columns = this.columns(names, values, units);
+        if (!names.length) this.refuseNameless(devices, width);
+        const columns = { ...this.columns(names, values, units), devices };
         this.refuseOthers(names, alike, columns, decimal);
         const isEven = names.length > 0 || often >= this.layout.SAME_WIDTH * rows.size;
         const headerText = place < 0 ? "" : texts[place];
@@ -234,7 +240,7 @@ export class Tables {
         this.refuseUnclear(names, own);
         const stated = new Set(field.cells.map((cell) => meanings[cell].unit));
         const unit = (stated.size === 1 && [...stated][0]) || this.unitByConvention(names, own[0]) || this.rules.units.COUNTS;
-        return { field: field.cells, names: own, unit, time: this.timeOf(names, meanings, values, field.cells) };
+        return { field: field.cells, names: own, unit, time: this.timeOf(names, meanings, values, field.cells), devices: [] };
     }
 
     /**
@@ -251,7 +257,7 @@ export class Tables {
         }
         const field = isTimed ? [1, 2, 3] : [0, 1, 2];
         const time = isTimed ? this.timed(0, "1", "", values) : null;
-        return { field, names: field.map((cell) => `${cell + 1}`), unit: this.rules.units.COUNTS, time };
+        return { field, names: field.map((cell) => `${cell + 1}`), unit: this.rules.units.COUNTS, time, devices: [] };
     }
 
     /**
@@ -388,21 +394,39 @@ export class Tables {
     }
 
     /**
-     * Refuse a table without a header in which the number of a sensor is before the three of each line.
+     * Devices that a column tells apart, by its name or the first rows, and then by all rows.
+     * @param {readonly string[]} names
+     * @param {string[][]} alike The first rows.
+     * @param {() => string[][]} every
+     */
+    devicesOf(names, alike, every) {
+        const width = alike[0].length;
+        const ahead = width <= this.layout.NAMELESS ? width - 3 : 0;
+        const isTelling = (/** @type {number} */ place) => this.devices.areIds(alike.map((row) => row[place]), place < ahead);
+        const places = names.length ? [...names.keys()].filter((place) => this.devices.named(names[place])) : [...alike[0].keys()].filter(isTelling);
+        if (!places.length) return [];
+        return this.devices.in(names, places, every().filter((cells) => this.prints.fits(cells, width)));
+    }
+
+    /**
+     * Rows of the first of several devices; all where there is one, or none is of the first.
+     * @param {import("./devices.js").Device[]} devices
      * @param {string[][]} rows
      */
-    refuseNumbered(rows) {
-        const width = rows[0].length;
-        for (let place = 0; (width === 4 || width === 5) && place < width - 3; place++) {
-            const words = counted(rows.map((row) => row[place].replace(/^[ ()[\]:#,;]+|[ ()[\]:#,;]+$/g, "")));
-            const matches = [...words.keys()].map((word) => whole(this.layout._SENSOR, word));
-            const numbers = matches.flatMap((match) => (match ? [Number(match[1])] : [])).sort((a, b) => a - b);
-            const isInOrder = numbers.every((number, i) => number === numbers[0] + i);
-            const isRow = numbers.length === words.size && isInOrder && numbers[0] <= 1;
-            if (isRow && words.size >= 2 && words.size <= this.layout.MOST_SENSORS && Math.min(...words.values()) > 1) {
-                throw new Unreadable(`column ${place + 1} says which sensor each line is of: keep the lines of one of them`);
-            }
-        }
+    ofFirst(devices, rows) {
+        const own = rows.filter((row) => !devices.length || !this.devices.isOfOther(devices[0], row));
+        return own.length ? own : rows;
+    }
+
+    /**
+     * Refuse a table without a header in which a column says which of several sensors each line is of.
+     * @param {import("./devices.js").Device[]} devices
+     * @param {number} width
+     */
+    refuseNameless(devices, width) {
+        if (!devices.length || width > this.layout.NAMELESS) return;
+        const words = devices.map((device) => device.words.join(" ")).join(", ");
+        throw new Unreadable(`column ${devices[0].cells[0] + 1} says which sensor each line is of (${words}): keep the lines of one of them`);
     }
 
     /**

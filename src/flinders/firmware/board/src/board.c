@@ -118,6 +118,7 @@ int flinders_board_add(flinders_board *board, const real reading[3])
     const real *const last = board->field + 3 * (board->count ? board->count - 1 : 0);
     for (int axis = 0; axis < 3; axis++)
         if (!isfinite(reading[axis])) return FLINDERS_NOT_FINITE;
+    if (reading[0] == reading[1] && reading[1] == reading[2]) return FLINDERS_OK;
     if (board->count && !memcmp(last, reading, 3 * sizeof(real))) return FLINDERS_OK;
     board->readings++;
     widen(board, reading);

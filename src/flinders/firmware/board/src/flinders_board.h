@@ -108,7 +108,8 @@ extern "C" {
 /* Begin without readings, with the defaults in parentheses above. */
 void flinders_board_begin(flinders_board *board);
 
-/* Add a reading; FLINDERS_NOT_FINITE for one that is none. One that equals the reading before it is not added. */
+/* Add a reading; FLINDERS_NOT_FINITE for one that is none. One that equals the reading before it is not added, nor one of
+ * three equal numbers, such as 0, 0, 0 or −1, −1, −1, which a bus gives whose sensor does not answer. */
 int flinders_board_add(flinders_board *board, const flinders_real reading[3]);
 
 /* Share of a hundred equal cells of the sphere that hold a reading, 0 to 1. */
