@@ -8,7 +8,7 @@
 ``distortion``  a smooth distortion that belongs to the direction, and a field with a gradient along the hand's path
 ``outliers``    efficiency (bound ÷ rms angle error) with outliers; centre error with clusters, over that without
 ``confidence``  motions that leave something unseen: what is called good, and headings far beyond the claim
-``few``         readings, one an attitude, 10 to 40 of them: how many that only ``few-samples`` limits are wrong, and should be
+``few``         readings, one an attitude, 10 to 40: how many that only ``few-samples`` limits are wrong, and should be
 ``shrunk``      short turns of sensors that were never corrected: how many fits are shrunk, and how wrong these are
 ``doubt``       how far runs of rejected readings reach, in limits of rejection: noise near steel, and passing magnets
 ``halves``      real recordings cut in two: how far the halves' calibrations are apart, over what is claimed of that
