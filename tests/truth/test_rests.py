@@ -124,7 +124,7 @@ def test_poses_claim_what_the_places_differ_by(held: int, trials: Choose) -> Non
 def test_the_engine_fits_what_rests_are_averaged_to() -> None:
     samples = put_down(turned(), "between", 15.0, 0.03)
     rests = Rests.of(samples)
-    averaged = rests.averaged(samples)
+    averaged = rests.fitted(samples)
     record, again = engine().fit(samples.field), engine().fit(averaged.field, rests=0)
     npt.assert_allclose(record["centre"], again["centre"], rtol=1e-9)
     npt.assert_allclose(record["covariance"], again["covariance"], rtol=1e-6, atol=1e-12)

@@ -260,7 +260,7 @@ def _rested(samples: Samples) -> Samples:
     rests = Rests.of(samples)
     if not len(rests):
         return samples
-    once = rests.averaged(samples)
+    once = rests.fitted(samples)
     if once.rate is not None:
         once.rate[rests.last > rests.first] = np.nan
     return once

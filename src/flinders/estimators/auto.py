@@ -98,7 +98,7 @@ class Auto:
         """
         if readings.recording is None and not self.robust:
             return self._from_sums(readings)
-        readings = readings.averaged()
+        readings = readings.fitted()
         level = Level(self.prior, self.dip_deg) if self.prior is not None and _can_be_level(readings) else None
         if level is not None and is_level(readings.summary.moments.covariance, noise=0.0):
             return level.estimate(readings)

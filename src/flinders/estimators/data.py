@@ -182,7 +182,7 @@ class Readings:
     # where it is several recordings of one sensor: each of them. Nothing that follows the order of the readings goes
     # across from one to the next.
     parts: tuple[Readings, ...] = ()
-    whole: Readings | None = None  # where each rest is one reading here: the same with all of them, …
+    whole: Readings | None = None  # where these are those that a fit goes by: the same with all of each rest, …
     rests: Rests | None = None  # … and where the rests are in their recording
 
     @classmethod
@@ -255,15 +255,15 @@ class Readings:
         ends = np.cumsum([len(part) for part in self.parts]) if self.parts else None
         return self.recording.field, ends
 
-    def averaged(self) -> Readings:
-        """Each rest as one reading, its mean; as it is where that was done, and for what is not in memory."""
+    def fitted(self) -> Readings:
+        """Those that a fit goes by, each rest as one or none; as they are where they are that, or not in memory."""
         if self.rests is not None or not isinstance(self.recording, Samples):
             return self
         ends = self.in_memory()[1]
         rests = Rests.of(self.recording, ends)
         if not len(rests):
             return self
-        once = rests.averaged(self.recording)
+        once = rests.fitted(self.recording)
         seen = Summary.of(once)
         parts: tuple[Readings, ...] = ()
         if ends is not None:
@@ -277,7 +277,7 @@ class Readings:
         return replace(self, summary=summary, recording=once, parts=parts, whole=self, rests=rests)
 
     @property
-    def unaveraged(self) -> Readings:
+    def as_read(self) -> Readings:
         """The same with all readings of each rest."""
         return self.whole or self
 
@@ -292,6 +292,8 @@ class Readings:
             statistics,
             rests=len(self.rests),
             at_rest=self.rests.at_rest,
+            rest_spans=self.rests.spans,
+            are_rests_left_out=self.rests.are_left_out,
             fitted=once.rows,
             fitted_repeats=once.repeats,
             fitted_distinct=once.distinct,

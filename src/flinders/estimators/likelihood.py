@@ -104,8 +104,8 @@ class Likelihood:
             If only sums were given.
         """
         readings.require(self.unknowns, self.name)
-        averaged = readings.averaged()
-        return self.polish(averaged, start(averaged))
+        fitted = readings.fitted()
+        return self.polish(fitted, start(fitted))
 
     def polish(self, readings: Readings, ellipsoid: Ellipsoid, *, robust: bool = False) -> Estimate:
         """Fit from a known start, a robust one, too, where residuals may ask for it; raises as `estimate`."""

@@ -149,7 +149,7 @@ def _outlier(rows: NDArray[np.intp], first_row: int, time: Floats | None, farthe
 
 
 def _outlier_of_rests(rows: NDArray[np.intp], rests: Rests, farthest: float) -> Outlier:
-    """A run of readings of which each rest is one, with its rows and times before rests were averaged."""
+    """A run of readings that a fit goes by, with the rows and times of those that were read."""
     first, last = int(rests.first[rows[0]]), int(rests.last[rows[-1]])
     start, end = (np.nan, np.nan) if rests.time is None else (float(rests.time[first]), float(rests.time[last]))
     read = int(np.sum(rests.last[rows] - rests.first[rows] + 1))

@@ -1,18 +1,19 @@
-"""Rests: intervals in which the direction stands still, each of which is one reading of a fit.
+"""Rests: intervals in which the direction stands still, each of which is one reading of a fit, or none.
 
 However often it is read, one place tells of the surface what one reading tells, with what the field differs by from
 place to place. Fifteen seconds on a table where the field is off by 3 % would otherwise outweigh the turn before them.
-The engine finds rests (``flinders_rests``), and a fit by it alone averages them itself.
+Where readings of a turn are twenty times as many as rests, these are left out: they would only speak of directions
+that the turn did not see. The engine finds rests (``flinders_rests``), and a fit by it alone does this itself.
 
->>> turn = np.random.default_rng(1).normal(size=(100, 3))
->>> turn *= 50.0 / np.linalg.norm(turn, axis=1, keepdims=True)
->>> samples = Samples(np.concatenate([turn, np.tile([51.5, 0.0, 0.0], (200, 1))]), time=np.arange(300.0))
+>>> poses = np.random.default_rng(1).normal(size=(12, 3))
+>>> poses *= 50.0 / np.linalg.norm(poses, axis=1, keepdims=True)
+>>> samples = Samples(np.repeat(poses, 10, axis=0), time=np.arange(120.0))
 >>> rests = Rests.of(samples)
->>> rests.bounds, rests.rows, rests.count
-(array([[100, 300]]), 300, 101)
->>> averaged = rests.averaged(samples)
->>> averaged.field[-1], averaged.time[-1]
-(array([51.5,  0. ,  0. ]), 199.5)
+>>> len(rests), rests.bounds[0], rests.are_left_out
+(12, array([ 0, 10]), False)
+>>> fitted = rests.fitted(samples)
+>>> len(fitted), fitted.time[:2]
+(12, array([ 4.5, 14.5]))
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import numpy as np
 
 from flinders.core.samples import COLUMNS, Samples
 from flinders.native.engine import engine
+from flinders.summary.summary import RestSpan
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,6 +45,8 @@ class Rests:
     ----------
     bounds : (R, 2) int
         First row of each rest, and the row behind its last.
+    are_left_out : bool
+        A fit leaves them out; else each is one reading of it, its mean.
     rows : int
         Readings of the recording.
     time : (N,) float, s, optional
@@ -50,13 +54,14 @@ class Rests:
     """
 
     bounds: NDArray[np.int64]
+    are_left_out: bool
     rows: int
     time: Floats | None = None
 
     @classmethod
     def of(cls, samples: Samples, ends: NDArray[np.int64] | None = None) -> Self:
         """Those of a recording, or of several: `ends` (P,) of these."""
-        return cls(engine().rests(samples.field, ends=ends), len(samples), samples.time)
+        return cls(*engine().rests(samples.field, ends=ends), len(samples), samples.time)
 
     def __len__(self) -> int:
         return len(self.bounds)
@@ -66,26 +71,33 @@ class Rests:
         """Readings at rest."""
         return int(np.diff(self.bounds, axis=1).sum())
 
-    @property
-    def count(self) -> int:
-        """Readings with each rest as one."""
-        return len(self.first)
-
     @cached_property
     def first(self) -> NDArray[np.intp]:
-        """(M,) row of the recording at which each reading begins, with each rest as one."""
+        """(M,) row of the recording at which each reading of a fit begins."""
         begins = np.ones(self.rows, dtype=bool)
         for begin, end in self.bounds.tolist():
-            begins[begin + 1 : end] = False
+            begins[begin if self.are_left_out else begin + 1 : end] = False
         return np.flatnonzero(begins)
 
     @cached_property
     def last(self) -> NDArray[np.intp]:
-        """(M,) row of the recording at which each reading ends."""
+        """(M,) row of the recording at which it ends."""
+        if self.are_left_out:
+            return self.first
         return np.append(self.first[1:], self.rows) - 1
 
-    def averaged(self, samples: Samples) -> Samples:
-        """The recording with each rest as one reading."""
+    @property
+    def spans(self) -> tuple[RestSpan, ...]:
+        """First and last reading of each rest, counted from 1, and their times."""
+        return tuple(
+            RestSpan(begin + 1, end, *((np.nan, np.nan) if self.time is None else self.time[[begin, end - 1]].tolist()))
+            for begin, end in self.bounds.tolist()
+        )
+
+    def fitted(self, samples: Samples) -> Samples:
+        """The readings of the recording that a fit goes by."""
+        if self.are_left_out:
+            return samples[self.first]
         there = {name: values for name in COLUMNS if (values := getattr(samples, name)) is not None}
         columns: dict[str, Any] = {name: self._averaged(name, values) for name, values in there.items()}
         return replace(samples, **columns)

@@ -73,8 +73,8 @@ class Robust:
         parameters open, and there is no prior to hold them; `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name)
-        averaged = readings.averaged()
-        return estimated(recorded(averaged, self.prior, robust=2), averaged, has_statistics=True)
+        fitted = readings.fitted()
+        return estimated(recorded(fitted, self.prior, robust=2), fitted, has_statistics=True)
 
 
 METHOD: Final = Method(

@@ -91,12 +91,16 @@ ROWS: Final = (
     CatalogueRow(
         code="at-rest",
         number="share of the readings that were made while the direction stood still",
-        action="nothing: each rest counts as one reading; turn the sensor all the time",
+        action="nothing: a rest counts as one reading, or as none beside a long turn",
         rule=Rule("at_rest_share", (Grade("note", 0.1),), needs=(Needs("repeated_share", "<", 0.1),)),
         said=(
-            "{at_rest_share:.0%} of the readings were made at rest, in {intervals}: each of these counts as one reading"
+            "{at_rest_share:.0%} of the readings were made at rest ({rests}): rests {rests_count}, as the field may be "
+            "another there"
         ),
-        plain="While {number:.0%} of the readings were made, the sensor lay still. Each rest counts as one reading.",
+        plain=(
+            "While {number:.0%} of the readings were made, the sensor lay still. However long, a rest counts as one "
+            "reading at most."
+        ),
     ),
     CatalogueRow(
         code="unordered",

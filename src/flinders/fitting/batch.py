@@ -475,7 +475,7 @@ def _changes(records: Records, disturbed: Iterator[tuple[int, Samples]]) -> dict
     for place, one in disturbed:
         record = records[place]
         time = float(np.nan_to_num(record["correlation_time"], nan=1.0))
-        once = Rests.of(one).averaged(one) if record["rests"] else one
+        once = Rests.of(one).fitted(one) if record["rests"] else one
         unmodelled = unmodelled_of(once, _surface(record), dip_deg=record["dip_deg"], time=time, limit=_limit(record))
         unmodelled_deg[place] = np.nan if unmodelled is None else unmodelled.heading_deg
     return {

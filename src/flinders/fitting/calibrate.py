@@ -232,11 +232,13 @@ class _Evidence(NamedTuple):
         if record["status"] or not was_turned(record, (unit or UNSTATED).inside):
             return None
         if record["rests"]:
-            readings = readings.averaged()
+            readings = readings.fitted()
         estimate = estimated(record, readings, has_statistics=True)
         if hides_plane(readings, estimate):
             return None
         statistics = Statistics.of_record(record, samples.time, readings.summary.skipped)
+        if (rests := readings.rests) is not None:
+            statistics = replace(statistics, rest_spans=rests.spans, are_rests_left_out=rests.are_left_out)
         statistics = replace(statistics, doubt=_doubt(readings))
         coverage = RecordCoverage(record, readings.summary, estimate.ellipsoid, estimate.rejected_beyond)
         return cls(estimate, readings, statistics, coverage, record)
@@ -421,8 +423,8 @@ def _estimated(readings: Readings, estimator: Estimator, request: Request, unit:
             return recorded
     readings = within_range(_moved(readings, estimator, unit))
     if estimator.name in ONE_A_REST:
-        readings = readings.averaged()
-    joint, aiding = _aided(readings.unaveraged, request)
+        readings = readings.fitted()
+    joint, aiding = _aided(readings.as_read, request)
     if joint is not None:
         return _Evidence.of(joint, readings, aiding)._replace(is_joint=True)
     from flinders.estimators.reference.attitude_independent import at_one_strength
@@ -445,7 +447,7 @@ def _linearized(plain: _Evidence, estimator: Estimator, request: Request, unit: 
             "one by one, and leave the site out"
         )
     found, lag = _faults_of_axes(plain.estimate, plain)
-    recording = plain.readings.unaveraged.recording
+    recording = plain.readings.as_read.recording
     if plain.record is None or not isinstance(recording, Samples) or found is None or not found.is_likely:
         return plain
     if lag is not None and lag.is_proven and lag.p_value < found.p_value:  # looks a little like curves
@@ -722,7 +724,7 @@ def _drift(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Drift | N
 
 def _with_halves(drift: Drift | None, estimate: Estimate, readings: Readings, request: Request) -> Drift | None:
     """Compare the halves of a recording where a change is proven that does not limit by its size."""
-    samples = readings.unaveraged.recording
+    samples = readings.as_read.recording
     if drift is None or not isinstance(samples, Samples):
         return drift
     if not halves_matter(drift.heading_deg, drift.p_value, request.target_deg):
@@ -742,7 +744,7 @@ def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlineari
 
 def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
     """Whether axes were swapped while one recording in memory was made; if so, residuals are not white."""
-    samples = readings.unaveraged.recording
+    samples = readings.as_read.recording
     if readings.parts or not isinstance(samples, Samples) or not estimate.may_be_swapped:
         return None
     correlation = estimate.correlation
@@ -781,7 +783,7 @@ def _attitude_dependence(estimate: Estimate, evidence: _Evidence, dip_deg: float
 
 def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Evidence) -> float:
     """What the vertical of the accelerometer adds to a heading; NaN in a plane, and where a fit corrects it."""
-    samples, aiding = evidence.readings.unaveraged.recording, evidence.aiding
+    samples, aiding = evidence.readings.as_read.recording, evidence.aiding
     if estimate.plane or not isinstance(samples, Samples) or samples.acceleration is None:
         return math.nan
     from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg

@@ -471,6 +471,12 @@ def _at_rail(rail: Rail) -> str:
     return f"{rail.share:.1%} sit at the {rail.end} value of {'xyz'[rail.axis]} ({rail.value:g})"
 
 
+def _rests(health: Statistics) -> str:
+    """The three longest rests."""
+    longest = sorted(health.rest_spans, key=lambda span: span.first - span.last)[:3]
+    return "; ".join(map(str, longest)) + ("; …" if health.rests > len(longest) else "")
+
+
 def _recording_record(health: Statistics) -> Record:
     clock, most = health.clock, 0.1 * health.rows
     silent = [part for part in health.skipped if part.is_silent]
@@ -493,7 +499,8 @@ def _recording_record(health: Statistics) -> Record:
             "is_doubtful": float(bool(health.doubt)),
         },
         rails=lambda: ", ".join(map(_at_rail, health.rails)),
-        intervals=lambda: counted(health.rests, "interval"),
+        rests=lambda: _rests(health),
+        rests_count="are left out" if health.are_rests_left_out else "count as one reading each",
         often=lambda: "once" if clock.backward_steps == 1 else f"{clock.backward_steps:,} times",
         skipped_rows=lambda: "; ".join(map(str, lost)),
         check=lambda: "" if skipped <= most else ". Check the sensor, its cable, and what was saved",

@@ -10,7 +10,6 @@ enum { FEWEST = 12,     /* readings, of which slow noise has any likelihood */
        FEW = 50,        /* readings, of which there are autocovariances */
        TELLING = 100 }; /* readings that tell whether their noise lasts */
 
-#define DOUBT ((real)3) /* bits by which noise that lasts is likelier than white noise where few readings are all there is */
 #define MOST_FREEDOM ((real)1.3)
 #define LARGE ((real)0.08) /* noise, of the field, from which on a step that takes residuals for small is not made */
 
@@ -170,10 +169,10 @@ static int are_large(const fl_fit *fit)
 
 /* Whether slow noise can be looked for; the fit's model of it, and what the two leave of the fit. */
 static int is_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, fl_fit *fit,
-                         const fl_room *room, real doubt, real step[9], real weighed[81], real explained[81])
+                         const fl_room *room, int is_assumed, real step[9], real weighed[81], real explained[81])
 {
     return !fit->unseen &&
-           !fl_slow_noise(kernels, view, residuals, fit, room, doubt, &fit->slow, step, weighed, explained);
+           !fl_slow_noise(kernels, view, residuals, fit, room, is_assumed, &fit->slow, step, weighed, explained);
 }
 
 /* Few readings do not tell whether their noise lasts: the estimate and its covariance are averages over what it may be. */
@@ -181,7 +180,7 @@ static void assume_slow_noise(const fl_kernels *kernels, const fl_view *view, co
                               const fl_room *room, flinders_record *record)
 {
     real step[9], weighed[81], explained[81];
-    const int is_slow = is_slow_noise(kernels, view, residuals, fit, room, DOUBT, step, weighed, explained);
+    const int is_slow = is_slow_noise(kernels, view, residuals, fit, room, 1, step, weighed, explained);
     memset(&fit->slow, 0, sizeof fit->slow); /* it is assumed, not found */
     if (!is_slow) return;
     fl_raise(weighed, record->covariance, 9, 0);

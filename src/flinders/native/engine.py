@@ -74,7 +74,7 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "workspace_size": (_N,),
     "fit_parts": (_A, _A, _N, _A, _N, _A, _A, _N, _A),
     "fit_many": (_A, _A, _A, _N, _A, _A, _N, _A),
-    "rests": (_A, _N, _A, _N, _A, _N, _A),
+    "rests": (_A, _N, _A, _N, _A, _N, _A, _A),
     "polish": (_A, _N, _A, _N, _A, _A, _A, _A, _N, _A),
     "drift": (_A, _N, _A, _A, _D, _A, _N, _A),
     "regress": (_A, _A, _N, _A, _A, _D, _A, _N, _A),
@@ -192,8 +192,10 @@ class Engine:
         )
         return records
 
-    def rests(self, field: ArrayLike, *, ends: ArrayLike | None = None) -> NDArray[np.int64]:
+    def rests(self, field: ArrayLike, *, ends: ArrayLike | None = None) -> tuple[NDArray[np.int64], bool]:
         """(R, 2) first row, and row behind the last, of each interval in which the direction stands still.
+
+        And whether a fit leaves them out: else each is one reading of it.
 
         Parameters
         ----------
@@ -204,9 +206,9 @@ class Engine:
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
         bounds, (workspace, size) = np.empty((len(readings) // 4, 2), dtype=np.int64), self._workspace(len(readings))
-        count = 0 if parts is None else len(parts)
-        found = self._library.flinders_rests(readings, len(readings), parts, count, workspace, size, bounds)
-        return bounds[:found].copy()
+        count, left_out = 0 if parts is None else len(parts), np.zeros(1, dtype=np.int32)
+        found = self._library.flinders_rests(readings, len(readings), parts, count, workspace, size, bounds, left_out)
+        return bounds[:found].copy(), bool(left_out[0])
 
     def polish(
         self, field: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, ends: ArrayLike | None = None, **options: float

@@ -172,16 +172,16 @@ int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options
 }
 
 /* Make one reading of each rest: the view, and times and ends of a room, are those of the readings then. */
-static void average_rests(fl_view *view, fl_room *room, flinders_record *record)
+static void leave_rests(fl_view *view, fl_room *room, flinders_record *record)
 {
     fl_rests rests;
     size_t begin, end;
-    const fl_averaged out = {room->averaged, room->time, room->time ? room->averaged_time : NULL, room->averaged_ends};
+    const fl_fitted out = {room->fitted, room->time, room->time ? room->fitted_time : NULL, room->fitted_ends};
     fl_rests_begin(view->field, view->rows, room->ends, room->parts, room->scratch, room->passed, &rests);
     for (; fl_rests_next(&rests, &begin, &end); record->rests++) record->at_rest += (int64_t)(end - begin);
     if (!record->rests) return;
     rests.window = rests.end = 0;
-    view->rows = fl_rests_average(&rests, &out);
+    view->rows = fl_rests_fitted(&rests, &out);
     view->field = out.field;
     room->time = out.time, room->ends = room->parts ? out.ends : NULL;
     record->fitted = (int64_t)view->rows;
@@ -204,7 +204,7 @@ int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options
     if (options->statistics) record->distinct = fl_distinct(view->field, view->rows, room);
     if (options->statistics && record->distinct < 10) return FLINDERS_TOO_FEW;
     record->fitted = record->rows, record->fitted_repeats = record->repeats, record->fitted_distinct = record->distinct;
-    if (options->rests && room->averaged) average_rests(view, room, record);
+    if (options->rests && room->fitted) leave_rests(view, room, record);
     sum_up(kernels, view->field, view->rows, record);
     status = refused(record, options);
     if (status != FLINDERS_OK) return status;

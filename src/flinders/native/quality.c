@@ -52,8 +52,8 @@ int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room)
     room->begins = (size_t *)(void *)parts[9], room->counters = parts[10];
     room->directions = (real *)(void *)parts[11], room->matrices = (real *)(void *)parts[12];
     room->some = (real *)(void *)parts[13], room->series = (real *)(void *)parts[14];
-    room->averaged = (real *)(void *)parts[15], room->averaged_time = (real *)(void *)parts[16];
-    room->averaged_ends = (int64_t *)(void *)parts[17];
+    room->fitted = (real *)(void *)parts[15], room->fitted_time = (real *)(void *)parts[16];
+    room->fitted_ends = (int64_t *)(void *)parts[17];
     room->time = NULL, room->ends = NULL, room->parts = 0, room->slots = 0, room->side = room->fullest = 0;
     return 0;
 }

@@ -38,9 +38,9 @@ typedef struct {
     const real *time;        /* (rows,) or NULL; not of the workspace */
     const int64_t *ends;     /* (parts,) of the recordings that the readings are; not of the workspace */
     size_t parts;
-    real *averaged;          /* (3 * rows,) readings, each rest as one; NULL: rests are not looked for */
-    real *averaged_time;     /* (rows,) */
-    int64_t *averaged_ends;  /* (rows,) */
+    real *fitted;            /* (3 * rows,) readings that a fit goes by; NULL: rests are not looked for */
+    real *fitted_time;     /* (rows,) */
+    int64_t *fitted_ends;  /* (rows,) */
     size_t slots;            /* of the table of cells that `fl_cloud` has made of all readings */
     real fullest;            /* readings of the cell that has most of them */
     real side;               /* of a cell */
@@ -69,6 +69,7 @@ typedef struct {
     real still, noisy;       /* most that a rest moves and that its readings scatter, unit */
     size_t half, windows;    /* readings of half a window, and how many windows there are, half over half */
     unsigned char *is_still; /* (windows,) */
+    int are_left_out;        /* a fit leaves them out; else each is one reading of it */
     size_t window, end;      /* where the search goes on */
 } fl_rests;
 
@@ -78,12 +79,12 @@ typedef struct {
     const real *time_of_all;  /* (rows,) or NULL */
     real *time;               /* (rows,) or NULL, as that */
     int64_t *ends;            /* (parts,) */
-} fl_averaged;
+} fl_fitted;
 
 void fl_rests_begin(const real *field, size_t rows, const int64_t *ends, size_t parts, real *scratch,
                     unsigned char *is_still, fl_rests *rests);
 int fl_rests_next(fl_rests *rests, size_t *begin, size_t *end);
-size_t fl_rests_average(fl_rests *rests, const fl_averaged *out);
+size_t fl_rests_fitted(fl_rests *rests, const fl_fitted *out);
 
 /* fit.c: with little memory, and no statistics asked for, a room without `keys` and `some` will do; `scratch` may then be
  * the first half of `order`, and `distances` the second. */

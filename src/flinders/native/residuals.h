@@ -51,7 +51,7 @@ real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, in
 real fl_common_variance(const fl_residuals *residuals);
 void fl_raise(real *scatter, const real *white, int n, real share);
 int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,
-                  const fl_room *room, real doubt, fl_slow *slow, real step[9], real covariance[81], real without[81]);
+                  const fl_room *room, int is_assumed, fl_slow *slow, real step[9], real covariance[81], real without[81]);
 int fl_principal(const real *matrix, int n, real *values, real *vectors);
 real fl_chance_of(real chi_square, real freedom, real others);
 /* regression.c */

@@ -1,5 +1,6 @@
 /* Rests: intervals in which the direction stands still. However often it is read there, a place tells of the surface what
- * one reading tells, with what the field differs by between places; so each rest becomes one reading, its mean.
+ * one reading tells, with what the field differs by between places. So each rest becomes one reading, its mean; and it is
+ * left out where readings of a turn are so many more that it would only speak of directions which they did not see.
  *
  * Windows of readings are as short as the recording lets them be: so long that in those that are no rest the sensor turns
  * by ten times as much, on average, as it may in a rest. A window is still where its readings scatter hardly more than steps from
@@ -8,7 +9,8 @@
 #include "record.h"
 
 enum { SHORTEST = 2, /* readings of half a window */
-       FEWEST_LEFT = 12 }; /* readings, those of rests included, that a fit needs */
+       FEWEST_LEFT = 12, /* readings, those of rests included, that a fit needs */
+       MANY = 20 };      /* times as many readings of a turn as rests: these are left out */
 
 #define FAR_SHARE ((real)0.97) /* of the readings: the others may be outliers */
 #define STILL ((real)0.005)    /* movement of a rest, over the distance from the mean to the far readings */
@@ -126,17 +128,17 @@ static int mark_still(fl_rests *rests)
 /* Begin anew. */
 static void rewind_to_first(fl_rests *rests) { rests->window = rests->end = 0; }
 
-/* Readings that are left where each rest is one. */
-static size_t count_left(fl_rests *rests)
+/* Whether there are rests, and what becomes of them; none where too few readings would be left. */
+static int count_rests(fl_rests *rests)
 {
-    size_t begin, end, left = rests->rows;
-    while (fl_rests_next(rests, &begin, &end)) left -= end - begin - 1;
+    size_t begin, end, count = 0, turned = rests->rows;
+    for (; fl_rests_next(rests, &begin, &end); count++) turned -= end - begin;
     rewind_to_first(rests);
-    return left;
+    rests->are_left_out = turned >= MANY * count;
+    return count > 0 && turned + (rests->are_left_out ? 0 : count) >= FEWEST_LEFT;
 }
 
-/* Look for rests: `scratch` (rows,) and `is_still` (rows / 2,) are lent. There are none where too few readings would be
- * left. */
+/* Look for rests: `scratch` (rows,) and `is_still` (rows / 2,) are lent. */
 void fl_rests_begin(const real *field, size_t rows, const int64_t *ends, size_t parts, real *scratch,
                     unsigned char *is_still, fl_rests *rests)
 {
@@ -147,7 +149,7 @@ void fl_rests_begin(const real *field, size_t rows, const int64_t *ends, size_t 
     rests->still = STILL * rests->far, rests->noisy = NOISY * rests->far;
     for (rests->half = SHORTEST; 4 * rests->half <= rows; rests->half *= 2)
         if (mark_still(rests)) break;
-    if (4 * rests->half > rows || count_left(rests) < FEWEST_LEFT) rests->windows = 0;
+    if (4 * rests->half > rows || !count_rests(rests)) rests->windows = 0;
 }
 
 /* The mean of some readings, and their scatter about it. */
@@ -202,23 +204,23 @@ int fl_rests_next(fl_rests *rests, size_t *begin, size_t *end)
 }
 
 /* Copy readings from one row to another; out and in may overlap, out before in. */
-static void move_rows(const fl_rests *rests, size_t from, size_t to, size_t count, const fl_averaged *out)
+static void move_rows(const fl_rests *rests, size_t from, size_t to, size_t count, const fl_fitted *out)
 {
     memmove(out->field + 3 * to, rests->field + 3 * from, 3 * count * sizeof(real));
     if (out->time) memmove(out->time + to, out->time_of_all + from, count * sizeof(real));
 }
 
-/* Ends of recordings, once the rests up to a row are averaged. */
-static size_t move_ends(const fl_rests *rests, size_t part, size_t row, size_t count, const fl_averaged *out)
+/* Ends of recordings, once the rests up to a row are one reading each or none. */
+static size_t move_ends(const fl_rests *rests, size_t part, size_t row, size_t count, const fl_fitted *out)
 {
     for (; part < rests->parts && (size_t)rests->ends[part] <= row; part++)
         out->ends[part] = rests->ends[part] - (int64_t)(row - count);
     return part;
 }
 
-/* Put all readings, each rest as its mean, in the middle of its time, into `out`, which may be where they are; returns how
- * many there are. */
-size_t fl_rests_average(fl_rests *rests, const fl_averaged *out)
+/* Put the readings that a fit goes by into `out`, which may be where they are: a rest is its mean, in the middle of its
+ * time, or left out. Returns how many there are. */
+size_t fl_rests_fitted(fl_rests *rests, const fl_fitted *out)
 {
     size_t begin, end, last = 0, count = 0, part = 0;
     while (fl_rests_next(rests, &begin, &end)) {
@@ -228,10 +230,11 @@ size_t fl_rests_average(fl_rests *rests, const fl_averaged *out)
         move_rows(rests, last, count, begin - last, out);
         count += begin - last;
         part = move_ends(rests, part, begin, count, out);
+        last = end;
+        if (rests->are_left_out) continue;
         memcpy(out->field + 3 * count, mean, sizeof mean);
         if (out->time) out->time[count] = time;
         count++;
-        last = end;
     }
     move_rows(rests, last, count, rests->rows - last, out);
     count += rests->rows - last;
@@ -241,13 +244,14 @@ size_t fl_rests_average(fl_rests *rests, const fl_averaged *out)
 
 /* Where the rests of a recording are. */
 size_t flinders_rests(const real *field, size_t rows, const int64_t *ends, size_t parts, void *workspace, size_t size,
-                      int64_t *bounds)
+                      int64_t *bounds, int32_t *are_left_out)
 {
     fl_room room;
     fl_rests rests;
     size_t count = 0, begin, end;
     if (rows == 0 || fl_room_of(workspace, size, rows, &room)) return 0;
     fl_rests_begin(field, rows, ends, ends ? parts : 0, room.scratch, room.passed, &rests);
+    *are_left_out = rests.are_left_out;
     for (; fl_rests_next(&rests, &begin, &end); count++) bounds[2 * count] = (int64_t)begin, bounds[2 * count + 1] = (int64_t)end;
     return count;
 }

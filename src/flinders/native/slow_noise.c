@@ -14,6 +14,8 @@ enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * FINE + 1, FEWEST = 12, HALF
 
 #define LEAST_RATIO ((real)1e-3)  /* of the variances, disturbance over white noise */
 #define LARGEST_RATIO ((real)3e3)
+#define FEW_LEAST_RATIO ((real)0.1)   /* the same where readings are too few to tell it: as of recordings */
+#define FEW_LARGEST_RATIO ((real)100)
 #define LONGEST ((real)1.5)       /* of the recording: longer memories look the same */
 #define NEGLIGIBLE ((real)1e-4)   /* of all probability */
 #define HOPELESS ((real)14)       /* logarithm, to the base 2, of how much less likely a model is than the best */
@@ -367,10 +369,24 @@ static grid about(const grid *all, const model *best)
     return fine;
 }
 
+/* Models of both kinds over all that few readings leave open, and white noise, the last one; returns how many there are.
+ * Each kind is as likely as white noise beforehand. */
+static int models_of_few(const fl_kernels *kernels, const fl_series *series, real span, const real bent[9],
+                         const model *white, model *models)
+{
+    const real shortest = 2 * span / (real)series->n;
+    const grid all = {FEW_LEAST_RATIO, fl_pow(FEW_LARGEST_RATIO / FEW_LEAST_RATIO, 1 / (real)(FL_LANES - 1)), shortest,
+                      fl_pow(LONGEST * span / shortest, 1 / (real)(FINE - 1)), FINE};
+    int n = 0;
+    for (int kind = 0; kind < 2; kind++) n = add_grid(kernels, series, kind == 0, &all, bent, models, n);
+    for (int k = 0; k < n; k++) models[k].likelihood -= fl_log2((real)(FL_LANES * FINE));
+    models[n] = *white;
+    return n + 1;
+}
+
 /* Models of both kinds that are not hopeless beside white noise, the last one; returns how many there are. Each kind is
- * likelier than white noise beforehand by so many bits of `doubt`, and its models are so for their share of the
- * logarithms. */
-static int models_of(const fl_kernels *kernels, const fl_series *series, real span, real doubt, const real bent[9],
+ * as likely as white noise beforehand, and its models are so for their share of the logarithms. */
+static int models_of(const fl_kernels *kernels, const fl_series *series, real span, const real bent[9],
                      const model *white, model *models)
 {
     const grid all = all_of(span, series->n);
@@ -389,7 +405,6 @@ static int models_of(const fl_kernels *kernels, const fl_series *series, real sp
         for (int k = first; k < n; k++) models[k].likelihood += fl_log2(share);
     }
     models[n] = *white;
-    models[n].likelihood -= doubt;
     return n + 1;
 }
 
@@ -443,7 +458,7 @@ static void unweighted(const fl_series *series, const fl_fit *fit, const model *
 /* Find the noise, average estimate and covariance over what is not known of it, and give the covariance that the fit
  * has under the likeliest model without this step; nonzero where there is nothing to find. */
 int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,
-                  const fl_room *room, real doubt, fl_slow *slow, real step[9], real covariance[81], real without[81])
+                  const fl_room *room, int is_assumed, fl_slow *slow, real step[9], real covariance[81], real without[81])
 {
     fl_series series;
     model white = {0, 0, 1, {0}, 0, 0}, *const models = (model *)(void *)room->matrices;
@@ -454,7 +469,7 @@ int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_resid
     end_of_fit(fit, white.sums, prior_gradient, bent);
     take_off(bent, white.sums);
     if (judge(&white, 0, (real)series.n - 9)) return 1;
-    const int n = models_of(kernels, &series, span, doubt, bent, &white, models);
+    const int n = (is_assumed ? models_of_few : models_of)(kernels, &series, span, bent, &white, models);
     int best = 0;
     weigh(models, n, weights);
     memset(step, 0, 9 * sizeof(real));

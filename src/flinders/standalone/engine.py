@@ -43,17 +43,16 @@ if TYPE_CHECKING:
 NAMES: Final = frozenset(
     {
         "again", "alternating_deg", "alternating_limit", "at_rest_share", "attitudes", "axis_lag", "axis_ratio",
-        "backward_steps",
-        "correlation", "covered", "distinct", "drift", "drift_allowed_deg", "drift_by_chance", "drift_deg", "farthest",
-        "field_strength", "flatness", "flatness_limit", "halves", "hole_deg", "independent", "independent_needed",
-        "independent_readings", "independent_share", "inflation", "intervals", "is_in_counts", "is_planar",
-        "is_relative",
-        "is_unaligned", "lag_deg", "leave", "length", "longest_step_s", "movement", "nearest_earth", "next_correlation",
-        "noise_lasts", "noise_share", "nonlinear_axis", "nonlinear_deg", "nonlinear_share", "nothing", "often",
-        "outlier_share", "outliers", "path_correlation", "prior_share", "radius", "rail_share", "rails", "remedy",
-        "repeated_share", "rings", "rows", "runs", "samples", "step", "strongest", "structure_deg", "structure_share",
-        "swap", "swap_gain", "target_deg", "times_outside_earth", "uncorrected_deg", "unit", "unlike_correlation",
-        "unobserved", "unsteady_deg", "unsteady_limit_deg", "usual_step_s", "weakest", "where_flat", "why", "worst_deg",
+        "backward_steps", "correlation", "covered", "distinct", "drift", "drift_allowed_deg", "drift_by_chance",
+        "drift_deg", "farthest", "field_strength", "flatness", "flatness_limit", "halves", "hole_deg", "independent",
+        "independent_needed", "independent_readings", "independent_share", "inflation", "is_in_counts", "is_planar",
+        "is_relative", "is_unaligned", "lag_deg", "leave", "length", "longest_step_s", "movement", "nearest_earth",
+        "next_correlation", "noise_lasts", "noise_share", "nonlinear_axis", "nonlinear_deg", "nonlinear_share",
+        "nothing", "often", "outlier_share", "outliers", "path_correlation", "prior_share", "radius", "rail_share",
+        "rails", "remedy", "repeated_share", "rests", "rests_count", "rings", "rows", "runs", "samples", "step",
+        "strongest", "structure_deg", "structure_share", "swap", "swap_gain", "target_deg", "times_outside_earth",
+        "uncorrected_deg", "unit", "unlike_correlation", "unobserved", "unsteady_deg", "unsteady_limit_deg",
+        "usual_step_s", "weakest", "where_flat", "why", "worst_deg",
     }
 )  # fmt: skip
 """Quantities and words that `verdict.js` knows."""

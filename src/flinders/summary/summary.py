@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from operator import add
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -213,6 +213,19 @@ def flat_below(width: float, noise: float, *, within: float = FLAT_NOISE) -> flo
     return min(max(within * noise, FLAT * width), FLATTEST * width)
 
 
+class RestSpan(NamedTuple):
+    """An interval in which the direction stands still."""
+
+    first: int  #: first reading, counted from 1
+    last: int
+    start: float  #: s: its time; NaN without times
+    end: float
+
+    def __str__(self) -> str:
+        """Its times, or else its readings."""
+        return f"{self.start:.1f}–{self.end:.1f} s" if self.start <= self.end else f"readings {self.first}–{self.last}"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Statistics:
     """What a verdict asks of a recording, from its summary or from a record of the engine."""
@@ -222,7 +235,7 @@ class Statistics:
     distinct: int  #: different readings
     rests: int  #: intervals in which the direction stands still
     at_rest: int  #: usable readings of these
-    fitted: int  #: readings with each rest as one, which a fit goes by; of them …
+    fitted: int  #: readings that a fit goes by: a rest is one, or none beside a long turn; of them …
     fitted_repeats: int  #: … those equal to the one before, …
     fitted_distinct: int  #: … and different ones
     path_correlation: float  #: of one reading with the next
@@ -232,6 +245,8 @@ class Statistics:
     step: float  #: of the coarsest axis that is read in coarse steps; 0 where none is
     clock: TimeStamps  #: what the time stamps say
     skipped: tuple[Skipped, ...]  #: rows left out while reading
+    rest_spans: tuple[RestSpan, ...] = ()  #: where the rests are, as far as it is known
+    are_rests_left_out: bool = False  #: a fit leaves them out; else each is one reading of it
     doubt: str = ""  #: what the readings look like, if not like a magnetometer's, where nobody says that they are
 
     @classmethod

@@ -98,18 +98,21 @@ export class Engine {
     }
 
     /**
-     * The rests of a recording: first row of each, and the row behind its last.
+     * The rests of a recording.
      * @param {Float64Array} field Three numbers a reading.
-     * @returns {[number, number][]}
+     * @returns {import("./rests.js").Rests}
      */
     rests(field) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, bounds, workspace] = this.#placed([field.byteLength, 4 * rows, size]);
+        const [fieldAt, bounds, leftOut, workspace] = this.#placed([field.byteLength, 4 * rows, 4, size]);
         new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
-        const count = this.call.flinders_rests(fieldAt, rows, 0, 0, workspace, size, bounds);
+        const count = this.call.flinders_rests(fieldAt, rows, 0, 0, workspace, size, bounds, leftOut);
         const found = new BigInt64Array(this.memory.buffer, bounds, 2 * count);
-        return Array.from({ length: count }, (_, i) => [Number(found[2 * i]), Number(found[2 * i + 1])]);
+        return {
+            bounds: Array.from({ length: count }, (_, i) => [Number(found[2 * i]), Number(found[2 * i + 1])]),
+            areLeftOut: new Int32Array(this.memory.buffer, leftOut, 1)[0] === 1,
+        };
     }
 
     /**

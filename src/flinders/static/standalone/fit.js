@@ -7,7 +7,7 @@ import { shrunk, widening } from "./claim.js";
 import { cellCounts, corrected } from "./coverage.js";
 import { attitudeLimitDeg, levelRoot, levelError, rawTurn, surfaceOf, tiltedError, withStructure } from "./heading.js";
 import { leftOut, runsOf } from "./outliers.js";
-import { averaged } from "./rests.js";
+import { NO_RESTS, fittedOnce } from "./rests.js";
 import { hidesPlane } from "./plane.js";
 import { axisSwapOf } from "./swaps.js";
 import { unmovedDeg, wasTurned } from "./unmoved.js";
@@ -45,6 +45,8 @@ const CODES = ["", "too-few-samples", "not-finite", "out-of-scale", "stuck-axis"
  * @typedef {object} Left
  * @property {Float64Array} near Those close to the surface, and at no end of an axis, each rest as one.
  * @property {Outlier[]} outliers
+ * @property {import("./rests.js").Rests} rests Of those at no end of an axis, and …
+ * @property {Float64Array | null} when … their times.
  * @property {Uint8Array} isOut Of each reading of the request, whether it was left out, and …
  * @property {Uint8Array} isRail … whether it is at an end of an axis.
  */
@@ -192,19 +194,22 @@ export function fitOf(engine, data, request) {
  */
 function leftOf(engine, data, record, { some, when, isFree }) {
     const isRail = isFree.map((free) => 1 - free);
-    const once = averaged(some, record.rests ? engine.rests(some) : []);
-    if (!record.is_robust) return { near: once.field, outliers: [], isOut: isRail, isRail };
+    const rests = record.rests ? engine.rests(some) : NO_RESTS;
+    const once = fittedOnce(some, rests);
+    const known = { isRail, rests, when };
+    if (!record.is_robust) return { ...known, near: once.field, outliers: [], isOut: isRail };
     const limit = record.rejected_beyond;
     const distances = engine.distances(once.field, record.majority_centre, record.majority_shape).map(Math.abs);
     const out = leftOut(distances, limit, record.dense, data);
     const own = engine.distances(once.field, record.centre, record.shape);
-    const isOut = once.first.flatMap((first, i) => Array(once.last[i] - first + 1).fill(out[i]));
+    const isOut = new Uint8Array(some.length / 3);
+    once.first.forEach((first, i) => isOut.fill(out[i], first, once.last[i] + 1));
     let next = 0;
     return {
+        ...known,
         near: chosen(once.field, Uint8Array.from(own, (distance) => Number(Math.abs(distance) <= limit)), 3),
         outliers: runsOf(out, distances, when, once, data),
         isOut: isFree.map((free) => (free ? isOut[next++] : 1)),
-        isRail,
     };
 }
 

@@ -4,7 +4,7 @@ import { grouped } from "./numbers.js";
 import { counted } from "./wording.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
-/** @typedef {import("./rests.js").Averaged} Averaged */
+/** @typedef {import("./rests.js").Once} Once */
 
 /**
  * A run of readings that do not belong to the rest.
@@ -39,11 +39,11 @@ export function leftOut(distances, limit, dense, { numbers }) {
 }
 
 /**
- * The runs of what is left out of readings of which each rest is one.
+ * The runs of what is left out of readings that a fit goes by.
  * @param {Uint8Array} out
  * @param {Float64Array} distances
  * @param {Float64Array | null} time Of all readings.
- * @param {Averaged} once
+ * @param {Once} once
  * @param {EngineData} data
  * @returns {Outlier[]}
  */

@@ -1,26 +1,51 @@
-/** Readings with each rest as one, its mean: `flinders.estimators.rests`. */
+/** Readings that a fit goes by, each rest as one or none: `flinders.estimators.rests`. */
 
 /**
- * @typedef {object} Averaged
+ * Rests as the engine finds them.
+ * @typedef {object} Rests
+ * @property {[number, number][]} bounds First row of each, and the row behind its last.
+ * @property {boolean} areLeftOut A fit leaves them out; else each is one reading of it, its mean.
+ */
+
+/**
+ * @typedef {object} Once
  * @property {Float64Array} field Three numbers a reading.
- * @property {number[]} first Row at which each reading begins, before rests were averaged, and …
+ * @property {number[]} first Row at which each reading begins among those that were read, and …
  * @property {number[]} last … at which it ends.
  */
 
+/** @type {Rests} */
+export const NO_RESTS = { bounds: [], areLeftOut: false };
+
 /**
- * Average each rest.
+ * Readings that a fit goes by.
  * @param {Float64Array} field
- * @param {[number, number][]} rests First row of each, and the row behind its last.
- * @returns {Averaged}
+ * @param {Rests} rests
+ * @returns {Once}
  */
-export function averaged(field, rests) {
+export function fittedOnce(field, { bounds, areLeftOut }) {
     const rows = field.length / 3;
-    const first = Array.from({ length: rows }, (_, row) => row);
-    for (const [begin, end] of rests) first.fill(begin, begin, end);
-    const begins = first.filter((begin, row) => begin === row);
-    const last = begins.map((_, i) => (begins[i + 1] ?? rows) - 1);
-    const means = begins.flatMap((begin, i) => meanOf(field, begin, last[i] + 1));
-    return { field: Float64Array.from(means), first: begins, last };
+    const begins = Array.from({ length: rows }, (_, row) => row);
+    for (const [begin, end] of bounds) begins.fill(areLeftOut ? -1 : begin, begin, end);
+    const first = begins.filter((begin, row) => begin === row);
+    const last = areLeftOut ? first : first.map((_, i) => (first[i + 1] ?? rows) - 1);
+    const means = first.flatMap((begin, i) => meanOf(field, begin, last[i] + 1));
+    return { field: Float64Array.from(means), first, last };
+}
+
+/**
+ * The three longest rests in words.
+ * @param {Rests} rests
+ * @param {Float64Array | null} time
+ * @returns {string}
+ */
+export function longestRests({ bounds }, time) {
+    const longest = [...bounds].sort((one, other) => one[0] - one[1] - (other[0] - other[1])).slice(0, 3);
+    const spans = longest.map(([begin, end]) => {
+        const [start, stop] = time ? [time[begin], time[end - 1]] : [NaN, NaN];
+        return start <= stop ? `${start.toFixed(1)}–${stop.toFixed(1)} s` : `readings ${begin + 1}–${end}`;
+    });
+    return spans.join("; ") + (bounds.length > longest.length ? "; …" : "");
 }
 
 /**

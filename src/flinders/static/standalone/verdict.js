@@ -6,6 +6,7 @@
 import { movement } from "./guidance.js";
 import { longestRuns, outlierCount, outlierRows } from "./outliers.js";
 import { figures, general, grouped } from "./numbers.js";
+import { longestRests } from "./rests.js";
 import { angle, counted, filled } from "./wording.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
@@ -267,7 +268,8 @@ const WORDS = {
     outliers: ({ left }) => outlierCount(left.outliers),
     runs: ({ left }) => longestRuns(left.outliers),
     again,
-    intervals: ({ statistics }) => counted(statistics.rests, "interval"),
+    rests: ({ left: { rests, when } }) => longestRests(rests, when),
+    rests_count: ({ left }) => (left.rests.areLeftOut ? "are left out" : "count as one reading each"),
     rails: ({ statistics }) => statistics.rails.map(railWords).join(", "),
     often: ({ statistics: { backwardSteps: times } }) => (times === 1 ? "once" : `${grouped(times)} times`),
 };

@@ -313,13 +313,13 @@ APART void describe(flinders_board *board, const fl_view *view, const fl_surface
     advise(board, surface, record, wider * record->noise * record->noise, (const real(*)[3])centres);
 }
 
-/* Make one reading of each rest. */
-static void average_rests(flinders_board *board)
+/* Make one reading of each rest, or none beside a long turn. */
+static void leave_rests(flinders_board *board)
 {
-    const fl_averaged in_place = {board->field, NULL, NULL, NULL};
+    const fl_fitted in_place = {board->field, NULL, NULL, NULL};
     fl_rests rests;
     fl_rests_begin(board->field, board->count, NULL, 0, board->work, board->flags[0], &rests);
-    const uint16_t left = (uint16_t)fl_rests_average(&rests, &in_place);
+    const uint16_t left = (uint16_t)fl_rests_fitted(&rests, &in_place);
     if (left == board->count) return;
     board->count = left;
     count_cells(board);
@@ -328,7 +328,7 @@ static void average_rests(flinders_board *board)
 /* Fit and judge. */
 int flinders_board_solve(flinders_board *board)
 {
-    average_rests(board);
+    leave_rests(board);
     fl_view view = {board->field, board->count, NULL, 1};
     fl_room room = {.order = (uint32_t *)(void *)board->work, .scratch = board->work, .distances = board->work + READINGS,
                     .rejected = board->flags[0], .far = board->flags[1], .passed = board->flags[2]};
