@@ -23,6 +23,7 @@ from flinders.readers._likeness import advice, ascends, groups
 from flinders.readers._names import (
     ACCELERATION,
     ATTITUDE,
+    BARE,
     CURRENT,
     CURRENTS,
     FACTORS,
@@ -38,6 +39,7 @@ from flinders.readers._names import (
     Choice,
     Meaning,
     Vector,
+    clearness,
     companion,
     instruments,
     kind_of_chip,
@@ -260,25 +262,28 @@ def _by_name(names: Sequence[str], values: Floats, wanted: Sequence[int], units:
         return None
     read = {place for field in fields for place in field.cells}
     unread = [place for place, name in enumerate(names) if place not in read and tells_nothing(name)]
-    recognised = [str(group) for group in groups(values, unread, names) if group.is_known] if len(unread) > 2 else []
+    judged = groups(values, unread, names) if len(unread) > 2 else []
+    recognised = [str(group) for group in judged if group.is_known or group.is_candidate]
     others = (*passed_over(sensors, fields), *recognised)
     several = len(fields) > 1
     made = [replace(header.around(each), passed_over=others, name=each.name if several else "") for each in fields]
-    if partly := _partly_raw(header, sensors):
-        made = [replace(each, left_out=(partly, *each.left_out)) for each in made]
+    if incomplete := _incomplete(header, sensors):
+        made = [replace(each, left_out=(incomplete, *each.left_out)) for each in made]
     return replace(made[0], magnetometers=tuple(made)) if several else made[0]
 
 
-def _partly_raw(header: _Header, sensors: Sequence[Vector]) -> str:
-    """Say that raw readings are there of some axes, where others are read instead; nothing where that is not so."""
+def _incomplete(header: _Header, sensors: Sequence[Vector]) -> str:
+    """Say that names are there of some axes of another magnetometer; nothing where one alone is, or none."""
     known = {place for sensor in sensors for place in sensor.cells}
-    partly = [
-        name.strip()
-        for place, (name, own) in enumerate(zip(header.names, header.meanings, strict=True))
-        if place not in known and own.kind == FIELD and own.axis and RAW_NAME.search(name)
+    named = zip(header.names, header.meanings, strict=True)
+    parts = [
+        (name.strip(), own.axis)
+        for place, (name, own) in enumerate(named)
+        if place not in known and own.kind == FIELD and own.axis and clearness(own.rank) < BARE
     ]
-    is_rawest = any(RAW_NAME.search(header.names[cell]) for each in header.fields for cell in each.cells)
-    return f"{', '.join(partly)} (raw, and not of all axes: is a name damaged?)" if partly and not is_rawest else ""
+    if len({axis for _, axis in parts}) < 2 and not any(RAW_NAME.search(name) for name, _ in parts):
+        return ""
+    return f"{', '.join(name for name, _ in parts)} (not three axes of one sensor: is a name damaged?)"
 
 
 @dataclass(frozen=True, slots=True)

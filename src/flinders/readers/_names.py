@@ -139,6 +139,8 @@ _MEASURES: Final = re.compile(
     rf"\b(u?int (8|16|24|32|64)|float (32|64)|({_SMOOTHED}|t|v|ver|version|k|order|lag) \d+|\d+ (bits?|hz|ms))\b"
 )
 _RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
+# Words of what a sensor reads, where a model's field stands beside it.
+_SENSED: Final = re.compile(r"(sensors?|magnetometers?|compass|meas(ured|urement)?|observed|obs)$")
 _TIMES: Final = re.compile(r"(ts?|time.*|.*time|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo)$")
 _NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
 # Words that any such sensor may have in its name.
@@ -258,7 +260,7 @@ def label(name: str) -> tuple[str, ...]:
     """Take the words of a three-axis sensor's column that distinguish it from others of its kind."""
     words = _words_of_sensor(name)
     has_kind = any(_kind_of_word(word) or kind_of_chip(word) for word in words)
-    plain = (_COMMON, _RAW, _DERIVED)
+    plain = (_COMMON, _RAW, _DERIVED, _SENSED)
     measured = _MEASURES.sub(lambda match: match[0].replace(" ", ""), " ".join(words)).split()
     apart = [word for word in measured if is_chip(word) or not any(pattern.match(word) for pattern in plain)]
     own = tuple(word for word in apart if has_kind or word not in _LETTERS)
@@ -366,7 +368,10 @@ def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str
     kinds = [kind for word in names if (kind := _kind_of_word(word))] or list(filter(None, map(kind_of_chip, names)))
     if kinds:
         return kinds[0], raw + 5 * (kinds[0] == ACCELERATION and "linear" in words)
-    bare = [word for word in names if not (_RAW.match(word) or _CALIBRATED.match(word))]
+    aside = [word for word in names if _SENSED.match(word) or word in _NO_READINGS]
+    bare = [word for word in names if not (_RAW.match(word) or _CALIBRATED.match(word) or word in aside)]
+    if not bare and any(word in _NO_READINGS for word in names):
+        return "", 0
     own = [word for word in bare if not (tells_apart(word) or _COMMON.match(word))]
     is_of_device = len(own) == 1 and own[0] in _LETTERS_OF_A_DEVICE and (is_joined or any(map(is_chip, bare)))
     if is_of_device or (len(bare) == 1 and bare[0] in _LETTERS):
@@ -465,9 +470,11 @@ def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> lis
             name = names[place].strip().casefold()
             times[name] += 1
             sensors[field_stem(name, known.axis), times[name]][known.axis] = place
+    for place, known in [(axes[axis], axis) for axes in sensors.values() if not _letters(axes) for axis in axes]:
+        sensors["".join(_words_of_sensor(names[place])), 1].setdefault(known, place)
     made = []
     for (_, time), axes in sensors.items():
-        letters = next((letters for letters in ("xyz", "012", "123") if set(letters) <= axes.keys()), "")
+        letters = _letters(axes)
         if letters:
             cells = tuple(axes[letter] for letter in letters)
             first, again = names[cells[0]], (str(time),) if time > 1 else ()
@@ -475,6 +482,11 @@ def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> lis
             marks = (*label(first), *again)
             made.append(Vector(cells, meanings[cells[0]].rank, marks, name, whole, no_readings(first)))
     return sorted(made, key=lambda vector: min(vector.cells))
+
+
+def _letters(axes: Iterable[str]) -> str:
+    """The three of these that are the axes of a sensor; nothing where one is missing."""
+    return next((letters for letters in ("xyz", "012", "123") if set(letters) <= set(axes)), "")
 
 
 SET: Final = re.compile(r"_?(?<![a-zA-Z])(?:set|SET)(?![a-zA-Z])_?|_?Set(?![a-z])_?")
@@ -523,6 +535,8 @@ def instruments(sensors: Sequence[Vector]) -> tuple[Vector, ...]:
     several; none without readings.
     """
     readings = [vector for vector in sensors if not vector.instead]
+    if any(_manner(vector) == 0 and vector.rank < CALIBRATED for vector in readings):
+        readings = [vector for vector in readings if vector.label or _manner(vector) < 2]  # a model's field beside it
     readings = [vector for vector in readings if clearness(vector.rank) < BARE] or readings
     if not readings:
         return ()
@@ -602,11 +616,22 @@ def _is_copy(one: Vector, rawer: Sequence[Vector]) -> bool:
     return is_named_after or all(set(map(_is_number, other.label)) != manner for other in rawer)
 
 
-def _quality(vector: Vector) -> tuple[int, bool, int, int, int]:
-    """Sort the best first: the rawest, m before b, which may be a bias, then the one whose name says least besides."""
+def _manner(vector: Vector) -> int:
+    """0 where a name tells of a sensor, 2 of a field, which a model may give too, 1 of neither."""
+    words = [word.casefold() for word in _words(vector.whole)[0]]
+    if any(_SENSED.match(word) or _RAW.match(word) or is_chip(word) for word in words):
+        return 0
+    return 2 if "field" in words else 1
+
+
+def _quality(vector: Vector) -> tuple[int, int, bool, int, int, int]:
+    """Sort the best first: the rawest, a sensor before a field and m before b, then the name that says least besides.
+
+    A b may be a bias.
+    """
     foreign = sum(not (_is_number(word) or tells_apart(word)) for word in vector.label)
     is_symbol = vector.name.casefold() in ("b", "h")
-    return vector.rank, is_symbol, foreign, len(vector.label), min(vector.cells)
+    return vector.rank, _manner(vector), is_symbol, foreign, len(vector.label), min(vector.cells)
 
 
 # Which of several magnetometers is meant ------------------------------------------------------------------------------
