@@ -42,6 +42,7 @@ from flinders.readers._names import (
     clearness,
     companion,
     instruments,
+    is_letter_of_time,
     kind_of_chip,
     label,
     meaning,
@@ -78,6 +79,11 @@ PULSES_US: Final = (800.0, 2200.0)  # shortest and longest of such pulses
 EPOCHS: Final = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
 COARSE: Final = 10  # readings to one time from which on its digits are too few: buffers of sensors give a few at once
 COARSE_S: Final = 1.0  # resolution from which on a time that never changes is cut, and its clock not at rest
+TEMPERATURES_C: Final = (-60.0, 150.0)  # what a sensor may have
+FEWEST_TIMES: Final = 10  # rows from which on a column is looked at for whether it rises
+RARE: Final = 0.1  # of the steps of a clock that is set back or begins again
+REGULAR: Final = 0.25  # by how much of it the number of readings to each time varies
+FALLS: Final = "it does not rise as a time does"
 NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
 """The column behind the one of whole seconds, as messages of ROS have both."""
 LONG: Final = 1e8  # seconds after which a time is taken to count from 1970 and not from the start of the recording
@@ -249,6 +255,9 @@ def _by_name(names: Sequence[str], values: Floats, wanted: Sequence[int], units:
     for place, unit in enumerate(units[: len(names)]):  # in a row below the header
         if unit and not meanings[place].unit:
             meanings[place] = meaning(f"{names[place]} ({unit})")
+    for place, name in enumerate(names):
+        if is_letter_of_time(name) and meanings[place].kind == TIME and _is_temperature(values[:, place]):
+            meanings[place] = Meaning(TEMPERATURE)
     sensors = vectors(names, meanings, FIELD)
     fields = instruments(sensors)
     free = [Meaning("") if place in wanted else known for place, known in enumerate(meanings)]
@@ -351,7 +360,8 @@ class _Header:
                 continue
             reason = "" if _numeric(self.values[:, place]) else "not numbers"
             if kind == TIME and not reason:
-                reason = _cut_digits(self.values[:, place], self.meanings[place].unit)
+                times, unit = self.values[:, place], self.meanings[place].unit
+                reason = _falls(self.names[place], times) or _cut_digits(times, unit)
             if not reason:
                 return _column(kind, [place], self.names)
             self._leave_out(self.names[place].strip(), reason)
@@ -593,6 +603,36 @@ def _cut_digits(values: Floats, unit: str) -> str:
     many = f"{np.median(inside):.0f}" if len(runs) > 2 else f"{np.max(runs)} or more"
     reason = "its digits were cut to steps of {:.3g} s, {} readings to each: write more of them, as float64"
     return reason.format(max(steps) * factor, many) if steps else ""
+
+
+def _falls(name: str, values: Floats) -> str:
+    """Say that a column falls, or goes to and fro, as no time does; of a ``T`` also that it stands still."""
+    values = values[np.isfinite(values)]
+    steps = np.diff(values)
+    is_none = 2 * np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0)
+    if len(values) >= FEWEST_TIMES and (is_none or (is_letter_of_time(name) and not _rises(values))):
+        return FALLS
+    return ""
+
+
+def _rises(values: Floats) -> bool:
+    """Tell whether finite numbers rise as a clock does: from time to time, so many readings to each."""
+    steps = np.diff(values)
+    changes = np.flatnonzero(steps)
+    if len(changes) == 0:
+        return bool(values[0] == 0.0 or values[0] > LONG)  # a clock at rest, and one whose digits were cut
+    runs = np.diff(changes)  # readings to each value but the first and the last
+    if len(runs) == 0 or np.mean(steps[changes] < 0) > RARE:
+        return False
+    usual = float(np.median(runs))
+    return bool(np.mean(np.abs(runs - usual) <= max(1.0, REGULAR * usual)) >= 1 - RARE)
+
+
+def _is_temperature(values: Floats) -> bool:
+    """Tell whether a column named ``T`` is a temperature in °C, and does not rise as a clock does."""
+    values = values[np.isfinite(values)]
+    is_warm = (TEMPERATURES_C[0] <= values) & (values <= TEMPERATURES_C[1])
+    return len(values) >= FEWEST_TIMES and bool(is_warm.all()) and not _rises(values)
 
 
 def _factor_to_seconds(values: Floats, unit: str) -> float:

@@ -242,6 +242,16 @@ def tells_nothing(name: str) -> bool:
     return known.is_bare or not (known.kind or is_other)
 
 
+def is_letter_of_time(name: str) -> bool:
+    """Tell whether the only sign that a column is a time is a ``T``, which a temperature has too.
+
+    >>> [is_letter_of_time(name) for name in ("T", "t_raw", "T_r", "t_ms", "time", "T_C")]
+    [True, True, True, False, False, False]
+    """
+    words = [word.casefold() for word in _words(name)[0]]
+    return meaning(name)[::2] == (TIME, "") and list(filter(_TIMES.match, words)) == ["t"]
+
+
 def is_unit(text: str) -> bool:
     """Tell whether a text is a unit and nothing else, as in a row of units below a header."""
     return text.casefold() in _UNITS

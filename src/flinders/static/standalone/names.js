@@ -94,6 +94,17 @@ export class Names {
     }
 
     /**
+     * Whether the only sign that a column is a time is a `T`, which a temperature has too.
+     * @param {string} name
+     */
+    isLetterOfTime(name) {
+        const { kind, unit } = this.meaning(name);
+        const words = this.parted(name).words.map((word) => word.toLowerCase());
+        const timed = words.filter((word) => ahead(this.rules._TIMES, word));
+        return kind === this.rules.TIME && !unit && timed.join(" ") === "t";
+    }
+
+    /**
      * Whether a text is a unit and nothing else.
      * @param {string} text
      */

@@ -247,7 +247,10 @@ export class Tables {
      * @returns {Columns["time"]}
      */
     timeOf(names, meanings, values, field) {
-        const isTime = (/** @type {number} */ place) => meanings[place].kind === this.rules.names.TIME && !meanings[place].axis;
+        const isWarm = (/** @type {number} */ place) =>
+            this.names.isLetterOfTime(names[place]) && this.isTemperature(values.map((row) => row[place]));
+        const isTime = (/** @type {number} */ place) =>
+            meanings[place].kind === this.rules.names.TIME && !meanings[place].axis && !isWarm(place);
         const places = [...meanings.keys()].filter((place) => isTime(place) && !field.includes(place));
         const parted = places.filter((place) => this.isParted(names, place, values));
         for (const place of places.toSorted((one, other) => meanings[one].rank - meanings[other].rank)) {
@@ -255,7 +258,8 @@ export class Tables {
             if (parted.includes(place)) return { ...time, fraction: place + 1 };
             const column = values.map((row) => row[place]);
             const isNumeric = column.filter(Number.isFinite).length >= column.length / 2;
-            if (!parted.includes(place - 1) && isNumeric && !this.isCut(column)) return time;
+            const isOther = !isNumeric || this.falls(names[place], column) || this.isCut(column);
+            if (!parted.includes(place - 1) && !isOther) return time;
         }
         return null;
     }
@@ -285,6 +289,47 @@ export class Tables {
         const lengths = [0, ...changes].map((change, i) => (changes[i] ?? values.length) - change);
         const inside = lengths.length > 2 ? lengths.slice(1, -1) : lengths;
         return values.length >= 2 * COARSE && median(inside) >= COARSE;
+    }
+
+    /**
+     * Whether a column falls, or goes to and fro, as no time does; or is a `T` that stands still.
+     * @param {string} name
+     * @param {number[]} column
+     */
+    falls(name, column) {
+        const values = column.filter(Number.isFinite);
+        const steps = stepsOf(values);
+        const isNone = 2 * steps.filter((step) => step < 0).length > steps.filter((step) => step > 0).length;
+        const isLetter = this.names.isLetterOfTime(name);
+        return values.length >= this.rules.columns.FEWEST_TIMES && (isNone || (isLetter && !this.rises(values)));
+    }
+
+    /**
+     * Whether numbers rise as a clock does: from time to time, so many readings to each.
+     * @param {number[]} values Finite.
+     */
+    rises(values) {
+        const { LONG, RARE, REGULAR } = this.rules.columns;
+        const steps = stepsOf(values);
+        const changes = steps.flatMap((step, i) => (step ? [i] : []));
+        if (!changes.length) return values[0] === 0 || values[0] > LONG;
+        const runs = changes.slice(1).map((change, i) => change - changes[i]);
+        if (!runs.length || changes.filter((i) => steps[i] < 0).length > RARE * changes.length) return false;
+        const usual = median(runs);
+        const isUsual = (/** @type {number} */ run) => Math.abs(run - usual) <= Math.max(1, REGULAR * usual);
+        return runs.filter(isUsual).length >= (1 - RARE) * runs.length;
+    }
+
+    /**
+     * Whether a column named `T` is a temperature in °C, and does not rise as a clock does.
+     * @param {number[]} column
+     */
+    isTemperature(column) {
+        const { TEMPERATURES_C, FEWEST_TIMES } = this.rules.columns;
+        const [low, high] = TEMPERATURES_C;
+        const values = column.filter(Number.isFinite);
+        const isWarm = values.every((value) => low <= value && value <= high);
+        return values.length >= FEWEST_TIMES && isWarm && !this.rises(values);
     }
 
     /**
@@ -422,6 +467,11 @@ export class Tables {
             throw new Unreadable(`${what}: save it without a separator of thousands`);
         }
     }
+}
+
+/** @param {number[]} values */
+function stepsOf(values) {
+    return values.slice(1).map((value, i) => value - values[i]);
 }
 
 /**
