@@ -114,6 +114,8 @@ TABLES: Final = {
         "a temperature named T": (["mx,my,mz,T"], "{0},{1},{2},23.4"),
         "a T that falls": (["T_raw,mx,my,mz"], "-{n},{0},{1},{2}"),
         "a T that rises": (["T,mx,my,mz"], "{n},{0},{1},{2}"),
+        "a counter and a clock": ([], "{n} {t} {0} {1}"),
+        "a clock and two axes": ([], "{t} {0} {1}"),
         "two magnetometers": (["mag1_x,mag1_y,mag1_z,mag2_x,mag2_y,mag2_z"], "{0},{1},{2},1,2,3"),
         "records of keys in keys": ([], '{{"t_ms": {t}, "mag": {{"x": {0}, "y": {1}, "z": {2}}}}}'),
         "records of lists": ([], "[{0}, {1}, {2}]"),

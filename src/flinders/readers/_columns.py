@@ -19,7 +19,7 @@ from flinders.core.samples import COLUMNS, Samples
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import NoMagnetometer, UnitError, UsageError, did_you_mean, figures
 from flinders.geometry import quaternions
-from flinders.readers._likeness import advice, ascends, groups
+from flinders.readers._likeness import advice, ascends, groups, has_clock, only_rises
 from flinders.readers._names import (
     ACCELERATION,
     ATTITUDE,
@@ -408,14 +408,31 @@ def _column(kind: str, cells: Sequence[int], names: Sequence[str]) -> Column:
 
 
 def by_place(values: Floats, wanted: Sequence[int] = ()) -> Columns | None:
-    """Choose columns without a header: three are x, y, z; of four, a first that ascends is the time."""
+    """Choose columns without a header: three are x, y, z; of four, a first that ascends is the time.
+
+    A column that only ever rises is no axis; beside those that are `wanted` it is the time.
+    """
     width = values.shape[1]
-    timed = width == 4 and not wanted and ascends(values[:, 0])
+    timed = width == 4 and ascends(values[:, 0])
     field = tuple(wanted) or ((0, 1, 2) if width == 3 else (1, 2, 3) if timed else ())
-    if not field:
+    if not field or (not wanted and has_clock(values[:, field])):
         return None
-    time = (_timed(_column(TIME, [0], ()), "", values[:, 0]),) if timed else ()
+    clock = _clock(values, field)
+    time = () if clock is None else (_timed(_column(TIME, [clock], ()), "", values[:, clock]),)
     return Columns(_column(FIELD, field, ()), auxiliary=time)
+
+
+def axes_of(values: Floats) -> list[int]:
+    """Places of the columns without a name that may be an axis: numbers that change, and not only ever rise."""
+    changing = [place for place, column in enumerate(values.T) if _numeric(column) and len(np.unique(column)) > 1]
+    return [place for place in changing if not only_rises(values[:, place])]
+
+
+def _clock(values: Floats, field: Sequence[int]) -> int | None:
+    """Place of the time of a table without a header: what ascends and is no counter, else the first if it ascends."""
+    rising = [place for place, column in enumerate(values.T) if place not in field and ascends(column)]
+    clocks = [place for place in rising if set(np.diff(values[np.isfinite(values[:, place]), place])) != {1.0}]
+    return next(iter([*clocks, *(place for place in rising if place == 0)]), None)
 
 
 def choose(
@@ -431,12 +448,16 @@ def choose(
 ) -> Columns | None:
     """Choose columns as the user asked, else by their names, else by their places; None where neither decides."""
     width = values.shape[1]
+    axes = [] if names or asked else axes_of(values)
     if flat is not None and asked is None and width == 2:
         asked = "1,2"
+    elif flat is not None and len(axes) == 2:
+        asked = ",".join(str(place + 1) for place in axes)
     if asked is None:
         chosen = by_name(names, values, units=units) if names else by_place(values)
         is_bare = chosen is not None and not chosen.stated and meaning(chosen.field.names[0]).is_bare
         if chosen is None or (is_bare and (chosen.magnetometers or "w" in [name.strip().casefold() for name in names])):
+            _refuse_two(axes, width, source, quoted)
             _refuse_unclear(names, values, source, quoted)
         return chosen and _chosen(chosen, choice, source)
     wanted = wanted_places(asked, names, width, flat=flat is not None)
@@ -448,6 +469,17 @@ def choose(
     if flat is None or len(wanted) != 2:
         return chosen
     return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
+
+
+def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> None:
+    """Refuse a table without a header of which two columns are left beside clocks and counters."""
+    if len(axes) == 2:
+        others = ", ".join(str(place + 1) for place in range(width) if place not in axes)
+        left = " and ".join(str(place + 1) for place in axes)
+        raise NoMagnetometer(
+            f"columns {left} of {source}{quoted} may be axes, while {others} only rise, as clocks and counters do, or "
+            "never change: need three, x y z; two, of a level turn, are for flinders two-axis"
+        )
 
 
 def _refuse_unclear(names: Sequence[str], values: Floats, source: str, quoted: str) -> None:

@@ -43,6 +43,10 @@ ROUND_INDEED: Final = 0.05  # so little scatter that readings near zero are no s
 IN_NO_UNIT: Final = (2.0, 15.0)  # more than the earth's field in gauss, hard iron and all, and less than in µT
 NEAR_ZERO: Final = 0.15  # of the longest readings: what is near zero, where rates often are
 LARGEST: Final = 1e100  # what a reading may be, so that its square is a number
+SURE: Final = 100  # rows that noise would not let an axis rise through
+EVEN: Final = 0.5  # of the usual step of a clock or a counter, by which most others differ at most
+MOSTLY: Final = 0.9  # share of its steps
+FALLING: Final = 0.1  # share of its steps in which an axis reads less than before
 FEWEST: Final = 10  # rows from which on lengths are judged
 MANY: Final = 400  # rows that are enough
 WIDEST: Final = 24  # columns that are judged; a wider table would fill the screen
@@ -108,6 +112,24 @@ def ascends(values: Floats) -> bool:
     """Tell whether a column only ever grows, as a clock or a counter does."""
     values = values[np.isfinite(values)]
     return len(values) > 1 and bool((np.diff(values) > 0).all())
+
+
+def only_rises(values: Floats) -> bool:
+    """Tell whether a column rises from row to row as only a clock or a counter does: often, or by even steps."""
+    values = values[np.abs(values) < LARGEST]
+    if len(values) < FEWEST or not ascends(values):
+        return False
+    steps = np.diff(values)
+    usual = np.median(steps)
+    return len(values) >= SURE or bool(np.mean(np.abs(steps - usual) <= EVEN * usual) >= MOSTLY)
+
+
+def has_clock(vectors: Floats) -> bool:
+    """Tell whether some of three columns only rise, as no axis does, while the others go to and fro."""
+    rising = [only_rises(column) for column in vectors.T]
+    finite = vectors[np.isfinite(vectors).all(axis=1)]
+    falling = (finite[1:] < finite[:-1]).sum(axis=0) > FALLING * len(finite)
+    return len(set(rising)) == 2 and all(rises or falls for rises, falls in zip(rising, falling.tolist(), strict=True))
 
 
 def _quaternions(values: Floats, places: Sequence[int]) -> Iterator[tuple[int, ...]]:

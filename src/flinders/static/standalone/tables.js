@@ -228,14 +228,47 @@ export class Tables {
     byPlace(values) {
         const width = values[0]?.length ?? 0;
         const first = values.map((row) => row[0]).filter(Number.isFinite);
-        const isTimed = width === 4 && first.length > 1 && first.every((value, i) => i === 0 || value > first[i - 1]);
+        const isTimed = width === 4 && ascends(first);
+        const field = isTimed ? [1, 2, 3] : [0, 1, 2];
+        const three = field.map((cell) => values.map((row) => row[cell]));
+        if ([3, 4].includes(width) && this.hasClock(three)) {
+            const what = "columns that only rise are clocks or counters, and fewer than three are left";
+            throw new Unreadable(`${what}: need three, x y z; two, of a level turn, are for \`flinders two-axis\``);
+        }
         if (width !== 3 && !isTimed) {
             const need = "need three, x y z, or four with the time first";
             throw new Unreadable(`it has ${width} columns and no header: ${need}; ${MORE_WITH}`);
         }
-        const field = isTimed ? [1, 2, 3] : [0, 1, 2];
         const time = isTimed ? this.timed(0, "1", "", values) : null;
         return { field, names: field.map((cell) => `${cell + 1}`), unit: this.rules.units.COUNTS, time };
+    }
+
+    /**
+     * Whether a column rises from row to row as only a clock or a counter does.
+     * @param {number[]} column
+     */
+    onlyRises(column) {
+        const { FEWEST, SURE, EVEN, MOSTLY, LARGEST } = this.rules.likeness;
+        const values = column.filter((value) => Math.abs(value) < LARGEST);
+        if (values.length < FEWEST || !ascends(values)) return false;
+        const steps = stepsOf(values);
+        const usual = median(steps);
+        const even = steps.filter((step) => Math.abs(step - usual) <= EVEN * usual).length;
+        return values.length >= SURE || even >= MOSTLY * steps.length;
+    }
+
+    /**
+     * Whether some of three columns only rise, as no axis does, while the others go to and fro.
+     * @param {number[][]} columns
+     */
+    hasClock(columns) {
+        const rising = columns.map((column) => this.onlyRises(column));
+        const finite = columns[0].flatMap((_, i) => (columns.every((column) => Number.isFinite(column[i])) ? [i] : []));
+        const falling = columns.map((column) => {
+            const falls = finite.slice(1).filter((row, i) => column[row] < column[finite[i]]).length;
+            return falls > this.rules.likeness.FALLING * finite.length;
+        });
+        return new Set(rising).size === 2 && rising.every((rises, i) => rises || falling[i]);
     }
 
     /**
@@ -467,6 +500,11 @@ export class Tables {
             throw new Unreadable(`${what}: save it without a separator of thousands`);
         }
     }
+}
+
+/** @param {number[]} values */
+function ascends(values) {
+    return values.length > 1 && values.every((value, i) => i === 0 || value > values[i - 1]);
 }
 
 /** @param {number[]} values */
