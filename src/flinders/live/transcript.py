@@ -36,6 +36,7 @@ from flinders.core.axes import Axes
 from flinders.core.units import label
 from flinders.errors import FlindersError, OutputError, counted, figures
 from flinders.live.feeds import FeedEvent
+from flinders.readers._clock import Midnights
 from flinders.readers._columns import unit_of
 from flinders.readers._layout import SPOKEN, Cells, TextLayout, recognise_layout, sniff
 from flinders.readers._names import is_unit
@@ -138,6 +139,7 @@ def _runs(column: Sequence[str]) -> bool:
 def _unclear(lines: list[str], header: Sequence[str] = ()) -> TextLayout:
     """Lay out a table of which all is recorded, as it is not clear what is the magnetometer: by three numbers."""
     layout = sniff("", lines, "1,2,3", header)
+    layout = layout if layout.header else replace(layout, columns=layout.columns.only())  # what rises may be an axis
     sign, decimal = layout.grid.delimiter, layout.grid.decimal
     rows = [split(line, sign) for line in lines]
     numeric = Counter(
@@ -282,6 +284,7 @@ class Transcript:
         self._columns, self._unit, self._scale, self._pattern = columns, unit, scale, pattern
         self._header, self._rows = header, rows
         self._read: tuple[TextLayout, Unit] | None = None
+        self._midnights = Midnights(None)
         self._rest, self._pieces = b"", 0  # of a line whose end has not come
         self._waiting: list[_WaitingLine] = []
         self._before: deque[str] = deque(maxlen=ENOUGH)  # lines before it was recognised how they are written
@@ -400,6 +403,7 @@ class Transcript:
         with contextlib.suppress(FlindersError):  # of what needs options to be read
             layout = sniff(self._name, [form.header, *self._rows, *rows], self._named(form))
             self._read = layout, unit_of(layout.columns, self._name, self._unit, self._scale)
+            self._midnights = Midnights(layout.columns.clock)
             self.statistics.unit = label(self._read[1].inside)
             columns = f": {layout.columns.describe(self.statistics.unit)}"
         self._tell("settled", f"{form}{columns}")
@@ -472,7 +476,7 @@ class Transcript:
         if not rows or self._read is None:
             return None
         layout, unit = self._read
-        values = rows_of(rows, range(len(rows)), layout.grid).values
+        values = rows_of(rows, range(len(rows)), layout.grid).past(self._midnights, layout.grid).values
         readings = layout.columns.samples(values.T, unit=unit, axes=Axes(), source=self._name)
         self.statistics.measure(readings.field)
         return readings if len(readings) else None

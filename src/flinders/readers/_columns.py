@@ -43,6 +43,7 @@ from flinders.readers._names import (
     companion,
     instruments,
     is_letter_of_time,
+    is_like_time,
     kind_of_chip,
     label,
     meaning,
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.core.samples import TimeSpan
+    from flinders.readers._clock import Clock
     from flinders.readers._source import Source
 
 Values: TypeAlias = "NDArray[np.floating] | Sequence[NDArray[np.floating]]"
@@ -84,6 +86,7 @@ FEWEST_TIMES: Final = 10  # rows from which on a column is looked at for whether
 RARE: Final = 0.1  # of the steps of a clock that is set back or begins again
 REGULAR: Final = 0.25  # by how much of it the number of readings to each time varies
 FALLS: Final = "it does not rise as a time does"
+LAST: Final = 9  # rank of a time that no name calls one
 NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
 """The column behind the one of whole seconds, as messages of ROS have both."""
 LONG: Final = 1e8  # seconds after which a time is taken to count from 1970 and not from the start of the recording
@@ -104,6 +107,7 @@ class Column:
     start: float = 0.0  # subtracted first, in its own unit
     unit: str = ""  # of a strength whose name states one; else it is in the unit of the field
     axes: tuple[int, ...] = (0, 1, 2)  # which axes two columns of a level recording are; the third is 0
+    clock: Clock | None = None  # how a time is read that is no number
 
 
 @dataclass(frozen=True)
@@ -115,6 +119,7 @@ class Columns:
     stated: bool = False  # the unit is in the header, and must not be contradicted
     auxiliary: tuple[Column, ...] = ()  # at most one of each other kind
     left_out: tuple[str, ...] = ()  # columns that were recognised and cannot be used, each with the reason
+    unread_time: str = ""  # names of columns that are called as a time, where none is read
     name: str = ""  # of one of several magnetometers in a table
     magnetometers: tuple[Columns, ...] = ()  # those of each of several magnetometers, in order
     others: tuple[str, ...] = ()  # numbers and names of the other magnetometers, where nobody has said which is meant
@@ -128,6 +133,11 @@ class Columns:
     def time(self) -> Column | None:
         """When each reading was taken, where that is known."""
         return self.of_kind(TIME)
+
+    @property
+    def clock(self) -> Clock | None:
+        """How the time is read where it is no number."""
+        return self.time.clock if self.time else None
 
     def of_kind(self, kind: str) -> Column | None:
         """Find the column of a kind."""
@@ -207,7 +217,11 @@ class Columns:
 
 
 def by_name(
-    names: Sequence[str], values: Floats, wanted: Sequence[int] = (), units: Sequence[str] = ()
+    names: Sequence[str],
+    values: Floats,
+    wanted: Sequence[int] = (),
+    units: Sequence[str] = (),
+    clocks: Sequence[Clock] = (),
 ) -> Columns | None:
     """Choose columns by a header, its units and the first rows: the first of several magnetometers, with all in it.
 
@@ -219,11 +233,10 @@ def by_name(
     """
     pairs = polarities(names)
     if not pairs or wanted:
-        return _by_name(names, values, wanted, units)
+        return _by_name(names, values, wanted, units, clocks)
     plain = ["" if place in pairs.values() else name for place, name in enumerate(names)]
-    chosen = _by_name(
-        [without_set(name) if place in pairs else name for place, name in enumerate(plain)], values, (), units
-    )
+    bare = [without_set(name) if place in pairs else name for place, name in enumerate(plain)]
+    chosen = _by_name(bare, values, (), units, clocks)
     return chosen and _with_pairs(chosen, names, values, pairs)
 
 
@@ -249,7 +262,9 @@ def _spread(values: Floats) -> float:
     return float(np.sqrt(np.sum(np.var(values, axis=0)))) if len(values) else 0.0
 
 
-def _by_name(names: Sequence[str], values: Floats, wanted: Sequence[int], units: Sequence[str]) -> Columns | None:
+def _by_name(
+    names: Sequence[str], values: Floats, wanted: Sequence[int], units: Sequence[str], clocks: Sequence[Clock]
+) -> Columns | None:
     """Choose columns by a header without pairs."""
     meanings = [meaning(name) for name in names]
     for place, unit in enumerate(units[: len(names)]):  # in a row below the header
@@ -258,11 +273,14 @@ def _by_name(names: Sequence[str], values: Floats, wanted: Sequence[int], units:
     for place, name in enumerate(names):
         if is_letter_of_time(name) and meanings[place].kind == TIME and _is_temperature(values[:, place]):
             meanings[place] = Meaning(TEMPERATURE)
+    for clock in clocks:  # after those that are numbers
+        known = meanings[clock.cell]
+        meanings[clock.cell] = Meaning(TIME, unit="s", rank=known.rank + 2 if known.kind == TIME else LAST)
     sensors = vectors(names, meanings, FIELD)
     fields = instruments(sensors)
     free = [Meaning("") if place in wanted else known for place, known in enumerate(meanings)]
     triples = {kind: vectors(names, free, kind) for kind in (ACCELERATION, RATE)}
-    header = _Header(names, meanings, values, fields, triples)
+    header = _Header(names, meanings, values, fields, triples, {clock.cell: clock for clock in clocks})
     if wanted:
         own = next((each for each in sensors if set(wanted) <= set(each.cells)), Vector(tuple(wanted), 0, (), ""))
         name = own.name if own in fields else own.whole
@@ -304,6 +322,7 @@ class _Header:
     values: Floats
     fields: Sequence[Vector]  # magnetometers
     triples: Mapping[str, Sequence[Vector]]  # accelerometers and gyros
+    clocks: Mapping[int, Clock]  # of times that are no numbers, by their place
     left_out: list[str] = field(default_factory=list)  # columns that cannot be used, each with the reason
 
     def around(self, sensor: Vector) -> Columns:
@@ -319,7 +338,14 @@ class _Header:
             stated=bool(unit),
             auxiliary=auxiliary,
             left_out=tuple(others.left_out),
+            unread_time="" if any(column.kind == TIME for column in auxiliary) else others.unread_time(),
         )
+
+    def unread_time(self) -> str:
+        """Names of the columns that are called as a time: those that are left out, and those of words."""
+        timed = [place for place, name in enumerate(self.names) if is_like_time(name) and not self.meanings[place].axis]
+        known = [place for place in timed if self.meanings[place].kind == TIME or not _numeric(self.values[:, place])]
+        return ", ".join(self.names[place].strip() for place in known)
 
     def auxiliary(self, sensor: Vector) -> Iterator[Column]:
         """Yield the other columns that are read with a magnetometer."""
@@ -363,9 +389,14 @@ class _Header:
                 times, unit = self.values[:, place], self.meanings[place].unit
                 reason = _falls(self.names[place], times) or _cut_digits(times, unit)
             if not reason:
-                return _column(kind, [place], self.names)
+                return self._told(place) if place in self.clocks else _column(kind, [place], self.names)
             self._leave_out(self.names[place].strip(), reason)
         return None
+
+    def _told(self, place: int) -> Column:
+        """The time in a column that is no number, with that of its dates where they stand in another."""
+        clock = self.clocks[place]
+        return replace(_column(TIME, clock.cells, self.names), cells=(place,), clock=clock)
 
     def _is_parted(self, place: int) -> bool:
         """Tell whether a column is of whole seconds, and the next of the nanoseconds that belong to them."""
@@ -407,19 +438,23 @@ def _column(kind: str, cells: Sequence[int], names: Sequence[str]) -> Column:
     return Column(kind, tuple(cells), tuple(names[cell].strip() if names else str(cell + 1) for cell in cells))
 
 
-def by_place(values: Floats, wanted: Sequence[int] = ()) -> Columns | None:
-    """Choose columns without a header: three are x, y, z; of four, a first that ascends is the time.
+def by_place(values: Floats, wanted: Sequence[int] = (), clocks: Sequence[Clock] = ()) -> Columns | None:
+    """Choose columns without a header: three beside a time are x, y, z; of four, a first that ascends is the time.
 
     A column that only ever rises is no axis; beside those that are `wanted` it is the time.
     """
-    width = values.shape[1]
-    timed = width == 4 and ascends(values[:, 0])
-    field = tuple(wanted) or ((0, 1, 2) if width == 3 else (1, 2, 3) if timed else ())
+    told = {cell for clock in clocks for cell in clock.cells}
+    free = tuple(place for place in range(values.shape[1]) if place not in told)
+    timed = len(free) == 4 and not told and ascends(values[:, 0])
+    field = tuple(wanted) or (free if len(free) == 3 else free[1:] if timed else ())
     if not field or (not wanted and has_clock(values[:, field])):
         return None
-    clock = _clock(values, field)
-    time = () if clock is None else (_timed(_column(TIME, [clock], ()), "", values[:, clock]),)
-    return Columns(_column(FIELD, field, ()), auxiliary=time)
+    own = _column(FIELD, field, ())
+    if clocks:
+        column = replace(_column(TIME, clocks[0].cells, ()), cells=(clocks[0].cell,), clock=clocks[0])
+        return Columns(own, auxiliary=(_timed(column, "s", values[:, clocks[0].cell]),))
+    place = _clock(values, field)
+    return Columns(own, auxiliary=() if place is None else (_timed(_column(TIME, [place], ()), "", values[:, place]),))
 
 
 def axes_of(values: Floats) -> list[int]:
@@ -441,6 +476,7 @@ def choose(
     asked: str | None = None,
     *,
     units: Sequence[str] = (),
+    clocks: Sequence[Clock] = (),
     flat: str | None = None,
     choice: Choice = FIRST,
     source: str = "the table",
@@ -454,17 +490,17 @@ def choose(
     elif flat is not None and len(axes) == 2:
         asked = ",".join(str(place + 1) for place in axes)
     if asked is None:
-        chosen = by_name(names, values, units=units) if names else by_place(values)
+        chosen = by_name(names, values, (), units, clocks) if names else by_place(values, (), clocks)
         is_bare = chosen is not None and not chosen.stated and meaning(chosen.field.names[0]).is_bare
         if chosen is None or (is_bare and (chosen.magnetometers or "w" in [name.strip().casefold() for name in names])):
             _refuse_two(axes, width, source, quoted)
             _refuse_unclear(names, values, source, quoted)
         return chosen and _chosen(chosen, choice, source)
     wanted = wanted_places(asked, names, width, flat=flat is not None)
-    chosen = by_name(names, values, wanted, units) if names else by_place(values, wanted)
+    chosen = by_name(names, values, wanted, units, clocks) if names else by_place(values, wanted, clocks)
     if chosen is None:
         return None
-    every = by_name(names, values, units=units)
+    every = by_name(names, values, (), units, clocks) if names else None
     chosen = _named(chosen, every.magnetometers if every else (), choice, asked, source)
     if flat is None or len(wanted) != 2:
         return chosen

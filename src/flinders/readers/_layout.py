@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, figures
+from flinders.readers._clock import Clock, Midnights, clocks_of
 from flinders.readers._columns import Columns, choose
 from flinders.readers._names import (
     ACCELERATION,
@@ -290,10 +291,11 @@ def _table(
     width -= closed and len(header) != width  # each line ends with a delimiter
     values = np.array([best.values[place][:width] for place in places[:SAMPLED]], dtype=float)
     units = _units(texts[place + 1 : start], signs[0], len(header)) if place >= 0 else ()
+    clocks = _clocks(texts[start:], alike[:SAMPLED], values, signs[0])
     if not header and not is_asked:
         _refuse_numbered(name, alike)
     line = f" (line {start + 1}: {shown(texts[start])!r})"
-    chosen = choosing(header, values, units=units, quoted=line)
+    chosen = choosing(header, values, units=units, quoted=line, clocks=clocks)
     if chosen is None:
         raise _no_magnetometer(name, header, values, texts[start], line)
     if not is_asked:
@@ -302,7 +304,7 @@ def _table(
         _refuse_thousands(name, alike, chosen, signs[1])
     is_even = header or often >= SAME_WIDTH * len(rows)
     return TextLayout(
-        grid=Grid(*signs, width if is_even else 0, chosen.cells, chosen.needed),
+        grid=Grid(*signs, width if is_even else 0, chosen.cells, chosen.needed, chosen.clock),
         columns=chosen,
         start=_first_row(texts, place + 1, start) + 1,
         header=tuple(header),
@@ -310,6 +312,21 @@ def _table(
         header_line=place + 1,
         header_text=texts[place] if place >= 0 else "",
     )
+
+
+def _clocks(texts: Sequence[str], rows: Sequence[Sequence[str]], values: Floats, delimiter: str) -> list[Clock]:
+    """Find the columns that are times and no numbers, and put seconds into their `values`.
+
+    Where some rows do not tell the day from the month, all of these lines may.
+    """
+    words = [place for place, column in enumerate(values.T) if np.isfinite(column).mean() < 0.5]
+    clocks = []
+    for clock in clocks_of(rows, words):
+        known = clock if clock.is_settled else Clock.of((split(text, delimiter) for text in texts), clock.cells)
+        seconds = np.array([known.seconds(row) for row in rows[: len(values)]])
+        values[:, known.cell] = Midnights(known).past(seconds)
+        clocks.append(known)
+    return clocks
 
 
 def _is_comment(text: str) -> bool:

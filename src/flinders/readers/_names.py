@@ -113,7 +113,7 @@ _OTHERS: Final = re.compile(
 # Words of columns that are no sensor's with three axes, whatever their values are.
 _ELSEWHERE: Final = re.compile(
     r"(lat|lon|lng|alt|gps|gnss|pos|vel|speed|course|roll|pitch|yaw|euler|baro|press|volt|batt|vbat|pwm|servo|rc$|hum"
-    r"|light|lux|prox|step|index|seq|count|loop|sat|[hv]dop|rssi|status|flag|mode)"
+    r"|light|lux|prox|step|index|seq|count|loop|sat|[hv]dop|rssi|status|flag|modes?$)"
 )
 # Where a strength comes from that is no length of the readings, and what it is called besides; not ``h``, which is the
 # horizontal part in geomagnetism.
@@ -140,8 +140,10 @@ _MEASURES: Final = re.compile(
 )
 _RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
 # Words of what a sensor reads, where a model's field stands beside it.
-_SENSED: Final = re.compile(r"(sensors?|magnetometers?|compass|meas(ured|urement)?|observed|obs)$")
+_MEASURED: Final = "meas|measured|observed|obs"
+_SENSED: Final = re.compile(rf"(sensors?|magnetometers?|compass|measurement|{_MEASURED})$")
 _TIMES: Final = re.compile(r"(ts?|time.*|.*time|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo)$")
+_CLOCKS: Final = re.compile(r"(dates?|day|datum|clock|utc|gmt|uhr.*|heure|hora|fecha|when)$")  # of what may be a time too
 _NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
 # Words that any such sensor may have in its name.
 _COMMON: Final = re.compile(
@@ -240,6 +242,15 @@ def tells_nothing(name: str) -> bool:
     known, words = meaning(name), [word.casefold() for word in _words(name)[0]]
     is_other = any(_ELSEWHERE.match(word) or _OTHERS.match(word) for word in words)
     return known.is_bare or not (known.kind or is_other)
+
+
+def is_like_time(name: str) -> bool:
+    """Tell whether a column is called as times are.
+
+    >>> [is_like_time(name) for name in ("timestamp", "UTC", "Date", "mx")]
+    [True, True, True, False]
+    """
+    return meaning(name).kind == TIME or any(_CLOCKS.match(word.casefold()) for word in _words(name)[0])
 
 
 def is_letter_of_time(name: str) -> bool:
@@ -380,8 +391,8 @@ def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str
         return kinds[0], raw + 5 * (kinds[0] == ACCELERATION and "linear" in words)
     aside = [word for word in names if _SENSED.match(word) or word in _NO_READINGS]
     bare = [word for word in names if not (_RAW.match(word) or _CALIBRATED.match(word) or word in aside)]
-    if not bare and any(word in _NO_READINGS for word in names):
-        return "", 0
+    if aside and not bare:
+        return (FIELD, raw + 2) if all(word in _MEASURED.split("|") for word in aside) else ("", 0)
     own = [word for word in bare if not (tells_apart(word) or _COMMON.match(word))]
     is_of_device = len(own) == 1 and own[0] in _LETTERS_OF_A_DEVICE and (is_joined or any(map(is_chip, bare)))
     if is_of_device or (len(bare) == 1 and bare[0] in _LETTERS):

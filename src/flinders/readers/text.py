@@ -25,6 +25,7 @@ from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput
+from flinders.readers._clock import Midnights
 from flinders.readers._columns import ColumnsRecording, unit_of, wanted_acceleration, wanted_strength
 from flinders.readers._layout import TextLayout, recognise_layout, sniff, split_records
 from flinders.readers._names import CURRENT, CURRENTS, FIRST, TEMPERATURE, THROTTLE, THROTTLES, TIME, Choice
@@ -97,7 +98,7 @@ class TextRecording(ColumnsRecording):
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> TextRecording:
         """Read these columns, in the unit that their names or the user say."""
         own = unit_of(columns, self.source, unit, scale)
-        grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
+        grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed, clock=columns.clock)
         layout = replace(self.layout, columns=columns.with_strength_in(own), grid=grid)
         frame = "vehicle" if layout.is_blackbox else self.frame
         return replace(self, layout=layout, unit=own, frame=frame)
@@ -192,7 +193,7 @@ class TextRecording(ColumnsRecording):
         """Go over these columns of the file once, noting what is left out, and judge it at the end."""
         tally, others = Tally(), 0
         self.skipped = ()
-        grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
+        grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed, clock=columns.clock)
         for lines, rows, usable in self._read(grid, columns):
             left_out = left_out_of(lines, rows, usable)
             if self.transcription:
@@ -210,17 +211,17 @@ class TextRecording(ColumnsRecording):
         if self.held and self.held.columns == columns:
             yield from self.held.blocks
             return
-        file, encoding = self.file, self.layout.encoding
+        file, encoding, midnights = self.file, self.layout.encoding, Midnights(grid.clock)
         parse, segments = None, file.lines(encoding)
         if isinstance(file, File) and file.size >= LEAST_FOR_ARROW and (parse := parser_of(grid)):
             segments = file.lines(encoding, blocks=BLOCKS_AT_ONCE)
         for segment in segments:
             if (whole := self._parsed(segment, parse)) and (usable := self._usable(whole, columns)).all():
-                yield segment, whole, usable
+                yield segment, whole.past(midnights, grid), usable
                 continue
             for lines in segment.blocks():
                 rows = self._parsed(lines, parse) or self._rows(lines, grid)
-                yield lines, rows, self._usable(rows, columns)
+                yield lines, rows.past(midnights, grid), self._usable(rows, columns)
 
     def _parsed(self, lines: Lines, parse: Parse | None) -> NumberRows | None:
         """Read a block by pyarrow, where it is used and there is nothing but readings."""

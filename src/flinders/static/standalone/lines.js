@@ -98,7 +98,7 @@ class Language {
         return (
             (lines.some((line) => programs.SIGN.test(line)) && marked(this.prints, programs, lines)) ||
             (has(layout._OPENS_JSON) && jsonLines(this.prints, json, tried)) ||
-            (has(layout._CLOCK) && stamped(wrapped, tried, behind, table, true)) ||
+            (has(layout._CLOCK) && stamped(this.rules, tried, behind, table, true)) ||
             (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest))) ||
             (has(layout._LETTER) && labelled(this.prints, this.rules.labelled, tried, true)) ||
             null
@@ -112,8 +112,8 @@ class Language {
     guessed(lines) {
         const table = (/** @type {string[]} */ rest) => this.tableRows(rest);
         return (
-            stamped(this.rules.wrapped, lines, (rest) => this.recognised(rest), table, false) ??
-            stamped(this.rules.wrapped, lines, (rest) => this.labelled(rest), table, false) ??
+            stamped(this.rules, lines, (rest) => this.recognised(rest), table, false) ??
+            stamped(this.rules, lines, (rest) => this.labelled(rest), table, false) ??
             labelled(this.prints, this.rules.labelled, lines, false)
         );
     }
@@ -144,7 +144,7 @@ class Language {
             words: `${this.rules.layout.SPOKEN[delimiter]}-separated numbers`,
             names: header.length ? header : nameless,
             row: (line) => {
-                const cells = this.cells(line, layout) && this.prints.split(line, delimiter).slice(0, width || undefined);
+                const cells = this.cells(line, layout)?.slice(0, width || undefined) ?? null;
                 return cells && cells.map((cell) => cell.trim().replace(decimal, "."));
             },
             fresh: () => rows,
@@ -161,12 +161,13 @@ class Language {
         const trial = dialect.fresh();
         const rows = lines.map((line) => trial.row(line) ?? []).filter((row) => row.length).slice(0, this.rules.layout.SAMPLED);
         if (!rows.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
-        const columns = this.tables.columns(dialect.names, rows.map((row) => row.map((cell) => this.prints.number(cell) ?? NaN)));
+        const { values, clocks } = this.tables.valued(rows, ".");
+        const columns = this.tables.columns(dialect.names, values, [], clocks);
         this.tables.refuseOthers(dialect.names, rows, columns, ".");
         const own = dialect.fresh();
-        return this.formOf(dialect.words, columns, (line) => {
+        return this.formOf(dialect.words, columns, ".", (line) => {
             const row = own.row(line);
-            return row?.length ? row.map((cell) => this.prints.number(cell) ?? NaN) : row && undefined;
+            return row?.length ? row : row && undefined;
         });
     }
 
@@ -177,44 +178,48 @@ class Language {
     ofTable(lines) {
         const layout = this.tables.laidOut(lines);
         const separated = `${this.rules.layout.SPOKEN[layout.delimiter]}-separated`;
-        return this.formOf(`lines of numbers, ${separated}`, layout.columns, (line) => {
+        return this.formOf(`lines of numbers, ${separated}`, layout.columns, layout.decimal, (line) => {
             if (!line.trim() || this.prints.isComment(line) || line === layout.headerText) return undefined;
             return this.cells(line, layout);
         });
     }
 
     /**
-     * The numbers of a row of a table; null for another line.
+     * The cells of a row of a table; null for another line.
      * @param {string} line
      * @param {import("./tables.js").Layout} layout
-     * @returns {number[] | null}
+     * @returns {string[] | null}
      */
     cells(line, { delimiter, decimal, width, columns }) {
         const cells = this.prints.split(line, delimiter);
         if (width ? !this.prints.fits(cells, width) : cells.length <= Math.max(...columns.field)) return null;
         if (columns.field.some((cell) => this.prints.number(cells[cell], decimal) === null)) return null;
-        return cells.map((cell) => this.prints.number(cell, decimal) ?? NaN);
+        return cells;
     }
 
     /**
      * @param {string} words
      * @param {Columns} columns
-     * @param {(line: string) => number[] | null | undefined} numbers
+     * @param {string} decimal
+     * @param {(line: string) => string[] | null | undefined} cells
      * @returns {Form}
      */
-    formOf(words, columns, numbers) {
+    formOf(words, columns, decimal, cells) {
         const { PER_UNIT, COUNTS } = this.rules.units;
         const { field, time, unit, names } = columns;
         const scale = PER_UNIT[unit] ?? 1;
         const timed = time ? `, time in ${time.name}` : "";
+        const past = time?.clock?.midnights();
         return {
             words: `${words}: columns ${names.join(", ")} in ${unit}${timed}`,
             unit: unit === COUNTS ? "counts" : "uT",
             raw: { unit, scale },
             isTimed: time !== null,
             reading: (line) => {
-                const row = numbers(line);
-                if (!row) return row;
+                const texts = cells(line);
+                if (!texts) return texts;
+                const row = texts.map((cell) => this.prints.number(cell, decimal) ?? NaN);
+                if (time?.clock && past) row[time.cell] = past(time.clock.seconds(texts));
                 const [x, y, z] = field.map((cell) => row[cell] * scale);
                 return Number.isFinite(x + y + z) ? { time: secondsOf(time, row), field: [x, y, z] } : undefined;
             },

@@ -323,7 +323,7 @@ export class Names {
      * @returns {[string, number]}
      */
     vector(words, units, isJoined) {
-        const { _RAW, _CALIBRATED, _COMMON, _LETTERS, _LETTERS_OF_A_DEVICE, _SENSED, _NO_READINGS } = this.rules;
+        const { _RAW, _CALIBRATED, _COMMON, _LETTERS, _LETTERS_OF_A_DEVICE, _SENSED, _MEASURED, _NO_READINGS } = this.rules;
         const { ACCELERATION, FIELD } = this.rules;
         const raw = words.some((word) => ahead(_RAW, word)) ? 0 : 1;
         const names = words.filter((word) => !DIGITS.test(word));
@@ -332,7 +332,9 @@ export class Names {
         if (kinds.length) return [kinds[0], raw + (kinds[0] === ACCELERATION && words.includes("linear") ? 5 : 0)];
         const isAside = (/** @type {string} */ word) => ahead(_SENSED, word) || Object.hasOwn(_NO_READINGS, word);
         const bare = names.filter((word) => !ahead(_RAW, word) && !ahead(_CALIBRATED, word) && !isAside(word));
-        if (!bare.length && names.some((word) => Object.hasOwn(_NO_READINGS, word))) return ["", 0];
+        const aside = names.filter(isAside);
+        const isMeasured = aside.every((word) => _MEASURED.split("|").includes(word));
+        if (aside.length && !bare.length) return isMeasured ? [FIELD, raw + 2] : ["", 0];
         const own = bare.filter((word) => !this.tellsApart(word) && !ahead(_COMMON, word));
         const isLetter = own.length === 1 && [..._LETTERS_OF_A_DEVICE].includes(own[0]);
         const isOfDevice = isLetter && (isJoined || bare.some((word) => this.isChip(word)));

@@ -1,5 +1,6 @@
 /** Tables: delimiter, decimal sign and header, and which columns are the magnetometer and the time. As `readers/_layout.py`. */
 
+import { Clock, clocksOf } from "./clocks.js";
 import { counted, largest, median, replaced, whole } from "./patterns.js";
 
 /** @typedef {import("./names.js").Names} Names */
@@ -12,8 +13,9 @@ import { counted, largest, median, replaced, whole } from "./patterns.js";
  * @property {number[]} field Places of x, y and z.
  * @property {string[]} names Of these, or their numbers from 1.
  * @property {string} unit The recorded one: `uT`, `mG` … or `counts`.
- * @property {{cell: number, name: string, factor: number, start: number, fraction: number | null} | null} time Its place,
- *     seconds in one unit, where it starts, and the place of nanoseconds that belong to it.
+ * @property {{cell: number, name: string, factor: number, start: number, fraction: number | null,
+ *     clock: import("./clocks.js").Clock | null} | null} time Its place, seconds in one unit, where it starts, the place of
+ *     nanoseconds that belong to it, and how it is read where it is no number.
  */
 
 /**
@@ -116,15 +118,37 @@ export class Tables {
         const isClosed = alike.every((cells) => !cells[width - 1].trim());
         const { place, names } = this.header(texts.slice(0, start), delimiter, width, isClosed);
         if (isClosed && names.length !== width) width--;
-        const sampled = alike.slice(0, this.layout.SAMPLED).map((cells) => cells.slice(0, width));
+        const inLine = alike.map((cells) => cells.slice(0, width));
         const units = place < 0 ? [] : this.units(texts.slice(place + 1, start), delimiter, names.length);
-        const values = sampled.map((cells) => cells.map((cell) => this.prints.number(cell, decimal) ?? NaN));
+        const below = texts.slice(start).map((text) => this.prints.split(text, delimiter));
+        const { values, clocks } = this.valued(inLine, decimal, below);
         if (!names.length) this.refuseNumbered(alike);
-        const columns = this.columns(names, values, units);
+        const columns = this.columns(names, values, units, clocks);
         this.refuseOthers(names, alike, columns, decimal);
         const isEven = names.length > 0 || often >= this.layout.SAME_WIDTH * rows.size;
         const headerText = place < 0 ? "" : texts[place];
         return { delimiter, decimal, width: isEven ? width : 0, header: names, headerText, columns };
+    }
+
+    /**
+     * The numbers of the first rows, and the columns that are times and no numbers, whose seconds are among them.
+     * @param {string[][]} rows
+     * @param {string} decimal
+     * @param {string[][]} [below] All rows, which tell the day from the month where the first do not.
+     */
+    valued(rows, decimal, below = rows) {
+        const { clock: rules, layout } = this.rules;
+        const some = rows.slice(0, layout.SAMPLED);
+        const values = some.map((cells) => cells.map((cell) => this.prints.number(cell, decimal) ?? NaN));
+        const isText = (/** @type {number} */ place) =>
+            values.filter((row) => Number.isFinite(row[place])).length < 0.5 * values.length;
+        const words = [...(values[0] ?? []).keys()].filter(isText);
+        const clocks = clocksOf(rules, some, words).map((clock) => (clock.isSettled ? clock : new Clock(rules, below, clock.cells)));
+        for (const clock of clocks) {
+            const past = clock.midnights();
+            values.forEach((row, i) => (row[clock.cell] = past(clock.seconds(some[i]))));
+        }
+        return { values, clocks };
     }
 
     /**
@@ -194,39 +218,55 @@ export class Tables {
      * @param {readonly string[]} names
      * @param {number[][]} values
      * @param {readonly string[]} [units] Of a row below the header.
+     * @param {readonly Clock[]} [clocks] Of times that are no numbers.
      * @returns {Columns}
      */
-    columns(names, values, units = []) {
-        return names.length ? this.byName(names, values, units) : this.byPlace(values);
+    columns(names, values, units = [], clocks = []) {
+        return names.length ? this.byName(names, values, units, clocks) : this.byPlace(values, clocks);
     }
 
     /**
      * @param {readonly string[]} names
      * @param {number[][]} values
      * @param {readonly string[]} units
+     * @param {readonly Clock[]} clocks
      * @returns {Columns}
      */
-    byName(names, values, units) {
+    byName(names, values, units, clocks) {
         this.refusePulses(names);
         const meanings = names.map((name, place) => {
             const own = this.names.meaning(name);
             return units[place] && !own.unit ? this.names.meaning(`${name} (${units[place]})`) : own;
         });
+        const { TIME } = this.rules.names;
+        for (const { cell } of clocks) {
+            const { kind, rank } = meanings[cell];
+            meanings[cell] = { kind: TIME, axis: "", unit: "s", rank: kind === TIME ? rank + 2 : this.rules.columns.LAST };
+        }
         const field = this.names.magnetometer(names, meanings);
         if (!field) throw new Unreadable(`no magnetometer among the columns ${shown(names)}: ${MORE_WITH}`);
         const own = field.cells.map((cell) => names[cell].trim());
         this.refuseUnclear(names, own);
         const stated = new Set(field.cells.map((cell) => meanings[cell].unit));
         const unit = (stated.size === 1 && [...stated][0]) || this.unitByConvention(names, own[0]) || this.rules.units.COUNTS;
-        return { field: field.cells, names: own, unit, time: this.timeOf(names, meanings, values, field.cells) };
+        return { field: field.cells, names: own, unit, time: this.timeOf(names, meanings, values, field.cells, clocks) };
     }
 
     /**
      * @param {number[][]} values
+     * @param {readonly Clock[]} clocks
      * @returns {Columns}
      */
-    byPlace(values) {
+    byPlace(values, clocks) {
         const width = values[0]?.length ?? 0;
+        const told = clocks.flatMap(({ cells }) => cells);
+        const free = [...(values[0] ?? []).keys()].filter((place) => !told.includes(place));
+        const [clock] = clocks;
+        if (clock && free.length === 3) {
+            const called = (/** @type {readonly number[]} */ cells) => cells.map((cell) => `${cell + 1}`);
+            const time = { ...this.timed(clock.cell, called(clock.cells).join(" and "), "s", values), clock };
+            return { field: free, names: called(free), unit: this.rules.units.COUNTS, time };
+        }
         const first = values.map((row) => row[0]).filter(Number.isFinite);
         const isTimed = width === 4 && ascends(first);
         const field = isTimed ? [1, 2, 3] : [0, 1, 2];
@@ -277,9 +317,10 @@ export class Tables {
      * @param {readonly import("./names.js").Meaning[]} meanings
      * @param {number[][]} values
      * @param {number[]} field
+     * @param {readonly Clock[]} clocks
      * @returns {Columns["time"]}
      */
-    timeOf(names, meanings, values, field) {
+    timeOf(names, meanings, values, field, clocks) {
         const isWarm = (/** @type {number} */ place) =>
             this.names.isLetterOfTime(names[place]) && this.isTemperature(values.map((row) => row[place]));
         const isTime = (/** @type {number} */ place) =>
@@ -287,7 +328,9 @@ export class Tables {
         const places = [...meanings.keys()].filter((place) => isTime(place) && !field.includes(place));
         const parted = places.filter((place) => this.isParted(names, place, values));
         for (const place of places.toSorted((one, other) => meanings[one].rank - meanings[other].rank)) {
-            const time = this.timed(place, names[place].trim(), meanings[place].unit, values);
+            const clock = clocks.find(({ cell }) => cell === place) ?? null;
+            const name = (clock?.cells ?? [place]).map((cell) => names[cell].trim()).join(" and ");
+            const time = { ...this.timed(place, name, meanings[place].unit, values), clock };
             if (parted.includes(place)) return { ...time, fraction: place + 1 };
             const column = values.map((row) => row[place]);
             const isNumeric = column.filter(Number.isFinite).length >= column.length / 2;
@@ -376,7 +419,7 @@ export class Tables {
         const times = values.map((row) => row[cell]).filter(Number.isFinite);
         const factor = unit ? FACTORS[TIME][unit] : this.secondsInOne(times);
         const first = times[0] ?? 0;
-        return { cell, name, factor, start: Math.abs(first) * factor > this.rules.columns.LONG ? first : 0, fraction: null };
+        return { cell, name, factor, start: Math.abs(first) * factor > this.rules.columns.LONG ? first : 0, fraction: null, clock: null };
     }
 
     /**
