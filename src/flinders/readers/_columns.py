@@ -677,7 +677,8 @@ def _falls(name: str, values: Floats) -> str:
     """Say that a column falls, or goes to and fro, as no time does; of a ``T`` also that it stands still."""
     values = values[np.isfinite(values)]
     steps = np.diff(values)
-    is_none = 2 * np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0)
+    falling = np.count_nonzero(steps < 0)
+    is_none = falling > 1 and 2 * falling > np.count_nonzero(steps > 0)
     if len(values) >= FEWEST_TIMES and (is_none or (is_letter_of_time(name) and not _rises(values))):
         return FALLS
     return ""

@@ -375,7 +375,8 @@ export class Tables {
     falls(name, column) {
         const values = column.filter(Number.isFinite);
         const steps = stepsOf(values);
-        const isNone = 2 * steps.filter((step) => step < 0).length > steps.filter((step) => step > 0).length;
+        const falling = steps.filter((step) => step < 0).length;
+        const isNone = falling > 1 && 2 * falling > steps.filter((step) => step > 0).length;
         const isLetter = this.names.isLetterOfTime(name);
         return values.length >= this.rules.columns.FEWEST_TIMES && (isNone || (isLetter && !this.rises(values)));
     }
