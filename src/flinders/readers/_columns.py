@@ -434,8 +434,8 @@ class _Header:
 
 
 def _column(kind: str, cells: Sequence[int], names: Sequence[str]) -> Column:
-    """Name a column as the header does, or by its number counted from 1 where there is no header."""
-    return Column(kind, tuple(cells), tuple(names[cell].strip() if names else str(cell + 1) for cell in cells))
+    """Name a column as the header does, or by its number counted from 1 where it has no name."""
+    return Column(kind, tuple(cells), tuple((names and names[cell].strip()) or str(cell + 1) for cell in cells))
 
 
 def by_place(values: Floats, wanted: Sequence[int] = (), clocks: Sequence[Clock] = ()) -> Columns | None:

@@ -415,6 +415,9 @@ def _laid_out(file: Source, head: bytes, lay_out: Callable[..., TextLayout], pat
     if dialect is not None:
         transcription = Transcription(file, dialect, encoding)
         return _LaidOut(transcription.table, layout, is_all, transcription)
+    clock = layout.columns.clock
+    if clock and not (clock.is_settled or is_all) and isinstance(file, File):
+        layout = lay_out([*opening, *file.last_lines(encoding)])  # which may tell the day from the month
     if layout.is_blackbox:
         layout = replace(layout, in_force=calibration_in_force(opening[: layout.start - 1]))
     end = re.search("\r\n|\n|\r", beginning)

@@ -329,7 +329,7 @@ export class Tables {
         const parted = places.filter((place) => this.isParted(names, place, values));
         for (const place of places.toSorted((one, other) => meanings[one].rank - meanings[other].rank)) {
             const clock = clocks.find(({ cell }) => cell === place) ?? null;
-            const name = (clock?.cells ?? [place]).map((cell) => names[cell].trim()).join(" and ");
+            const name = (clock?.cells ?? [place]).map((cell) => names[cell].trim() || `${cell + 1}`).join(" and ");
             const time = { ...this.timed(place, name, meanings[place].unit, values), clock };
             if (parted.includes(place)) return { ...time, fraction: place + 1 };
             const column = values.map((row) => row[place]);
