@@ -115,18 +115,18 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
         with contextlib.suppress(Exception):  # whatever a board prints, a recording goes on
             dialect, layout = recognise_layout("", lines, lay_out, pattern)
             words = f"lines of numbers, {SPOKEN[layout.grid.delimiter]}-separated"
-            return _form(dialect or Cells.of(layout, words), layout, lines)
+            return _form(dialect or Cells.of(layout, words), layout, lines, is_clear=lay_out is not _unclear)
     return None
 
 
-def _form(dialect: Dialect, layout: TextLayout, lines: list[str]) -> Form:
+def _form(dialect: Dialect, layout: TextLayout, lines: list[str], *, is_clear: bool) -> Form:
     """Put together how lines are recorded; columns without names and a time get some."""
     form = Form(dialect, layout, dialect.names, is_timed=True)
     rows = [split(row, ",") for row in form.rows(lines)]
     if (time := layout.columns.time) and _runs([row[time.cells[0]] for row in rows if len(row) > time.cells[0]]):
         return form
     width = layout.grid.width or max(map(len, rows), default=0)
-    nameless = PLAIN if width == len(PLAIN) else tuple(f"c{place + 1}" for place in range(width))
+    nameless = PLAIN if is_clear and width == len(PLAIN) else tuple(f"c{place + 1}" for place in range(width))
     return replace(form, names=(TIME, *(dialect.names or nameless)), is_timed=False)
 
 

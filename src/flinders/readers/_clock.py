@@ -87,7 +87,8 @@ class Clock:
     def seconds_of(self, *texts: str) -> float:
         """The same of its cells."""
         match = _match(" ".join(map(str.strip, texts)))
-        return float((match and seconds_of(match, self.order)) or math.nan)
+        seconds = seconds_of(match, self.order) if match else None
+        return math.nan if seconds is None else seconds
 
 
 def clocks_of(rows: Sequence[Sequence[str]], places: Iterable[int]) -> Iterator[Clock]:
@@ -110,8 +111,8 @@ def clocks_of(rows: Sequence[Sequence[str]], places: Iterable[int]) -> Iterator[
         yield Clock.of(rows, (place,) if day is None else (day, place))
 
 
-def seconds_of(match: re.Match[str], order: str = "ymd") -> str | None:
-    """Write the seconds of a match of `DATE` and a time of day; None for a day that there is not."""
+def seconds_of(match: re.Match[str], order: str = "ymd") -> float | None:
+    """Seconds of a match of `DATE` and a time of day; None for a day that there is not."""
     parts = match.groupdict()
     hour, minute, second = int(parts["hour"] or 0), int(parts["minute"] or 0), parts["second"]
     fraction = (parts["fraction"] or "")[1:]
@@ -125,7 +126,7 @@ def seconds_of(match: re.Match[str], order: str = "ymd") -> str | None:
         return None
     if day:
         whole += day * int(DAY_S) - _zone(parts["zone"])
-    return f"{whole}.{fraction or 0}"
+    return float(f"{whole}.{fraction or 0}")
 
 
 @dataclass(slots=True)

@@ -481,8 +481,12 @@ def choose(
     choice: Choice = FIRST,
     source: str = "the table",
     quoted: str = "",
+    cells: Sequence[str] = (),
 ) -> Columns | None:
-    """Choose columns as the user asked, else by their names, else by their places; None where neither decides."""
+    """Choose columns as the user asked, else by their names, else by their places; None where neither decides.
+
+    `quoted` and `cells` are the first line with readings, as a message has it.
+    """
     width = values.shape[1]
     axes = [] if names or asked else axes_of(values)
     if flat is not None and asked is None and width == 2:
@@ -494,7 +498,7 @@ def choose(
         is_bare = chosen is not None and not chosen.stated and meaning(chosen.field.names[0]).is_bare
         if chosen is None or (is_bare and (chosen.magnetometers or "w" in [name.strip().casefold() for name in names])):
             _refuse_two(axes, width, source, quoted)
-            _refuse_unclear(names, values, source, quoted)
+            _refuse_unclear(names, values, source, quoted, cells)
         return chosen and _chosen(chosen, choice, source)
     wanted = wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units, clocks) if names else by_place(values, wanted, clocks)
@@ -518,7 +522,9 @@ def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> No
         )
 
 
-def _refuse_unclear(names: Sequence[str], values: Floats, source: str, quoted: str) -> None:
+def _refuse_unclear(
+    names: Sequence[str], values: Floats, source: str, quoted: str, cells: Sequence[str]
+) -> None:
     """Refuse a table whose names are those of references only, or do not tell while its values say something."""
     others = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
     if others:
@@ -533,7 +539,9 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str, quoted: s
     if any(group.is_candidate or group.is_known or (names and len(group.names) > 1) for group in judged):
         nameless = f"{source} has {width} columns and no header{quoted}: need three, x y z, or four with the time first"
         what = f"names do not tell which columns of {source} are the magnetometer" if names else nameless
-        raise NoMagnetometer(f"{what}; {advice(judged)}")
+        first = [f"{number}: {cell.strip()}" for number, cell in enumerate(cells, 1)]
+        shown = f"; its first line by its columns is {listed(first)}" if cells and not names else ""
+        raise NoMagnetometer(f"{what}; {advice(judged)}{shown}")
 
 
 def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:

@@ -295,7 +295,7 @@ def _table(
     if not header and not is_asked:
         _refuse_numbered(name, alike)
     line = f" (line {start + 1}: {shown(texts[start])!r})"
-    chosen = choosing(header, values, units=units, quoted=line, clocks=clocks)
+    chosen = choosing(header, values, units=units, quoted=line, cells=alike[0][:width], clocks=clocks)
     if chosen is None:
         raise _no_magnetometer(name, header, values, texts[start], line)
     if not is_asked:

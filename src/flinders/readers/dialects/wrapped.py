@@ -55,13 +55,12 @@ class Stamped(Dialect):
     def row(self, line: str) -> Sequence[str] | None:
         """Take the time off a line, and put it before the cells of the rest; it goes on past midnight."""
         stamp = STAMP.match(line)
-        written = stamp and seconds_of(stamp, self.order)
-        if stamp is None or written is None:
+        seconds = seconds_of(stamp, self.order) if stamp else None
+        if stamp is None or seconds is None:
             return None
         cells = self.inner.row(line[stamp.end() :])
         if not cells:
             return cells
-        seconds = float(written)
         if seconds + self._midnights < self._last - DAY_S / 2:
             self._midnights += DAY_S
         self._last = seconds + self._midnights
