@@ -34,7 +34,7 @@ DATE: Final = (
 )
 """A date, and the day of the week before it."""
 HALF: Final = r"(?:\s?(?P<half>[AaPp])\.?[Mm]\b\.?)?"
-TIME_OF_DAY: Final = r"(?P<hour>\d{1,2}):(?P<minute>\d\d)(?::(?P<second>\d\d))?(?P<fraction>[.,]\d+|:\d{3,})?" + HALF
+TIME_OF_DAY: Final = r"(?P<hour>\d{1,2}):(?P<minute>\d\d)(?::(?P<second>\d\d))?(?P<fraction>[.,]\d+|:\d{3,}|\s(?:\d{3}|\d{6}))?" + HALF
 """A time of day; one without hours, as spreadsheets write ``mm:ss.0``, has a fraction."""
 ZONE: Final = r"(?:\s?(?P<zone>Z|UTC|GMT|(?:UTC|GMT)?[-+]\d\d:?(?:\d\d)?)|\s[A-Z]{2,5})?(?:\[[^\]]*\])?"
 """A name such as ``CET`` says nothing: hours of it are counted as they are written."""
@@ -42,6 +42,8 @@ WHEN: Final = re.compile(
     rf"\s*[\[(<'\"]?(?:{DATE}(?:T|[ ,;_]\s*|$|(?=[\])>'\"])))?(?:(?P<days>\d+)\s+days?,?\s+)?(?:{TIME_OF_DAY}{ZONE})?(?:\s+(?P<late>\d{{4}}))?[\])>'\"]?\s*"
 )
 PACKED: Final = re.compile(r"\s*(\d{4})(\d\d)(\d\d)[T_ ](\d\d)(\d\d)(\d\d)")  # ``20261122T044207.813Z``
+FRACTION: Final = re.compile(r"\d{3}|\d{6}")  # of a second
+REPEATED: Final = 0.2  # share of whole seconds that come again, from which on what stands behind may be their fraction
 MONTHS: Final = {
     "jan": 1, "ene": 1, "gen": 1, "feb": 2, "fév": 2, "mar": 3, "mär": 3, "mrz": 3, "apr": 4, "avr": 4, "abr": 4,
     "may": 5, "mai": 5, "jun": 6, "juin": 6, "giu": 6, "jul": 7, "juil": 7, "lug": 7, "aug": 8, "aoû": 8, "ago": 8,
@@ -103,12 +105,24 @@ def clocks_of(rows: Sequence[Sequence[str]], places: Iterable[int]) -> Iterator[
         if found[0]["hour"] is None:
             days.append(place)
         elif found[0]["first"] or found[0]["month"]:
-            yield Clock.of(rows, (place,))
+            yield Clock.of(rows, _with_fraction(rows, (place,)))
         else:
             times.append(place)
     for place in times:
         day = min(days, key=lambda day: abs(day - place), default=None)
-        yield Clock.of(rows, (place,) if day is None else (day, place))
+        yield Clock.of(rows, _with_fraction(rows, (place,) if day is None else (day, place)))
+
+
+def _with_fraction(rows: Sequence[Sequence[str]], cells: tuple[int, ...]) -> tuple[int, ...]:
+    """Add the next cell, where a comma before the fraction of a second has cut that off: ``04:42:07,813``."""
+    after = cells[-1] + 1
+    if not all(after < len(row) and FRACTION.fullmatch(row[after].strip()) for row in rows):
+        return cells
+    alone, joined = Clock.of(rows, cells), Clock.of(rows, (*cells, after))
+    whole, times = (np.array([clock.seconds(row) for row in rows]) for clock in (alone, joined))
+    repeats = np.diff(whole) == 0
+    is_finer = np.mean(repeats) > REPEATED and (whole == np.floor(whole)).all() and (np.diff(times)[repeats] > 0).all()
+    return (*cells, after) if is_finer else cells
 
 
 def seconds_of(match: re.Match[str], order: str = "ymd") -> float | None:

@@ -275,7 +275,11 @@ def _by_name(
             meanings[place] = Meaning(TEMPERATURE)
     for clock in clocks:  # after those that are numbers
         known = meanings[clock.cell]
+        for cell in clock.cells:
+            meanings[cell] = Meaning("")
         meanings[clock.cell] = Meaning(TIME, unit="s", rank=known.rank + 2 if known.kind == TIME else LAST)
+    if unnamed := [place for place, name in enumerate(names) if not name.strip() and _is_clock(values[:, place])]:
+        meanings[unnamed[0]] = Meaning(TIME, rank=LAST)
     sensors = vectors(names, meanings, FIELD)
     fields = instruments(sensors)
     free = [Meaning("") if place in wanted else known for place, known in enumerate(meanings)]
@@ -396,7 +400,8 @@ class _Header:
     def _told(self, place: int) -> Column:
         """The time in a column that is no number, with that of its dates where they stand in another."""
         clock = self.clocks[place]
-        return replace(_column(TIME, clock.cells, self.names), cells=(place,), clock=clock)
+        named = [cell for cell in clock.cells if self.names[cell].strip()] or clock.cells
+        return replace(_column(TIME, named, self.names), cells=(place,), clock=clock)
 
     def _is_parted(self, place: int) -> bool:
         """Tell whether a column is of whole seconds, and the next of the nanoseconds that belong to them."""
@@ -465,9 +470,14 @@ def axes_of(values: Floats) -> list[int]:
 
 def _clock(values: Floats, field: Sequence[int]) -> int | None:
     """Place of the time of a table without a header: what ascends and is no counter, else the first if it ascends."""
-    rising = [place for place, column in enumerate(values.T) if place not in field and ascends(column)]
-    clocks = [place for place in rising if set(np.diff(values[np.isfinite(values[:, place]), place])) != {1.0}]
-    return next(iter([*clocks, *(place for place in rising if place == 0)]), None)
+    free = [place for place in range(values.shape[1]) if place not in field]
+    clocks = [place for place in free if _is_clock(values[:, place])]
+    return next(iter([*clocks, *(place for place in free if place == 0 and ascends(values[:, place]))]), None)
+
+
+def _is_clock(column: Floats) -> bool:
+    """Tell whether a column without a name ascends, and does not count rows."""
+    return ascends(column) and set(np.diff(column[np.isfinite(column)])) != {1.0}
 
 
 def choose(
@@ -480,12 +490,13 @@ def choose(
     flat: str | None = None,
     choice: Choice = FIRST,
     source: str = "the table",
+    heading: str = "",
     quoted: str = "",
     cells: Sequence[str] = (),
 ) -> Columns | None:
     """Choose columns as the user asked, else by their names, else by their places; None where neither decides.
 
-    `quoted` and `cells` are the first line with readings, as a message has it.
+    `heading` says what header a table without names has; `quoted` and `cells` are its first line with readings.
     """
     width = values.shape[1]
     axes = [] if names or asked else axes_of(values)
@@ -498,7 +509,7 @@ def choose(
         is_bare = chosen is not None and not chosen.stated and meaning(chosen.field.names[0]).is_bare
         if chosen is None or (is_bare and (chosen.magnetometers or "w" in [name.strip().casefold() for name in names])):
             _refuse_two(axes, width, source, quoted)
-            _refuse_unclear(names, values, source, quoted, cells)
+            _refuse_unclear(names, values, source, f"{heading or 'no header'}{quoted}", cells)
         return chosen and _chosen(chosen, choice, source)
     wanted = wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units, clocks) if names else by_place(values, wanted, clocks)
@@ -523,7 +534,7 @@ def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> No
 
 
 def _refuse_unclear(
-    names: Sequence[str], values: Floats, source: str, quoted: str, cells: Sequence[str]
+    names: Sequence[str], values: Floats, source: str, heading: str, cells: Sequence[str]
 ) -> None:
     """Refuse a table whose names are those of references only, or do not tell while its values say something."""
     others = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
@@ -537,7 +548,7 @@ def _refuse_unclear(
     width = values.shape[1]
     judged = groups(values, [place for place in range(width) if not names or tells_nothing(names[place])], names)
     if any(group.is_candidate or group.is_known or (names and len(group.names) > 1) for group in judged):
-        nameless = f"{source} has {width} columns and no header{quoted}: need three, x y z, or four with the time first"
+        nameless = f"{source} has {width} columns and {heading}: need three, x y z, or four with the time first"
         what = f"names do not tell which columns of {source} are the magnetometer" if names else nameless
         first = [f"{number}: {cell.strip()}" for number, cell in enumerate(cells, 1)]
         shown = f"; its first line by its columns is {listed(first)}" if cells and not names else ""

@@ -23,9 +23,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, figures
+from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, UsageError, figures
 from flinders.readers._clock import Clock, Midnights, clocks_of
 from flinders.readers._columns import Columns, choose
+from flinders.readers._heading import shifted
 from flinders.readers._names import (
     ACCELERATION,
     FIELD,
@@ -105,6 +106,7 @@ class TextLayout:
     units: tuple[str, ...] = ()  # those in a row below the header; empty where there is none
     header_line: int = 0  # where they stand; 0 where nowhere
     header_text: str = ""  # that line, as it is
+    heading: str = ""  # of a header with another number of names than lines have fields, how many there are
     words: str = ""  # the dialect that was made a table of, for people
     in_force: str = ""  # the calibration of the board that readings are after, where headers of a blackbox tell one
     encoding: str = "utf-8"
@@ -122,7 +124,7 @@ class TextLayout:
     def __str__(self) -> str:
         if self.words:
             return self.words
-        parts = ["no header"] * (not self.header) + [f"{SPOKEN[self.grid.delimiter]}-separated"]
+        parts = [self.heading] * bool(self.heading) + ["no header"] * (not self.header and not self.heading) + [f"{SPOKEN[self.grid.delimiter]}-separated"]
         written = ", ".join(parts + ["decimal comma"] * (self.grid.decimal == ","))
         written += f"; {ON_BOARD}" * self.is_blackbox
         return written + f"; recorded with {self.in_force} in force" * bool(self.in_force)
@@ -265,8 +267,8 @@ def sniff(
     for some, least in ((lines[:TRIED], 3), (lines, 3), *([(lines, 2)] if flat else [])):
         best = max((_cut(some, signs, least) for signs in _signs_of(some)), key=_Cut.score, default=None)
         if best is not None and best.rows:
-            choosing = partial(choose, asked=columns, flat=flat, choice=choice, source=name)
-            return _table(name, texts, best, header, choosing, is_asked=columns is not None)
+            choosing = partial(choose, flat=flat, choice=choice, source=name)
+            return _table(name, texts, best, header, choosing, asked=columns)
     raise _nothing(name, lines)
 
 
@@ -277,7 +279,7 @@ def _table(
     known: Sequence[str],
     choosing: partial[Columns | None],
     *,
-    is_asked: bool,
+    asked: str | None,
 ) -> TextLayout:
     """Lay out a table from the lines that are rows of numbers."""
     signs, rows = best.signs, best.rows
@@ -286,22 +288,27 @@ def _table(
         raise NoMagnetometer(f"{name} has {width:,} columns: cut the magnetometer's out, with its time")
     places = [place for place, cells in rows.items() if len(cells) == width]
     start, alike = min(places), [rows[place] for place in places]
-    closed = not any(cells[-1].strip() for cells in alike)
-    place, header = (-1, list(known)) if known else _header(texts[:start], signs[0], width, closed=closed)
-    width -= closed and len(header) != width  # each line ends with a delimiter
+    filled = width - next((at for at in range(width) if any(cells[-1 - at].strip() for cells in alike)), 0)
+    place, header = (-1, list(known)) if known else _header(texts[:start], signs[0], filled, width)
+    width = len(header) if filled <= len(header) <= width else filled  # each line ends with delimiters
     values = np.array([best.values[place][:width] for place in places[:SAMPLED]], dtype=float)
-    units = _units(texts[place + 1 : start], signs[0], len(header)) if place >= 0 else ()
     clocks = _clocks(texts[start:], alike[:SAMPLED], values, signs[0])
-    if not header and not is_asked:
+    misfit = None if header else _misfit(name, texts[:start], signs[0], values, clocks, asked)
+    place, header = (misfit.place, misfit.names) if misfit else (place, header)
+    units = _units(texts[place + 1 : start], signs[0], len(header)) if place >= 0 else ()
+    if not header and asked is None:
         _refuse_numbered(name, alike)
+    heading = misfit.words(width) if misfit else ""
     line = f" (line {start + 1}: {shown(texts[start])!r})"
-    chosen = choosing(header, values, units=units, quoted=line, cells=alike[0][:width], clocks=clocks)
+    choosing = partial(choosing, asked=asked, heading=heading, quoted=line, cells=alike[0][:width], clocks=clocks)
+    chosen = choosing(header, values, units=units)
     if chosen is None:
-        raise _no_magnetometer(name, header, values, texts[start], line)
-    if not is_asked:
+        raise _no_magnetometer(name, header, values, texts[start], f"{heading or 'no header'}{line}", line)
+    if asked is None:
         if not header or meaning(chosen.field.names[0]).is_bare:
             _refuse_mixed(name, header, alike)
         _refuse_thousands(name, alike, chosen, signs[1])
+    numbers = ", ".join(str(cell + 1) for cell in chosen.field.cells)
     is_even = header or often >= SAME_WIDTH * len(rows)
     return TextLayout(
         grid=Grid(*signs, width if is_even else 0, chosen.cells, chosen.needed, chosen.clock),
@@ -311,6 +318,7 @@ def _table(
         units=tuple(units),
         header_line=place + 1,
         header_text=texts[place] if place >= 0 else "",
+        heading=f"{heading} ({', '.join(chosen.field.names)} of columns {numbers})" if heading and header else heading,
     )
 
 
@@ -383,12 +391,15 @@ def _first_row(texts: list[str], after: int, start: int) -> int:
 # What stands above the readings ---------------------------------------------------------------------------------------
 
 
-def _header(above: list[str], delimiter: str, width: int, *, closed: bool) -> tuple[int, list[str]]:
-    """Find the header above the readings: the nearest line that names a magnetometer, or else columns at all."""
+def _header(above: list[str], delimiter: str, filled: int, width: int) -> tuple[int, list[str]]:
+    """Find the header above the readings: the nearest line that names a magnetometer, or else columns at all.
+
+    Lines have `width` cells, of which the first `filled` hold something.
+    """
     fallback: tuple[int, list[str]] = (-1, [])
     for place in range(len(above) - 1, -1, -1):
         names = _names_in(above[place], delimiter)
-        if not (fits(names, width) or (closed and len(names) == width - 1)):
+        if not (fits(names, width) or filled <= len(names) < width):
             continue
         names = names[:width]
         if all(is_unit(name) for name in names if name):
@@ -401,6 +412,63 @@ def _header(above: list[str], delimiter: str, width: int, *, closed: bool) -> tu
         if not fallback[1] and not _is_comment(above[place]) and _could_name(names, delimiter):
             fallback = place, names
     return fallback
+
+
+class _Misfit(NamedTuple):
+    """A header with another number of names than lines have fields."""
+
+    place: int
+    count: int  # of names
+    names: list[str]  # one for each field, some of them empty; none where values do not tell whose they are
+    text: str
+
+    def words(self, width: int) -> str:
+        """How many there are of each."""
+        return f"a header of {self.count} names over {width} fields" if self.count != width else ""
+
+
+def _misfit(
+    name: str, above: list[str], delimiter: str, values: Floats, clocks: Sequence[Clock], asked: str | None
+) -> _Misfit | None:
+    """Find a header that fits by no number, or no delimiter: the nearest that has the names that are meant.
+
+    Raises `NoMagnetometer` where it names a magnetometer and values do not tell which columns it is.
+    """
+    width, other = values.shape[1], None
+    parts = [part.strip().casefold() for part in asked.split(",")] if asked else []
+    wanted = [part for part in parts if not part.isdecimal()]
+    for place, sign in ((place, sign) for place in range(len(above) - 1, -1, -1) for sign in dict(SIGNS)):
+        names = _named_in(above[place], sign)
+        is_meant = set(wanted) <= set(map(str.casefold, names)) if wanted else names_magnetometer(names)
+        if len(names) > 1 and is_meant:
+            header = names if len(names) == width else shifted(names, values, clocks, wanted)
+            if header or asked is None or wanted:
+                return _settled(name, _Misfit(place, len(names), header, above[place]), values, wanted)
+        could_be = sign == delimiter and 2 * len(names) >= width and not _is_comment(above[place])
+        if other is None and could_be and _could_name(names, sign):
+            other = _Misfit(place, len(names), [], above[place])
+    return other
+
+
+def _settled(name: str, found: _Misfit, values: Floats, wanted: Sequence[str]) -> _Misfit:
+    """Ask where a header names what is wanted and values do not tell which columns that is."""
+    if found.names:
+        return found
+    what = f"{found.words(values.shape[1])} (line {found.place + 1}: {shown(found.text)!r})"
+    if wanted:
+        raise UsageError(f"columns {','.join(wanted)!r}: {name} has {what}, which may be of other columns: give numbers")
+    raise NoMagnetometer(
+        f"{name} has {what}, and values do not tell which of them are x, y and z: say so with columns='X,Y,Z', by "
+        f"number; they go from {ranges(values)}"
+    )
+
+
+def _named_in(text: str, delimiter: str) -> list[str]:
+    """Names of a line without those that are empty at its end; none where some are numbers."""
+    names = [name.rstrip(",;") for name in _names_in(text, delimiter)]
+    while names and not names[-1]:
+        names.pop()
+    return [] if any(name and number(name, ".") is not None for name in names) else names
 
 
 def _names_in(text: str, delimiter: str) -> list[str]:
@@ -506,14 +574,16 @@ def ranges(values: Floats) -> str:
     return ", ".join(written + ["…"] * (len(ends) > MOST_RANGES))
 
 
-def _no_magnetometer(name: str, header: list[str], values: Floats, text: str, line: str) -> NoMagnetometer:
+def _no_magnetometer(
+    name: str, header: list[str], values: Floats, text: str, heading: str, line: str
+) -> NoMagnetometer:
     if header:
         return NoMagnetometer(
             f"no magnetometer among the columns of {name}: {listed(header)}; "
             "say which three it is with columns='X,Y,Z', by name or by number"
         )
     return _other_labels(name, text, line) or NoMagnetometer(
-        f"{name} has {values.shape[1]} columns and no header{line}: need three, x y z, "
+        f"{name} has {values.shape[1]} columns and {heading}: need three, x y z, "
         "or four with the time first; say which are the magnetometer with columns='X,Y,Z', by number; they go from "
         f"{ranges(values)}"
     )

@@ -152,6 +152,22 @@ def _alone(column: Floats, *, is_three: bool) -> str:
     return "seldom changing" if is_state and not is_three else ""
 
 
+def is_no_axis(column: Floats) -> bool:
+    """Tell whether a column can be no axis beside others that can: words, a clock, a counter or a constant."""
+    column = np.where(np.abs(column) < LARGEST, column, np.nan)
+    return bool(np.isfinite(column).mean() < 0.5 or len(column) < FEWEST or _alone(column, is_three=False))
+
+
+def fits_beside(values: Floats, places: Sequence[tuple[int, ...]]) -> tuple[int, ...] | None:
+    """Pick the three columns that are a magnetometer, of several of which one is; None where that is open."""
+    judged = {cells: _roundness(values[:, cells]) for cells in places if len(cells) == 3}
+    turned = {cells: fit for cells, fit in judged.items() if fit and _judged(values[:, cells]).is_candidate}
+    if len(turned) == 1:
+        return next(iter(turned))
+    alike = [cells for cells in places if _is_alike(values[:, cells])]
+    return alike[0] if len(alike) == 1 and not turned else None
+
+
 def _begins_again(steps: Floats) -> bool:
     """Tell whether a clock or a counter begins again and again: it rises by even steps, and falls by larger ones."""
     rising, falling = steps[steps > 0], -steps[steps < 0]
@@ -243,13 +259,19 @@ def _roundness(vectors: Floats) -> tuple[bool, bool, float] | None:
     group = _judged(vectors)
     if not (group.is_candidate or group.is_known) or not (fit := _fit(vectors)).is_turned:
         return None
-    decimals, steps = zip(*map(_written, vectors.T), strict=True)
-    is_alike = len(set(decimals)) == 1 and len(set(steps) - {0}) < 2
+    is_alike = _is_alike(vectors)
     wide, middle, narrow = np.linalg.svd(vectors - vectors.mean(axis=0), compute_uv=False)
     is_line = middle < FLAT * wide  # which is near any large sphere
     if is_line or (not is_alike and (narrow < FLAT * wide or fit.scatter > ROUND_INDEED)):
         return None
     return not group.is_known, not is_alike, fit.scatter
+
+
+def _is_alike(vectors: Floats) -> bool:
+    """Tell whether columns are written alike, as axes of one sensor are."""
+    vectors = vectors[np.isfinite(vectors).all(axis=1)]
+    decimals, steps = zip(*map(_written, vectors.T), strict=True)
+    return len(set(decimals)) == 1 and len(set(steps) - {0}) < 2
 
 
 def _written(values: Floats) -> tuple[int, int]:
