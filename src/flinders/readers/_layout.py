@@ -27,6 +27,7 @@ from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, Usag
 from flinders.readers._clock import Clock, Midnights, clocks_of
 from flinders.readers._columns import Columns, choose
 from flinders.readers._heading import shifted
+from flinders.readers._likeness import advice, groups
 from flinders.readers._names import (
     ACCELERATION,
     FIELD,
@@ -85,6 +86,7 @@ PRINTED: Final = 1024  # Characters of a line that are looked at for labels
 LONGEST_EXAMPLE: Final = 160  # Characters of a line that is shown as a pattern
 MOST_ABOVE: Final = 40  # Lines in which a header without readings is looked for
 MOST_COLUMNS: Final = 4096  # Columns of a table
+MOST_NAMES_OVER: Final = 2  # Names that a header may have more than lines have fields
 MOST_SENSORS: Final = 8  # Sensors whose number may stand before each reading
 MOST_RANGES: Final = 16  # Columns whose ranges are listed
 _PLAIN: Final = re.compile(r"[-+.,;\s\d]*(?:(?:[eE][-+]\d|nan)[-+.,;\s\d]*)*", re.ASCII)
@@ -439,12 +441,14 @@ def _misfit(
     wanted = [part for part in parts if not part.isdecimal()]
     for place, sign in ((place, sign) for place in range(len(above) - 1, -1, -1) for sign in dict(SIGNS)):
         names = _named_in(above[place], sign)
+        least = 3 if sign == delimiter != SPACES else width / 2 if sign == delimiter else width
+        is_close = least <= len(names) <= width + MOST_NAMES_OVER * (sign == delimiter)
         is_meant = set(wanted) <= set(map(str.casefold, names)) if wanted else names_magnetometer(names)
-        if len(names) > 1 and is_meant:
+        if is_close and is_meant:
             header = names if len(names) == width else shifted(names, values, clocks, wanted)
             if header or asked is None or wanted:
                 return _settled(name, _Misfit(place, len(names), header, above[place]), values, wanted)
-        could_be = sign == delimiter and 2 * len(names) >= width and not _is_comment(above[place])
+        could_be = is_close and sign == delimiter and not _is_comment(above[place])
         if other is None and could_be and _could_name(names, sign):
             other = _Misfit(place, len(names), [], above[place])
     return other
@@ -457,18 +461,19 @@ def _settled(name: str, found: _Misfit, values: Floats, wanted: Sequence[str]) -
     what = f"{found.words(values.shape[1])} (line {found.place + 1}: {shown(found.text)!r})"
     if wanted:
         raise UsageError(f"columns {','.join(wanted)!r}: {name} has {what}, which may be of other columns: give numbers")
-    raise NoMagnetometer(
-        f"{name} has {what}, and values do not tell which of them are x, y and z: say so with columns='X,Y,Z', by "
-        f"number; they go from {ranges(values)}"
-    )
+    judged = groups(values, range(values.shape[1]))
+    told = advice(judged) if judged else f"say so with columns='X,Y,Z', by number; they go from {ranges(values)}"
+    raise NoMagnetometer(f"{name} has {what}, and values do not tell which fields the names are of; {told}")
 
 
 def _named_in(text: str, delimiter: str) -> list[str]:
-    """Names of a line without those that are empty at its end; none where some are numbers."""
+    """Names of a line without those that are empty at its end; none where some are numbers, or come again."""
     names = [name.rstrip(",;") for name in _names_in(text, delimiter)]
     while names and not names[-1]:
         names.pop()
-    return [] if any(name and number(name, ".") is not None for name in names) else names
+    filled = list(filter(None, names))
+    is_text = all(number(name, ".") is None for name in filled) and len(set(filled)) == len(filled)
+    return names if is_text else []
 
 
 def _names_in(text: str, delimiter: str) -> list[str]:

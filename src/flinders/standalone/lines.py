@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core import units
 from flinders.live import transcript
-from flinders.readers import READERS, _clock, _columns, _layout, _likeness, _names, _source, _tokenizer
+from flinders.readers import READERS, _clock, _columns, _heading, _layout, _likeness, _names, _source, _tokenizer
 from flinders.readers.dialects import json_records, labelled, marked, wrapped
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ MODULES: Final = {
     "tokenizer": _tokenizer,
     "clock": _clock,
     "columns": _columns,
+    "heading": _heading,
     "likeness": _likeness,
     "layout": _layout,
     "marked": marked,

@@ -63,14 +63,33 @@ export function clocksOf(rules, rows, places) {
         const found = filled.flatMap((text) => matched(rules, text) ?? []);
         if (!found.length || found.length < rules.ENOUGH * filled.length) continue;
         if (found[0].hour === undefined) days.push(place);
-        else if (found[0].first || found[0].month) clocks.push(new Clock(rules, rows, [place]));
+        else if (found[0].first || found[0].month) clocks.push(new Clock(rules, rows, withFraction(rules, rows, [place])));
         else times.push(place);
     }
     for (const place of times) {
         const day = largest(days, (each) => [-Math.abs(each - place)]);
-        clocks.push(new Clock(rules, rows, day === undefined ? [place] : [day, place]));
+        clocks.push(new Clock(rules, rows, withFraction(rules, rows, day === undefined ? [place] : [day, place])));
     }
     return clocks;
+}
+
+/**
+ * Cells, and the next where a comma before the fraction of a second has cut that off: `04:42:07,813`.
+ * @param {Constants} rules
+ * @param {readonly (readonly string[])[]} rows
+ * @param {number[]} cells
+ */
+function withFraction(rules, rows, cells) {
+    const after = cells[cells.length - 1] + 1;
+    if (!rows.every((row) => after < row.length && whole(rules.FRACTION, row[after].trim()))) return cells;
+    const alone = new Clock(rules, rows, cells);
+    const seconds = rows.map((row) => alone.seconds(row));
+    const joint = new Clock(rules, rows, [...cells, after]);
+    const times = rows.map((row) => joint.seconds(row));
+    const repeats = seconds.flatMap((each, i) => (i > 0 && each === seconds[i - 1] ? [i] : []));
+    const isOften = repeats.length > rules.REPEATED * (rows.length - 1);
+    const isFiner = isOften && seconds.every(Number.isInteger) && repeats.every((i) => times[i] > times[i - 1]);
+    return isFiner ? [...cells, after] : cells;
 }
 
 /**

@@ -1,6 +1,7 @@
 /** Tables: delimiter, decimal sign and header, and which columns are the magnetometer and the time. As `readers/_layout.py`. */
 
 import { Clock, clocksOf } from "./clocks.js";
+import { ascends, onlyRises, shifted, stepsOf } from "./headings.js";
 import { counted, largest, median, replaced, whole } from "./patterns.js";
 
 /** @typedef {import("./names.js").Names} Names */
@@ -115,13 +116,15 @@ export class Tables {
         }
         const alike = [...rows.values()].filter((cells) => cells.length === width);
         const start = Math.min(...[...rows].filter(([, cells]) => cells.length === width).map(([place]) => place));
-        const isClosed = alike.every((cells) => !cells[width - 1].trim());
-        const { place, names } = this.header(texts.slice(0, start), delimiter, width, isClosed);
-        if (isClosed && names.length !== width) width--;
-        const inLine = alike.map((cells) => cells.slice(0, width));
-        const units = place < 0 ? [] : this.units(texts.slice(place + 1, start), delimiter, names.length);
+        const isEmpty = (/** @type {number} */ place) => alike.every((cells) => !cells[place].trim());
+        let filled = width;
+        while (filled > 0 && isEmpty(filled - 1)) filled--;
+        const found = this.header(texts.slice(0, start), delimiter, filled, width);
+        width = filled <= found.names.length && found.names.length <= width ? found.names.length : filled;
         const below = texts.slice(start).map((text) => this.prints.split(text, delimiter));
-        const { values, clocks } = this.valued(inLine, decimal, below);
+        const { values, clocks } = this.valued(alike.map((cells) => cells.slice(0, width)), decimal, below);
+        const { place, names } = found.names.length ? found : this.misfit(texts.slice(0, start), delimiter, values, clocks);
+        const units = place < 0 ? [] : this.units(texts.slice(place + 1, start), delimiter, names.length);
         if (!names.length) this.refuseNumbered(alike);
         const columns = this.columns(names, values, units, clocks);
         this.refuseOthers(names, alike, columns, decimal);
@@ -155,16 +158,16 @@ export class Tables {
      * The nearest line above the readings that names a magnetometer, or else columns at all.
      * @param {string[]} above
      * @param {string} delimiter
-     * @param {number} width
-     * @param {boolean} isClosed
+     * @param {number} filled Cells of a line that hold something.
+     * @param {number} width All of them.
      * @returns {{place: number, names: string[]}}
      */
-    header(above, delimiter, width, isClosed) {
+    header(above, delimiter, filled, width) {
         /** @type {{place: number, names: string[]}} */
         let other = { place: -1, names: [] };
         for (let place = above.length - 1; place >= 0; place--) {
             const all = this.namesIn(above[place], delimiter);
-            if (!this.prints.fits(all, width) && !(isClosed && all.length === width - 1)) continue;
+            if (!this.prints.fits(all, width) && !(filled <= all.length && all.length < width)) continue;
             const names = all.slice(0, width);
             if (names.every((name) => !name || this.names.isUnit(name))) continue;
             if (this.names.magnetometer(names)) return { place, names };
@@ -172,6 +175,36 @@ export class Tables {
             if (!other.names.length && couldName) other = { place, names };
         }
         return other;
+    }
+
+    /**
+     * The nearest line above the readings that names a magnetometer by another number of names, or with another
+     * delimiter.
+     * @param {string[]} above
+     * @param {string} own Delimiter of the lines.
+     * @param {number[][]} values
+     * @param {readonly Clock[]} clocks
+     * @returns {{place: number, names: string[]}}
+     */
+    misfit(above, own, values, clocks) {
+        const width = values[0].length;
+        const most = width + this.layout.MOST_NAMES_OVER;
+        const delimiters = new Set(this.signs.map(([delimiter]) => delimiter));
+        for (let place = above.length - 1; place >= 0; place--) {
+            for (const delimiter of delimiters) {
+                const names = this.namesIn(above[place], delimiter).map((name) => name.replace(/[,;]+$/, ""));
+                while (names.length && !names[names.length - 1]) names.pop();
+                const filled = names.filter(Boolean);
+                const isText = filled.every((name) => this.prints.number(name) === null) && new Set(filled).size === filled.length;
+                const least = delimiter === this.rules.tokenizer.SPACES ? width / 2 : 3;
+                const isClose = delimiter === own ? least <= names.length && names.length <= most : names.length === width;
+                if (!isClose || !isText || !this.names.vectors(names, this.rules.names.FIELD).length) continue;
+                const all = names.length === width ? names : shifted(this.rules, this.names, names, values, clocks);
+                if (all.length) return { place, names: all };
+                throw new Unreadable(`it has a header of ${names.length} names over ${width} fields, and values do not tell which are x, y and z: ${MORE_WITH}`);
+            }
+        }
+        return { place: -1, names: [] };
     }
 
     /**
@@ -239,10 +272,17 @@ export class Tables {
             return units[place] && !own.unit ? this.names.meaning(`${name} (${units[place]})`) : own;
         });
         const { TIME } = this.rules.names;
-        for (const { cell } of clocks) {
+        for (const { cell, cells } of clocks) {
             const { kind, rank } = meanings[cell];
+            for (const each of cells) meanings[each] = { kind: "", axis: "", unit: "", rank: 0 };
             meanings[cell] = { kind: TIME, axis: "", unit: "s", rank: kind === TIME ? rank + 2 : this.rules.columns.LAST };
         }
+        const isClock = (/** @type {number} */ place) => {
+            const column = values.map((row) => row[place]).filter(Number.isFinite);
+            return ascends(column) && stepsOf(column).some((step) => step !== 1);
+        };
+        const unnamed = names.findIndex((name, place) => !name.trim() && isClock(place));
+        if (unnamed >= 0) meanings[unnamed] = { kind: TIME, axis: "", unit: "", rank: this.rules.columns.LAST };
         const field = this.names.magnetometer(names, meanings);
         if (!field) throw new Unreadable(`no magnetometer among the columns ${shown(names)}: ${MORE_WITH}`);
         const own = field.cells.map((cell) => names[cell].trim());
@@ -284,25 +324,11 @@ export class Tables {
     }
 
     /**
-     * Whether a column rises from row to row as only a clock or a counter does.
-     * @param {number[]} column
-     */
-    onlyRises(column) {
-        const { FEWEST, SURE, EVEN, MOSTLY, LARGEST } = this.rules.likeness;
-        const values = column.filter((value) => Math.abs(value) < LARGEST);
-        if (values.length < FEWEST || !ascends(values)) return false;
-        const steps = stepsOf(values);
-        const usual = median(steps);
-        const even = steps.filter((step) => Math.abs(step - usual) <= EVEN * usual).length;
-        return values.length >= SURE || even >= MOSTLY * steps.length;
-    }
-
-    /**
      * Whether some of three columns only rise, as no axis does, while the others go to and fro.
      * @param {number[][]} columns
      */
     hasClock(columns) {
-        const rising = columns.map((column) => this.onlyRises(column));
+        const rising = columns.map((column) => onlyRises(this.rules.likeness, column));
         const finite = columns[0].flatMap((_, i) => (columns.every((column) => Number.isFinite(column[i])) ? [i] : []));
         const falling = columns.map((column) => {
             const falls = finite.slice(1).filter((row, i) => column[row] < column[finite[i]]).length;
@@ -329,7 +355,8 @@ export class Tables {
         const parted = places.filter((place) => this.isParted(names, place, values));
         for (const place of places.toSorted((one, other) => meanings[one].rank - meanings[other].rank)) {
             const clock = clocks.find(({ cell }) => cell === place) ?? null;
-            const name = (clock?.cells ?? [place]).map((cell) => names[cell].trim() || `${cell + 1}`).join(" and ");
+            const named = clock?.cells.filter((cell) => names[cell].trim()) ?? [];
+            const name = (named.length ? named : [place]).map((cell) => names[cell].trim() || `${cell + 1}`).join(" and ");
             const time = { ...this.timed(place, name, meanings[place].unit, values), clock };
             if (parted.includes(place)) return { ...time, fraction: place + 1 };
             const column = values.map((row) => row[place]);
@@ -544,16 +571,6 @@ export class Tables {
             throw new Unreadable(`${what}: save it without a separator of thousands`);
         }
     }
-}
-
-/** @param {number[]} values */
-function ascends(values) {
-    return values.length > 1 && values.every((value, i) => i === 0 || value > values[i - 1]);
-}
-
-/** @param {number[]} values */
-function stepsOf(values) {
-    return values.slice(1).map((value, i) => value - values[i]);
 }
 
 /**
