@@ -60,7 +60,8 @@ COLUMNS: Final = (
     "rm3100x", "imu_mx", "Bx", "b_y", "hz", "x", "Y", "T_C", "t", "timestamp_us", "header.stamp.secs", "accel_x_mps2",
     "ax", "linear acc x", "temperature", "temps", "current_A", "throttle_share", "motor1_current (mA)", "attitude_w",
     "igrf_total", "reference field (nT)", "mag_ref_x", "unit_x", "mag_unit_x", "covariance_mag_x", "heading",
-    "latitude", "field strength z", "B_meas_x", "b_model_x", "sensor_x", "reference_x", "constructor", "X axis field (Gauss)", "µT x", "mag_filtered_z", "lis3mdl_raw_x",
+    "B_meas_x", "b_model_x", "sensor_x", "reference_x",
+    "latitude", "field strength z", "constructor", "X axis field (Gauss)", "µT x", "mag_filtered_z", "lis3mdl_raw_x",
     "angular_velocity.z", "day time", "elapsed (ms)", "",
 )  # fmt: skip
 """Names of columns of many kinds, and of none."""
@@ -109,7 +110,9 @@ TABLES: Final = {
         "quotes": (['"time","Mag X (mG)","Mag Y (mG)","Mag Z (mG)"'], '"{t}","{0}","{1}","{2}"'),
         "a reference beside it": (["ref_x,ref_y,ref_z,m_x,m_y,m_z"], "1,2,3,{0},{1},{2}"),
         "calibrated beside raw": (["mag_x_cal,mag_y_cal,mag_z_cal,mag_x_raw,mag_y_raw,mag_z_raw"], "1,2,3,{0},{1},{2}"),
-        "a model's field beside it": (["MagneticField_x,MagneticField_y,MagneticField_z,MagSensor_x,MagSensor y,magsensor-z"], "1,2,3,{0},{1},{2}"),
+        "a model's field beside it": (
+            ["MagneticField_x,MagneticField_y,MagneticField_z,MagSensor_x,MagSensor y,magsensor-z"], "1,2,3,{0},{1},{2}"
+        ),
         "measured beside a field": (["field_x,field_y,field_z,measured_x,measured_y,measured_z"], "1,2,3,{0},{1},{2}"),
         "a temperature named T": (["mx,my,mz,T"], "{0},{1},{2},23.4"),
         "a T that falls": (["T_raw,mx,my,mz"], "-{n},{0},{1},{2}"),

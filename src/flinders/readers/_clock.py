@@ -34,13 +34,17 @@ DATE: Final = (
 )
 """A date, and the day of the week before it."""
 HALF: Final = r"(?:\s?(?P<half>[AaPp])\.?[Mm]\b\.?)?"
-TIME_OF_DAY: Final = r"(?P<hour>\d{1,2}):(?P<minute>\d\d)(?::(?P<second>\d\d))?(?P<fraction>[.,]\d+|:\d{3,}|\s(?:\d{3}|\d{6}))?" + HALF
+TIME_OF_DAY: Final = (
+    r"(?P<hour>\d{1,2}):(?P<minute>\d\d)(?::(?P<second>\d\d))?(?P<fraction>[.,]\d+|:\d{3,}|\s(?:\d{3}|\d{6}))?" + HALF
+)
 """A time of day; one without hours, as spreadsheets write ``mm:ss.0``, has a fraction."""
 ZONE: Final = r"(?:\s?(?P<zone>Z|UTC|GMT|(?:UTC|GMT)?[-+]\d\d:?(?:\d\d)?)|\s[A-Z]{2,5})?(?:\[[^\]]*\])?"
 """A name such as ``CET`` says nothing: hours of it are counted as they are written."""
 WHEN: Final = re.compile(
-    rf"\s*[\[(<'\"]?(?:{DATE}(?:T|[ ,;_]\s*|$|(?=[\])>'\"])))?(?:(?P<days>\d+)\s+days?,?\s+)?(?:{TIME_OF_DAY}{ZONE})?(?:\s+(?P<late>\d{{4}}))?[\])>'\"]?\s*"
+    rf"\s*[\[(<'\"]?(?:{DATE}(?:T|[ ,;_]\s*|$|(?=[\])>'\"])))?(?:(?P<days>\d+)\s+days?,?\s+)?"
+    rf"(?:{TIME_OF_DAY}{ZONE})?(?:\s+(?P<late>\d{{4}}))?[\])>'\"]?\s*"
 )
+"""A cell with a date, a time of day or both; ``ctime`` has the year behind, and a span of pandas counts days."""
 PACKED: Final = re.compile(r"\s*(\d{4})(\d\d)(\d\d)[T_ ](\d\d)(\d\d)(\d\d)")  # ``20261122T044207.813Z``
 FRACTION: Final = re.compile(r"\d{3}|\d{6}")  # of a second
 REPEATED: Final = 0.2  # share of whole seconds that come again, from which on what stands behind may be their fraction

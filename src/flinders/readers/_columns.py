@@ -37,6 +37,7 @@ from flinders.readers._names import (
     THROTTLES,
     TIME,
     Choice,
+    Form,
     Meaning,
     Vector,
     clearness,
@@ -124,6 +125,7 @@ class Columns:
     magnetometers: tuple[Columns, ...] = ()  # those of each of several magnetometers, in order
     others: tuple[str, ...] = ()  # numbers and names of the other magnetometers, where nobody has said which is meant
     passed_over: tuple[str, ...] = ()  # what is named like a magnetometer and is none of its own, with what it is
+    form: Form | None = None  # where they were asked for, how the table is recognised
     reset: Column | None = (
         None  # what a sensor with set and reset pulses read after a reset, where `field` is after a set
     )
@@ -440,7 +442,7 @@ class _Header:
 
 def _column(kind: str, cells: Sequence[int], names: Sequence[str]) -> Column:
     """Name a column as the header does, or by its number counted from 1 where it has no name."""
-    return Column(kind, tuple(cells), tuple((names and names[cell].strip()) or str(cell + 1) for cell in cells))
+    return Column(kind, tuple(cells), tuple((names[cell].strip() if names else "") or str(cell + 1) for cell in cells))
 
 
 def by_place(values: Floats, wanted: Sequence[int] = (), clocks: Sequence[Clock] = ()) -> Columns | None:
@@ -460,6 +462,11 @@ def by_place(values: Floats, wanted: Sequence[int] = (), clocks: Sequence[Clock]
         return Columns(own, auxiliary=(_timed(column, "s", values[:, clocks[0].cell]),))
     place = _clock(values, field)
     return Columns(own, auxiliary=() if place is None else (_timed(_column(TIME, [place], ()), "", values[:, place]),))
+
+
+def rising_in(values: Floats) -> list[int]:
+    """Places of the columns that only ever rise."""
+    return [place for place, column in enumerate(values.T) if only_rises(column)]
 
 
 def axes_of(values: Floats) -> list[int]:
@@ -517,6 +524,8 @@ def choose(
         return None
     every = by_name(names, values, (), units, clocks) if names else None
     chosen = _named(chosen, every.magnetometers if every else (), choice, asked, source)
+    form = Form.of(asked_columns(asked, flat=flat is not None), names, width, rising_in(values))
+    chosen = replace(chosen, form=form)
     if flat is None or len(wanted) != 2:
         return chosen
     return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
@@ -533,9 +542,7 @@ def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> No
         )
 
 
-def _refuse_unclear(
-    names: Sequence[str], values: Floats, source: str, heading: str, cells: Sequence[str]
-) -> None:
+def _refuse_unclear(names: Sequence[str], values: Floats, source: str, heading: str, cells: Sequence[str]) -> None:
     """Refuse a table whose names are those of references only, or do not tell while its values say something."""
     others = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
     if others:

@@ -25,7 +25,7 @@ import numpy as np
 
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, UsageError, figures
 from flinders.readers._clock import Clock, Midnights, clocks_of
-from flinders.readers._columns import Columns, choose
+from flinders.readers._columns import Columns, choose, rising_in
 from flinders.readers._heading import shifted
 from flinders.readers._likeness import advice, groups
 from flinders.readers._names import (
@@ -126,7 +126,8 @@ class TextLayout:
     def __str__(self) -> str:
         if self.words:
             return self.words
-        parts = [self.heading] * bool(self.heading) + ["no header"] * (not self.header and not self.heading) + [f"{SPOKEN[self.grid.delimiter]}-separated"]
+        heading = self.heading or "no header" * (not self.header)
+        parts = [heading] * bool(heading) + [f"{SPOKEN[self.grid.delimiter]}-separated"]
         written = ", ".join(parts + ["decimal comma"] * (self.grid.decimal == ","))
         written += f"; {ON_BOARD}" * self.is_blackbox
         return written + f"; recorded with {self.in_force} in force" * bool(self.in_force)
@@ -270,7 +271,7 @@ def sniff(
         best = max((_cut(some, signs, least) for signs in _signs_of(some)), key=_Cut.score, default=None)
         if best is not None and best.rows:
             choosing = partial(choose, flat=flat, choice=choice, source=name)
-            return _table(name, texts, best, header, choosing, asked=columns)
+            return _table(name, texts, best, header, choosing, columns, choice)
     raise _nothing(name, lines)
 
 
@@ -280,8 +281,8 @@ def _table(
     best: _Cut,
     known: Sequence[str],
     choosing: partial[Columns | None],
-    *,
     asked: str | None,
+    choice: Choice,
 ) -> TextLayout:
     """Lay out a table from the lines that are rows of numbers."""
     signs, rows = best.signs, best.rows
@@ -297,6 +298,7 @@ def _table(
     clocks = _clocks(texts[start:], alike[:SAMPLED], values, signs[0])
     misfit = None if header else _misfit(name, texts[:start], signs[0], values, clocks, asked)
     place, header = (misfit.place, misfit.names) if misfit else (place, header)
+    asked = asked or choice.remembered(header, width, rising_in(values) if choice.forms else ())
     units = _units(texts[place + 1 : start], signs[0], len(header)) if place >= 0 else ()
     if not header and asked is None:
         _refuse_numbered(name, alike)
@@ -420,13 +422,13 @@ class _Misfit(NamedTuple):
     """A header with another number of names than lines have fields."""
 
     place: int
-    count: int  # of names
+    written: int  # names
     names: list[str]  # one for each field, some of them empty; none where values do not tell whose they are
     text: str
 
     def words(self, width: int) -> str:
         """How many there are of each."""
-        return f"a header of {self.count} names over {width} fields" if self.count != width else ""
+        return f"a header of {self.written} names over {width} fields" if self.written != width else ""
 
 
 def _misfit(
@@ -460,7 +462,8 @@ def _settled(name: str, found: _Misfit, values: Floats, wanted: Sequence[str]) -
         return found
     what = f"{found.words(values.shape[1])} (line {found.place + 1}: {shown(found.text)!r})"
     if wanted:
-        raise UsageError(f"columns {','.join(wanted)!r}: {name} has {what}, which may be of other columns: give numbers")
+        asked = ",".join(wanted)
+        raise UsageError(f"columns {asked!r}: {name} has {what}, which may be of other columns: give numbers")
     judged = groups(values, range(values.shape[1]))
     told = advice(judged) if judged else f"say so with columns='X,Y,Z', by number; they go from {ranges(values)}"
     raise NoMagnetometer(f"{name} has {what}, and values do not tell which fields the names are of; {told}")

@@ -33,7 +33,7 @@ import re
 from collections import Counter, defaultdict
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 from flinders.core.units import SPELLINGS
 from flinders.errors import UsageError
@@ -143,7 +143,7 @@ _RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
 _MEASURED: Final = "meas|measured|observed|obs"
 _SENSED: Final = re.compile(rf"(sensors?|magnetometers?|compass|measurement|{_MEASURED})$")
 _TIMES: Final = re.compile(r"(ts?|time.*|.*time|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo)$")
-_CLOCKS: Final = re.compile(r"(dates?|day|datum|clock|utc|gmt|uhr.*|heure|hora|fecha|when)$")  # of what may be a time too
+_CLOCKS: Final = re.compile(r"(dates?|day|datum|clock|utc|gmt|uhr.*|heure|hora|fecha|when)$")  # a time, or not
 _NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
 # Words that any such sensor may have in its name.
 _COMMON: Final = re.compile(
@@ -491,8 +491,8 @@ def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> lis
             name = names[place].strip().casefold()
             times[name] += 1
             sensors[field_stem(name, known.axis), times[name]][known.axis] = place
-    for place, known in [(axes[axis], axis) for axes in sensors.values() if not _letters(axes) for axis in axes]:
-        sensors["".join(_words_of_sensor(names[place])), 1].setdefault(known, place)
+    for axis, place in [each for axes in sensors.values() if not _letters(axes) for each in axes.items()]:
+        sensors["".join(_words_of_sensor(names[place])), 1].setdefault(axis, place)
     made = []
     for (_, time), axes in sensors.items():
         letters = _letters(axes)
@@ -660,6 +660,21 @@ def _quality(vector: Vector) -> tuple[int, int, bool, int, int, int]:
 MOST_NAMED: Final = 8  # magnetometers that a line names; an array may have dozens
 
 
+class Form(NamedTuple):
+    """Columns that were asked for of a table, and what tells a table of the same form."""
+
+    field: tuple[str, ...]  # names, or numbers from 1
+    width: int  # columns of a line
+    names: tuple[str, ...]  # its header; none where it has none
+    rising: tuple[int, ...] = ()  # without a header, numbers of its columns that are clocks and counters
+
+    @classmethod
+    def of(cls, field: Sequence[str], names: Sequence[str], width: int, rising: Iterable[int]) -> Self:
+        """That of a table; `rising` are places of columns that only rise."""
+        own = tuple(name.strip() for name in names)
+        return cls(tuple(field), width, own, () if own else tuple(place + 1 for place in rising))
+
+
 @dataclass(frozen=True, slots=True)
 class Choice:
     """Which of several magnetometers is meant: the one that was asked for, else the one a calibration was made from.
@@ -675,11 +690,23 @@ class Choice:
     sensor: str | None = None  # asked for, by its number from 1 or its name
     preferred: str | None = None  # the name of the one that a calibration was made from
     is_name: bool = False  # `sensor` may be given to the only magnetometer of a table, which does not know its name
+    forms: tuple[Form, ...] = ()  # of the tables that a calibration was made from
 
     @property
     def is_open(self) -> bool:
         """Nobody says which: the first is taken, and the others are named."""
         return self.sensor is None and self.preferred is None
+
+    def remembered(self, names: Sequence[str], width: int, rising: Iterable[int]) -> str | None:
+        """The columns that were asked for of a table of the same form; None for another, and where a sensor is asked.
+
+        >>> choice = Choice(forms=(Form(("2", "3", "4"), 7, (), (1,)),))
+        >>> choice.remembered([], 7, [0]), choice.remembered([], 7, []), choice.remembered([], 6, [0])
+        ('2,3,4', None, None)
+        """
+        own = Form.of((), names, width, rising) if self.forms else None
+        same = (form for form in self.forms if form._replace(field=()) == own and self.sensor is None)
+        return next((",".join(form.field) for form in same if len(form.field) == len("xyz")), None)
 
     def among(self, names: Sequence[str], source: str) -> int:
         """Look up its place among these names, from 0; UsageError for one that there is not, with those there are."""

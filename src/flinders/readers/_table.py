@@ -27,7 +27,7 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
 from flinders.errors import NoMagnetometer, UnreadableInput
-from flinders.readers._columns import Columns, ColumnsRecording, choose, unit_of
+from flinders.readers._columns import Columns, ColumnsRecording, choose, rising_in, unit_of
 from flinders.readers._layout import ranges
 from flinders.readers._names import FIRST, Choice
 from flinders.readers._resample import numbered
@@ -172,6 +172,7 @@ def open_table(
     if len(block) == table.length:  # all of it, which is not read again
         table = replace(table, rows=lambda cells: iter([block[:, list(cells)]]))
     first = block[:SAMPLED]
+    columns = columns or choice.remembered(table.names, table.width, rising_in(first) if choice.forms else ())
     known = choose(table.names, first, columns, flat=flat, choice=choice, source=file.name)
     if known is None:
         raise NoMagnetometer(_unknown(file.name, table, first))
