@@ -294,7 +294,7 @@ def _by_name(
     if not fields:
         return None
     read = {place for field in fields for place in field.cells}
-    unread = [place for place, name in enumerate(names) if place not in read and tells_nothing(name)]
+    unread = [place for place, name in enumerate(names) if name and place not in read and tells_nothing(name)]
     judged = groups(values, unread, names) if len(unread) > 2 else []
     recognised = [str(group) for group in judged if group.is_known or group.is_candidate]
     others = (*passed_over(sensors, fields), *recognised)

@@ -54,6 +54,8 @@ WIDEST: Final = 200  # columns that are judged
 SELDOM: Final = 0.05  # share of rows in which a state changes, or a bias
 FAR_LESS: Final = 3.0  # times the scatter of the roundest from which on others are no magnetometer
 FLAT: Final = 0.2  # narrowest spread of vectors in all directions, of the widest
+SAME: Final = 0.005  # of a length, by which a column that is it differs
+UNKNOWNS: Final = 9  # of an ellipsoid
 FEW: Final = 12  # different numbers below which they tell no step
 MANY_DECIMALS: Final = 4  # from which on numbers of one sensor may have more or fewer
 LARGEST_WRITTEN: Final = 1e9  # whose decimals tell nothing
@@ -99,6 +101,9 @@ def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> li
         if what := _alone(values[:, place], is_three=is_three):
             judged.append(((place,), ColumnGroup((), what)))
             places.remove(place)
+    for place in [place for place in places if not is_three and _is_strength(values, place, places)]:
+        judged.append(((place,), ColumnGroup((), "a strength")))
+        places.remove(place)
     judged += _compared(values, [cells for run in _runs(places) for cells in _threes(values, run)])
     return [group._replace(names=tuple(called[cell] for cell in cells)) for cells, group in sorted(judged)]
 
@@ -129,7 +134,7 @@ class _Fit(NamedTuple):
     """The sphere through three columns."""
 
     is_turned: bool  # it is no guess
-    scatter: float  # around it, of its size
+    scatter: float  # around it, or the ellipsoid, of its size
     radius: float
 
 
@@ -137,7 +142,23 @@ def _fit(vectors: Floats) -> _Fit:
     vectors = vectors[np.isfinite(vectors).all(axis=1)]
     scatter, radius = _sphere(vectors)
     high = _lengths(vectors)[2]
-    return _Fit(bool(radius < high), scatter / min(radius, high), radius)
+    return _Fit(bool(radius < high), min(_scatter(vectors), scatter / min(radius, high)), radius)
+
+
+def _scatter(vectors: Floats) -> float:
+    """Scatter around the ellipsoid that is nearest, of its size: soft iron does not count; infinite without one."""
+    size = np.linalg.norm(vectors.std(axis=0))
+    if len(vectors) <= 2 * UNKNOWNS or not size:
+        return np.inf
+    x, y, z = scaled = (vectors - vectors.mean(axis=0)).T / size
+    terms = np.column_stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, 2 * x, 2 * y, 2 * z])
+    a, b, c, d, e, f, *linear = np.linalg.lstsq(terms, np.ones(len(x)))[0].tolist()
+    shape = np.array([[a, d, e], [d, b, f], [e, f, c]])
+    if np.linalg.eigvalsh(shape).min() <= 0:
+        return np.inf
+    away = scaled - np.linalg.solve(shape, -np.array(linear))[:, np.newaxis]
+    lengths = np.sqrt(np.einsum("ik,ij,jk->k", away, shape, away))
+    return float(lengths.std() / lengths.mean())
 
 
 def _alone(column: Floats, *, is_three: bool) -> str:
@@ -166,6 +187,14 @@ def fits_beside(values: Floats, places: Sequence[tuple[int, ...]]) -> tuple[int,
         return next(iter(turned))
     alike = [cells for cells in places if _is_alike(values[:, cells])]
     return alike[0] if len(alike) == 1 and not turned else None
+
+
+def _is_strength(values: Floats, place: int, places: Sequence[int]) -> bool:
+    """Tell whether a column is the length of three others in a row."""
+    column = values[:, place]
+    starts = [start for start in places if {start + 1, start + 2} <= set(places) and not start <= place <= start + 2]
+    lengths = (np.linalg.norm(values[:, start : start + 3], axis=1) for start in starts)
+    return any(np.nanmedian(np.abs(length - column)) < SAME * np.nanmedian(length) for length in lengths)
 
 
 def _begins_again(steps: Floats) -> bool:
