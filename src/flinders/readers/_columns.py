@@ -459,7 +459,10 @@ def by_place(values: Floats, wanted: Sequence[int] = (), clocks: Sequence[Clock]
     own = _column(FIELD, field, ())
     if clocks:
         column = replace(_column(TIME, clocks[0].cells, ()), cells=(clocks[0].cell,), clock=clocks[0])
-        return Columns(own, auxiliary=(_timed(column, "s", values[:, clocks[0].cell]),))
+        times, name = values[:, clocks[0].cell], " and ".join(column.names)
+        if reason := _cut_digits(times, "s"):
+            return Columns(own, left_out=(f"{name} ({reason})",), unread_time=name)
+        return Columns(own, auxiliary=(_timed(column, "s", times),))
     place = _clock(values, field)
     return Columns(own, auxiliary=() if place is None else (_timed(_column(TIME, [place], ()), "", values[:, place]),))
 

@@ -304,7 +304,9 @@ export class Tables {
         const [clock] = clocks;
         if (clock && free.length === 3) {
             const called = (/** @type {readonly number[]} */ cells) => cells.map((cell) => `${cell + 1}`);
-            const time = { ...this.timed(clock.cell, called(clock.cells).join(" and "), "s", values), clock };
+            const isCut = this.isCut(values.map((row) => row[clock.cell]));
+            const own = { ...this.timed(clock.cell, called(clock.cells).join(" and "), "s", values), clock };
+            const time = isCut ? null : own;
             return { field: free, names: called(free), unit: this.rules.units.COUNTS, time };
         }
         const first = values.map((row) => row[0]).filter(Number.isFinite);
