@@ -48,6 +48,8 @@ WHEN: Final = re.compile(
 PACKED: Final = re.compile(r"\s*(\d{4})(\d\d)(\d\d)[T_ ](\d\d)(\d\d)(\d\d)")  # ``20261122T044207.813Z``
 FRACTION: Final = re.compile(r"\d{3}|\d{6}")  # of a second
 REPEATED: Final = 0.2  # share of whole seconds that come again, from which on what stands behind may be their fraction
+_SECONDS: Final = re.compile(r"(.*?\d:\d\d):(\d\d)(?:[.,](\d+))?((?:\s?[A-Za-z.+-].*)?)")
+"""A time with seconds, what stands before them and behind."""
 MONTHS: Final = {
     "jan": 1, "ene": 1, "gen": 1, "feb": 2, "fév": 2, "mar": 3, "mär": 3, "mrz": 3, "apr": 4, "avr": 4, "abr": 4,
     "may": 5, "mai": 5, "jun": 6, "juin": 6, "giu": 6, "jul": 7, "juil": 7, "lug": 7, "aug": 8, "aoû": 8, "ago": 8,
@@ -92,9 +94,13 @@ class Clock:
 
     def seconds_of(self, *texts: str) -> float:
         """The same of its cells."""
-        match = _match(" ".join(map(str.strip, texts)))
-        seconds = seconds_of(match, self.order) if match else None
-        return math.nan if seconds is None else seconds
+        text = " ".join(map(str.strip, texts))
+        parts = _SECONDS.fullmatch(text)
+        if parts is None:
+            return _seconds(text, self.order)
+        before, second, fraction, behind = parts.groups()
+        minute = _minute(before, behind, self.order)
+        return math.nan if minute is None else float(f"{minute + int(second)}.{fraction or 0}")
 
 
 def clocks_of(rows: Sequence[Sequence[str]], places: Iterable[int]) -> Iterator[Clock]:
@@ -169,6 +175,19 @@ class Midnights:
 
 def _joined(row: Sequence[str], cells: tuple[int, ...]) -> str:
     return " ".join(row[cell].strip() for cell in cells if cell < len(row))
+
+
+@lru_cache(64)
+def _minute(before: str, behind: str, order: str) -> int | None:
+    """The second at which a minute begins, by what stands before and behind the seconds: that costs more than they."""
+    seconds = _seconds(f"{before}:00{behind}", order)
+    return None if math.isnan(seconds) else int(seconds)
+
+
+def _seconds(text: str, order: str) -> float:
+    match = _match(text)
+    seconds = seconds_of(match, order) if match else None
+    return math.nan if seconds is None else seconds
 
 
 def _match(text: str) -> re.Match[str] | None:
