@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.readers._likeness import fits_beside, is_no_axis, only_rises
+from flinders.readers._likeness import ascends, fits_beside, is_no_axis
 from flinders.readers._names import ACCELERATION, FIELD, RATE, TIME, is_letter_of_time, magnetometers, meaning
 
 if TYPE_CHECKING:
@@ -90,6 +90,6 @@ def _doubts(header: Sequence[str], values: Floats, field: Sequence[int], told: C
 
 def _of_time(column: Floats) -> int:
     """How badly a column agrees with the name of a time: it is to rise, and to count no rows."""
-    if not only_rises(column):
+    if not ascends(column):
         return BAD
     return int(set(np.diff(column[np.isfinite(column)])) == {1.0})

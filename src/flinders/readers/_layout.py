@@ -27,7 +27,7 @@ from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, Usag
 from flinders.readers._clock import Clock, Midnights, clocks_of
 from flinders.readers._columns import Columns, choose, rising_in
 from flinders.readers._heading import shifted
-from flinders.readers._likeness import advice, groups
+from flinders.readers._likeness import advice, groups, has_clock
 from flinders.readers._names import (
     ACCELERATION,
     FIELD,
@@ -302,6 +302,7 @@ def _table(
     units = _units(texts[place + 1 : start], signs[0], len(header)) if place >= 0 else ()
     if not header and asked is None:
         _refuse_numbered(name, alike)
+        values = _longer(texts[start:], values, signs)
     heading = misfit.words(width) if misfit else ""
     line = f" (line {start + 1}: {shown(texts[start])!r})"
     choosing = partial(choosing, asked=asked, heading=heading, quoted=line, cells=alike[0][:width], clocks=clocks)
@@ -324,6 +325,16 @@ def _table(
         header_text=texts[place] if place >= 0 else "",
         heading=f"{heading} ({', '.join(chosen.field.names)} of columns {numbers})" if heading and header else heading,
     )
+
+
+def _longer(texts: Sequence[str], values: Floats, signs: tuple[str, str]) -> Floats:
+    """Numbers of all of these lines, where an axis of a table without a header only rises through the first."""
+    width = values.shape[1]
+    if width not in (3, 4) or not has_clock(values[:, width - 3 :]):
+        return values
+    cut = (split(text, signs[0]) for text in texts)
+    rows = [[number(cell, signs[1]) for cell in cells] for cells in cut if len(cells) == width]
+    return np.array(rows, dtype=float)
 
 
 def _clocks(texts: Sequence[str], rows: Sequence[Sequence[str]], values: Floats, delimiter: str) -> list[Clock]:

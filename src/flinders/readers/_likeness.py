@@ -46,6 +46,8 @@ NEAR_ZERO: Final = 0.15  # of the longest readings: what is near zero, where rat
 LARGEST: Final = 1e100  # what a reading may be, so that its square is a number
 SURE: Final = 100  # rows that noise would not let an axis rise through
 EVEN: Final = 0.5  # of the usual step of a clock or a counter, by which most others differ at most
+BALL: Final = 0.75  # radius of a sphere, of the range of an axis, that most of it was seen of
+HALF_AS_WIDE: Final = 0.5  # range of an axis that a spiral rises along, of that of another
 MOSTLY: Final = 0.9  # share of its steps
 FALLING: Final = 0.1  # share of its steps in which an axis reads less than before
 FEWEST: Final = 10  # rows from which on lengths are judged
@@ -232,21 +234,26 @@ def ascends(values: Floats) -> bool:
 
 
 def only_rises(values: Floats) -> bool:
-    """Tell whether a column rises from row to row as only a clock or a counter does: often, or by even steps."""
+    """Tell whether a column rises from row to row, through so many as only a clock or a counter does."""
     values = values[np.abs(values) < LARGEST]
-    if len(values) < FEWEST or not ascends(values):
-        return False
-    steps = np.diff(values)
-    usual = np.median(steps)
-    return len(values) >= SURE or bool(np.mean(np.abs(steps - usual) <= EVEN * usual) >= MOSTLY)
+    return len(values) >= SURE and ascends(values)
 
 
 def has_clock(vectors: Floats) -> bool:
-    """Tell whether some of three columns only rise, as no axis does, while the others go to and fro."""
+    """Tell whether the first of three columns only rise, as no axis does, while the others go to and fro.
+
+    Those of a spiral over a sphere may rise too.
+    """
     rising = [only_rises(column) for column in vectors.T]
     finite = vectors[np.isfinite(vectors).all(axis=1)]
     falling = (finite[1:] < finite[:-1]).sum(axis=0) > FALLING * len(finite)
-    return len(set(rising)) == 2 and all(rises or falls for rises, falls in zip(rising, falling.tolist(), strict=True))
+    is_beside = all(rises or falls for rises, falls in zip(rising, falling.tolist(), strict=True))
+    if not is_beside or rising not in ([True, False, False], [True, True, False]):
+        return False
+    scatter, radius = _sphere(finite)
+    wide = np.ptp(finite, axis=0)
+    is_ball = radius < BALL * wide[2] and scatter < ROUND_INDEED * radius
+    return not is_ball or bool(wide[0] < HALF_AS_WIDE * wide[2])
 
 
 def _quaternions(values: Floats, places: Sequence[int]) -> Iterator[tuple[int, ...]]:

@@ -83,8 +83,8 @@ function doubtsOf({ heading, likeness, names }, known, header, columns, field, t
  * @param {number[]} column
  */
 function doubtsOfTime(likeness, bad, column) {
-    if (!onlyRises(likeness, column)) return bad;
-    return Number(stepsOf(column.filter(Number.isFinite)).every((step) => step === 1));
+    const values = column.filter((value) => Math.abs(value) < likeness.LARGEST);
+    return ascends(values) ? Number(stepsOf(values).every((step) => step === 1)) : bad;
 }
 
 /**
@@ -117,17 +117,13 @@ function beginsAgain({ EVEN, MOSTLY }, rising, falling) {
 }
 
 /**
- * Whether a column rises from row to row as only a clock or a counter does.
+ * Whether a column rises from row to row, through so many as only a clock or a counter does.
  * @param {Constants} likeness
  * @param {number[]} column
  */
-export function onlyRises({ FEWEST, SURE, EVEN, MOSTLY, LARGEST }, column) {
+export function onlyRises({ SURE, LARGEST }, column) {
     const values = column.filter((value) => Math.abs(value) < LARGEST);
-    if (values.length < FEWEST || !ascends(values)) return false;
-    const steps = stepsOf(values);
-    const usual = median(steps);
-    const even = steps.filter((step) => Math.abs(step - usual) <= EVEN * usual).length;
-    return values.length >= SURE || even >= MOSTLY * steps.length;
+    return values.length >= SURE && ascends(values);
 }
 
 /**

@@ -126,11 +126,25 @@ export class Tables {
         const { place, names } = found.names.length ? found : this.misfit(texts.slice(0, start), delimiter, values, clocks);
         const units = place < 0 ? [] : this.units(texts.slice(place + 1, start), delimiter, names.length);
         if (!names.length) this.refuseNumbered(alike);
-        const columns = this.columns(names, values, units, clocks);
+        const columns = this.columns(names, names.length ? values : this.longer(below, values, decimal), units, clocks);
         this.refuseOthers(names, alike, columns, decimal);
         const isEven = names.length > 0 || often >= this.layout.SAME_WIDTH * rows.size;
         const headerText = place < 0 ? "" : texts[place];
         return { delimiter, decimal, width: isEven ? width : 0, header: names, headerText, columns };
+    }
+
+    /**
+     * The numbers of all rows, where an axis of a table without a header only rises through the first.
+     * @param {string[][]} below
+     * @param {number[][]} values
+     * @param {string} decimal
+     */
+    longer(below, values, decimal) {
+        const width = values[0].length;
+        const three = [3, 2, 1].map((back) => values.map((row) => row[width - back]));
+        if (![3, 4].includes(width) || !this.hasClock(three)) return values;
+        const rows = below.filter((cells) => cells.length === width);
+        return rows.map((cells) => cells.map((cell) => this.prints.number(cell, decimal) ?? NaN));
     }
 
     /**
@@ -326,7 +340,8 @@ export class Tables {
     }
 
     /**
-     * Whether some of three columns only rise, as no axis does, while the others go to and fro.
+     * Whether the first of three columns only rise, as no axis does, while the others go to and fro; a spiral over a
+     * sphere is left to the library.
      * @param {number[][]} columns
      */
     hasClock(columns) {
@@ -336,7 +351,7 @@ export class Tables {
             const falls = finite.slice(1).filter((row, i) => column[row] < column[finite[i]]).length;
             return falls > this.rules.likeness.FALLING * finite.length;
         });
-        return new Set(rising).size === 2 && rising.every((rises, i) => rises || falling[i]);
+        return rising[0] && !rising[2] && rising.every((rises, i) => rises || falling[i]);
     }
 
     /**
