@@ -540,7 +540,7 @@ def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> No
         others = ", ".join(str(place + 1) for place in range(width) if place not in axes)
         left = " and ".join(str(place + 1) for place in axes)
         raise NoMagnetometer(
-            f"columns {left} of {source}{quoted} may be axes, beside columns that only rise or never change ({others}): "
+            f"columns {left} of {source}{quoted} may be axes, others only rise or never change ({others}): "
             "need three, x y z; two, of a level turn, are for flinders two-axis"
         )
 
