@@ -89,6 +89,8 @@ class Effect:
         What the axes make of readings without their offset.
     lags : of Generator to (3,) s, optional
         By how much each axis is late.
+    rest : Rows, optional
+        What lies still for some time makes of readings without their offset.
     log : Rows, optional
         What stands in the log.
     noise : float, µT
@@ -104,6 +106,7 @@ class Effect:
     body: Field | None = None
     axes: Rows | None = None
     lags: Callable[[Generator], Floats] | None = None
+    rest: Rows | None = None
     log: Rows | None = None
     noise: float = NOISE_UT
     is_timed: bool = True
@@ -235,6 +238,11 @@ def remembering(rng: Generator, path: Path, *, sigma: float, time_s: float) -> F
     return scaled
 
 
+def lasting(rng: Generator, path: Path, *, sigma: float) -> Floats:
+    """The same with a memory of 1 to 30 s."""
+    return remembering(rng, path, sigma=sigma, time_s=float(np.exp(rng.uniform(0.0, np.log(30.0)))))
+
+
 def gradient(rng: Generator, path: Path, *, per_metre: float) -> Floats:
     """A field without sources that changes from place to place: symmetric, traceless."""
     tensor = rng.standard_normal((3, 3))
@@ -358,6 +366,21 @@ def cut(rng: Generator, rows: Floats) -> Floats:
     return rows[~lost]
 
 
+def rested(rng: Generator, readings: Floats, *, rests: int) -> Floats:
+    """The body is put down so many times, for 5 to 60 s, before, amid or after the turn, where the field is another."""
+    for _ in range(rests):
+        amid, seconds, off = int(rng.integers(len(readings))), rng.uniform(5.0, 60.0), rng.uniform(-0.2, 0.2)
+        at = (0, amid, len(readings) - 1)[rng.integers(3)]
+        still = np.tile((1.0 + off) * readings[at], (round(FINE * RATE_HZ * seconds), 1))
+        readings = np.concatenate([readings[:at], still, readings[at:]])
+    return readings
+
+
+def thinned(_: Generator, rows: Floats, *, count: int) -> Floats:
+    """Few readings, evenly over the time of the turn."""
+    return rows[:: len(rows) // count][:count]
+
+
 def one_late(late_s: float) -> Callable[[Generator], Floats]:
     """Lags of which one is not like the others."""
     return lambda rng: late_s * np.eye(3)[rng.integers(3)]
@@ -383,6 +406,14 @@ EFFECTS: Final[dict[str, Effect]] = {
     "memory 30 s, 0.5 µT": _slow(0.5, 30.0),
     "memory 10 s, 1.5 µT": _slow(1.5, 10.0),
     "memory 10 s, 0.5 µT, shuffled": _slow(0.5, 10.0, log=shuffled),
+    **{
+        f"{count} readings, memory 1 to 30 s, 0.5 µT": Effect(
+            body=partial(lasting, sigma=0.5), log=partial(thinned, count=count), is_timed=False
+        )
+        for count in (20, 30, 40)
+    },
+    "a rest, field within 20 %": Effect(rest=partial(rested, rests=1)),
+    "three rests, field within 20 %": Effect(rest=partial(rested, rests=3)),
     "cubic axis 1 µT": Effect(axes=partial(bent, cubic=1.0)),
     "cubic axis 4 µT": Effect(axes=partial(bent, cubic=4.0)),
     "quadratic axis 2 µT": Effect(axes=partial(bent, quadratic=2.0)),
@@ -428,10 +459,12 @@ def recorded(seed: int, of: Sensor, effect: Effect, path: Path, *, place: int = 
         lags = effect.lags(stream(seed, "lags"))
         late = [np.interp(path.time - lags[axis], path.time, readings[:, axis]) for axis in range(3)]
         readings = np.stack(late, axis=1)
+    if effect.rest is not None:
+        readings = effect.rest(stream(seed, f"rest {place}"), readings)
     rows = readings[::FINE] + of.offset
     rows = rows + effect.noise * stream(seed, f"noise {place}").standard_normal(rows.shape)
     rows = rows if effect.log is None else effect.log(stream(seed, f"log {place}"), rows)
-    return Samples.of(rows, unit="uT", time=path.time[::FINE] if effect.is_timed else None)
+    return Samples.of(rows, unit="uT", time=np.arange(len(rows)) / RATE_HZ if effect.is_timed else None)
 
 
 def felt(samples: Samples, seed: int, path: Path) -> Samples:

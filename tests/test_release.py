@@ -37,7 +37,7 @@ def said(tag: str, **changes: Any) -> str:
 
 
 def test_the_functions_of_the_header_are_those_of_the_library() -> None:
-    assert len(FUNCTIONS) == 20
+    assert len(FUNCTIONS) == 21
     assert all(hasattr(engine()._library, name) for name in FUNCTIONS)
 
 

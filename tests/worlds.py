@@ -20,7 +20,7 @@ from flinders import simulate
 from flinders.core.samples import Joined, Samples
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.rotation import rotations
-from flinders.simulate import Sensor, Simulated
+from flinders.simulate import Sensor, Simulated, motions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -166,3 +166,21 @@ def with_slow_noise(field: Floats, *, sigma: float, memory: float, seed: int = 1
     for row in range(1, len(field)):
         course[row] = decay * course[row - 1] + steps[row]
     return field + sigma * course
+
+
+def carried_about(seed: int, *, varies: float, turns: float, rows: int = 900, noise: float = 0.3) -> Samples:
+    """A sensor that is turned over so often while it wanders through a field that varies by a share (rms) of itself."""
+    rng = np.random.default_rng([seed, round(1000 * varies), round(10 * turns)])
+    rate = motions.wandering(rng, rows, 1.0 - 3.0 * max(turns, 1.0) / rows)
+    rate *= 2.0 * np.pi * turns / np.linalg.norm(rate, axis=1).sum()
+    place = np.cumsum(motions.wandering(rng, rows, 1.0 - 20.0 / rows), axis=0)
+    place = (place - place.mean(axis=0)) / place.std()
+    waves = [(rng.normal(size=3), 0.7 * rng.normal(size=3), rng.uniform(0.0, 6.0)) for _ in range(5)]
+    iron = np.sum([np.outer(np.sin(place @ along + phase), size) for size, along, phase in waves], axis=0)
+    iron -= iron.mean(axis=0)
+    iron *= varies * FIELD_STRENGTH / np.sqrt(np.mean(np.sum(iron**2, axis=1)))
+    attitudes = motions.integrated(motions.random_attitude(rng), motions.turns(rate))
+    world = FIELD_STRENGTH * motions.north_and_down(60.0) + iron
+    sensor = Sensor(np.eye(3) + rng.normal(scale=0.05, size=(3, 3)), rng.normal(scale=12.0, size=3), noise)
+    field = sensor.read(np.einsum("nji,nj->ni", attitudes, world), rng)
+    return Samples.of(field, unit="uT", time=np.arange(rows) / 50.0)

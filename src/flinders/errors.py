@@ -60,6 +60,8 @@ flinders.errors.MissingExtra: a PX4 ULog needs no_such_package, which is not ins
 from __future__ import annotations
 
 import math
+import struct
+import zlib
 from contextlib import contextmanager
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final
@@ -442,11 +444,37 @@ def needs(package: str, extra: str, what: str) -> Any:  # noqa: ANN401 - a modul
         raise MissingExtra(package.partition(".")[0], extra, what) from None
 
 
+OF_BYTES: Final = (
+    ValueError, LookupError, ArithmeticError, EOFError, OSError, MemoryError, RecursionError, struct.error, zlib.error,
+)  # fmt: skip
+"""What the bytes of a file make this program's own parsers raise; anything else that they raise is a fault of ours."""
+
+
+def _is_our_fault(error: Exception) -> bool:
+    """Whether this program raised it, or an array that it handled, and no bytes of a file are the cause.
+
+    >>> def parsed(tag):
+    ...     return tag.strip()
+    >>> try:
+    ...     parsed(1)
+    ... except AttributeError as error:
+    ...     parsed.__globals__["__name__"], _is_our_fault(error)
+    ('flinders.errors', True)
+    """
+    from traceback import walk_tb
+
+    modules = (str(frame.f_globals.get("__name__")) for frame, _ in walk_tb(error.__traceback__))
+    packages = [module.partition(".")[0] for module in modules]
+    raised_by = [package for package in packages if package != "numpy"][-1:]
+    return raised_by == ["flinders"] and not isinstance(error, OF_BYTES)
+
+
 @contextmanager
 def reading(name: str, kind: str) -> Iterator[None]:
-    """Let another package read a file, and turn whatever it raises into one line: on a broken file that is anything.
+    """Let a parser read a file, and turn whatever it raises into one line: on a broken file that is anything.
 
-    `kind` is what the file should be, with its article. Errors of Flinders pass through.
+    `kind` is what the file should be, with its article. Errors of Flinders pass through, and so do faults of this
+    program, which are no file's.
 
     >>> with reading("flight.ulg", "a PX4 ULog"):
     ...     {}["sensor_mag"]
@@ -458,7 +486,9 @@ def reading(name: str, kind: str) -> Iterator[None]:
         yield
     except FlindersError:
         raise
-    except Exception as error:  # noqa: BLE001 - other people's parsers, and bytes that anyone may have written
+    except Exception as error:
+        if _is_our_fault(error):
+            raise
         said = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":").removesuffix(": ")
         message = "".join(letter if letter.isprintable() else "\ufffd" for letter in said)
         raise UnreadableInput(

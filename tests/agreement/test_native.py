@@ -65,7 +65,7 @@ def surface(record: NDArray[np.void]) -> Ellipsoid:
 
 WORLDS = {
     "all around": tumble(500),
-    "few": tumble(15),
+    "few": tumble(11),  # of twelve and more, noise that lasts has a say
     "half a sphere": tumble(2000, top=0.0),
     "noisy half": tumble(2000, top=0.0, noise=2.0),
     "a cap": tumble(2000, top=-0.7, noise=1.0),
@@ -248,7 +248,7 @@ def test_quality_counts_what_it_counted(limit: float) -> None:
     time = np.arange(3000.0)
     time[50] = 0.0
     time[7] = np.nan
-    record = engine().fit(field, time=time)
+    record = engine().fit(field, time=time, rests=0)
     quality = DataQuality.of(Samples(field, time=time))
     npt.assert_array_equal(record["lowest"], quality.lows.values)
     npt.assert_array_equal(record["highest"], -quality.highs.values)

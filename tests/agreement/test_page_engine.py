@@ -16,6 +16,7 @@ import pytest
 from benchmarks.datasets import dataset
 from benchmarks.page_verdict import asked, compared, page_answers, session_of, thinned
 from tests.javascript import run
+from tests.worlds import carried_about
 
 import flinders
 from flinders import simulate
@@ -81,6 +82,7 @@ def worlds() -> dict[str, Samples]:
     rng = np.random.default_rng(1)
     tilted = simulate.tumble(seed=7, n=300, motion="tilted")
     matrix, offset = tilted.sensor.correction
+    passed = simulate.tumble(seed=0, n=1000, disturbances=[simulate.PassingMagnet(100.0)]).samples
     worlds = {
         "all around": tumble,
         "beginning": simulate.tumble(seed=3, n=1500).samples[:40],
@@ -99,7 +101,10 @@ def worlds() -> dict[str, Samples]:
         "milligauss": replace(tumble, field=10.0 * field),
         "corrected before": Samples((tilted.samples.field - offset) @ np.transpose(matrix), unit=tumble.unit),
         "outliers": simulate.tumble(seed=0, n=1000, outliers=0.02).samples,
-        "passing magnet": simulate.tumble(seed=0, n=1000, disturbances=[simulate.PassingMagnet(100.0)]).samples,
+        "carried about": carried_about(4, varies=0.2, turns=3),
+        "a break on the way": carried_about(39, varies=0.35, turns=1, noise=1.5),
+        "passing magnet": passed,
+        "clock set back": replace(passed, time=np.arange(1000) / 50.0 - 1000.0 * (np.arange(1000) >= 500)),
         "step": simulate.tumble(seed=0, n=1000, disturbances=[simulate.Step(4.0, at=0.7)]).samples,
         "motor": simulate.tumble(seed=0, n=1500, disturbances=[simulate.MotorCurrent(0.2)]).samples,
         "coarse": dataset("60 coarse samples", trial=0, sigma=0.5).samples,

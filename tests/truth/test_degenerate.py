@@ -228,8 +228,8 @@ def test_different_readings_are_counted_wherever_they_stand(method: str) -> None
 
 
 def test_copied_readings_are_no_evidence() -> None:
-    """Two dozen readings do not claim more, however often they are repeated."""
-    once = read(simulate.fibonacci(24), SKEW, 0.3)
+    """Readings do not claim more, however often they are repeated."""
+    once = read(simulate.fibonacci(120), SKEW, 0.3)
     fit, copied = flinders.fit(once), flinders.fit(np.tile(once, (50, 1)))
     assert fit.heading_error_deg.worst < copied.heading_error_deg.worst < 3.0 * fit.heading_error_deg.worst
     assert severity(copied, "stale-repeats") == "note"

@@ -115,7 +115,7 @@ def test_the_verdict_tells_it_by_the_heading_that_it_costs(size: float, severity
         assert finding.number == fit.drift.heading_deg == pytest.approx(2.1 * size, rel=0.3, abs=0.15)
         contradicts = (fit.drift.halves_apart or 0.0) > 3.0
         assert finding.severity == ("limits" if contradicts and severity == "note" else severity)
-        assert "keep currents and everything magnetic as they are" in finding.advice
+        assert "currents and everything magnetic stay as they are" in finding.advice
 
 
 @pytest.mark.parametrize(("path", "seed"), [("tumble", 1), ("axis by axis", 7)])

@@ -158,7 +158,7 @@ def test_repeated_readings_widen_the_covariance() -> None:
     field = tumble(seed=9, motion="uniform", n=500).samples.field
     once, fourfold = flinders.fit(field), flinders.fit(np.repeat(field, 4, axis=0))
     npt.assert_allclose(np.diag(fourfold.covariance), np.diag(once.covariance), rtol=0.1)
-    assert fourfold.samples == 2000
+    assert fourfold.samples == 500
     assert "stale-repeats" in {finding.code for finding in fourfold.findings}
 
 
@@ -184,8 +184,8 @@ def test_a_recording_too_long_to_hold_gives_the_fit_of_the_array(monkeypatch: py
     long = Streamed(truth.samples)
     part = flinders.fit(long)
     assert long.passes > 1
-    assert part.samples == 3000
     every_second = flinders.fit(truth.samples[::2])
+    assert part.samples == every_second.samples
     npt.assert_allclose(part.calibration.offset, every_second.calibration.offset, rtol=0, atol=1e-6)
     npt.assert_allclose(part.covariance, every_second.covariance, rtol=1e-3, atol=1e-9)
 

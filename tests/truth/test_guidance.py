@@ -184,7 +184,7 @@ def test_what_a_batch_will_bring_is_told_about_right() -> None:
     for _ in range(3):
         advice = advised(judged(field), "attitude")
         batch = np.tile(advice.direction, (round(len(field) / 100), 1))
-        field = np.concatenate([field, sensor.read(50.0 * spread(batch, rng, 1.0), rng)])
+        field = np.concatenate([field, sensor.read(50.0 * spread(batch, rng, 8.0), rng)])
         assert advised(judged(field), "attitude").worst_deg == pytest.approx(advice.after_deg, rel=0.1)
 
 

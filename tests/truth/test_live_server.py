@@ -257,7 +257,7 @@ def test_the_calibration_is_that_of_flinders_calibrate(wall: Bench) -> None:
     document = loads(answer.content)
     fit = flinders.fit(flinders.open_recording(wall.path))
     assert document.fit is not None
-    assert document.fit.samples == fit.samples == 3000
+    assert document.fit.samples == fit.samples > 2900
     npt.assert_array_equal(document.calibration.offset, fit.calibration.offset)
     npt.assert_array_equal(document.calibration.matrix, fit.calibration.matrix)
     assert document.provenance is not None

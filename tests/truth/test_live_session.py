@@ -445,13 +445,13 @@ def test_a_broken_sensor_is_called_wrong_however_far_from_its_target_it_is() -> 
 
 
 def test_what_follows_from_the_first_cause_is_not_said_beside_it() -> None:
-    """Columns of no sensor are noise, and not an axis that is not linear as well."""
+    """Columns of no sensor are noise, and no structure as well."""
     tumble = simulate.tumble(seed=11, n=2000)
     noise = np.random.default_rng(1).uniform(-50.0, 50.0, (2000, 3))
     session = after(replace(tumble.samples, field=noise))
     fit = session.shown.evaluated.fit
     assert fit is not None
-    assert {"noise", "nonlinear-axis"} <= {finding.code for finding in fit.findings}
+    assert {"noise", "structure"} <= {finding.code for finding in fit.findings}
     assert [reason.code for reason in session.shown.evaluated.reasons if reason.severity == "warning"] == ["noise"]
 
 

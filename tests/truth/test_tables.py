@@ -106,7 +106,7 @@ def test_the_whole_column_tells_the_day_from_the_month(form: str, begun: str) ->
 
 def test_the_last_lines_of_a_long_file_tell_the_day_from_the_month() -> None:
     times = (datetime(2026, 3, 4) + timedelta(seconds=10 * n) for n in range(17000))
-    rows = [f"{time:%m/%d/%Y %H:%M:%S},{n % 7},{n % 5},{n % 3}" for n, time in enumerate(times)]
+    rows = [f"{time:%m/%d/%Y %H:%M:%S},{n % 7},{n % 5},{1 + n % 3}" for n, time in enumerate(times)]
     Path("long.csv").write_text("\n".join(["time,mx,my,mz", *rows]))
     time = flinders.read("long.csv").time
     assert time is not None

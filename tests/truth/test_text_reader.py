@@ -482,7 +482,7 @@ def test_a_short_recording_is_read_when_it_is_opened(written: Callable[..., Path
 
 def test_a_gzip_file_cut_short_gives_what_is_before_the_cut(written: Callable[..., Path]) -> None:
     """Every whole line is read and corrected; the cut is counted as one line that cannot be read."""
-    lines = [f"{i},{i * i % 97},{i * 7 % 89}\n" for i in range(50_000)]
+    lines = [f"{i},{i * i % 97},{i * 7 % 89}\n" for i in range(1, 50_001)]
     whole = gzip.compress("".join(lines).encode())
     for cut in (len(whole) // 3, len(whole) - 30, len(whole) - 8):
         recording = opened(written(whole[:cut], "cut.gz"))
@@ -552,7 +552,7 @@ def test_units_below_the_header_hold_for_what_stands_beside(written: Callable[..
 def test_json_above_the_limit_is_refused(written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     """A whole document is held in memory, so its size is bounded; JSON lines are not."""
     monkeypatch.setattr("flinders.readers.dialects.json_records.LARGEST", 1 << 20)
-    triples = [[row, row, row] for row in range(50_000)]
+    triples = [[row, row, -1 - row] for row in range(50_000)]
     with pytest.raises(UnreadableInput, match="more than 1 MB"):
         open_recording(written(json.dumps(triples), "big.json"))
     assert len(read(written("\n".join(map(json.dumps, triples)), "big.jsonl"))) == 50_000

@@ -692,7 +692,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
             4,
             "not evenly spaced, the mean costs up to 23° of heading; use --method ellipse",
         ),
-        ("arc.csv", 3, "the mean of these points is refused: fitted by least squares instead"),
+        ("arc.csv", 3, "the mean of these points is not their centre: fitted by least squares"),
         ("arc.csv --method ellipse", 3, "the mean would cost up to 23° of heading"),
         ("side.csv", 4, "this looks like a turn in the plane yz, not xy"),
         ("turn.csv --plane yz", 4, "never changes in this recording: z = 0"),

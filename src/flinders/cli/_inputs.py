@@ -64,7 +64,7 @@ def saying_what_was_read(parts: Sequence[CountedRecording]) -> Iterator[None]:
             needed=error.needed,
             method=error.method,
             among=error.among,
-            skipped=[entry for part in parts for entry in part.skipped],
+            skipped=[entry for part in parts for entry in part.skipped if entry.is_loss],
             how=error.how,
         ) from None
     finally:
@@ -82,6 +82,9 @@ def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
     """
     words = [counted(rows, "reading")]
     for entry in skipped:
+        if entry.is_silent:
+            words.append(str(entry))
+            continue
         example = f": {entry.example!r}" if entry.example else ""
         where = f" (line {entry.lines[0]}{example})" if entry.lines else ""
         words.append(f"{counted(entry.rows, f'{entry.reason} line')}{where}")
@@ -107,13 +110,13 @@ def source_file(part: CountedRecording) -> SourceFile:
     from flinders.core.calibration_file import SourceFile
 
     recording = part.recording
-    size = file_of(recording).size
+    size, stored = file_of(recording).size, getattr(recording, "stored", None)
     return SourceFile(
         name=part.source,
         sha256=sha256(recording),
         bytes=size,
         rows=part.rows,
-        as_logged=getattr(recording, "as_logged", False) and getattr(recording, "stored", None) is not None,
+        as_logged=getattr(recording, "as_logged", False) and stored is not None and stored.applied,
         autopilot=getattr(recording, "autopilot", None),
         compass=getattr(recording, "compass", None),
         device_id=getattr(recording, "device_id", None),

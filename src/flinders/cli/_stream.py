@@ -107,6 +107,7 @@ class Corrector:
     def __init__(self, fit: Fit, source: str) -> None:
         from flinders.comparison.comparison import Strength
 
+        self._looks_like = ""
         self._calibration, self._source, self.spread_limit = fit.calibration, source, _spread_limit(fit)
         self.strength: Strength = Strength()
         self.inliers: Strength = Strength()
@@ -133,6 +134,14 @@ class Corrector:
         self.inliers += Strength.of(strength[np.abs(strength - middle) <= OUTLYING * self.spread_limit])
         return corrected
 
+    def look_at(self, samples: Samples) -> None:
+        """Look whether recorded samples, where nobody says that they are a magnetometer's, are something else."""
+        if samples.nameless and not self._looks_like:
+            from flinders.readers._likeness import doubt, looks_like
+
+            what = doubt(samples)
+            self._looks_like = what and looks_like(what, samples.nameless)
+
     @property
     def is_plausible(self) -> bool:
         """Corrected readings, but for outliers, are about as long as the field, and as equally long as claimed."""
@@ -152,6 +161,8 @@ class Corrector:
     @property
     def doubt(self) -> str:
         """Why readings do not suit, and what that may come from; nothing where they suit."""
+        if self._looks_like:
+            return self._looks_like
         if self.stuck:
             return (
                 f"never changes in {self.strength.readings:,} readings: {self.stuck}. Check the wiring and the columns"
@@ -210,6 +221,7 @@ class HeadingLog:
 
         judged_next = ENOUGH_TO_JUDGE
         for numbers, recorded in self._numbered():
+            self.corrector.look_at(recorded)
             samples = self.preparation(recorded)
             self.corrector(samples.field)
             self._weigh(samples)

@@ -97,10 +97,11 @@ def _lines(
     encoding = source.layout.encoding if isinstance(source, TextRecording) else "utf-8"
     if is_cut or not isinstance(source, TextRecording):
         return encoding, _tabulated(source, corrector, preparation, add=options.add)
-    if preparation.is_nothing:
+    if preparation.is_nothing and not source.columns.is_assumed:
         return encoding, source.corrected_lines(corrector, add=options.add)
 
     def correct(samples: Samples) -> Floats:
+        corrector.look_at(samples)
         return corrector(preparation(samples).field)
 
     return encoding, source.corrected_lines(correct, add=options.add, with_disturbances=True)
@@ -112,6 +113,7 @@ def _tabulated(source: Recording, corrector: Corrector, preparation: Preparation
 
     for number, block in enumerate(source.blocks()):
         if len(block):
+            corrector.look_at(block)
             corrected = corrector(preparation(block).field)
             samples = block if add else replace(block, field=corrected)
             header, *rows = lines(samples, corrected=corrected if add else None)

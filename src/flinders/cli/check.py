@@ -12,7 +12,7 @@ import click
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import in_use, made_from, open_all_with, say_exact, saying_what_was_read, stated_site
-from flinders.cli._output import can_show, print_json, progress, say, say_beyond, show
+from flinders.cli._output import can_show, print_json, progress, say_beyond, show
 from flinders.cli._program import GOOD, LIMITED, REFUSED, print_error
 from flinders.errors import NeedsSamples, TooFewSamples
 
@@ -173,23 +173,21 @@ def _refused(
 ) -> int:
     """Say why the recording cannot be fitted; and, where that was asked for, how the offset moved all the same."""
     from flinders.diagnostics.random_walk import walk_through
+    from flinders.report.comparison_pages import of_untold
 
-    say(
-        f"under {options.calibration} the strength is {strength.mean:.3f} of its field, with a spread of "
-        f"{strength.spread:.1%}; the recording does not tell more:"
-    )
     target_deg, walk = options.target_deg, None
     if options.is_followed:
         with contextlib.suppress(NeedsSamples, TooFewSamples):
             walk = walk_through(recording, known.ellipsoid, dip_deg=dip_deg, is_own=False)
-    if walk is None:
-        raise refused
-    fields = {"fresh": refused.fit.as_dict(), "drift": walk.as_dict(level_deg=target_deg, dip_deg=abs(dip_deg))}
-    code = print_error(refused, as_json=options.as_json, more=fields)
-    if not options.as_json:
+    if options.as_json:
+        fields: dict[str, Any] = {"residual": {"calibration": strength.as_dict()}, "fresh": refused.fit.as_dict()}
+        drift = {} if walk is None else {"drift": walk.as_dict(level_deg=target_deg, dip_deg=abs(dip_deg))}
+        return print_error(refused, as_json=True, more=fields | drift)
+    show(of_untold(known, refused.fit, strength), err=True)
+    if walk is not None:
         words = _drift_words(walk, refused.fit, target_deg=target_deg, dip_deg=dip_deg, under=" under the calibration")
         click.echo(words)
-    return code
+    return refused.exit_code
 
 
 def _drift_words(walk: RandomWalk, fit: Fit, *, target_deg: float, dip_deg: float, under: str = "") -> str:

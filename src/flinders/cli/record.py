@@ -131,11 +131,10 @@ def command(options: Record) -> None:
 
 def _remarks(record: RecordingStatistics, output: str) -> Iterator[str]:
     """Say what to know of a recording, and what to type next."""
-    if record.unknown:
-        yield (
-            f"! {counted(record.unknown, 'line')} not understood and kept as comments; the first is "
-            f"{record.first_unknown!r}"
-        )
+    if record.accompanying:
+        yield f"{counted(record.accompanying, 'accompanying line')} kept as comments"
+    if lost := record.unknown - record.accompanying:
+        yield (f"! {counted(lost, 'line')} not understood and kept as comments; the first is {record.first_unknown!r}")
     if output == "-":
         return
     yield f"written to {output}"

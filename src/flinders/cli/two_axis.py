@@ -117,7 +117,7 @@ def command(options: TwoAxis) -> int:
 
     The mean of points equally spaced in heading is the offset; the eigenvalues and eigenvectors of their scatter are
     the soft iron. Where the points turn out not to be equally spaced it says so, and by how many degrees the mean is
-    wrong; if that refuses it, the ellipse of least squares is fitted instead (--method ellipse). The
+    wrong, and the ellipse of least squares is fitted instead (--method ellipse), unless --method two-axis is typed. The
     result holds for this plane alone: exit code 3, as of everything limited.
     """
     from flinders.comparison.composition import composed, refuse_unloaded
@@ -204,23 +204,34 @@ def _doubt(summary: Summary, plane: Any) -> None:  # noqa: ANN401 - one of the p
 
 
 def _fit_or_ellipse(source: CountedRecording, turn: Turn, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
-    """Fit by the mean, and by the ellipse of least squares where that is refused and nobody asked for the mean.
+    """Fit by the mean; by the ellipse of least squares where the mean is off and nobody asked for it.
 
     Where that is no way out, say how the points are spaced.
     """
-    from flinders.fitting.result import Refused
     from flinders.report.fit_pages import spacing_words
 
     try:
-        return _fit(source, first, dip_deg, options)
-    except FitError as refusal:
-        if isinstance(refusal, Refused) and not program.is_typed("method"):
-            fit = _fit(source, first, dip_deg, replace(options, method="ellipse"))
-            say("the mean of these points is refused: fitted by least squares instead, as --method ellipse does")
-            return fit
+        if program.is_typed("method") or _is_mean_right(source, turn, first, dip_deg, options):
+            return _fit(source, first, dip_deg, options)
+        fit = _fit(source, first, dip_deg, replace(options, method="ellipse"))
+    except FitError:
         if not options.as_json:
             say(spacing_words(turn, options.judgement.target_deg, is_mean=options.method == "two-axis"))
         raise
+    say("the mean of these points is not their centre: fitted by least squares, as --method ellipse does")
+    return fit
+
+
+def _is_mean_right(source: CountedRecording, turn: Turn, first: Fit | None, dip_deg: float, options: TwoAxis) -> bool:
+    """Whether the mean of the points is their centre, by how they are spaced and by the likelihood."""
+    from flinders.fitting.result import Refused
+
+    try:
+        found = _fit(source, first, dip_deg, options)
+    except Refused:
+        return False
+    is_off = any(finding.code == "bias" for finding in found.findings)
+    return not is_off and turn.spacing.is_even(within_deg=options.judgement.target_deg)
 
 
 def _fit(source: CountedRecording, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:

@@ -82,7 +82,9 @@ class Departure:
         return replace(self, sensor=None if self.sensor is None else places[self.sensor])
 
     def __str__(self) -> str:
-        return f"{self.start_s:.1f}–{self.end_s:.1f} s"
+        if self.start_s <= self.end_s:
+            return f"{self.start_s:.1f}–{self.end_s:.1f} s"
+        return f"readings {self.first + 1}–{self.last + 1}"  # the clock stepped back
 
 
 def heading_deg(difference: float, dip_deg: float) -> float:

@@ -24,44 +24,87 @@ import numpy as np
 from flinders.arrays import Floats, column, floats, table
 from flinders.core.axes import Axes
 from flinders.core.disturbance import KINDS, MOST, MOTORS, motor, motors, place_of
+from flinders.core.silence import silent
 from flinders.core.units import Unit
-from flinders.errors import ArrayError, AxesError, UnitError, UsageError, figures, needs
+from flinders.errors import ArrayError, AxesError, UnitError, UsageError, counted, figures, needs
 from flinders.geometry.quaternions import attitudes, of_matrix, product
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Hashable, Iterator, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
 BLOCK: Final = 8192
 """Rows worked on at a time: long enough for the arithmetic to dominate, short enough for the cache."""
+SILENT: Final = "silent"
+"""Why readings are left out at which the sensor did not answer."""
+NOTED: Final = 10  # Lines that are named, of each reason
+ACCOMPANYING: Final = "accompanying"
+"""Why lines are left out that a program prints with its readings: a heading, a state, a ruler."""
 
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """Rows of a recording that could not be used."""
+    """Rows of a recording that are no readings.
 
-    reason: str  #: ``"not finite"`` or ``"unreadable"``
+    >>> print(Skipped(SILENT, 200, (2, 4, 6, 8), "0, 0, 0"))
+    200 readings are 0, 0, 0: the sensor did not answer (line 2, 4, 6, …)
+    """
+
+    reason: str  #: ``"not finite"``, ``"unreadable"``, ``"other"``, ``"silent"`` or ``"accompanying"``
     rows: int  #: how many
     lines: tuple[int, ...] = ()  #: numbers of the first few lines of the file, or rows of the array, counted from 1
-    example: str = ""  #: what the first of them says, cut short
+    example: str = ""  #: what the first of them says, cut short; of silent ones what each of them says
+
+    @property
+    def is_silent(self) -> bool:
+        """The sensor did not answer."""
+        return self.reason == SILENT
+
+    @property
+    def kind(self) -> Hashable:
+        """What rows have in common that are counted together."""
+        return (self.reason, self.example) if self.is_silent else self.reason
 
     def __add__(self, other: Skipped) -> Skipped:
-        """Count both; they must have the same reason."""
-        return replace(self, rows=self.rows + other.rows, lines=(self.lines + other.lines)[:10])
+        """Count both; they must be of one kind."""
+        return replace(self, rows=self.rows + other.rows, lines=(self.lines + other.lines)[:NOTED])
 
     def __str__(self) -> str:
         lines = ", ".join(str(line) for line in self.lines[:3]) + (", …" if self.rows > 3 else "")
+        if self.is_silent:
+            are = "is" if self.rows == 1 else "are"
+            where = f" (line {lines})" * bool(self.lines)
+            return f"{counted(self.rows, 'reading')} {are} {self.example}: the sensor did not answer{where}"
         example = f": {self.example!r}" if self.example else ""
-        return f"{self.rows:,} {self.reason} row{'s' * (self.rows != 1)} (line {lines}{example})"
+        what = "row" if self.is_loss else "line"
+        return f"{self.rows:,} {self.reason} {what}{'s' * (self.rows != 1)} (line {lines}{example})"
+
+    @property
+    def is_loss(self) -> bool:
+        """They should have been readings."""
+        return self.reason != ACCOMPANYING
 
 
 def added(one: tuple[Skipped, ...], other: tuple[Skipped, ...]) -> tuple[Skipped, ...]:
-    """Put two accounts of what was left out together, one entry a reason."""
-    reasons = {entry.reason: entry for entry in one}
+    """Put two accounts of what was left out together, one entry a kind."""
+    kinds = {entry.kind: entry for entry in one}
     for entry in other:
-        reasons[entry.reason] = reasons[entry.reason] + entry if entry.reason in reasons else entry
-    return tuple(reasons.values())
+        kinds[entry.kind] = kinds[entry.kind] + entry if entry.kind in kinds else entry
+    return tuple(kinds.values())
+
+
+def unanswered(words: Floats, numbers: NDArray[Any]) -> tuple[Skipped, ...]:
+    """Account for readings at which the sensor did not answer, by their (N,) words and numbers.
+
+    >>> [str(entry) for entry in unanswered(np.array([0.0, -1.0, 0.0]), np.array([3, 5, 6]))]
+    ['1 reading is -1, -1, -1: the sensor did not answer (line 5)', '2 readings are 0, 0, 0: ...']
+    """
+    kinds = {word: numbers[words == word].tolist() for word in np.unique(words).tolist()}
+    return tuple(
+        Skipped(SILENT, len(lines), tuple(map(int, lines[:NOTED])), ", ".join([f"{word + 0.0:.0f}"] * 3))
+        for word, lines in kinds.items()
+    )
 
 
 COLUMNS: Final = (
@@ -117,6 +160,8 @@ class Samples:
     #: what the recorded axes are: ``sensor``, or ``vehicle`` where they were turned into those before
     frame: str = "sensor"
     skipped: tuple[Skipped, ...] = ()  #: what was left out while reading
+    #: columns that were taken for a magnetometer's though neither their names nor the user say so, as ``1,2,3``
+    nameless: str = ""
 
     @classmethod
     def of(
@@ -187,15 +232,27 @@ class Samples:
         strength: Floats | None = None,
         source: str = "array",
         frame: str = "sensor",
+        nameless: str = "",
         **others: Floats | None,
     ) -> Samples:
         """Take float64 columns of equal length, as a reader made them, without the checks of `of`."""
+        is_silent = silent(field)
+        noted = unanswered(field[is_silent, 0], np.flatnonzero(is_silent) + 1)
         if unit.scale != 1.0:
             with np.errstate(over="ignore", invalid="ignore"):
                 field = field * unit.scale
         strength = None if strength is None else strength * unit.scale
-        read = cls(field, unit, strength=strength, source=source, frame=frame, **others)  # type: ignore[arg-type]
-        return read.turned(axes)._without_gaps()
+        read = cls(
+            field,
+            unit,
+            strength=strength,
+            source=source,
+            frame=frame,
+            skipped=noted,
+            nameless=nameless,
+            **others,  # type: ignore[arg-type]
+        )
+        return read.turned(axes)._without(is_silent)
 
     @property
     def span(self) -> tuple[float, float]:
@@ -287,15 +344,16 @@ class Samples:
         for start in range(0, len(self), rows):
             yield self[start : start + rows]
 
-    def _without_gaps(self) -> Samples:
-        """Leave out the rows whose field is not finite, and note which they were."""
+    def _without(self, is_silent: NDArray[np.bool_]) -> Samples:
+        """Leave out silent readings, and rows whose field is not finite, and note which those were."""
         is_finite = np.isfinite(self.field)
-        if is_finite.all():
+        if is_finite.all() and not is_silent.any():
             return self
         whole = np.all(is_finite, axis=1)
         rows = np.flatnonzero(~whole)
-        noted = Skipped("not finite", len(rows), tuple(int(row) + 1 for row in rows[:10]))
-        return replace(self[whole], skipped=(*self.skipped, noted))
+        noted = Skipped("not finite", len(rows), tuple(int(row) + 1 for row in rows[:NOTED]))
+        skipped = (*self.skipped, noted) if len(rows) else self.skipped
+        return replace(self[whole & ~is_silent], skipped=skipped)
 
 
 class Recording(Protocol):
@@ -437,6 +495,7 @@ def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
         source=recording.source,
         frame=frame_of(recording),
         skipped=reduce(added, (block.skipped for block in blocks), ()),
+        nameless=next((block.nameless for block in filled if block.nameless), ""),
         **others,
     )
 
@@ -467,10 +526,12 @@ class TimeSpan:
     @classmethod
     def of(cls, start: float | None, end: float | None) -> TimeSpan:
         """Take what the user gave; what is not given is not limited."""
+        ends: tuple[tuple[str, Any], ...] = (("from", start), ("to", end))
+        for name, given in ends:
+            is_number = isinstance(given, int | float | np.number)
+            if given is not None and not (is_number and np.isfinite(given) and given >= 0):
+                raise UsageError(f"--{name} is {given!r}: need seconds from the beginning of the recording, 0 or more")
         span = cls(-np.inf if start is None else float(start), np.inf if end is None else float(end))
-        for name, given in (("from", start), ("to", end)):
-            if given is not None and not (np.isfinite(given) and given >= 0):
-                raise UsageError(f"--{name} is {given:g}: need seconds from the beginning of the recording, 0 or more")
         if span.end <= span.start:
             raise UsageError(f"from {span.start:g} to {span.end:g} s: nothing lies between; the end comes second")
         return span

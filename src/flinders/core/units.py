@@ -14,6 +14,7 @@ Unit(name='counts', scale=1.0, inside='counts')
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Final
 
@@ -30,16 +31,18 @@ EARTH_UT: Final = (22.0, 67.0)
 EARTH_WITH_ROOM_UT: Final = (20.0, 70.0)
 """The same for readings whose strength is known roughly."""
 
+_WORDS: Final = {
+    "uT": ("microtesla", "utesla", "µtesla", "μtesla"), "mG": ("milligauss", "mgauss"), "G": ("gauss",),
+    "nT": ("nanotesla", "ntesla", "gamma"), "mT": ("millitesla", "mtesla"), "T": ("tesla",), "counts": ("count", "lsb"),
+}  # fmt: skip
 SPELLINGS: Final = {
-    "ut": "uT", "µt": "uT", "μt": "uT", "microtesla": "uT", "microteslas": "uT",
-    "utesla": "uT", "µtesla": "uT", "μtesla": "uT",
-    "mg": "mG", "mgauss": "mG", "milligauss": "mG",
-    "g": "G", "gs": "G", "ga": "G", "gauss": "G",
-    "nt": "nT", "nanotesla": "nT", "gamma": "nT",
-    "mt": "mT", "millitesla": "mT", "t": "T", "tesla": "T",
-    "counts": "counts", "count": "counts", "lsb": "counts", "raw": "counts",
+    "ut": "uT", "µt": "uT", "μt": "uT", "mg": "mG", "g": "G", "gs": "G", "ga": "G", "nt": "nT", "mt": "mT", "t": "T",
+    "raw": "counts",
+    **{f"{word}{end}": name for name, words in _WORDS.items() for word in words for end in ("", "s", "es")},
 }  # fmt: skip
 """Lower-case spellings, both code points of µ among them, and the name each stands for."""
+PARTED: Final = re.compile(r"\b(micro|milli|nano)[\s_-]+(?=tesla|gauss)", re.IGNORECASE)
+"""The first part of a unit that is written apart: ``micro Tesla``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +67,7 @@ class Unit:
         scale : float, optional
             Microtesla in one count; only for counts.
         """
-        known = SPELLINGS.get(name.strip().casefold())
+        known = SPELLINGS.get(PARTED.sub(r"\1", name.strip().casefold()))
         if known is None:
             raise UnitError(f"unit {name!r} is not known: use one of {', '.join((*PER_UNIT, COUNTS))}")
         if scale is not None and not (math.isfinite(scale) and scale > 0):
@@ -84,8 +87,8 @@ def label(inside: str) -> str:
 def unit_of_the_earth(strength: float) -> str:
     """Find the unit in which a strength would be that of the earth's field; nothing where none would do.
 
-    >>> unit_of_the_earth(48.0), unit_of_the_earth(480.0), unit_of_the_earth(3.0)
-    ('uT', 'mG', '')
+    >>> unit_of_the_earth(48.0), unit_of_the_earth(480.0), unit_of_the_earth(4.8e-5), unit_of_the_earth(3.0)
+    ('uT', 'mG', 'T', '')
     """
     low, high = EARTH_WITH_ROOM_UT
-    return next((name for name in ("uT", "mG", "G", "nT") if low <= strength * PER_UNIT[name] <= high), "")
+    return next((name for name, scale in PER_UNIT.items() if low <= strength * scale <= high), "")

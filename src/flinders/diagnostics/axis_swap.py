@@ -7,9 +7,10 @@ and only after, T is applied to those behind it:
     r₊ = T r₋      T one of x → −x, y → −y, z → −z, x ↔ y, y ↔ z, z ↔ x
 
 for r₋ and r₊ continued by half a step from before and from behind. Such a moment is a candidate. It is one where the
-readings with all candidates undone lie clearly closer to an ellipsoid than they do as recorded: a gap in the recording
-passes neither. What is so throughout has no moment, and a mirror image of an ellipsoid is an ellipsoid: no magnetometer
-alone can tell it. Nor can it where the offset along the axis is nothing: then nothing is changed but the heading.
+readings with all candidates undone lie clearly closer to an ellipsoid than they do as recorded, as close as those of a
+usable recording: a gap in the recording passes neither, nor does a field that is not the same everywhere. What is so
+throughout has no moment, and a mirror image of an ellipsoid is an ellipsoid: no magnetometer alone can tell it. Nor can
+it where the offset along the axis is nothing: then nothing is changed but the heading.
 
 >>> rng = np.random.default_rng(1)
 >>> turn = np.linspace(0.0, 40.0, 1000)
@@ -25,6 +26,7 @@ True
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -34,11 +36,13 @@ from flinders.core.samples import BLOCK
 from flinders.errors import FitError
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood
+from flinders.findings import limit_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.estimators.base import Estimate
 
 SWAPS: Final = {
     "x": np.diag([-1.0, 1.0, 1.0]),
@@ -65,6 +69,12 @@ LIKE: Final = 2.0
 GAIN: Final = 1.1
 """Times closer to an ellipsoid that readings have to be once it is undone: the noise of 500 readings, known to
 √(1/1000) = 3 %, changes by more than three times as much."""
+
+MOST_NOISE: Final = limit_of("noise")
+"""Largest noise of readings with the swap undone, as a share of the field: that of a recording that nothing limits."""
+
+LEAST_EVIDENCE: Final = 10.0
+"""Least gain in log-likelihood, n ln gain: of n independent readings, of which a field along a path leaves few."""
 
 MOST: Final = 1000.0
 """What is told at most, also where the readings as recorded lie on no ellipsoid at all."""
@@ -98,11 +108,13 @@ def axis_swap_of(readings: Floats, noise: float = np.inf) -> AxisSwap | None:
     some = readings[rows]
     is_behind = np.searchsorted(moments[axes], rows, side="right") % 2 == 1
     undone = np.where(is_behind[:, np.newaxis], some @ SWAPS[axes], some)
-    after = _noise(undone)
-    if not after <= GAIN * noise or np.isinf(after):
+    put_right, as_recorded = _fitted(undone), _fitted(some)
+    if put_right is None or not put_right.noise <= min(GAIN * noise, MOST_NOISE * put_right.ellipsoid.radius):
         return None
-    gain = min(_noise(some) / max(after, np.finfo(float).tiny), MOST)
-    if gain <= GAIN:
+    before = np.inf if as_recorded is None else as_recorded.noise
+    gain = min(before / max(put_right.noise, np.finfo(float).tiny), MOST)
+    independent = len(some) if put_right.correlation is None else put_right.correlation.effective(len(some))
+    if gain <= GAIN or independent * math.log(gain) < LEAST_EVIDENCE:
         return None
     return AxisSwap(axes=axes, rows=tuple(int(row) for row in moments[axes]), gain=gain)
 
@@ -134,9 +146,9 @@ def _breaks(readings: Floats, begin: int) -> tuple[NDArray[np.int64], Floats]:
     return at + 4 + begin, neighbours[at]
 
 
-def _noise(readings: Floats) -> float:
-    """Distance of readings from their ellipsoid, 1 σ, in their unit; infinite where there is none."""
+def _fitted(readings: Floats) -> Estimate | None:
+    """The ellipsoid of readings; None where there is none."""
     try:
-        return Likelihood().estimate(Readings.of(readings)).noise
+        return Likelihood().estimate(Readings.of(readings))
     except FitError:
-        return float("inf")
+        return None

@@ -44,6 +44,7 @@ from flinders.estimators.joint_covariance import (
 )
 from flinders.estimators.joint_outliers import leaving_out, without_outliers
 from flinders.estimators.likelihood import spheres_about
+from flinders.estimators.rests import Rests
 from flinders.likelihood import gyro, prior
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, AccelerometerPrior
 from flinders.likelihood.gyro import SCALE_SIGMA
@@ -225,7 +226,7 @@ def solve(
         Whether a fraction of a standard deviation does not matter, as for a check: few steps are taken.
     """
     refuse_without(samples, terms)
-    samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
+    samples = _rested(samples)
     accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
     put = _Prepared(samples, tuple(terms), site, rotation, spread, window_s, accelerometer, shape, is_rough)
     aided = _solved(put, gyro_scale, start, near).finished()
@@ -246,11 +247,23 @@ def parameters_of(
     acceleration_gain: float = GAIN_SIGMA,
 ) -> Parameters:
     """What `solve` finds in part of the readings of another fit, without what it claims, which takes as long again."""
-    samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
+    samples = _rested(samples)
     accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
     put = _Prepared(samples, tuple(terms), None, rotation, prior.SPREAD, gyro.WINDOW_S, accelerometer)
     solved_for = _solved(put, gyro_scale, None, near)
     return bias_corrected(solved_for.problem.freed(), solved_for.iterate)[0].at
+
+
+def _rested(samples: Samples) -> Samples:
+    """Each rest as one reading, which no window of the gyro goes across; short gaps of the gyro are bridged before."""
+    samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
+    rests = Rests.of(samples)
+    if not len(rests):
+        return samples
+    once = rests.averaged(samples)
+    if once.rate is not None:
+        once.rate[rests.last > rests.first] = np.nan
+    return once
 
 
 class _Prepared(NamedTuple):

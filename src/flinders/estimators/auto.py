@@ -35,6 +35,10 @@ MUCH_BETTER: Final = 5.0
 """Times smaller a claim that takes readings for a level turn which stand out of their plane by more than noise."""
 
 
+TILTED: Final = 0.2
+"""Of the readings: where more are off the plane of a level turn, the body was tilted."""
+
+
 @dataclass(frozen=True, slots=True)
 class Auto:
     """Likelihood from a consistent start; robust where residuals ask for it; consistent where there are only sums.
@@ -94,6 +98,7 @@ class Auto:
         """
         if readings.recording is None and not self.robust:
             return self._from_sums(readings)
+        readings = readings.averaged()
         level = Level(self.prior, self.dip_deg) if self.prior is not None and _can_be_level(readings) else None
         if level is not None and is_level(readings.summary.moments.covariance, noise=0.0):
             return level.estimate(readings)
@@ -107,6 +112,8 @@ class Auto:
         if not any(is_level(one, THICK) for one in covariances):
             return estimate
         turned = level.estimate(readings)
+        if sum(run.fitted for run in turned.outliers) > TILTED * len(readings):
+            return estimate
         is_turn = any(is_level(one, estimate.noise) for one in covariances)
         nearly = estimate.unobserved > 0 or any(
             is_level(one, estimate.noise, within=NEARLY_FLAT_NOISE) for one in covariances

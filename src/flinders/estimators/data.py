@@ -43,8 +43,10 @@ from flinders.core.axes import Axes
 from flinders.core.samples import Joined, Recording, Samples, Wrapped, concatenated, singles
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import NeedsSamples, OutOfScale, StuckAxis, TooFewSamples, Unmoved
+from flinders.estimators.rests import Rests
 from flinders.likelihood import magnitude
 from flinders.summary.cloud import keys_of
+from flinders.summary.quality import DataQuality
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -57,6 +59,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Skipped
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.summary.quality import Rail
+    from flinders.summary.summary import Statistics
 
 HELD: Final = 500_000
 """Readings that are kept in memory, 16 MB with times, 76 MB with all columns. A longer recording is gone through
@@ -179,6 +182,8 @@ class Readings:
     # where it is several recordings of one sensor: each of them. Nothing that follows the order of the readings goes
     # across from one to the next.
     parts: tuple[Readings, ...] = ()
+    whole: Readings | None = None  # where each rest is one reading here: the same with all of them, …
+    rests: Rests | None = None  # … and where the rests are in their recording
 
     @classmethod
     def of(cls, source: Summary | Recording | ArrayLike) -> Self:
@@ -250,6 +255,48 @@ class Readings:
         ends = np.cumsum([len(part) for part in self.parts]) if self.parts else None
         return self.recording.field, ends
 
+    def averaged(self) -> Readings:
+        """Each rest as one reading, its mean; as it is where that was done, and for what is not in memory."""
+        if self.rests is not None or not isinstance(self.recording, Samples):
+            return self
+        ends = self.in_memory()[1]
+        rests = Rests.of(self.recording, ends)
+        if not len(rests):
+            return self
+        once = rests.averaged(self.recording)
+        seen = Summary.of(once)
+        parts: tuple[Readings, ...] = ()
+        if ends is not None:
+            bounds = [0, *np.searchsorted(rests.first, ends).tolist()]
+            parts = tuple(
+                replace(part, recording=replace(once[begin:end], source=part.recording.source))
+                for part, begin, end in zip(self.parts, bounds, bounds[1:], strict=False)
+                if part.recording is not None
+            )
+        summary = Summary(seen.moments, seen.cloud, self.summary.health)
+        return replace(self, summary=summary, recording=once, parts=parts, whole=self, rests=rests)
+
+    @property
+    def unaveraged(self) -> Readings:
+        """The same with all readings of each rest."""
+        return self.whole or self
+
+    @property
+    def statistics(self) -> Statistics:
+        """What a verdict asks of the recording."""
+        statistics = self.summary.statistics
+        if self.rests is None or not isinstance(self.recording, Samples):
+            return statistics
+        once = DataQuality.of(self.recording)
+        return replace(
+            statistics,
+            rests=len(self.rests),
+            at_rest=self.rests.at_rest,
+            fitted=once.rows,
+            fitted_repeats=once.repeats,
+            fitted_distinct=once.distinct,
+        )
+
     @property
     def each(self) -> tuple[Readings, ...]:
         """The recordings one by one: the parts, or this."""
@@ -295,7 +342,7 @@ class Readings:
         plane = "" if axes == "xyz" else f"all the way round in the plane {axes}"
         how = plane or "through all directions"
         if len(self) < unknowns:
-            raise TooFewSamples(found=len(self), needed=unknowns, method=method, how=how)
+            raise TooFewSamples(found=len(self), needed=unknowns, method=method, skipped=self.summary.skipped, how=how)
         if not self.are_in_scale:
             raise OutOfScale(self.summary.moments.unit)
         health = self.summary.health

@@ -84,6 +84,7 @@ class Level:
         of the readings are in one place; `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name, axes="xy")
+        readings = readings.averaged()
         height = float(readings.summary.moments.mean[2])
         flat = laid_flat(readings, "xy", height)
         rng = np.random.default_rng(SEED)

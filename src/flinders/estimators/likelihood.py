@@ -104,7 +104,8 @@ class Likelihood:
             If only sums were given.
         """
         readings.require(self.unknowns, self.name)
-        return self.polish(readings, start(readings))
+        averaged = readings.averaged()
+        return self.polish(averaged, start(averaged))
 
     def polish(self, readings: Readings, ellipsoid: Ellipsoid, *, robust: bool = False) -> Estimate:
         """Fit from a known start, a robust one, too, where residuals may ask for it; raises as `estimate`."""
@@ -131,6 +132,7 @@ def recorded(
     field, ends = readings.in_memory(Likelihood.name)
     time = readings.recording.time if isinstance(readings.recording, Samples) else None
     options = {"prior": prior or 0.0, "dip_deg": dip_deg, "robust": robust, "statistics": statistics}
+    options["rests"] = readings.rests is None
     return engine().fit(field, time=time, ends=ends, **options)
 
 

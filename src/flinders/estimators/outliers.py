@@ -9,7 +9,7 @@ so a run is where more of eleven readings are far than chance would put there.
 >>> field = np.array([[50.0, 0, 0], [0, 90.0, 0], [0, 80.0, 0], [0, 0, 50.0]])
 >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
 >>> outliers_of([Samples(field, time=np.arange(4.0))], sphere, 5.0)
-[Outlier(first=2, last=3, rows=2, start=1.0, end=2.0, farthest=40.0)]
+[Outlier(first=2, last=3, rows=2, start=1.0, end=2.0, farthest=40.0, fitted=2)]
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.estimators.data import Readings
+    from flinders.estimators.rests import Rests
     from flinders.geometry.ellipsoid import Ellipsoid
 
 WINDOW: Final = 11
@@ -73,6 +74,7 @@ class Outlier:
     start: float  # s: time of the first; NaN without time
     end: float  # s: time of the last
     farthest: float  # largest distance from the ellipsoid, in the unit of the readings
+    fitted: int = 0  # outliers with each rest as one: those that a fit would have gone by
 
     def as_dict(self) -> dict[str, int | float | None]:
         """JSON-ready fields; a time that is not known is None."""
@@ -81,7 +83,8 @@ class Outlier:
 
     def __str__(self) -> str:
         rows = f"{self.rows:,} readings" if self.rows > 1 else "a reading"
-        if np.isnan(self.start):
+        rows += " at rest" if self.rows > 1 == self.fitted else ""
+        if not self.start <= self.end:  # no time, or a clock that stepped back
             if self.first == self.last:
                 return f"reading {self.first}"
             return f"readings {self.first}–{self.last}: {rows}"
@@ -94,13 +97,20 @@ def outliers_among(readings: Readings, ellipsoid: Ellipsoid, limit: float, dense
     first_row = 1
     for part in readings.each:
         if part.recording is not None:
-            runs += outliers_of(part.recording.blocks(), ellipsoid, limit, dense, first_row=first_row)
-        first_row += len(part.summary)
+            blocks = part.recording.blocks()
+            runs += outliers_of(blocks, ellipsoid, limit, dense, first_row=first_row, rests=readings.rests)
+        first_row += len(part) if readings.rests else len(part.summary)
     return tuple(runs)
 
 
 def outliers_of(
-    blocks: Iterable[Samples], ellipsoid: Ellipsoid, limit: float, dense: int = NO_RUN, *, first_row: int = 1
+    blocks: Iterable[Samples],
+    ellipsoid: Ellipsoid,
+    limit: float,
+    dense: int = NO_RUN,
+    *,
+    first_row: int = 1,
+    rests: Rests | None = None,
 ) -> list[Outlier]:
     """List the runs of readings that are left out, in order.
 
@@ -112,11 +122,17 @@ def outliers_of(
         See `left_out`; by default only what is farther than the limit is left out.
     first_row : int
         Number of the first reading.
+    rests : Rests, optional
+        Where each rest is one reading: the rests of the recording that rows and times are of.
     """
     runs: list[Outlier] = []
     for block, distances, out in left_out(blocks, ellipsoid, limit, dense):
         for rows in _runs(np.flatnonzero(out)):
-            _append(runs, _outlier(rows, first_row, block.time, distances))
+            farthest = float(distances[rows].max())
+            if rests is None:
+                _append(runs, _outlier(rows, first_row, block.time, farthest))
+            else:
+                _append(runs, _outlier_of_rests(rows + first_row - 1, rests, farthest))
         first_row += len(block)
     return runs
 
@@ -126,17 +142,26 @@ def _runs(rows: NDArray[np.intp]) -> list[NDArray[np.intp]]:
     return np.split(rows, np.flatnonzero(np.diff(rows) > TOGETHER) + 1) if len(rows) else []
 
 
-def _outlier(rows: NDArray[np.intp], first_row: int, time: Floats | None, distances: Floats) -> Outlier:
+def _outlier(rows: NDArray[np.intp], first_row: int, time: Floats | None, farthest: float) -> Outlier:
     first, last = int(rows[0]), int(rows[-1])
     start, end = (np.nan, np.nan) if time is None else (float(time[first]), float(time[last]))
-    return Outlier(first_row + first, first_row + last, len(rows), start, end, float(distances[rows].max()))
+    return Outlier(first_row + first, first_row + last, len(rows), start, end, farthest, len(rows))
+
+
+def _outlier_of_rests(rows: NDArray[np.intp], rests: Rests, farthest: float) -> Outlier:
+    """A run of readings of which each rest is one, with its rows and times before rests were averaged."""
+    first, last = int(rests.first[rows[0]]), int(rests.last[rows[-1]])
+    start, end = (np.nan, np.nan) if rests.time is None else (float(rests.time[first]), float(rests.time[last]))
+    read = int(np.sum(rests.last[rows] - rests.first[rows] + 1))
+    return Outlier(first + 1, last + 1, read, start, end, farthest, len(rows))
 
 
 def _append(runs: list[Outlier], new: Outlier) -> None:
     """Add a run, or lengthen the one before where it goes on from block to block or the list is full."""
     if runs and (new.first - runs[-1].last <= TOGETHER or len(runs) >= LISTED):
         old = runs.pop()
-        new = Outlier(old.first, new.last, old.rows + new.rows, old.start, new.end, max(old.farthest, new.farthest))
+        farthest, rows, fitted = max(old.farthest, new.farthest), old.rows + new.rows, old.fitted + new.fitted
+        new = Outlier(old.first, new.last, rows, old.start, new.end, farthest, fitted)
     runs.append(new)
 
 

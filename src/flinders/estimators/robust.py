@@ -73,7 +73,8 @@ class Robust:
         parameters open, and there is no prior to hold them; `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name)
-        return estimated(recorded(readings, self.prior, robust=2), readings, has_statistics=True)
+        averaged = readings.averaged()
+        return estimated(recorded(averaged, self.prior, robust=2), averaged, has_statistics=True)
 
 
 METHOD: Final = Method(

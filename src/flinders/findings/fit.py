@@ -215,11 +215,11 @@ ROWS: Final = (
         code="few-samples",
         number="independent readings: all, or as many independent ones as say the same where residuals are correlated",
         limit="15, or 20 where residuals are correlated",
-        action="record for longer, turning all the time",
+        action="record for longer, turning all the time, away from iron",
         rule=Rule("independent", (Grade("limits", 1.0, "independent_needed"),), comparison="<"),
-        said="only {independent_readings}: record for longer, turning all the time",
+        said="only {independent_readings}: record for longer, turning all the time, away from iron",
         plain="The number of independent readings is only {number:.0f}, which is little to go by.",
-        remedy="Record for longer, turning all the time.",
+        remedy="Record for longer, turning all the time, away from iron.",
     ),
     CatalogueRow(
         code="unsteady-field",
@@ -328,7 +328,7 @@ ROWS: Final = (
             "change of the offset from the beginning of a recording to its end, degrees at the worst heading; "
             "told where chance makes it less often than once in ten thousand"
         ),
-        action="let the sensor warm up, keep currents and everything magnetic as they are, and record again",
+        action="record again while temperature, currents and everything magnetic stay as they are in use",
         rule=Rule(
             "drift_deg",
             (
@@ -341,11 +341,10 @@ ROWS: Final = (
         ),
         said=(
             "the offset changed by {drift} {unit} from the beginning of the recording to its end, {drift_deg}° of"
-            " heading{halves}: let the sensor warm up, keep currents and everything magnetic as they are, and record "
-            "again"
+            " heading{halves}: record again while temperature, currents and everything magnetic stay as they are in use"
         ),
         plain="Something changed while the recording was made: from its beginning to its end, by {angle} of heading.",
-        remedy="Let the sensor warm up, keep currents and everything magnetic as they are, and record again.",
+        remedy="Record again while temperature, currents and everything magnetic stay as they are in use.",
         alarm=True,
     ),
     CatalogueRow(
@@ -353,7 +352,7 @@ ROWS: Final = (
         former="slipped-axes",
         number=(
             "how many times closer to an ellipsoid the readings lie once the sign of an axis, or two axes, are "
-            "put right from some reading on"
+            "put right from some reading on; told where they then fit as those of a usable recording do"
         ),
         action=(
             "find out what the driver did at the reading that the advice names; record again. What is so "
@@ -440,7 +439,7 @@ ROWS: Final = (
         grades="note; limits above the target; refuses above five times",
         number=(
             "heading error, at the worst heading, of the quadratic and cubic terms of the axes; told where chance "
-            "makes as much less often than once in ten thousand"
+            "makes as much less often than once in ten thousand, and both halves of the recording show it"
         ),
         action=(
             "nothing below the target, the heading error allows for it; else correct it (`linearize=True`, "
@@ -487,7 +486,7 @@ ROWS: Final = (
         grades="note from a tenth of the target on; limits above the target; refuses above five times",
         number=(
             "heading error, at the worst heading, of axes that are read at different moments; told where chance makes "
-            "as much less often than once in ten thousand"
+            "as much less often than once in ten thousand, and both halves of the recording show it"
         ),
         action=(
             "nothing below the target, the heading error allows for it; else read all axes at once (one burst, block "

@@ -89,6 +89,16 @@ ROWS: Final = (
         ),
     ),
     CatalogueRow(
+        code="at-rest",
+        number="share of the readings that were made while the direction stood still",
+        action="nothing: each rest counts as one reading; turn the sensor all the time",
+        rule=Rule("at_rest_share", (Grade("note", 0.1),), needs=(Needs("repeated_share", "<", 0.1),)),
+        said=(
+            "{at_rest_share:.0%} of the readings were made at rest, in {intervals}: each of these counts as one reading"
+        ),
+        plain="While {number:.0%} of the readings were made, the sensor lay still. Each rest counts as one reading.",
+    ),
+    CatalogueRow(
         code="unordered",
         number="correlation of one reading with the next, of a hundred different readings or more without times",
         action="keep the rows in the order of recording, with their times, or record again",
@@ -127,6 +137,31 @@ ROWS: Final = (
             "s on average)"
         ),
         plain="Nothing was recorded for {seconds} s in one stretch.",
+    ),
+    CatalogueRow(
+        code="no-answer",
+        grades="note; limits above a tenth of the rows",
+        number="readings of 0, 0, 0, of −1, or of another word that a bus gives whose sensor does not answer",
+        limit="a tenth of the rows",
+        action="check its supply and its bus, and read the sensor only when it has a new reading; they are left out",
+        fleet_action="check the sensor's supply and bus",
+        rule=Rule("silent", (Grade("note", 0.0), Grade("limits", 0.1, "rows")), limit=Limit(0.1, "rows")),
+        said="{silent_rows}; left out{supply}",
+        plain="At some readings the sensor did not answer (number of readings: {number:,.0f}). They were left out.",
+        remedy="Check the sensor's wires, its supply, and how it is read.",
+    ),
+    CatalogueRow(
+        code="like-gravity",
+        number="1: columns without telling names have the length of gravity, in g, m/s² or counts of an accelerometer",
+        action="give the recording of the magnetometer; where it is one after all, name its columns",
+        fleet_action="give recordings of the magnetometer",
+        rule=Rule("is_doubtful", (Grade("limits", 0.0),)),
+        said="these look like {doubt}: if a magnetometer recorded them after all, name its columns",
+        options="--columns",
+        arguments="columns=",
+        plain="These readings look like gravity, as an accelerometer reads it, and not like a magnetic field.",
+        remedy="Use the readings of the magnetometer. If these are its readings, name their columns.",
+        alarm=True,
     ),
     CatalogueRow(
         code="skipped-rows",

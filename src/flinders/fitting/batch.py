@@ -27,6 +27,7 @@ from flinders.diagnostics.unmoved import was_turned
 from flinders.errors import FitError, FlindersError, UsageError
 from flinders.estimators.auto import FEWEST_LEFT, trimmed_covariance
 from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.rests import Rests
 from flinders.estimators.robust import Robust
 from flinders.findings import CATALOGUE, VERDICTS
 from flinders.fitting import calibrate
@@ -294,7 +295,7 @@ NOT_ASKED: Final = dict.fromkeys(
         "poses_by_chance",
     ),
     np.nan,
-) | dict.fromkeys(("bias_deg", "is_planar", "skipped", "nothing", "rows"), 0.0)
+) | dict.fromkeys(("bias_deg", "is_planar", "skipped", "silent", "is_doubtful", "nothing", "rows"), 0.0)
 """Quantities of what no record tells; a unit of which one of them matters is fitted by itself."""
 
 
@@ -357,8 +358,8 @@ def _shrink(records: Records) -> Floats:
 
 def _repetition(records: Records) -> tuple[Floats, Floats]:
     """Factors by which repeated readings, and these with few ones, widen covariances, as `flinders.fitting.claim`."""
-    rows = records["rows"].astype(float)
-    share = rows / np.maximum(records["distinct"], 1)
+    rows = records["fitted"].astype(float)
+    share = rows / np.maximum(records["fitted_distinct"], 1)
     known = np.mean(records["covariance"][:, DIAGONAL] / records["textbook"][:, DIAGONAL], axis=1)
     repetition = np.maximum(1.0, share / known)
     factor = [widening(*each, 9) for each in zip(rows.tolist(), repetition.tolist(), strict=True)]
@@ -408,7 +409,7 @@ def _of_accuracy(records: Records) -> dict[str, Floats]:
     structure_deg = np.fmax(across, np.fmax(_proven(records, "nonlinear"), _proven(records, "lag")))
     lag_one = np.nan_to_num(records["lag_one"])
     off = np.sqrt(np.maximum(-3.0 * lag_one, 0.0)) * records["noise"]
-    lasting = unlike_correlation(lag_one, records["repeats"] / records["rows"])
+    lasting = unlike_correlation(lag_one, records["fitted_repeats"] / records["fitted"])
     return {
         "worst_deg": np.hypot(records["level_worst_deg"], structure_deg),
         "rms_deg": np.hypot(records["level_rms_deg"], structure_deg),
@@ -439,7 +440,7 @@ def _named_fault(records: Records, fault: str, other: str) -> Floats:
 def _of_evidence(records: Records, repetition: Floats) -> dict[str, Floats]:
     """How much there was to go by."""
     per_reading = 1.0 / (records["correlation_time"] * records["excess_variance"])
-    effective = np.minimum(records["rows"] / repetition * per_reading, records["distinct"])
+    effective = np.minimum(records["fitted"] / repetition * per_reading, records["fitted_distinct"])
     independent = np.minimum(np.nan_to_num(effective, nan=np.inf), records["used"])
     return {
         "hole_deg": records["hole_deg"],
@@ -456,9 +457,10 @@ def _of_the_recording(records: Records) -> dict[str, Floats]:
     """What recordings say about themselves."""
     seconds = np.nan_to_num(records["end"] - records["start"])
     return {
-        "outlier_share": records["rejected"] / records["rows"],
+        "outlier_share": records["rejected"] / records["fitted"],
         "repeated_share": 1.0 - records["distinct"] / records["rows"],
         "distinct": records["distinct"],
+        "at_rest_share": records["at_rest"] / records["rows"],
         "step": records["step"],
         "path_correlation": np.where(np.isnan(records["start"]), records["path_correlation"], np.nan),
         "backward_steps": records["backward_steps"],
@@ -473,7 +475,8 @@ def _changes(records: Records, disturbed: Iterator[tuple[int, Samples]]) -> dict
     for place, one in disturbed:
         record = records[place]
         time = float(np.nan_to_num(record["correlation_time"], nan=1.0))
-        unmodelled = unmodelled_of(one, _surface(record), dip_deg=record["dip_deg"], time=time, limit=_limit(record))
+        once = Rests.of(one).averaged(one) if record["rests"] else one
+        unmodelled = unmodelled_of(once, _surface(record), dip_deg=record["dip_deg"], time=time, limit=_limit(record))
         unmodelled_deg[place] = np.nan if unmodelled is None else unmodelled.heading_deg
     return {
         "drift_deg": records["drift_deg"],

@@ -74,6 +74,9 @@ SWAP_LAG_ONE: Final = 0.05
 of the swap, which follow each other, where undoing it takes a tenth off the noise, as `AxisSwap.gain` has to."""
 
 
+ONE_A_REST: Final = frozenset({"auto", "ellipse", "level", "likelihood", "robust"})
+"""Methods for which a rest is one reading; for published recipes, and where there may be only sums, each counts."""
+
 LEANING: Final = 10.0
 """Times the heading error claimed of a level turn: a fit with aiding sensors that claims more saw no lean. Of drives of
 half a minute it claims up to 8 times as much, of level turns more than 100 times; the turn errs by up to 5 times its
@@ -211,7 +214,8 @@ class _Evidence(NamedTuple):
         """Take it from the summary of the readings."""
         summary = readings.summary
         coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
-        return cls(estimate, readings, summary.statistics, coverage, aiding=aiding)
+        statistics = replace(readings.statistics, doubt=_doubt(readings))
+        return cls(estimate, readings, statistics, coverage, aiding=aiding)
 
     @classmethod
     def of_record(
@@ -227,10 +231,13 @@ class _Evidence(NamedTuple):
         record = estimator.recorded(readings, statistics=2 if has_sigma else 1)
         if record["status"] or not was_turned(record, (unit or UNSTATED).inside):
             return None
+        if record["rests"]:
+            readings = readings.averaged()
         estimate = estimated(record, readings, has_statistics=True)
         if hides_plane(readings, estimate):
             return None
         statistics = Statistics.of_record(record, samples.time, readings.summary.skipped)
+        statistics = replace(statistics, doubt=_doubt(readings))
         coverage = RecordCoverage(record, readings.summary, estimate.ellipsoid, estimate.rejected_beyond)
         return cls(estimate, readings, statistics, coverage, record)
 
@@ -250,6 +257,17 @@ class _Evidence(NamedTuple):
             dips = (dip_deg,) if claim.plane else self.coverage.facings(dip_deg)
         errors = (level_error(claim.ellipsoid, claim.covariance, dip_deg=dip, down=down) for dip in dips)
         return max(errors, key=lambda error: error.worst)
+
+
+def _doubt(readings: Readings) -> str:
+    """What readings look like, if not like a magnetometer's; of a long recording by its first block."""
+    recording = readings.recording
+    first = recording if recording is None or isinstance(recording, Samples) else next(iter(recording.blocks()), None)
+    if first is None or not first.nameless:
+        return ""
+    from flinders.readers._likeness import doubt
+
+    return doubt(first)
 
 
 def fit(
@@ -402,7 +420,9 @@ def _estimated(readings: Readings, estimator: Estimator, request: Request, unit:
         if recorded is not None:
             return recorded
     readings = within_range(_moved(readings, estimator, unit))
-    joint, aiding = _aided(readings, request)
+    if estimator.name in ONE_A_REST:
+        readings = readings.averaged()
+    joint, aiding = _aided(readings.unaveraged, request)
     if joint is not None:
         return _Evidence.of(joint, readings, aiding)._replace(is_joint=True)
     from flinders.estimators.reference.attitude_independent import at_one_strength
@@ -425,7 +445,7 @@ def _linearized(plain: _Evidence, estimator: Estimator, request: Request, unit: 
             "one by one, and leave the site out"
         )
     found, lag = _faults_of_axes(plain.estimate, plain)
-    recording = plain.readings.recording
+    recording = plain.readings.unaveraged.recording
     if plain.record is None or not isinstance(recording, Samples) or found is None or not found.is_likely:
         return plain
     if lag is not None and lag.is_proven and lag.p_value < found.p_value:  # looks a little like curves
@@ -702,7 +722,7 @@ def _drift(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Drift | N
 
 def _with_halves(drift: Drift | None, estimate: Estimate, readings: Readings, request: Request) -> Drift | None:
     """Compare the halves of a recording where a change is proven that does not limit by its size."""
-    samples = readings.recording
+    samples = readings.unaveraged.recording
     if drift is None or not isinstance(samples, Samples):
         return drift
     if not halves_matter(drift.heading_deg, drift.p_value, request.target_deg):
@@ -722,7 +742,8 @@ def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlineari
 
 def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
     """Whether axes were swapped while one recording in memory was made; if so, residuals are not white."""
-    if readings.parts or not isinstance(readings.recording, Samples) or not estimate.may_be_swapped:
+    samples = readings.unaveraged.recording
+    if readings.parts or not isinstance(samples, Samples) or not estimate.may_be_swapped:
         return None
     correlation = estimate.correlation
     if not estimate.outliers:
@@ -732,7 +753,7 @@ def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
             return None
     from flinders.diagnostics.axis_swap import axis_swap_of
 
-    return axis_swap_of(readings.recording.field, estimate.noise)
+    return axis_swap_of(samples.field, estimate.noise)
 
 
 def _unmodelled(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Unmodelled | None:
@@ -760,7 +781,7 @@ def _attitude_dependence(estimate: Estimate, evidence: _Evidence, dip_deg: float
 
 def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Evidence) -> float:
     """What the vertical of the accelerometer adds to a heading; NaN in a plane, and where a fit corrects it."""
-    samples, aiding = evidence.readings.recording, evidence.aiding
+    samples, aiding = evidence.readings.unaveraged.recording, evidence.aiding
     if estimate.plane or not isinstance(samples, Samples) or samples.acceleration is None:
         return math.nan
     from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg
@@ -774,7 +795,7 @@ def _independent(estimate: Estimate, statistics: Statistics, repetition: float) 
     """How many independent readings say as much: no more than there are different ones."""
     if estimate.correlation is None:
         return np.inf
-    return min(estimate.correlation.effective(statistics.rows / repetition), statistics.distinct)
+    return min(estimate.correlation.effective(statistics.fitted / repetition), statistics.fitted_distinct)
 
 
 def _distortion(estimate: Estimate, refreshed: Refreshed | None) -> float:
@@ -822,7 +843,7 @@ def _described(
         method=estimate.method,
         covariance=final.covariance,
         noise=estimate.noise,
-        samples=estimate.used or evidence.statistics.rows,
+        samples=estimate.used or evidence.statistics.fitted,
         coverage=evidence.coverage,
         heading_error_deg=error.combined(structure_deg(distortion, level, faults)),
         distortion=distortion,

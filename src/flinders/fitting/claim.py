@@ -113,7 +113,7 @@ def _widened(
     if reference is not None and not has_residuals and not reference.plane and not reference.unobserved:
         estimate = as_correlated(estimate, reference)
     repetition = _repetition(estimate, statistics)
-    estimate = _scaled(estimate, widening(statistics.rows, repetition, _parameters(estimate)))
+    estimate = _scaled(estimate, widening(statistics.fitted, repetition, _parameters(estimate)))
     if reference is not None and is_biased:
         estimate = with_bias(estimate, reference)
     return Claim(estimate, repetition)
@@ -121,7 +121,7 @@ def _widened(
 
 def _repetition(estimate: Estimate, statistics: Statistics) -> float:
     """Factor by which repeated readings widen a covariance that does not know of them yet."""
-    share = statistics.rows / max(statistics.distinct, 1)
+    share = statistics.fitted / max(statistics.fitted_distinct, 1)
     return max(1.0, share / max(estimate.variance_inflation(), sys.float_info.min))
 
 
@@ -141,7 +141,7 @@ def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:
     estimate, likelihood : Estimate
         Of the same readings.
     """
-    if estimate.correlation is not None or likelihood.correlation is None or likelihood.textbook is None:
+    if estimate.correlation is not None or likelihood.textbook is None:
         return estimate
     factor = max(1.0, likelihood.variance_inflation())
     return replace(

@@ -29,7 +29,7 @@ as hard iron does; it counts with its prior on all of them together (`PoseSigmas
 >>> time = np.arange(0.0, 60.0, 0.1)
 >>> along = np.where(time < 30.0, 0.0, np.pi / 2.0)
 >>> velocity = SimpleNamespace(time=time, values=10.0 * np.column_stack([np.cos(along), np.sin(along)]))
->>> samples = Samples.of(np.zeros((600, 3)), unit="uT", time=time)
+>>> samples = Samples.of(np.ones((600, 3)), unit="uT", time=time)
 >>> [(round(stretch.course_deg) % 360, len(stretch.samples)) for stretch in stretches(samples, velocity)]
 [(0, 288), (90, 288)]
 """

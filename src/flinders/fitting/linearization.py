@@ -101,7 +101,7 @@ def unchanged(fit: Fit) -> str:
     """Why a fit that was asked to linearize its axes did not."""
     found, lag = fit.nonlinearity, fit.axis_lag
     if found is None or not found.is_likely:
-        return "the axes are linear as far as the readings tell"
+        return "the axes are linear as far as the readings tell, or not linear in the same way throughout"
     if lag is not None and lag.is_proven and lag.p_value < found.p_value:
         return "the axes are read at different moments, which looks like curves: read them at once first"
     return "linearized axes would not make the heading error smaller, as far as the readings tell"

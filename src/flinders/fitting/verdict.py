@@ -51,7 +51,10 @@ OF_CALIBRATION: Final = (
     "rotation-unknown",
 )
 """Findings of a calibration, whatever it was made from."""
-OF_RECORDING: Final = ("quantised", "stale-repeats", "unordered", "time-back", "time-gap", "skipped-rows")
+OF_RECORDING: Final = (
+    "quantised", "stale-repeats", "at-rest", "unordered", "time-back", "time-gap", "no-answer", "like-gravity",
+    "skipped-rows",
+)  # fmt: skip
 """Findings of a recording as a whole."""
 OF_THE_RECORDING: Final = frozenset({"saturated", *OF_RECORDING})
 """Findings that hold whatever the fit is worth, and may be the reason why it is worth nothing."""
@@ -137,7 +140,7 @@ def fit_record(fit: Fit, statistics: Statistics) -> Record:
             **_evidence(fit),
             **_changes(fit),
             **_lasting(fit, statistics),
-            **_outliers(fit, statistics.rows),
+            **_outliers(fit, statistics.fitted),
             "inflation": math.nan if fit.plane or fit.refreshed else _inflation(fit, statistics.extent),
             "noise_share": fit.noise / fit.ellipsoid.radius,
             **_structure(fit),
@@ -207,8 +210,9 @@ def _evidence(fit: Fit) -> dict[str, float]:
 def _independent_readings(fit: Fit) -> str:
     """How many readings there are to go by."""
     independent = min(fit.independent_samples, float(fit.samples))
-    alike = "" if independent == fit.samples else f" (of {fit.samples:,}: the others repeat them, or err alike)"
-    return f"{counted(independent, 'independent reading')}{alike}"
+    alike = "the others repeat them, or err alike, as where the field is not the same everywhere"
+    others = "" if independent == fit.samples else f" (of {fit.samples:,}: {alike})"
+    return f"{counted(independent, 'independent reading')}{others}"
 
 
 def _correlation(fit: Fit) -> str:
@@ -324,7 +328,7 @@ def _apart(repeats: Repeats | None, target_deg: float) -> dict[str, float]:
 
 def _lasting(fit: Fit, statistics: Statistics) -> dict[str, float]:
     """What lasts from one reading to the next different one, and the heading error of a single moment that it makes."""
-    correlation = unlike_correlation(fit.autocorrelation or 0.0, statistics.repeats / max(statistics.rows, 1))
+    correlation = unlike_correlation(fit.autocorrelation or 0.0, statistics.fitted_repeats / max(statistics.fitted, 1))
     level = fit.ellipsoid.radius * math.cos(math.radians(fit.known_dip_deg))
     return {
         "noise_lasts": fit.noise_lasts,
@@ -357,10 +361,15 @@ def _alternation(fit: Fit) -> dict[str, float]:
     }
 
 
+def improves(fit: Fit) -> bool:
+    """Whether headings are better with a calibration; of readings that were corrected before, by more than chance."""
+    better = NOT_BY_CHANCE if fit.is_shrunk else 1.0
+    return fit.uncorrected_heading_error_deg.worst > better * fit.heading_error_deg.worst
+
+
 def _leave(fit: Fit) -> str:
     """Whether the readings of a sensor that was corrected before are as good without the calibration."""
-    is_needed = fit.uncorrected_heading_error_deg.worst > NOT_BY_CHANCE * fit.heading_error_deg.worst
-    if is_needed:
+    if improves(fit):
         return "the calibration is worth having"
     is_covered = fit.coverage.hole_deg <= limit_of("coverage")
     return "leave them as they are" if is_covered else "leave them as they are, or turn the sensor further"
@@ -407,9 +416,9 @@ def _of_aiding(fit: Fit) -> Iterator[Finding]:
     yield from () if fit.aiding is None else (mistake.finding for mistake in fit.aiding.mistakes)
 
 
-def _outliers(fit: Fit, rows: int) -> dict[str, Any]:
-    """What a robust fit left out: outliers, and the readings around their runs."""
-    share = sum(run.rows for run in fit.outliers) / max(rows, 1)
+def _outliers(fit: Fit, fitted: int) -> dict[str, Any]:
+    """What a robust fit left out of so many readings: outliers, and the readings around their runs."""
+    share = sum(run.fitted for run in fit.outliers) / max(fitted, 1)
     return {
         "outlier_share": share,
         "farthest": max((run.farthest for run in fit.outliers), default=math.nan),
@@ -446,7 +455,7 @@ WORDS: Final[dict[str, Callable[[Fit], str]]] = {
     "halves": _halves,
     "leave": _leave,
     "unmodelled": lambda fit: "" if fit.unmodelled is None else fit.unmodelled.name,
-    "outliers": lambda fit: counted(sum(run.rows for run in fit.outliers), "reading"),
+    "outliers": lambda fit: counted(sum(run.fitted for run in fit.outliers), "reading"),
     "runs": _runs,
     "previous": lambda fit: fit.refreshed.previous if fit.refreshed else "",
 }
@@ -463,25 +472,34 @@ def _at_rail(rail: Rail) -> str:
 
 
 def _recording_record(health: Statistics) -> Record:
-    clock, skipped = health.clock, sum(part.rows for part in health.skipped)
-    few = skipped <= 0.1 * health.rows
+    clock, most = health.clock, 0.1 * health.rows
+    silent = [part for part in health.skipped if part.is_silent]
+    lost = [part for part in health.skipped if part.is_loss and not part.is_silent]
+    skipped, unanswered = (sum(part.rows for part in parts) for parts in (lost, silent))
     return Record(
         {
             "rows": health.rows,
             "distinct": health.distinct,
             "rail_share": max((rail.share for rail in health.rails), default=0.0),
             "repeated_share": 1.0 - health.distinct / max(health.rows, 1),
+            "at_rest_share": health.at_rest / max(health.rows, 1),
             "step": health.step,
             "path_correlation": math.nan if clock.steps else health.path_correlation,
             "backward_steps": clock.backward_steps,
             "longest_step_s": clock.longest_step,
             "usual_step_s": clock.usual_step,
             "skipped": skipped,
+            "silent": unanswered,
+            "is_doubtful": float(bool(health.doubt)),
         },
         rails=lambda: ", ".join(map(_at_rail, health.rails)),
+        intervals=lambda: counted(health.rests, "interval"),
         often=lambda: "once" if clock.backward_steps == 1 else f"{clock.backward_steps:,} times",
-        skipped_rows=lambda: "; ".join(map(str, health.skipped)),
-        check=lambda: "" if few else ". Check the sensor, its cable, and what was saved",
+        skipped_rows=lambda: "; ".join(map(str, lost)),
+        check=lambda: "" if skipped <= most else ". Check the sensor, its cable, and what was saved",
+        doubt=health.doubt,
+        silent_rows=lambda: "; ".join(map(str, silent)),
+        supply=lambda: "" if unanswered <= most else ". Check its supply and its bus, and how it is read",
     )
 
 

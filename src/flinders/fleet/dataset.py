@@ -399,7 +399,7 @@ class KeyedTable:
             axes=Axes.of(options.axes),
             choice=Choice(options.sensor, is_name=True),
         )
-        recording.columns = recording.columns.only(*USED)
+        recording.columns = replace(recording.columns.only(*USED), is_assumed=False)
         return cls(file, keys, recording)
 
     @property

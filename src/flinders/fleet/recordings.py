@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Final, cast
 import numpy as np
 
 from flinders.core.samples import concatenated
+from flinders.core.silence import silent
 from flinders.errors import UnitError, counted
 from flinders.fitting.batch import Lined
 from flinders.fleet.dataset import HALF, Interner, KeyColumns, KeyedTable, Runs, batch_in, counts_of, extents_of, opened
@@ -155,10 +156,11 @@ def read_recordings(table: KeyedTable, part: FileSlice, rows: RowFilter) -> Reco
         runs = Runs(*np.unique(every, return_counts=True))
     ends = np.cumsum(runs.lengths)
     field = [columns.cells.index(cell) for cell in sorted(columns.needed)]
+    is_silent = silent(columns.readings(values))
     with np.errstate(over="ignore", invalid="ignore"):
         is_whole = all(np.isfinite(values[place].sum()) for place in field)  # a sum is finite if all its terms are
-    if not is_whole:
-        usable = np.logical_and.reduce([np.isfinite(values[place]) for place in field])
+    if not is_whole or is_silent.any():
+        usable = np.logical_and.reduce([~is_silent, *(np.isfinite(values[place]) for place in field)])
         values, ends = [column[usable] for column in values], np.concatenate([[0], np.cumsum(usable)])[ends]
     if columns.time is not None:
         values = _sorted_by_time(values, ends, values[columns.cells.index(columns.time.cells[0])])

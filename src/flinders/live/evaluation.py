@@ -82,7 +82,7 @@ OFFERED: Final = 3  # Intervals, at most
 STILL_S: Final = 6.0  # Seconds without a turn after which somebody is reminded
 STILL_DEG: Final = 5.0
 LEAST_DEG: Final = 0.001  # A smaller difference is not shown as a number
-OTHER_UNITS: Final = {"mT": 1e-3, "G": 1e-2, "mG": 10.0, "nT": 1e3}
+OTHER_UNITS: Final = {"T": 1e-6, "mT": 1e-3, "G": 1e-2, "mG": 10.0, "nT": 1e3}
 """What the earth's field, in microtesla, is multiplied by where readings in another unit are taken for microtesla."""
 SAID: Final = {
     "stale": (

@@ -41,11 +41,12 @@ LONGEST_GAP_S: Final = 2.0  # Seconds that a pause of a recording takes when it 
 SHORTEST_S: Final = 1e-4  # Least wait
 
 Kind: TypeAlias = Literal[
-    "connected", "settled", "unclear", "silent", "nothing", "garbage", "lost", "gone", "back", "ended"
-]
-"""It is there; how its lines are written is known; which of their numbers are the field is not; nothing has come yet;
-nothing usable has; lines that are not like the first ones; this machine was too busy to take all; it went away; it is
-there again; nothing more will come."""
+    "connected", "settled", "several", "unclear", "silent", "nothing", "garbage", "no-answer", "lost", "gone", "back",
+    "ended",
+]  # fmt: skip
+"""It is there; how its lines are written is known; they are of several devices; which of their numbers are the field is
+not; nothing has come yet; nothing usable has; lines that are not like the first ones; the sensor did not answer; this
+machine was too busy to take all; it went away; it is there again; nothing more will come."""
 
 
 @dataclass(frozen=True, slots=True)

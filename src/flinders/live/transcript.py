@@ -33,22 +33,25 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.core.axes import Axes
+from flinders.core.samples import added
 from flinders.core.units import label
 from flinders.errors import FlindersError, OutputError, counted, figures
 from flinders.live.feeds import FeedEvent
 from flinders.readers._clock import Midnights
 from flinders.readers._columns import unit_of
 from flinders.readers._layout import SPOKEN, Cells, TextLayout, recognise_layout, sniff
-from flinders.readers._names import is_unit
+from flinders.readers._line_shapes import LineShapes
+from flinders.readers._names import is_unit, numbered
 from flinders.readers._tokenizer import COMMENTS, number, quoted, rows_of, shown, split
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
-    from flinders.core.samples import Samples
+    from flinders.core.samples import Samples, Skipped
     from flinders.core.units import Unit
     from flinders.live.feeds import Kind
+    from flinders.readers._columns import Columns
     from flinders.readers.dialects import Dialect
 
 SETTLE_S: Final = 0.9
@@ -58,6 +61,7 @@ ENOUGH: Final = 20  # Lines that settle it at once
 LONGEST: Final = 4096  # Bytes in a line; a longer one is none
 SILENT_S: Final = 3.0  # Seconds without a reading after which advice is given
 UNLIKE: Final = 50  # Lines in a row that are not like the first ones, after which advice is given
+UNANSWERED: Final = 10  # Readings at which the sensor did not answer, after which advice is given
 STEP_S: Final = 1e-4  # Lines that arrive together differ by so much, the last digit of a time
 ENDS: Final = re.compile(rb"[\r\n]+")
 TIME: Final = "t_s"
@@ -136,7 +140,7 @@ def _runs(column: Sequence[str]) -> bool:
     return all(b >= a for a, b in pairwise(times)) and (len(times) < 2 or times[-1] > times[0])
 
 
-def _unclear(lines: list[str], header: Sequence[str] = ()) -> TextLayout:
+def _unclear(lines: list[str], header: Sequence[str] = (), **_: object) -> TextLayout:
     """Lay out a table of which all is recorded, as it is not clear what is the magnetometer: by three numbers."""
     layout = sniff("", lines, "1,2,3", header)
     layout = layout if layout.header else replace(layout, columns=layout.columns.only())  # what rises may be an axis
@@ -166,6 +170,7 @@ class RecordingStatistics:
     unit: str = ""  # µT or counts; nothing where it is not clear which numbers are the magnetometer's
     readings: int = 0  # rows
     unknown: int = 0  # lines that were not understood
+    accompanying: int = 0  # of them, those that a program prints with its readings; counted at the end
     lines: int = 0
     received: int = 0  # bytes
     seconds: float = 0.0  # since the start
@@ -213,7 +218,8 @@ class RecordingStatistics:
                 "min": self.weakest if known else None,
                 "max": self.strongest if known else None,
             },
-            "not_understood": self.unknown,
+            "not_understood": self.unknown - self.accompanying,
+            "accompanying": self.accompanying,
             "first_not_understood": self.first_unknown or None,
             "bytes": self.received,
             "losses": self.losses,
@@ -287,12 +293,15 @@ class Transcript:
         self._midnights = Midnights(None)
         self._rest, self._pieces = b"", 0  # of a line whose end has not come
         self._waiting: list[_WaitingLine] = []
+        self._shapes = LineShapes()
+        self._unknown: list[str] = []  # the first lines that were not understood
         self._before: deque[str] = deque(maxlen=ENOUGH)  # lines before it was recognised how they are written
         self._last: float | None = None
         self._is_cut = not is_framed
         self._heard_at: float | None = None
         self._advised: set[Kind] = set()
         self._unlike = 0
+        self._silent: tuple[Skipped, ...] = ()  # readings at which the sensor did not answer
         self._events: list[FeedEvent] = []
 
     @property
@@ -340,6 +349,9 @@ class Transcript:
             taken = replace(taken, text=f"{taken.text}# cut off: {escaped(self._rest)}\n")
             self.statistics.first_unknown = self.statistics.first_unknown or shown(_text(self._rest))
         self._rest, self._pieces = b"", 0
+        self.statistics.accompanying = self._shapes.count_accompanying()
+        lost = (text for text in self._unknown if not self._shapes.accompanies(text))
+        self.statistics.first_unknown = next(map(shown, lost), self.statistics.first_unknown)
         return taken
 
     def nothing(self) -> str:
@@ -407,6 +419,8 @@ class Transcript:
             self.statistics.unit = label(self._read[1].inside)
             columns = f": {layout.columns.describe(self.statistics.unit)}"
         self._tell("settled", f"{form}{columns}")
+        if self._read and self._read[0].columns.device:
+            self._tell("several", _alone(self._read[0].columns))
 
     def _named(self, form: Form) -> str | None:
         """The columns that were asked for: numbers count what is printed, before which the recording has a time."""
@@ -423,8 +437,9 @@ class Transcript:
             self._settle()
         while self._waiting and not self.is_full:
             text += self._written(self._waiting.pop(0), rows)
+        readings = self._readings(rows)
         events, self._events = self._events, []
-        return Taken(text, self._readings(rows), events)
+        return Taken(text, readings, events)
 
     def _written(self, line: _WaitingLine, rows: list[str]) -> str:
         """One line as it goes into the recording."""
@@ -444,6 +459,7 @@ class Transcript:
             return f"# {'cut off: ' * cut}{escaped(line.content)}\n"
         self._last, self._unlike = at, 0
         self.statistics.count_row(at)
+        self._shapes.add(text, is_reading=True)
         rows.append(row)
         if self._header is not None:
             return f"{row}\n"
@@ -456,11 +472,14 @@ class Transcript:
         if form is None:
             self._before.append(text)
         if not (text.lstrip().startswith(COMMENTS) or (form and form.is_heading(text))):
+            self._shapes.add(text)
             self._count_unknown(text)
 
     def _count_unknown(self, text: str) -> None:
         self.statistics.unknown += 1
         self.statistics.first_unknown = self.statistics.first_unknown or shown(text)
+        if len(self._unknown) < ENOUGH and not self._shapes.accompanies(text):
+            self._unknown.append(text)
         self._unlike += self.statistics.form is not None
         if self._unlike == UNLIKE:
             self._tell(
@@ -469,6 +488,15 @@ class Transcript:
                 f"comments: the latest is {shown(text)!r}; stop, and record again",
             )
 
+    def _count_silent(self, readings: Samples) -> None:
+        """Count readings at which the sensor did not answer, and say so once there are some."""
+        before = sum(entry.rows for entry in self._silent)
+        new = (replace(entry, lines=()) for entry in readings.skipped if entry.is_silent)
+        self._silent = added(self._silent, tuple(new))
+        if before < UNANSWERED <= sum(entry.rows for entry in self._silent):
+            words = "; ".join(map(str, self._silent))
+            self._tell("no-answer", f"{words}; such readings are left out: check its supply and its bus")
+
     def _tell(self, kind: Kind, words: str) -> None:
         self._events.append(FeedEvent(kind, self.statistics.seconds, words))
 
@@ -476,10 +504,18 @@ class Transcript:
         if not rows or self._read is None:
             return None
         layout, unit = self._read
+        rows = [row for row in rows if not layout.is_of_other_device(row)]
         values = rows_of(rows, range(len(rows)), layout.grid).past(self._midnights, layout.grid).values
         readings = layout.columns.samples(values.T, unit=unit, axes=Axes(), source=self._name)
+        self._count_silent(readings)
         self.statistics.measure(readings.field)
         return readings if len(readings) else None
+
+
+def _alone(columns: Columns) -> str:
+    """Say that lines of one of several devices are shown."""
+    others = numbered([other.partition(" ")[2] for other in columns.others])
+    return f"lines of several devices come, and {columns.name} is shown alone: {others} not"
 
 
 def escaped(line: bytes) -> str:

@@ -44,8 +44,11 @@ void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, 
         bent_by_chance = fl_chance_of_terms(kernels, &nonlinear, 9, FL_NONLINEAR, room, record);
     if (!room->parts && fl_regress(&all, products, 0, FL_LAGS_OF_AXES + 9, &lag))
         late_by_chance = fl_chance_of_terms(kernels, &lag, 0, FL_LAGS_OF_AXES, room, record);
+    const int is_bent = bent_by_chance >= FL_PROVEN || fl_is_same_throughout(kernels, &nonlinear, 0, room, record);
+    const int is_late = late_by_chance >= FL_PROVEN ||
+        fl_is_same_throughout(kernels, &lag, FL_LAGS_OF_AXES, room, record);
     if (bent_by_chance <= 1 && has_sigma) fl_nonlinear_sigma(kernels, &fit->surface, room, &nonlinear, dip_deg, record);
     if (bent_by_chance <= 1)
-        fl_nonlinearity(kernels, view, &fit->surface, room, &nonlinear, bent_by_chance, dip_deg, record);
-    if (late_by_chance <= 1) fl_lag(kernels, view, fit, room, &lag, late_by_chance, dip_deg, record);
+        fl_nonlinearity(kernels, view, &fit->surface, room, &nonlinear, bent_by_chance, is_bent, dip_deg, record);
+    if (late_by_chance <= 1) fl_lag(kernels, view, fit, room, &lag, late_by_chance, is_late, dip_deg, record);
 }

@@ -89,7 +89,7 @@ static void confirm_swaps(const fl_kernels *kernels, const fl_view *view, const 
     int swap = 0, is_behind = 0;
     size_t n = 0;
     for (int other = 1; other < 6; other++) swap = record->swaps[other] > record->swaps[swap] ? other : swap;
-    if (record->swaps[swap] == 0 || !((real)record->rejected < FEW * (real)record->rows)) return;
+    if (record->swaps[swap] == 0 || !((real)record->rejected < FEW * (real)record->fitted)) return;
     for (int is_changed = 0; is_changed < 2; is_changed++) {
         for (n = 0; n * stride < view->rows; n++)
             for (int axis = 0; axis < 3; axis++) {
@@ -131,13 +131,13 @@ static void jump(const fl_kernels *kernels, const real *field, size_t rows, cons
     record->largest_jump = fl_sqrt(largest) / fl_sqrt(median);
 }
 
-/* Statistics of the residuals and of the path. */
-void fl_residual_statistics(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
-                            flinders_record *record)
+/* Statistics of the residuals of a view, and of the path through all readings. */
+void fl_residual_statistics(const fl_kernels *kernels, const fl_view *all, const fl_view *view, const fl_fit *fit,
+                            const fl_room *room, flinders_record *record)
 {
     distribution(kernels, view, fit, room, record);
-    swaps(kernels, view->field, view->rows, room, record);
-    if (record->is_robust) confirm_swaps(kernels, view, fit, room, record);
-    jump(kernels, view->field, view->rows, room, record);
+    swaps(kernels, all->field, all->rows, room, record);
+    if (record->is_robust) confirm_swaps(kernels, all, fit, room, record);
+    jump(kernels, all->field, all->rows, room, record);
     fl_coverage(kernels, &fit->surface, record->rejected_beyond, room, record);
 }

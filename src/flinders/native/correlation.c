@@ -6,8 +6,11 @@
  */
 #include "residuals.h"
 
-enum { FEW = 50 };
+enum { FEWEST = 12,     /* readings, of which slow noise has any likelihood */
+       FEW = 50,        /* readings, of which there are autocovariances */
+       TELLING = 100 }; /* readings that tell whether their noise lasts */
 
+#define DOUBT ((real)3) /* bits by which noise that lasts is likelier than white noise where few readings are all there is */
 #define MOST_FREEDOM ((real)1.3)
 #define LARGE ((real)0.08) /* noise, of the field, from which on a step that takes residuals for small is not made */
 
@@ -77,7 +80,7 @@ static real square_of(const fl_residuals *residuals)
 /* Whether some readings are others again. */
 static int has_copies(const flinders_record *record)
 {
-    return record->distinct > 0 && record->distinct < record->rows;
+    return record->fitted_distinct > 0 && record->fitted_distinct < record->fitted;
 }
 
 /* Scatter of Σ J s over all readings, and what was found of it; `known` as for `fl_distortion`. */
@@ -167,9 +170,23 @@ static int are_large(const fl_fit *fit)
 
 /* Whether slow noise can be looked for; the fit's model of it, and what the two leave of the fit. */
 static int is_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, fl_fit *fit,
-                         const fl_room *room, real step[9], real weighed[81], real explained[81])
+                         const fl_room *room, real doubt, real step[9], real weighed[81], real explained[81])
 {
-    return !fit->unseen && !fl_slow_noise(kernels, view, residuals, fit, room, &fit->slow, step, weighed, explained);
+    return !fit->unseen &&
+           !fl_slow_noise(kernels, view, residuals, fit, room, doubt, &fit->slow, step, weighed, explained);
+}
+
+/* Few readings do not tell whether their noise lasts: the estimate and its covariance are averages over what it may be. */
+static void assume_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, fl_fit *fit,
+                              const fl_room *room, flinders_record *record)
+{
+    real step[9], weighed[81], explained[81];
+    const int is_slow = is_slow_noise(kernels, view, residuals, fit, room, DOUBT, step, weighed, explained);
+    memset(&fit->slow, 0, sizeof fit->slow); /* it is assumed, not found */
+    if (!is_slow) return;
+    fl_raise(weighed, record->covariance, 9, 0);
+    memcpy(record->covariance, weighed, sizeof weighed);
+    if (!are_large(fit)) move(fit, step);
 }
 
 /* The covariance of a record, with what correlated residuals add to it. Where slow noise is found, the fit is moved to
@@ -183,12 +200,16 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     memcpy(record->covariance, fit->covariance, sizeof record->covariance);
     memset(&fit->slow, 0, sizeof fit->slow);
     record->noise_lasts = FL_NOT_A_NUMBER;
-    if (fit->used < FEW) return;
+    if (fit->used < FEWEST) return;
     gather_stretches(kernels, view, fit, room, &residuals);
-    scatter_of(kernels, &residuals, fit, 0, room, scatter, record);
+    if (fit->used >= FEW) scatter_of(kernels, &residuals, fit, 0, room, scatter, record);
+    if (fit->used < FEW || (record->is_white && fit->used < TELLING)) {
+        assume_slow_noise(kernels, view, &residuals, fit, room, record);
+        return;
+    }
     if (record->is_white) return;
     record->steps_kurtosis = fl_steps_kurtosis(&residuals);
-    int is_slow = is_slow_noise(kernels, view, &residuals, fit, room, step, weighed, explained);
+    int is_slow = is_slow_noise(kernels, view, &residuals, fit, room, 0, step, weighed, explained);
     real known = 0;
     if (is_slow && record->distortion == 0)
         known = fl_likely_distortion(&residuals, &fit->surface, has_copies(record), 3 * (size_t)record->lags,
@@ -196,7 +217,7 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     if (known > 0) {
         gather_stretches(kernels, view, fit, room, &residuals);
         scatter_of(kernels, &residuals, fit, known, room, scatter, record);
-        is_slow = is_slow_noise(kernels, view, &residuals, fit, room, step, weighed, explained);
+        is_slow = is_slow_noise(kernels, view, &residuals, fit, room, 0, step, weighed, explained);
     }
     scattered(fit, scatter, record->covariance);
     if (!is_slow) return;

@@ -74,6 +74,7 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "workspace_size": (_N,),
     "fit_parts": (_A, _A, _N, _A, _N, _A, _A, _N, _A),
     "fit_many": (_A, _A, _A, _N, _A, _A, _N, _A),
+    "rests": (_A, _N, _A, _N, _A, _N, _A),
     "polish": (_A, _N, _A, _N, _A, _A, _A, _A, _N, _A),
     "drift": (_A, _N, _A, _A, _D, _A, _N, _A),
     "regress": (_A, _A, _N, _A, _A, _D, _A, _N, _A),
@@ -88,7 +89,7 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
 """What functions of the library take."""
 
 _RESULTS: Final[dict[str, type]] = {
-    "workspace_size": _N, "record_size": _N, "real_size": _N, "message": ctypes.c_char_p,
+    "workspace_size": _N, "rests": _N, "record_size": _N, "real_size": _N, "message": ctypes.c_char_p,
 }  # fmt: skip
 """What functions give that give no status."""
 
@@ -146,7 +147,7 @@ class Engine:
         ends : (P,) array-like of int, optional
             Where each of several recordings ends that the readings are: nothing that follows their order goes across.
         **options
-            Fields of ``flinders_options``: prior, dip_deg, robust, kernels, statistics, bias_correction.
+            Fields of ``flinders_options``: prior, dip_deg, robust, kernels, statistics, rests, bias_correction.
         """
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
@@ -190,6 +191,22 @@ class Engine:
             records,
         )
         return records
+
+    def rests(self, field: ArrayLike, *, ends: ArrayLike | None = None) -> NDArray[np.int64]:
+        """(R, 2) first row, and row behind the last, of each interval in which the direction stands still.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+        ends : (P,) array-like of int, optional
+            As of `fit`.
+        """
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
+        bounds, (workspace, size) = np.empty((len(readings) // 4, 2), dtype=np.int64), self._workspace(len(readings))
+        count = 0 if parts is None else len(parts)
+        found = self._library.flinders_rests(readings, len(readings), parts, count, workspace, size, bounds)
+        return bounds[:found].copy()
 
     def polish(
         self, field: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, ends: ArrayLike | None = None, **options: float

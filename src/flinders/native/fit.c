@@ -18,6 +18,7 @@ void flinders_default_options(flinders_options *options)
     options->kernels = 0;
     options->statistics = 1;
     options->bias_correction = 1;
+    options->rests = 1;
 }
 
 /* A status in words. */
@@ -87,7 +88,7 @@ static int refused(const flinders_record *record, const flinders_options *option
     real largest = 0, size = 0;
     if (!(options->prior >= 0 && isfinite(options->prior)) || !(fl_abs(options->dip_deg) <= 89))
         return FLINDERS_BAD_OPTION;
-    if (record->rows < 10 || (options->statistics && record->distinct < 10)) return FLINDERS_TOO_FEW;
+    if (record->rows < 10) return FLINDERS_TOO_FEW;
     for (int axis = 0; axis < 3; axis++) {
         const real low = fl_abs(record->lowest[axis]), high = fl_abs(record->highest[axis]);
         largest = low > largest ? low : largest;
@@ -170,7 +171,25 @@ int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options
     return options->robust == 2 ? found : status;
 }
 
-/* Fit all readings of a view in borrowed memory, or what remains of them without outliers. */
+/* Make one reading of each rest: the view, and times and ends of a room, are those of the readings then. */
+static void average_rests(fl_view *view, fl_room *room, flinders_record *record)
+{
+    fl_rests rests;
+    size_t begin, end;
+    const fl_averaged out = {room->averaged, room->time, room->time ? room->averaged_time : NULL, room->averaged_ends};
+    fl_rests_begin(view->field, view->rows, room->ends, room->parts, room->scratch, room->passed, &rests);
+    for (; fl_rests_next(&rests, &begin, &end); record->rests++) record->at_rest += (int64_t)(end - begin);
+    if (!record->rests) return;
+    rests.window = rests.end = 0;
+    view->rows = fl_rests_average(&rests, &out);
+    view->field = out.field;
+    room->time = out.time, room->ends = room->parts ? out.ends : NULL;
+    record->fitted = (int64_t)view->rows;
+    record->fitted_repeats = fl_repeats(view->field, view->rows);
+    record->fitted_distinct = record->distinct ? fl_distinct(view->field, view->rows, room) : 0;
+}
+
+/* Fit all readings of a view in borrowed memory, each rest as one, or what remains of them without outliers. */
 int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
                 flinders_record *record)
 {
@@ -179,9 +198,13 @@ int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options
     real noise;
     fl_clear_record(record);
     record->rows = (int64_t)view->rows;
-    if (fl_quality(kernels, view->field, room->time, view->rows, options->statistics, room, record)) return FLINDERS_NOT_FINITE;
+    if (fl_quality(kernels, view->field, room->time, view->rows, record)) return FLINDERS_NOT_FINITE;
     int status = refused(record, options);
     if (status != FLINDERS_OK && status != FLINDERS_UNMOVED) return status;
+    if (options->statistics) record->distinct = fl_distinct(view->field, view->rows, room);
+    if (options->statistics && record->distinct < 10) return FLINDERS_TOO_FEW;
+    record->fitted = record->rows, record->fitted_repeats = record->repeats, record->fitted_distinct = record->distinct;
+    if (options->rests && room->averaged) average_rests(view, room, record);
     sum_up(kernels, view->field, view->rows, record);
     status = refused(record, options);
     if (status != FLINDERS_OK) return status;

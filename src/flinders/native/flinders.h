@@ -70,6 +70,7 @@ typedef struct flinders_options {
     int32_t kernels;       /* 0 the best of this processor, 1 the baseline, 2 AVX2 (0) */
     int32_t statistics;    /* 1: coverage, tails, jumps, swaps, distinct readings; 2: also what is not known of terms of the
                               axes, and a covariance with it; 0: the fit alone (1) */
+    int32_t rests;         /* 1: what is read while the direction stands still is one reading, its mean; 0: each counts (1) */
     int32_t bias_correction; /* 1: subtract what noise causes on a curved surface; 0: the minimum of Σ s² itself (1) */
 } flinders_options;
 
@@ -91,8 +92,13 @@ typedef struct flinders_record {
     int32_t lags;       /* autocovariances above their noise, that of lag 0 included */
     int32_t dense;      /* far readings of eleven that make a run; 12: no run was looked for */
     int64_t rows;       /* readings given */
+    int64_t rests;      /* intervals in which the direction stands still, each of which is one reading of the fit */
+    int64_t at_rest;    /* readings given of these */
+    int64_t fitted;     /* readings with each rest as one, which the fit goes by; of them ... */
+    int64_t fitted_repeats; /* ... those equal to the one before, and ... */
+    int64_t fitted_distinct; /* ... different ones */
     int64_t used;       /* readings of the fit */
-    int64_t rejected;   /* readings left out as outliers */
+    int64_t rejected;   /* readings left out as outliers, a rest as one */
     int64_t repeats;    /* readings equal to the one before */
     int64_t longest_repeat; /* most equal readings in a row */
     int64_t distinct;   /* different readings; beyond 4096 of them from a sample of those */
@@ -223,6 +229,12 @@ FLINDERS_API int flinders_polish(const flinders_real *field, size_t rows, const 
                                  const flinders_real centre[3], const flinders_real shape[6],
                                  const flinders_options *options, void *workspace, size_t size,
                                  flinders_record *record);
+
+/* The rests of a recording, `ends` and `parts` as of flinders_fit_parts: bounds (rests, 2) has the first row of each and
+ * the one behind its last, and room for rows / 2 numbers. Returns how many there are; none where too few readings would be
+ * left for a fit. */
+FLINDERS_API size_t flinders_rests(const flinders_real *field, size_t rows, const int64_t *ends, size_t parts,
+                                   void *workspace, size_t size, int64_t *bounds);
 
 /* Begin sums about an origin (NULL: zero), in units of `scale`. */
 FLINDERS_API void flinders_sums_begin(flinders_sums *sums, const flinders_real origin[3], flinders_real scale);

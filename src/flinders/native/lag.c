@@ -82,11 +82,11 @@ static int moved_by(const real *matrix, const real lags[CONTRASTS], real moved[9
     return fl_solve(inner, 9, moved);
 }
 
-/* Write what was found of axes that are late into a record. Slow noise that the fit has found is partly the lag itself:
- * weighted by it the lags are too small, and what chance makes of them is no smaller than it is. So plain least squares
- * say how large they are, and the weights of the fit by how much they move it. */
+/* Write what was found of axes that are late into a record, as a distortion where it is not of the axes. Slow noise that
+ * the fit has found is partly the lag itself: weighted by it the lags are too small, and what chance makes of them is no
+ * smaller than it is. So plain least squares say how large they are, and the weights of the fit by how much they move it. */
 void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
-            const fl_regression *found, real by_chance, real dip_deg, flinders_record *record)
+            const fl_regression *found, real by_chance, int is_of_axes, real dip_deg, flinders_record *record)
 {
     fl_residuals all;
     fl_regression plain;
@@ -99,8 +99,13 @@ void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, c
         lags = plain.solution;
     }
     if (moved_by(found->matrix, lags, moved)) return;
+    const real error_deg = fl_level_change(&fit->surface, moved, dip_deg);
+    if (!is_of_axes) {
+        fl_distort(&fit->surface, error_deg, dip_deg, record);
+        return;
+    }
     record->lag_by_chance = by_chance;
-    record->lag_deg = fl_level_change(&fit->surface, moved, dip_deg);
+    record->lag_deg = error_deg;
     for (int axis = 0; axis < AXES; axis++)
         record->axis_lag[axis] = contrasts[0][axis] * lags[0] + contrasts[1][axis] * lags[1];
 }

@@ -133,12 +133,18 @@ static int explains(const fl_kernels *kernels, const fl_view *view, const fl_sur
     return fl_common_variance(&left) < (1 - EXPLAINED) * before;
 }
 
-/* Write what was found of axes that are not linear into a record, unless a distortion is of another kind. */
+/* Write what was found of axes that are not linear into a record, unless a distortion is of another kind. What is neither
+ * chance nor the same throughout is a distortion that errs as much. */
 void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                     const fl_regression *found, real by_chance, real dip_deg, flinders_record *record)
+                     const fl_regression *found, real by_chance, int is_of_axes, real dip_deg, flinders_record *record)
 {
+    const real error_deg = level_error(surface, found->solution, dip_deg);
     if (record->distortion > 0 && !explains(kernels, view, surface, room, found->solution)) return;
+    if (!is_of_axes) {
+        fl_distort(surface, error_deg, dip_deg, record);
+        return;
+    }
     record->nonlinear_by_chance = by_chance;
-    record->nonlinear_deg = level_error(surface, found->solution, dip_deg);
+    record->nonlinear_deg = error_deg;
     memcpy(record->nonlinearity, found->solution + 9, sizeof record->nonlinearity);
 }

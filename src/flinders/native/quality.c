@@ -1,7 +1,7 @@
 /* What a recording says of itself before any fit: repeats, ends of the axes, time stamps, distinct readings. */
 #include "record.h"
 
-enum { PARTS = 15, BETWEEN = 24, /* numbers between two columns, which then share no lines of a cache */
+enum { PARTS = 18, BETWEEN = 24, /* numbers between two columns, which then share no lines of a cache */
        RAIL_COUNT = 8, RAIL_CONTRAST = 3 }; /* as in summary/quality.py */
 #define RAIL_SHARE ((real)0.01)
 #define RAIL_WIDTH ((real)0.25)
@@ -21,6 +21,7 @@ static void sizes_of(size_t rows, size_t sizes[PARTS])
     sizes[9] = (looked + 2) * sizeof(size_t), sizes[10] = FL_TABLE;
     sizes[11] = 3 * FL_LOOKED * sizeof(real), sizes[12] = 2 * 100 * 100 * sizeof(real);
     sizes[13] = 3 * some * sizeof(real), sizes[14] = 12 * looked * sizeof(real);
+    sizes[15] = 3 * rows * sizeof(real), sizes[16] = rows * sizeof(real), sizes[17] = rows * sizeof(int64_t);
 }
 
 /* Bytes of workspace that a recording needs. */
@@ -51,6 +52,8 @@ int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room)
     room->begins = (size_t *)(void *)parts[9], room->counters = parts[10];
     room->directions = (real *)(void *)parts[11], room->matrices = (real *)(void *)parts[12];
     room->some = (real *)(void *)parts[13], room->series = (real *)(void *)parts[14];
+    room->averaged = (real *)(void *)parts[15], room->averaged_time = (real *)(void *)parts[16];
+    room->averaged_ends = (int64_t *)(void *)parts[17];
     room->time = NULL, room->ends = NULL, room->parts = 0, room->slots = 0, room->side = room->fullest = 0;
     return 0;
 }
@@ -100,7 +103,7 @@ static size_t small_hashes(const real *field, size_t n, uint64_t bound, uint64_t
 }
 
 /* Different readings. Beyond 4096 of them by how often each of a sample occurs: those whose hashes are small. */
-static int64_t distinct(const real *field, size_t rows, const fl_room *room)
+int64_t fl_distinct(const real *field, size_t rows, const fl_room *room)
 {
     const size_t slots = fl_slots_for(rows);
     uint64_t bound = UINT64_MAX >> 1, hashes[FL_BLOCK];
@@ -192,9 +195,19 @@ static void compare_with_next(const real *field, size_t rows, int end, flinders_
     else record->step = step > record->step ? step : record->step;
 }
 
+/* Readings equal to the one before. */
+int64_t fl_repeats(const real *field, size_t rows)
+{
+    int64_t count = 0;
+    for (size_t row = 1; row < rows; row++) {
+        const real *const here = field + 3 * row;
+        count += here[0] == here[-3] && here[1] == here[-2] && here[2] == here[-1];
+    }
+    return count;
+}
+
 /* Look at all readings; nonzero if one is not finite. */
-int fl_quality(const fl_kernels *kernels, const real *field, const real *time, size_t rows, int all, const fl_room *room,
-               flinders_record *record)
+int fl_quality(const fl_kernels *kernels, const real *field, const real *time, size_t rows, flinders_record *record)
 {
     at_ends there;
     real lowest[3], highest[3];
@@ -219,6 +232,5 @@ int fl_quality(const fl_kernels *kernels, const real *field, const real *time, s
     for (int end = 0; end < 6; end++)
         if (is_shared(end, &there, record)) compare_with_next(field, rows, end, record);
     if (time) clock_of(time, rows, record);
-    if (all) record->distinct = distinct(field, rows, room);
     return 0;
 }

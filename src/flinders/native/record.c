@@ -52,7 +52,7 @@ static void covariance_of(const fl_kernels *kernels, const fl_view *view, const 
 }
 
 /* Everything that is known after the fit: covariance, errors of heading and direction, statistics. */
-static void describe(const fl_kernels *kernels, const fl_view *view, const flinders_options *options,
+static void describe(const fl_kernels *kernels, const fl_view *all, const fl_view *view, const flinders_options *options,
                      fl_fit *fit, const fl_room *room, flinders_record *record)
 {
     covariance_of(kernels, view, options, fit, room, record);
@@ -61,7 +61,7 @@ static void describe(const fl_kernels *kernels, const fl_view *view, const flind
         record->covariance[i] += fit->others[i];
         record->textbook[i] += fit->others[i];
     }
-    if (options->statistics) fl_residual_statistics(kernels, view, fit, room, record);
+    if (options->statistics) fl_residual_statistics(kernels, all, view, fit, room, record);
     fl_heading_errors(&fit->surface, record, options->dip_deg);
     if (options->statistics && !record->is_white && !record->unobserved && !room->parts)
         fl_drift(kernels, view, &fit->surface, record->dip_deg, room, record);
@@ -74,7 +74,8 @@ int flinders_fit_parts(const real *field, const real *time, size_t rows, const i
                        const flinders_options *options, void *workspace, size_t size, flinders_record *record)
 {
     const fl_kernels *kernels = fl_kernels_chosen(options->kernels);
-    fl_view view = {field, rows, NULL, 1};
+    const fl_view all = {field, rows, NULL, 1};
+    fl_view view = all;
     fl_fit fit;
     fl_room room;
     fl_clear_record(record);
@@ -83,7 +84,7 @@ int flinders_fit_parts(const real *field, const real *time, size_t rows, const i
     if (fl_room_of(workspace, size, rows, &room)) return record->status = FLINDERS_NO_WORKSPACE;
     room.ends = ends, room.parts = ends ? parts : 0, room.time = time;
     record->status = fl_fit_view(kernels, &view, options, &room, &fit, record);
-    if (record->status == FLINDERS_OK) describe(kernels, &view, options, &fit, &room, record);
+    if (record->status == FLINDERS_OK) describe(kernels, &all, &view, options, &fit, &room, record);
     return record->status;
 }
 

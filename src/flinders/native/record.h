@@ -38,6 +38,9 @@ typedef struct {
     const real *time;        /* (rows,) or NULL; not of the workspace */
     const int64_t *ends;     /* (parts,) of the recordings that the readings are; not of the workspace */
     size_t parts;
+    real *averaged;          /* (3 * rows,) readings, each rest as one; NULL: rests are not looked for */
+    real *averaged_time;     /* (rows,) */
+    int64_t *averaged_ends;  /* (rows,) */
     size_t slots;            /* of the table of cells that `fl_cloud` has made of all readings */
     real fullest;            /* readings of the cell that has most of them */
     real side;               /* of a cell */
@@ -55,6 +58,33 @@ static inline size_t fl_slot(const uint64_t *keys, size_t slots, uint64_t key)
 /* The distances of the readings whose Jacobian there is, behind nine columns of that. */
 static inline real *fl_column_of_distances(const fl_room *room) { return room->columns + 9 * room->apart; }
 
+/* rests.c: a search for rests, which goes through them once. */
+typedef struct {
+    const real *field;
+    size_t rows;
+    const int64_t *ends;     /* (parts,) of the recordings that the readings are */
+    size_t parts;
+    real origin[3];          /* mean of the readings, of a long recording of some of them */
+    real far;                /* distance from that which few readings are beyond, unit */
+    real still, noisy;       /* most that a rest moves and that its readings scatter, unit */
+    size_t half, windows;    /* readings of half a window, and how many windows there are, half over half */
+    unsigned char *is_still; /* (windows,) */
+    size_t window, end;      /* where the search goes on */
+} fl_rests;
+
+/* Where readings go when each rest becomes one. */
+typedef struct {
+    real *field;              /* (rows, 3); may be where the readings are */
+    const real *time_of_all;  /* (rows,) or NULL */
+    real *time;               /* (rows,) or NULL, as that */
+    int64_t *ends;            /* (parts,) */
+} fl_averaged;
+
+void fl_rests_begin(const real *field, size_t rows, const int64_t *ends, size_t parts, real *scratch,
+                    unsigned char *is_still, fl_rests *rests);
+int fl_rests_next(fl_rests *rests, size_t *begin, size_t *end);
+size_t fl_rests_average(fl_rests *rests, const fl_averaged *out);
+
 /* fit.c: with little memory, and no statistics asked for, a room without `keys` and `some` will do; `scratch` may then be
  * the first half of `order`, and `distances` the second. */
 void fl_clear_record(flinders_record *record);
@@ -66,12 +96,13 @@ int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options
 int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
                 flinders_record *record);
 int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room);
-int fl_quality(const fl_kernels *kernels, const real *field, const real *time, size_t rows, int all, const fl_room *room,
-               flinders_record *record);
+int fl_quality(const fl_kernels *kernels, const real *field, const real *time, size_t rows, flinders_record *record);
+int64_t fl_repeats(const real *field, size_t rows);
+int64_t fl_distinct(const real *field, size_t rows, const fl_room *room);
 void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room,
                    flinders_record *record);
-void fl_residual_statistics(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
-                            flinders_record *record);
+void fl_residual_statistics(const fl_kernels *kernels, const fl_view *all, const fl_view *view, const fl_fit *fit,
+                            const fl_room *room, flinders_record *record);
 enum { FL_SUSPECTS = 2 };
 
 int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room);

@@ -191,7 +191,7 @@ int fl_chi_square(const real *change, const real *covariance, int n, real *squar
 /* Share of the readings that are not another one again: so much is a square of their sum worth. */
 static real share_of_distinct(const flinders_record *record)
 {
-    const real share = (real)record->distinct / (real)record->rows;
+    const real share = (real)record->fitted_distinct / (real)record->fitted;
     return share < 1 ? share : 1;
 }
 

@@ -51,7 +51,7 @@ real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, in
 real fl_common_variance(const fl_residuals *residuals);
 void fl_raise(real *scatter, const real *white, int n, real share);
 int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,
-                  const fl_room *room, fl_slow *slow, real step[9], real covariance[81], real without[81]);
+                  const fl_room *room, real doubt, fl_slow *slow, real step[9], real covariance[81], real without[81]);
 int fl_principal(const real *matrix, int n, real *values, real *vectors);
 real fl_chance_of(real chi_square, real freedom, real others);
 /* regression.c */
@@ -76,6 +76,12 @@ real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *re
 int fl_is_noisy(const fl_residuals *residuals, const fl_surface *surface);
 int fl_chi_square(const real *change, const real *covariance, int n, real *square);
 
+#define FL_PROVEN ((real)1e-4) /* chance below which terms of the axes are none, as BY_CHANCE of systematic.py */
+
+void fl_distort(const fl_surface *surface, real error_deg, real dip_deg, flinders_record *record);
+int fl_is_same_throughout(const fl_kernels *kernels, const fl_regression *found, int nine, const fl_room *room,
+                          const flinders_record *record);
+
 /* axes.c: columns are two terms by lags of the axes, the Jacobian, six terms by what is not linear, and the distance. */
 enum { FL_LAGS_OF_AXES = 2, FL_NONLINEAR = 6 };
 
@@ -83,11 +89,11 @@ void fl_gather_axes(const fl_kernels *kernels, const fl_view *view, const fl_sur
                     int are_there, fl_residuals *out);
 void fl_add_lags(const fl_view *view, const fl_room *room, fl_residuals *all);
 void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                     const fl_regression *found, real by_chance, real dip_deg, flinders_record *record);
+                     const fl_regression *found, real by_chance, int is_of_axes, real dip_deg, flinders_record *record);
 void fl_nonlinear_sigma(const fl_kernels *kernels, const fl_surface *surface, const fl_room *room,
                         const fl_regression *found, real dip_deg, flinders_record *record);
 void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
-            const fl_regression *found, real by_chance, real dip_deg, flinders_record *record);
+            const fl_regression *found, real by_chance, int is_of_axes, real dip_deg, flinders_record *record);
 
 void fl_sphere_centres(real centres[100][3]);
 

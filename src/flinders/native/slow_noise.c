@@ -9,7 +9,7 @@
  */
 #include "residuals.h"
 
-enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * FINE + 1, FEWEST = 20, HALF = (FL_LANES + 1) / 2,
+enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * FINE + 1, FEWEST = 12, HALF = (FL_LANES + 1) / 2,
        FEW_RATIOS = 2 }; /* of the middle memory, that are not hopeless: others then mostly have no more than four */
 
 #define LEAST_RATIO ((real)1e-3)  /* of the variances, disturbance over white noise */
@@ -368,8 +368,9 @@ static grid about(const grid *all, const model *best)
 }
 
 /* Models of both kinds that are not hopeless beside white noise, the last one; returns how many there are. Each kind is
- * as likely as white noise beforehand, and its models are so for their share of the logarithms. */
-static int models_of(const fl_kernels *kernels, const fl_series *series, real span, const real bent[9],
+ * likelier than white noise beforehand by so many bits of `doubt`, and its models are so for their share of the
+ * logarithms. */
+static int models_of(const fl_kernels *kernels, const fl_series *series, real span, real doubt, const real bent[9],
                      const model *white, model *models)
 {
     const grid all = all_of(span, series->n);
@@ -388,6 +389,7 @@ static int models_of(const fl_kernels *kernels, const fl_series *series, real sp
         for (int k = first; k < n; k++) models[k].likelihood += fl_log2(share);
     }
     models[n] = *white;
+    models[n].likelihood -= doubt;
     return n + 1;
 }
 
@@ -441,7 +443,7 @@ static void unweighted(const fl_series *series, const fl_fit *fit, const model *
 /* Find the noise, average estimate and covariance over what is not known of it, and give the covariance that the fit
  * has under the likeliest model without this step; nonzero where there is nothing to find. */
 int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,
-                  const fl_room *room, fl_slow *slow, real step[9], real covariance[81], real without[81])
+                  const fl_room *room, real doubt, fl_slow *slow, real step[9], real covariance[81], real without[81])
 {
     fl_series series;
     model white = {0, 0, 1, {0}, 0, 0}, *const models = (model *)(void *)room->matrices;
@@ -452,7 +454,7 @@ int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_resid
     end_of_fit(fit, white.sums, prior_gradient, bent);
     take_off(bent, white.sums);
     if (judge(&white, 0, (real)series.n - 9)) return 1;
-    const int n = models_of(kernels, &series, span, bent, &white, models);
+    const int n = models_of(kernels, &series, span, doubt, bent, &white, models);
     int best = 0;
     weigh(models, n, weights);
     memset(step, 0, 9 * sizeof(real));

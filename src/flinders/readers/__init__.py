@@ -21,10 +21,12 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cache, reduce
 from importlib import import_module
+from numbers import Real
 from pathlib import Path
 from pkgutil import iter_modules
 from typing import IO, TYPE_CHECKING, Any, Final, TypeAlias, cast
@@ -100,7 +102,7 @@ def open_recording(
     unit: str | None = None,
     scale: float | None = None,
     axes: str = "x,y,z",
-    sensor: str | Choice | None = None,
+    sensor: str | int | Choice | None = None,
     topic: str | None = None,
     as_logged: bool = False,
     start: float | None = None,
@@ -127,7 +129,7 @@ def open_recording(
         Microtesla in one count.
     axes : str
         Where each new axis comes from, such as ``"x,-y,-z"``.
-    sensor : str or Choice, optional
+    sensor : str, int or Choice, optional
         Which magnetometer of a log, or of a table of several, by its number from 1 or its name; by default the first,
         which says what others there are.
     topic : str, optional
@@ -153,7 +155,7 @@ def open_recording(
         For columns or a magnetometer that there are not; its `UnitError` and `AxesError` for a unit or mapping that
         cannot be used.
     """
-    is_one = not isinstance(path, (list, tuple)) and is_source(path)
+    is_one = not isinstance(path, Iterable) or (not isinstance(path, (list, tuple)) and is_source(path))
     paths = [path] if is_one else list(cast("Sequence[AnySource]", path))
     if not paths:
         raise UsageError("no recording was given: name at least one file, or '-' for standard input")
@@ -163,7 +165,7 @@ def open_recording(
         unit=unit,
         scale=scale,
         axes=Axes.of(axes),
-        choice=sensor if isinstance(sensor, Choice) else Choice(sensor),
+        choice=sensor if isinstance(sensor, Choice) else Choice.of(sensor),
         topic=topic,
         as_logged=as_logged,
         span=TimeSpan.of(start, end),
@@ -269,7 +271,7 @@ def read(
     unit: str | None = None,
     scale: float | None = None,
     axes: str = "x,y,z",
-    sensor: str | None = None,
+    sensor: str | int | None = None,
     topic: str | None = None,
     as_logged: bool = False,
     start: float | None = None,
@@ -319,6 +321,18 @@ class _Options:
     as_logged: bool = False
     flat: str | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse what is of no type that an option takes, before a file is blamed for it."""
+        for option in ("columns", "unit", "topic", "pattern", "flat"):
+            if not isinstance(given := getattr(self, option), str | None):
+                raise UsageError(f"{option}={given!r} is no text: give it as on the command line, within quotes")
+        if not isinstance(self.scale, Real | None):
+            raise UsageError(f"scale={self.scale!r} is no number: give microtesla in one count")
+        if not isinstance(self.as_logged, bool | np.bool_):
+            raise UsageError(f"as_logged={self.as_logged!r}: need True or False")
+        if not (self.progress is None or callable(self.progress)):
+            raise UsageError(f"progress={self.progress!r} cannot be called: give a function of two numbers of bytes")
+
 
 def read_shots(
     path: str | os.PathLike[str],
@@ -360,6 +374,8 @@ def _opened(source: AnySource, options: _Options, *, once: bool) -> FileRecordin
     """Open a table in memory, or what a path or an open file holds."""
     if isinstance(source, (str, os.PathLike)) or hasattr(source, "read"):
         return _open(_source_of(cast("AnyPath", source), once=once), options)
+    if not is_frame(source):
+        raise UsageError(f"{type(source).__name__} is no recording: give a path, an open file or a table in memory")
     for option in ("pattern", "topic", "as_logged"):
         if getattr(options, option):
             raise UsageError(f"a table in memory has named columns and nothing else: leave {option}= out")

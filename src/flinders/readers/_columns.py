@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from flinders.core.axes import Axes
     from flinders.core.samples import TimeSpan
     from flinders.readers._clock import Clock
+    from flinders.readers._devices import Device
     from flinders.readers._source import Source
 
 Values: TypeAlias = "NDArray[np.floating] | Sequence[NDArray[np.floating]]"
@@ -130,6 +131,8 @@ class Columns:
         None  # what a sensor with set and reset pulses read after a reset, where `field` is after a set
     )
     own_offset: tuple[float, ...] = ()  # (3,) of such a sensor, in its unit: half of set plus reset, of the first rows
+    device: Device | None = None  # whose rows are read, where a column tells several devices apart
+    is_assumed: bool = False  # nobody says that they are a magnetometer's, neither their names nor the user
 
     @property
     def time(self) -> Column | None:
@@ -171,9 +174,24 @@ class Columns:
         reason = f"{strength.names[0]} (in {own.inside}, the field in {unit.inside}: give unit=, or scale=)"
         return replace(self, auxiliary=others, left_out=(*self.left_out, reason))
 
+    def in_given(self, unit: str | None, scale: float | None) -> Columns:
+        """The same where the user says which unit of a field they are in."""
+        return self if unit is None and scale is None else replace(self, is_assumed=False)
+
     def taken(self, values: Values, column: Column) -> Floats:
         """(N, k) numbers of one of the columns, from values of `cells`."""
         return np.stack([values[self.cells.index(cell)] for cell in column.cells], axis=1, dtype=np.float64)
+
+    def readings(self, values: Values) -> Floats:
+        """(N, 3) of the field as it was recorded, from values of `cells`: of set and reset half their difference."""
+        field = self.taken(values, self.field)
+        if self.reset is not None:
+            field = (field - self.taken(values, self.reset)) / 2.0
+        if len(self.field.cells) == 2:
+            level = np.zeros((len(field), 3))
+            level[:, self.field.axes] = field
+            field = level
+        return field
 
     def describe(self, unit: str) -> str:
         """Say which columns are read, in which unit; of several magnetometers, which one."""
@@ -194,15 +212,10 @@ class Columns:
 
     def samples(self, values: Values, *, unit: Unit, axes: Axes, source: str, frame: str = "sensor") -> Samples:
         """Make samples of values of `cells`: the field, and its auxiliary columns in the units of `Samples`."""
-        field = self.taken(values, self.field)
-        if self.reset is not None:
-            field = (field - self.taken(values, self.reset)) / 2.0
-        if len(self.field.cells) == 2:
-            level = np.zeros((len(field), 3))
-            level[:, self.field.axes] = field
-            field = level
+        field = self.readings(values)
         others = {each.kind: self._values_of(values, each) for each in self.auxiliary if each.kind in IN_SAMPLES}
-        return Samples.recorded(field, unit=unit, axes=axes, source=source, frame=frame, **others)
+        nameless = ",".join(self.field.names) * self.is_assumed
+        return Samples.recorded(field, unit=unit, axes=axes, source=source, frame=frame, nameless=nameless, **others)
 
     def _values_of(self, values: Values, column: Column) -> Floats:
         """Take a column in the unit of `Samples`; NaN where a value is not valid."""
@@ -503,6 +516,7 @@ def choose(
     heading: str = "",
     quoted: str = "",
     cells: Sequence[str] = (),
+    devices: Sequence[Device] = (),
 ) -> Columns | None:
     """Choose columns as the user asked, else by their names, else by their places; None where neither decides.
 
@@ -510,28 +524,55 @@ def choose(
     """
     width = values.shape[1]
     axes = [] if names or asked else axes_of(values)
-    if flat is not None and asked is None and width == 2:
-        asked = "1,2"
-    elif flat is not None and len(axes) == 2:
-        asked = ",".join(str(place + 1) for place in axes)
+    if flat is not None and asked is None:
+        asked = _asked_level(flat, names, width, axes)
     if asked is None:
         chosen = by_name(names, values, (), units, clocks) if names else by_place(values, (), clocks)
         is_bare = chosen is not None and not chosen.stated and meaning(chosen.field.names[0]).is_bare
         if chosen is None or (is_bare and (chosen.magnetometers or "w" in [name.strip().casefold() for name in names])):
             _refuse_two(axes, width, source, quoted)
             _refuse_unclear(names, values, source, f"{heading or 'no header'}{quoted}", cells)
-        return chosen and _chosen(chosen, choice, source)
+        return chosen and _chosen(_of_devices(_assumed(chosen), devices), choice, source)
     wanted = wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units, clocks) if names else by_place(values, wanted, clocks)
     if chosen is None:
         return None
-    every = by_name(names, values, (), units, clocks) if names else None
-    chosen = _named(chosen, every.magnetometers if every else (), choice, asked, source)
     form = Form.of(asked_columns(asked, flat=flat is not None), names, width, rising_in(values))
-    chosen = replace(chosen, form=form)
+    chosen = _of_devices(replace(chosen, form=form), devices)
+    if chosen.magnetometers:
+        chosen = _chosen(chosen, choice, source)
+    else:
+        every = by_name(names, values, (), units, clocks) if names else None
+        chosen = _named(chosen, every.magnetometers if every else (), choice, asked, source)
     if flat is None or len(wanted) != 2:
         return chosen
     return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
+
+
+def _asked_level(flat: str, names: Sequence[str], width: int, axes: Sequence[int]) -> str | None:
+    """The columns of a level turn where they are plain: the only two, those of its axes, or all that may be axes."""
+    if width == 2:
+        return "1,2"
+    if set(flat) <= set(names):
+        return ",".join(flat)
+    return ",".join(str(place + 1) for place in axes) if len(axes) == 2 else None
+
+
+def _assumed(columns: Columns) -> Columns:
+    """Note where columns without telling names are taken for a magnetometer's."""
+    is_bare = all(name.isdecimal() or meaning(name).is_bare for name in columns.field.names)
+    return replace(columns, is_assumed=is_bare and not columns.unit)
+
+
+def _of_devices(columns: Columns, devices: Sequence[Device]) -> Columns:
+    """Columns as those of each of several devices, whose rows another column tells apart."""
+    made = tuple(
+        replace(each, device=device, name=", ".join(filter(None, (device.name, each.name))), magnetometers=())
+        for device in devices
+        for each in columns.magnetometers or (columns,)
+        if not set(device.cells) & set(each.field.cells)
+    )
+    return replace(made[0], magnetometers=made) if made else columns
 
 
 def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> None:

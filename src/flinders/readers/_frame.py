@@ -20,8 +20,9 @@ import numpy as np
 
 from flinders.core.samples import BLOCK
 from flinders.errors import needs
+from flinders.readers._devices import names_device
 from flinders.readers._source import File
-from flinders.readers._table import Table, TableRecording, open_table
+from flinders.readers._table import Labels, Table, TableRecording, open_table
 from flinders.readers.parquet import table_of
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def open_frame(frame: Any, **options: Any) -> TableRecording:  # noqa: ANN401 - 
     That of pandas needs nothing else, any other pyarrow: `MissingExtra` where that is not installed.
     """
     name = f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
-    table = Table.of_arrays(name, KIND, _arrays(frame)) if _is_pandas(frame) else _of_arrow(frame, name)
+    table = _of_pandas(frame, name) if _is_pandas(frame) else _of_arrow(frame, name)
     return open_table(File(name, Path(name), 0), table, **options)
 
 
@@ -52,13 +53,18 @@ def _is_pandas(frame: object) -> bool:
     return all(hasattr(frame, name) for name in ("columns", "index", "items", "dtypes"))
 
 
-def _arrays(frame: Any) -> dict[str, NDArray[Any]]:  # noqa: ANN401
-    """Columns of numbers or dates of a frame of pandas; first the index, where that is dates or has a name."""
+def _of_pandas(frame: Any, source: str) -> Table:  # noqa: ANN401
+    """Columns of numbers, dates and names of devices of a frame of pandas.
+
+    First comes the index, where that is dates or has a name.
+    """
     columns = {str(name): column for name, column in frame.items()}
     if frame.index.name or frame.index.dtype.kind == "M":
         columns = {str(frame.index.name or "time"): frame.index, **columns}
     arrays = {name: _numbers(column) for name, column in columns.items()}
-    return {name: array for name, array in arrays.items() if array is not None}
+    labels = {name: Labels() for name, array in arrays.items() if array is None and names_device(name)}
+    arrays |= {name: known.numbers(columns[name].where(columns[name].notna(), None)) for name, known in labels.items()}
+    return Table.of_arrays(source, KIND, {name: array for name, array in arrays.items() if array is not None}, labels)
 
 
 def _numbers(column: Any) -> NDArray[Any] | None:  # noqa: ANN401

@@ -19,22 +19,26 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, UsageError, figures
 from flinders.readers._clock import Clock, Midnights, clocks_of
 from flinders.readers._columns import Columns, choose, rising_in
+from flinders.readers._devices import are_ids, devices_in, names_device
 from flinders.readers._heading import shifted
+from flinders.readers._known_texts import refusal
 from flinders.readers._likeness import advice, groups, has_clock
 from flinders.readers._names import (
     ACCELERATION,
     FIELD,
     FIRST,
+    MOST_NAMED,
     RATE,
     Choice,
     Meaning,
+    clearness,
     is_unit,
     meaning,
     names_magnetometer,
@@ -46,6 +50,7 @@ from flinders.readers._tokenizer import (
     CUT_OFF,
     ENDS_EARLY,
     GLUED,
+    MOMENT,
     QUANTITY,
     SPACES,
     Grid,
@@ -60,15 +65,18 @@ from flinders.readers._tokenizer import (
     shown,
     split,
 )
-from flinders.readers.dialects import Dialect, json_records, labelled, marked, wrapped
+from flinders.readers.dialects import Dialect, influx, json_records, labelled, marked, wrapped
 from flinders.readers.dialects.pattern import Pattern
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
     from flinders.errors import InputError
+    from flinders.readers._devices import Device
     from flinders.readers._source import Source
+
+    EveryLine: TypeAlias = Callable[[], Iterable[str]]
 
 ON_BOARD: Final = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
 """What a blackbox logs; `compassUpdate` in `sensors/compass.c` of Betaflight and INAV."""
@@ -87,14 +95,13 @@ LONGEST_EXAMPLE: Final = 160  # Characters of a line that is shown as a pattern
 MOST_ABOVE: Final = 40  # Lines in which a header without readings is looked for
 MOST_COLUMNS: Final = 4096  # Columns of a table
 MOST_NAMES_OVER: Final = 2  # Names that a header may have more than lines have fields
-MOST_SENSORS: Final = 8  # Sensors whose number may stand before each reading
+NAMELESS: Final = 5  # Columns without a header, up to which a number ahead of three is that of a sensor
 MOST_RANGES: Final = 16  # Columns whose ranges are listed
 _PLAIN: Final = re.compile(r"[-+.,;\s\d]*(?:(?:[eE][-+]\d|nan)[-+.,;\s\d]*)*", re.ASCII)
 _GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
 _OPENS_JSON: Final = re.compile(r"^\s*[\[{]")
 _CLOCK: Final = re.compile(r"\d:\d\d:\d\d")
 _LETTER: Final = re.compile(r"[^\W\d_]")
-_SENSOR: Final = re.compile(r"[A-Za-z]{0,8}(\d)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +127,16 @@ class TextLayout:
         return self.columns.field.names[0].casefold().startswith("magadc")
 
     def is_reading(self, text: str) -> bool:
-        """Tell whether a line below the header should be a reading: no blank, comment or header come again."""
+        """Tell whether a line below the header should be a reading that is read."""
+        return self._is_row(text) and not self.is_of_other_device(text)
+
+    def is_of_other_device(self, text: str) -> bool:
+        """Tell whether a line is a row of a device that is not read."""
+        device = self.columns.device
+        return device is not None and self._is_row(text) and device.is_of_other(split(text, self.grid.delimiter))
+
+    def _is_row(self, text: str) -> bool:
+        """Tell whether a line is no blank, comment or header come again."""
         return bool(text.strip()) and not _is_comment(text) and not (self.header_text and text == self.header_text)
 
     def __str__(self) -> str:
@@ -138,16 +154,19 @@ class Cells(Dialect):
     """Rows of a table."""
 
     grid: Grid
+    header_text: str = ""  # a line that says their names
 
     @classmethod
     def of(cls, layout: TextLayout, words: str, nameless: Sequence[str] = ()) -> Cells:
         """Take the rows of a table; the units below its header go into the names, and without one it has `nameless`."""
         named = zip_longest(layout.header, layout.units, fillvalue="")
         names = [f"{name}_{unit}" if unit and not meaning(name).unit else name for name, unit in named]
-        return cls(words, tuple(names or nameless), layout.grid)
+        return cls(words, tuple(names or nameless), layout.grid, layout.header_text)
 
     def row(self, line: str) -> list[str] | None:
         """Cut a line; one of another width, or with words for the magnetometer's numbers, is another line."""
+        if self.header_text and line == self.header_text:
+            return []
         if _is_comment(line) or self.grid.row(line) is None:
             return None
         cells = split(line, self.grid.delimiter)[: self.grid.width or None]
@@ -155,26 +174,41 @@ class Cells(Dialect):
 
 
 def recognise_layout(
-    name: str, lines: list[str], lay_out: Callable[..., TextLayout], pattern: str | None = None
+    name: str,
+    lines: list[str],
+    lay_out: Callable[..., TextLayout],
+    pattern: str | None = None,
+    flat: str | None = None,
+    every: EveryLine | None = None,
 ) -> tuple[Dialect | None, TextLayout]:
     """Recognise how lines are written: as a table, which `lay_out` does, or in a dialect that makes one.
 
-    Raises what `lay_out` raises where they are neither.
+    Raises what `lay_out` raises where they are neither; of a text that is known, `NoMagnetometer` says what it is.
+    `every` gives all lines, of which `lines` are the first.
     """
-    dialect = Pattern.of(pattern) if pattern is not None else recognise(lines)
+    every = every or (lambda: lines)
+    if pattern is None and (known := refusal(name, lines)):
+        raise known
+    dialect = Pattern.of(pattern) if pattern is not None else recognise(lines, flat)
+    if isinstance(dialect, labelled.Labelled) and not _names_magnetometer(dialect) and names_columns(lines):
+        dialect = None
     try:
-        return dialect, _laid_out(name, lines, lay_out, dialect)
+        return dialect, _laid_out(name, lines, lay_out, dialect, every)
     except (NoMagnetometer, UnreadableInput):
         dialect = None if dialect else guess(lines)
-        if dialect is None:
+        if dialect is None or (not _names_magnetometer(dialect) and names_columns(lines)):
+            if known := refusal(name, lines, is_unread=True):
+                raise known from None
             raise
-    return dialect, _laid_out(name, lines, lay_out, dialect)
+    return dialect, _laid_out(name, lines, lay_out, dialect, every)
 
 
-def _laid_out(name: str, lines: list[str], lay_out: Callable[..., TextLayout], dialect: Dialect | None) -> TextLayout:
+def _laid_out(
+    name: str, lines: list[str], lay_out: Callable[..., TextLayout], dialect: Dialect | None, every: EveryLine
+) -> TextLayout:
     """Lay out a table, or the one that a dialect makes of these lines."""
     if dialect is None:
-        return lay_out(lines)
+        return lay_out(lines, every=every)
     trial = deepcopy(dialect)  # it remembers parts of a reading
     rows, filled = list[str](), 0
     for line in lines:
@@ -184,7 +218,15 @@ def _laid_out(name: str, lines: list[str], lay_out: Callable[..., TextLayout], d
             break
     if not filled:
         raise NoMagnetometer(f"{name} is a {dialect.words} without a line of a magnetometer")
-    return replace(lay_out(rows, header=dialect.names), words=dialect.words)
+    return replace(lay_out(rows, header=dialect.names, every=partial(_rows_of, dialect, every)), words=dialect.words)
+
+
+def _rows_of(dialect: Dialect, every: EveryLine) -> Iterator[str]:
+    """Yield the rows of a table that a dialect makes of all lines."""
+    trial = deepcopy(dialect)
+    for line in every():
+        if cells := trial.row(line):
+            yield ",".join(cells)
 
 
 def split_records(source: Source, encoding: str, beginning: str) -> Source | None:
@@ -194,10 +236,12 @@ def split_records(source: Source, encoding: str, beginning: str) -> Source | Non
     return derived(source, marked.datagrams_as_lines(source)) if marked.are_glued(beginning) else None
 
 
-def recognise(lines: list[str]) -> Dialect | None:
-    """Find the dialect whose signs the lines bear; None for a table."""
+def recognise(lines: list[str], flat: str | None = None) -> Dialect | None:
+    """Find the dialect whose signs the lines bear; None for a table. Behind time stamps two axes will do if `flat`."""
     if is_plain(lines):
         return None
+    if flat and (level := wrapped.stamped(lines[:TRIED], recognise, partial(rows_of_table, flat=flat))):
+        return level
     for sign, recogniser, most in DIALECTS:
         some = lines[:most]
         if any(map(sign.search, some)) and (dialect := recogniser(some)):
@@ -208,8 +252,8 @@ def recognise(lines: list[str]) -> Dialect | None:
 def guess(lines: list[str]) -> Dialect | None:
     """Find a dialect for lines that are no table either: tuples, words before numbers, time stamps before a table."""
     return (
-        wrapped.stamped(lines, recognise, rows_of_table, marked=False)
-        or wrapped.stamped(lines, _labelled, rows_of_table, marked=False)
+        wrapped.stamped(lines, recognise, rows_of_table, marked=False, share=wrapped.SOME)
+        or wrapped.stamped(lines, _labelled, rows_of_table, marked=False, share=wrapped.SOME)
         or labelled.recognise(lines, marked=False)
     )
 
@@ -219,14 +263,38 @@ def _labelled(lines: list[str]) -> Dialect | None:
     return labelled.recognise(lines) or labelled.recognise(lines, marked=False)
 
 
-def rows_of_table(lines: list[str]) -> Cells | None:
-    """Find the rows of a table, as behind time stamps; three columns without names are x, y, z."""
+def _named_table(lines: list[str]) -> Cells | None:
+    """Find the rows of a table with a header."""
+    table = rows_of_table(lines)
+    return table if table and table.header_text else None
+
+
+def _names_magnetometer(dialect: Dialect) -> bool:
+    """Tell whether names say in words that a magnetometer is among them, and not by a letter or an axis."""
+    known = map(meaning, dialect.names)
+    return any(each.kind == FIELD and each.axis and clearness(each.rank) == 0 for each in known)
+
+
+def names_columns(lines: list[str]) -> bool:
+    """Tell whether lines are a table with names above its columns, parted by more than spaces."""
+    some = [(place, text) for place, text in enumerate(lines[:TRIED]) if text.strip() and not _is_comment(text)]
+    cuts = (_cut(some, signs) for signs in _signs_of(some) if signs[0] != SPACES)
+    best = max(cuts, key=_Cut.score, default=None)
+    if best is None or not best.rows or 2 * len(best.rows) < len(some):
+        return False
+    width = Counter(map(len, best.rows.values())).most_common(1)[0][0]
+    start = min(place for place, cells in best.rows.items() if len(cells) == width)
+    return _header(lines[:start], best.signs[0], width, width)[0] >= 0
+
+
+def rows_of_table(lines: list[str], flat: str | None = None) -> Cells | None:
+    """Find the rows of a table, as behind time stamps; three columns without names are x, y, z, two those of `flat`."""
     try:
-        layout = sniff("", lines)
+        layout = sniff("", lines, flat=flat)
     except FlindersError:
         return None
-    width = layout.grid.width
-    nameless = "xyz" if width == len("xyz") else [str(place + 1) for place in range(width)]
+    width, axes = layout.grid.width, flat or ""
+    nameless = next((each for each in ("xyz", axes) if len(each) == width), [str(place + 1) for place in range(width)])
     return Cells.of(layout, f"{SPOKEN[layout.grid.delimiter]}-separated numbers", nameless)
 
 
@@ -241,8 +309,9 @@ class _Row(NamedTuple):
 DIALECTS: Final = (
     _Row(marked.SIGN, marked.recognise, None),  # a log may begin with other messages
     _Row(_OPENS_JSON, json_records.recognise),
+    _Row(influx.SIGN, influx.recognise),
     _Row(_CLOCK, lambda lines: wrapped.stamped(lines, recognise, rows_of_table)),
-    _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _labelled)),
+    _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _labelled, _named_table)),
     _Row(_LETTER, labelled.recognise),
 )
 
@@ -259,6 +328,7 @@ def sniff(
     header: Sequence[str] = (),
     flat: str | None = None,
     choice: Choice = FIRST,
+    every: EveryLine | None = None,
 ) -> TextLayout:
     """Recognise by its first lines how a table is laid out; `header` are names that are known from elsewhere."""
     lines = [(place, text) for place, text in enumerate(texts) if text.strip() and not _is_comment(text)]
@@ -271,8 +341,8 @@ def sniff(
         best = max((_cut(some, signs, least) for signs in _signs_of(some)), key=_Cut.score, default=None)
         if best is not None and best.rows:
             choosing = partial(choose, flat=flat, choice=choice, source=name)
-            return _table(name, texts, best, header, choosing, columns, choice)
-    raise _nothing(name, lines)
+            return _table(name, texts, best, header, choosing, columns, choice, every or (lambda: texts))
+    raise _extremes(name, [text for _, text in lines]) or _nothing(name, lines)
 
 
 def _table(
@@ -283,6 +353,7 @@ def _table(
     choosing: partial[Columns | None],
     asked: str | None,
     choice: Choice,
+    every: EveryLine,
 ) -> TextLayout:
     """Lay out a table from the lines that are rows of numbers."""
     signs, rows = best.signs, best.rows
@@ -294,19 +365,21 @@ def _table(
     filled = width - next((at for at in range(width) if any(cells[-1 - at].strip() for cells in alike)), 0)
     place, header = (-1, list(known)) if known else _header(texts[:start], signs[0], filled, width)
     width = len(header) if filled <= len(header) <= width else filled  # each line ends with delimiters
-    values = np.array([best.values[place][:width] for place in places[:SAMPLED]], dtype=float)
-    clocks = _clocks(texts[start:], alike[:SAMPLED], values, signs[0])
+    values, clocks = _first_numbers(best, places, width, texts[start:])
     misfit = None if header else _misfit(name, texts[:start], signs[0], values, clocks, asked)
     place, header = (misfit.place, misfit.names) if misfit else (place, header)
+    devices = _devices(header, [cells[:width] for cells in alike], clocks, signs[0], every)
+    if devices and (own := [place for place in places if not devices[0].is_of_other(rows[place])]):
+        values, clocks = _first_numbers(best, own, width, texts[start:])
     asked = asked or choice.remembered(header, width, rising_in(values) if choice.forms else ())
     units = _units(texts[place + 1 : start], signs[0], len(header)) if place >= 0 else ()
     if not header and asked is None:
-        _refuse_numbered(name, alike)
+        _refuse_nameless(name, devices, width)
         values = _longer(texts[start:], values, signs)
     heading = misfit.words(width) if misfit else ""
     line = f" (line {start + 1}: {shown(texts[start])!r})"
     choosing = partial(choosing, asked=asked, heading=heading, quoted=line, cells=alike[0][:width], clocks=clocks)
-    chosen = choosing(header, values, units=units)
+    chosen = choosing(header, values, units=units, devices=devices)
     if chosen is None:
         raise _no_magnetometer(name, header, values, texts[start], f"{heading or 'no header'}{line}", line)
     if asked is None:
@@ -325,6 +398,13 @@ def _table(
         header_text=texts[place] if place >= 0 else "",
         heading=f"{heading} ({', '.join(chosen.field.names)} of columns {numbers})" if heading and header else heading,
     )
+
+
+def _first_numbers(best: _Cut, places: Sequence[int], width: int, texts: Sequence[str]) -> tuple[Floats, list[Clock]]:
+    """Numbers of the first of some rows, with the seconds of times that are no numbers, and the columns of these."""
+    some = places[:SAMPLED]
+    values = np.array([best.values[place][:width] for place in some], dtype=float)
+    return values, _clocks(texts, [best.rows[place] for place in some], values, best.signs[0])
 
 
 def _longer(texts: Sequence[str], values: Floats, signs: tuple[str, str]) -> Floats:
@@ -350,6 +430,31 @@ def _clocks(texts: Sequence[str], rows: Sequence[Sequence[str]], values: Floats,
         values[:, known.cell] = Midnights(known).past(seconds)
         clocks.append(known)
     return clocks
+
+
+def _devices(
+    header: Sequence[str],
+    alike: Sequence[Sequence[str]],
+    clocks: Sequence[Clock],
+    delimiter: str,
+    every: EveryLine,
+) -> tuple[Device, ...]:
+    """Devices that a column of a table tells apart, by its name or the first rows, and then by all of its rows."""
+    width, told = len(alike[0]), {cell for clock in clocks for cell in clock.cells}
+    if header:
+        places = [place for place, name in enumerate(header) if names_device(name) and place not in told]
+    else:
+        ahead = width - len("xyz") if width <= NAMELESS else 0
+        free = [place for place in range(width) if place not in told]
+        places = [at for at in free if are_ids((row[at] for row in alike), is_ahead=at < ahead)]
+
+    def rows() -> Iterator[tuple[str, ...]]:
+        for text in every():
+            cells = split(text, delimiter)
+            if fits(cells, width):
+                yield tuple(cells[place] for place in places)
+
+    return devices_in(header, places, rows) if places else ()
 
 
 def _is_comment(text: str) -> bool:
@@ -535,19 +640,16 @@ def _could_name(names: list[str], delimiter: str) -> bool:
 # What is refused ------------------------------------------------------------------------------------------------------
 
 
-def _refuse_numbered(name: str, rows: Sequence[Sequence[str]]) -> None:
-    """Refuse a table without a header in which the number of a sensor stands before the three of each line."""
-    width = len(rows[0])
-    for place in range(width - 3) if width in (4, 5) else ():
-        words = Counter(row[place].strip(" ()[]:#,;") for row in rows)
-        numbers = sorted(int(match[1]) for word in words if (match := _SENSOR.fullmatch(word)))
-        is_row = len(numbers) == len(words) and numbers in (list(range(len(words))), list(range(1, len(words) + 1)))
-        if is_row and 2 <= len(words) <= MOST_SENSORS and min(words.values()) > 1:
-            last = ",".join(str(cell) for cell in range(width - 2, width + 1))
-            raise NoMagnetometer(
-                f"column {place + 1} of {name} says which sensor each line is of ({', '.join(sorted(words))}): keep "
-                f"the lines of one of them; columns='{last}' reads all as one sensor"
-            )
+def _refuse_nameless(name: str, devices: Sequence[Device], width: int) -> None:
+    """Refuse a table without a header in which a column says which of several sensors each line is of."""
+    if devices and width <= NAMELESS:
+        words = ", ".join(" ".join(device.words) for device in devices[:MOST_NAMED])
+        column = devices[0].cells[0]
+        others = ",".join([str(cell + 1) for cell in range(width) if cell not in devices[0].cells][-3:])
+        raise NoMagnetometer(
+            f"column {column + 1} of {name} says which sensor each line is of ({words}): add columns='{others}' where "
+            "those are x, y and z, and say with sensor= which one is meant"
+        )
 
 
 def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -593,9 +695,27 @@ def ranges(values: Floats) -> str:
     return ", ".join(written + ["…"] * (len(ends) > MOST_RANGES))
 
 
+def _extremes(name: str, texts: Sequence[str]) -> NoMagnetometer | None:
+    """Say what to do with six numbers alone, the smallest and the largest of each axis; None for anything else."""
+    if len(texts) > 2 * len("xyz"):
+        return None
+    numbers = [each for text in texts for each in cut(text[:PRINTED])[0]]
+    if len(numbers) != 2 * len("xyz"):
+        return None
+    pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
+    in_turn = all((number(low, ".") or 0.0) < (number(high, ".") or 0.0) for low, high in pairs)
+    typed = ",".join(numbers) if in_turn else "X0,X1,Y0,Y1,Z0,Z1"
+    return NoMagnetometer(
+        f"{name} has six numbers and no readings: where they are the smallest and the largest reading of each axis, "
+        f"type them: flinders calibrate --minmax={typed}"
+    )
+
+
 def _no_magnetometer(
     name: str, header: list[str], values: Floats, text: str, heading: str, line: str
 ) -> NoMagnetometer:
+    if not header and len(values) == 1 and (extremes := _extremes(name, [text])):
+        return extremes
     if header:
         return NoMagnetometer(
             f"no magnetometer among the columns of {name}: {listed(header)}; "
@@ -656,10 +776,18 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
         )
     place, text = numbers[0] if numbers else lines[0]
     line = f" (line {place + 1}: {shown(text)!r})"
-    if numbers and (other := _other_labels(name, text, line)):
-        return other
-    is_short = numbers and len(text) <= LONGEST_EXAMPLE
-    example = f"; this line is pattern={pattern_of(text)!r}, if those are its x, y and z" if is_short else ""
+    if not numbers and any(MOMENT.search(text[:PRINTED]) for _, text in lines[:MOST_ABOVE]):
+        return NoMagnetometer(
+            f"no magnetometer in {name}: no line has three numbers besides dates and times{line}; need x, y and z of a "
+            "reading on a line"
+        )
+    return (_other_labels(name, text, line) if numbers else None) or _unrecognised(name, text if numbers else "", line)
+
+
+def _unrecognised(name: str, text: str, line: str) -> UnreadableInput:
+    """Say that no readings are recognised, and the pattern of a line of numbers."""
+    pattern = pattern_of(text) if len(text) <= LONGEST_EXAMPLE else ""
+    example = f"; this line is pattern={pattern!r}, if those are its x, y and z" if pattern else ""
     return UnreadableInput(
         f"no readings are recognised in {name}{line}: need three columns of numbers, "
         f"labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT', or pattern=, which says how a line is printed{example}"

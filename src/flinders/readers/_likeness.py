@@ -18,6 +18,7 @@ hard iron; rates and angles near none.
 from __future__ import annotations
 
 import math
+import shlex
 from itertools import combinations, groupby
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
 
 GRAVITY: Final = {  # its length in units of accelerometers; fewer counts than these could be milligauss
     "m/s²": 9.80665, "g": 1.0, "mg": 1000.0, **{f"counts of 1/{2**n} g": float(2**n) for n in range(10, 15)}
@@ -95,7 +97,7 @@ def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> li
     is_named = all(own) and len(set(own)) == len(places) and not any("," in name for name in own)
     called = {place: own[at] if is_named else str(place + 1) for at, place in enumerate(places)}
     judged: list[tuple[tuple[int, ...], ColumnGroup]] = []
-    for cells in _quaternions(values, places):
+    for cells in _quaternions(values, places, may_rest=bool(names)):
         judged.append((cells, ColumnGroup((), "a quaternion", is_known=True)))
         places = [place for place in places if place not in cells]
     is_three = len(places) == 3
@@ -215,6 +217,19 @@ def likeness(vectors: Floats) -> str:
     return group.what if group.is_known else ""
 
 
+def doubt(samples: Samples) -> str:
+    """Say what samples plainly are if not a magnetometer's, where nobody says that they are; else nothing."""
+    if not samples.nameless or not len(samples):
+        return ""
+    return likeness(samples.field / samples.unit.scale)
+
+
+def looks_like(what: str, columns: str) -> str:
+    """Say what columns look like, and what to type where they are a magnetometer's after all."""
+    option = f"--columns {shlex.quote(columns)}"
+    return f"these look like {what}: if a magnetometer recorded them after all, add {option}"
+
+
 def advice(judged: Sequence[ColumnGroup]) -> str:
     """Say which columns may be the magnetometer, what to type then, and what the others look like."""
     able = [group for group in judged if group.is_candidate]
@@ -256,17 +271,24 @@ def has_clock(vectors: Floats) -> bool:
     return not is_ball or bool(wide[0] < HALF_AS_WIDE * wide[2])
 
 
-def _quaternions(values: Floats, places: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """Find four columns in a row whose length is 1, and that change."""
+def _quaternions(values: Floats, places: Sequence[int], *, may_rest: bool) -> Iterator[tuple[int, ...]]:
+    """Find four columns in a row whose length is 1, and that change; one of them may stay 1 if they `may_rest`."""
     after = 0
     for at in range(len(places) - 3):
         cells = tuple(places[at : at + 4])
-        if at >= after and cells[3] - cells[0] == 3 and np.nanmax(np.nanstd(values[:, cells], axis=0)) > 0:
+        if at >= after and cells[3] - cells[0] == 3 and _changes(values[:, cells], may_rest):
             four = values[:, cells]
             low, _, high = _lengths(four[np.isfinite(four).all(axis=1)])
             if low > 1 - EXACT and high < 1 + EXACT:
                 after = at + 4
                 yield cells
+
+
+def _changes(four: Floats, may_rest: bool) -> bool:
+    """Tell whether four columns change as parts of a quaternion; a field in tesla beside a column of 1 does not."""
+    low, high = np.nanmin(four, axis=0), np.nanmax(four, axis=0)
+    is_one = (low == high) & (np.abs(low) > 1 - EXACT)
+    return bool((low < high).any() and (may_rest or not is_one.any()))
 
 
 def _runs(places: Sequence[int]) -> Iterator[list[int]]:

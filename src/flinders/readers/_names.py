@@ -35,7 +35,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
-from flinders.core.units import SPELLINGS
+import numpy as np
+
+from flinders.core.units import PARTED, SPELLINGS
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
@@ -59,10 +61,10 @@ _OF_A_FIELD: Final = {name: 1.0 for name in SPELLINGS if name != "raw"}
 # Spellings of units in names, and the factor to seconds, rad/s, °C and A; a field is scaled by `Unit`.
 FACTORS: Final[dict[str, dict[str, float]]] = {
     FIELD: _OF_A_FIELD,
-    ACCELERATION: dict.fromkeys(("m/s2", "m/s²", "m/s^2", "mps2", "ms2", "ms-2", "m/s/s", "g", "mg"), 1.0),
+    ACCELERATION: dict.fromkeys(("m/s2", "m/s²", "m/s^2", "mps2", "ms2", "ms-2", "m/s/s", "m/sec2", "g", "mg"), 1.0),
     RATE: {
-        **dict.fromkeys(("rad/s", "radps", "rads", "rad/sec", "rad/s/s", "radians/s"), 1.0),
-        **dict.fromkeys(("deg/s", "deg/sec", "degrees/s", "dps", "degps", "degs"), _DEGREES),
+        **dict.fromkeys(("rad/s", "radps", "rads", "rad/sec", "rad/s/s", "radian/s", "radians/s", "radians/sec"), 1.0),
+        **dict.fromkeys(("deg/s", "deg/sec", "degree/s", "degrees/s", "degrees/sec", "dps", "degps", "degs"), _DEGREES),
         **dict.fromkeys(("°/s", "º/s", "/s", "°/sec"), _DEGREES),
         "mdps": _DEGREES / 1000,
     },
@@ -78,9 +80,11 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
 }
 _UNITS: Final = frozenset(unit for units in FACTORS.values() for unit in units)
 _UNITS_OF_AXES: Final = frozenset(unit for kind in (FIELD, ACCELERATION, RATE) for unit in FACTORS[kind])
-# Sensors that go by one letter, as in ``mx`` or ``B_x``, and the letters that may follow the name of a device, as in
-# ``imu_mx``; a ``b`` there is a bias or the second one.
-_LETTERS: Final = {"m": FIELD, "h": FIELD, "b": FIELD, "a": ACCELERATION, "g": RATE, "w": RATE}
+# Sensors that go by a letter or a few, as in ``mx``, ``B_x`` or ``geo_x``, and the letters that may follow the name of
+# a device, as in ``imu_mx``; a ``b`` there is a bias or the second one.
+_LETTERS: Final = {
+    "m": FIELD, "h": FIELD, "b": FIELD, "mf": FIELD, "geo": FIELD, "a": ACCELERATION, "g": RATE, "w": RATE,
+}  # fmt: skip
 _LETTERS_OF_A_DEVICE: Final = "magw"
 # Chips by what they measure; the last have several sensors, magnetometers or not: their name alone does not tell.
 _CHIPS: Final = {
@@ -153,11 +157,12 @@ _COMMON: Final = re.compile(
 _BETWEEN: Final = r"\s_.,:;%#\-\[\](){}'\""  # what parts the words of a name
 _ATTACHED: Final = re.compile(
     r"(mag(?:n|net|netic|netometer|netom|adc|raw|field)?|acc(?:el|l|elero|eleration|elerometer)?|gyro?(?:scope|adc)?"
-    r"|compass|[mhbagw])([xyz])"
+    r"|compass|[mhbagw]|mf|geo)([xyz])"
 )
-_AXIS_BEFORE: Final = re.compile(r"([xyz])(mag|acc|gyro)")
+_AXIS_BEFORE: Final = re.compile(r"([xyz])(mag|acc|gyro|mf)")
 _SEPARATORS: Final = re.compile(rf"[{_BETWEEN}]+")
 _PIECES: Final = re.compile(rf"([{_BETWEEN}]*)([^{_BETWEEN}]+)")  # words, each with what is before it
+_IN: Final = re.compile(r"(?<![^\W_])in[\s_]+(?=[^\s_()\[\]]+\s*[)\]]?\s*$)", re.IGNORECASE)  # before a unit at the end
 _IN_BRACKETS: Final = re.compile(r"[(\[]([^)\]]*)[)\]]?\s*$")  # a unit, or the number of an axis
 _BRACKET: Final = re.compile(r"\s*[(\[](?!\d+[)\]])[^)\]]*[)\]]?\s*$")
 _OF_A_DIRECTION: Final = re.compile("unit|vec|field|mag|acc")
@@ -263,9 +268,18 @@ def is_letter_of_time(name: str) -> bool:
     return meaning(name)[::2] == (TIME, "") and list(filter(_TIMES.match, words)) == ["t"]
 
 
+def words_of(name: str) -> list[str]:
+    """Take a name apart into its words, without a unit.
+
+    >>> words_of("deviceID"), words_of("MAC address"), words_of("node_2 (uT)")
+    (['device', 'ID'], ['MAC', 'address'], ['node', '2'])
+    """
+    return _words(name)[0]
+
+
 def is_unit(text: str) -> bool:
     """Tell whether a text is a unit and nothing else, as in a row of units below a header."""
-    return text.casefold() in _UNITS
+    return _IN.sub("", PARTED.sub(r"\1", text)).casefold() in _UNITS
 
 
 @lru_cache(maxsize=1_024)
@@ -301,6 +315,11 @@ def kind_of_chip(word: str) -> str:
 def tells_apart(word: str) -> bool:
     """Tell whether a word other than a number names one of several sensors: a place, a chip, a device."""
     return word in PLACES or word in _DEVICES or is_chip(word)
+
+
+def tells_readings_apart(word: str) -> bool:
+    """Tell whether a word in lower case says which of several readings these are, or what was done to them."""
+    return bool(tells_apart(word) or _RAW.match(word) or _DERIVED.match(word))
 
 
 @lru_cache(maxsize=1_024)
@@ -348,6 +367,7 @@ def _place_of_axis(folded: str, axis: str) -> int:
 def _words(name: str) -> tuple[list[str], list[str]]:
     """Take a name apart into its words and, in the order of trust, the units it may state."""
     units = []
+    name = _IN.sub("", PARTED.sub(r"\1", name))
     inside = _IN_BRACKETS.search(name)
     if inside and not inside[1].strip().isdigit():
         units.append(inside[1].strip())
@@ -377,7 +397,7 @@ def _without_axis(words: list[str]) -> tuple[list[str], str]:
             return [*words[:place], attached[1], *words[place + 1 :]], attached[2]
         if ahead := _AXIS_BEFORE.fullmatch(word):
             return [*words[:place], ahead[2], *words[place + 1 :]], ahead[1]
-    if len(words) > 1 and words[-1] in {"0", "1", "2", "3"}:
+    if len(words) > 1 and words[-1] in {"0", "1", "2", "3"} and not all(map(str.isdigit, words)):
         return words[:-1], words[-1]
     return words, ""
 
@@ -691,6 +711,19 @@ class Choice:
     preferred: str | None = None  # the name of the one that a calibration was made from
     is_name: bool = False  # `sensor` may be given to the only magnetometer of a table, which does not know its name
     forms: tuple[Form, ...] = ()  # of the tables that a calibration was made from
+
+    @classmethod
+    def of(cls, sensor: str | int | None) -> Self:
+        """Take what the user gave: a name, or a number from 1 as digits or as an integer.
+
+        >>> Choice.of(2) == Choice("2")
+        True
+        """
+        if isinstance(sensor, (int, np.integer)) and not isinstance(sensor, bool):
+            return cls(str(sensor))
+        if sensor is None or isinstance(sensor, str):
+            return cls(sensor)
+        raise UsageError(f"sensor={sensor!r} names no magnetometer: give its number from 1, or its name")
 
     @property
     def is_open(self) -> bool:

@@ -76,6 +76,8 @@ class Rewriter:
         texts: list[str | None] = [text or None for text in recorded] if layout.words else list(recorded)
         if self._add:
             self._rename(texts, lines.first)
+        if layout.columns.device is not None:
+            texts = [None if text and layout.is_of_other_device(text) else text for text in texts]
         for line, _ in rows.unreadable:
             texts[line - lines.first] = None
         for line, reading in zip(rows.lines, field.tolist(), strict=True):

@@ -24,6 +24,7 @@ import io
 import itertools
 import mmap
 import os
+import re
 import stat
 import sys
 import weakref
@@ -40,7 +41,6 @@ from flinders.errors import UnreadableInput, UsageError, reading
 from flinders.readers._tokenizer import EndsEarly, Lines, cut, encoding_of, lines_of, shown
 
 if TYPE_CHECKING:
-    import re
     from collections.abc import Callable, Generator, Iterable, Iterator
 
     from _typeshed import WriteableBuffer
@@ -525,6 +525,15 @@ _ITSELF = "give the recording itself"
 _EXPORT = "export it as CSV"
 _UNPACK = "unpack it and give the recording inside"
 
+BLACKBOX: Final = b"H Product:Blackbox"
+_FIELDS: Final = re.compile(rb"^H Field I name:(.*)$", re.MULTILINE)
+RAW_MAVLINK: Final = FileKind(
+    "a raw MAVLink stream, without the times of a .tlog",
+    "save the telemetry as .tlog in a ground station, or give the vehicle's own log (.bin, .ulg)",
+)
+FRAMES: Final = 3
+"""Packets of MAVLink, one right behind the other, by which a stream of them is known."""
+
 MAGIC: Final[dict[bytes, FileKind]] = {
     b"\x89PNG\r\n\x1a\n": FileKind("a PNG image", _ITSELF),
     b"\xff\xd8\xff": FileKind("a JPEG image", _ITSELF),
@@ -547,6 +556,10 @@ MAGIC: Final[dict[bytes, FileKind]] = {
     b"MZ": FileKind("a program", _ITSELF),
     b"FEA1": FileKind("a Feather file of version 1", "save it again with a pandas or pyarrow of this decade"),
     b"SQLite format 3": FileKind("an SQLite database", _EXPORT),
+    BLACKBOX: FileKind(
+        "a blackbox log of Betaflight, INAV or Cleanflight",
+        "decode it with blackbox_decode, or save it as CSV in the Blackbox Explorer, and give the CSV",
+    ),
 }
 """First bytes, and what they are the first bytes of. The order does not matter: none starts another."""
 
@@ -588,12 +601,39 @@ def foreign_kind(head: bytes) -> FileKind | None:
     binary = is_binary(head)
     for start, kind in MAGIC.items():
         if head.startswith(start) and (binary or start not in _WORDS):
-            return kind
+            return kind._replace(advice=f"{kind.advice}{_of_fields(head)}") if start == BLACKBOX else kind
+    if binary and _is_mavlink(head):
+        return RAW_MAVLINK
     opening = head.removeprefix(b"\xef\xbb\xbf").lstrip()[:20].lower()
     for start, name in PAGES.items():
         if opening.startswith(start):
             return FileKind(name, "download the raw file it shows")
     return FileKind("a binary file", "give a text recording with three columns of numbers") if binary else None
+
+
+def _of_fields(head: bytes) -> str:
+    r"""Say whether the field list of a blackbox has the magnetometer; nothing where the list is not there.
+
+    >>> _of_fields(b"H Product:Blackbox\nH Field I name:time,gyroADC[0]\n").partition(":")[0]
+    '; its field list has no magADC'
+    """
+    fields = _FIELDS.search(head)
+    if fields is None:
+        return ""
+    if b"magADC" in fields[1]:
+        return "; its field list has magADC, the magnetometer"
+    return "; its field list has no magADC: have the magnetometer logged (blackbox_disable_mag = OFF), and record again"
+
+
+def _is_mavlink(head: bytes) -> bool:
+    """Tell whether packets of MAVLink 1 or 2 follow one another from the first byte on."""
+    at = 0
+    for _ in range(FRAMES):
+        first, length, flags = (head[at : at + 3] + b"\0\0\0")[:3]
+        if first not in (0xFE, 0xFD):
+            return False
+        at += length + (8 if first == 0xFE else 25 if flags & 1 else 12)
+    return at <= len(head)
 
 
 def is_binary(head: bytes) -> bool:

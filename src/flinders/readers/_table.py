@@ -18,6 +18,7 @@ array([ 21.7,   0.2, -58.7])
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
@@ -26,8 +27,9 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
-from flinders.errors import NoMagnetometer, UnreadableInput
+from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.readers._columns import Columns, ColumnsRecording, choose, rising_in, unit_of
+from flinders.readers._devices import Device, devices_in, names_device
 from flinders.readers._layout import ranges
 from flinders.readers._names import FIRST, Choice
 from flinders.readers._resample import numbered
@@ -35,7 +37,7 @@ from flinders.readers._source import sound
 from flinders.readers._tokenizer import listed, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -48,6 +50,29 @@ SAMPLED: Final = 200  # Rows looked at to tell times from other numbers
 WIDEST: Final = 512  # Columns of an array; a wider one is no list of readings
 
 
+class Labels:
+    """Numbers in the place of the words of a column, in the order in which they come.
+
+    >>> labels = Labels()
+    >>> labels.numbers(["b4:01", "b4:02", None, "b4:01"]), labels.word(1.0)
+    (array([ 0.,  1., nan,  0.]), 'b4:02')
+    """
+
+    def __init__(self) -> None:
+        self._places: dict[str, int] = {}
+
+    def numbers(self, words: Iterable[object]) -> Floats:
+        """(N,) a number for each word, the same for the same; NaN where there is none."""
+        places = self._places
+        return np.array(
+            [np.nan if word is None else places.setdefault(str(word), len(places)) for word in words], float
+        )
+
+    def word(self, number: float) -> str:
+        """The word that has a number."""
+        return list(self._places)[int(number)]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
     """Columns of numbers, and how to go through them."""
@@ -57,9 +82,35 @@ class Table:
     width: int  # columns
     length: int  # rows
     rows: Callable[[Sequence[int]], Iterator[Floats]]  # (N, K) blocks of the columns at these places, in this order
+    labels: Mapping[int, Labels] = field(default_factory=dict)  # of columns of words, by their places
+
+    def devices(self) -> tuple[Device, ...]:
+        """Devices that a column of it tells apart."""
+        places = [place for place, name in enumerate(self.names) if names_device(name)]
+
+        def rows() -> Iterator[tuple[str, ...]]:
+            for block in self.rows(places):
+                yield from (self.words(places, row) for row in block.tolist())
+
+        return devices_in(self.names, places, rows) if places else ()
+
+    def words(self, places: Sequence[int], row: Sequence[float]) -> tuple[str, ...]:
+        """What a row says in some columns."""
+        return tuple(
+            "" if math.isnan(value) else self.labels[place].word(value) if place in self.labels else f"{value:.12g}"
+            for place, value in zip(places, row, strict=True)
+        )
+
+    def is_of(self, device: Device, values: Floats) -> NDArray[np.bool_]:
+        """(N,) which rows of the columns of a device are of it."""
+        distinct, places = np.unique(values, axis=0, return_inverse=True)
+        known = [self.words(device.cells, row) == device.words for row in distinct.tolist()]
+        return np.array(known, dtype=bool)[places.ravel()]
 
     @classmethod
-    def of_arrays(cls, source: str, kind: str, arrays: Mapping[str, NDArray[Any]]) -> Table:
+    def of_arrays(
+        cls, source: str, kind: str, arrays: Mapping[str, NDArray[Any]], labels: Mapping[str, Labels] | None = None
+    ) -> Table:
         """Lay arrays side by side: those as long as most of them are, an (N, 3) one as three columns.
 
         Arrays are (N,), (N, K) or (K, N) of numbers or dates, or records of them; what is neither is left out, and
@@ -81,7 +132,8 @@ class Table:
             for start in range(0, length, BLOCK):
                 yield np.stack([_floats(values[cell][start : start + BLOCK]) for cell in cells], axis=1)
 
-        return cls(kind, names if any(names) else (), len(alike), length, rows)
+        labelled = {place: labels[name] for place, name in enumerate(names) if labels and name in labels}
+        return cls(kind, names if any(names) else (), len(alike), length, rows, labelled)
 
 
 @dataclass(slots=True, eq=False)
@@ -104,14 +156,14 @@ class TableRecording(ColumnsRecording):
         self.source = self.file.name
 
     @property
-    def readings(self) -> int:
-        """How many rows there are."""
-        return self.table.length
+    def readings(self) -> int | None:
+        """How many rows there are; None where only those of one device are read."""
+        return self.table.length if self.columns.device is None else None
 
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> TableRecording:
         """Read these columns, in the unit that their names or the user say."""
         own = unit_of(columns, self.source, unit, scale)
-        recording = replace(self, columns=columns.with_strength_in(own), unit=own)
+        recording = replace(self, columns=columns.in_given(unit, scale).with_strength_in(own), unit=own)
         recording.temporary_files = self.temporary_files
         return recording
 
@@ -123,9 +175,10 @@ class TableRecording(ColumnsRecording):
         nothing lies within the span.
         """
         self.skipped = ()
-        clock, done, usable = self.span.clock(self.source), 0, 0
-        for values in self.table.rows(self.columns.cells):
-            samples = self.columns.samples(values.T, unit=self.unit, axes=self.axes, source=self.source)
+        clock, done, usable, device = self.span.clock(self.source), 0, 0, self.columns.device
+        for values in self.table.rows((*self.columns.cells, *(device.cells if device else ()))):
+            own = values[self.table.is_of(device, values[:, -len(device.cells) :])] if device else values
+            samples = self.columns.samples(own.T, unit=self.unit, axes=self.axes, source=self.source)
             self.skipped = added(self.skipped, numbered(samples, done).skipped)
             done += len(values)
             usable += len(samples)
@@ -168,16 +221,21 @@ def open_table(
         raise UnreadableInput(f"{file.name} has no rows: record again, or check what was saved")
     if not table.width:
         raise NoMagnetometer(f"{file.name} holds no columns of numbers: need three, x y z, beside what else there is")
-    block = next(table.rows(range(table.width)))
+    block = next(table.rows(range(table.width)), None)
+    if block is None:
+        raise UnreadableInput(f"{file.name} tells of {counted(table.length, 'row')} and none is there: copy it again")
     if len(block) == table.length:  # all of it, which is not read again
         table = replace(table, rows=lambda cells: iter([block[:, list(cells)]]))
-    first = block[:SAMPLED]
+    devices = table.devices()
+    own = block[table.is_of(devices[0], block[:, list(devices[0].cells)])] if devices else block
+    first = own[:SAMPLED] if len(own) else block[:SAMPLED]
     columns = columns or choice.remembered(table.names, table.width, rising_in(first) if choice.forms else ())
-    known = choose(table.names, first, columns, flat=flat, choice=choice, source=file.name)
+    known = choose(table.names, first, columns, flat=flat, choice=choice, source=file.name, devices=devices)
     if known is None:
         raise NoMagnetometer(_unknown(file.name, table, first))
     settled = unit_of(known, file.name, unit, scale)
-    return TableRecording(file, table, known.with_strength_in(settled), settled, axes or Axes(), progress)
+    known = known.in_given(unit, scale).with_strength_in(settled)
+    return TableRecording(file, table, known, settled, axes or Axes(), progress)
 
 
 def _unknown(name: str, table: Table, first: Floats) -> str:

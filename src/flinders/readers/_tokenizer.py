@@ -39,7 +39,7 @@ import numpy as np
 
 from flinders.core.samples import BLOCK
 from flinders.errors import UnreadableInput
-from flinders.readers._names import FACTORS, meaning
+from flinders.readers._names import FACTORS, meaning, tells_readings_apart
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -82,7 +82,39 @@ _CUT: Final = re.compile(f"({NUMBER})")
 _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")  # of a terminal, as the log of ESP-IDF has them
 _CHECK_SUM: Final = re.compile(r"\*[0-9a-fA-F]{2}\s*$")  # ends a sentence of NMEA 0183, which begins with ``$``
 _LOOSE_SIGN: Final = re.compile(r"(?<=[:=,(\[])\s*-\s+(?=[\d.])")  # ``X: - 12``
-_NUMBERED: Final = re.compile(r"\b([^\W\d_]{3,}) +(\d{1,2})(?=\s*:(?!\d))")  # ``Mag 1:``, the number of a sensor
+_NUMBERED: Final = re.compile(
+    r"\b(?!(?:reading|sample|measurement|point|step|row|line|packet|frame|loop|count)\b)([^\W\d_]{3,})"
+    r"(?: +|\s*(?=[(\[#]))[(\[#]*(\d{1,2})[)\]]?(?=\s*:(?!\d)|\s*=|(?<=[)\]])\s+[xyz]\b)",
+    re.IGNORECASE,
+)
+"""The number of a sensor: ``Mag 1:``, ``Mag (1):``."""
+_REMARKED: Final = re.compile(
+    r"(?<=[^\W_])\s?[(\[][^()\[\]:=]*[^\W\d_][^()\[\]:=]*[)\]](?=\s*[:=]|\s+[xyz]\s*[:=])", re.IGNORECASE
+)
+"""A remark in brackets behind a label, in which numbers are no readings: ``Mag (±4 gauss):``."""
+_DIGITS: Final = re.compile(r"(?<![\w.^])\d[\d.]*")
+_MONTH: Final = r"(?:Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|Sep|Oct|Nov|Dec)[a-z]*\.?"
+_YEAR: Final = r"(?:19|20)\d\d"
+_DAY: Final = (
+    rf"(?:{_YEAR}(?:-\d\d?-\d\d?|/\d\d?/\d\d?|\.\d\d\.\d\d)|\d\d?(?:-\d\d?-|/\d\d?/|\.\d\d?\.){_YEAR}|\d\d?/\d\d?/\d\d"
+    rf"|{_MONTH}\s+\d\d?(?:st|nd|rd|th)?(?:,?\s+{_YEAR})?|\d\d?[\s/-]{_MONTH}[\s/-]{_YEAR})"
+)
+_TIME: Final = (
+    r"(?:[01]?\d|2[0-3]):[0-5]\d(?::[0-5]\d(?:[.,]\d+)?)?(?:\s?(?:[AP]M|[ap]m)\b)?"
+    r"(?:\s?(?:Z|UTC|GMT)\b|\s?[+-]\d\d:?\d\d)?"
+)
+MOMENT: Final = re.compile(
+    rf"(?<![\w.:+-])(?:{_DAY}(?:[T\s,:]+{_TIME})?|{_TIME}(?:\s+{_DAY})?|\d+(?:\.\d+){{2,}})(?![\w:/]|[.-]\d)"
+)
+"""A date, a time of day, or both, with their zone, or a version: none of its numbers is a reading."""
+_MAY_BE_MOMENT: Final = re.compile(r"\d(?:[:/-]\d|\.\d+\.\d)|Jan|Feb|Mar|Apr|May|Jun|Jul|Aug|Sep|Oct|Nov|Dec")
+_MAY_BE_NUMBERED: Final = re.compile(r"\d[)\]]?\s*[:=]|\d[)\]]\s+[xyzXYZ]\b")
+"""What a line with a `MOMENT`, and with the number of a sensor, has and few others: found in a third of the time."""
+_OF_OTHERS: Final = re.compile(
+    r"\s*(?:km/h|kmh|kph|mph|kn|kts?|knots?|m/s|mps|deg|degrees?|°|º|hz|hpa|mbar|%|volts?|ms|rpm)(?![\w/])",
+    re.IGNORECASE,
+)
+"""What stands behind a number that is no magnetometer's: a speed, an angle."""
 _TELEPLOT: Final = re.compile(r"^(\s*>[^:|\s]+:)\d+(?:\.\d+)?:(?=[-+.\d])")  # a time: ``>mag_x:1627551892437:-20.8``
 _PLAIN: Final = r"([-+]?\d+(?:\.\d*)?)"
 _BITS: Final = {2: 8, 4: 16, 6: 24, 8: 32}  # of a signed hexadecimal number with so many digits
@@ -91,7 +123,7 @@ _OTHER_UNITS: Final = (  # of what stands beside a magnetometer and is not read
     "deg", "degs", "degree", "degrees", "°", "º", "hz", "hpa", "%", "rad", "mbar", "ft", "f", "°f", "mm", "cm",
 )  # fmt: skip
 _UNIT: Final = "|".join(
-    re.escape(unit)
+    re.sub("^(micro|milli|nano)(?=tesla|gauss)", r"\1[\\s-]?", re.escape(unit))
     for unit in sorted({*_OTHER_UNITS, *(unit for units in FACTORS.values() for unit in units)}, key=len, reverse=True)
 )
 _KNOWN_UNIT: Final = rf"((?:{_UNIT}|[^\x00-\x7f]{{1,3}}T))"
@@ -103,6 +135,8 @@ _UNIT_INSIDE: Final = re.compile(
 """A unit in brackets at the end of a label, or behind ``in``."""
 _UNIT_AND_AXIS: Final = re.compile(rf"{_KNOWN_UNIT}\s+([xyz])", re.IGNORECASE)  # ``Gauss X``
 _SENSOR_AND_UNIT: Final = re.compile(r"\s*\[(\w{3,})/(\w+)\]")  # ``LSM303AGR [mag/mgauss]``
+_BRACKET: Final = re.compile(r"(?<=[^\W_])\s*[(\[]([^()\[\]]*)[)\]]")  # behind the words of a label
+_LEVEL: Final = re.compile(r"\b(?:trace|debug|info|notice|warn(?:ing)?|err(?:or)?)\b", re.IGNORECASE)  # of a log
 _REMARK: Final = re.compile(r"^\s*\([^()]*\)\s+(?=\w)")  # on the number before: ``type=8(magn_x) index=0``
 _EDGE: Final = " \t,;:=|()[{}<>\"'-#*/>→~&$!"  # what stands around the words of a label
 _BEHIND: Final = " )]}§"  # what closes brackets around the number before
@@ -464,7 +498,10 @@ def cut(line: str) -> tuple[list[str], tuple[str, ...]]:
     line = _COLOURS.sub("", line) if "\x1b" in line else line
     line = _CHECK_SUM.sub("", line) if line.startswith("$") else line
     line = _TELEPLOT.sub(r"\1", line) if ">" in line else line
-    line = _NUMBERED.sub(r"\1\2", unglued(line))
+    line = unglued(line)
+    line = MOMENT.sub(" ", line) if _MAY_BE_MOMENT.search(line) else line
+    line = _NUMBERED.sub(r"\1\2", line) if _MAY_BE_NUMBERED.search(line) else line
+    line = _REMARKED.sub(_without_numbers, line) if "(" in line or "[" in line else line
     pieces = _CUT.split(_LOOSE_SIGN.sub(" -", line) if "- " in line else line)
     return [decimal(number) for number in pieces[1::2]], tuple(piece.strip() for piece in pieces[::2])
 
@@ -514,10 +551,36 @@ def names_of(gaps: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def pattern_of(line: str) -> str:
-    """Write a line as the ``--pattern`` of lines like it: ``<{x}/{y}/{z}/{n4}>``."""
-    pieces = re.split(rf"((?!(?<=[A-Za-z]{{3}} )\d{{1,2}}\s*:(?!\d)){NUMBER})", line.strip())
-    names = ("x", "y", "z", *(f"n{place}" for place in range(4, len(pieces))))
-    return "".join(f"{{{names[place // 2]}}}" if place % 2 else piece for place, piece in enumerate(pieces))
+    """Write a line as the ``--pattern`` of lines like it, ``<{x}/{y}/{z}/{n4}>``; empty where no three may be x, y, z.
+
+    Numbers of a date, a check sum, a speed or an angle are none of these.
+
+    >>> pattern_of("12:30:00 <1/2/3/4>"), pattern_of("$VTG,5 kn,1,2,3*3A"), pattern_of("12:30:00 5 km/h 1 2")
+    ('<{x}/{y}/{z}/{n4}>', '$VTG,{n1} kn,{x},{y},{z}', '')
+    """
+    line = _CHECK_SUM.sub("", line) if line.startswith("$") else line
+    written = (_as_pattern(stretch.strip()) for stretch in reversed(MOMENT.sub("\n", line).split("\n")))
+    return next((pattern for pattern in written if "{z}" in pattern), "")
+
+
+def _as_pattern(text: str) -> str:
+    """Put names for the numbers of a text without dates."""
+    pieces = re.split(rf"((?!(?<=[A-Za-z]{{3}} )\d{{1,2}}\s*:(?!\d)){NUMBER})", text)
+    axes = iter("xyz")
+    for place in range(1, len(pieces), 2):
+        own = "" if _OF_OTHERS.match(pieces[place + 1]) or QUANTITY.search(pieces[place - 1]) else next(axes, "")
+        pieces[place] = f"{{{own or f'n{place // 2 + 1}'}}}"
+    return "".join(pieces)
+
+
+@lru_cache(1024)
+def label_of(gaps: tuple[str, ...]) -> str:
+    """All words before and between the numbers of a line; lines of one sensor have the same.
+
+    >>> label_of(("Foo: X=", "Y=", "Z=", "uT")), label_of(("[INFO] Foo X:", "Y:", "Z:", ""))
+    ('fooxyz', 'fooxyz')
+    """
+    return "".join(filter(str.isalnum, _LEVEL.sub("", " ".join(gaps[:-1])))).casefold()
 
 
 def is_labelled(gaps: Sequence[str]) -> bool:
@@ -534,10 +597,21 @@ def _unit_and_label(gap: str) -> tuple[str, str]:
 
 def _label(text: str) -> str:
     """The words of a label, without the signs around them; brackets around a unit at its end stay."""
-    text = _SENSOR_AND_UNIT.sub(r" \1 (\2)", _REMARK.sub("", text.rstrip(_BEFORE)))
+    text = _SENSOR_AND_UNIT.sub(r" \1 (\2)", _REMARK.sub("", _LEVEL.sub("", text).rstrip(_BEFORE)))
     inside = _UNIT_INSIDE.search(text)
+    text = text if inside else _BRACKET.sub(_remark, text)
     words = _BETWEEN.sub(" ", _UNIT_INSIDE.sub(" ", text).strip(_EDGE)).strip(_EDGE)
     return f"{words} ({inside[1]})".lstrip() if inside else words
+
+
+def _without_numbers(remark: re.Match[str]) -> str:
+    """A remark with a sign in the place of its numbers."""
+    return _DIGITS.sub("#", remark[0])
+
+
+def _remark(bracket: re.Match[str]) -> str:
+    """What a remark behind a label adds to it: words that tell readings apart, as ``raw`` and ``left`` do."""
+    return "".join(f" {word}" for word in re.findall(r"\w+", bracket[1]) if tells_readings_apart(word.casefold()))
 
 
 def _without_unit(label: str) -> tuple[str, str]:

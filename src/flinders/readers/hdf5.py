@@ -40,6 +40,7 @@ from flinders.readers._names import names_magnetometer
 from flinders.readers._source import Reader
 from flinders.readers._table import WIDEST, Table, TableRecording, named_part, open_table
 from flinders.readers._tokenizer import MOST_NAMED, shown
+from flinders.readers.matlab import unread_objects
 
 if TYPE_CHECKING:
     import mmap
@@ -100,8 +101,13 @@ def open_hdf5(file: File, **options: Any) -> TableRecording:
             opened = closing.enter_context(h5py.File(file.path, "r", driver="sec2", locking=False))
             catalogue = _Catalogue(h5py, opened, file, is_matlab)
             catalogue.collect(opened.id, ())
-        table, left_out = _table_of(catalogue, kind)
-        recording = open_table(file, table, **options)
+        try:
+            table, left_out = _table_of(catalogue, kind)
+            recording = open_table(file, table, **options)
+        except NoMagnetometer:
+            if catalogue.objects:
+                raise unread_objects(file.name, catalogue.objects) from None
+            raise
         recording.columns = _with_left_out(recording.columns, left_out)
         closing.pop_all()  # open for as long as the recording is there
     return recording
@@ -128,6 +134,7 @@ class _Catalogue:
     is_matlab: bool  # arrays are stored with their axes in reverse
     arrays: list[_Array] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)  # datasets that are not read, each with the reason
+    objects: list[tuple[str, str]] = field(default_factory=list)  # names and classes of those of MATLAB
     _addresses: set[int] = field(default_factory=set)
     _weighed: set[bytes] = field(default_factory=set)
     _links: int = 0
@@ -169,6 +176,9 @@ class _Catalogue:
             return
         kind = dataset.get_type().get_class()
         h5t = self.h5py.h5t
+        if self.is_matlab and self.h5py.h5a.exists(dataset, b"MATLAB_object_decode"):
+            self.objects.append((shown(_name_of(path)), shown(self._text(dataset, b"MATLAB_class"))))
+            return
         if kind not in {h5t.INTEGER, h5t.FLOAT, h5t.ENUM, h5t.COMPOUND} or not self._is_numbers_of_matlab(dataset):
             return
         try:

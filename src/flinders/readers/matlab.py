@@ -1,7 +1,8 @@
 r"""MATLAB's ``.mat`` of versions 5 to 7: variables, and fields of structures, as columns.
 
-Only arrays of numbers and structures of one element are looked into; the rest is passed over. Nothing of the file is
-trusted: a length that leads beyond its array, or a shape that is not that of its numbers, refuses the file.
+Only arrays of numbers and structures of one element are looked into; the rest is passed over. Objects, such as a
+timeseries, are in a form that MathWorks does not document, and are named where nothing else is there. Nothing of the
+file is trusted: a length that leads beyond its array, or a shape that is not that of its numbers, refuses the file.
 
 Source: MathWorks, *MAT-File Format*, level 5: behind a header of 128 bytes, elements of type, length and content, in
 multiples of 8 bytes; an array is an element of elements: flags, shape, name and numbers, or the fields of a structure.
@@ -29,11 +30,13 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Final
 import numpy as np
 
 from flinders.core.files import metered
+from flinders.errors import NoMagnetometer
 from flinders.readers._source import CHUNK, MOST_MEMBER, Reader, spooled
 from flinders.readers._table import Table, TableRecording, open_table
+from flinders.readers._tokenizer import MOST_NAMED, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -49,6 +52,8 @@ NUMBERS: Final = {
 }  # fmt: skip
 """Types of elements that hold numbers, as NumPy calls them."""
 STRUCTURE: Final = 2
+OBJECT, OPAQUE = 3, 17
+"""Classes of arrays: objects of old, and those of ``classdef``, such as a timeseries or a timetable."""
 NUMERIC: Final = range(6, 16)
 """Classes of arrays: a structure, and from double to uint64 those of numbers."""
 COMPLEX: Final = 0x0800
@@ -67,14 +72,19 @@ def open_mat(file: File, **options: Any) -> TableRecording:
         unpacked = spooled(file.name, metered(file.name, _unpacked(stream, order), lambda: file.size, most=MOST_MEMBER,
                                               ratio=False))  # fmt: skip
     content = memoryview(np.memmap(unpacked.path, np.uint8, "r"))  # type: ignore[arg-type]
+    matrices = [element for kind, element in _elements(content, order) if kind == MATRIX]
     arrays = {
         name: array
-        for kind, element in _elements(content, order)
-        if kind == MATRIX
+        for element in matrices
         for name, array in _arrays(element, order)
         if name and not name.startswith("__")
     }
-    recording = open_table(file, Table.of_arrays(file.name, "MATLAB", _without_common_structure(arrays)), **options)
+    try:
+        recording = open_table(file, Table.of_arrays(file.name, "MATLAB", _without_common_structure(arrays)), **options)
+    except NoMagnetometer:
+        if objects := [each for element in matrices if (each := _object(element, order))]:
+            raise unread_objects(file.name, objects) from None
+        raise
     recording.temporary_files = (unpacked,)
     return recording
 
@@ -132,6 +142,35 @@ def _arrays(matrix: memoryview, order: str, name: str = "", depth: int = 0) -> I
             yield from _arrays(inner, order, f"{name}.{label}", depth + 1)
     elif bits & 0xFF in NUMERIC and not bits & COMPLEX:
         yield name, np.squeeze(_numbers(*next(parts), order).reshape(dimensions, order="F"))
+
+
+def _object(matrix: memoryview, order: str) -> tuple[str, str] | None:
+    """Name and class of an object; None for any other array."""
+    (_, flags), *parts = islice(_elements(matrix, order), 4)
+    kind = struct.unpack_from(f"{order}I", flags)[0] & 0xFF
+    if kind not in (OBJECT, OPAQUE) or len(parts) < len(["name,", "system,", "class"]):
+        return None
+    name, own = (parts[0], parts[2]) if kind == OPAQUE else (parts[1], parts[2])
+    called, of_class = (bytes(content).decode("latin-1") for _, content in (name, own))
+    return (shown(called), shown(of_class)) if called else None
+
+
+def unread_objects(source: str, objects: Sequence[tuple[str, str]]) -> NoMagnetometer:
+    """Say which objects of MATLAB a file holds in place of numbers, and how numbers are made of them.
+
+    >>> print(unread_objects("walk.mat", [("mag", "timeseries")]))
+    walk.mat holds its readings as objects of MATLAB (mag: timeseries), which it alone reads: save numbers there, with
+        t = mag.Time; xyz = mag.Data; save('numbers.mat', 't', 'xyz')
+    """
+    first, of_class = objects[0]
+    parts = f"t = {first}.Time; xyz = {first}.Data"
+    if of_class in ("timetable", "table"):
+        parts = f"t = seconds({first}.Time - {first}.Time(1)); xyz = {first}.Variables"
+    listed = ", ".join(f"{name}: {kind}" for name, kind in objects[:MOST_NAMED])
+    return NoMagnetometer(
+        f"{source} holds its readings as objects of MATLAB ({listed}), which it alone reads: save numbers there, with "
+        f"{parts}; save('numbers.mat', 't', 'xyz')"
+    )
 
 
 def _numbers(kind: int, content: memoryview, order: str) -> NDArray[Any]:

@@ -31,9 +31,10 @@ import numpy as np
 from flinders.core.files import refuse_bomb
 from flinders.core.samples import BLOCK
 from flinders.errors import UnreadableInput, needs, reading
+from flinders.readers._devices import names_device
 from flinders.readers._names import TIME, meaning
 from flinders.readers._source import Reader
-from flinders.readers._table import WIDEST, Table, TableRecording, open_table
+from flinders.readers._table import WIDEST, Labels, Table, TableRecording, open_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -180,17 +181,31 @@ def table_of(
 ) -> Table:
     """Make a table of the columns that hold numbers or times."""
     places = places_of(schema)
+    labels = {
+        place: Labels() for place, (column, _, name) in enumerate(places) if _is_device(schema.field(column), name)
+    }
 
     def rows(cells: Sequence[int]) -> Iterator[Floats]:
         wanted = [places[cell] for cell in cells]
         for batch in batches(sorted({column for column, _, _ in wanted})):
             with reading(source, f"a table of {kind}"):
-                columns = [values_of(batch.column(column), part) for column, part, _ in wanted]
+                columns = [
+                    labels[cell].numbers(batch.column(column).to_pylist())
+                    if cell in labels
+                    else values_of(batch.column(column), part)
+                    for cell, (column, part, _) in zip(cells, wanted, strict=True)
+                ]
                 block = np.stack(columns, axis=1, dtype=np.float64)
             if len(block):
                 yield block
 
-    return Table(kind, tuple(name for _, _, name in places), len(places), length, rows)
+    return Table(kind, tuple(name for _, _, name in places), len(places), length, rows, labels)
+
+
+def _is_device(field: Any, name: str) -> bool:  # noqa: ANN401
+    """Whether a field holds words that may tell devices apart."""
+    text = str(field.type)
+    return (text in TEXTS or text.startswith("dictionary")) and names_device(name)
 
 
 def places_of(schema: Any) -> list[tuple[str, int | None, str]]:  # noqa: ANN401
@@ -211,7 +226,7 @@ def _parts(field: Any) -> list[tuple[int | None, str]]:  # noqa: ANN401
         return [(part, f"{field.name}.{axis}") for part, axis in enumerate("xyz")]
     numeric = text.startswith(("int", "uint", "float", "double", "halffloat", "bool", "timestamp", "decimal"))
     is_date = text in TEXTS and meaning(field.name).kind == TIME
-    return [(None, field.name)] if numeric or is_date else []
+    return [(None, field.name)] if numeric or is_date or _is_device(field, field.name) else []
 
 
 def values_of(column: Any, part: int | None) -> NDArray[np.floating]:  # noqa: ANN401

@@ -330,7 +330,11 @@ class _Topics:
             with reading(self.source, KIND):
                 if connection.id not in self._decoders:
                     self._decoders[connection.id] = self._decoder(connection)
-                topic.add(recorded, self._decoders[connection.id](packed, connection.msgtype))
+                message = self._decoders[connection.id](packed, connection.msgtype)
+                try:
+                    topic.add(recorded, message)
+                except (AttributeError, TypeError) as error:  # its fields are those that the recording defines
+                    raise ValueError(f"{connection.msgtype} is defined otherwise: {error}") from None
         except UnreadableInput:
             if not may_be_broken:
                 raise

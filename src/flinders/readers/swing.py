@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import UnreadableInput
+from flinders.readers._known_texts import refusal
 from flinders.readers._source import HEAD, find, foreign_kind
 from flinders.readers._tokenizer import COMMENTS, encoding_of, number, shown
 
@@ -63,6 +64,8 @@ def read_swing(path: str | os.PathLike[str]) -> SwingTable:
     Raises `UnreadableInput` for what is not there or no such table; names the line.
     """
     name, text = _text_of(path)
+    if refused := refusal(name, text.splitlines()):
+        raise refused
     rows = [
         (line, cells)
         for line, content in enumerate(text.splitlines(), 1)

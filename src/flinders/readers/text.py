@@ -22,12 +22,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
+from flinders.core.samples import ACCOMPANYING, BLOCK, NOTED, Skipped, TimeSpan, added, unanswered
+from flinders.core.silence import silent
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput
 from flinders.readers._clock import Midnights
 from flinders.readers._columns import ColumnsRecording, unit_of, wanted_acceleration, wanted_strength
 from flinders.readers._layout import TextLayout, recognise_layout, sniff, split_records
+from flinders.readers._line_shapes import LineShapes
 from flinders.readers._names import CURRENT, CURRENTS, FIRST, TEMPERATURE, THROTTLE, THROTTLES, TIME, Choice
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._source import File, Progress, Reader, derived, foreign_kind, refuse_foreign, sound
@@ -65,7 +67,6 @@ _CALIBRATION: Final = re.compile(
 UNREADABLE: Final = "unreadable"
 NOT_FINITE: Final = "not finite"
 OTHER: Final = "other"  # Why lines are left out that are none of the dialect
-SHOWN_LINES: Final = 10  # Numbers of lines that are noted, of each reason
 _NO_GAIN: Final = 1024  # INAV's ``maggain`` that changes nothing
 
 
@@ -99,7 +100,7 @@ class TextRecording(ColumnsRecording):
         """Read these columns, in the unit that their names or the user say."""
         own = unit_of(columns, self.source, unit, scale)
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed, clock=columns.clock)
-        layout = replace(self.layout, columns=columns.with_strength_in(own), grid=grid)
+        layout = replace(self.layout, columns=columns.in_given(unit, scale).with_strength_in(own), grid=grid)
         frame = "vehicle" if layout.is_blackbox else self.frame
         return replace(self, layout=layout, unit=own, frame=frame)
 
@@ -191,14 +192,15 @@ class TextRecording(ColumnsRecording):
     @sound
     def _pass(self, columns: Columns) -> Iterator[_Block]:
         """Go over these columns of the file once, noting what is left out, and judge it at the end."""
-        tally, others = Tally(), 0
+        tally, shapes = Tally(), LineShapes()
+        others: tuple[Skipped, ...] = ()
         self.skipped = ()
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed, clock=columns.clock)
-        for lines, rows, usable in self._read(grid, columns):
-            left_out = left_out_of(lines, rows, usable)
+        for lines, read, usable in self._read(grid, columns):
+            rows, left_out = accounted(lines, read, usable, columns, shapes)
             if self.transcription:
-                left_out += (other := self.transcription.others(others))
-                others += sum(entry.rows for entry in other)
+                left_out += self.transcription.others(others)
+                others = self.transcription.others()
             tally.add(rows, usable)
             self.skipped = added(self.skipped, left_out)
             if self.progress:
@@ -241,16 +243,19 @@ class TextRecording(ColumnsRecording):
 
     def _is_all_readings(self, text: str) -> bool:
         """Tell whether lines below the header hold neither that nor a comment; blank lines they may hold."""
+        if self.layout.columns.device is not None:
+            return False
         header_text = self.layout.header_text
         others = (*COMMENTS, header_text) if header_text else COMMENTS
         # one character is found in a tenth of the time that two take
         return not any(other[0] in text and other in text for other in others)
 
     def _usable(self, rows: NumberRows, columns: Columns) -> NDArray[np.bool_]:
-        """Tell which rows have a field that is finite also in `unit.inside`; a time may be missing."""
-        with np.errstate(over="ignore"):
-            usable = np.isfinite(columns.taken(rows.values.T, columns.field) * self.unit.scale)
-        return np.asarray(usable.all(axis=1), dtype=np.bool_)
+        """Tell which rows are a sensor's answer, finite also in `unit.inside`; a time may be missing."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            read = columns.readings(rows.values.T)
+            usable = np.isfinite(read * self.unit.scale).all(axis=1)
+        return np.asarray(usable & ~silent(read), dtype=np.bool_)
 
     def _samples(self, block: _Block) -> Iterator[tuple[Floats, Samples]]:
         """Make samples of the rows that can be used, with the numbers of their lines, `BLOCK` at a time."""
@@ -269,36 +274,33 @@ class Transcription:
 
     def __init__(self, source: Source, dialect: Dialect, encoding: str) -> None:
         self._dialect, self._encoding, self.frame = dialect, encoding, dialect.frame
-        self._others, self._numbers, self._example = 0, list[int](), ""
+        self._others: tuple[Skipped, ...] = ()
         self.table = derived(source, self._rows(source))
 
-    def others(self, before: int = 0) -> tuple[Skipped, ...]:
-        """Account for the lines that are none of the dialect, less so many that are accounted for already."""
-        if self._others <= before:
-            return ()
-        numbers = () if before else tuple(self._numbers)
-        return (Skipped(OTHER, self._others - before, numbers, "" if before else self._example),)
+    def others(self, before: Sequence[Skipped] = ()) -> tuple[Skipped, ...]:
+        """Account for the lines that are none of the dialect, less those that are accounted for already."""
+        known = {entry.reason: entry.rows for entry in before}
+        new = (entry for entry in self._others if entry.rows > known.get(entry.reason, 0))
+        return tuple(
+            replace(entry, rows=entry.rows - known[entry.reason], lines=(), example="")
+            if entry.reason in known
+            else entry
+            for entry in new
+        )
 
     def _rows(self, source: Source) -> Iterator[bytes]:
-        """Yield the rows of each block of lines."""
-        row = self._dialect.row
+        """Yield the rows of each block of lines; a blank one where a line is none, so that these keep their numbers."""
+        row, shapes = self._dialect.row, LineShapes()
         for lines in source.lines(self._encoding):
-            rows = [
-                self._other(lines, place, text) if (cells := row(text)) is None else ",".join(cells)
-                for place, text in enumerate(lines.texts)
-            ]
+            texts, others = lines.texts, list[int]()
+            rows = list[str]()
+            for place, text in enumerate(texts):
+                cells = row(text)
+                rows.append(",".join(cells or ()) if text != ENDS_EARLY else text)
+                if cells is None and text.strip() and text != ENDS_EARLY:
+                    others.append(lines.first + place)
+            self._others = added(self._others, besides(lines, others, shapes, OTHER))
             yield "\n".join([*rows, ""]).encode()
-
-    def _other(self, lines: Lines, place: int, text: str) -> str:
-        """Count a line that is no reading; a blank row takes its place, and rows keep the numbers of their lines."""
-        if text == ENDS_EARLY:
-            return text
-        if text.strip():
-            self._others += 1
-            self._example = self._example or shown(text)
-            if len(self._numbers) < SHOWN_LINES:
-                self._numbers.append(lines.first + place)
-        return ""
 
 
 class Tally:
@@ -333,18 +335,41 @@ class Tally:
             )
 
 
-def left_out_of(lines: Lines, rows: NumberRows, usable: NDArray[np.bool_]) -> tuple[Skipped, ...]:
-    """Account for the rows of a block that cannot be used, and the lines that are none."""
-    accounts = []
-    if not usable.all():
-        gaps = [rows.lines[int(place)] for place in np.flatnonzero(~usable)]
-        accounts.append((NOT_FINITE, gaps, lines.texts[gaps[0] - lines.first]))
+def accounted(
+    lines: Lines, rows: NumberRows, usable: NDArray[np.bool_], columns: Columns, shapes: LineShapes
+) -> tuple[NumberRows, tuple[Skipped, ...]]:
+    """Account for the rows of a block that cannot be used and the lines that are none; drop those that accompany."""
+    unusable = np.flatnonzero(~usable)
+    read = columns.readings(rows.values[unusable].T)
+    is_silent = silent(read)
+    left_out = unanswered(read[is_silent, 0], rows.numbers[unusable[is_silent]])
+    if not is_silent.all():
+        gaps = [rows.lines[int(place)] for place in unusable[~is_silent]]
+        left_out += (_skipped(lines, gaps, NOT_FINITE),)
     if rows.unreadable:
-        accounts.append((UNREADABLE, [line for line, _ in rows.unreadable], rows.unreadable[0][1]))
-    return tuple(
-        Skipped(reason, len(numbers), tuple(numbers[:SHOWN_LINES]), shown(example))
-        for reason, numbers, example in accounts
-    )
+        left_out += besides(lines, [number for number, _ in rows.unreadable], shapes, UNREADABLE)
+        lost = [(number, text) for number, text in rows.unreadable if not shapes.accompanies(text)]
+        rows = replace(rows, unreadable=lost)
+    return rows, left_out
+
+
+def besides(lines: Lines, others: Sequence[int], shapes: LineShapes, reason: str) -> tuple[Skipped, ...]:
+    """Account for the lines of these numbers, which are no readings, for this reason unless they accompany readings."""
+    if not others:
+        return ()
+    texts, known = lines.texts, frozenset(others)
+    for number, text in enumerate(texts, lines.first):
+        if text.strip():
+            shapes.add(text, is_reading=number not in known)
+    own = [number for number in others if shapes.accompanies(texts[number - lines.first])]
+    accounts = {reason: sorted(known.difference(own)), ACCOMPANYING: own}
+    return tuple(_skipped(lines, numbers, why) for why, numbers in accounts.items() if numbers)
+
+
+def _skipped(lines: Lines, numbers: Sequence[int], reason: str) -> Skipped:
+    """An account of the lines of these numbers, which shows the first."""
+    example = lines.texts[numbers[0] - lines.first]
+    return Skipped(reason, len(numbers), tuple(numbers[:NOTED]), shown(example))
 
 
 class _Held(NamedTuple):
@@ -379,7 +404,8 @@ def open_text(
     axes = axes if isinstance(axes, Axes) else Axes.of(axes)
     head = file.head()
     refuse_foreign(file.name, head)
-    laid_out = _laid_out(file, head, partial(sniff, file.name, columns=columns, flat=flat, choice=choice), pattern)
+    sniffed = partial(sniff, file.name, columns=columns, flat=flat, choice=choice)
+    laid_out = _laid_out(file, head, sniffed, pattern, flat)
     table, layout, transcription = laid_out.table, laid_out.layout, laid_out.transcription
     frame = transcription.frame if transcription else "sensor"
     recording = TextRecording(
@@ -403,7 +429,9 @@ class _LaidOut(NamedTuple):
     transcription: Transcription | None = None  # of a file in a dialect
 
 
-def _laid_out(file: Source, head: bytes, lay_out: Callable[..., TextLayout], pattern: str | None) -> _LaidOut:
+def _laid_out(
+    file: Source, head: bytes, lay_out: Callable[..., TextLayout], pattern: str | None, flat: str | None
+) -> _LaidOut:
     """Find how the lines of a file are written; what is no table becomes one."""
     encoding = encoding_of(head)
     beginning = head.decode(encoding, "replace").removeprefix("\ufeff")
@@ -411,17 +439,24 @@ def _laid_out(file: Source, head: bytes, lay_out: Callable[..., TextLayout], pat
     if pattern is None and may_be_glued and (apart := split_records(file, encoding, beginning)):
         file, encoding = apart, "utf-8"
     opening, is_all = file.opening(encoding)
-    dialect, layout = recognise_layout(file.name, opening, lay_out, pattern)
+    every = partial(_lines, file, encoding) if isinstance(file, File) else None
+    dialect, layout = recognise_layout(file.name, opening, lay_out, pattern, flat, every)
     if dialect is not None:
         transcription = Transcription(file, dialect, encoding)
         return _LaidOut(transcription.table, layout, is_all, transcription)
     clock = layout.columns.clock
     if clock and not (clock.is_settled or is_all) and isinstance(file, File):
-        layout = lay_out([*opening, *file.last_lines(encoding)])  # which may tell the day from the month
+        layout = lay_out([*opening, *file.last_lines(encoding)], every=every)  # which may tell the day from the month
     if layout.is_blackbox:
         layout = replace(layout, in_force=calibration_in_force(opening[: layout.start - 1]))
     end = re.search("\r\n|\n|\r", beginning)
     return _LaidOut(file, replace(layout, encoding=encoding, newline=end[0] if end else "\n"), is_all)
+
+
+def _lines(file: File, encoding: str) -> Iterator[str]:
+    """Yield all lines of a file."""
+    for lines in file.lines(encoding):
+        yield from lines.texts
 
 
 def calibration_in_force(above: Sequence[str]) -> str:

@@ -32,7 +32,15 @@ from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.geometry.ellipsoid import upper
 from flinders.report.fit_pages import plane_rows
 from flinders.report.fleet import STATES, about_order, chance, common_unit, when
-from flinders.report.formatting import FINEST, angle, degrees, on_the_point, p_value, with_uncertainty
+from flinders.report.formatting import (
+    FINEST,
+    angle,
+    degrees,
+    on_the_point,
+    p_value,
+    shown_findings,
+    with_uncertainty,
+)
 from flinders.report.terminal import COLOURS, lines, notes, page, styled, table, verdict, whole_columns
 
 if TYPE_CHECKING:
@@ -60,8 +68,8 @@ AGREEMENT: Final = {
 }  # fmt: skip
 """Titles of two calibrations, and of one on another recording."""
 
-UNCHECKED: Final = "NO CHECK"
-"""Of a calibration that agrees with its own recording."""
+UNCHECKED, UNTOLD = "NO CHECK", "CANNOT TELL"
+"""Titles of a calibration that agrees with its own recording, and of one of which a recording tells too little."""
 
 TURNED: Final = (
     "their rotations into the body differ by more than chance explains: the sensor was turned in its mounting, or an "
@@ -107,6 +115,18 @@ def of_comparison(
         limits.insert(0, TURNED)
     blocks = (_differences(comparison), _parameters(comparison), None if strengths is None else _strengths(*strengths))
     return Group(page(*blocks, said), notes(("limits", limit) for limit in limits))
+
+
+def of_untold(known: Fit, fit: Fit, strength: Strength) -> RenderableType:
+    """Lay out what a recording, of which no fit can be used, tells of a known calibration, and why it is not more."""
+    basis = f"{counted(fit.samples, 'reading')}; {fit.method}"
+    words = (
+        f"whether {known.name} holds, as no fit of this recording can be used; corrected, its strength is "
+        f"{strength.mean:.3f} of the field with a spread of {strength.spread:.1%}, where {known.name} was made one of "
+        f"{known.noise / known.ellipsoid.radius:.1%}:"
+    )
+    reasons = ((finding.severity, in_options(finding)) for finding in shown_findings(fit))
+    return Group(page(verdict(UNTOLD, "limited", words, basis)), notes(reasons))
 
 
 def of_evaluation(evaluation: Evaluation) -> RenderableType:
@@ -196,6 +216,7 @@ def _comparison_verdict(comparison: Comparison, fresh: Fit | None, own: Sequence
     is_firm = comparison.is_telling and not limits and not own and not comparison.is_turned
     colour = {"agree": "good" if is_firm else "limited", "differ": "limited", "contradict": "refused"}
     title, words = AGREEMENT[comparison.verdict][fresh is not None], _words(comparison, is_limited=bool(limits))
+    title = UNTOLD if comparison.verdict == "agree" and not comparison.is_telling else title
     if own and comparison.verdict == "agree":
         title = UNCHECKED
         words = "a calibration fits its own readings, however the sensor has changed: this proves nothing"

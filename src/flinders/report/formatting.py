@@ -18,7 +18,7 @@ from flinders.errors import figures
 from flinders.findings import first_causes
 from flinders.findings.row import ANY_ANGLE_DEG, stated
 from flinders.fitting.advice import UPSIDE_DOWN
-from flinders.fitting.verdict import OF_THE_RECORDING
+from flinders.fitting.verdict import OF_THE_RECORDING, improves
 from flinders.likelihood.parameters import TERMS
 
 if TYPE_CHECKING:
@@ -35,6 +35,10 @@ FINEST: Final = 2e-4
 """Of the field: an offset that is rounded to this moves no heading by more than a fiftieth of a degree."""
 SOURCES: Final = {name: term.instrument for name, term in TERMS.items()}
 """What each aiding sensor is called."""
+SMALL: Final = 1e-3
+"""Below it a number of more decimals than `DECIMALS` is written with an exponent, as in tesla."""
+MAX_DIGITS: Final = 9
+"""Behind the point of such a number."""
 DECIMALS: Final = 6
 """Most decimals of a number that is shown with its uncertainty, and those of a matrix with entries about one."""
 
@@ -44,19 +48,29 @@ def with_uncertainty(value: float, sigma: float, *, finest: float = math.inf) ->
 
     Where errors of several numbers cancel, each matters to more digits than its own uncertainty says.
 
-    >>> with_uncertainty(-17.0318, 15.3, finest=0.01)
-    '-17.03 ± 15'
+    >>> with_uncertainty(-17.0318, 15.3, finest=0.01), with_uncertainty(1.2004e-05, 3.9e-08)
+    ('-17.03 ± 15', '1.2004e-05 ± 3.9e-08')
     """
     if not (math.isfinite(sigma) and sigma > 0.0):
         return f"{value:.6g}"
     if max(abs(value), sigma) >= 1e9:
         return f"{value:.6g} ± {sigma:.2g}"
     digits = max(0, 1 - math.floor(math.log10(sigma)))
+    if digits > DECIMALS and max(abs(value), sigma) < SMALL:
+        return _with_exponent(value, sigma, finest)
     if digits > DECIMALS:
         return f"{value:.{DECIMALS}f} ± {sigma:.1g}"
     more = max(digits, min(DECIMALS, math.ceil(-math.log10(finest)))) if 0.0 < finest < math.inf else digits
     shown = round(value, more) + 0.0
     return f"{shown:.{more}f} ± {sigma:.{digits}f}"
+
+
+def _with_exponent(value: float, sigma: float, finest: float) -> str:
+    """Write a small number to as many digits as `with_uncertainty`."""
+    last = min(math.floor(math.log10(sigma)) - 1, math.floor(math.log10(finest)) if 0.0 < finest < math.inf else 0)
+    size = max(abs(value), 10.0 ** (last + 1))
+    digits = min(max(math.floor(math.log10(size)) - last, 1), MAX_DIGITS)
+    return f"{value + 0.0:.{digits}e} ± {sigma:.1e}"
 
 
 def degrees(angle: float) -> str:
@@ -200,6 +214,7 @@ def aligned(*rows: Sequence[str]) -> list[list[str]]:
 def summary(fit: Fit) -> str:
     """How good a calibration is, how far off the compass was and will be, in two sentences."""
     good = "is good" if fit.verdict == "good" else "can be used, with limits"
+    good = good if improves(fit) else "makes headings no better"
     error = fit.heading_error_deg
     with_it = f"with it, by {degrees(error.rms)} on average and by {degrees(error.worst)} at the worst heading"
     return f"The calibration {good}. Without it headings are off by {uncorrected(fit)}; {with_it}."

@@ -21,6 +21,7 @@ from flinders.errors import counted, figures
 from flinders.findings import CATALOGUE, REFUSALS, limit_of
 from flinders.fitting.advice import UPSIDE_DOWN, remedy, unseen_side
 from flinders.fitting.result import TILTS, Fit, fit_of
+from flinders.fitting.verdict import improves
 from flinders.report.formatting import (
     aligned,
     as_sentence,
@@ -77,6 +78,7 @@ def _of_fit(fit: Fit) -> dict[str, Any]:
         "offsets": [(axis, value.rstrip()) for axis, value in zip("xyz", offsets, strict=True)],
         "matrix": [(axis, "   ".join(row)) for axis, row in zip("xyz", rows, strict=True)],
         "mounting": mounting(fit).replace(" (1 σ)", ""),
+        "improves": improves(fit),
         "uncorrected": uncorrected(fit),
         "upside_down": UPSIDE_DOWN,
         "tilt": next((tilt for tilt in TILTS if tilt > fit.attitude_limit_deg), UPSIDE_DOWN),
@@ -118,7 +120,7 @@ def _read(outcome: Fit | FitError, fit: Fit | None, provenance: Provenance) -> l
         more = f"; and {counted(len(runs) - RUNS, 'more run')}" if len(runs) > RUNS else ""
         items.append(f"Left out, as they do not belong to the rest: {'; '.join(runs[:RUNS])}{more}.")
     findings = fit.findings if fit else ()
-    items += [as_sentence(finding.advice) for finding in findings if finding.code == "skipped-rows"]
+    items += [as_sentence(finding.advice) for finding in findings if finding.code in ("no-answer", "skipped-rows")]
     return [*items, *(f"Left out: {entry}." for entry in getattr(outcome, "skipped", ()))]
 
 

@@ -16,7 +16,7 @@ from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label, unit_of_the_e
 from flinders.diagnostics.unmoved import require_moved
 from flinders.errors import FitError, InputError, Unmoved, counted, figures
 from flinders.fitting.calibrate import fit
-from flinders.readers._likeness import likeness
+from flinders.readers._likeness import likeness, looks_like
 from flinders.readers._names import meaning
 from flinders.report.formatting import written_time
 from flinders.report.terminal import facts, page
@@ -66,6 +66,7 @@ class RecordedSensor:
     highest: tuple[float, ...] = ()
     stored: str = ""  # the calibration that was in force, in words
     is_as_logged: bool = False  # that was left on
+    is_raw: bool = False  # readings were logged before it, so that there is nothing to remove
     auxiliary: tuple[str, ...] = ()  # columns recorded with it, such as time and acceleration
     unmoved: str = ""  # why the sensor was hardly turned, in words; nothing where it was
     coverage: float | None = None  # of all directions; None where no ellipsoid fits, or the sensor was hardly turned
@@ -101,6 +102,7 @@ class RecordedSensor:
             highest=tuple((-health.highs.values).tolist()),
             stored="" if instrument.stored is None else instrument.stored.words,
             is_as_logged=instrument.as_logged,
+            is_raw=instrument.stored is not None and not instrument.stored.applied,
             auxiliary=watched.auxiliary,
             unmoved=unmoved,
             coverage=coverage,
@@ -294,7 +296,8 @@ def _sensor_block(sensor: RecordedSensor, site: SiteField | None) -> RenderableT
         return _block(title, known, [], doubts=sensor.notes)
     rows = [("readings", _readings(sensor))]
     if sensor.stored:
-        rows.append(("on board", f"{sensor.stored}; {'left on' if sensor.is_as_logged else 'removed here'}"))
+        became = "logged raw, before it" if sensor.is_raw else "left on" if sensor.is_as_logged else "removed here"
+        rows.append(("on board", f"{sensor.stored}; {became}"))
     ends = zip("xyz", sensor.lowest, sensor.highest, strict=True)
     rows.append(("range", "   ".join(f"{axis} {figures(low, 3)} to {figures(high, 3)}" for axis, low, high in ends)))
     if sensor.coverage is not None:
@@ -345,9 +348,7 @@ def _of_values(sensor: RecordedSensor) -> list[str]:
     """What is odd about the values of a sensor that was turned."""
     doubts = []
     if sensor.likeness:
-        names = sensor.name.removeprefix("columns ").replace(", ", ",")
-        option = f"--columns {shlex.quote(names)}"
-        doubts.append(f"these look like {sensor.likeness}: if a magnetometer recorded them after all, add {option}")
+        doubts.append(looks_like(sensor.likeness, sensor.name.removeprefix("columns ").replace(", ", ",")))
     if sensor.repeats > STALE * sensor.readings:
         doubts.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
     if sensor.rails:

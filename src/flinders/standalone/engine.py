@@ -42,10 +42,12 @@ if TYPE_CHECKING:
 
 NAMES: Final = frozenset(
     {
-        "again", "alternating_deg", "alternating_limit", "attitudes", "axis_lag", "axis_ratio", "backward_steps",
+        "again", "alternating_deg", "alternating_limit", "at_rest_share", "attitudes", "axis_lag", "axis_ratio",
+        "backward_steps",
         "correlation", "covered", "distinct", "drift", "drift_allowed_deg", "drift_by_chance", "drift_deg", "farthest",
         "field_strength", "flatness", "flatness_limit", "halves", "hole_deg", "independent", "independent_needed",
-        "independent_readings", "independent_share", "inflation", "is_in_counts", "is_planar", "is_relative",
+        "independent_readings", "independent_share", "inflation", "intervals", "is_in_counts", "is_planar",
+        "is_relative",
         "is_unaligned", "lag_deg", "leave", "length", "longest_step_s", "movement", "nearest_earth", "next_correlation",
         "noise_lasts", "noise_share", "nonlinear_axis", "nonlinear_deg", "nonlinear_share", "nothing", "often",
         "outlier_share", "outliers", "path_correlation", "prior_share", "radius", "rail_share", "rails", "remedy",
@@ -86,7 +88,7 @@ NUMBERS: Final = {
     **_of(calibrate, "LOOKED_AT SWAP_LAG_ONE"),
     **_of(path_planning, "FLAT STEPS THINNED", "PATH_"),
     **_of(path_planning, "BEAM READINGS_PER_DEG NEAREST_DEG FARTHEST_DEG DEPARTURE ARC_DEG ROUGHEST"),
-    **_of(axis_swap, "FEWEST BROKEN LIKE GAIN MOST", "SWAP_"),
+    **_of(axis_swap, "FEWEST BROKEN LIKE GAIN MOST_NOISE LEAST_EVIDENCE MOST", "SWAP_"),
     **_of(shrinkage, "PROBABLE FARTHEST UNKNOWN"),
     **_of(unmoved, "FEWEST ROUNDING", "UNMOVED_"),
     **_of(unmoved, "NARROW TAILS NARROW_BALL TAILS_BALL BALL NEAR CLOSE FILLED POINT"),

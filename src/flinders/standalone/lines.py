@@ -13,25 +13,39 @@ import dataclasses
 import re
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.core import units
+from flinders.core import silence, units
 from flinders.live import transcript
-from flinders.readers import READERS, _clock, _columns, _heading, _layout, _likeness, _names, _source, _tokenizer
-from flinders.readers.dialects import json_records, labelled, marked, wrapped
+from flinders.readers import (
+    READERS,
+    _clock,
+    _columns,
+    _devices,
+    _heading,
+    _layout,
+    _likeness,
+    _names,
+    _source,
+    _tokenizer,
+)
+from flinders.readers.dialects import influx, json_records, labelled, marked, wrapped
 
 if TYPE_CHECKING:
     from types import ModuleType
 
 MODULES: Final = {
     "units": units,
+    "silence": silence,
     "names": _names,
     "tokenizer": _tokenizer,
     "clock": _clock,
     "columns": _columns,
     "heading": _heading,
     "likeness": _likeness,
+    "devices": _devices,
     "layout": _layout,
     "marked": marked,
     "json": json_records,
+    "influx": influx,
     "wrapped": wrapped,
     "labelled": labelled,
     "transcript": transcript,

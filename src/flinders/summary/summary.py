@@ -99,12 +99,17 @@ class Summary:
 
     @property
     def statistics(self) -> Statistics:
-        """What a verdict asks of the recording."""
+        """What a verdict asks of the recording, where each reading counts."""
         health = self.health
         return Statistics(
             rows=health.rows,
             repeats=health.repeats,
             distinct=health.distinct,
+            rests=0,
+            at_rest=0,
+            fitted=health.rows,
+            fitted_repeats=health.repeats,
+            fitted_distinct=health.distinct,
             path_correlation=health.path.correlation(self.moments.spread),
             extent=float(health.extent.max()),
             principal_variances=self.moments.principal_variances,
@@ -215,6 +220,11 @@ class Statistics:
     rows: int  #: usable readings
     repeats: int  #: readings equal to the one before in all three axes
     distinct: int  #: different readings
+    rests: int  #: intervals in which the direction stands still
+    at_rest: int  #: usable readings of these
+    fitted: int  #: readings with each rest as one, which a fit goes by; of them …
+    fitted_repeats: int  #: … those equal to the one before, …
+    fitted_distinct: int  #: … and different ones
     path_correlation: float  #: of one reading with the next
     extent: float  #: range of the axis that ranges farthest
     principal_variances: Floats  #: (3,): variances along the principal axes, ascending
@@ -222,6 +232,7 @@ class Statistics:
     step: float  #: of the coarsest axis that is read in coarse steps; 0 where none is
     clock: TimeStamps  #: what the time stamps say
     skipped: tuple[Skipped, ...]  #: rows left out while reading
+    doubt: str = ""  #: what the readings look like, if not like a magnetometer's, where nobody says that they are
 
     @classmethod
     def of_record(cls, record: Records, time: Floats | None = None, skipped: tuple[Skipped, ...] = ()) -> Self:
@@ -245,6 +256,11 @@ class Statistics:
             rows=int(record["rows"]),
             repeats=int(record["repeats"]),
             distinct=int(record["distinct"]),
+            rests=int(record["rests"]),
+            at_rest=int(record["at_rest"]),
+            fitted=int(record["fitted"]),
+            fitted_repeats=int(record["fitted_repeats"]),
+            fitted_distinct=int(record["fitted_distinct"]),
             path_correlation=float(record["path_correlation"]),
             extent=float((record["highest"] - record["lowest"]).max()),
             principal_variances=record["principal_variances"],

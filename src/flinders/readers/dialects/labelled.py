@@ -21,8 +21,29 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 import numpy as np
 
 from flinders.core.units import COUNTS
-from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, magnetometers, meaning, vectors
-from flinders.readers._tokenizer import COMMENTS, QUANTITY, cut, is_labelled, like, names_of
+from flinders.errors import NoMagnetometer
+from flinders.readers._names import (
+    ACCELERATION,
+    FIELD,
+    RATE,
+    TEMPERATURE,
+    TIME,
+    clearness,
+    magnetometers,
+    meaning,
+    vectors,
+)
+from flinders.readers._tokenizer import (
+    COMMENTS,
+    QUANTITY,
+    cut,
+    is_labelled,
+    label_of,
+    like,
+    names_of,
+    pattern_of,
+    shown,
+)
 from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:
@@ -46,6 +67,9 @@ PLAIN: Final = ("x", "y", "z")
 WORDS: Final = "labelled lines"
 LEAST_TURNS, MANY_TURNS = 8, 24
 """Lines from which on steps, and strengths, show whether they are of several sensors in turn."""
+MAX_LABELS: Final = 6  # Labels of one kind of lines that are sensors; of more, some word in the lines varies
+MIN_ROWS: Final = 10  # Lines from which on a column shows that it is a clock, a counter or constant
+EVEN: Final = 2.0  # Ratio of the largest step of a clock or a counter to its smallest
 UNEVEN: Final = 2.0  # Ratio of the median strengths of such sensors
 ALIKE: Final = 0.3  # Step to a line of the same sensor, as a share of that to the next line, below which they are
 
@@ -54,6 +78,8 @@ class _Printed(NamedTuple):
     """One line, cut."""
 
     kind: Kind
+    label: str  # the words before and between its numbers
+    text: str
     numbers: list[str]
     gaps: tuple[str, ...]
     is_labelled: bool
@@ -86,6 +112,7 @@ class Labelled(Dialect):
     kinds: dict[Kind, int]  # those that are read, and where the numbers of each stand in the row
     closing: Kind  # the one that ends a reading
     needed: frozenset[int]  # places in the row without which there is no reading
+    labels: dict[Kind, str] = field(default_factory=dict)  # of each kind, where it has one and no other
     has_headings: bool = False  # labels stand in lines of their own above the numbers
     signs: tuple[str, ...] | None = None  # what stands before and between the numbers, where that alone is known
     _heading: _Heading = field(default_factory=_Heading, init=False)
@@ -99,9 +126,9 @@ class Labelled(Dialect):
         """Take the numbers of a line by its kind; a reading where that ends one."""
         if self._quick and not self._heading.label and (match := self._quick.fullmatch(line)):
             return match.groups()
-        line = self._heading.joined(line)
+        line = self._heading.joined(line) if self.has_headings else line
         if not line:
-            return () if self.has_headings else None
+            return ()
         numbers, gaps = cut(line) if len(line) <= LONGEST else ([], ())
         kind = self._kind(gaps)
         if kind is None:
@@ -119,30 +146,37 @@ class Labelled(Dialect):
     def _kind(self, gaps: tuple[str, ...]) -> Kind | None:
         """Tell the kind of a line by what stands between its numbers; None for one that is not read."""
         kind = names_of(gaps) if len(gaps) > 1 else ()
-        return kind if kind in self.kinds and self.signs in (None, gaps[:-1]) else None
+        if kind not in self.kinds or self.signs not in (None, gaps[:-1]):
+            return None
+        return kind if kind not in self.labels or self.labels[kind] == label_of(gaps) else None
 
 
 def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     """Find lines whose labels name a magnetometer; unless `marked`, also three numbers between any words."""
     lines = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS) and len(line) <= LONGEST]
+    every = list(map(_printed, lines))
     heading = _Heading()
-    every = [_printed(joined) for line in lines if (joined := heading.joined(line))]
+    headed = [_printed(joined) for line in lines if (joined := heading.joined(line))]
+    if has_headings := _has_headings(every, headed):
+        every = headed
     of_three = Counter(each.kind for each in every if len(each.numbers) >= len(PLAIN))
     enough = OFTEN * max(of_three.values(), default=0)
     printed = [each for each in every if each.numbers and not each.is_setting and not (each.is_plain and not marked)]
     counts = Counter(each.kind for each in printed)
     labelled = list(dict.fromkeys(each.kind for each in printed if each.is_labelled or not marked))
-    closing = _magnetometer([kind for kind in labelled if counts[kind] >= enough], counts)
+    often = [kind for kind in labelled if counts[kind] >= enough]
+    closing = _magnetometer([kind for kind in often if _may_be_readings(kind, [kind], printed)], counts)
     if closing is not None and counts[closing] < LEAST_SHARE * of_three.total():
         return None
     if closing is None:
-        often = max(OFTEN * max((counts[kind] for kind in labelled if any(kind)), default=0), enough)
-        dialect = _axis_by_axis([kind for kind in labelled if counts[kind] >= often])
+        least = max(OFTEN * max((counts[kind] for kind in labelled if any(kind)), default=0), enough)
+        dialect = _axis_by_axis([kind for kind in labelled if counts[kind] >= least], printed)
     else:
         dialect = _line_by_line(closing, counts, printed)
     if dialect is None:
-        return None if marked else _by_place(printed, max(enough, OFTEN * len(lines)))
-    dialect.has_headings = 2 * sum(map(_is_heading, lines)) > counts[dialect.closing]
+        return None if marked else _by_place(printed, enough, every)
+    dialect.has_headings = has_headings
+    dialect.labels = _labels(dialect, printed)
     return dialect
 
 
@@ -151,11 +185,77 @@ def _is_heading(line: str) -> bool:
     return len(line) <= LONGEST and line.rstrip().endswith(":") and not cut(line)[0]
 
 
+def _has_headings(every: Sequence[_Printed], headed: Sequence[_Printed]) -> bool:
+    """Tell whether labels stand in lines of their own above the numbers: often, several or known ones."""
+    headings = [each.text for each in every if _is_heading(each.text)]
+    counts = Counter(each.kind for each in every if any(each.kind))
+    if 2 * len(headings) <= max(counts.values(), default=0):
+        return False
+    alone = {each.kind for each in every}
+    is_known = any(meaning(name).kind for each in headed if each.kind not in alone for name in each.kind)
+    return is_known or len(set(headings)) > 1
+
+
 def _printed(line: str) -> _Printed:
     numbers, gaps = cut(line)
     is_plain = set(gaps) <= DELIMITERS and "0x" not in line.casefold()
     is_setting = _SETTING.search(gaps[0]) is not None
-    return _Printed(names_of(gaps) if numbers else (), numbers, gaps, is_labelled(gaps), is_plain, is_setting)
+    kind = names_of(gaps) if numbers else ()
+    return _Printed(kind, label_of(gaps), line, numbers, gaps, is_labelled(gaps), is_plain, is_setting)
+
+
+def _labels(dialect: Labelled, printed: Sequence[_Printed]) -> dict[Kind, str]:
+    """Find the label of each kind that is read; NoMagnetometer where the magnetometer's has those of several sensors.
+
+    Another kind with several labels is left out.
+    """
+    labels = dict[Kind, str]()
+    for kind in list(dialect.kinds):
+        every = Counter(each.label for each in printed if each.kind == kind)
+        often = [label for label, count in every.items() if count >= SELDOM * every.total()]
+        if not 0 < len(often) <= MAX_LABELS:
+            continue
+        labels[kind] = often[0]
+        if len(often) == 1:
+            continue
+        if kind == dialect.closing or dialect.needed.intersection(_places(dialect, kind)):
+            lines = [next(each.text for each in printed if (each.kind, each.label) == (kind, label)) for label in often]
+            raise NoMagnetometer(
+                f"labels before {', '.join(kind)} tell of several sensors (such as {shown(lines[0])!r} and "
+                f"{shown(lines[1])!r}): keep the lines of the magnetometer, or say which they are with "
+                f"pattern={pattern_of(lines[0])!r}"
+            )
+        del dialect.kinds[kind]
+    return labels
+
+
+def _places(dialect: Labelled, kind: Kind) -> range:
+    """Where the numbers of a kind stand in the row."""
+    return range(dialect.kinds[kind], dialect.kinds[kind] + len(kind))
+
+
+def _may_be_readings(names: Kind, kinds: Sequence[Kind], printed: Sequence[_Printed]) -> bool:
+    """Tell whether the numbers of these kinds may be a magnetometer's, unless their names say so.
+
+    None of three axes is a clock or a counter, nor are all constant where no label tells the axes.
+    """
+    fields = magnetometers(names)
+    known = meaning(names[fields[0].cells[0]]) if fields else None
+    if known is None or clearness(known.rank) == 0:
+        return True
+    columns = [
+        column
+        for kind in kinds
+        for column in zip(*(each.numbers for each in printed if each.kind == kind), strict=True)
+    ]
+    axes = [np.array(columns[cell], float) for cell in fields[0].cells]
+    return not any(map(_counts, axes)) and (known.is_bare or any(map(np.ptp, axes)) or len(axes[0]) < MIN_ROWS)
+
+
+def _counts(values: Floats) -> bool:
+    """Tell whether a column rises in even steps, as a clock or a counter does."""
+    steps = np.diff(values[np.isfinite(values)])
+    return len(steps) >= MIN_ROWS - 1 and bool(0 < steps.max() <= EVEN * steps.min())
 
 
 def _magnetometer(kinds: Sequence[Kind], counts: Counter[Kind]) -> Kind | None:
@@ -194,11 +294,11 @@ def _line_by_line(closing: Kind, counts: Counter[Kind], printed: Sequence[_Print
     return Labelled(WORDS, names, kinds, turns[-1], frozenset(range(last, last + len(turns[-1]))))
 
 
-def _axis_by_axis(kinds: Sequence[Kind]) -> Labelled | None:
+def _axis_by_axis(kinds: Sequence[Kind], printed: Sequence[_Printed]) -> Labelled | None:
     """Put lines together that have an axis each; that of z ends the reading."""
     names = tuple(name for kind in kinds for name in kind)
     fields = magnetometers(names)
-    if not fields:
+    if not fields or not _may_be_readings(names, kinds, printed):
         return None
     starts = {kind: sum(map(len, kinds[:place])) for place, kind in enumerate(kinds)}
     last = fields[0].cells[-1]
@@ -206,14 +306,25 @@ def _axis_by_axis(kinds: Sequence[Kind]) -> Labelled | None:
     return Labelled(WORDS, names, starts, closing, frozenset(fields[0].cells))
 
 
-def _by_place(printed: Sequence[_Printed], enough: float) -> Labelled | None:
-    """Take the lines of three numbers, or of four of which the first is the time, whatever stands between them."""
+def _by_place(printed: Sequence[_Printed], enough: float, every: Sequence[_Printed]) -> Labelled | None:
+    """Take the lines of three numbers, or of four of which the first is the time, whatever stands between them.
+
+    They are half of `every` line but those that come back with them.
+    """
     alike = Counter((each.kind, each.gaps[:-1]) for each in printed if _says_nothing(each.kind))
     (kind, signs), count = max(alike.items(), key=lambda counted: counted[1], default=(((), ()), 0))
-    if not count or count < enough or sum(other > OFTEN * count for other in alike.values()) > 1:
+    beside = Counter(each.gaps for each in every if len(each.numbers) < len(PLAIN)).values()
+    rest = len(every) - sum(lines for lines in beside if lines >= OFTEN * count)
+    if not count or count < max(enough, OFTEN * rest) or sum(other > OFTEN * count for other in alike.values()) > 1:
         return None
     rows = [each.numbers for each in printed if (each.kind, each.gaps[:-1]) == (kind, signs)]
-    if _alternates(np.array(rows, float)):
+    values = np.array(rows, float)
+    axes = values[:, -len(PLAIN) :].T
+    if (
+        _alternates(values)
+        or any(map(_counts, axes))
+        or (len(rows) >= MIN_ROWS and sum(np.ptp(axis) != 0 for axis in axes) < 2)
+    ):
         return None
     names = _timed(kind, rows)
     if len(kind) != len(PLAIN) and meaning(names[0]).kind != TIME:

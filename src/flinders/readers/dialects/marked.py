@@ -1,10 +1,11 @@
-r"""Lines whose beginning says what is in them, as four programs write them; each is a row of data here.
+r"""Lines whose beginning says what is in them, as programs write them; each is a row of data here.
 
 MotionCal and Adafruit's sketches print ``Raw:`` with nine counts (g/8192, °/s/16, µT/10), and ``Uni:`` in m/s², rad/s
 and µT. magcc sends datagrams ``|…*`` at UDP port 50100: time, acceleration, rate, field, roll, pitch, yaw. Paparazzi
 logs ``t ac_id IMU_MAG_RAW x y z``, with the number of a sensor before x where there are several (seen in no log), or
 ``IMU_MAG_CURRENT_CALIBRATION`` with a current; the first aircraft and its first magnetometer are read. Replays of
 PX4's estimator have ``time_us,mag,x,y,z`` in gauss, corrected on board and in the axes of the vehicle, after ``imu``.
+VectorNav prints ``$VNYMR`` and its kin in gauss, m/s² and rad/s (user manuals of VN-100 and VN-200).
 
 Sources: PaulStoffregen/MotionCal ``portlist.cpp`` and ``visualize.c``; Adafruit AHRS ``calibration.ino``; Paparazzi
 ``sw/tools/calibration/calibration_utils.py``; PX4-ECL ``test/sensor_simulator/sensor_simulator.cpp``.
@@ -49,7 +50,10 @@ PAPARAZZI: Final = re.compile(
     r"(?P<values>(?: .*)?)"
 )
 REPLAY: Final = re.compile(r"(?P<time>\d+),(?P<mark>mag|imu|baro|gps|landed|airspeed|flow|vio|range),(?P<values>.*)")
-SIGN: Final = re.compile(r"\b(?:Raw|Uni)\b|\|.*\*|\bIMU_MAG_|^\s*\d+,(?:mag|imu),", re.IGNORECASE)
+VECTORNAV: Final = re.compile(
+    r"(?P<time>)(?:.* -> )?\s*\$(?P<mark>VN[A-Z]{3}),(?P<values>[-+.\d]+(?:,[-+.\d]+)*)\s*(?:\*[0-9A-Fa-fX]{2,4})?"
+)
+SIGN: Final = re.compile(r"\b(?:Raw|Uni)\b|\|.*\*|\bIMU_MAG_|^\s*\d+,(?:mag|imu),|\$VN[A-Z]{3},", re.IGNORECASE)
 """What a line of one of the programs holds."""
 GLUED: Final = re.compile(r"^\s*\|(?:[^|*,\n]+,){12}[^|*,\n]+\*[^\S\n]*\|", re.MULTILINE)
 """Datagrams of magcc without the end of a line between them."""
@@ -118,11 +122,27 @@ _REPLAY: Final = Marked(
     auxiliary="imu",
     share=0.9,
 )
+_INERTIAL: Final = ("accel_* (m/s2)", "gyro_* (rad/s)")
+_ATTITUDES: Final = {"Y": ("yaw (deg)", "pitch (deg)", "roll (deg)"), "Q": ("qx", "qy", "qz", "qw")}
+_VECTORNAV: Final = tuple(
+    Marked("sentences of VectorNav", names, line=VECTORNAV, mark=f"VN{mark}")
+    for mark, names in {
+        "IMU": (*_names("mag_* (G)", *_INERTIAL), "temperature (C)", "pressure (kPa)"),
+        "CMV": (*_names("mag_* (G)", *_INERTIAL), "temperature (C)"),
+        "YMR": (*_ATTITUDES["Y"], *_names("mag_* (G)", *_INERTIAL)),
+        "QMR": (*_ATTITUDES["Q"], *_names("mag_* (G)", *_INERTIAL)),
+        "MAR": _names("mag_* (G)", *_INERTIAL),
+        "QMA": (*_ATTITUDES["Q"], *_names("mag_* (G)", _INERTIAL[0])),
+        "QTM": (*_ATTITUDES["Q"], *_names("mag_* (G)")),
+        "MAG": _names("mag_* (G)"),
+    }.items()
+)
+"""The rawest first: the field of ``VNIMU`` is before the calibration on board."""
 
 
 def recognise(lines: list[str]) -> Marked | None:
     """Find lines of one of the programs among others; ``Raw:`` before ``Uni:``, which says the same in fewer digits."""
-    for dialect in (_RAW, _UNI, _MAGCC):
+    for dialect in (_RAW, _UNI, _MAGCC, *_VECTORNAV):
         rows = [cells for line in lines if (cells := replace(dialect, counts=()).row(line))]
         if rows:
             return (

@@ -37,8 +37,14 @@ STAMP: Final = re.compile(
 )
 """The time that a serial monitor, a logger or an operating system puts before a line."""
 MOST: Final = 0.6  # share of lines that have to have a stamp
+SOME: Final = 0.1  # the same, where lines are no table and in no dialect either
 LETTERED_WORD: Final = re.compile(r"(?<![\w.+-])(?=\d*[a-fA-F])[0-9a-fA-F]{4,8}(?![\w.])")
-WORDS: Final = {digits: re.compile(rf"(?<![\w.+-])[0-9a-fA-F]{{{digits}}}(?![\w.])") for digits in (4, 6, 8)}
+SIGNED: Final = (4, 6, 8)  # digits of words of 16, 24 and 32 bits
+WORDS: Final = {
+    **{digits: re.compile(rf"(?<![\w.+-])[0-9a-fA-F]{{{digits}}}(?![\w.])") for digits in SIGNED},
+    0: re.compile(r"(?<![\w.+-])[0-9a-fA-F]{1,8}(?![\w.])"),
+}
+_BETWEEN: Final = re.compile(r"[\s,;]+")
 LEAST: Final = 3  # hexadecimal words in a line with a reading
 LETTERED: Final = 0.3  # share of the lines with as many words that have to hold a letter
 
@@ -72,19 +78,22 @@ class Hexadecimal(Dialect):
     """Lines whose last words, so many of so many digits, are hexadecimal numbers."""
 
     inner: Dialect
-    digits: int
+    digits: int  # of each; 0 where they differ
     count: int
+    is_table: bool  # `inner` takes them as decimal numbers, and not with ``0x``
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Take a line, its words marked as hexadecimal."""
-        return self.inner.row(_marked(line, self.digits, self.count))
+        """Take a line with its words as `inner` reads them."""
+        return self.inner.row(_written(line, self.digits, self.count, in_decimals=self.is_table))
 
 
-def stamped(lines: list[str], behind: Recognise, table: Recognise, *, marked: bool = True) -> Stamped | None:
-    """Find stamps before most lines; if `marked`, before a `table` only with a sign such as ``->`` behind them."""
+def stamped(
+    lines: list[str], behind: Recognise, table: Recognise, *, marked: bool = True, share: float = MOST
+) -> Stamped | None:
+    """Find stamps before a share of lines; if `marked`, before a `table` only with a sign as ``->`` behind them."""
     filled = [line for line in lines if line.strip()]
     stamps = [stamp for line in filled if (stamp := STAMP.match(line))]
-    if not stamps or len(stamps) < MOST * len(filled):
+    if not stamps or len(stamps) < share * len(filled):
         return None
     marks = {stamp["mark"] for stamp in stamps}
     if marked and marks & {",", ";", "\t"}:
@@ -96,17 +105,27 @@ def stamped(lines: list[str], behind: Recognise, table: Recognise, *, marked: bo
     return Stamped(f"time stamps before {inner.words}", ("time (s)", *inner.names), inner, order_of(stamps)[0])
 
 
-def hexadecimal(lines: list[str], behind: Recognise) -> Hexadecimal | None:
-    """Find lines of three words of one length that only hexadecimal digits explain."""
+def hexadecimal(lines: list[str], behind: Recognise, table: Recognise) -> Hexadecimal | None:
+    """Find lines of three words of one length that only hexadecimal digits explain, or such rows of any lengths."""
+    bare = [words for line in lines if len(words := _BETWEEN.split(line.strip())) >= LEAST and _are_words(words)]
     for digits, word in WORDS.items():
-        rows = [words for line in lines if len(words := word.findall(line)) >= LEAST]
+        rows = [words for line in lines if len(words := word.findall(line)) >= LEAST] if digits else bare
         lettered = [words for words in rows if not all(map(str.isdigit, words))]
-        if lettered and len(lettered) >= LETTERED * len(rows):
-            count = _hexadecimal_words(rows)
-            inner = behind([_marked(line, digits, count) for line in lines])
-            spoken = f"hexadecimal words in {inner.words}" if inner else ""
-            return Hexadecimal(spoken, inner.names, inner, digits, count) if inner else None
+        if not lettered or len(lettered) < LETTERED * len(rows) or len(rows) < MOST * len(bare):
+            continue
+        count = _hexadecimal_words(rows)
+        inner = table([_written(line, digits, count, in_decimals=True) for line in lines])
+        if inner is not None:
+            return Hexadecimal(f"hexadecimal words in {inner.words}", inner.names, inner, digits, count, is_table=True)
+        inner = behind([_written(line, digits, count) for line in lines]) if digits else None
+        spoken = f"hexadecimal words in {inner.words}" if inner else ""
+        return Hexadecimal(spoken, inner.names, inner, digits, count, is_table=False) if inner else None
     return None
+
+
+def _are_words(words: list[str]) -> bool:
+    """Tell whether cells are hexadecimal words and nothing else."""
+    return all(map(WORDS[0].fullmatch, words))
 
 
 def _hexadecimal_words(rows: list[list[str]]) -> int:
@@ -120,9 +139,20 @@ def _hexadecimal_words(rows: list[list[str]]) -> int:
     return count
 
 
-def _marked(line: str, digits: int, count: int) -> str:
-    """Put ``0x`` before the last words of so many digits."""
+def _written(line: str, digits: int, count: int, *, in_decimals: bool = False) -> str:
+    """Put ``0x`` before the last words of so many digits, or write them as decimal numbers."""
     words = list(WORDS[digits].finditer(line))
     for word in reversed(words[-count:] if len(words) >= count else []):
-        line = f"{line[: word.start()]}0x{line[word.start() :]}"
+        value = _signed(word[0]) if in_decimals else f"0x{word[0]}"
+        line = f"{line[: word.start()]}{value}{line[word.end() :]}"
     return line
+
+
+def _signed(word: str) -> int:
+    """The two's complement of a word of 16, 24 or 32 bits; a shorter one, which lacks its zeros, is positive.
+
+    >>> _signed("FEBF"), _signed("13B"), _signed("FFFFFEBF")
+    (-321, 315, -321)
+    """
+    value, bits = int(word, 16), 4 * len(word)
+    return value - (1 << bits) if len(word) in SIGNED and value >> (bits - 1) else value

@@ -13,7 +13,7 @@ export class Clock {
      * @param {readonly number[]} cells Of dates and of times of day; the seconds stand in place of the last.
      */
     constructor(rules, rows, cells) {
-        const found = rows.flatMap((row) => matched(rules, joined(row, cells)) ?? []);
+        const found = rows.map((row) => matched(rules, joined(row, cells))).filter((parts) => parts !== null);
         this.rules = rules;
         this.cells = cells;
         this.cell = cells[cells.length - 1];
@@ -60,7 +60,7 @@ export function clocksOf(rules, rows, places) {
     const clocks = [];
     for (const place of places) {
         const filled = rows.flatMap((row) => (row[place]?.trim() ? [row[place]] : []));
-        const found = filled.flatMap((text) => matched(rules, text) ?? []);
+        const found = filled.map((text) => matched(rules, text)).filter((parts) => parts !== null);
         if (!found.length || found.length < rules.ENOUGH * filled.length) continue;
         if (found[0].hour === undefined) days.push(place);
         else if (found[0].first || found[0].month) clocks.push(new Clock(rules, rows, withFraction(rules, rows, [place])));

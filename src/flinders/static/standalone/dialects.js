@@ -6,6 +6,7 @@
 
 import { orderOf, secondsOf } from "./clocks.js";
 import { ahead, counted, every, largest, median, whole } from "./patterns.js";
+import { Unreadable } from "./tables.js";
 
 /** @typedef {import("./names.js").Names} Names */
 /** @typedef {import("./patterns.js").Constants} Constants */
@@ -27,6 +28,8 @@ import { ahead, counted, every, largest, median, whole } from "./patterns.js";
  * A line with labels, cut.
  * @typedef {object} Printed
  * @property {string} kind Names of its numbers, one a line; lines of one kind have the same.
+ * @property {string} label The words before and between its numbers.
+ * @property {string} text
  * @property {string[]} names
  * @property {string[]} numbers
  * @property {string[]} gaps
@@ -90,7 +93,7 @@ class Marked {
  * @returns {Dialect | null}
  */
 export function marked(prints, rules, lines) {
-    for (const form of [rules._RAW, rules._UNI, rules._MAGCC]) {
+    for (const form of [rules._RAW, rules._UNI, rules._MAGCC, ...rules._VECTORNAV]) {
         const counts = new Marked(prints, { ...form, counts: [] });
         const rows = lines.map((line) => counts.row(line)).filter((row) => row?.length);
         if (!rows.length) continue;
@@ -223,11 +226,89 @@ function written(value) {
     return value === null || value === undefined ? "" : String(value);
 }
 
+// Points of InfluxDB
+
+class Points {
+    /**
+     * @param {Constants} rules
+     * @param {string[]} names
+     * @param {{series: string, fields: string[], isTimed: boolean}} form
+     */
+    constructor(rules, names, form) {
+        this.rules = rules;
+        this.words = "points of InfluxDB";
+        this.names = names;
+        this.form = form;
+    }
+
+    fresh() {
+        return this;
+    }
+
+    /** @param {string} line */
+    row(line) {
+        const { series, fields, isTimed } = this.form;
+        const point = pointOf(this.rules, line);
+        if (!point) return null;
+        if (point.series !== series || point.fields.join(",") !== fields.join(",") || (isTimed && !point.time)) return [];
+        return [...(isTimed ? [point.time] : []), ...point.values];
+    }
+}
+
+/**
+ * Points, most often of a series with a magnetometer.
+ * @param {Prints} prints
+ * @param {Constants} rules
+ * @param {string[]} lines
+ * @returns {Dialect | null}
+ */
+export function points(prints, rules, lines) {
+    const filled = lines.filter((line) => line.trim() && !line.trimStart().startsWith("#"));
+    const known = filled.map((line) => pointOf(rules, line)).filter((point) => point !== null);
+    if (!known.length || known.length < rules.MOST * filled.length) return null;
+    const namesOf = (/** @type {Point} */ { series, fields }) =>
+        fields.map((name) => {
+            const isClear = prints.names.meaning(name).kind && !prints.names.isBare(name);
+            return isClear ? name : `${series.split(",")[0]} ${name}`;
+        });
+    const keyOf = (/** @type {Point} */ { series, fields }) => [series, ...fields].join("\n");
+    const counts = counted(known.map(keyOf));
+    const firsts = [...counts.keys()].map((key) => /** @type {Point} */ (known.find((point) => keyOf(point) === key)));
+    const able = firsts.filter((point) => prints.names.magnetometer(namesOf(point)));
+    const best = largest(able, (point) => [counts.get(keyOf(point)) ?? 0]);
+    if (!best) return null;
+    const isAlike = (/** @type {Point} */ { series, fields }) =>
+        series.split(",")[0] === best.series.split(",")[0] && fields.join(",") === best.fields.join(",");
+    if (able.filter(isAlike).length > 1) {
+        throw new Unreadable("tags say which sensor each point is of: keep the points of one of them");
+    }
+    const times = known.filter(({ series }) => series === best.series).map(({ time }) => time);
+    const isTimed = times.every(Boolean);
+    const time = isTimed ? [`time (${rules.UNITS[times[0].length] ?? "ns"})`] : [];
+    return new Points(rules, [...time, ...namesOf(best)], { series: best.series, fields: best.fields, isTimed });
+}
+
+/** @typedef {{series: string, fields: string[], values: string[], time: string}} Point */
+
+/**
+ * @param {Constants} rules
+ * @param {string} line
+ * @returns {Point | null}
+ */
+function pointOf(rules, line) {
+    const groups = whole(rules.POINT, line.trim())?.groups;
+    if (!groups) return null;
+    const pairs = groups.fields.split(",").map((field) => field.split("="));
+    const values = pairs.map(([, ...value]) => whole(rules._NUMBER, value.join("="))?.[1] ?? value.join("="));
+    const series = groups.measurement + groups.tags;
+    return { series, fields: pairs.map(([name]) => name), values, time: groups.time ?? "" };
+}
+
 // Lines behind a time stamp, and hexadecimal words
 
 class Stamped {
     /**
-     * @param {{wrapped: Constants, clock: Constants}} rules
+     * @param {import("./patterns.js").Rules} rules
      * @param {string} order Of day, month and year, in dates of numbers.
      * @param {Dialect} inner
      */
@@ -261,17 +342,18 @@ class Stamped {
 
 /**
  * Stamps before most lines; if `isMarked`, before a table only with a sign such as `->` behind them.
- * @param {{wrapped: Constants, clock: Constants}} rules
+ * @param {import("./patterns.js").Rules} rules
  * @param {string[]} lines
  * @param {Recognise} behind
  * @param {Recognise} table
  * @param {boolean} isMarked
+ * @param {number} [share] Of the lines that have to have a stamp.
  * @returns {Dialect | null}
  */
-export function stamped(rules, lines, behind, table, isMarked) {
+export function stamped(rules, lines, behind, table, isMarked, share = rules.wrapped.MOST) {
     const filled = lines.filter((line) => line.trim());
     const stamps = filled.map((line) => ahead(rules.wrapped.STAMP, line)).filter((stamp) => stamp !== null);
-    if (!stamps.length || stamps.length < rules.wrapped.MOST * filled.length) return null;
+    if (!stamps.length || stamps.length < share * filled.length) return null;
     const marks = stamps.map((stamp) => stamp.groups?.mark ?? "");
     if (isMarked && marks.some((mark) => [",", ";", "\t"].includes(mark))) return null;
     const rest = stamps.map((stamp) => stamp.input.slice(stamp[0].length));
@@ -281,13 +363,11 @@ export function stamped(rules, lines, behind, table, isMarked) {
 
 class Hexadecimal {
     /**
-     * @param {RegExp} word
-     * @param {number} count Words of a line that are hexadecimal, its last.
+     * @param {(line: string) => string} written A line with its words as `inner` reads them.
      * @param {Dialect} inner
      */
-    constructor(word, count, inner) {
-        this.word = word;
-        this.count = count;
+    constructor(written, inner) {
+        this.written = written;
         this.inner = inner;
         this.words = `hexadecimal words in ${inner.words}`;
         this.names = inner.names;
@@ -295,31 +375,40 @@ class Hexadecimal {
 
     /** @returns {Dialect} */
     fresh() {
-        return new Hexadecimal(this.word, this.count, this.inner.fresh());
+        return new Hexadecimal(this.written, this.inner.fresh());
     }
 
     /** @param {string} line */
     row(line) {
-        return this.inner.row(withPrefixes(line, this.word, this.count));
+        return this.inner.row(this.written(line));
     }
 }
 
 /**
- * Lines of three words of one length that only hexadecimal digits explain.
+ * Lines of three words of one length that only hexadecimal digits explain, or such rows of any lengths.
  * @param {Constants} rules
  * @param {string[]} lines
  * @param {Recognise} behind
+ * @param {Recognise} table
  * @returns {Dialect | null}
  */
-export function hexadecimal(rules, lines, behind) {
-    for (const word of /** @type {RegExp[]} */ (Object.values(rules.WORDS))) {
-        const wordsOf = (/** @type {string} */ line) => every(word, line).map((match) => match[0]);
-        const rows = lines.map(wordsOf).filter((words) => words.length >= rules.LEAST);
+export function hexadecimal(rules, lines, behind, table) {
+    const { LEAST, LETTERED, MOST, SIGNED, WORDS, _BETWEEN } = rules;
+    const cells = lines.map((line) => line.trim().split(_BETWEEN));
+    const bare = cells.filter((words) => words.length >= LEAST && words.every((word) => whole(WORDS[0], word)));
+    for (const digits of [...SIGNED, 0]) {
+        const found = lines.map((line) => every(WORDS[digits], line).map((match) => match[0]));
+        const rows = digits ? found.filter((words) => words.length >= LEAST) : bare;
         const lettered = rows.filter((words) => !words.every((each) => /^\d+$/.test(each)));
-        if (!lettered.length || lettered.length < rules.LETTERED * rows.length) continue;
+        if (!lettered.length || lettered.length < LETTERED * rows.length || rows.length < MOST * bare.length) continue;
         const count = hexadecimalWords(rules, rows);
-        const inner = behind(lines.map((line) => withPrefixes(line, word, count)));
-        return inner && new Hexadecimal(word, count, inner);
+        const [inDecimals, withPrefixes] = [(/** @type {string} */ word) => `${signed(rules, word)}`, (/** @type {string} */ word) => `0x${word}`].map(
+            (write) => (/** @type {string} */ line) => rewritten(line, WORDS[digits], count, write),
+        );
+        const rowsBehind = table(lines.map(inDecimals));
+        if (rowsBehind) return new Hexadecimal(inDecimals, rowsBehind);
+        const inner = digits ? behind(lines.map(withPrefixes)) : null;
+        return inner && new Hexadecimal(withPrefixes, inner);
     }
     return null;
 }
@@ -340,15 +429,26 @@ function hexadecimalWords(rules, rows) {
 }
 
 /**
- * A line with `0x` before its last words of so many digits.
+ * A line with its last words of a kind written anew.
  * @param {string} line
  * @param {RegExp} word
  * @param {number} count
+ * @param {(word: string) => string} write
  */
-function withPrefixes(line, word, count) {
+function rewritten(line, word, count, write) {
     const words = every(word, line);
     const last = words.length >= count ? words.slice(-count).reverse() : [];
-    return last.reduce((text, { index }) => `${text.slice(0, index)}0x${text.slice(index)}`, line);
+    return last.reduce((text, { 0: each, index }) => `${text.slice(0, index)}${write(each)}${text.slice(index + each.length)}`, line);
+}
+
+/**
+ * The two's complement of a word of 16, 24 or 32 bits; a shorter one, which lacks its zeros, is positive.
+ * @param {Constants} rules
+ * @param {string} word
+ */
+function signed({ SIGNED }, word) {
+    const [value, bits] = [Number.parseInt(word, 16), 4 * word.length];
+    return SIGNED.includes(word.length) && value >= 2 ** (bits - 1) ? value - 2 ** bits : value;
 }
 
 // Lines in which labels say what the numbers are
@@ -400,6 +500,7 @@ class Labelled {
      * @param {string} form.closing The one that ends a reading.
      * @param {number[]} form.needed
      * @param {boolean} [form.hasHeadings]
+     * @param {Map<string, string>} [form.labels] Of each kind, where it has one and no other.
      * @param {string[]} [form.signs] What is before and between the numbers, where that alone is known.
      */
     constructor(prints, rules, form) {
@@ -418,12 +519,14 @@ class Labelled {
 
     /** @param {string} line */
     row(line) {
-        const { kinds, closing, needed, hasHeadings, signs } = this.form;
-        line = this.heading.joined(line);
+        const { kinds, closing, needed, hasHeadings, labels, signs } = this.form;
+        if (hasHeadings) line = this.heading.joined(line);
         if (!line) return hasHeadings ? [] : null;
         const { numbers, gaps } = line.length <= this.rules.LONGEST ? this.prints.cut(line) : { numbers: [], gaps: [] };
         const kind = gaps.length > 1 ? this.prints.namesOf(gaps).join("\n") : "";
         const start = numbers.length ? kinds.get(kind) : undefined;
+        const label = labels?.get(kind);
+        if (label !== undefined && label !== this.prints.labelOf(gaps)) return null;
         if (start === undefined || (signs && signs.join("\n") !== gaps.slice(0, -1).join("\n"))) return null;
         this.cells.splice(start, numbers.length, ...numbers);
         if (kind !== closing) return [];
@@ -445,24 +548,105 @@ export function labelled(prints, rules, lines, isMarked) {
     const { OFTEN, LEAST_SHARE, LONGEST, PLAIN } = rules;
     const filled = lines.filter((line) => line.trim() && !prints.isComment(line) && line.length <= LONGEST);
     const heading = new Heading(prints, rules);
-    const all = filled.map((line) => heading.joined(line)).filter(Boolean).map((line) => printedOf(prints, rules, line));
+    const headed = filled.map((line) => heading.joined(line)).filter(Boolean).map((line) => printedOf(prints, rules, line));
+    const alone = filled.map((line) => printedOf(prints, rules, line));
+    const hasHeadings = areHeaded(prints, heading, alone, headed);
+    const all = hasHeadings ? headed : alone;
     const ofThree = counted(all.filter(({ numbers }) => numbers.length >= PLAIN.length).map(({ kind }) => kind));
     const enough = OFTEN * Math.max(0, ...ofThree.values());
     const read = all.filter(({ numbers, isSetting, isPlain }) => numbers.length && !isSetting && !(isPlain && !isMarked));
     const counts = counted(read.map(({ kind }) => kind));
     const kinds = [...new Set(read.filter(({ isLabelled }) => isLabelled || !isMarked).map(({ kind }) => kind))];
     const often = (/** @type {number} */ least) => kinds.filter((kind) => (counts.get(kind) ?? 0) >= least);
-    const closing = magnetometerKind(prints, rules, often(enough), counts);
+    const able = often(enough).filter((kind) => mayBeReadings(prints, rules, [kind], read));
+    const closing = magnetometerKind(prints, rules, able, counts);
     const total = [...ofThree.values()].reduce((sum, count) => sum + count, 0);
     if (closing !== null && (counts.get(closing) ?? 0) < LEAST_SHARE * total) return null;
     const most = Math.max(0, ...kinds.filter((kind) => kind.trim()).map((kind) => counts.get(kind) ?? 0));
     const form =
         closing === null
-            ? axisByAxis(prints, rules, often(Math.max(OFTEN * most, enough)))
+            ? axisByAxis(prints, rules, often(Math.max(OFTEN * most, enough)), read)
             : lineByLine(prints, rules, closing, counts, read);
-    if (!form) return isMarked ? null : byPlace(prints, rules, read, Math.max(enough, OFTEN * filled.length));
-    const headings = filled.filter((line) => heading.isHeading(line)).length;
-    return new Labelled(prints, rules, { ...form, hasHeadings: 2 * headings > (counts.get(form.closing) ?? 0) });
+    if (!form) return isMarked ? null : byPlace(prints, rules, read, enough, all);
+    return new Labelled(prints, rules, { ...form, hasHeadings, labels: labelsOf(rules, form, read) });
+}
+
+/**
+ * Whether labels are in lines of their own above the numbers: often, and several or such as mean something.
+ * @param {Prints} prints
+ * @param {Heading} heading
+ * @param {Printed[]} alone
+ * @param {Printed[]} headed
+ */
+function areHeaded(prints, heading, alone, headed) {
+    const headings = alone.filter(({ text }) => heading.isHeading(text)).map(({ text }) => text);
+    const counts = counted(alone.filter(({ names }) => names.some(Boolean)).map(({ kind }) => kind));
+    if (2 * headings.length <= Math.max(0, ...counts.values())) return false;
+    const kinds = new Set(alone.map(({ kind }) => kind));
+    const isKnown = headed.some(({ kind, names }) => !kinds.has(kind) && names.some((name) => prints.names.meaning(name).kind));
+    return isKnown || new Set(headings).size > 1;
+}
+
+/**
+ * The label of each kind that is read; another kind than the magnetometer's with those of several sensors is left out.
+ * @param {Constants} rules
+ * @param {{kinds: Map<string, number>, closing: string, needed: number[]}} form
+ * @param {Printed[]} read
+ */
+function labelsOf(rules, { kinds, closing, needed }, read) {
+    /** @type {Map<string, string>} */
+    const labels = new Map();
+    for (const [kind, start] of [...kinds]) {
+        const lines = read.filter((line) => line.kind === kind);
+        const counts = counted(lines.map(({ label }) => label));
+        const often = [...counts.keys()].filter((label) => (counts.get(label) ?? 0) >= rules.SELDOM * lines.length);
+        if (!often.length || often.length > rules.MAX_LABELS) continue;
+        labels.set(kind, often[0]);
+        if (often.length === 1) continue;
+        const end = start + kind.split("\n").length;
+        if (kind === closing || needed.some((place) => start <= place && place < end)) {
+            const [one, other] = often.map((label) => lines.find((line) => line.label === label)?.text.trim().slice(0, 60));
+            throw new Unreadable(`labels tell of several sensors ('${one}' and '${other}'): keep the lines of the magnetometer`);
+        }
+        kinds.delete(kind);
+    }
+    return labels;
+}
+
+/**
+ * Whether numbers may be a magnetometer's, unless their names say so: none is a clock or a counter, nor are all constant.
+ * @param {Prints} prints
+ * @param {Constants} rules
+ * @param {string[]} kinds
+ * @param {Printed[]} read
+ */
+function mayBeReadings({ names }, rules, kinds, read) {
+    const own = kinds.flatMap((kind) => kind.split("\n"));
+    const field = names.magnetometer(own);
+    if (!field || names.clearness(field.rank) === 0) return true;
+    const columns = kinds.flatMap((kind) => {
+        const rows = read.filter((line) => line.kind === kind).map(({ numbers }) => numbers.map(Number));
+        return kind.split("\n").map((_, place) => rows.map((row) => row[place]));
+    });
+    const axes = field.cells.map((cell) => columns[cell]);
+    if (axes.some((axis) => counts(rules, axis))) return false;
+    return names.isBare(own[field.cells[0]]) || axes.some(varies) || axes[0].length < rules.MIN_ROWS;
+}
+
+/**
+ * Whether a column rises in even steps, as a clock or a counter does.
+ * @param {Constants} rules
+ * @param {number[]} values
+ */
+function counts(rules, values) {
+    const known = values.filter(Number.isFinite);
+    const steps = known.slice(1).map((value, i) => value - known[i]);
+    return steps.length >= rules.MIN_ROWS - 1 && Math.max(...steps) > 0 && Math.max(...steps) <= rules.EVEN * Math.min(...steps);
+}
+
+/** @param {number[]} values */
+function varies(values) {
+    return values.some((value) => value !== values[0]);
 }
 
 /**
@@ -476,6 +660,8 @@ function printedOf(prints, rules, line) {
     const names = numbers.length ? prints.namesOf(gaps) : [];
     return {
         kind: names.join("\n"),
+        label: prints.labelOf(gaps),
+        text: line,
         names,
         numbers,
         gaps,
@@ -534,11 +720,12 @@ function lineByLine(prints, rules, closing, counts, read) {
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string[]} kinds
+ * @param {Printed[]} read
  */
-function axisByAxis(prints, rules, kinds) {
+function axisByAxis(prints, rules, kinds, read) {
     const names = kinds.flatMap((kind) => kind.split("\n"));
     const field = prints.names.magnetometer(names);
-    if (!kinds.length || !field) return null;
+    if (!kinds.length || !field || !mayBeReadings(prints, rules, kinds, read)) return null;
     /** @type {Map<string, number>} */
     const starts = new Map();
     let [start, closing] = [0, ""];
@@ -557,18 +744,25 @@ function axisByAxis(prints, rules, kinds) {
  * @param {Constants} rules
  * @param {Printed[]} read
  * @param {number} enough
+ * @param {Printed[]} all
  * @returns {Dialect | null}
  */
-function byPlace(prints, rules, read, enough) {
+function byPlace(prints, rules, read, enough, all) {
     const keyOf = (/** @type {Printed} */ { kind, gaps }) => [kind, ...gaps.slice(0, -1)].join("\n\n");
     const silent = read.filter(({ names }) => saysNothing(prints, rules, names));
     const alike = counted(silent.map(keyOf));
     const best = largest([...alike.keys()], (key) => [alike.get(key) ?? 0]);
     const count = best === undefined ? 0 : alike.get(best) ?? 0;
-    if (!count || count < enough || [...alike.values()].filter((other) => other > rules.OFTEN * count).length > 1) return null;
+    const beside = counted(all.filter(({ numbers }) => numbers.length < rules.PLAIN.length).map(({ gaps }) => gaps.join("\n")));
+    const regular = [...beside.values()].filter((lines) => lines >= rules.OFTEN * count).reduce((sum, lines) => sum + lines, 0);
+    const least = Math.max(enough, rules.OFTEN * (all.length - regular));
+    if (!count || count < least || [...alike.values()].filter((other) => other > rules.OFTEN * count).length > 1) return null;
     const lines = silent.filter((line) => keyOf(line) === best);
     const rows = lines.map(({ numbers }) => numbers);
-    if (alternates(rules, rows.map((row) => row.map(Number)))) return null;
+    const values = rows.map((row) => row.map(Number));
+    const axes = [3, 2, 1].map((place) => values.map((row) => row[row.length - place]));
+    if (alternates(rules, values) || axes.some((axis) => counts(rules, axis))) return null;
+    if (rows.length >= rules.MIN_ROWS && axes.filter(varies).length < 2) return null;
     const { names: kind, gaps } = lines[0];
     const isOfThree = kind.length === rules.PLAIN.length;
     const names = timed(prints, kind, rows);

@@ -98,6 +98,21 @@ export class Engine {
     }
 
     /**
+     * The rests of a recording: first row of each, and the row behind its last.
+     * @param {Float64Array} field Three numbers a reading.
+     * @returns {[number, number][]}
+     */
+    rests(field) {
+        const rows = field.length / 3;
+        const size = this.call.flinders_workspace_size(rows);
+        const [fieldAt, bounds, workspace] = this.#placed([field.byteLength, 4 * rows, size]);
+        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        const count = this.call.flinders_rests(fieldAt, rows, 0, 0, workspace, size, bounds);
+        const found = new BigInt64Array(this.memory.buffer, bounds, 2 * count);
+        return Array.from({ length: count }, (_, i) => [Number(found[2 * i]), Number(found[2 * i + 1])]);
+    }
+
+    /**
      * A steady change about a known ellipsoid: fills `drift_...` of a record.
      * @param {Float64Array} field
      * @param {number[]} centre

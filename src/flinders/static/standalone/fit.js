@@ -7,6 +7,7 @@ import { shrunk, widening } from "./claim.js";
 import { cellCounts, corrected } from "./coverage.js";
 import { attitudeLimitDeg, levelRoot, levelError, rawTurn, surfaceOf, tiltedError, withStructure } from "./heading.js";
 import { leftOut, runsOf } from "./outliers.js";
+import { averaged } from "./rests.js";
 import { hidesPlane } from "./plane.js";
 import { axisSwapOf } from "./swaps.js";
 import { unmovedDeg, wasTurned } from "./unmoved.js";
@@ -42,7 +43,7 @@ const CODES = ["", "too-few-samples", "not-finite", "out-of-scale", "stuck-axis"
 /**
  * Readings that were fitted, with what was left out of them.
  * @typedef {object} Left
- * @property {Float64Array} near Those close to the surface, and at no end of an axis.
+ * @property {Float64Array} near Those close to the surface, and at no end of an axis, each rest as one.
  * @property {Outlier[]} outliers
  * @property {Uint8Array} isOut Of each reading of the request, whether it was left out, and …
  * @property {Uint8Array} isRail … whether it is at an end of an axis.
@@ -58,7 +59,8 @@ export class Fit {
      * @param {EngineData} data
      */
     constructor(request, whole, record, left, data) {
-        const { repetition, factor } = widening(record, whole.rows, whole.distinct);
+        const fitted = record.rests ? record : whole;
+        const { repetition, factor } = widening(record, fitted.fitted, fitted.fitted_distinct);
         const surface = surfaceOf(record.centre, record.shape);
         const claimed = record.covariance.map((part) => part * factor);
         const nearer = shrunk(surface, claimed, data);
@@ -76,11 +78,11 @@ export class Fit {
         this.covariance = nearer?.covariance ?? Float64Array.from(claimed);
         this.textbook = nearer ? null : record.textbook;
         this.noise = record.noise;
-        this.samples = record.used || whole.rows;
+        this.samples = record.used || fitted.fitted;
         this.correlation = correlationOf(record);
-        this.independent = independentOf(this.correlation, whole, repetition);
+        this.independent = independentOf(this.correlation, fitted, repetition);
         this.distortion = this.correlation?.direction ?? 0;
-        this.statistics = statisticsOf(request, whole);
+        this.statistics = statisticsOf(request, whole, fitted);
         /** Whether the record shows the axes themselves: not where all may lie in one plane. */
         this.isPlain = isPlain(request, whole, left, data);
         const showsAxes = this.isPlain && !record.unobserved;
@@ -190,16 +192,18 @@ export function fitOf(engine, data, request) {
  */
 function leftOf(engine, data, record, { some, when, isFree }) {
     const isRail = isFree.map((free) => 1 - free);
-    if (!record.is_robust) return { near: some, outliers: [], isOut: isRail, isRail };
+    const once = averaged(some, record.rests ? engine.rests(some) : []);
+    if (!record.is_robust) return { near: once.field, outliers: [], isOut: isRail, isRail };
     const limit = record.rejected_beyond;
-    const distances = engine.distances(some, record.majority_centre, record.majority_shape).map(Math.abs);
+    const distances = engine.distances(once.field, record.majority_centre, record.majority_shape).map(Math.abs);
     const out = leftOut(distances, limit, record.dense, data);
-    const own = engine.distances(some, record.centre, record.shape);
+    const own = engine.distances(once.field, record.centre, record.shape);
+    const isOut = once.first.flatMap((first, i) => Array(once.last[i] - first + 1).fill(out[i]));
     let next = 0;
     return {
-        near: chosen(some, Uint8Array.from(own, (distance) => Number(Math.abs(distance) <= limit)), 3),
-        outliers: runsOf(out, distances, when, data),
-        isOut: isFree.map((free) => (free ? out[next++] : 1)),
+        near: chosen(once.field, Uint8Array.from(own, (distance) => Number(Math.abs(distance) <= limit)), 3),
+        outliers: runsOf(out, distances, when, once, data),
+        isOut: isFree.map((free) => (free ? isOut[next++] : 1)),
         isRail,
     };
 }
@@ -273,25 +277,30 @@ function correlationOf(record) {
 /**
  * How many independent readings say as much: no more than there are different ones.
  * @param {Fit["correlation"]} correlation
- * @param {Fitted} whole
+ * @param {Fitted} fitted
  * @param {number} repetition
  * @returns {number}
  */
-function independentOf(correlation, { rows, distinct }, repetition) {
-    return correlation ? Math.min(rows / repetition / (correlation.time * correlation.excess), distinct) : Infinity;
+function independentOf(correlation, fitted, repetition) {
+    if (!correlation) return Infinity;
+    return Math.min(fitted.fitted / repetition / (correlation.time * correlation.excess), fitted.fitted_distinct);
 }
 
 /**
  * What a verdict asks of the recording.
  * @param {Request} request
  * @param {Fitted} whole
+ * @param {Fitted} fitted Record that readings are counted by: of those at no end of an axis, where a rest is one.
  */
-function statisticsOf({ time }, whole) {
+function statisticsOf({ time }, whole, fitted) {
     const steps = time ? time.length - 1 : 0;
     return {
         rows: whole.rows,
-        repeats: whole.repeats,
         distinct: whole.distinct,
+        rests: whole.rests,
+        atRest: whole.at_rest,
+        fitted: fitted.fitted,
+        fittedRepeats: fitted.fitted_repeats,
         extent: Math.max(...whole.highest.map((highest, axis) => highest - whole.lowest[axis])),
         rails: railsOf(whole),
         step: whole.step,

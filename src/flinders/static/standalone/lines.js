@@ -5,10 +5,11 @@
  * `page.json` under `lines`.
  */
 
-import { hexadecimal, jsonLines, labelled, marked, parsed, stamped } from "./dialects.js";
+import { hexadecimal, jsonLines, labelled, marked, parsed, points, stamped } from "./dialects.js";
 import { Names } from "./names.js";
 import { revived, whole } from "./patterns.js";
 import { Prints } from "./printed.js";
+import { Silence } from "./silence.js";
 import { Tables, Unreadable } from "./tables.js";
 
 /** @typedef {import("./dialects.js").Dialect} Dialect */
@@ -40,6 +41,7 @@ const REMEMBERED = 20;
  * @property {"uT" | "counts"} unit
  * @property {{unit: string, scale: number}} raw The recorded unit, and what one of it is in `unit`.
  * @property {boolean} isTimed
+ * @property {Silence} silence Readings so far at which the sensor did not answer.
  * @property {(line: string) => Reading | null | undefined} reading Null for another line, undefined for one without a reading.
  */
 
@@ -67,19 +69,33 @@ class Language {
 
     /**
      * How lines are written.
-     * @param {string[]} lines
+     * @param {string[]} lines The first.
+     * @param {string[]} [every] All, by which several devices are told apart.
      * @returns {Form}
      * @throws {Unreadable}
      */
-    form(lines) {
-        const dialect = this.recognised(lines);
+    form(lines, every = lines) {
+        const found = this.recognised(lines);
+        const isPrint = found !== null && found.words === this.rules.labelled.WORDS;
+        const dialect = isPrint && !this.namesMagnetometer(found) && this.tables.namesColumns(lines) ? null : found;
         try {
-            return dialect ? this.ofDialect(dialect, lines) : this.ofTable(lines);
+            return dialect ? this.ofDialect(dialect, lines, every) : this.ofTable(lines, every);
         } catch (error) {
             const guess = error instanceof Unreadable && !dialect ? this.guessed(lines) : null;
-            if (!guess) throw error;
-            return this.ofDialect(guess, lines);
+            if (!guess || (!this.namesMagnetometer(guess) && this.tables.namesColumns(lines))) throw error;
+            return this.ofDialect(guess, lines, every);
         }
+    }
+
+    /**
+     * Whether names say in words that a magnetometer is among them, and not by a letter or an axis.
+     * @param {Dialect} dialect
+     */
+    namesMagnetometer({ names }) {
+        return names.some((name) => {
+            const { kind, axis, rank } = this.prints.names.meaning(name);
+            return kind === this.rules.names.FIELD && axis && this.prints.names.clearness(rank) === 0;
+        });
     }
 
     /**
@@ -98,8 +114,9 @@ class Language {
         return (
             (lines.some((line) => programs.SIGN.test(line)) && marked(this.prints, programs, lines)) ||
             (has(layout._OPENS_JSON) && jsonLines(this.prints, json, tried)) ||
+            (has(this.rules.influx.SIGN) && points(this.prints, this.rules.influx, tried)) ||
             (has(layout._CLOCK) && stamped(this.rules, tried, behind, table, true)) ||
-            (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest))) ||
+            (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest), (rest) => this.tableRows(rest, true))) ||
             (has(layout._LETTER) && labelled(this.prints, this.rules.labelled, tried, true)) ||
             null
         );
@@ -112,8 +129,8 @@ class Language {
     guessed(lines) {
         const table = (/** @type {string[]} */ rest) => this.tableRows(rest);
         return (
-            stamped(this.rules, lines, (rest) => this.recognised(rest), table, false) ??
-            stamped(this.rules, lines, (rest) => this.labelled(rest), table, false) ??
+            stamped(this.rules, lines, (rest) => this.recognised(rest), table, false, this.rules.wrapped.SOME) ??
+            stamped(this.rules, lines, (rest) => this.labelled(rest), table, false, this.rules.wrapped.SOME) ??
             labelled(this.prints, this.rules.labelled, lines, false)
         );
     }
@@ -127,9 +144,10 @@ class Language {
     /**
      * Rows of a table, as behind time stamps.
      * @param {string[]} lines
+     * @param {boolean} [isNamed] It needs a header.
      * @returns {Dialect | null}
      */
-    tableRows(lines) {
+    tableRows(lines, isNamed = false) {
         let layout;
         try {
             layout = this.tables.laidOut(lines);
@@ -137,13 +155,15 @@ class Language {
             if (error instanceof Unreadable) return null;
             throw error;
         }
-        const { delimiter, decimal, width, header } = layout;
+        const { delimiter, decimal, width, header, headerText } = layout;
+        if (isNamed && !header.length) return null;
         const nameless = width === 3 ? ["x", "y", "z"] : Array.from({ length: width }, (_, i) => `${i + 1}`);
         /** @type {Dialect} */
         const rows = {
             words: `${this.rules.layout.SPOKEN[delimiter]}-separated numbers`,
             names: header.length ? header : nameless,
             row: (line) => {
+                if (headerText && line === headerText) return [];
                 const cells = this.cells(line, layout)?.slice(0, width || undefined) ?? null;
                 return cells && cells.map((cell) => cell.trim().replace(decimal, "."));
             },
@@ -155,33 +175,48 @@ class Language {
     /**
      * @param {Dialect} dialect
      * @param {string[]} lines
+     * @param {string[]} every
      * @returns {Form}
      */
-    ofDialect(dialect, lines) {
-        const trial = dialect.fresh();
-        const rows = lines.map((line) => trial.row(line) ?? []).filter((row) => row.length).slice(0, this.rules.layout.SAMPLED);
-        if (!rows.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
-        const { values, clocks } = this.tables.valued(rows, ".");
-        const columns = this.tables.columns(dialect.names, values, [], clocks);
+    ofDialect(dialect, lines, every) {
+        const first = rowsOf(dialect, lines);
+        if (!first.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
+        const all = this.tables.valued(first, ".");
+        const devices = this.tables.devicesOf(dialect.names, first, all.clocks, () => rowsOf(dialect, every));
+        const rows = this.tables.ofFirst(devices, first).slice(0, this.rules.layout.SAMPLED);
+        const { values, clocks } = devices.length ? this.tables.valued(rows, ".", first) : all;
+        const columns = { ...this.tables.columns(dialect.names, values, [], clocks), devices };
         this.tables.refuseOthers(dialect.names, rows, columns, ".");
         const own = dialect.fresh();
         return this.formOf(dialect.words, columns, ".", (line) => {
             const row = own.row(line);
-            return row?.length ? row : row && undefined;
+            return row?.length && !this.isOfOther(devices, row) ? row : row && undefined;
         });
     }
 
     /**
      * @param {string[]} lines
+     * @param {string[]} every
      * @returns {Form}
      */
-    ofTable(lines) {
-        const layout = this.tables.laidOut(lines);
+    ofTable(lines, every) {
+        const layout = this.tables.laidOut(lines, every);
         const separated = `${this.rules.layout.SPOKEN[layout.delimiter]}-separated`;
         return this.formOf(`lines of numbers, ${separated}`, layout.columns, layout.decimal, (line) => {
             if (!line.trim() || this.prints.isComment(line) || line === layout.headerText) return undefined;
+            const { devices } = layout.columns;
+            if (devices.length && this.isOfOther(devices, this.prints.split(line, layout.delimiter))) return undefined;
             return this.cells(line, layout);
         });
+    }
+
+    /**
+     * Whether a row is of a device that is not read.
+     * @param {import("./devices.js").Device[]} devices
+     * @param {readonly string[]} cells
+     */
+    isOfOther([first], cells) {
+        return first !== undefined && this.tables.devices.isOfOther(first, cells);
     }
 
     /**
@@ -206,25 +241,43 @@ class Language {
      */
     formOf(words, columns, decimal, cells) {
         const { PER_UNIT, COUNTS } = this.rules.units;
-        const { field, time, unit, names } = columns;
+        const { field, time, unit, names, devices } = columns;
         const scale = PER_UNIT[unit] ?? 1;
         const timed = time ? `, time in ${time.name}` : "";
         const past = time?.clock?.midnights();
+        const [first, ...others] = devices.map(({ name }) => name);
+        const device = first ? `${first} alone (also there: ${others.join(", ")}), ` : "";
+        const silence = new Silence(this.rules.silence);
         return {
-            words: `${words}: columns ${names.join(", ")} in ${unit}${timed}`,
+            words: `${words}: ${device}columns ${names.join(", ")} in ${unit}${timed}`,
             unit: unit === COUNTS ? "counts" : "uT",
             raw: { unit, scale },
             isTimed: time !== null,
+            silence,
             reading: (line) => {
                 const texts = cells(line);
                 if (!texts) return texts;
                 const row = texts.map((cell) => this.prints.number(cell, decimal) ?? NaN);
                 if (time?.clock && past) row[time.cell] = past(time.clock.seconds(texts));
+                if (silence.has(field.map((cell) => row[cell]))) return undefined;
                 const [x, y, z] = field.map((cell) => row[cell] * scale);
                 return Number.isFinite(x + y + z) ? { time: secondsOf(time, row), field: [x, y, z] } : undefined;
             },
         };
     }
+}
+
+/**
+ * The rows that a dialect makes of lines.
+ * @param {Dialect} dialect
+ * @param {string[]} lines
+ */
+function rowsOf(dialect, lines) {
+    const trial = dialect.fresh();
+    return lines.flatMap((line) => {
+        const row = trial.row(line);
+        return row?.length ? [row] : [];
+    });
 }
 
 /**
@@ -281,6 +334,12 @@ export class LineReader {
     /** How lines are written, for people; empty while that is not known. */
     get words() {
         return this.form?.words ?? "";
+    }
+
+    /** Readings at which the sensor did not answer, for people; empty while they are few. */
+    get silence() {
+        const silence = this.form?.silence;
+        return silence && silence.count >= this.rules.UNANSWERED ? `${silence}; such readings are left out: check its supply and its bus` : "";
     }
 
     /**
@@ -356,7 +415,7 @@ export class LineReader {
         try {
             const trial = this.language.form(all);
             const times = all.flatMap((line) => trial.reading(line) ?? []).map(({ time }) => time ?? NaN);
-            if (!times.length) throw new Unreadable("no line has a reading");
+            if (!times.length && !trial.silence.count) throw new Unreadable("no line has a reading");
             this.isTimed = trial.isTimed && ascend(times);
             this.form = this.language.form(all); // its trial remembers parts of a reading
         } catch (error) {
@@ -431,7 +490,7 @@ export function readLog(data, name, bytes) {
     const language = languageOf(data);
     refuseForeign(language.rules.files, name, bytes);
     const lines = linesOf(language, decoded(bytes));
-    const form = language.form(lines.slice(0, OPENING));
+    const form = language.form(lines.slice(0, OPENING), lines);
     const readings = [];
     let [unknown, example] = [0, ""];
     for (const [place, line] of lines.entries()) {
@@ -442,16 +501,18 @@ export function readLog(data, name, bytes) {
         unknown++;
     }
     if (!readings.length) {
-        throw new Unreadable(`no usable reading in ${name}: need finite x, y and z; check the sensor and its wiring`);
+        const silent = form.silence.count ? ` (${form.silence})` : "";
+        throw new Unreadable(`no usable reading in ${name}${silent}: need finite x, y and z; check the sensor and its wiring`);
     }
     const hasTimes = readings.every(({ time }) => time !== null);
+    const silent = form.silence.count ? [`${form.silence}`] : [];
     const others = unknown ? [`${unknown} other ${unknown === 1 ? "line" : "lines"} (${example})`] : [];
     return {
         field: Float64Array.from(readings.flatMap(({ field }) => field)),
         time: hasTimes ? Float64Array.from(readings, ({ time }) => time ?? NaN) : null,
         unit: form.unit,
         raw: form.raw,
-        words: [`${name}: ${form.words}`, `${readings.length.toLocaleString("en")} readings`, ...others],
+        words: [`${name}: ${form.words}`, `${readings.length.toLocaleString("en")} readings`, ...silent, ...others],
     };
 }
 

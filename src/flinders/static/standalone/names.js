@@ -27,6 +27,7 @@ export class Names {
         /** @type {Constants} */
         this.rules = rules.names;
         this.spellings = rules.units.SPELLINGS;
+        this.partedUnit = rules.units.PARTED;
         this.units = new Set(this.rules._UNITS);
         /** @type {Map<string, Meaning>} */
         this.known = new Map();
@@ -109,7 +110,7 @@ export class Names {
      * @param {string} text
      */
     isUnit(text) {
-        return this.units.has(text.toLowerCase());
+        return this.units.has(this.withUnitTogether(text).toLowerCase());
     }
 
     /**
@@ -226,6 +227,14 @@ export class Names {
     }
 
     /**
+     * Whether a word in lower case says which of several readings these are, or what was done to them.
+     * @param {string} word
+     */
+    tellsReadingsApart(word) {
+        return Boolean(this.tellsApart(word) || ahead(this.rules._RAW, word) || ahead(this.rules._DERIVED, word));
+    }
+
+    /**
      * Whether three columns are no readings of a sensor, such as a reference.
      * @param {string} name
      */
@@ -263,6 +272,7 @@ export class Names {
         const times = FACTORS[TIME];
         /** @type {string[]} */
         const units = [];
+        name = this.withUnitTogether(name);
         const inside = _IN_BRACKETS.exec(name);
         if (inside && !DIGITS.test(inside[1].trim())) {
             units.push(inside[1].trim());
@@ -289,6 +299,14 @@ export class Names {
         return { words, units };
     }
 
+    /**
+     * A name in which the unit at its end is one word: `in micro Tesla` is `microTesla`.
+     * @param {string} name
+     */
+    withUnitTogether(name) {
+        return replaced(this.rules._IN, "", replaced(this.partedUnit, "$1", name));
+    }
+
     /** @param {string} name */
     wordsOfSensor(name) {
         const { words, units } = this.parted(name);
@@ -311,7 +329,8 @@ export class Names {
             if (before) return { sensor: words.with(place, before[2]), axis: before[1] };
         }
         const last = words[words.length - 1];
-        if (words.length > 1 && ["0", "1", "2", "3"].includes(last)) return { sensor: words.slice(0, -1), axis: last };
+        const isCounted = words.length > 1 && ["0", "1", "2", "3"].includes(last);
+        if (isCounted && !words.every((word) => DIGITS.test(word))) return { sensor: words.slice(0, -1), axis: last };
         return { sensor: words, axis: "" };
     }
 

@@ -4,13 +4,15 @@ import { grouped } from "./numbers.js";
 import { counted } from "./wording.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
+/** @typedef {import("./rests.js").Averaged} Averaged */
 
 /**
  * A run of readings that do not belong to the rest.
  * @typedef {object} Outlier
  * @property {number} first
- * @property {number} last Counted from 1, of those that were fitted.
+ * @property {number} last Counted from 1, of those at no end of an axis.
  * @property {number} rows Outliers among them.
+ * @property {number} fitted The same with each rest as one.
  * @property {number} start
  * @property {number} end Seconds; NaN without times.
  * @property {number} farthest Largest distance from the ellipsoid.
@@ -37,24 +39,26 @@ export function leftOut(distances, limit, dense, { numbers }) {
 }
 
 /**
- * The runs of what is left out.
+ * The runs of what is left out of readings of which each rest is one.
  * @param {Uint8Array} out
  * @param {Float64Array} distances
- * @param {Float64Array | null} time
+ * @param {Float64Array | null} time Of all readings.
+ * @param {Averaged} once
  * @param {EngineData} data
  * @returns {Outlier[]}
  */
-export function runsOf(out, distances, time, { numbers }) {
-    /** @type {Outlier[]} */
+export function runsOf(out, distances, time, { first, last }, { numbers }) {
+    /** @type {(Outlier & {at: number})[]} */
     const runs = [];
     out.forEach((isOut, i) => {
         if (!isOut) return;
-        const now = time ? time[i] : NaN;
-        const run = runs.at(-1);
-        if (run && (i + 1 - run.last <= numbers.TOGETHER || runs.length >= numbers.LISTED)) {
-            Object.assign(run, { last: i + 1, rows: run.rows + 1, end: now, farthest: Math.max(run.farthest, distances[i]) });
+        const [start, end] = time ? [time[first[i]], time[last[i]]] : [NaN, NaN];
+        const [rows, run] = [last[i] - first[i] + 1, runs.at(-1)];
+        if (run && (i - run.at <= numbers.TOGETHER || runs.length >= numbers.LISTED)) {
+            const farthest = Math.max(run.farthest, distances[i]);
+            Object.assign(run, { at: i, last: last[i] + 1, rows: run.rows + rows, fitted: run.fitted + 1, end, farthest });
         } else {
-            runs.push({ first: i + 1, last: i + 1, rows: 1, start: now, end: now, farthest: distances[i] });
+            runs.push({ at: i, first: first[i] + 1, last: last[i] + 1, rows, fitted: 1, start, end, farthest: distances[i] });
         }
     });
     return runs;
@@ -65,9 +69,9 @@ export function runsOf(out, distances, time, { numbers }) {
  * @param {Outlier} run
  * @returns {string}
  */
-function runWords({ first, last, rows, start, end }) {
-    const many = rows > 1 ? `${grouped(rows)} readings` : "a reading";
-    if (!Number.isNaN(start)) {
+function runWords({ first, last, rows, fitted, start, end }) {
+    const many = rows > 1 ? `${grouped(rows)} readings${fitted === 1 ? " at rest" : ""}` : "a reading";
+    if (start <= end) {
         return rows === 1 ? `${start.toFixed(1)} s: ${many}` : `${start.toFixed(1)}–${end.toFixed(1)} s: ${many}`;
     }
     return first === last ? `reading ${first}` : `readings ${first}–${last}: ${many}`;
@@ -84,7 +88,7 @@ export function longestRuns(runs) {
 }
 
 /**
- * How many readings they are.
+ * How many readings they are, each rest as one.
  * @param {Outlier[]} runs
  * @returns {string}
  */
@@ -93,9 +97,10 @@ export function outlierCount(runs) {
 }
 
 /**
+ * Readings of runs, each rest as one.
  * @param {Outlier[]} runs
  * @returns {number}
  */
 export function outlierRows(runs) {
-    return runs.reduce((sum, run) => sum + run.rows, 0);
+    return runs.reduce((sum, run) => sum + run.fitted, 0);
 }

@@ -76,10 +76,11 @@ export class Prints {
      * @returns {Cut}
      */
     cut(line) {
-        const { _COLOURS, _CHECK_SUM, _TELEPLOT, _NUMBERED, _LOOSE_SIGN, _CUT } = this.rules;
+        const { _COLOURS, _CHECK_SUM, _TELEPLOT, _NUMBERED, _REMARKED, _DIGITS, MOMENT, _LOOSE_SIGN, _CUT } = this.rules;
         if (line.startsWith("$")) line = replaced(_CHECK_SUM, "", line);
         line = replaced(_TELEPLOT, "$1", replaced(_COLOURS, "", line));
-        line = replaced(_NUMBERED, "$1$2", this.unglued(line));
+        line = replaced(_NUMBERED, "$1$2", replaced(MOMENT, " ", this.unglued(line)));
+        line = replaced(_REMARKED, (remark) => replaced(_DIGITS, "#", remark), line);
         const pieces = (line.includes("- ") ? replaced(_LOOSE_SIGN, " -", line) : line).split(_CUT);
         return {
             numbers: pieces.filter((_, i) => i % 2).map((number) => this.decimal(number)),
@@ -150,6 +151,15 @@ export class Prints {
     }
 
     /**
+     * All words before and between the numbers of a line; lines of one sensor have the same.
+     * @param {string[]} gaps
+     */
+    labelOf(gaps) {
+        const text = replaced(this.rules._LEVEL, "", gaps.slice(0, -1).join(" "));
+        return text.replace(/[^\p{L}\p{N}]/gu, "").toLowerCase();
+    }
+
+    /**
      * Whether signs of a label are between the numbers, and not commas only.
      * @param {string[]} gaps
      */
@@ -173,11 +183,22 @@ export class Prints {
      * @param {string} gap
      */
     label(gap) {
-        const { _REMARK, _SENSOR_AND_UNIT, _UNIT_INSIDE, _BETWEEN, _BEFORE, _EDGE } = this.rules;
-        const text = replaced(_SENSOR_AND_UNIT, " $1 ($2)", replaced(_REMARK, "", strippedEnd(gap, _BEFORE)));
-        const inside = _UNIT_INSIDE.exec(text);
+        const { _REMARK, _SENSOR_AND_UNIT, _UNIT_INSIDE, _BETWEEN, _BEFORE, _BRACKET, _EDGE, _LEVEL } = this.rules;
+        const bare = strippedEnd(replaced(_LEVEL, "", gap), _BEFORE);
+        const whole = replaced(_SENSOR_AND_UNIT, " $1 ($2)", replaced(_REMARK, "", bare));
+        const inside = _UNIT_INSIDE.exec(whole);
+        const text = inside ? whole : replaced(_BRACKET, (_, remark) => this.remark(remark), whole);
         const words = stripped(replaced(_BETWEEN, " ", stripped(replaced(_UNIT_INSIDE, " ", text), _EDGE)), _EDGE);
         return inside ? `${words} (${inside[1]})`.trimStart() : words;
+    }
+
+    /**
+     * What a remark in brackets adds to a label: words that tell readings apart, as `raw` and `left` do.
+     * @param {string} remark
+     */
+    remark(remark) {
+        const words = remark.match(/[\p{L}\p{N}_]+/gu) ?? [];
+        return words.filter((word) => this.names.tellsReadingsApart(word.toLowerCase())).map((word) => ` ${word}`).join("");
     }
 
     /** @param {string} label */

@@ -64,6 +64,7 @@ export class Board {
         this.data = data;
         this.lines = new LineReader(data);
         this.said = "";
+        this.isSilenceSaid = false;
         this.silent = 0;
         this.isStopped = false;
         /** @type {ReadableStreamDefaultReader<Uint8Array> | null} */
@@ -120,6 +121,8 @@ export class Board {
     take(text) {
         const at = (performance.now() - (this.begun ?? 0)) / 1000;
         const { rows } = this.lines.take(text, at);
+        if (this.lines.silence && !this.isSilenceSaid) this.feed?.tell(this.lines.silence, "warning");
+        this.isSilenceSaid ||= this.lines.silence !== "";
         if (rows.length === 0) return;
         this.silent = 0;
         this.feed?.take({ time: rows.map(({ time }) => time ?? at), field: rows.flatMap(({ field }) => field) }, unitOf(this.lines));

@@ -26,10 +26,15 @@ export function axisSwapOf(engine, field, noise, data) {
     const moments = Object.entries(momentsOf(field, data)).filter(([, rows]) => rows.length);
     if (!moments.length) return null;
     const [axes, rows] = moments.reduce((most, one) => (one[1].length > most[1].length ? one : most));
-    const after = noiseOf(engine, undone(field, rows, data.swaps[axes]));
-    if (!(after <= numbers.SWAP_GAIN * noise) || after === Infinity) return null;
-    const gain = Math.min(noiseOf(engine, field) / Math.max(after, Number.MIN_VALUE), numbers.SWAP_MOST);
-    return gain > numbers.SWAP_GAIN ? { axes, rows, gain } : null;
+    const putRight = fitted(engine, undone(field, rows, data.swaps[axes]));
+    const before = fitted(engine, field)?.noise ?? Infinity;
+    if (!putRight) return null;
+    const most = Math.min(numbers.SWAP_GAIN * noise, numbers.SWAP_MOST_NOISE * putRight.radius);
+    if (!(putRight.noise <= most)) return null;
+    const gain = Math.min(before / Math.max(putRight.noise, Number.MIN_VALUE), numbers.SWAP_MOST);
+    const independent = putRight.rows / (putRight.correlation_time * putRight.excess_variance);
+    const isEvident = gain > numbers.SWAP_GAIN && !(independent * Math.log(gain) < numbers.SWAP_LEAST_EVIDENCE);
+    return isEvident ? { axes, rows, gain } : null;
 }
 
 /**
@@ -118,12 +123,11 @@ function undone(field, rows, swap) {
 }
 
 /**
- * Distance of readings from their ellipsoid, 1 σ; infinite where there is none.
+ * The record of readings as they are; null where there is no ellipsoid.
  * @param {Engine} engine
  * @param {Float64Array} field
- * @returns {number}
  */
-function noiseOf(engine, field) {
+function fitted(engine, field) {
     const record = engine.fit(field, null, { robust: 0, hasStatistics: false });
-    return record.status ? Infinity : record.noise;
+    return record.status ? null : record;
 }

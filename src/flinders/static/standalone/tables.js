@@ -1,6 +1,7 @@
 /** Tables: delimiter, decimal sign and header, and which columns are the magnetometer and the time. As `readers/_layout.py`. */
 
 import { Clock, clocksOf } from "./clocks.js";
+import { Devices } from "./devices.js";
 import { ascends, onlyRises, shifted, stepsOf } from "./headings.js";
 import { counted, largest, median, replaced, whole } from "./patterns.js";
 
@@ -17,6 +18,7 @@ import { counted, largest, median, replaced, whole } from "./patterns.js";
  * @property {{cell: number, name: string, factor: number, start: number, fraction: number | null,
  *     clock: import("./clocks.js").Clock | null} | null} time Its place, seconds in one unit, where it starts, the place of
  *     nanoseconds that belong to it, and how it is read where it is no number.
+ * @property {import("./devices.js").Device[]} devices Those that another column tells apart; the rows of the first are read.
  */
 
 /**
@@ -47,20 +49,22 @@ export class Tables {
         this.signs = rules.layout.SIGNS;
         this.prints = prints;
         this.names = prints.names;
+        this.devices = new Devices(rules.devices, prints);
     }
 
     /**
      * How a table is laid out, by its first lines.
      * @param {string[]} texts
+     * @param {string[]} [every] All lines.
      * @returns {Layout}
      */
-    laidOut(texts) {
+    laidOut(texts, every = texts) {
         const lines = texts.flatMap((text, place) => (text.trim() && !this.prints.isComment(text) ? [{ text, place }] : []));
         if (!lines.length) throw new Unreadable("it holds no lines of numbers: need one reading a line");
         for (const some of [lines.slice(0, this.layout.TRIED), lines]) {
             const cuts = this.signsOf(some).map((signs) => this.cutAt(some, signs));
             const best = largest(cuts, ({ rows, numbers }) => [rows.size, numbers]);
-            if (best?.rows.size) return this.table(texts, best);
+            if (best?.rows.size) return this.table(texts, best, every);
         }
         const isHeader = (/** @type {string} */ text) =>
             this.signs.some(([sign]) => this.names.magnetometer(this.prints.split(text, sign)));
@@ -70,6 +74,22 @@ export class Tables {
             `no readings are recognised (line ${place + 1}: '${text.trim().slice(0, 60)}'): need three columns of numbers, ` +
                 "or labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT'",
         );
+    }
+
+    /**
+     * Whether lines are a table with names above its columns, parted by more than spaces.
+     * @param {string[]} texts
+     */
+    namesColumns(texts) {
+        const tried = texts.slice(0, this.layout.TRIED);
+        const lines = tried.flatMap((text, place) => (text.trim() && !this.prints.isComment(text) ? [{ text, place }] : []));
+        const signs = this.signsOf(lines).filter(([delimiter]) => delimiter !== this.rules.tokenizer.SPACES);
+        const best = largest(signs.map((each) => this.cutAt(lines, each)), ({ rows, numbers }) => [rows.size, numbers]);
+        if (!best || 2 * best.rows.size < lines.length || !best.rows.size) return false;
+        const widths = counted([...best.rows.values()].map((cells) => cells.length));
+        const width = /** @type {number} */ (largest([...widths.keys()], (each) => [widths.get(each) ?? 0]));
+        const start = Math.min(...[...best.rows].filter(([, cells]) => cells.length === width).map(([place]) => place));
+        return this.header(texts.slice(0, start), best.delimiter, width, width).place >= 0;
     }
 
     /**
@@ -105,9 +125,10 @@ export class Tables {
     /**
      * @param {string[]} texts
      * @param {{delimiter: string, decimal: string, rows: Map<number, string[]>}} cut
+     * @param {string[]} every
      * @returns {Layout}
      */
-    table(texts, { delimiter, decimal, rows }) {
+    table(texts, { delimiter, decimal, rows }, every) {
         const widths = counted([...rows.values()].map((cells) => cells.length));
         let width = /** @type {number} */ (largest([...widths.keys()], (each) => [widths.get(each) ?? 0]));
         const often = widths.get(width) ?? 0;
@@ -121,12 +142,17 @@ export class Tables {
         while (filled > 0 && isEmpty(filled - 1)) filled--;
         const found = this.header(texts.slice(0, start), delimiter, filled, width);
         width = filled <= found.names.length && found.names.length <= width ? found.names.length : filled;
-        const below = texts.slice(start).map((text) => this.prints.split(text, delimiter));
-        const { values, clocks } = this.valued(alike.map((cells) => cells.slice(0, width)), decimal, below);
-        const { place, names } = found.names.length ? found : this.misfit(texts.slice(0, start), delimiter, values, clocks);
+        const split = (/** @type {string} */ text) => this.prints.split(text, delimiter);
+        const below = texts.slice(start).map(split);
+        const cut = alike.map((cells) => cells.slice(0, width));
+        const first = this.valued(cut, decimal, below);
+        const { place, names } = found.names.length ? found : this.misfit(texts.slice(0, start), delimiter, first.values, first.clocks);
+        const devices = this.devicesOf(names, cut, first.clocks, () => every.map(split));
+        const { values, clocks } = devices.length ? this.valued(this.ofFirst(devices, cut), decimal, below) : first;
         const units = place < 0 ? [] : this.units(texts.slice(place + 1, start), delimiter, names.length);
-        if (!names.length) this.refuseNumbered(alike);
-        const columns = this.columns(names, names.length ? values : this.longer(below, values, decimal), units, clocks);
+        if (!names.length) this.refuseNameless(devices, width);
+        const numbers = names.length ? values : this.longer(below, values, decimal);
+        const columns = { ...this.columns(names, numbers, units, clocks), devices };
         this.refuseOthers(names, alike, columns, decimal);
         const isEven = names.length > 0 || often >= this.layout.SAME_WIDTH * rows.size;
         const headerText = place < 0 ? "" : texts[place];
@@ -303,7 +329,8 @@ export class Tables {
         this.refuseUnclear(names, own);
         const stated = new Set(field.cells.map((cell) => meanings[cell].unit));
         const unit = (stated.size === 1 && [...stated][0]) || this.unitByConvention(names, own[0]) || this.rules.units.COUNTS;
-        return { field: field.cells, names: own, unit, time: this.timeOf(names, meanings, values, field.cells, clocks) };
+        const time = this.timeOf(names, meanings, values, field.cells, clocks);
+        return { field: field.cells, names: own, unit, time, devices: [] };
     }
 
     /**
@@ -321,7 +348,7 @@ export class Tables {
             const isCut = this.isCut(values.map((row) => row[clock.cell]));
             const own = { ...this.timed(clock.cell, called(clock.cells).join(" and "), "s", values), clock };
             const time = isCut ? null : own;
-            return { field: free, names: called(free), unit: this.rules.units.COUNTS, time };
+            return { field: free, names: called(free), unit: this.rules.units.COUNTS, time, devices: [] };
         }
         const first = values.map((row) => row[0]).filter(Number.isFinite);
         const isTimed = width === 4 && ascends(first);
@@ -336,7 +363,7 @@ export class Tables {
             throw new Unreadable(`it has ${width} columns and no header: ${need}; ${MORE_WITH}`);
         }
         const time = isTimed ? this.timed(0, "1", "", values) : null;
-        return { field, names: field.map((cell) => `${cell + 1}`), unit: this.rules.units.COUNTS, time };
+        return { field, names: field.map((cell) => `${cell + 1}`), unit: this.rules.units.COUNTS, time, devices: [] };
     }
 
     /**
@@ -538,21 +565,43 @@ export class Tables {
     }
 
     /**
-     * Refuse a table without a header in which the number of a sensor is before the three of each line.
+     * Devices that a column tells apart, by its name or the first rows, and then by all rows.
+     * @param {readonly string[]} names
+     * @param {string[][]} alike The first rows.
+     * @param {readonly Clock[]} clocks
+     * @param {() => string[][]} every
+     */
+    devicesOf(names, alike, clocks, every) {
+        const width = alike[0].length;
+        const told = clocks.flatMap(({ cells }) => cells);
+        const ahead = width <= this.layout.NAMELESS ? width - 3 : 0;
+        const isTelling = (/** @type {number} */ place) => this.devices.areIds(alike.map((row) => row[place]), place < ahead);
+        const isNamed = (/** @type {number} */ place) => this.devices.named(names[place] ?? "");
+        const free = [...alike[0].keys()].filter((place) => !told.includes(place));
+        const places = free.filter(names.length ? isNamed : isTelling);
+        if (!places.length) return [];
+        return this.devices.in(names, places, every().filter((cells) => this.prints.fits(cells, width)));
+    }
+
+    /**
+     * Rows of the first of several devices; all where there is one, or none is of the first.
+     * @param {import("./devices.js").Device[]} devices
      * @param {string[][]} rows
      */
-    refuseNumbered(rows) {
-        const width = rows[0].length;
-        for (let place = 0; (width === 4 || width === 5) && place < width - 3; place++) {
-            const words = counted(rows.map((row) => row[place].replace(/^[ ()[\]:#,;]+|[ ()[\]:#,;]+$/g, "")));
-            const matches = [...words.keys()].map((word) => whole(this.layout._SENSOR, word));
-            const numbers = matches.flatMap((match) => (match ? [Number(match[1])] : [])).sort((a, b) => a - b);
-            const isInOrder = numbers.every((number, i) => number === numbers[0] + i);
-            const isRow = numbers.length === words.size && isInOrder && numbers[0] <= 1;
-            if (isRow && words.size >= 2 && words.size <= this.layout.MOST_SENSORS && Math.min(...words.values()) > 1) {
-                throw new Unreadable(`column ${place + 1} says which sensor each line is of: keep the lines of one of them`);
-            }
-        }
+    ofFirst(devices, rows) {
+        const own = rows.filter((row) => !devices.length || !this.devices.isOfOther(devices[0], row));
+        return own.length ? own : rows;
+    }
+
+    /**
+     * Refuse a table without a header in which a column says which of several sensors each line is of.
+     * @param {import("./devices.js").Device[]} devices
+     * @param {number} width
+     */
+    refuseNameless(devices, width) {
+        if (!devices.length || width > this.layout.NAMELESS) return;
+        const words = devices.map((device) => device.words.join(" ")).join(", ");
+        throw new Unreadable(`column ${devices[0].cells[0] + 1} says which sensor each line is of (${words}): keep the lines of one of them`);
     }
 
     /**

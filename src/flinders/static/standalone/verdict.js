@@ -175,7 +175,7 @@ function changes(fit) {
     const { drift, swap, correlation, statistics, noise, surface, headingError, samples } = fit;
     const { outliers } = fit.left;
     const next = correlation?.lagOne ?? 0;
-    const repeated = statistics.repeats / Math.max(statistics.rows, 1);
+    const repeated = statistics.fittedRepeats / Math.max(statistics.fitted, 1);
     const unlike = Math.max(next - repeated, 0) / Math.max(1 - repeated, Number.EPSILON);
     const level = surface.radius * Math.cos(headingError.dipDeg / DEG);
     const off = Math.sqrt(Math.max(-3 * next, 0)) * noise;
@@ -194,7 +194,7 @@ function changes(fit) {
         next_correlation: next,
         alternating_limit: Math.min(ALTERNATING, -4 / Math.sqrt(Math.max(samples, 1))),
         alternating_deg: DEG * Math.atan2(off, level),
-        outlier_share: outlierRows(outliers) / Math.max(statistics.rows, 1),
+        outlier_share: outlierRows(outliers) / Math.max(statistics.fitted, 1),
         farthest: outliers.length ? Math.max(...outliers.map(({ farthest }) => farthest)) : NaN,
     };
 }
@@ -238,6 +238,7 @@ function ofRecording({ statistics }) {
         distinct: statistics.distinct,
         rail_share: Math.max(0, ...statistics.rails.map(({ share }) => share)),
         repeated_share: 1 - statistics.distinct / Math.max(statistics.rows, 1),
+        at_rest_share: statistics.atRest / Math.max(statistics.rows, 1),
         step: statistics.step,
         path_correlation: statistics.isTimed ? NaN : statistics.pathCorrelation,
         backward_steps: statistics.backwardSteps,
@@ -266,6 +267,7 @@ const WORDS = {
     outliers: ({ left }) => outlierCount(left.outliers),
     runs: ({ left }) => longestRuns(left.outliers),
     again,
+    intervals: ({ statistics }) => counted(statistics.rests, "interval"),
     rails: ({ statistics }) => statistics.rails.map(railWords).join(", "),
     often: ({ statistics: { backwardSteps: times } }) => (times === 1 ? "once" : `${grouped(times)} times`),
 };
@@ -311,8 +313,9 @@ function whereFlat({ whole, noise, data }) {
 /** @param {Fit} fit */
 function independentReadings({ independent, samples }) {
     const least = Math.min(independent, samples);
-    const alike = least === samples ? "" : ` (of ${grouped(samples)}: the others repeat them, or err alike)`;
-    return `${counted(least, "independent reading")}${alike}`;
+    const alike = "the others repeat them, or err alike, as where the field is not the same everywhere";
+    const others = least === samples ? "" : ` (of ${grouped(samples)}: ${alike})`;
+    return `${counted(least, "independent reading")}${others}`;
 }
 
 /** @param {Fit} fit */
@@ -351,7 +354,7 @@ function leave(fit) {
 
 /** @param {Fit} fit */
 function again({ left, statistics, data }) {
-    const share = outlierRows(left.outliers) / Math.max(statistics.rows, 1);
+    const share = outlierRows(left.outliers) / Math.max(statistics.fitted, 1);
     return share > data.numbers.OUTLIERS_LIMIT ? "; see what it was, and record again without" : "";
 }
 

@@ -118,6 +118,7 @@ int flinders_board_add(flinders_board *board, const real reading[3])
     const real *const last = board->field + 3 * (board->count ? board->count - 1 : 0);
     for (int axis = 0; axis < 3; axis++)
         if (!isfinite(reading[axis])) return FLINDERS_NOT_FINITE;
+    if (reading[0] == reading[1] && reading[1] == reading[2]) return FLINDERS_OK;
     if (board->count && !memcmp(last, reading, 3 * sizeof(real))) return FLINDERS_OK;
     board->readings++;
     widen(board, reading);
@@ -312,9 +313,22 @@ APART void describe(flinders_board *board, const fl_view *view, const fl_surface
     advise(board, surface, record, wider * record->noise * record->noise, (const real(*)[3])centres);
 }
 
+/* Make one reading of each rest. */
+static void average_rests(flinders_board *board)
+{
+    const fl_averaged in_place = {board->field, NULL, NULL, NULL};
+    fl_rests rests;
+    fl_rests_begin(board->field, board->count, NULL, 0, board->work, board->flags[0], &rests);
+    const uint16_t left = (uint16_t)fl_rests_average(&rests, &in_place);
+    if (left == board->count) return;
+    board->count = left;
+    count_cells(board);
+}
+
 /* Fit and judge. */
 int flinders_board_solve(flinders_board *board)
 {
+    average_rests(board);
     fl_view view = {board->field, board->count, NULL, 1};
     fl_room room = {.order = (uint32_t *)(void *)board->work, .scratch = board->work, .distances = board->work + READINGS,
                     .rejected = board->flags[0], .far = board->flags[1], .passed = board->flags[2]};

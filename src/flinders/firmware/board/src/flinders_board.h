@@ -15,7 +15,8 @@
  * not compared with that of the earth's field.
  *
  * The board stores at most FLINDERS_BOARD_READINGS readings, in the order in which they came, spread over directions:
- * a new one replaces one of the cell of the sphere that has most. The fit is that of the library to these readings. Its
+ * a new one replaces one of the cell of the sphere that has most, and what is read while the direction stands still
+ * becomes one reading, its mean. The fit is that of the library to these readings. Its
  * heading error allows for the correlation of their residuals and for few readings. What the library finds from the
  * order or the number of all readings is not checked here: `flinders_unchecked` lists it.
  */
@@ -107,7 +108,8 @@ extern "C" {
 /* Begin without readings, with the defaults in parentheses above. */
 void flinders_board_begin(flinders_board *board);
 
-/* Add a reading; FLINDERS_NOT_FINITE for one that is none. One that equals the reading before it is not added. */
+/* Add a reading; FLINDERS_NOT_FINITE for one that is none. One that equals the reading before it is not added, nor one of
+ * three equal numbers, such as 0, 0, 0 or −1, −1, −1, which a bus gives whose sensor does not answer. */
 int flinders_board_add(flinders_board *board, const flinders_real reading[3]);
 
 /* Share of a hundred equal cells of the sphere that hold a reading, 0 to 1. */

@@ -1,0 +1,253 @@
+/* Rests: intervals in which the direction stands still. However often it is read there, a place tells of the surface what
+ * one reading tells, with what the field differs by between places; so each rest becomes one reading, its mean.
+ *
+ * Windows of readings are as short as the recording lets them be: so long that in those that are no rest the sensor turns
+ * by ten times as much, on average, as it may in a rest. A window is still where its readings scatter hardly more than steps from
+ * one to the next explain, which are all noise there.
+ */
+#include "record.h"
+
+enum { SHORTEST = 2, /* readings of half a window */
+       FEWEST_LEFT = 12 }; /* readings, those of rests included, that a fit needs */
+
+#define FAR_SHARE ((real)0.97) /* of the readings: the others may be outliers */
+#define STILL ((real)0.005)    /* movement of a rest, over the distance from the mean to the far readings */
+#define TYPICAL ((real)30)     /* movement of an average window that is not still over that */
+#define LARGEST ((real)2)      /* what a window counts for at most, over the average */
+#define MOVING ((real)0.05)    /* share of windows that are not still, at least */
+#define SPIKE ((real)3)        /* distance of an outlier from the middle of its neighbours, over that between these */
+#define NOISY ((real)0.1)      /* scatter of a rest at most, over the same distance */
+#define SAGITTA ((real)0.1)    /* how far movement takes the mean of a rest off the surface, over the noise of a reading */
+#define LOOSE ((real)2)        /* standard deviations by which noise may make a rest move */
+#define NEAR ((real)2.5)       /* standard deviations up to which readings next to a rest are of it */
+
+/* Sums over half a window of readings less an origin, and of squared steps from one to the next: among them, and from the
+ * reading before. */
+typedef struct {
+    real sum[3], square, steps, link;
+} half;
+
+static real square_of(const real v[3]) { return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]; }
+
+static real square_apart(const real a[3], const real b[3])
+{
+    const real apart[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+    return square_of(apart);
+}
+
+/* Distance from the mean that few readings are beyond; of a long recording from some of them. Fills in the mean. */
+static real far_distance(const real *field, size_t rows, real *scratch, real mean[3])
+{
+    const size_t stride = (rows + FL_SOME - 1) / FL_SOME;
+    size_t n = 0;
+    mean[0] = mean[1] = mean[2] = 0;
+    for (size_t row = 0; row < rows; row += stride, n++)
+        for (int axis = 0; axis < 3; axis++) mean[axis] += field[3 * row + axis];
+    for (int axis = 0; axis < 3; axis++) mean[axis] /= (real)n;
+    for (size_t i = 0; i < n; i++) scratch[i] = square_apart(field + 3 * i * stride, mean);
+    return fl_sqrt(fl_select(scratch, n, (size_t)(FAR_SHARE * (real)(n - 1))));
+}
+
+/* Sums over readings from one on. */
+static half half_of(const fl_rests *rests, size_t begin)
+{
+    half sums = {{0}, 0, 0, 0};
+    for (size_t row = begin; row < begin + rests->half; row++) {
+        const real *const here = rests->field + 3 * row;
+        const real local[3] = {here[0] - rests->origin[0], here[1] - rests->origin[1], here[2] - rests->origin[2]};
+        for (int axis = 0; axis < 3; axis++) sums.sum[axis] += local[axis];
+        sums.square += square_of(local);
+        if (row > begin) sums.steps += square_apart(here, here - 3);
+    }
+    if (begin) sums.link = square_apart(rests->field + 3 * begin, rests->field + 3 * begin - 3);
+    return sums;
+}
+
+/* Whether one of several recordings ends within some rows. */
+static int is_cut(const fl_rests *rests, size_t begin, size_t end)
+{
+    size_t low = 0, high = rests->parts;
+    while (low < high) {
+        const size_t middle = (low + high) / 2;
+        if ((size_t)rests->ends[middle] <= begin) low = middle + 1;
+        else high = middle;
+    }
+    return low < rests->parts && (size_t)rests->ends[low] < end;
+}
+
+/* Variance of the readings of a window, and that of noise which explains their steps. */
+static void variances(const half *first, const half *second, size_t n, real *variance, real *noise)
+{
+    const real sum[3] = {first->sum[0] + second->sum[0], first->sum[1] + second->sum[1], first->sum[2] + second->sum[2]};
+    const real rest = first->square + second->square - square_of(sum) / (real)n;
+    *variance = rest > 0 ? rest / (real)(n - 1) : 0;
+    *noise = (first->steps + second->link + second->steps) / (real)(2 * (n - 1));
+}
+
+/* Whether a reading is an outlier by itself, that makes the variance of a window. */
+static int has_spike(const fl_rests *rests, size_t begin, size_t end, real variance)
+{
+    for (size_t row = begin ? begin : 1; row < end && row + 1 < rests->rows; row++) {
+        const real *const here = rests->field + 3 * row;
+        const real middle[3] = {(here[-3] + here[3]) / 2, (here[-2] + here[4]) / 2, (here[-1] + here[5]) / 2};
+        const real off = square_apart(here, middle);
+        if (off > variance && off > SPIKE * SPIKE * square_apart(here - 3, here + 3)) return 1;
+    }
+    return 0;
+}
+
+/* Mark the still ones of windows, each half a window behind the other; whether they are long enough: the others then
+ * scatter by far more than those on average. */
+static int mark_still(fl_rests *rests)
+{
+    const size_t n = 2 * rests->half;
+    const real most = rests->still * rests->still, typical = TYPICAL * TYPICAL * most;
+    real sum = 0, moving = 0;
+    half last = half_of(rests, 0);
+    rests->windows = rests->rows / rests->half - 1;
+    for (size_t window = 0; window < rests->windows; window++) {
+        const size_t begin = window * rests->half;
+        const half next = half_of(rests, begin + rests->half);
+        real variance, noise;
+        variances(&last, &next, n, &variance, &noise);
+        const real bent = SAGITTA * rests->far * fl_sqrt(noise / 3), moved = bent < most ? bent : most;
+        const real chance = LOOSE * variance * fl_sqrt(2 / (3 * (real)n));
+        const real loose = moved + (chance < LOOSE * LOOSE * moved ? chance : LOOSE * LOOSE * moved);
+        rests->is_still[window] = (unsigned char)(variance - noise <= loose && variance < rests->noisy * rests->noisy &&
+                                                  !is_cut(rests, begin, begin + n));
+        last = next;
+        if (rests->is_still[window] || (variance > typical && has_spike(rests, begin, begin + n, variance))) continue;
+        sum += variance < LARGEST * LARGEST * typical ? variance : LARGEST * LARGEST * typical;
+        moving++;
+    }
+    return moving > MOVING * (real)rests->windows && sum >= typical * moving;
+}
+
+/* Begin anew. */
+static void rewind_to_first(fl_rests *rests) { rests->window = rests->end = 0; }
+
+/* Readings that are left where each rest is one. */
+static size_t count_left(fl_rests *rests)
+{
+    size_t begin, end, left = rests->rows;
+    while (fl_rests_next(rests, &begin, &end)) left -= end - begin - 1;
+    rewind_to_first(rests);
+    return left;
+}
+
+/* Look for rests: `scratch` (rows,) and `is_still` (rows / 2,) are lent. There are none where too few readings would be
+ * left. */
+void fl_rests_begin(const real *field, size_t rows, const int64_t *ends, size_t parts, real *scratch,
+                    unsigned char *is_still, fl_rests *rests)
+{
+    memset(rests, 0, sizeof *rests);
+    rests->field = field, rests->rows = rows, rests->ends = ends, rests->parts = parts, rests->is_still = is_still;
+    if (rows < 4 * SHORTEST) return;
+    rests->far = far_distance(field, rows, scratch, rests->origin);
+    rests->still = STILL * rests->far, rests->noisy = NOISY * rests->far;
+    for (rests->half = SHORTEST; 4 * rests->half <= rows; rests->half *= 2)
+        if (mark_still(rests)) break;
+    if (4 * rests->half > rows || count_left(rests) < FEWEST_LEFT) rests->windows = 0;
+}
+
+/* The mean of some readings, and their scatter about it. */
+static void scatter_of(const fl_rests *rests, size_t begin, size_t end, real mean[3], real *scatter)
+{
+    real square = 0;
+    mean[0] = mean[1] = mean[2] = 0;
+    for (size_t row = begin; row < end; row++)
+        for (int axis = 0; axis < 3; axis++) mean[axis] += rests->field[3 * row + axis];
+    for (int axis = 0; axis < 3; axis++) mean[axis] /= (real)(end - begin);
+    for (size_t row = begin; row < end; row++) square += square_apart(rests->field + 3 * row, mean);
+    *scatter = fl_sqrt(square / (real)(end - begin));
+}
+
+/* Lengthen a rest by the windows behind it that are still and at the same place; returns the last. */
+static size_t last_window(const fl_rests *rests, size_t window)
+{
+    real sum[3], mean[3], here[3], scatter, other;
+    size_t begin = window * rests->half, n = 2 * rests->half;
+    scatter_of(rests, begin, begin + n, mean, &scatter);
+    for (int axis = 0; axis < 3; axis++) sum[axis] = mean[axis] * (real)n;
+    const real apart = rests->still + LOOSE * scatter / fl_sqrt((real)n);
+    for (; window + 1 < rests->windows && rests->is_still[window + 1]; window++) {
+        const size_t next = (window + 2) * rests->half;
+        scatter_of(rests, next, next + rests->half, here, &other);
+        if (square_apart(here, mean) > apart * apart || is_cut(rests, begin, next + rests->half)) break;
+        n += rests->half;
+        for (int axis = 0; axis < 3; axis++) sum[axis] += here[axis] * (real)rests->half, mean[axis] = sum[axis] / (real)n;
+    }
+    return window;
+}
+
+/* The next rest, its first row and the one behind its last; 0 where there is no other. */
+int fl_rests_next(fl_rests *rests, size_t *begin, size_t *end)
+{
+    const size_t free = rests->end;
+    real mean[3], scatter;
+    while (rests->window < rests->windows &&
+           (!rests->is_still[rests->window] || rests->window * rests->half < free)) rests->window++;
+    if (rests->window >= rests->windows) return 0;
+    *begin = rests->window * rests->half;
+    rests->window = last_window(rests, rests->window);
+    *end = (rests->window + 2) * rests->half;
+    scatter_of(rests, *begin, *end, mean, &scatter);
+    const real near = rests->still + NEAR * scatter;
+    while (*begin > free && !is_cut(rests, *begin - 1, *begin + 1) &&
+           square_apart(rests->field + 3 * (*begin - 1), mean) < near * near) *begin -= 1;
+    while (*end < rests->rows && !is_cut(rests, *end - 1, *end + 1) &&
+           square_apart(rests->field + 3 * *end, mean) < near * near) *end += 1;
+    rests->end = *end;
+    return 1;
+}
+
+/* Copy readings from one row to another; out and in may overlap, out before in. */
+static void move_rows(const fl_rests *rests, size_t from, size_t to, size_t count, const fl_averaged *out)
+{
+    memmove(out->field + 3 * to, rests->field + 3 * from, 3 * count * sizeof(real));
+    if (out->time) memmove(out->time + to, out->time_of_all + from, count * sizeof(real));
+}
+
+/* Ends of recordings, once the rests up to a row are averaged. */
+static size_t move_ends(const fl_rests *rests, size_t part, size_t row, size_t count, const fl_averaged *out)
+{
+    for (; part < rests->parts && (size_t)rests->ends[part] <= row; part++)
+        out->ends[part] = rests->ends[part] - (int64_t)(row - count);
+    return part;
+}
+
+/* Put all readings, each rest as its mean, in the middle of its time, into `out`, which may be where they are; returns how
+ * many there are. */
+size_t fl_rests_average(fl_rests *rests, const fl_averaged *out)
+{
+    size_t begin, end, last = 0, count = 0, part = 0;
+    while (fl_rests_next(rests, &begin, &end)) {
+        real mean[3], scatter;
+        scatter_of(rests, begin, end, mean, &scatter);
+        const real time = out->time ? (out->time_of_all[begin] + out->time_of_all[end - 1]) / 2 : 0;
+        move_rows(rests, last, count, begin - last, out);
+        count += begin - last;
+        part = move_ends(rests, part, begin, count, out);
+        memcpy(out->field + 3 * count, mean, sizeof mean);
+        if (out->time) out->time[count] = time;
+        count++;
+        last = end;
+    }
+    move_rows(rests, last, count, rests->rows - last, out);
+    count += rests->rows - last;
+    move_ends(rests, part, rests->rows, count, out);
+    return count;
+}
+
+/* Where the rests of a recording are. */
+size_t flinders_rests(const real *field, size_t rows, const int64_t *ends, size_t parts, void *workspace, size_t size,
+                      int64_t *bounds)
+{
+    fl_room room;
+    fl_rests rests;
+    size_t count = 0, begin, end;
+    if (rows == 0 || fl_room_of(workspace, size, rows, &room)) return 0;
+    fl_rests_begin(field, rows, ends, ends ? parts : 0, room.scratch, room.passed, &rests);
+    for (; fl_rests_next(&rests, &begin, &end); count++) bounds[2 * count] = (int64_t)begin, bounds[2 * count + 1] = (int64_t)end;
+    return count;
+}

@@ -1,0 +1,178 @@
+"""Several devices in one table, told apart by a column such as ``id``, ``node`` or ``address``.
+
+A column tells devices apart where its name says so and a few of its words come again and again. A counter has too many,
+and the name of a label, a quality or a trial says something else.
+
+>>> [name for name in ("id", "NodeID", "mac address", "trial_id", "accuracy", "mag_x", "seq") if names_device(name)]
+['id', 'NodeID', 'mac address']
+>>> rows = [("3", "b4:a1"), ("0", "b4:07")] * 5
+>>> [device.name for device in devices_in(["id", "mac"], (0, 1), lambda: iter(rows))]
+['id=0', 'id=3']
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+from itertools import compress
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+from flinders.readers._names import meaning, words_of
+from flinders.readers._tokenizer import number
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    Rows: TypeAlias = Callable[[], Iterator[tuple[str, ...]]]
+
+MAX_DEVICES: Final = 64
+"""Different words of a column; one with more is a counter."""
+MAX_NUMBERED: Final = 8
+"""The same of a column of numbers that has no name."""
+MIN_READINGS: Final = 3
+"""Of a device; a word that is rarer may be a slip."""
+MIN_READINGS_IN_A_ROW: Final = 20
+"""Of a device, where none comes again after another one: fewer may be parts of one recording."""
+MIN_SHARE: Final = 0.9
+"""Of the rows, that are of such devices."""
+MAX_LETTERS: Final = 64
+"""Of a name."""
+_DEVICE: Final = re.compile(
+    r"(id|uid|uuid|guid|eui|imei|sn|(dev|device|node|mote|sensor|imu|board|module|probe|chip|unit|instrument|logger"
+    r"|magnetometer|compass|robot|drone|vehicle|agent|phone|beacon|serial|mac|ip|hw|address|addr|host|client|sender"
+    r"|channel|port|slave|instance|bus|mux)(id|no|nr|num|number|name|addr|address|key|eui)?s?)"
+)
+"""Words of columns that tell devices apart."""
+_PIECES: Final = re.compile(r"[0-9]+|[^0-9]+")
+_AROUND: Final = " \"'()[]:#,;"  # what stands around a word
+_ADDRESS: Final = re.compile(
+    r"[\da-f]{2}([:-][\da-f]{2})+|\d+(\.\d+){3}|0x[\da-f]+|[a-z]{1,16}[-_#]?\d{1,8}|[\da-f]{8,32}", re.IGNORECASE
+)
+_OTHER: Final = re.compile(
+    r"trial|session|run|test|exp|experiment|label|class|category|activity|state|status|mode|quality|accuracy|acc|cal"
+    r"|calib|event|msg|message|packet|frame|seq|sequence|sample|reading|row|record|recording|line|index|idx|count"
+    r"|counter|time|timestamp|date|day|lap|track|path|trip|segment|section|step|phase|epoch|block|batch|group|set"
+    r"|position|pos|pose|orientation|location|place|room|user|subject|participant|person|driver|operator|gesture"
+    r"|motion|action|fold|split|cluster|survey|shot|leg|waypoint|mission|flight|log|file|temp|temperature|type"
+)
+"""Words of columns that say something else of a reading, also as ``trial_id``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """One of several devices in a table: the words that its rows have in some columns."""
+
+    cells: tuple[int, ...]  # places of the columns
+    columns: tuple[str, ...]  # what they are called
+    words: tuple[str, ...]  # in them
+
+    @property
+    def name(self) -> str:
+        """What it is called: ``id=3``."""
+        return " ".join(f"{column}={word}" for column, word in zip(self.columns, self.words, strict=True))
+
+    def is_of_other(self, cells: Sequence[str]) -> bool:
+        """Whether the cells of a row say that it is of another device; one that is cut short may be of any."""
+        return any(
+            cell < len(cells) and bare(cells[cell]) != word for cell, word in zip(self.cells, self.words, strict=True)
+        )
+
+
+def names_device(name: str) -> bool:
+    """Tell whether a column may say by its name which device a row is of."""
+    words = [word.casefold() for word in words_of(name)]
+    is_plain = not any(map(_OTHER.fullmatch, words)) and any(map(_DEVICE.fullmatch, words))
+    return is_plain and not (meaning(name).kind or meaning(name).axis)
+
+
+def bare(cell: str) -> str:
+    """A word as it is compared; a whole number may be written with decimals.
+
+    >>> bare(" 3.0"), bare("'B4:01'"), bare("10.0.0.7")
+    ('3', 'B4:01', '10.0.0.7')
+    """
+    word = cell.strip(_AROUND)
+    whole, point, decimals = word.partition(".")
+    return whole if point and whole.isdecimal() and not decimals.strip("0") else word
+
+
+def are_ids(words: Iterable[str], *, is_ahead: bool) -> bool:
+    """Tell whether the words of a column without a name are those of devices.
+
+    Addresses and names with a number are, and numbers from 0 or 1 on that stand ahead of the readings.
+
+    >>> are_ids(["b4:12:01", "b4:12:02"], is_ahead=False), are_ids(["S2", "S1", "S1"], is_ahead=False)
+    (True, True)
+    >>> are_ids(["2", "1"], is_ahead=True), are_ids(["2", "1"], is_ahead=False), are_ids(["on", "off"], is_ahead=True)
+    (True, False, False)
+    """
+    known = {bare(word) for word in words}
+    if not 2 <= len(known) <= MAX_DEVICES:
+        return False
+    if all(map(_ADDRESS.fullmatch, known)):
+        return True
+    numbers = sorted(int(word) for word in known if word.isdecimal())
+    is_row = numbers in (list(range(len(known))), list(range(1, len(known) + 1)))
+    return is_ahead and is_row and len(known) <= MAX_NUMBERED
+
+
+def devices_in(names: Sequence[str], places: Sequence[int], rows: Rows) -> tuple[Device, ...]:
+    """Devices by the words of all rows in some columns, in the order of their names; none for one.
+
+    Columns that tell different devices apart count together, and those that tell the same apart once.
+    """
+    tallies = {place: _Tally() for place in places}
+    for words in rows():
+        for tally, word in zip(tallies.values(), words, strict=True):
+            tally.add(bare(word))
+    telling = {place: tally.devices for place, tally in tallies.items() if tally.devices}
+    if not telling:
+        return ()
+    most = max(telling, key=lambda place: len(telling[place]))
+    cells: tuple[int, ...] = (most,)
+    found: list[tuple[str, ...]] = [(word,) for word in telling[most]]
+    if len(telling) > 1:
+        is_telling = [place in telling for place in places]
+        counts = Counter(tuple(map(bare, compress(words, is_telling))) for words in rows())
+        together = [words for words, count in counts.items() if count >= MIN_READINGS]
+        cells, found = (tuple(telling), together) if len(together) > len(found) else (cells, found)
+    columns = tuple(names[cell].strip() if names else str(cell + 1) for cell in cells)
+    return tuple(Device(cells, columns, words) for words in sorted(found, key=_in_order))
+
+
+class _Tally:
+    """Words of a column, counted in the order of the rows."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        self._last, self._has_returned = "", False
+
+    def add(self, word: str) -> None:
+        """Count a word; of too many no more."""
+        if word != self._last:
+            self._has_returned = self._has_returned or word in self.counts
+            self._last = word
+        if len(self.counts) <= MAX_DEVICES:
+            self.counts[word] += 1
+
+    @property
+    def devices(self) -> list[str]:
+        """Words of devices; none where there are too many or just one, or where they are no names."""
+        least = MIN_READINGS if self._has_returned else MIN_READINGS_IN_A_ROW
+        often = [word for word, count in self.counts.items() if word and count >= least]
+        is_few = len(often) >= 2 and len(self.counts) <= MAX_DEVICES
+        is_most = sum(self.counts[word] for word in often) >= MIN_SHARE * self.counts.total()
+        return often if is_few and is_most and all(map(_is_name, often)) else []
+
+
+def _is_name(word: str) -> bool:
+    """Tell a whole number, a word or an address from a measured value."""
+    value = number(word, ".")
+    return len(word) <= MAX_LETTERS if value is None else value.is_integer()
+
+
+def _in_order(words: tuple[str, ...]) -> list[list[tuple[bool, int, str]]]:
+    """Sort words by the alphabet, and numbers in them by their size."""
+    pieces = [_PIECES.findall(word.casefold()) for word in words]
+    return [[(not one.isdecimal(), int(one) if one.isdecimal() else 0, one) for one in each] for each in pieces]

@@ -1,0 +1,75 @@
+r"""Texts that are known and hold no readings of a magnetometer: what they are, and what to do with them.
+
+>>> str(refusal("bus.log", ["(1600000000.123456) can0 123#DEADBEEF"]))[:71]
+'bus.log is a candump of a CAN bus: what its bytes mean only a descripti'
+>>> refusal("tumble.csv", ["mx,my,mz", "1,2,3"]), refusal("boat.log", ["$IIHDM,10.0,M*13"])
+(None, None)
+>>> str(refusal("boat.log", ["$IIHDM,10.0,M*13"], is_unread=True))[:54]
+'boat.log is a log of a boat, with headings in degrees:'
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from flinders.errors import NoMagnetometer
+from flinders.readers import nmea0183, nmea2000
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+LOOKED_AT: Final = 400  # Lines that are looked at
+
+
+class KnownText(NamedTuple):
+    """A kind of text."""
+
+    sign: re.Pattern[str]  # what a line of it holds
+    share: float  # of the lines that have to hold it; 0 where one is enough
+    words: str  # what it is, and what to do
+    may_be_read: bool = False  # readings may stand beside it: it is refused where none was found
+
+
+TEXTS: Final = (
+    KnownText(
+        re.compile(r"^ ?Format\s+IAGA-2002"),
+        0.0,
+        "is a file of an observatory (IAGA-2002), the earth's field at a place, of which D is an angle in minutes of "
+        "arc: a sensor is calibrated from readings while it was turned",
+    ),
+    KnownText(
+        nmea2000.SIGN,
+        0.6,
+        "is a candump of NMEA 2000: its headings in degrees are for flinders swing; readings x, y, z of a "
+        "magnetometer it has none",
+        may_be_read=True,
+    ),
+    KnownText(
+        re.compile(
+            r"^\s*(?:\(\d[\d.]*\)\s+)?[a-z]+\d+\s+(?:[RT]X\s+\S+\s+\S+\s+)?[0-9A-Fa-f]{3,8}"
+            r"(?:##?[0-9A-Fa-f.R]*|\s+\[\d\d?\](?:\s+[0-9A-Fa-f]{2})*)(?:\s+\S*)?\s*$"
+        ),
+        0.6,
+        "is a candump of a CAN bus: what its bytes mean only a description of the bus tells; decode it, such as with "
+        "cantools decode FILE.dbc or, of NMEA 2000, with candump2analyzer and analyzer -json, and give the "
+        "magnetometer's x, y and z as columns",
+    ),
+    KnownText(
+        nmea0183.SIGN,
+        0.0,
+        "is a log of a boat, with headings in degrees: flinders swing finds the deviation from it; a calibration needs "
+        "readings x, y, z of the magnetometer",
+        may_be_read=True,
+    ),
+)
+
+
+def refusal(name: str, lines: Sequence[str], *, is_unread: bool = False) -> NoMagnetometer | None:
+    """Say what a text is that holds no readings; if `is_unread`, also where readings might have stood beside it."""
+    some = [line for line in lines[:LOOKED_AT] if line.strip()]
+    for text in TEXTS:
+        count = sum(text.sign.search(line) is not None for line in some)
+        if count and count >= text.share * len(some) and (is_unread or not text.may_be_read):
+            return NoMagnetometer(f"{name} {text.words}")
+    return None
