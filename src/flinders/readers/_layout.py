@@ -374,7 +374,7 @@ def _table(
     asked = asked or choice.remembered(header, width, rising_in(values) if choice.forms else ())
     units = _units(texts[place + 1 : start], signs[0], len(header)) if place >= 0 else ()
     if not header and asked is None:
-        _refuse_nameless(name, devices, width)
+        _refuse_nameless(name, devices, clocks, width)
         values = _longer(texts[start:], values, signs)
     heading = misfit.words(width) if misfit else ""
     line = f" (line {start + 1}: {shown(texts[start])!r})"
@@ -640,12 +640,13 @@ def _could_name(names: list[str], delimiter: str) -> bool:
 # What is refused ------------------------------------------------------------------------------------------------------
 
 
-def _refuse_nameless(name: str, devices: Sequence[Device], width: int) -> None:
+def _refuse_nameless(name: str, devices: Sequence[Device], clocks: Sequence[Clock], width: int) -> None:
     """Refuse a table without a header in which a column says which of several sensors each line is of."""
     if devices and width <= NAMELESS:
         words = ", ".join(" ".join(device.words) for device in devices[:MOST_NAMED])
         column = devices[0].cells[0]
-        others = ",".join([str(cell + 1) for cell in range(width) if cell not in devices[0].cells][-3:])
+        taken = {*devices[0].cells, *(cell for clock in clocks for cell in clock.cells)}
+        others = ",".join([str(cell + 1) for cell in range(width) if cell not in taken][-3:])
         raise NoMagnetometer(
             f"column {column + 1} of {name} says which sensor each line is of ({words}): add columns='{others}' where "
             "those are x, y and z, and say with sensor= which one is meant"
