@@ -12,6 +12,7 @@ from pyarrow import csv, parquet
 from flinders import fit, open_recording, simulate
 from flinders.errors import UsageError
 from flinders.live.transcript import escaped
+from flinders.readers._clock import seconds_of
 from flinders.readers._columns import _cut_digits
 from flinders.readers._layout import _with_sensors, ranges
 from flinders.readers._likeness import ColumnGroup, advice, likeness
@@ -27,7 +28,7 @@ from flinders.readers._names import (
 )
 from flinders.readers._tokenizer import cut, decimal, like, names_of, pattern_of
 from flinders.readers.dialects.json_records import flat
-from flinders.readers.dialects.wrapped import STAMP, seconds_of
+from flinders.readers.dialects.wrapped import STAMP
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -152,7 +153,9 @@ def test_numbers_behind_one_label_are_its_axes() -> None:
 
 def test_words_of_registers_are_signed_and_stamps_count_from_midnight() -> None:
     assert cut("0xFF38 0x0010")[0] == ["-200", "16"]
-    assert seconds_of(STAMP.match("14:03:00.250 -> X: 1")) == pytest.approx(50580.25)
+    stamp = STAMP.match("14:03:00.250 -> X: 1")
+    assert stamp is not None
+    assert seconds_of(stamp) == 50580.25
 
 
 def test_keys_inside_objects_get_dots() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -224,3 +225,48 @@ def test_a_board_that_prints_of_several_is_read_of_the_first_and_said() -> None:
     (event,) = (event for each in taken for event in each.events if event.kind == "several")
     assert event.words == "lines of several devices come, and node=0 is shown alone: node=1, node=2 not"
     assert "".join(each.text for each in taken).count(",2,3\n") == 90
+
+
+TIMED: Final = {
+    "a date behind the id": ("id,timestamp,mx,my,mz", "{device},{when:%Y-%m-%d %H:%M:%S.%f},{body}"),
+    "a date and a clock": ("date,time,mx,my,mz,node", "{when:%d.%m.%Y},{when:%H:%M:%S.%f},{body},{device}"),
+    "a header with a name too few": ("t,id,mx,my,mz", "{t},{device},{body},{t}"),
+}
+"""Header and line of each."""
+
+
+@pytest.mark.parametrize("name", TIMED)
+def test_devices_of_a_table_with_dates_or_another_header_are_told_apart(name: str, tmp_path: Path) -> None:
+    header, form = TIMED[name]
+    times = [datetime(2026, 3, 4, 23, 59, 0, 250000) + timedelta(seconds=row / 8) for row in range(3 * ROWS)]
+    pairs = zip(times, devices(), field_of(devices()).tolist(), strict=True)
+    rows = [
+        form.format(when=when, t=row / 8, device=device, body=",".join(map(str, field)))
+        for row, (when, device, field) in enumerate(pairs)
+    ]
+    path = tmp_path / "devices.csv"
+    path.write_text("\n".join([header, *rows]))
+    np.testing.assert_allclose(offsets(path), OFFSETS, atol=0.05)
+    time = flinders.read(path, sensor="2").time
+    assert time is not None
+    np.testing.assert_allclose(np.ptp(time), np.ptp(np.flatnonzero(devices() == 1)) / 8, atol=1e-3)
+
+
+def test_a_time_is_none_of_the_axes_that_are_offered_beside_a_column_of_devices(tmp_path: Path) -> None:
+    rows = zip(devices("in turn"), field_of(devices("in turn")).tolist(), strict=True)
+    lines = [
+        f"b4:0{device},{x},{y},{z},2026-03-04 00:{row // 60:02d}:{row % 60:02d}"
+        for row, (device, (x, y, z)) in enumerate(rows)
+    ]
+    path = tmp_path / "devices.csv"
+    path.write_text("\n".join(lines))
+    with pytest.raises(NoMagnetometer, match="columns='2,3,4'"):
+        flinders.read(path)
+
+
+def test_seconds_of_a_clock_are_no_addresses(tmp_path: Path) -> None:
+    """Twenty lines with ``04:42:07``, and then as many with the next."""
+    fields = field_of(devices()).tolist()
+    path = tmp_path / "one.csv"
+    path.write_text("\n".join(f"{x},{y},{z},04:42:{row // 20:02d}" for row, (x, y, z) in enumerate(fields)))
+    assert len(flinders.read(path)) == 3 * ROWS

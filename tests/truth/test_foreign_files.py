@@ -244,7 +244,7 @@ def test_raw_columns_of_which_one_has_a_damaged_name_are_told_before_the_calibra
     np.savetxt(tmp_path / "log.csv", rows, header=header, comments="", delimiter=",")
     words = str(flinders.open_recording(tmp_path / "log.csv"))
     assert f"left out {header.split(',', maxsplit=1)[0]}, " in words
-    assert "(raw, and not of all axes: is a name damaged?)" in words
+    assert "(not three axes of one sensor: is a name damaged?)" in words
 
 
 # bounds

@@ -552,7 +552,7 @@ def test_units_below_the_header_hold_for_what_stands_beside(written: Callable[..
 def test_json_above_the_limit_is_refused(written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     """A whole document is held in memory, so its size is bounded; JSON lines are not."""
     monkeypatch.setattr("flinders.readers.dialects.json_records.LARGEST", 1 << 20)
-    triples = [[row, row, -1 - row] for row in range(50_000)]
+    triples = [[-row, row, -1 - row] for row in range(50_000)]
     with pytest.raises(UnreadableInput, match="more than 1 MB"):
         open_recording(written(json.dumps(triples), "big.json"))
     assert len(read(written("\n".join(map(json.dumps, triples)), "big.jsonl"))) == 50_000

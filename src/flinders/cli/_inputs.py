@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.core.calibration import Calibration
-    from flinders.core.calibration_file import Provenance, SourceFile
+    from flinders.core.calibration_file import ColumnsRecord, Provenance, SourceFile
     from flinders.core.compensation import Compensator
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Recording, Skipped
@@ -121,7 +121,16 @@ def source_file(part: CountedRecording) -> SourceFile:
         compass=getattr(recording, "compass", None),
         device_id=getattr(recording, "device_id", None),
         mounting=getattr(recording, "mounting", None),
+        columns=_asked_columns(recording),
     )
+
+
+def _asked_columns(recording: Recording) -> ColumnsRecord | None:
+    """The columns that were asked for of a table."""
+    from flinders.core.calibration_file import ColumnsRecord
+
+    form = getattr(getattr(recording, "columns", None), "form", None)
+    return form and ColumnsRecord(**form._asdict())
 
 
 def of_content(name: str, content: bytes, rows: int = 0, **compass: Any) -> SourceFile:
@@ -219,27 +228,34 @@ def fixed_values(fixed: Iterable[str]) -> dict[str, float]:
     return values
 
 
-def open_with(calibration: Calibration, recording: str, *, sensor: str | None = None, **reading: Any) -> Recording:
-    """Open a recording in the unit and axes of a calibration: of several magnetometers the one that it is for."""
-    from flinders.readers import Choice, open_recording
+def open_with(fit: Fit, recording: str, *, sensor: str | None = None, **reading: Any) -> Recording:
+    """Open a recording in the unit and axes of a calibration: of several magnetometers the one that it is for.
 
-    choice = Choice(sensor, calibration.sensor)
+    Of a table of the form of one that it was made from the columns that were asked for then.
+    """
+    from flinders.readers import Choice, open_recording
+    from flinders.readers._names import Form
+
+    calibration = fit.calibration
+    known = (file.columns for file in reversed(fit.files) if file.columns)
+    forms = tuple(Form(each.field, each.width, each.names, each.rising) for each in known)
+    choice = Choice(sensor, calibration.sensor, forms=forms)
     opened = open_recording(recording, axes=str(calibration.axes), sensor=choice, **reading)
     agree(calibration, opened)
     return opened
 
 
 def open_all_with(
-    path: str, calibration: Calibration, recordings: Sequence[str], *, sensor: str | None, **reading: Any
+    path: str, fit: Fit, recordings: Sequence[str], *, sensor: str | None, **reading: Any
 ) -> list[CountedRecording]:
     """Open recordings as `open_with`; says which magnetometer was taken."""
     from flinders.estimators.data import CountedRecording
 
     refuse_twice(recordings)
     refuse_calibrations(recordings)
-    parts = [open_with(calibration, each, sensor=sensor, **reading) for each in recordings]
+    parts = [open_with(fit, each, sensor=sensor, **reading) for each in recordings]
     for part in parts:
-        say_sensor(path, calibration, part, sensor)
+        say_sensor(path, fit.calibration, part, sensor)
     return list(map(CountedRecording, parts))
 
 

@@ -339,7 +339,7 @@ def open_log(
         _as_it_is(recording, **reading) if calibration is None else in_use(command, calibration, [recording], fixed)
     )
     refuse_calibrations([recording])
-    opened = open_with(fit.calibration, recording, once=True, **reading)
+    opened = open_with(fit, recording, once=True, **reading)
     if accelerometer.acceleration is not None:
         _name_acceleration(opened, accelerometer.acceleration)
     site = None if place.place is None else site_of(place.place, place.date, opened)

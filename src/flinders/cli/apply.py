@@ -61,7 +61,7 @@ def command(options: Apply) -> int:
     fit, compensator = in_use("apply", calibration, [recording], options.fixed)
     with progress("correcting") as watch:
         source = open_with(
-            fit.calibration, recording, sensor=options.sensor, once=True, progress=watch, **options.reading.as_dict()
+            fit, recording, sensor=options.sensor, once=True, progress=watch, **options.reading.as_dict()
         )
         if getattr(source, "name", ""):
             say(str(source))

@@ -76,7 +76,7 @@ def command(options: Check) -> int:
     with progress("reading") as watch:
         parts = open_all_with(
             options.calibration,
-            known.calibration,
+            known,
             options.recordings,
             sensor=options.sensor,
             progress=watch,

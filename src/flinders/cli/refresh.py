@@ -132,7 +132,7 @@ def _opened(path: str, previous: Fit, options: Refresh) -> CountedRecording:
     """Open a recording in unit and axes of the earlier calibration, and say which magnetometer is read."""
     from flinders.estimators.data import CountedRecording
 
-    recording = open_with(previous.calibration, path, sensor=options.sensor, **options.reading.as_dict())
+    recording = open_with(previous, path, sensor=options.sensor, **options.reading.as_dict())
     say_sensor(options.previous, previous.calibration, recording, options.sensor)
     return CountedRecording(recording)
 

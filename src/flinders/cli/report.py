@@ -48,9 +48,7 @@ class Pair(program.Group):
         loaded = load(command, path, self.recordings)
         reading = {"columns": self.columns, **self.part.as_dict()}
         with progress("reading") as watch:
-            parts = open_all_with(
-                path, loaded.calibration, self.recordings, sensor=self.sensor, progress=watch, **reading
-            )
+            parts = open_all_with(path, loaded, self.recordings, sensor=self.sensor, progress=watch, **reading)
             as_recorded = Joined(tuple(parts))
             recording = compensated(as_recorded, loaded.calibration)
             with saying_what_was_read(parts):

@@ -199,6 +199,15 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             raise ValueError("`covariance` has a negative variance on its diagonal")
 
 
+class ColumnsRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """Which columns of a table were named to be the magnetometer's, and which tables have them in the same place."""
+
+    field: tuple[str, ...]  #: x, y and z as they were asked for: names, or numbers from 1
+    width: Annotated[int, Meta(ge=1)]  #: columns of a line; a table of another number has another form
+    names: tuple[str, ...] = ()  #: its header, which one of the same form has too; none where it has no header
+    rising: tuple[int, ...] = ()  #: without a header: numbers of the columns that only rise, as a clock does
+
+
 class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """One recording that a calibration came from."""
 
@@ -213,6 +222,7 @@ class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, 
     device_id: Count | None = None  #: its device id there
     #: roll, pitch and yaw in degrees: how it was mounted then, vehicle = R_z(yaw) R_y(pitch) R_x(roll) sensor
     mounting: Triple | None = None
+    columns: ColumnsRecord | None = None  #: which of a table were asked for; others of its form are read so too
 
 
 class Provenance(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -37,6 +37,7 @@ from flinders.core.samples import added
 from flinders.core.units import label
 from flinders.errors import FlindersError, OutputError, counted, figures
 from flinders.live.feeds import FeedEvent
+from flinders.readers._clock import Midnights
 from flinders.readers._columns import unit_of
 from flinders.readers._layout import SPOKEN, Cells, TextLayout, recognise_layout, sniff
 from flinders.readers._line_shapes import LineShapes
@@ -118,18 +119,18 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
         with contextlib.suppress(Exception):  # whatever a board prints, a recording goes on
             dialect, layout = recognise_layout("", lines, lay_out, pattern)
             words = f"lines of numbers, {SPOKEN[layout.grid.delimiter]}-separated"
-            return _form(dialect or Cells.of(layout, words), layout, lines)
+            return _form(dialect or Cells.of(layout, words), layout, lines, is_clear=lay_out is not _unclear)
     return None
 
 
-def _form(dialect: Dialect, layout: TextLayout, lines: list[str]) -> Form:
+def _form(dialect: Dialect, layout: TextLayout, lines: list[str], *, is_clear: bool) -> Form:
     """Put together how lines are recorded; columns without names and a time get some."""
     form = Form(dialect, layout, dialect.names, is_timed=True)
     rows = [split(row, ",") for row in form.rows(lines)]
     if (time := layout.columns.time) and _runs([row[time.cells[0]] for row in rows if len(row) > time.cells[0]]):
         return form
     width = layout.grid.width or max(map(len, rows), default=0)
-    nameless = PLAIN if width == len(PLAIN) else tuple(f"c{place + 1}" for place in range(width))
+    nameless = PLAIN if is_clear and width == len(PLAIN) else tuple(f"c{place + 1}" for place in range(width))
     return replace(form, names=(TIME, *(dialect.names or nameless)), is_timed=False)
 
 
@@ -142,6 +143,7 @@ def _runs(column: Sequence[str]) -> bool:
 def _unclear(lines: list[str], header: Sequence[str] = (), **_: object) -> TextLayout:
     """Lay out a table of which all is recorded, as it is not clear what is the magnetometer: by three numbers."""
     layout = sniff("", lines, "1,2,3", header)
+    layout = layout if layout.header else replace(layout, columns=layout.columns.only())  # what rises may be an axis
     sign, decimal = layout.grid.delimiter, layout.grid.decimal
     rows = [split(line, sign) for line in lines]
     numeric = Counter(
@@ -288,6 +290,7 @@ class Transcript:
         self._columns, self._unit, self._scale, self._pattern = columns, unit, scale, pattern
         self._header, self._rows = header, rows
         self._read: tuple[TextLayout, Unit] | None = None
+        self._midnights = Midnights(None)
         self._rest, self._pieces = b"", 0  # of a line whose end has not come
         self._waiting: list[_WaitingLine] = []
         self._shapes = LineShapes()
@@ -412,6 +415,7 @@ class Transcript:
         with contextlib.suppress(FlindersError):  # of what needs options to be read
             layout = sniff(self._name, [form.header, *self._rows, *rows], self._named(form))
             self._read = layout, unit_of(layout.columns, self._name, self._unit, self._scale)
+            self._midnights = Midnights(layout.columns.clock)
             self.statistics.unit = label(self._read[1].inside)
             columns = f": {layout.columns.describe(self.statistics.unit)}"
         self._tell("settled", f"{form}{columns}")
@@ -501,7 +505,7 @@ class Transcript:
             return None
         layout, unit = self._read
         rows = [row for row in rows if not layout.is_of_other_device(row)]
-        values = rows_of(rows, range(len(rows)), layout.grid).values
+        values = rows_of(rows, range(len(rows)), layout.grid).past(self._midnights, layout.grid).values
         readings = layout.columns.samples(values.T, unit=unit, axes=Axes(), source=self._name)
         self._count_silent(readings)
         self.statistics.measure(readings.field)

@@ -463,6 +463,7 @@ def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
         frames=(frame_of(table), frame_of(table)),
         readings=table.readings if isinstance(table, TableRecording) else None,
         notes=(table.describe().removeprefix(f"{table.source}: {table.name}, "),) if table.name else (),
+        unread_time=table.columns.unread_time,
         file=getattr(table, "original", None) or table.file,
     )
 

@@ -19,10 +19,11 @@ from flinders.core.samples import COLUMNS, Samples
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import NoMagnetometer, UnitError, UsageError, did_you_mean, figures
 from flinders.geometry import quaternions
-from flinders.readers._likeness import advice, ascends, groups
+from flinders.readers._likeness import advice, ascends, groups, has_clock, only_rises
 from flinders.readers._names import (
     ACCELERATION,
     ATTITUDE,
+    BARE,
     CURRENT,
     CURRENTS,
     FACTORS,
@@ -36,10 +37,14 @@ from flinders.readers._names import (
     THROTTLES,
     TIME,
     Choice,
+    Form,
     Meaning,
     Vector,
+    clearness,
     companion,
     instruments,
+    is_letter_of_time,
+    is_like_time,
     kind_of_chip,
     label,
     meaning,
@@ -62,6 +67,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.core.samples import TimeSpan
+    from flinders.readers._clock import Clock
     from flinders.readers._devices import Device
     from flinders.readers._source import Source
 
@@ -77,6 +83,12 @@ PULSES_US: Final = (800.0, 2200.0)  # shortest and longest of such pulses
 EPOCHS: Final = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
 COARSE: Final = 10  # readings to one time from which on its digits are too few: buffers of sensors give a few at once
 COARSE_S: Final = 1.0  # resolution from which on a time that never changes is cut, and its clock not at rest
+TEMPERATURES_C: Final = (-60.0, 150.0)  # what a sensor may have
+FEWEST_TIMES: Final = 10  # rows from which on a column is looked at for whether it rises
+RARE: Final = 0.1  # of the steps of a clock that is set back or begins again
+REGULAR: Final = 0.25  # by how much of it the number of readings to each time varies
+FALLS: Final = "it does not rise as a time does"
+LAST: Final = 9  # rank of a time that no name calls one
 NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
 """The column behind the one of whole seconds, as messages of ROS have both."""
 LONG: Final = 1e8  # seconds after which a time is taken to count from 1970 and not from the start of the recording
@@ -97,6 +109,7 @@ class Column:
     start: float = 0.0  # subtracted first, in its own unit
     unit: str = ""  # of a strength whose name states one; else it is in the unit of the field
     axes: tuple[int, ...] = (0, 1, 2)  # which axes two columns of a level recording are; the third is 0
+    clock: Clock | None = None  # how a time is read that is no number
 
 
 @dataclass(frozen=True)
@@ -108,10 +121,12 @@ class Columns:
     stated: bool = False  # the unit is in the header, and must not be contradicted
     auxiliary: tuple[Column, ...] = ()  # at most one of each other kind
     left_out: tuple[str, ...] = ()  # columns that were recognised and cannot be used, each with the reason
+    unread_time: str = ""  # names of columns that are called as a time, where none is read
     name: str = ""  # of one of several magnetometers in a table
     magnetometers: tuple[Columns, ...] = ()  # those of each of several magnetometers, in order
     others: tuple[str, ...] = ()  # numbers and names of the other magnetometers, where nobody has said which is meant
     passed_over: tuple[str, ...] = ()  # what is named like a magnetometer and is none of its own, with what it is
+    form: Form | None = None  # where they were asked for, how the table is recognised
     reset: Column | None = (
         None  # what a sensor with set and reset pulses read after a reset, where `field` is after a set
     )
@@ -123,6 +138,11 @@ class Columns:
     def time(self) -> Column | None:
         """When each reading was taken, where that is known."""
         return self.of_kind(TIME)
+
+    @property
+    def clock(self) -> Clock | None:
+        """How the time is read where it is no number."""
+        return self.time.clock if self.time else None
 
     def of_kind(self, kind: str) -> Column | None:
         """Find the column of a kind."""
@@ -212,7 +232,11 @@ class Columns:
 
 
 def by_name(
-    names: Sequence[str], values: Floats, wanted: Sequence[int] = (), units: Sequence[str] = ()
+    names: Sequence[str],
+    values: Floats,
+    wanted: Sequence[int] = (),
+    units: Sequence[str] = (),
+    clocks: Sequence[Clock] = (),
 ) -> Columns | None:
     """Choose columns by a header, its units and the first rows: the first of several magnetometers, with all in it.
 
@@ -224,11 +248,10 @@ def by_name(
     """
     pairs = polarities(names)
     if not pairs or wanted:
-        return _by_name(names, values, wanted, units)
+        return _by_name(names, values, wanted, units, clocks)
     plain = ["" if place in pairs.values() else name for place, name in enumerate(names)]
-    chosen = _by_name(
-        [without_set(name) if place in pairs else name for place, name in enumerate(plain)], values, (), units
-    )
+    bare = [without_set(name) if place in pairs else name for place, name in enumerate(plain)]
+    chosen = _by_name(bare, values, (), units, clocks)
     return chosen and _with_pairs(chosen, names, values, pairs)
 
 
@@ -254,17 +277,29 @@ def _spread(values: Floats) -> float:
     return float(np.sqrt(np.sum(np.var(values, axis=0)))) if len(values) else 0.0
 
 
-def _by_name(names: Sequence[str], values: Floats, wanted: Sequence[int], units: Sequence[str]) -> Columns | None:
+def _by_name(
+    names: Sequence[str], values: Floats, wanted: Sequence[int], units: Sequence[str], clocks: Sequence[Clock]
+) -> Columns | None:
     """Choose columns by a header without pairs."""
     meanings = [meaning(name) for name in names]
     for place, unit in enumerate(units[: len(names)]):  # in a row below the header
         if unit and not meanings[place].unit:
             meanings[place] = meaning(f"{names[place]} ({unit})")
+    for place, name in enumerate(names):
+        if is_letter_of_time(name) and meanings[place].kind == TIME and _is_temperature(values[:, place]):
+            meanings[place] = Meaning(TEMPERATURE)
+    for clock in clocks:  # after those that are numbers
+        known = meanings[clock.cell]
+        for cell in clock.cells:
+            meanings[cell] = Meaning("")
+        meanings[clock.cell] = Meaning(TIME, unit="s", rank=known.rank + 2 if known.kind == TIME else LAST)
+    if unnamed := [place for place, name in enumerate(names) if not name.strip() and _is_clock(values[:, place])]:
+        meanings[unnamed[0]] = Meaning(TIME, rank=LAST)
     sensors = vectors(names, meanings, FIELD)
     fields = instruments(sensors)
     free = [Meaning("") if place in wanted else known for place, known in enumerate(meanings)]
     triples = {kind: vectors(names, free, kind) for kind in (ACCELERATION, RATE)}
-    header = _Header(names, meanings, values, fields, triples)
+    header = _Header(names, meanings, values, fields, triples, {clock.cell: clock for clock in clocks})
     if wanted:
         own = next((each for each in sensors if set(wanted) <= set(each.cells)), Vector(tuple(wanted), 0, (), ""))
         name = own.name if own in fields else own.whole
@@ -272,26 +307,29 @@ def _by_name(names: Sequence[str], values: Floats, wanted: Sequence[int], units:
     if not fields:
         return None
     read = {place for field in fields for place in field.cells}
-    unread = [place for place, name in enumerate(names) if place not in read and tells_nothing(name)]
-    recognised = [str(group) for group in groups(values, unread, names) if group.is_known] if len(unread) > 2 else []
+    unread = [place for place, name in enumerate(names) if name and place not in read and tells_nothing(name)]
+    judged = groups(values, unread, names) if len(unread) > 2 else []
+    recognised = [str(group) for group in judged if group.is_known or group.is_candidate]
     others = (*passed_over(sensors, fields), *recognised)
     several = len(fields) > 1
     made = [replace(header.around(each), passed_over=others, name=each.name if several else "") for each in fields]
-    if partly := _partly_raw(header, sensors):
-        made = [replace(each, left_out=(partly, *each.left_out)) for each in made]
+    if incomplete := _incomplete(header, sensors):
+        made = [replace(each, left_out=(incomplete, *each.left_out)) for each in made]
     return replace(made[0], magnetometers=tuple(made)) if several else made[0]
 
 
-def _partly_raw(header: _Header, sensors: Sequence[Vector]) -> str:
-    """Say that raw readings are there of some axes, where others are read instead; nothing where that is not so."""
+def _incomplete(header: _Header, sensors: Sequence[Vector]) -> str:
+    """Say that names are there of some axes of another magnetometer; nothing where one alone is, or none."""
     known = {place for sensor in sensors for place in sensor.cells}
-    partly = [
-        name.strip()
-        for place, (name, own) in enumerate(zip(header.names, header.meanings, strict=True))
-        if place not in known and own.kind == FIELD and own.axis and RAW_NAME.search(name)
+    named = zip(header.names, header.meanings, strict=True)
+    parts = [
+        (name.strip(), own.axis)
+        for place, (name, own) in enumerate(named)
+        if place not in known and own.kind == FIELD and own.axis and clearness(own.rank) < BARE
     ]
-    is_rawest = any(RAW_NAME.search(header.names[cell]) for each in header.fields for cell in each.cells)
-    return f"{', '.join(partly)} (raw, and not of all axes: is a name damaged?)" if partly and not is_rawest else ""
+    if len({axis for _, axis in parts}) < 2 and not any(RAW_NAME.search(name) for name, _ in parts):
+        return ""
+    return f"{', '.join(name for name, _ in parts)} (not three axes of one sensor: is a name damaged?)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,6 +341,7 @@ class _Header:
     values: Floats
     fields: Sequence[Vector]  # magnetometers
     triples: Mapping[str, Sequence[Vector]]  # accelerometers and gyros
+    clocks: Mapping[int, Clock]  # of times that are no numbers, by their place
     left_out: list[str] = field(default_factory=list)  # columns that cannot be used, each with the reason
 
     def around(self, sensor: Vector) -> Columns:
@@ -318,7 +357,14 @@ class _Header:
             stated=bool(unit),
             auxiliary=auxiliary,
             left_out=tuple(others.left_out),
+            unread_time="" if any(column.kind == TIME for column in auxiliary) else others.unread_time(),
         )
+
+    def unread_time(self) -> str:
+        """Names of the columns that are called as a time: those that are left out, and those of words."""
+        timed = [place for place, name in enumerate(self.names) if is_like_time(name) and not self.meanings[place].axis]
+        known = [place for place in timed if self.meanings[place].kind == TIME or not _numeric(self.values[:, place])]
+        return ", ".join(self.names[place].strip() for place in known)
 
     def auxiliary(self, sensor: Vector) -> Iterator[Column]:
         """Yield the other columns that are read with a magnetometer."""
@@ -359,11 +405,18 @@ class _Header:
                 continue
             reason = "" if _numeric(self.values[:, place]) else "not numbers"
             if kind == TIME and not reason:
-                reason = _cut_digits(self.values[:, place], self.meanings[place].unit)
+                times, unit = self.values[:, place], self.meanings[place].unit
+                reason = _falls(self.names[place], times) or _cut_digits(times, unit)
             if not reason:
-                return _column(kind, [place], self.names)
+                return self._told(place) if place in self.clocks else _column(kind, [place], self.names)
             self._leave_out(self.names[place].strip(), reason)
         return None
+
+    def _told(self, place: int) -> Column:
+        """The time in a column that is no number, with that of its dates where they stand in another."""
+        clock = self.clocks[place]
+        named = [cell for cell in clock.cells if self.names[cell].strip()] or clock.cells
+        return replace(_column(TIME, named, self.names), cells=(place,), clock=clock)
 
     def _is_parted(self, place: int) -> bool:
         """Tell whether a column is of whole seconds, and the next of the nanoseconds that belong to them."""
@@ -401,19 +454,53 @@ class _Header:
 
 
 def _column(kind: str, cells: Sequence[int], names: Sequence[str]) -> Column:
-    """Name a column as the header does, or by its number counted from 1 where there is no header."""
-    return Column(kind, tuple(cells), tuple(names[cell].strip() if names else str(cell + 1) for cell in cells))
+    """Name a column as the header does, or by its number counted from 1 where it has no name."""
+    return Column(kind, tuple(cells), tuple((names[cell].strip() if names else "") or str(cell + 1) for cell in cells))
 
 
-def by_place(values: Floats, wanted: Sequence[int] = ()) -> Columns | None:
-    """Choose columns without a header: three are x, y, z; of four, a first that ascends is the time."""
-    width = values.shape[1]
-    timed = width == 4 and not wanted and ascends(values[:, 0])
-    field = tuple(wanted) or ((0, 1, 2) if width == 3 else (1, 2, 3) if timed else ())
-    if not field:
+def by_place(values: Floats, wanted: Sequence[int] = (), clocks: Sequence[Clock] = ()) -> Columns | None:
+    """Choose columns without a header: three beside a time are x, y, z; of four, a first that ascends is the time.
+
+    A column that only ever rises is no axis; beside those that are `wanted` it is the time.
+    """
+    told = {cell for clock in clocks for cell in clock.cells}
+    free = tuple(place for place in range(values.shape[1]) if place not in told)
+    timed = len(free) == 4 and not told and ascends(values[:, 0])
+    field = tuple(wanted) or (free if len(free) == 3 else free[1:] if timed else ())
+    if not field or (not wanted and has_clock(values[:, field])):
         return None
-    time = (_timed(_column(TIME, [0], ()), "", values[:, 0]),) if timed else ()
-    return Columns(_column(FIELD, field, ()), auxiliary=time)
+    own = _column(FIELD, field, ())
+    if clocks:
+        column = replace(_column(TIME, clocks[0].cells, ()), cells=(clocks[0].cell,), clock=clocks[0])
+        times, name = values[:, clocks[0].cell], " and ".join(column.names)
+        if reason := _cut_digits(times, "s"):
+            return Columns(own, left_out=(f"{name} ({reason})",), unread_time=name)
+        return Columns(own, auxiliary=(_timed(column, "s", times),))
+    place = _clock(values, field)
+    return Columns(own, auxiliary=() if place is None else (_timed(_column(TIME, [place], ()), "", values[:, place]),))
+
+
+def rising_in(values: Floats) -> list[int]:
+    """Places of the columns that only ever rise."""
+    return [place for place, column in enumerate(values.T) if only_rises(column)]
+
+
+def axes_of(values: Floats) -> list[int]:
+    """Places of the columns without a name that may be an axis: numbers that change, and not only ever rise."""
+    changing = [place for place, column in enumerate(values.T) if _numeric(column) and len(np.unique(column)) > 1]
+    return [place for place in changing if not only_rises(values[:, place])]
+
+
+def _clock(values: Floats, field: Sequence[int]) -> int | None:
+    """Place of the time of a table without a header: what ascends and is no counter, else the first if it ascends."""
+    free = [place for place in range(values.shape[1]) if place not in field]
+    clocks = [place for place in free if _is_clock(values[:, place])]
+    return next(iter([*clocks, *(place for place in free if place == 0 and ascends(values[:, place]))]), None)
+
+
+def _is_clock(column: Floats) -> bool:
+    """Tell whether a column without a name ascends, and does not count rows."""
+    return ascends(column) and set(np.diff(column[np.isfinite(column)])) != {1.0}
 
 
 def choose(
@@ -422,35 +509,53 @@ def choose(
     asked: str | None = None,
     *,
     units: Sequence[str] = (),
+    clocks: Sequence[Clock] = (),
     flat: str | None = None,
     choice: Choice = FIRST,
     source: str = "the table",
+    heading: str = "",
     quoted: str = "",
+    cells: Sequence[str] = (),
     devices: Sequence[Device] = (),
 ) -> Columns | None:
-    """Choose columns as the user asked, else by their names, else by their places; None where neither decides."""
+    """Choose columns as the user asked, else by their names, else by their places; None where neither decides.
+
+    `heading` says what header a table without names has; `quoted` and `cells` are its first line with readings.
+    """
     width = values.shape[1]
-    if flat is not None and asked is None and (width == 2 or set(flat) <= set(names)):
-        asked = "1,2" if width == 2 else ",".join(flat)
+    axes = [] if names or asked else axes_of(values)
+    if flat is not None and asked is None:
+        asked = _asked_level(flat, names, width, axes)
     if asked is None:
-        chosen = by_name(names, values, units=units) if names else by_place(values)
+        chosen = by_name(names, values, (), units, clocks) if names else by_place(values, (), clocks)
         is_bare = chosen is not None and not chosen.stated and meaning(chosen.field.names[0]).is_bare
         if chosen is None or (is_bare and (chosen.magnetometers or "w" in [name.strip().casefold() for name in names])):
-            _refuse_unclear(names, values, source, quoted)
+            _refuse_two(axes, width, source, quoted)
+            _refuse_unclear(names, values, source, f"{heading or 'no header'}{quoted}", cells)
         return chosen and _chosen(_of_devices(_assumed(chosen), devices), choice, source)
     wanted = wanted_places(asked, names, width, flat=flat is not None)
-    chosen = by_name(names, values, wanted, units) if names else by_place(values, wanted)
+    chosen = by_name(names, values, wanted, units, clocks) if names else by_place(values, wanted, clocks)
     if chosen is None:
         return None
-    several = _of_devices(chosen, devices)
-    if several.magnetometers:
-        chosen = _chosen(several, choice, source)
+    form = Form.of(asked_columns(asked, flat=flat is not None), names, width, rising_in(values))
+    chosen = _of_devices(replace(chosen, form=form), devices)
+    if chosen.magnetometers:
+        chosen = _chosen(chosen, choice, source)
     else:
-        every = by_name(names, values, units=units)
+        every = by_name(names, values, (), units, clocks) if names else None
         chosen = _named(chosen, every.magnetometers if every else (), choice, asked, source)
     if flat is None or len(wanted) != 2:
         return chosen
     return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
+
+
+def _asked_level(flat: str, names: Sequence[str], width: int, axes: Sequence[int]) -> str | None:
+    """The columns of a level turn where they are plain: the only two, those of its axes, or all that may be axes."""
+    if width == 2:
+        return "1,2"
+    if set(flat) <= set(names):
+        return ",".join(flat)
+    return ",".join(str(place + 1) for place in axes) if len(axes) == 2 else None
 
 
 def _assumed(columns: Columns) -> Columns:
@@ -470,7 +575,18 @@ def _of_devices(columns: Columns, devices: Sequence[Device]) -> Columns:
     return replace(made[0], magnetometers=made) if made else columns
 
 
-def _refuse_unclear(names: Sequence[str], values: Floats, source: str, quoted: str) -> None:
+def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> None:
+    """Refuse a table without a header of which two columns are left beside clocks and counters."""
+    if len(axes) == 2:
+        others = ", ".join(str(place + 1) for place in range(width) if place not in axes)
+        left = " and ".join(str(place + 1) for place in axes)
+        raise NoMagnetometer(
+            f"columns {left} of {source}{quoted} may be axes, others only rise or never change ({others}): "
+            "need three, x y z; two, of a level turn, are for flinders two-axis"
+        )
+
+
+def _refuse_unclear(names: Sequence[str], values: Floats, source: str, heading: str, cells: Sequence[str]) -> None:
     """Refuse a table whose names are those of references only, or do not tell while its values say something."""
     others = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
     if others:
@@ -483,9 +599,11 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str, quoted: s
     width = values.shape[1]
     judged = groups(values, [place for place in range(width) if not names or tells_nothing(names[place])], names)
     if any(group.is_candidate or group.is_known or (names and len(group.names) > 1) for group in judged):
-        nameless = f"{source} has {width} columns and no header{quoted}: need three, x y z, or four with the time first"
+        nameless = f"{source} has {width} columns and {heading}: need three, x y z, or four with the time first"
         what = f"names do not tell which columns of {source} are the magnetometer" if names else nameless
-        raise NoMagnetometer(f"{what}; {advice(judged)}")
+        first = [f"{number}: {cell.strip()}" for number, cell in enumerate(cells, 1)]
+        shown = f"; its first line by its columns is {listed(first)}" if cells and not names else ""
+        raise NoMagnetometer(f"{what}; {advice(judged)}{shown}")
 
 
 def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:
@@ -623,6 +741,37 @@ def _cut_digits(values: Floats, unit: str) -> str:
     many = f"{np.median(inside):.0f}" if len(runs) > 2 else f"{np.max(runs)} or more"
     reason = "its digits were cut to steps of {:.3g} s, {} readings to each: write more of them, as float64"
     return reason.format(max(steps) * factor, many) if steps else ""
+
+
+def _falls(name: str, values: Floats) -> str:
+    """Say that a column falls, or goes to and fro, as no time does; of a ``T`` also that it stands still."""
+    values = values[np.isfinite(values)]
+    steps = np.diff(values)
+    falling = np.count_nonzero(steps < 0)
+    is_none = falling > 1 and 2 * falling > np.count_nonzero(steps > 0)
+    if len(values) >= FEWEST_TIMES and (is_none or (is_letter_of_time(name) and not _rises(values))):
+        return FALLS
+    return ""
+
+
+def _rises(values: Floats) -> bool:
+    """Tell whether finite numbers rise as a clock does: from time to time, so many readings to each."""
+    steps = np.diff(values)
+    changes = np.flatnonzero(steps)
+    if len(changes) == 0:
+        return bool(values[0] == 0.0 or values[0] > LONG)  # a clock at rest, and one whose digits were cut
+    runs = np.diff(changes)  # readings to each value but the first and the last
+    if len(runs) == 0 or np.mean(steps[changes] < 0) > RARE:
+        return False
+    usual = float(np.median(runs))
+    return bool(np.mean(np.abs(runs - usual) <= max(1.0, REGULAR * usual)) >= 1 - RARE)
+
+
+def _is_temperature(values: Floats) -> bool:
+    """Tell whether a column named ``T`` is a temperature in °C, and does not rise as a clock does."""
+    values = values[np.isfinite(values)]
+    is_warm = (TEMPERATURES_C[0] <= values) & (values <= TEMPERATURES_C[1])
+    return len(values) >= FEWEST_TIMES and bool(is_warm.all()) and not _rises(values)
 
 
 def _factor_to_seconds(values: Floats, unit: str) -> float:

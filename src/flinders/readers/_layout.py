@@ -23,10 +23,13 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, figures
-from flinders.readers._columns import Columns, choose
+from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, UsageError, figures
+from flinders.readers._clock import Clock, Midnights, clocks_of
+from flinders.readers._columns import Columns, choose, rising_in
 from flinders.readers._devices import are_ids, devices_in, names_device
+from flinders.readers._heading import shifted
 from flinders.readers._known_texts import refusal
+from flinders.readers._likeness import advice, groups, has_clock
 from flinders.readers._names import (
     ACCELERATION,
     FIELD,
@@ -91,6 +94,7 @@ PRINTED: Final = 1024  # Characters of a line that are looked at for labels
 LONGEST_EXAMPLE: Final = 160  # Characters of a line that is shown as a pattern
 MOST_ABOVE: Final = 40  # Lines in which a header without readings is looked for
 MOST_COLUMNS: Final = 4096  # Columns of a table
+MOST_NAMES_OVER: Final = 2  # Names that a header may have more than lines have fields
 NAMELESS: Final = 5  # Columns without a header, up to which a number ahead of three is that of a sensor
 MOST_RANGES: Final = 16  # Columns whose ranges are listed
 _PLAIN: Final = re.compile(r"[-+.,;\s\d]*(?:(?:[eE][-+]\d|nan)[-+.,;\s\d]*)*", re.ASCII)
@@ -111,6 +115,7 @@ class TextLayout:
     units: tuple[str, ...] = ()  # those in a row below the header; empty where there is none
     header_line: int = 0  # where they stand; 0 where nowhere
     header_text: str = ""  # that line, as it is
+    heading: str = ""  # of a header with another number of names than lines have fields, how many there are
     words: str = ""  # the dialect that was made a table of, for people
     in_force: str = ""  # the calibration of the board that readings are after, where headers of a blackbox tell one
     encoding: str = "utf-8"
@@ -137,7 +142,8 @@ class TextLayout:
     def __str__(self) -> str:
         if self.words:
             return self.words
-        parts = ["no header"] * (not self.header) + [f"{SPOKEN[self.grid.delimiter]}-separated"]
+        heading = self.heading or "no header" * (not self.header)
+        parts = [heading] * bool(heading) + [f"{SPOKEN[self.grid.delimiter]}-separated"]
         written = ", ".join(parts + ["decimal comma"] * (self.grid.decimal == ","))
         written += f"; {ON_BOARD}" * self.is_blackbox
         return written + f"; recorded with {self.in_force} in force" * bool(self.in_force)
@@ -278,7 +284,7 @@ def names_columns(lines: list[str]) -> bool:
         return False
     width = Counter(map(len, best.rows.values())).most_common(1)[0][0]
     start = min(place for place, cells in best.rows.items() if len(cells) == width)
-    return _header(lines[:start], best.signs[0], width, closed=False)[0] >= 0
+    return _header(lines[:start], best.signs[0], width, width)[0] >= 0
 
 
 def rows_of_table(lines: list[str], flat: str | None = None) -> Cells | None:
@@ -334,8 +340,8 @@ def sniff(
     for some, least in ((lines[:TRIED], 3), (lines, 3), *([(lines, 2)] if flat else [])):
         best = max((_cut(some, signs, least) for signs in _signs_of(some)), key=_Cut.score, default=None)
         if best is not None and best.rows:
-            choosing = partial(choose, asked=columns, flat=flat, choice=choice, source=name)
-            return _table(name, texts, best, header, choosing, every or (lambda: texts), is_asked=columns is not None)
+            choosing = partial(choose, flat=flat, choice=choice, source=name)
+            return _table(name, texts, best, header, choosing, columns, choice, every or (lambda: texts))
     raise _extremes(name, [text for _, text in lines]) or _nothing(name, lines)
 
 
@@ -345,9 +351,9 @@ def _table(
     best: _Cut,
     known: Sequence[str],
     choosing: partial[Columns | None],
+    asked: str | None,
+    choice: Choice,
     every: EveryLine,
-    *,
-    is_asked: bool,
 ) -> TextLayout:
     """Lay out a table from the lines that are rows of numbers."""
     signs, rows = best.signs, best.rows
@@ -356,45 +362,91 @@ def _table(
         raise NoMagnetometer(f"{name} has {width:,} columns: cut the magnetometer's out, with its time")
     places = [place for place, cells in rows.items() if len(cells) == width]
     start, alike = min(places), [rows[place] for place in places]
-    closed = not any(cells[-1].strip() for cells in alike)
-    place, header = (-1, list(known)) if known else _header(texts[:start], signs[0], width, closed=closed)
-    width -= closed and len(header) != width  # each line ends with a delimiter
-    devices = _devices(header, alike, signs[0], every)
-    own = [place for place in places if not (devices and devices[0].is_of_other(rows[place]))] or places
-    values = np.array([best.values[place][:width] for place in own[:SAMPLED]], dtype=float)
+    filled = width - next((at for at in range(width) if any(cells[-1 - at].strip() for cells in alike)), 0)
+    place, header = (-1, list(known)) if known else _header(texts[:start], signs[0], filled, width)
+    width = len(header) if filled <= len(header) <= width else filled  # each line ends with delimiters
+    values, clocks = _first_numbers(best, places, width, texts[start:])
+    misfit = None if header else _misfit(name, texts[:start], signs[0], values, clocks, asked)
+    place, header = (misfit.place, misfit.names) if misfit else (place, header)
+    devices = _devices(header, [cells[:width] for cells in alike], clocks, signs[0], every)
+    if devices and (own := [place for place in places if not devices[0].is_of_other(rows[place])]):
+        values, clocks = _first_numbers(best, own, width, texts[start:])
+    asked = asked or choice.remembered(header, width, rising_in(values) if choice.forms else ())
     units = _units(texts[place + 1 : start], signs[0], len(header)) if place >= 0 else ()
-    if not header and not is_asked:
-        _refuse_nameless(name, devices, width)
+    if not header and asked is None:
+        _refuse_nameless(name, devices, clocks, width)
+        values = _longer(texts[start:], values, signs)
+    heading = misfit.words(width) if misfit else ""
     line = f" (line {start + 1}: {shown(texts[start])!r})"
-    chosen = choosing(header, values, units=units, quoted=line, devices=devices)
+    choosing = partial(choosing, asked=asked, heading=heading, quoted=line, cells=alike[0][:width], clocks=clocks)
+    chosen = choosing(header, values, units=units, devices=devices)
     if chosen is None:
-        raise _no_magnetometer(name, header, values, texts[start], line)
-    if not is_asked:
+        raise _no_magnetometer(name, header, values, texts[start], f"{heading or 'no header'}{line}", line)
+    if asked is None:
         if not header or meaning(chosen.field.names[0]).is_bare:
             _refuse_mixed(name, header, alike)
         _refuse_thousands(name, alike, chosen, signs[1])
+    numbers = ", ".join(str(cell + 1) for cell in chosen.field.cells)
     is_even = header or often >= SAME_WIDTH * len(rows)
     return TextLayout(
-        grid=Grid(*signs, width if is_even else 0, chosen.cells, chosen.needed),
+        grid=Grid(*signs, width if is_even else 0, chosen.cells, chosen.needed, chosen.clock),
         columns=chosen,
         start=_first_row(texts, place + 1, start) + 1,
         header=tuple(header),
         units=tuple(units),
         header_line=place + 1,
         header_text=texts[place] if place >= 0 else "",
+        heading=f"{heading} ({', '.join(chosen.field.names)} of columns {numbers})" if heading and header else heading,
     )
 
 
+def _first_numbers(best: _Cut, places: Sequence[int], width: int, texts: Sequence[str]) -> tuple[Floats, list[Clock]]:
+    """Numbers of the first of some rows, with the seconds of times that are no numbers, and the columns of these."""
+    some = places[:SAMPLED]
+    values = np.array([best.values[place][:width] for place in some], dtype=float)
+    return values, _clocks(texts, [best.rows[place] for place in some], values, best.signs[0])
+
+
+def _longer(texts: Sequence[str], values: Floats, signs: tuple[str, str]) -> Floats:
+    """Numbers of all of these lines, where an axis of a table without a header only rises through the first."""
+    width = values.shape[1]
+    if width not in (3, 4) or not has_clock(values[:, width - 3 :]):
+        return values
+    cut = (split(text, signs[0]) for text in texts)
+    rows = [[number(cell, signs[1]) for cell in cells] for cells in cut if len(cells) == width]
+    return np.array(rows, dtype=float)
+
+
+def _clocks(texts: Sequence[str], rows: Sequence[Sequence[str]], values: Floats, delimiter: str) -> list[Clock]:
+    """Find the columns that are times and no numbers, and put seconds into their `values`.
+
+    Where some rows do not tell the day from the month, all of these lines may.
+    """
+    words = [place for place, column in enumerate(values.T) if np.isfinite(column).mean() < 0.5]
+    clocks = []
+    for clock in clocks_of(rows, words):
+        known = clock if clock.is_settled else Clock.of((split(text, delimiter) for text in texts), clock.cells)
+        seconds = np.array([known.seconds(row) for row in rows[: len(values)]])
+        values[:, known.cell] = Midnights(known).past(seconds)
+        clocks.append(known)
+    return clocks
+
+
 def _devices(
-    header: Sequence[str], alike: Sequence[Sequence[str]], delimiter: str, every: EveryLine
+    header: Sequence[str],
+    alike: Sequence[Sequence[str]],
+    clocks: Sequence[Clock],
+    delimiter: str,
+    every: EveryLine,
 ) -> tuple[Device, ...]:
     """Devices that a column of a table tells apart, by its name or the first rows, and then by all of its rows."""
-    width = len(alike[0])
+    width, told = len(alike[0]), {cell for clock in clocks for cell in clock.cells}
     if header:
-        places = [place for place, name in enumerate(header) if names_device(name)]
+        places = [place for place, name in enumerate(header) if names_device(name) and place not in told]
     else:
         ahead = width - len("xyz") if width <= NAMELESS else 0
-        places = [at for at in range(width) if are_ids((row[at] for row in alike), is_ahead=at < ahead)]
+        free = [place for place in range(width) if place not in told]
+        places = [at for at in free if are_ids((row[at] for row in alike), is_ahead=at < ahead)]
 
     def rows() -> Iterator[tuple[str, ...]]:
         for text in every():
@@ -459,12 +511,15 @@ def _first_row(texts: list[str], after: int, start: int) -> int:
 # What stands above the readings ---------------------------------------------------------------------------------------
 
 
-def _header(above: list[str], delimiter: str, width: int, *, closed: bool) -> tuple[int, list[str]]:
-    """Find the header above the readings: the nearest line that names a magnetometer, or else columns at all."""
+def _header(above: list[str], delimiter: str, filled: int, width: int) -> tuple[int, list[str]]:
+    """Find the header above the readings: the nearest line that names a magnetometer, or else columns at all.
+
+    Lines have `width` cells, of which the first `filled` hold something.
+    """
     fallback: tuple[int, list[str]] = (-1, [])
     for place in range(len(above) - 1, -1, -1):
         names = _names_in(above[place], delimiter)
-        if not (fits(names, width) or (closed and len(names) == width - 1)):
+        if not (fits(names, width) or filled <= len(names) < width):
             continue
         names = names[:width]
         if all(is_unit(name) for name in names if name):
@@ -477,6 +532,67 @@ def _header(above: list[str], delimiter: str, width: int, *, closed: bool) -> tu
         if not fallback[1] and not _is_comment(above[place]) and _could_name(names, delimiter):
             fallback = place, names
     return fallback
+
+
+class _Misfit(NamedTuple):
+    """A header with another number of names than lines have fields."""
+
+    place: int
+    written: int  # names
+    names: list[str]  # one for each field, some of them empty; none where values do not tell whose they are
+    text: str
+
+    def words(self, width: int) -> str:
+        """How many there are of each."""
+        return f"a header of {self.written} names over {width} fields" if self.written != width else ""
+
+
+def _misfit(
+    name: str, above: list[str], delimiter: str, values: Floats, clocks: Sequence[Clock], asked: str | None
+) -> _Misfit | None:
+    """Find a header that fits by no number, or no delimiter: the nearest that has the names that are meant.
+
+    Raises `NoMagnetometer` where it names a magnetometer and values do not tell which columns it is.
+    """
+    width, other = values.shape[1], None
+    parts = [part.strip().casefold() for part in asked.split(",")] if asked else []
+    wanted = [part for part in parts if not part.isdecimal()]
+    for place, sign in ((place, sign) for place in range(len(above) - 1, -1, -1) for sign in dict(SIGNS)):
+        names = _named_in(above[place], sign)
+        least = 3 if sign == delimiter != SPACES else width / 2 if sign == delimiter else width
+        is_close = least <= len(names) <= width + MOST_NAMES_OVER * (sign == delimiter)
+        is_meant = set(wanted) <= set(map(str.casefold, names)) if wanted else names_magnetometer(names)
+        if is_close and is_meant:
+            header = names if len(names) == width else shifted(names, values, clocks, wanted)
+            if header or asked is None or wanted:
+                return _settled(name, _Misfit(place, len(names), header, above[place]), values, wanted)
+        could_be = is_close and sign == delimiter and not _is_comment(above[place])
+        if other is None and could_be and _could_name(names, sign):
+            other = _Misfit(place, len(names), [], above[place])
+    return other
+
+
+def _settled(name: str, found: _Misfit, values: Floats, wanted: Sequence[str]) -> _Misfit:
+    """Ask where a header names what is wanted and values do not tell which columns that is."""
+    if found.names:
+        return found
+    what = f"{found.words(values.shape[1])} (line {found.place + 1}: {shown(found.text)!r})"
+    if wanted:
+        asked = ",".join(wanted)
+        raise UsageError(f"columns {asked!r}: {name} has {what}, which may be of other columns: give numbers")
+    judged = groups(values, range(values.shape[1]))
+    told = advice(judged) if judged else f"say so with columns='X,Y,Z', by number; they go from {ranges(values)}"
+    raise NoMagnetometer(f"{name} has {what}, and values do not tell which fields the names are of; {told}")
+
+
+def _named_in(text: str, delimiter: str) -> list[str]:
+    """Names of a line without those that are empty at its end; none where some are numbers, or come again."""
+    names = [name.rstrip(",;") for name in _names_in(text, delimiter)]
+    while names and not names[-1]:
+        names.pop()
+    filled = list(filter(None, names))
+    is_text = all(number(name, ".") is None for name in filled) and len(set(filled)) == len(filled)
+    return names if is_text else []
 
 
 def _names_in(text: str, delimiter: str) -> list[str]:
@@ -524,12 +640,13 @@ def _could_name(names: list[str], delimiter: str) -> bool:
 # What is refused ------------------------------------------------------------------------------------------------------
 
 
-def _refuse_nameless(name: str, devices: Sequence[Device], width: int) -> None:
+def _refuse_nameless(name: str, devices: Sequence[Device], clocks: Sequence[Clock], width: int) -> None:
     """Refuse a table without a header in which a column says which of several sensors each line is of."""
     if devices and width <= NAMELESS:
         words = ", ".join(" ".join(device.words) for device in devices[:MOST_NAMED])
         column = devices[0].cells[0]
-        others = ",".join([str(cell + 1) for cell in range(width) if cell not in devices[0].cells][-3:])
+        taken = {*devices[0].cells, *(cell for clock in clocks for cell in clock.cells)}
+        others = ",".join([str(cell + 1) for cell in range(width) if cell not in taken][-3:])
         raise NoMagnetometer(
             f"column {column + 1} of {name} says which sensor each line is of ({words}): add columns='{others}' where "
             "those are x, y and z, and say with sensor= which one is meant"
@@ -595,7 +712,9 @@ def _extremes(name: str, texts: Sequence[str]) -> NoMagnetometer | None:
     )
 
 
-def _no_magnetometer(name: str, header: list[str], values: Floats, text: str, line: str) -> NoMagnetometer:
+def _no_magnetometer(
+    name: str, header: list[str], values: Floats, text: str, heading: str, line: str
+) -> NoMagnetometer:
     if not header and len(values) == 1 and (extremes := _extremes(name, [text])):
         return extremes
     if header:
@@ -604,7 +723,7 @@ def _no_magnetometer(name: str, header: list[str], values: Floats, text: str, li
             "say which three it is with columns='X,Y,Z', by name or by number"
         )
     return _other_labels(name, text, line) or NoMagnetometer(
-        f"{name} has {values.shape[1]} columns and no header{line}: need three, x y z, "
+        f"{name} has {values.shape[1]} columns and {heading}: need three, x y z, "
         "or four with the time first; say which are the magnetometer with columns='X,Y,Z', by number; they go from "
         f"{ranges(values)}"
     )

@@ -117,7 +117,7 @@ _OTHERS: Final = re.compile(
 # Words of columns that are no sensor's with three axes, whatever their values are.
 _ELSEWHERE: Final = re.compile(
     r"(lat|lon|lng|alt|gps|gnss|pos|vel|speed|course|roll|pitch|yaw|euler|baro|press|volt|batt|vbat|pwm|servo|rc$|hum"
-    r"|light|lux|prox|step|index|seq|count|loop|sat|[hv]dop|rssi|status|flag|mode)"
+    r"|light|lux|prox|step|index|seq|count|loop|sat|[hv]dop|rssi|status|flag|modes?$)"
 )
 # Where a strength comes from that is no length of the readings, and what it is called besides; not ``h``, which is the
 # horizontal part in geomagnetism.
@@ -143,7 +143,11 @@ _MEASURES: Final = re.compile(
     rf"\b(u?int (8|16|24|32|64)|float (32|64)|({_SMOOTHED}|t|v|ver|version|k|order|lag) \d+|\d+ (bits?|hz|ms))\b"
 )
 _RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
+# Words of what a sensor reads, where a model's field stands beside it.
+_MEASURED: Final = "meas|measured|observed|obs"
+_SENSED: Final = re.compile(rf"(sensors?|magnetometers?|compass|measurement|{_MEASURED})$")
 _TIMES: Final = re.compile(r"(ts?|time.*|.*time|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo)$")
+_CLOCKS: Final = re.compile(r"(dates?|day|datum|clock|utc|gmt|uhr.*|heure|hora|fecha|when)$")  # a time, or not
 _NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
 # Words that any such sensor may have in its name.
 _COMMON: Final = re.compile(
@@ -245,6 +249,25 @@ def tells_nothing(name: str) -> bool:
     return known.is_bare or not (known.kind or is_other)
 
 
+def is_like_time(name: str) -> bool:
+    """Tell whether a column is called as times are.
+
+    >>> [is_like_time(name) for name in ("timestamp", "UTC", "Date", "mx")]
+    [True, True, True, False]
+    """
+    return meaning(name).kind == TIME or any(_CLOCKS.match(word.casefold()) for word in _words(name)[0])
+
+
+def is_letter_of_time(name: str) -> bool:
+    """Tell whether the only sign that a column is a time is a ``T``, which a temperature has too.
+
+    >>> [is_letter_of_time(name) for name in ("T", "t_raw", "T_r", "t_ms", "time", "T_C")]
+    [True, True, True, False, False, False]
+    """
+    words = [word.casefold() for word in _words(name)[0]]
+    return meaning(name)[::2] == (TIME, "") and list(filter(_TIMES.match, words)) == ["t"]
+
+
 def words_of(name: str) -> list[str]:
     """Take a name apart into its words, without a unit.
 
@@ -272,7 +295,7 @@ def label(name: str) -> tuple[str, ...]:
     """Take the words of a three-axis sensor's column that distinguish it from others of its kind."""
     words = _words_of_sensor(name)
     has_kind = any(_kind_of_word(word) or kind_of_chip(word) for word in words)
-    plain = (_COMMON, _RAW, _DERIVED)
+    plain = (_COMMON, _RAW, _DERIVED, _SENSED)
     measured = _MEASURES.sub(lambda match: match[0].replace(" ", ""), " ".join(words)).split()
     apart = [word for word in measured if is_chip(word) or not any(pattern.match(word) for pattern in plain)]
     own = tuple(word for word in apart if has_kind or word not in _LETTERS)
@@ -386,7 +409,10 @@ def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str
     kinds = [kind for word in names if (kind := _kind_of_word(word))] or list(filter(None, map(kind_of_chip, names)))
     if kinds:
         return kinds[0], raw + 5 * (kinds[0] == ACCELERATION and "linear" in words)
-    bare = [word for word in names if not (_RAW.match(word) or _CALIBRATED.match(word))]
+    aside = [word for word in names if _SENSED.match(word) or word in _NO_READINGS]
+    bare = [word for word in names if not (_RAW.match(word) or _CALIBRATED.match(word) or word in aside)]
+    if aside and not bare:
+        return (FIELD, raw + 2) if all(word in _MEASURED.split("|") for word in aside) else ("", 0)
     own = [word for word in bare if not (tells_apart(word) or _COMMON.match(word))]
     is_of_device = len(own) == 1 and own[0] in _LETTERS_OF_A_DEVICE and (is_joined or any(map(is_chip, bare)))
     if is_of_device or (len(bare) == 1 and bare[0] in _LETTERS):
@@ -485,9 +511,11 @@ def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> lis
             name = names[place].strip().casefold()
             times[name] += 1
             sensors[field_stem(name, known.axis), times[name]][known.axis] = place
+    for axis, place in [each for axes in sensors.values() if not _letters(axes) for each in axes.items()]:
+        sensors["".join(_words_of_sensor(names[place])), 1].setdefault(axis, place)
     made = []
     for (_, time), axes in sensors.items():
-        letters = next((letters for letters in ("xyz", "012", "123") if set(letters) <= axes.keys()), "")
+        letters = _letters(axes)
         if letters:
             cells = tuple(axes[letter] for letter in letters)
             first, again = names[cells[0]], (str(time),) if time > 1 else ()
@@ -495,6 +523,11 @@ def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> lis
             marks = (*label(first), *again)
             made.append(Vector(cells, meanings[cells[0]].rank, marks, name, whole, no_readings(first)))
     return sorted(made, key=lambda vector: min(vector.cells))
+
+
+def _letters(axes: Iterable[str]) -> str:
+    """The three of these that are the axes of a sensor; nothing where one is missing."""
+    return next((letters for letters in ("xyz", "012", "123") if set(letters) <= set(axes)), "")
 
 
 SET: Final = re.compile(r"_?(?<![a-zA-Z])(?:set|SET)(?![a-zA-Z])_?|_?Set(?![a-z])_?")
@@ -543,6 +576,8 @@ def instruments(sensors: Sequence[Vector]) -> tuple[Vector, ...]:
     several; none without readings.
     """
     readings = [vector for vector in sensors if not vector.instead]
+    if any(_manner(vector) == 0 and vector.rank < CALIBRATED for vector in readings):
+        readings = [vector for vector in readings if vector.label or _manner(vector) < 2]  # a model's field beside it
     readings = [vector for vector in readings if clearness(vector.rank) < BARE] or readings
     if not readings:
         return ()
@@ -622,16 +657,42 @@ def _is_copy(one: Vector, rawer: Sequence[Vector]) -> bool:
     return is_named_after or all(set(map(_is_number, other.label)) != manner for other in rawer)
 
 
-def _quality(vector: Vector) -> tuple[int, bool, int, int, int]:
-    """Sort the best first: the rawest, m before b, which may be a bias, then the one whose name says least besides."""
+def _manner(vector: Vector) -> int:
+    """0 where a name tells of a sensor, 2 of a field, which a model may give too, 1 of neither."""
+    words = [word.casefold() for word in _words(vector.whole)[0]]
+    if any(_SENSED.match(word) or _RAW.match(word) or is_chip(word) for word in words):
+        return 0
+    return 2 if "field" in words else 1
+
+
+def _quality(vector: Vector) -> tuple[int, int, bool, int, int, int]:
+    """Sort the best first: the rawest, a sensor before a field and m before b, then the name that says least besides.
+
+    A b may be a bias.
+    """
     foreign = sum(not (_is_number(word) or tells_apart(word)) for word in vector.label)
     is_symbol = vector.name.casefold() in ("b", "h")
-    return vector.rank, is_symbol, foreign, len(vector.label), min(vector.cells)
+    return vector.rank, _manner(vector), is_symbol, foreign, len(vector.label), min(vector.cells)
 
 
 # Which of several magnetometers is meant ------------------------------------------------------------------------------
 
 MOST_NAMED: Final = 8  # magnetometers that a line names; an array may have dozens
+
+
+class Form(NamedTuple):
+    """Columns that were asked for of a table, and what tells a table of the same form."""
+
+    field: tuple[str, ...]  # names, or numbers from 1
+    width: int  # columns of a line
+    names: tuple[str, ...]  # its header; none where it has none
+    rising: tuple[int, ...] = ()  # without a header, numbers of its columns that are clocks and counters
+
+    @classmethod
+    def of(cls, field: Sequence[str], names: Sequence[str], width: int, rising: Iterable[int]) -> Self:
+        """That of a table; `rising` are places of columns that only rise."""
+        own = tuple(name.strip() for name in names)
+        return cls(tuple(field), width, own, () if own else tuple(place + 1 for place in rising))
 
 
 @dataclass(frozen=True, slots=True)
@@ -649,6 +710,7 @@ class Choice:
     sensor: str | None = None  # asked for, by its number from 1 or its name
     preferred: str | None = None  # the name of the one that a calibration was made from
     is_name: bool = False  # `sensor` may be given to the only magnetometer of a table, which does not know its name
+    forms: tuple[Form, ...] = ()  # of the tables that a calibration was made from
 
     @classmethod
     def of(cls, sensor: str | int | None) -> Self:
@@ -667,6 +729,17 @@ class Choice:
     def is_open(self) -> bool:
         """Nobody says which: the first is taken, and the others are named."""
         return self.sensor is None and self.preferred is None
+
+    def remembered(self, names: Sequence[str], width: int, rising: Iterable[int]) -> str | None:
+        """The columns that were asked for of a table of the same form; None for another, and where a sensor is asked.
+
+        >>> choice = Choice(forms=(Form(("2", "3", "4"), 7, (), (1,)),))
+        >>> choice.remembered([], 7, [0]), choice.remembered([], 7, []), choice.remembered([], 6, [0])
+        ('2,3,4', None, None)
+        """
+        own = Form.of((), names, width, rising) if self.forms else None
+        same = (form for form in self.forms if form._replace(field=()) == own and self.sensor is None)
+        return next((",".join(form.field) for form in same if len(form.field) == len("xyz")), None)
 
     def among(self, names: Sequence[str], source: str) -> int:
         """Look up its place among these names, from 0; UsageError for one that there is not, with those there are."""

@@ -116,6 +116,11 @@ class Rewriter:
         """Add names to a header."""
         if not self._add:
             return header
+        if self._layout.heading:
+            known = self._layout.header
+            over = next((at for at, name in enumerate(reversed(known)) if name), 0) * (self._delimiter != SPACES)
+            own = [known[place] + SUFFIX for place in self._layout.columns.field.cells]
+            return self._appended(header + self._delimiter * over, own)
         cells = self._cut(header)
         shift = len(cells) - len(self._layout.header) if self._delimiter == SPACES else 0  # the sign of a comment
         names = [cells[place + max(shift, 0)].strip().lstrip("#%/ ") for place in self._layout.columns.field.cells]

@@ -104,6 +104,10 @@ class File:
             first = next(blocks, Lines(1, "", 0, 0))
             return first.texts, next(blocks, None) is None
 
+    def last_lines(self, encoding: str) -> list[str]:
+        """Return the whole lines among its last bytes; none where it is packed."""
+        return [] if self.is_packed() else self.ends[-END:].decode(encoding, "replace").splitlines()[1:]
+
     @contextlib.contextmanager
     def opened(self) -> Iterator[tuple[io.BufferedReader, io.BufferedIOBase]]:
         """Open the file, giving it as it lies on the disk and unpacked; `UnreadableInput` where it cannot be read."""

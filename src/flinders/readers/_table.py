@@ -28,7 +28,7 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
 from flinders.errors import NoMagnetometer, UnreadableInput, counted
-from flinders.readers._columns import Columns, ColumnsRecording, choose, unit_of
+from flinders.readers._columns import Columns, ColumnsRecording, choose, rising_in, unit_of
 from flinders.readers._devices import Device, devices_in, names_device
 from flinders.readers._layout import ranges
 from flinders.readers._names import FIRST, Choice
@@ -229,6 +229,7 @@ def open_table(
     devices = table.devices()
     own = block[table.is_of(devices[0], block[:, list(devices[0].cells)])] if devices else block
     first = own[:SAMPLED] if len(own) else block[:SAMPLED]
+    columns = columns or choice.remembered(table.names, table.width, rising_in(first) if choice.forms else ())
     known = choose(table.names, first, columns, flat=flat, choice=choice, source=file.name, devices=devices)
     if known is None:
         raise NoMagnetometer(_unknown(file.name, table, first))

@@ -29,11 +29,11 @@ import csv
 import io
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import import_module
 from itertools import repeat
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, Self, TypeAlias
 
 import numpy as np
 
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
+    from flinders.readers._clock import Clock, Midnights
 
 LONGEST: Final = 1 << 20  # Characters in the longest line that is kept whole
 MOST_IN_BLOCK: Final = 1 << 23  # Characters after which a block of lines ends early
@@ -299,6 +300,7 @@ class Grid:
     width: int  # cells in a line; 0 where that differs from line to line
     cells: tuple[int, ...]  # the ones that are read, counted from 0
     needed: frozenset[int]  # the ones of them without which a line cannot be used; in others, text reads as NaN
+    clock: Clock | None = None  # how the one of them with the time is read, where that is no number
 
     def row(self, text: str) -> list[float] | None:
         """Read one line, or None where it has the wrong number of cells or text in a needed one."""
@@ -308,7 +310,15 @@ class Grid:
         row = [number(cells[cell], self.decimal) if cell < len(cells) else math.nan for cell in self.cells]
         if any(value is None and cell in self.needed for cell, value in zip(self.cells, row, strict=True)):
             return None
-        return [math.nan if value is None else value for value in row]
+        known = [math.nan if value is None else value for value in row]
+        if self.clock:
+            known[self.cells.index(self.clock.cell)] = self.clock.seconds(cells)
+        return known
+
+    def without_clock(self) -> Grid:
+        """The same without the time."""
+        cells = tuple(cell for cell in self.cells if not self.clock or cell != self.clock.cell)
+        return replace(self, cells=cells, clock=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,6 +334,13 @@ class NumberRows:
         """(N,) `lines` as an array."""
         lines = self.lines
         return np.arange(lines.start, lines.stop, dtype=float) if isinstance(lines, range) else np.array(lines, float)
+
+    def past(self, midnights: Midnights, grid: Grid) -> Self:
+        """The same rows with times of day that go on past midnight."""
+        if grid.clock and not grid.clock.is_dated:
+            place = grid.cells.index(grid.clock.cell)
+            self.values[:, place] = midnights.past(self.values[:, place])
+        return self
 
 
 def rows_of(texts: list[str], lines: Sequence[int], grid: Grid) -> NumberRows:
@@ -385,6 +402,10 @@ def fits(cells: list[str], width: int) -> bool:
 
 def _at_once(texts: list[str], grid: Grid) -> Floats:
     """Read lines that all have the same number of cells, all of the read ones numbers; else ValueError."""
+    if clock := grid.clock:
+        values = _at_once(texts, grid.without_clock())
+        times = [clock.seconds(split(text, grid.delimiter)) for text in texts]
+        return np.insert(values, grid.cells.index(clock.cell), times, axis=1)
     spaces, is_all = grid.delimiter == SPACES, len(grid.cells) == grid.width
     if grid.width and not is_all:  # else loadtxt sees to it
         cells = map(len, map(str.split, texts)) if spaces else map(str.count, texts, repeat(grid.delimiter))
@@ -429,11 +450,15 @@ def parser_of(grid: Grid) -> Parse | None:
         arrow, table = import_module("pyarrow"), import_module("pyarrow.csv")
     except ImportError:
         return None
-    names = [str(cell) for cell in range(grid.width)]
+    names, clock = [str(cell) for cell in range(grid.width)], grid.clock
+    whole_grid, grid = grid, grid.without_clock()
     cut = table.ParseOptions(delimiter=grid.delimiter, quote_char=False)
     converted = table.ConvertOptions(
-        include_columns=[names[cell] for cell in grid.cells],
-        column_types=dict.fromkeys(names, arrow.float64()),
+        include_columns=[names[cell] for cell in (*grid.cells, *(clock.cells if clock else ()))],
+        column_types={
+            **dict.fromkeys(names, arrow.float64()),
+            **{names[cell]: arrow.string() for cell in (clock.cells if clock else ())},
+        },
         null_values=[],  # an empty cell is an error, not a gap
         decimal_point=grid.decimal,
     )
@@ -455,8 +480,12 @@ def parser_of(grid: Grid) -> Parse | None:
             return None
         if read.num_rows != lines.count:
             return None  # blank lines
-        columns = (column.combine_chunks() for column in read.columns)
-        return np.array([np.from_dlpack(column) for column in columns]).T  # `to_numpy` would import pandas: 44 MB
+        columns = (column.combine_chunks() for column in read.columns[: len(grid.cells)])
+        values = np.array([np.from_dlpack(column) for column in columns]).T  # `to_numpy` would import pandas: 44 MB
+        if not clock:
+            return values
+        times = list(map(clock.seconds_of, *(column.to_pylist() for column in read.columns[len(grid.cells) :])))
+        return np.insert(values, whole_grid.cells.index(clock.cell), times, axis=1)
 
     return parse
 

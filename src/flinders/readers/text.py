@@ -26,6 +26,7 @@ from flinders.core.samples import ACCOMPANYING, BLOCK, NOTED, Skipped, TimeSpan,
 from flinders.core.silence import silent
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput
+from flinders.readers._clock import Midnights
 from flinders.readers._columns import ColumnsRecording, unit_of, wanted_acceleration, wanted_strength
 from flinders.readers._layout import TextLayout, recognise_layout, sniff, split_records
 from flinders.readers._line_shapes import LineShapes
@@ -98,7 +99,7 @@ class TextRecording(ColumnsRecording):
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> TextRecording:
         """Read these columns, in the unit that their names or the user say."""
         own = unit_of(columns, self.source, unit, scale)
-        grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
+        grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed, clock=columns.clock)
         layout = replace(self.layout, columns=columns.in_given(unit, scale).with_strength_in(own), grid=grid)
         frame = "vehicle" if layout.is_blackbox else self.frame
         return replace(self, layout=layout, unit=own, frame=frame)
@@ -194,7 +195,7 @@ class TextRecording(ColumnsRecording):
         tally, shapes = Tally(), LineShapes()
         others: tuple[Skipped, ...] = ()
         self.skipped = ()
-        grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
+        grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed, clock=columns.clock)
         for lines, read, usable in self._read(grid, columns):
             rows, left_out = accounted(lines, read, usable, columns, shapes)
             if self.transcription:
@@ -212,17 +213,17 @@ class TextRecording(ColumnsRecording):
         if self.held and self.held.columns == columns:
             yield from self.held.blocks
             return
-        file, encoding = self.file, self.layout.encoding
+        file, encoding, midnights = self.file, self.layout.encoding, Midnights(grid.clock)
         parse, segments = None, file.lines(encoding)
         if isinstance(file, File) and file.size >= LEAST_FOR_ARROW and (parse := parser_of(grid)):
             segments = file.lines(encoding, blocks=BLOCKS_AT_ONCE)
         for segment in segments:
             if (whole := self._parsed(segment, parse)) and (usable := self._usable(whole, columns)).all():
-                yield segment, whole, usable
+                yield segment, whole.past(midnights, grid), usable
                 continue
             for lines in segment.blocks():
                 rows = self._parsed(lines, parse) or self._rows(lines, grid)
-                yield lines, rows, self._usable(rows, columns)
+                yield lines, rows.past(midnights, grid), self._usable(rows, columns)
 
     def _parsed(self, lines: Lines, parse: Parse | None) -> NumberRows | None:
         """Read a block by pyarrow, where it is used and there is nothing but readings."""
@@ -443,6 +444,9 @@ def _laid_out(
     if dialect is not None:
         transcription = Transcription(file, dialect, encoding)
         return _LaidOut(transcription.table, layout, is_all, transcription)
+    clock = layout.columns.clock
+    if clock and not (clock.is_settled or is_all) and isinstance(file, File):
+        layout = lay_out([*opening, *file.last_lines(encoding)], every=every)  # which may tell the day from the month
     if layout.is_blackbox:
         layout = replace(layout, in_force=calibration_in_force(opening[: layout.start - 1]))
     end = re.search("\r\n|\n|\r", beginning)

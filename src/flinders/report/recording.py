@@ -72,6 +72,7 @@ class RecordedSensor:
     coverage: float | None = None  # of all directions; None where no ellipsoid fits, or the sensor was hardly turned
     strength: float | None = None  # of the field by that ellipsoid; None where too little is seen
     likeness: str = ""  # what its values look like, such as gravity, where no name says that it is a magnetometer
+    unread_time: str = ""  # names of columns that are called as a time, where none is read
     notes: tuple[str, ...] = ()  # what else to know, a sentence each
 
     @classmethod
@@ -107,6 +108,7 @@ class RecordedSensor:
             coverage=coverage,
             strength=strength,
             likeness=_likeness(instrument, watched.first) if unit is None and columns is None else "",
+            unread_time=instrument.unread_time,
             notes=(*filter(None, (remark,)), *instrument.notes, *map(str, health.skipped)),
         )
 
@@ -328,6 +330,11 @@ def _readings(sensor: RecordedSensor) -> str:
 def _doubts(sensor: RecordedSensor, site: SiteField | None) -> list[str]:
     """What is odd about the readings; of a sensor that was hardly turned nothing that follows from that."""
     doubts = [sensor.unmoved] if sensor.unmoved else _of_values(sensor)
+    if sensor.unread_time:
+        doubts.append(
+            f"no time is read, {sensor.unread_time} is left out: write it as numbers that rise, or as "
+            "2026-11-22 14:03:07.25"
+        )
     if sensor.backward_steps:
         doubts.append(f"the clock goes back {counted(sensor.backward_steps, 'time')}")
     if sensor.strength is not None and sensor.inside != COUNTS:

@@ -15,7 +15,18 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core import silence, units
 from flinders.live import transcript
-from flinders.readers import READERS, _columns, _devices, _layout, _names, _source, _tokenizer
+from flinders.readers import (
+    READERS,
+    _clock,
+    _columns,
+    _devices,
+    _heading,
+    _layout,
+    _likeness,
+    _names,
+    _source,
+    _tokenizer,
+)
 from flinders.readers.dialects import influx, json_records, labelled, marked, wrapped
 
 if TYPE_CHECKING:
@@ -26,7 +37,10 @@ MODULES: Final = {
     "silence": silence,
     "names": _names,
     "tokenizer": _tokenizer,
+    "clock": _clock,
     "columns": _columns,
+    "heading": _heading,
+    "likeness": _likeness,
     "devices": _devices,
     "layout": _layout,
     "marked": marked,

@@ -21,9 +21,9 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final, TypeAlias
 
+from flinders.readers._clock import DATE, DAY_S, HALF, order_of, seconds_of
 from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:
@@ -31,14 +31,13 @@ if TYPE_CHECKING:
 
 Recognise: TypeAlias = "Callable[[list[str]], Dialect | None]"
 STAMP: Final = re.compile(
-    r"\s*[\[(<]?(?:[A-Z][a-z]{2} +\d+ +)?(?:(?P<date>\d{4}-\d\d-\d\d)[T ])?"
-    r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d)(?P<fraction>[.,]\d+)?(?:,\d+)?(?P<zone>Z|[+-]\d\d:?\d\d)?"
+    rf"\s*[\[(<]?(?:{DATE}(?:T|[ ,]\s*))?(?P<hour>\d{{1,2}}):(?P<minute>\d\d):(?P<second>\d\d)"
+    rf"(?P<fraction>\.\d+|,\d+(?![.,\d]))?(?:,\d{{3}}(?=\]))?{HALF}(?P<zone>Z|[+-]\d\d:?\d\d)?"
     r"[\])>]?\s*(?P<mark>->|[|>:;,\t]|-(?![\d.]))?\s*"
 )
 """The time that a serial monitor, a logger or an operating system puts before a line."""
 MOST: Final = 0.6  # share of lines that have to have a stamp
 SOME: Final = 0.1  # the same, where lines are no table and in no dialect either
-DAY_S: Final = 86400.0
 LETTERED_WORD: Final = re.compile(r"(?<![\w.+-])(?=\d*[a-fA-F])[0-9a-fA-F]{4,8}(?![\w.])")
 SIGNED: Final = (4, 6, 8)  # digits of words of 16, 24 and 32 bits
 WORDS: Final = {
@@ -55,13 +54,14 @@ class Stamped(Dialect):
     """A dialect, or a table, behind a time stamp."""
 
     inner: Dialect
+    order: str  # of day, month and year, in dates of numbers
     _midnights: float = field(default=0.0, init=False)
     _last: float = field(default=-1.0, init=False)
 
     def row(self, line: str) -> Sequence[str] | None:
         """Take the time off a line, and put it before the cells of the rest; it goes on past midnight."""
         stamp = STAMP.match(line)
-        seconds = seconds_of(stamp)
+        seconds = seconds_of(stamp, self.order) if stamp else None
         if stamp is None or seconds is None:
             return None
         cells = self.inner.row(line[stamp.end() :])
@@ -100,22 +100,9 @@ def stamped(
         return None
     rest = [stamp.string[stamp.end() :] for stamp in stamps]
     inner = behind(rest) or (table(rest) if all(marks) or not marked else None)
-    return Stamped(f"time stamps before {inner.words}", ("time (s)", *inner.names), inner) if inner else None
-
-
-def seconds_of(stamp: re.Match[str] | None) -> float | None:
-    """The time of a `STAMP` in s: since 1970 where it has a date, else since midnight; None where there is none."""
-    if stamp is None:
+    if inner is None:
         return None
-    fraction = float((stamp["fraction"] or ".0").replace(",", "."))
-    second = 3600 * int(stamp["hour"]) + 60 * int(stamp["minute"]) + int(stamp["second"]) + fraction
-    if stamp["date"] is None:
-        return second
-    try:
-        day = datetime.fromisoformat(f"{stamp['date']}T00:00:00{stamp['zone'] or '+00:00'}")
-    except ValueError:
-        return None
-    return (day - datetime.fromtimestamp(0, UTC)).total_seconds() + second
+    return Stamped(f"time stamps before {inner.words}", ("time (s)", *inner.names), inner, order_of(stamps)[0])
 
 
 def hexadecimal(lines: list[str], behind: Recognise, table: Recognise) -> Hexadecimal | None:

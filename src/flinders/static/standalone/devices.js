@@ -106,14 +106,14 @@ export class Devices {
         const counts = counted(words);
         const changes = words.filter((word, i) => i === 0 || word !== words[i - 1]);
         const least = changes.length > counts.size ? MIN_READINGS : MIN_READINGS_IN_A_ROW;
-        const often = [...counts].filter(([word, count]) => word && count >= least);
-        const share = often.reduce((sum, [, count]) => sum + count, 0) / words.length;
-        const isName = ([/** @type {string} */ word]) => {
+        const often = [...counts.keys()].filter((word) => word && (counts.get(word) ?? 0) >= least);
+        const share = often.reduce((sum, word) => sum + (counts.get(word) ?? 0), 0) / words.length;
+        const isName = (/** @type {string} */ word) => {
             const value = this.prints.number(word);
             return value === null ? word.length <= MAX_LETTERS : Number.isInteger(value);
         };
         const isFew = often.length >= 2 && counts.size <= MAX_DEVICES && share >= MIN_SHARE;
-        return isFew && often.every(isName) ? often.map(([word]) => word) : [];
+        return isFew && often.every(isName) ? often : [];
     }
 }
 

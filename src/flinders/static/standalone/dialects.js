@@ -4,6 +4,7 @@
  * A dialect is recognised by the first lines, and takes one line at a time then.
  */
 
+import { orderOf, secondsOf } from "./clocks.js";
 import { ahead, counted, every, largest, median, whole } from "./patterns.js";
 import { Unreadable } from "./tables.js";
 
@@ -307,11 +308,13 @@ function pointOf(rules, line) {
 
 class Stamped {
     /**
-     * @param {Constants} rules
+     * @param {import("./patterns.js").Rules} rules
+     * @param {string} order Of day, month and year, in dates of numbers.
      * @param {Dialect} inner
      */
-    constructor(rules, inner) {
+    constructor(rules, order, inner) {
         this.rules = rules;
+        this.order = order;
         this.inner = inner;
         this.words = `time stamps before ${inner.words}`;
         this.names = ["time (s)", ...inner.names];
@@ -320,37 +323,26 @@ class Stamped {
     }
 
     fresh() {
-        return new Stamped(this.rules, this.inner.fresh());
+        return new Stamped(this.rules, this.order, this.inner.fresh());
     }
 
     /** @param {string} line */
     row(line) {
-        const stamp = ahead(this.rules.STAMP, line);
-        const seconds = stamp && secondsOf(stamp.groups ?? {});
+        const { wrapped, clock } = this.rules;
+        const stamp = ahead(wrapped.STAMP, line);
+        const seconds = stamp && secondsOf(clock, stamp.groups ?? {}, this.order);
         if (!stamp || seconds === null) return null;
         const cells = this.inner.row(line.slice(stamp[0].length));
         if (!cells?.length) return cells;
-        if (seconds + this.midnights < this.last - this.rules.DAY_S / 2) this.midnights += this.rules.DAY_S;
+        if (seconds + this.midnights < this.last - clock.DAY_S / 2) this.midnights += clock.DAY_S;
         this.last = seconds + this.midnights;
         return [this.last.toFixed(6), ...cells];
     }
 }
 
 /**
- * Seconds of a stamp: since 1970 where it has a date, else since midnight; null where there is no such day.
- * @param {Record<string, string | undefined>} stamp
- */
-function secondsOf({ date, hour, minute, second, fraction, zone }) {
-    const time = 3600 * Number(hour) + 60 * Number(minute) + Number(second) + Number((fraction ?? ".0").replace(",", "."));
-    if (!date) return time;
-    const offset = (zone ?? "Z").replace(/^([+-]\d\d):?(\d\d)$/, "$1:$2");
-    const day = Date.parse(`${date}T00:00:00${offset}`);
-    return Number.isNaN(day) ? null : day / 1000 + time;
-}
-
-/**
  * Stamps before most lines; if `isMarked`, before a table only with a sign such as `->` behind them.
- * @param {Constants} rules
+ * @param {import("./patterns.js").Rules} rules
  * @param {string[]} lines
  * @param {Recognise} behind
  * @param {Recognise} table
@@ -358,15 +350,15 @@ function secondsOf({ date, hour, minute, second, fraction, zone }) {
  * @param {number} [share] Of the lines that have to have a stamp.
  * @returns {Dialect | null}
  */
-export function stamped(rules, lines, behind, table, isMarked, share = rules.MOST) {
+export function stamped(rules, lines, behind, table, isMarked, share = rules.wrapped.MOST) {
     const filled = lines.filter((line) => line.trim());
-    const stamps = filled.map((line) => ahead(rules.STAMP, line)).filter((stamp) => stamp !== null);
+    const stamps = filled.map((line) => ahead(rules.wrapped.STAMP, line)).filter((stamp) => stamp !== null);
     if (!stamps.length || stamps.length < share * filled.length) return null;
     const marks = stamps.map((stamp) => stamp.groups?.mark ?? "");
     if (isMarked && marks.some((mark) => [",", ";", "\t"].includes(mark))) return null;
     const rest = stamps.map((stamp) => stamp.input.slice(stamp[0].length));
     const inner = behind(rest) ?? (marks.every(Boolean) || !isMarked ? table(rest) : null);
-    return inner && new Stamped(rules, inner);
+    return inner && new Stamped(rules, orderOf(rules.clock, stamps.map((stamp) => stamp.groups ?? {})).order, inner);
 }
 
 class Hexadecimal {

@@ -115,7 +115,7 @@ class Language {
             (lines.some((line) => programs.SIGN.test(line)) && marked(this.prints, programs, lines)) ||
             (has(layout._OPENS_JSON) && jsonLines(this.prints, json, tried)) ||
             (has(this.rules.influx.SIGN) && points(this.prints, this.rules.influx, tried)) ||
-            (has(layout._CLOCK) && stamped(wrapped, tried, behind, table, true)) ||
+            (has(layout._CLOCK) && stamped(this.rules, tried, behind, table, true)) ||
             (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest), (rest) => this.tableRows(rest, true))) ||
             (has(layout._LETTER) && labelled(this.prints, this.rules.labelled, tried, true)) ||
             null
@@ -129,8 +129,8 @@ class Language {
     guessed(lines) {
         const table = (/** @type {string[]} */ rest) => this.tableRows(rest);
         return (
-            stamped(this.rules.wrapped, lines, (rest) => this.recognised(rest), table, false, this.rules.wrapped.SOME) ??
-            stamped(this.rules.wrapped, lines, (rest) => this.labelled(rest), table, false, this.rules.wrapped.SOME) ??
+            stamped(this.rules, lines, (rest) => this.recognised(rest), table, false, this.rules.wrapped.SOME) ??
+            stamped(this.rules, lines, (rest) => this.labelled(rest), table, false, this.rules.wrapped.SOME) ??
             labelled(this.prints, this.rules.labelled, lines, false)
         );
     }
@@ -164,7 +164,7 @@ class Language {
             names: header.length ? header : nameless,
             row: (line) => {
                 if (headerText && line === headerText) return [];
-                const cells = this.cells(line, layout) && this.prints.split(line, delimiter).slice(0, width || undefined);
+                const cells = this.cells(line, layout)?.slice(0, width || undefined) ?? null;
                 return cells && cells.map((cell) => cell.trim().replace(decimal, "."));
             },
             fresh: () => rows,
@@ -181,16 +181,16 @@ class Language {
     ofDialect(dialect, lines, every) {
         const first = rowsOf(dialect, lines);
         if (!first.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
-        const devices = this.tables.devicesOf(dialect.names, first, () => rowsOf(dialect, every));
+        const all = this.tables.valued(first, ".");
+        const devices = this.tables.devicesOf(dialect.names, first, all.clocks, () => rowsOf(dialect, every));
         const rows = this.tables.ofFirst(devices, first).slice(0, this.rules.layout.SAMPLED);
-        const numbers = rows.map((row) => row.map((cell) => this.prints.number(cell) ?? NaN));
-        const columns = { ...this.tables.columns(dialect.names, numbers), devices };
+        const { values, clocks } = devices.length ? this.tables.valued(rows, ".", first) : all;
+        const columns = { ...this.tables.columns(dialect.names, values, [], clocks), devices };
         this.tables.refuseOthers(dialect.names, rows, columns, ".");
         const own = dialect.fresh();
-        return this.formOf(dialect.words, columns, (line) => {
+        return this.formOf(dialect.words, columns, ".", (line) => {
             const row = own.row(line);
-            if (!row?.length || this.isOfOther(devices, row)) return row && undefined;
-            return row.map((cell) => this.prints.number(cell) ?? NaN);
+            return row?.length && !this.isOfOther(devices, row) ? row : row && undefined;
         });
     }
 
@@ -202,7 +202,7 @@ class Language {
     ofTable(lines, every) {
         const layout = this.tables.laidOut(lines, every);
         const separated = `${this.rules.layout.SPOKEN[layout.delimiter]}-separated`;
-        return this.formOf(`lines of numbers, ${separated}`, layout.columns, (line) => {
+        return this.formOf(`lines of numbers, ${separated}`, layout.columns, layout.decimal, (line) => {
             if (!line.trim() || this.prints.isComment(line) || line === layout.headerText) return undefined;
             const { devices } = layout.columns;
             if (devices.length && this.isOfOther(devices, this.prints.split(line, layout.delimiter))) return undefined;
@@ -220,29 +220,31 @@ class Language {
     }
 
     /**
-     * The numbers of a row of a table; null for another line.
+     * The cells of a row of a table; null for another line.
      * @param {string} line
      * @param {import("./tables.js").Layout} layout
-     * @returns {number[] | null}
+     * @returns {string[] | null}
      */
     cells(line, { delimiter, decimal, width, columns }) {
         const cells = this.prints.split(line, delimiter);
         if (width ? !this.prints.fits(cells, width) : cells.length <= Math.max(...columns.field)) return null;
         if (columns.field.some((cell) => this.prints.number(cells[cell], decimal) === null)) return null;
-        return cells.map((cell) => this.prints.number(cell, decimal) ?? NaN);
+        return cells;
     }
 
     /**
      * @param {string} words
      * @param {Columns} columns
-     * @param {(line: string) => number[] | null | undefined} numbers
+     * @param {string} decimal
+     * @param {(line: string) => string[] | null | undefined} cells
      * @returns {Form}
      */
-    formOf(words, columns, numbers) {
+    formOf(words, columns, decimal, cells) {
         const { PER_UNIT, COUNTS } = this.rules.units;
         const { field, time, unit, names, devices } = columns;
         const scale = PER_UNIT[unit] ?? 1;
         const timed = time ? `, time in ${time.name}` : "";
+        const past = time?.clock?.midnights();
         const [first, ...others] = devices.map(({ name }) => name);
         const device = first ? `${first} alone (also there: ${others.join(", ")}), ` : "";
         const silence = new Silence(this.rules.silence);
@@ -253,8 +255,10 @@ class Language {
             isTimed: time !== null,
             silence,
             reading: (line) => {
-                const row = numbers(line);
-                if (!row) return row;
+                const texts = cells(line);
+                if (!texts) return texts;
+                const row = texts.map((cell) => this.prints.number(cell, decimal) ?? NaN);
+                if (time?.clock && past) row[time.cell] = past(time.clock.seconds(texts));
                 if (silence.has(field.map((cell) => row[cell]))) return undefined;
                 const [x, y, z] = field.map((cell) => row[cell] * scale);
                 return Number.isFinite(x + y + z) ? { time: secondsOf(time, row), field: [x, y, z] } : undefined;

@@ -95,6 +95,17 @@ export class Names {
     }
 
     /**
+     * Whether the only sign that a column is a time is a `T`, which a temperature has too.
+     * @param {string} name
+     */
+    isLetterOfTime(name) {
+        const { kind, unit } = this.meaning(name);
+        const words = this.parted(name).words.map((word) => word.toLowerCase());
+        const timed = words.filter((word) => ahead(this.rules._TIMES, word));
+        return kind === this.rules.TIME && !unit && timed.join(" ") === "t";
+    }
+
+    /**
      * Whether a text is a unit and nothing else.
      * @param {string} text
      */
@@ -123,9 +134,13 @@ export class Names {
             const stem = `${name.slice(0, at)}*${name.slice(at + 1)} ${time}`;
             sensors.set(stem, { ...sensors.get(stem), [axis]: place });
         });
+        for (const [axis, place] of [...sensors.values()].flatMap((axes) => (lettersOf(axes) ? [] : Object.entries(axes)))) {
+            const stem = this.wordsOfSensor(names[place]).join("");
+            sensors.set(stem, { [axis]: place, ...sensors.get(stem) });
+        }
         const made = [];
         for (const axes of sensors.values()) {
-            const letters = ["xyz", "012", "123"].find((all) => [...all].every((axis) => axis in axes));
+            const letters = lettersOf(axes);
             if (letters) made.push(this.vectorOf(names, meanings, [...letters].map((axis) => axes[axis]), letters[0]));
         }
         return made.sort((one, other) => Math.min(...one.cells) - Math.min(...other.cells));
@@ -151,19 +166,34 @@ export class Names {
      * @returns {Vector | undefined}
      */
     magnetometer(names, meanings) {
-        const { FIELD, BARE } = this.rules;
-        const readings = this.vectors(names, FIELD, meanings).filter(({ isReadings }) => isReadings);
+        const { FIELD, BARE, CALIBRATED } = this.rules;
+        const all = this.vectors(names, FIELD, meanings).filter(({ isReadings }) => isReadings);
+        const manner = (/** @type {Vector} */ { cells }) => this.manner(names[cells[0]]);
+        const hasSensor = all.some((vector) => vector.rank < CALIBRATED && manner(vector) === 0);
+        const readings = all.filter((vector) => !hasSensor || vector.words.length || manner(vector) < 2);
         const plain = readings.filter(({ rank }) => this.clearness(rank) < BARE);
-        return largest(plain.length ? plain : readings, (vector) => this.quality(vector).map((value) => -value));
+        return largest(plain.length ? plain : readings, (vector) => this.quality(vector, manner(vector)).map((value) => -value));
+    }
+
+    /**
+     * 0 where a name tells of a sensor, 2 of a field, which a model may give too, 1 of neither.
+     * @param {string} name
+     */
+    manner(name) {
+        const { _SENSED, _RAW } = this.rules;
+        const words = this.wordsOfSensor(name);
+        if (words.some((word) => ahead(_SENSED, word) || ahead(_RAW, word) || this.isChip(word))) return 0;
+        return words.includes("field") ? 2 : 1;
     }
 
     /**
      * @param {Vector} vector
+     * @param {number} manner
      * @returns {number[]} Smallest of the best.
      */
-    quality({ rank, name, words, cells }) {
+    quality({ rank, name, words, cells }, manner) {
         const foreign = words.filter((word) => !DIGITS.test(word) && !this.tellsApart(word)).length;
-        return [rank, Number(["b", "h"].includes(name.toLowerCase())), foreign, words.length, Math.min(...cells)];
+        return [rank, manner, Number(["b", "h"].includes(name.toLowerCase())), foreign, words.length, Math.min(...cells)];
     }
 
     /**
@@ -171,11 +201,11 @@ export class Names {
      * @param {string} name
      */
     label(name) {
-        const { _MEASURES, _COMMON, _RAW, _DERIVED, _LETTERS, _DEVICES } = this.rules;
+        const { _MEASURES, _COMMON, _RAW, _DERIVED, _SENSED, _LETTERS, _DEVICES } = this.rules;
         const words = this.wordsOfSensor(name);
         const hasKind = words.some((word) => this.kindOfWord(word) || this.kindOfChip(word));
         const measured = replaced(_MEASURES, (match) => match.replaceAll(" ", ""), words.join(" ")).split(" ");
-        const plain = [_COMMON, _RAW, _DERIVED];
+        const plain = [_COMMON, _RAW, _DERIVED, _SENSED];
         const apart = measured.filter((word) => word && (this.isChip(word) || !plain.some((pattern) => ahead(pattern, word))));
         const own = apart.filter((word) => hasKind || !(word in _LETTERS));
         return own.length ? own : words.filter((word) => _DEVICES.includes(word));
@@ -312,13 +342,18 @@ export class Names {
      * @returns {[string, number]}
      */
     vector(words, units, isJoined) {
-        const { _RAW, _CALIBRATED, _COMMON, _LETTERS, _LETTERS_OF_A_DEVICE, ACCELERATION, FIELD } = this.rules;
+        const { _RAW, _CALIBRATED, _COMMON, _LETTERS, _LETTERS_OF_A_DEVICE, _SENSED, _MEASURED, _NO_READINGS } = this.rules;
+        const { ACCELERATION, FIELD } = this.rules;
         const raw = words.some((word) => ahead(_RAW, word)) ? 0 : 1;
         const names = words.filter((word) => !DIGITS.test(word));
         const named = names.map((word) => this.kindOfWord(word)).filter(Boolean);
         const kinds = named.length ? named : names.map((word) => this.kindOfChip(word)).filter(Boolean);
         if (kinds.length) return [kinds[0], raw + (kinds[0] === ACCELERATION && words.includes("linear") ? 5 : 0)];
-        const bare = names.filter((word) => !ahead(_RAW, word) && !ahead(_CALIBRATED, word));
+        const isAside = (/** @type {string} */ word) => ahead(_SENSED, word) || Object.hasOwn(_NO_READINGS, word);
+        const bare = names.filter((word) => !ahead(_RAW, word) && !ahead(_CALIBRATED, word) && !isAside(word));
+        const aside = names.filter(isAside);
+        const isMeasured = aside.every((word) => _MEASURED.split("|").includes(word));
+        if (aside.length && !bare.length) return isMeasured ? [FIELD, raw + 2] : ["", 0];
         const own = bare.filter((word) => !this.tellsApart(word) && !ahead(_COMMON, word));
         const isLetter = own.length === 1 && [..._LETTERS_OF_A_DEVICE].includes(own[0]);
         const isOfDevice = isLetter && (isJoined || bare.some((word) => this.isChip(word)));
@@ -402,6 +437,14 @@ export class Names {
         }
         return "";
     }
+}
+
+/**
+ * The three of these that are the axes of a sensor.
+ * @param {Record<string, number>} axes
+ */
+function lettersOf(axes) {
+    return ["xyz", "012", "123"].find((all) => [...all].every((axis) => axis in axes));
 }
 
 /**

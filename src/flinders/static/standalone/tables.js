@@ -1,6 +1,8 @@
 /** Tables: delimiter, decimal sign and header, and which columns are the magnetometer and the time. As `readers/_layout.py`. */
 
+import { Clock, clocksOf } from "./clocks.js";
 import { Devices } from "./devices.js";
+import { ascends, onlyRises, shifted, stepsOf } from "./headings.js";
 import { counted, largest, median, replaced, whole } from "./patterns.js";
 
 /** @typedef {import("./names.js").Names} Names */
@@ -13,8 +15,9 @@ import { counted, largest, median, replaced, whole } from "./patterns.js";
  * @property {number[]} field Places of x, y and z.
  * @property {string[]} names Of these, or their numbers from 1.
  * @property {string} unit The recorded one: `uT`, `mG` … or `counts`.
- * @property {{cell: number, name: string, factor: number, start: number, fraction: number | null} | null} time Its place,
- *     seconds in one unit, where it starts, and the place of nanoseconds that belong to it.
+ * @property {{cell: number, name: string, factor: number, start: number, fraction: number | null,
+ *     clock: import("./clocks.js").Clock | null} | null} time Its place, seconds in one unit, where it starts, the place of
+ *     nanoseconds that belong to it, and how it is read where it is no number.
  * @property {import("./devices.js").Device[]} devices Those that another column tells apart; the rows of the first are read.
  */
 
@@ -86,7 +89,7 @@ export class Tables {
         const widths = counted([...best.rows.values()].map((cells) => cells.length));
         const width = /** @type {number} */ (largest([...widths.keys()], (each) => [widths.get(each) ?? 0]));
         const start = Math.min(...[...best.rows].filter(([, cells]) => cells.length === width).map(([place]) => place));
-        return this.header(texts.slice(0, start), best.delimiter, width, false).place >= 0;
+        return this.header(texts.slice(0, start), best.delimiter, width, width).place >= 0;
     }
 
     /**
@@ -134,15 +137,22 @@ export class Tables {
         }
         const alike = [...rows.values()].filter((cells) => cells.length === width);
         const start = Math.min(...[...rows].filter(([, cells]) => cells.length === width).map(([place]) => place));
-        const isClosed = alike.every((cells) => !cells[width - 1].trim());
-        const { place, names } = this.header(texts.slice(0, start), delimiter, width, isClosed);
-        if (isClosed && names.length !== width) width--;
-        const devices = this.devicesOf(names, alike, () => every.map((text) => this.prints.split(text, delimiter)));
-        const sampled = this.ofFirst(devices, alike).slice(0, this.layout.SAMPLED).map((cells) => cells.slice(0, width));
+        const isEmpty = (/** @type {number} */ place) => alike.every((cells) => !cells[place].trim());
+        let filled = width;
+        while (filled > 0 && isEmpty(filled - 1)) filled--;
+        const found = this.header(texts.slice(0, start), delimiter, filled, width);
+        width = filled <= found.names.length && found.names.length <= width ? found.names.length : filled;
+        const split = (/** @type {string} */ text) => this.prints.split(text, delimiter);
+        const below = texts.slice(start).map(split);
+        const cut = alike.map((cells) => cells.slice(0, width));
+        const first = this.valued(cut, decimal, below);
+        const { place, names } = found.names.length ? found : this.misfit(texts.slice(0, start), delimiter, first.values, first.clocks);
+        const devices = this.devicesOf(names, cut, first.clocks, () => every.map(split));
+        const { values, clocks } = devices.length ? this.valued(this.ofFirst(devices, cut), decimal, below) : first;
         const units = place < 0 ? [] : this.units(texts.slice(place + 1, start), delimiter, names.length);
-        const values = sampled.map((cells) => cells.map((cell) => this.prints.number(cell, decimal) ?? NaN));
         if (!names.length) this.refuseNameless(devices, width);
-        const columns = { ...this.columns(names, values, units), devices };
+        const numbers = names.length ? values : this.longer(below, values, decimal);
+        const columns = { ...this.columns(names, numbers, units, clocks), devices };
         this.refuseOthers(names, alike, columns, decimal);
         const isEven = names.length > 0 || often >= this.layout.SAME_WIDTH * rows.size;
         const headerText = place < 0 ? "" : texts[place];
@@ -150,19 +160,54 @@ export class Tables {
     }
 
     /**
+     * The numbers of all rows, where an axis of a table without a header only rises through the first.
+     * @param {string[][]} below
+     * @param {number[][]} values
+     * @param {string} decimal
+     */
+    longer(below, values, decimal) {
+        const width = values[0].length;
+        const three = [3, 2, 1].map((back) => values.map((row) => row[width - back]));
+        if (![3, 4].includes(width) || !this.hasClock(three)) return values;
+        const rows = below.filter((cells) => cells.length === width);
+        return rows.map((cells) => cells.map((cell) => this.prints.number(cell, decimal) ?? NaN));
+    }
+
+    /**
+     * The numbers of the first rows, and the columns that are times and no numbers, whose seconds are among them.
+     * @param {string[][]} rows
+     * @param {string} decimal
+     * @param {string[][]} [below] All rows, which tell the day from the month where the first do not.
+     */
+    valued(rows, decimal, below = rows) {
+        const { clock: rules, layout } = this.rules;
+        const some = rows.slice(0, layout.SAMPLED);
+        const values = some.map((cells) => cells.map((cell) => this.prints.number(cell, decimal) ?? NaN));
+        const isText = (/** @type {number} */ place) =>
+            values.filter((row) => Number.isFinite(row[place])).length < 0.5 * values.length;
+        const words = [...(values[0] ?? []).keys()].filter(isText);
+        const clocks = clocksOf(rules, some, words).map((clock) => (clock.isSettled ? clock : new Clock(rules, below, clock.cells)));
+        for (const clock of clocks) {
+            const past = clock.midnights();
+            values.forEach((row, i) => (row[clock.cell] = past(clock.seconds(some[i]))));
+        }
+        return { values, clocks };
+    }
+
+    /**
      * The nearest line above the readings that names a magnetometer, or else columns at all.
      * @param {string[]} above
      * @param {string} delimiter
-     * @param {number} width
-     * @param {boolean} isClosed
+     * @param {number} filled Cells of a line that hold something.
+     * @param {number} width All of them.
      * @returns {{place: number, names: string[]}}
      */
-    header(above, delimiter, width, isClosed) {
+    header(above, delimiter, filled, width) {
         /** @type {{place: number, names: string[]}} */
         let other = { place: -1, names: [] };
         for (let place = above.length - 1; place >= 0; place--) {
             const all = this.namesIn(above[place], delimiter);
-            if (!this.prints.fits(all, width) && !(isClosed && all.length === width - 1)) continue;
+            if (!this.prints.fits(all, width) && !(filled <= all.length && all.length < width)) continue;
             const names = all.slice(0, width);
             if (names.every((name) => !name || this.names.isUnit(name))) continue;
             if (this.names.magnetometer(names)) return { place, names };
@@ -170,6 +215,36 @@ export class Tables {
             if (!other.names.length && couldName) other = { place, names };
         }
         return other;
+    }
+
+    /**
+     * The nearest line above the readings that names a magnetometer by another number of names, or with another
+     * delimiter.
+     * @param {string[]} above
+     * @param {string} own Delimiter of the lines.
+     * @param {number[][]} values
+     * @param {readonly Clock[]} clocks
+     * @returns {{place: number, names: string[]}}
+     */
+    misfit(above, own, values, clocks) {
+        const width = values[0].length;
+        const most = width + this.layout.MOST_NAMES_OVER;
+        const delimiters = new Set(this.signs.map(([delimiter]) => delimiter));
+        for (let place = above.length - 1; place >= 0; place--) {
+            for (const delimiter of delimiters) {
+                const names = this.namesIn(above[place], delimiter).map((name) => name.replace(/[,;]+$/, ""));
+                while (names.length && !names[names.length - 1]) names.pop();
+                const filled = names.filter(Boolean);
+                const isText = filled.every((name) => this.prints.number(name) === null) && new Set(filled).size === filled.length;
+                const least = delimiter === this.rules.tokenizer.SPACES ? width / 2 : 3;
+                const isClose = delimiter === own ? least <= names.length && names.length <= most : names.length === width;
+                if (!isClose || !isText || !this.names.vectors(names, this.rules.names.FIELD).length) continue;
+                const all = names.length === width ? names : shifted(this.rules, this.names, names, values, clocks);
+                if (all.length) return { place, names: all };
+                throw new Unreadable(`it has a header of ${names.length} names over ${width} fields, and values do not tell which are x, y and z: ${MORE_WITH}`);
+            }
+        }
+        return { place: -1, names: [] };
     }
 
     /**
@@ -216,48 +291,94 @@ export class Tables {
      * @param {readonly string[]} names
      * @param {number[][]} values
      * @param {readonly string[]} [units] Of a row below the header.
+     * @param {readonly Clock[]} [clocks] Of times that are no numbers.
      * @returns {Columns}
      */
-    columns(names, values, units = []) {
-        return names.length ? this.byName(names, values, units) : this.byPlace(values);
+    columns(names, values, units = [], clocks = []) {
+        return names.length ? this.byName(names, values, units, clocks) : this.byPlace(values, clocks);
     }
 
     /**
      * @param {readonly string[]} names
      * @param {number[][]} values
      * @param {readonly string[]} units
+     * @param {readonly Clock[]} clocks
      * @returns {Columns}
      */
-    byName(names, values, units) {
+    byName(names, values, units, clocks) {
         this.refusePulses(names);
         const meanings = names.map((name, place) => {
             const own = this.names.meaning(name);
             return units[place] && !own.unit ? this.names.meaning(`${name} (${units[place]})`) : own;
         });
+        const { TIME } = this.rules.names;
+        for (const { cell, cells } of clocks) {
+            const { kind, rank } = meanings[cell];
+            for (const each of cells) meanings[each] = { kind: "", axis: "", unit: "", rank: 0 };
+            meanings[cell] = { kind: TIME, axis: "", unit: "s", rank: kind === TIME ? rank + 2 : this.rules.columns.LAST };
+        }
+        const isClock = (/** @type {number} */ place) => {
+            const column = values.map((row) => row[place]).filter(Number.isFinite);
+            return ascends(column) && stepsOf(column).some((step) => step !== 1);
+        };
+        const unnamed = names.findIndex((name, place) => !name.trim() && isClock(place));
+        if (unnamed >= 0) meanings[unnamed] = { kind: TIME, axis: "", unit: "", rank: this.rules.columns.LAST };
         const field = this.names.magnetometer(names, meanings);
         if (!field) throw new Unreadable(`no magnetometer among the columns ${shown(names)}: ${MORE_WITH}`);
         const own = field.cells.map((cell) => names[cell].trim());
         this.refuseUnclear(names, own);
         const stated = new Set(field.cells.map((cell) => meanings[cell].unit));
         const unit = (stated.size === 1 && [...stated][0]) || this.unitByConvention(names, own[0]) || this.rules.units.COUNTS;
-        return { field: field.cells, names: own, unit, time: this.timeOf(names, meanings, values, field.cells), devices: [] };
+        const time = this.timeOf(names, meanings, values, field.cells, clocks);
+        return { field: field.cells, names: own, unit, time, devices: [] };
     }
 
     /**
      * @param {number[][]} values
+     * @param {readonly Clock[]} clocks
      * @returns {Columns}
      */
-    byPlace(values) {
+    byPlace(values, clocks) {
         const width = values[0]?.length ?? 0;
+        const told = clocks.flatMap(({ cells }) => cells);
+        const free = [...(values[0] ?? []).keys()].filter((place) => !told.includes(place));
+        const [clock] = clocks;
+        if (clock && free.length === 3) {
+            const called = (/** @type {readonly number[]} */ cells) => cells.map((cell) => `${cell + 1}`);
+            const isCut = this.isCut(values.map((row) => row[clock.cell]));
+            const own = { ...this.timed(clock.cell, called(clock.cells).join(" and "), "s", values), clock };
+            const time = isCut ? null : own;
+            return { field: free, names: called(free), unit: this.rules.units.COUNTS, time, devices: [] };
+        }
         const first = values.map((row) => row[0]).filter(Number.isFinite);
-        const isTimed = width === 4 && first.length > 1 && first.every((value, i) => i === 0 || value > first[i - 1]);
+        const isTimed = width === 4 && ascends(first);
+        const field = isTimed ? [1, 2, 3] : [0, 1, 2];
+        const three = field.map((cell) => values.map((row) => row[cell]));
+        if ([3, 4].includes(width) && this.hasClock(three)) {
+            const what = "columns that only rise are clocks or counters, and fewer than three are left";
+            throw new Unreadable(`${what}: need three, x y z; two, of a level turn, are for \`flinders two-axis\``);
+        }
         if (width !== 3 && !isTimed) {
             const need = "need three, x y z, or four with the time first";
             throw new Unreadable(`it has ${width} columns and no header: ${need}; ${MORE_WITH}`);
         }
-        const field = isTimed ? [1, 2, 3] : [0, 1, 2];
         const time = isTimed ? this.timed(0, "1", "", values) : null;
         return { field, names: field.map((cell) => `${cell + 1}`), unit: this.rules.units.COUNTS, time, devices: [] };
+    }
+
+    /**
+     * Whether the first of three columns only rise, as no axis does, while the others go to and fro; a spiral over a
+     * sphere is left to the library.
+     * @param {number[][]} columns
+     */
+    hasClock(columns) {
+        const rising = columns.map((column) => onlyRises(this.rules.likeness, column));
+        const finite = columns[0].flatMap((_, i) => (columns.every((column) => Number.isFinite(column[i])) ? [i] : []));
+        const falling = columns.map((column) => {
+            const falls = finite.slice(1).filter((row, i) => column[row] < column[finite[i]]).length;
+            return falls > this.rules.likeness.FALLING * finite.length;
+        });
+        return rising[0] && !rising[2] && rising.every((rises, i) => rises || falling[i]);
     }
 
     /**
@@ -266,18 +387,26 @@ export class Tables {
      * @param {readonly import("./names.js").Meaning[]} meanings
      * @param {number[][]} values
      * @param {number[]} field
+     * @param {readonly Clock[]} clocks
      * @returns {Columns["time"]}
      */
-    timeOf(names, meanings, values, field) {
-        const isTime = (/** @type {number} */ place) => meanings[place].kind === this.rules.names.TIME && !meanings[place].axis;
+    timeOf(names, meanings, values, field, clocks) {
+        const isWarm = (/** @type {number} */ place) =>
+            this.names.isLetterOfTime(names[place]) && this.isTemperature(values.map((row) => row[place]));
+        const isTime = (/** @type {number} */ place) =>
+            meanings[place].kind === this.rules.names.TIME && !meanings[place].axis && !isWarm(place);
         const places = [...meanings.keys()].filter((place) => isTime(place) && !field.includes(place));
         const parted = places.filter((place) => this.isParted(names, place, values));
         for (const place of places.toSorted((one, other) => meanings[one].rank - meanings[other].rank)) {
-            const time = this.timed(place, names[place].trim(), meanings[place].unit, values);
+            const clock = clocks.find(({ cell }) => cell === place) ?? null;
+            const named = clock?.cells.filter((cell) => names[cell].trim()) ?? [];
+            const name = (named.length ? named : [place]).map((cell) => names[cell].trim() || `${cell + 1}`).join(" and ");
+            const time = { ...this.timed(place, name, meanings[place].unit, values), clock };
             if (parted.includes(place)) return { ...time, fraction: place + 1 };
             const column = values.map((row) => row[place]);
             const isNumeric = column.filter(Number.isFinite).length >= column.length / 2;
-            if (!parted.includes(place - 1) && isNumeric && !this.isCut(column)) return time;
+            const isOther = !isNumeric || this.falls(names[place], column) || this.isCut(column);
+            if (!parted.includes(place - 1) && !isOther) return time;
         }
         return null;
     }
@@ -310,6 +439,48 @@ export class Tables {
     }
 
     /**
+     * Whether a column falls, or goes to and fro, as no time does; or is a `T` that stands still.
+     * @param {string} name
+     * @param {number[]} column
+     */
+    falls(name, column) {
+        const values = column.filter(Number.isFinite);
+        const steps = stepsOf(values);
+        const falling = steps.filter((step) => step < 0).length;
+        const isNone = falling > 1 && 2 * falling > steps.filter((step) => step > 0).length;
+        const isLetter = this.names.isLetterOfTime(name);
+        return values.length >= this.rules.columns.FEWEST_TIMES && (isNone || (isLetter && !this.rises(values)));
+    }
+
+    /**
+     * Whether numbers rise as a clock does: from time to time, so many readings to each.
+     * @param {number[]} values Finite.
+     */
+    rises(values) {
+        const { LONG, RARE, REGULAR } = this.rules.columns;
+        const steps = stepsOf(values);
+        const changes = steps.flatMap((step, i) => (step ? [i] : []));
+        if (!changes.length) return values[0] === 0 || values[0] > LONG;
+        const runs = changes.slice(1).map((change, i) => change - changes[i]);
+        if (!runs.length || changes.filter((i) => steps[i] < 0).length > RARE * changes.length) return false;
+        const usual = median(runs);
+        const isUsual = (/** @type {number} */ run) => Math.abs(run - usual) <= Math.max(1, REGULAR * usual);
+        return runs.filter(isUsual).length >= (1 - RARE) * runs.length;
+    }
+
+    /**
+     * Whether a column named `T` is a temperature in °C, and does not rise as a clock does.
+     * @param {number[]} column
+     */
+    isTemperature(column) {
+        const { TEMPERATURES_C, FEWEST_TIMES } = this.rules.columns;
+        const [low, high] = TEMPERATURES_C;
+        const values = column.filter(Number.isFinite);
+        const isWarm = values.every((value) => low <= value && value <= high);
+        return values.length >= FEWEST_TIMES && isWarm && !this.rises(values);
+    }
+
+    /**
      * @param {number} cell
      * @param {string} name
      * @param {string} unit
@@ -320,7 +491,7 @@ export class Tables {
         const times = values.map((row) => row[cell]).filter(Number.isFinite);
         const factor = unit ? FACTORS[TIME][unit] : this.secondsInOne(times);
         const first = times[0] ?? 0;
-        return { cell, name, factor, start: Math.abs(first) * factor > this.rules.columns.LONG ? first : 0, fraction: null };
+        return { cell, name, factor, start: Math.abs(first) * factor > this.rules.columns.LONG ? first : 0, fraction: null, clock: null };
     }
 
     /**
@@ -397,13 +568,17 @@ export class Tables {
      * Devices that a column tells apart, by its name or the first rows, and then by all rows.
      * @param {readonly string[]} names
      * @param {string[][]} alike The first rows.
+     * @param {readonly Clock[]} clocks
      * @param {() => string[][]} every
      */
-    devicesOf(names, alike, every) {
+    devicesOf(names, alike, clocks, every) {
         const width = alike[0].length;
+        const told = clocks.flatMap(({ cells }) => cells);
         const ahead = width <= this.layout.NAMELESS ? width - 3 : 0;
         const isTelling = (/** @type {number} */ place) => this.devices.areIds(alike.map((row) => row[place]), place < ahead);
-        const places = names.length ? [...names.keys()].filter((place) => this.devices.named(names[place])) : [...alike[0].keys()].filter(isTelling);
+        const isNamed = (/** @type {number} */ place) => this.devices.named(names[place] ?? "");
+        const free = [...alike[0].keys()].filter((place) => !told.includes(place));
+        const places = free.filter(names.length ? isNamed : isTelling);
         if (!places.length) return [];
         return this.devices.in(names, places, every().filter((cells) => this.prints.fits(cells, width)));
     }

@@ -1,0 +1,250 @@
+"""Dates and times of day, as cells of a table and stamps before a line have them, in seconds.
+
+The cells of a column tell together which number is the day and which the month. A time without a date counts from
+midnight, and goes on past the next one.
+
+>>> clock = Clock.of([["22.11.2026 23:59:59,5"], ["23.11.2026 00:00:00,0"]], (0,))
+>>> clock.order, [clock.seconds([text]) for text in ("22.11.2026 23:59:59,5", "Nov 23, 2026 12:00:01 AM", "later")]
+('dmy', [1795391999.5, 1795392001.0, nan])
+>>> Midnights(Clock((0,), is_dated=False)).past(np.array([86399.5, 0.0, 0.5])).tolist()
+[86399.5, 86400.0, 86400.5]
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from datetime import date
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from flinders.arrays import Floats
+
+DATE: Final = (
+    r"(?:[^\W\d_]{2,9}\.?,?\s+)?"
+    r"(?:(?P<first>\d{4}|\d{1,2})(?:[-/.](?P<middle>\d{1,2})[-/.]|[-/. ]\s?(?P<named>[^\W\d_]{3,9})\.?[-/., ]\s?)"
+    r"(?P<last>\d{4}|\d{1,2})"
+    r"|(?P<month>[^\W\d_]{3,9})\.?\s+(?P<day>\d{1,2})(?:st|nd|rd|th)?,?(?:\s+(?P<year>\d{4})(?![:\d]))?)"
+)
+"""A date, and the day of the week before it."""
+HALF: Final = r"(?:\s?(?P<half>[AaPp])\.?[Mm]\b\.?)?"
+TIME_OF_DAY: Final = (
+    r"(?P<hour>\d{1,2}):(?P<minute>\d\d)(?::(?P<second>\d\d))?(?P<fraction>[.,]\d+|:\d{3,}|\s(?:\d{3}|\d{6}))?" + HALF
+)
+"""A time of day; one without hours, as spreadsheets write ``mm:ss.0``, has a fraction."""
+ZONE: Final = r"(?:\s?(?P<zone>Z|UTC|GMT|(?:UTC|GMT)?[-+]\d\d:?(?:\d\d)?)|\s[A-Z]{2,5})?(?:\[[^\]]*\])?"
+"""A name such as ``CET`` says nothing: hours of it are counted as they are written."""
+WHEN: Final = re.compile(
+    rf"\s*[\[(<'\"]?(?:{DATE}(?:T|[ ,;_]\s*|$|(?=[\])>'\"])))?(?:(?P<days>\d+)\s+days?,?\s+)?"
+    rf"(?:{TIME_OF_DAY}{ZONE})?(?:\s+(?P<late>\d{{4}}))?[\])>'\"]?\s*"
+)
+"""A cell with a date, a time of day or both; ``ctime`` has the year behind, and a span of pandas counts days."""
+PACKED: Final = re.compile(r"\s*(\d{4})(\d\d)(\d\d)[T_ ](\d\d)(\d\d)(\d\d)")  # ``20261122T044207.813Z``
+FRACTION: Final = re.compile(r"\d{3}|\d{6}")  # of a second
+REPEATED: Final = 0.2  # share of whole seconds that come again, from which on what stands behind may be their fraction
+_SECONDS: Final = re.compile(r"(.*?\d:\d\d):(\d\d)(?:[.,](\d+))?((?:\s?[A-Za-z.+-].*)?)")
+"""A time with seconds, what stands before them and behind."""
+MONTHS: Final = {
+    "jan": 1, "ene": 1, "gen": 1, "feb": 2, "fév": 2, "mar": 3, "mär": 3, "mrz": 3, "apr": 4, "avr": 4, "abr": 4,
+    "may": 5, "mai": 5, "jun": 6, "juin": 6, "giu": 6, "jul": 7, "juil": 7, "lug": 7, "aug": 8, "aoû": 8, "ago": 8,
+    "sep": 9, "set": 9, "oct": 10, "okt": 10, "ott": 10, "nov": 11, "dec": 12, "dez": 12, "déc": 12, "dic": 12,
+}  # fmt: skip
+"""By the first letters of their names."""
+ORDERS: Final = ("dmy", "mdy", "ymd")  # of day, month and year; the first is taken where a column leaves it open
+CENTURY: Final = 70  # first year of two digits that is one of 1900
+DAY_S: Final = 86400.0
+HOUR_S: Final = 3600.0
+ENOUGH: Final = 0.5  # share of the cells of a column that have to be a time
+EPOCH: Final = date(1970, 1, 1).toordinal()
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """How a column, or one with dates and one with times of day, is read as seconds."""
+
+    cells: tuple[int, ...]  # of dates and of times of day; the seconds stand in place of the last
+    order: str = "ymd"  # of day, month and year in dates of numbers
+    is_dated: bool = True
+    period: float = DAY_S  # after which a time without a date begins again
+    is_settled: bool = True  # the dates leave no other order open
+
+    @classmethod
+    def of(cls, rows: Iterable[Sequence[str]], cells: tuple[int, ...]) -> Self:
+        """Find out in which order the dates of some rows have day and month."""
+        found = [match for row in rows if (match := _match(_joined(row, cells)))]
+        is_dated = any(match["first"] or match["year"] or match["late"] for match in found)
+        is_short = any(match["second"] is None and match["fraction"] for match in found)
+        order, is_settled = order_of(found)
+        return cls(cells, order, is_dated, HOUR_S if is_short else DAY_S, is_settled)
+
+    @property
+    def cell(self) -> int:
+        """Where its seconds stand in a row of numbers."""
+        return self.cells[-1]
+
+    def seconds(self, row: Sequence[str]) -> float:
+        """Seconds of a row, cut into cells: since 1970, or since midnight; NaN where it has no time."""
+        return self.seconds_of(*(row[cell] for cell in self.cells if cell < len(row)))
+
+    def seconds_of(self, *texts: str) -> float:
+        """The same of its cells."""
+        text = " ".join(map(str.strip, texts))
+        parts = _SECONDS.fullmatch(text)
+        if parts is None:
+            return _seconds(text, self.order)
+        before, second, fraction, behind = parts.groups()
+        minute = _minute(before, behind, self.order)
+        return math.nan if minute is None else float(f"{minute + int(second)}.{fraction or 0}")
+
+
+def clocks_of(rows: Sequence[Sequence[str]], places: Iterable[int]) -> Iterator[Clock]:
+    """Find the columns of text that are times: with a date, or a time of day with a column of dates beside it."""
+    days: list[int] = []
+    times: list[int] = []
+    for place in places:
+        filled = [row[place] for row in rows if place < len(row) and row[place].strip()]
+        found = list(filter(None, map(_match, filled)))
+        if not found or len(found) < ENOUGH * len(filled):
+            continue
+        if found[0]["hour"] is None:
+            days.append(place)
+        elif found[0]["first"] or found[0]["month"]:
+            yield Clock.of(rows, _with_fraction(rows, (place,)))
+        else:
+            times.append(place)
+    for place in times:
+        day = min(days, key=lambda day: abs(day - place), default=None)
+        yield Clock.of(rows, _with_fraction(rows, (place,) if day is None else (day, place)))
+
+
+def _with_fraction(rows: Sequence[Sequence[str]], cells: tuple[int, ...]) -> tuple[int, ...]:
+    """Add the next cell, where a comma before the fraction of a second has cut that off: ``04:42:07,813``."""
+    after = cells[-1] + 1
+    if not all(after < len(row) and FRACTION.fullmatch(row[after].strip()) for row in rows):
+        return cells
+    alone, joined = Clock.of(rows, cells), Clock.of(rows, (*cells, after))
+    whole, times = (np.array([clock.seconds(row) for row in rows]) for clock in (alone, joined))
+    repeats = np.diff(whole) == 0
+    is_finer = np.mean(repeats) > REPEATED and (whole == np.floor(whole)).all() and (np.diff(times)[repeats] > 0).all()
+    return (*cells, after) if is_finer else cells
+
+
+def seconds_of(match: re.Match[str], order: str = "ymd") -> float | None:
+    """Seconds of a match of `DATE` and a time of day; None for a day that there is not."""
+    parts = match.groupdict()
+    hour, minute, second = int(parts["hour"] or 0), int(parts["minute"] or 0), parts["second"]
+    fraction = (parts["fraction"] or "")[1:]
+    if second is None and fraction:
+        hour, minute, second = 0, hour, parts["minute"]
+    if parts["half"]:
+        hour = hour % 12 + 12 * (parts["half"] in "pP")
+    whole = int(DAY_S) * int(parts.get("days") or 0) + 3600 * hour + 60 * minute + int(second or 0)
+    day = _day_of(parts, order)
+    if day is None:
+        return None
+    if day:
+        whole += day * int(DAY_S) - _zone(parts["zone"])
+    return float(f"{whole}.{fraction or 0}")
+
+
+@dataclass(slots=True)
+class Midnights:
+    """Times of day that go on where the day, or the hour, is over."""
+
+    clock: Clock | None
+    last: float = math.nan  # the time before
+
+    def past(self, seconds: Floats) -> Floats:
+        """(N,) times as they are written, as they go on; those of a clock with dates stay."""
+        known = np.flatnonzero(np.isfinite(seconds))
+        if self.clock is None or self.clock.is_dated or not len(known):
+            return seconds
+        behind = np.concatenate([[self.last], seconds[known][:-1]]) - seconds[known]
+        begun = np.where(np.isfinite(behind), np.ceil(behind / self.clock.period - 0.5), 0.0)
+        passed = seconds.copy()
+        passed[known] += self.clock.period * np.cumsum(np.maximum(begun, 0.0))
+        self.last = float(passed[known[-1]])
+        return passed
+
+
+def _joined(row: Sequence[str], cells: tuple[int, ...]) -> str:
+    return " ".join(row[cell].strip() for cell in cells if cell < len(row))
+
+
+@lru_cache(64)
+def _minute(before: str, behind: str, order: str) -> int | None:
+    """The second at which a minute begins, by what stands before and behind the seconds: that costs more than they."""
+    seconds = _seconds(f"{before}:00{behind}", order)
+    return None if math.isnan(seconds) else int(seconds)
+
+
+def _seconds(text: str, order: str) -> float:
+    match = _match(text)
+    seconds = seconds_of(match, order) if match else None
+    return math.nan if seconds is None else seconds
+
+
+def _match(text: str) -> re.Match[str] | None:
+    """A cell that is a date, a time of day or both, and nothing else."""
+    match = WHEN.fullmatch(PACKED.sub(r"\1-\2-\3T\4:\5:\6", text))
+    return match if match and (match["hour"] or match["first"] or match["month"]) else None
+
+
+def _day_of(parts: dict[str, str | None], order: str) -> int | None:
+    """Days from 1970 to the date of a match; 0 where it has none with a year, None where there is no such day."""
+    first, middle, last = parts["first"], parts["middle"] or parts["named"], parts["last"]
+    year, month, day = parts["year"] or parts.get("late"), parts["month"], parts["day"]
+    if month and day:
+        return _day(year, month, day) if year else 0
+    if not (first and middle and last):
+        return 0
+    if parts["named"]:
+        order = "dmy"
+    own = dict(zip("ymd" if len(first) == 4 else order, (first, middle, last), strict=True))
+    return _day(own["y"], own["m"], own["d"])
+
+
+@lru_cache(64)
+def _day(year: str, month: str, day: str) -> int | None:
+    """Days from 1970 to a date; None where there is no such day."""
+    name = month.casefold()
+    number = int(month) if month.isdecimal() else MONTHS.get(name[:4]) or MONTHS.get(name[:3])
+    whole = int(year) + (0 if len(year) == 4 else 1900 if int(year) >= CENTURY else 2000)
+    try:
+        return date(whole, number or 0, int(day)).toordinal() - EPOCH
+    except ValueError:
+        return None
+
+
+@lru_cache(64)
+def _zone(zone: str | None) -> int:
+    """Seconds by which a zone is ahead of UTC."""
+    digits = re.sub(r"\D", "", zone or "")
+    if not digits:
+        return 0
+    ahead = 3600 * int(digits[:2]) + 60 * int(digits[2:] or 0)
+    return -ahead if "-" in str(zone) else ahead
+
+
+def order_of(found: Sequence[re.Match[str]]) -> tuple[str, bool]:
+    """Tell the order of day, month and year in dates of numbers, and whether no other is possible.
+
+    Of several possible ones the one in which the dates ascend within the fewest days; the month is first before AM.
+    """
+    dates = {match.group("first", "middle", "last"): match for match in found if match["middle"]}
+    if not dates or any(len(first) == 4 for first, _, _ in dates):
+        return "ymd", True
+    spans: dict[str, tuple[bool, int, bool]] = {}
+    has_halves = any(match["half"] for match in found)
+    for order in ORDERS:
+        days = [_day_of(match.groupdict(), order) for match in dates.values()]
+        known = [day for day in days if day]
+        if len(known) == len(days) and (order != "ymd" or all(len(last) < 4 for _, _, last in dates)):
+            spans[order] = (known != sorted(known), max(known) - min(known), has_halves and order != "mdy")
+    return min(spans, key=spans.__getitem__, default="dmy"), len(spans) < 2 or len(dates) > 1

@@ -1,0 +1,95 @@
+"""Where names stand of a header that has another number of them than lines have fields.
+
+A column without a name, a forgotten one, or a value of two words shifts the names behind it. They are put where values
+agree with them: a time rises, the axes of a magnetometer are numbers that neither stand still nor only rise, written
+alike. Where that leaves two places for the magnetometer, none is taken.
+
+>>> tumble = 45 * np.random.default_rng(1).normal(size=(50, 3))
+>>> clock = np.arange(50.0)[:, np.newaxis]
+>>> shifted(["mx", "my", "mz"], np.hstack([clock, tumble]))
+['', 'mx', 'my', 'mz']
+>>> shifted(["t", "mx", "my", "mz"], np.hstack([clock, tumble, 0 * clock]))
+['t', 'mx', 'my', 'mz', '']
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.readers._likeness import ascends, fits_beside, is_no_axis
+from flinders.readers._names import ACCELERATION, FIELD, RATE, TIME, is_letter_of_time, magnetometers, meaning
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.readers._clock import Clock
+
+WORSE: Final = 10  # what an axis that can be none weighs, and a magnetometer that is not there
+BAD: Final = 3  # a time that does not rise
+
+
+def shifted(
+    names: Sequence[str], values: Floats, clocks: Sequence[Clock] = (), wanted: Collection[str] = ()
+) -> list[str]:
+    """Put a name to each column, nothing where it has none; all nothing where values leave it open.
+
+    `wanted` are the names of the columns that are asked for, in place of those of a magnetometer.
+    """
+    width = values.shape[1]
+    told = {cell for clock in clocks for cell in clock.cells}
+    places: dict[tuple[int, ...], tuple[int, list[str]]] = {}
+    for header in _headers(names, width):
+        cells = _field(header, wanted)
+        weight = _doubts(header, values, cells, told)
+        if cells and weight <= places.get(cells, (WORSE - 1,))[0]:
+            places[cells] = weight, header
+    least = min((weight for weight, _ in places.values()), default=WORSE)
+    best = {cells: header for cells, (weight, header) in places.items() if weight == least}
+    chosen = fits_beside(values, list(best)) if len(best) > 1 else next(iter(best), None)
+    return best[chosen] if chosen else []
+
+
+def _headers(names: Sequence[str], width: int) -> list[list[str]]:
+    """All ways to leave out columns, or names, in one place; the last leaves the names in place from the left."""
+    over = width - len(names)
+    if over > 0:
+        return [[*names[:at], *[""] * over, *names[at:]] for at in range(len(names) + 1)]
+    return [[*names[:at], *names[at - over :]] for at in range(width + 1)]
+
+
+def _field(header: Sequence[str], wanted: Collection[str]) -> tuple[int, ...]:
+    """Places of the names that are asked for, else of those of the first magnetometer."""
+    if wanted:
+        cells = tuple(place for place, name in enumerate(header) if name and name.casefold() in wanted)
+        return cells if len(cells) == len(wanted) else ()
+    sensors = magnetometers(header)
+    return sensors[0].cells if sensors else ()
+
+
+def _doubts(header: Sequence[str], values: Floats, field: Sequence[int], told: Collection[int]) -> int:
+    """How badly values agree with names; 0 where nothing speaks against them."""
+    doubts = sum(WORSE for place in field if place in told or is_no_axis(values[:, place]))
+    doubts += BAD * (max(field, default=0) - min(field, default=0) >= len(field))
+    timed = False
+    for place, name in enumerate(header):
+        kind = meaning(name).kind if name and place not in field else ""
+        column = values[:, place]
+        if kind in (FIELD, ACCELERATION, RATE) and np.isnan(column).mean() > 0.5:
+            doubts += 1
+        elif kind == TIME and not is_letter_of_time(name):
+            timed = True
+            doubts += 0 if place in told else _of_time(column)
+        elif kind == TIME:
+            timed = True
+            doubts += 0 if place in told else min(_of_time(column), 1)
+    return doubts + (not timed)
+
+
+def _of_time(column: Floats) -> int:
+    """How badly a column agrees with the name of a time: it is to rise, and to count no rows."""
+    if not ascends(column):
+        return BAD
+    return int(set(np.diff(column[np.isfinite(column)])) == {1.0})
