@@ -62,7 +62,7 @@ COLUMNS: Final = (
     "igrf_total", "reference field (nT)", "mag_ref_x", "unit_x", "mag_unit_x", "covariance_mag_x", "heading",
     "B_meas_x", "b_model_x", "sensor_x", "reference_x",
     "latitude", "field strength z", "constructor", "X axis field (Gauss)", "µT x", "mag_filtered_z", "lis3mdl_raw_x",
-    "angular_velocity.z", "day time", "elapsed (ms)", "",
+    "angular_velocity.z", "day time", "elapsed (ms)", "UncalMagXMicroT", "magMicroT_x", "",
 )  # fmt: skip
 """Names of columns of many kinds, and of none."""
 
@@ -161,6 +161,19 @@ TABLES: Final = {
         "names of a phone": (["time,Geo-X,Geo-Y,Geo-Z"], "{t},{0},{1},{2}"),
         "sentences of VectorNav": ([], "$VNYMR,1,2,3,{0},{1},{2},4,5,6,7,8,9*6E\n$VNDTV,1,2,3*3A"),
         "points of InfluxDB": ([], "mag,host=a x={0},y={1},z={2} 17000000{t:04d}000000000\ncpu load=0.5"),
+        "sensors under a header each": (
+            ["# ACC,t,AccX,AccY,AccZ", "# MAG,t_ms,MagXMicroT,MagYMicroT,MagZMicroT"],
+            "ACC,{t},0.1,{n},9.8\nFix,GPS,52.1,9.8,{n},5,3\nMAG,{t},{0},{1},{2}",
+        ),
+        "sensors of any width": (
+            [], "{t}\tgyroscope\t1\t2\t{n}\t2\n{t}\tmag\t1\t{n}\t3\t2\n{t}\tmag_raw\t{0}\t{1}\t{2}\t0.5\t0.1\t1.5\t2"
+        ),
+        "records of sensors": (
+            [],
+            '{{"sensor": "Gyroscope", "t": {t}, "x": 1, "y": 2, "z": {n}}}\n'
+            '{{"sensor": "Magnetometer", "t": {t}, "x": {0}, "y": {1}, "z": {2}}}',
+        ),
+        "sensors without a magnetometer": ([], "{n}.5,ACC,{0},{1},{2}\n{n}.5,GYR,1,2,{n}"),
         "magcc": ([], "|{t},0,0,9.8,0,0,0.1, {0},{1},{2},0,0,1.57*"),
     }.items()
 }  # fmt: skip

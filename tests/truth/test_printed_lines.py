@@ -137,9 +137,9 @@ REFUSED = {
         [
             json.dumps({"sensor": sensor, **dict(zip("xyz", row, strict=True))})
             for both in zip(GRAVITY.tolist(), FIELD.tolist(), strict=True)
-            for sensor, row in zip(("accelerometer", "magnetometer"), both, strict=True)
+            for sensor, row in zip(("accelerometer", "gyroscope"), both, strict=True)
         ],
-        "says which sensor each line is of, such as 'accelerometer': keep the lines of magnetometer",
+        "says which sensor each line is of, such as 'accelerometer': give the recording of the magnetometer",
     ),
     "decimal commas": ([axes(row).replace(".", ",") for row in FIELD], "say which are the magnetometer"),
 }

@@ -127,11 +127,20 @@ def _form(dialect: Dialect, layout: TextLayout, lines: list[str], *, is_clear: b
     """Put together how lines are recorded; columns without names and a time get some."""
     form = Form(dialect, layout, dialect.names, is_timed=True)
     rows = [split(row, ",") for row in form.rows(lines)]
-    if (time := layout.columns.time) and _runs([row[time.cells[0]] for row in rows if len(row) > time.cells[0]]):
-        return form
     width = layout.grid.width or max(map(len, rows), default=0)
-    nameless = PLAIN if is_clear and width == len(PLAIN) else tuple(f"c{place + 1}" for place in range(width))
+    is_told = is_clear and layout.columns.device is not None and not dialect.names
+    nameless = PLAIN if is_clear and width == len(PLAIN) else _nameless(layout, width, is_told=is_told)
+    if (time := layout.columns.time) and _runs([row[time.cells[0]] for row in rows if len(row) > time.cells[0]]):
+        return replace(form, names=nameless) if is_told else form
     return replace(form, names=(TIME, *(dialect.names or nameless)), is_timed=False)
+
+
+def _nameless(layout: TextLayout, width: int, *, is_told: bool) -> tuple[str, ...]:
+    """Names for columns that have none; those of the magnetometer and the time where a word in each row `is_told`."""
+    columns = layout.columns
+    known = dict(zip(columns.field.cells, PLAIN, strict=True)) if is_told else {}
+    known |= {columns.time.cells[0]: "time"} if is_told and columns.time else {}
+    return tuple(known.get(place, f"c{place + 1}") for place in range(width))
 
 
 def _runs(column: Sequence[str]) -> bool:
@@ -419,7 +428,7 @@ class Transcript:
             self.statistics.unit = label(self._read[1].inside)
             columns = f": {layout.columns.describe(self.statistics.unit)}"
         self._tell("settled", f"{form}{columns}")
-        if self._read and self._read[0].columns.device:
+        if self._read and self._read[0].columns.others:
             self._tell("several", _alone(self._read[0].columns))
 
     def _named(self, form: Form) -> str | None:

@@ -200,7 +200,8 @@ class Columns:
         chip = next((word for word in label(self.field.names[0]) if kind_of_chip(word) == FIELD), "")
         known = f" ({chip.upper()} is a magnetometer)" if chip else ""
         less = f" less {', '.join(self.reset.names)}, halved," if self.reset else ""
-        return f"{which}columns {', '.join(self.field.names)}{less}{known} in {unit}{time}"
+        rows = f", of rows with {' '.join(self.device.words)}" if self.device and not self.name else ""
+        return f"{which}columns {', '.join(self.field.names)}{less}{known} in {unit}{time}{rows}"
 
     def remarks(self) -> list[str]:
         """Say what is left out, which other magnetometers there are, and what is named like one."""
@@ -458,14 +459,18 @@ def _column(kind: str, cells: Sequence[int], names: Sequence[str]) -> Column:
     return Column(kind, tuple(cells), tuple((names[cell].strip() if names else "") or str(cell + 1) for cell in cells))
 
 
-def by_place(values: Floats, wanted: Sequence[int] = (), clocks: Sequence[Clock] = ()) -> Columns | None:
+def by_place(
+    values: Floats, wanted: Sequence[int] = (), clocks: Sequence[Clock] = (), sensor: Device | None = None
+) -> Columns | None:
     """Choose columns without a header: three beside a time are x, y, z; of four, a first that ascends is the time.
 
     A column that only ever rises is no axis; beside those that are `wanted` it is the time.
+    Where a word in each row names the `sensor`, columns that never change are none either.
     """
     told = {cell for clock in clocks for cell in clock.cells}
     free = tuple(place for place in range(values.shape[1]) if place not in told)
-    timed = len(free) == 4 and not told and ascends(values[:, 0])
+    free = tuple(place for place in axes_of(values) if place in free) if sensor else free
+    timed = len(free) == 4 and not told and ascends(values[:, free[0]])
     field = tuple(wanted) or (free if len(free) == 3 else free[1:] if timed else ())
     if not field or (not wanted and has_clock(values[:, field])):
         return None
@@ -517,17 +522,20 @@ def choose(
     quoted: str = "",
     cells: Sequence[str] = (),
     devices: Sequence[Device] = (),
+    is_told: bool = False,
 ) -> Columns | None:
     """Choose columns as the user asked, else by their names, else by their places; None where neither decides.
 
     `heading` says what header a table without names has; `quoted` and `cells` are its first line with readings.
+    `is_told` says that a word in each row names its sensor.
     """
     width = values.shape[1]
     axes = [] if names or asked else axes_of(values)
     if flat is not None and asked is None:
         asked = _asked_level(flat, names, width, axes)
     if asked is None:
-        chosen = by_name(names, values, (), units, clocks) if names else by_place(values, (), clocks)
+        sensor = devices[0] if is_told else None
+        chosen = by_name(names, values, (), units, clocks) if names else by_place(values, (), clocks, sensor)
         is_bare = chosen is not None and not chosen.stated and meaning(chosen.field.names[0]).is_bare
         if chosen is None or (is_bare and (chosen.magnetometers or "w" in [name.strip().casefold() for name in names])):
             _refuse_two(axes, width, source, quoted)
@@ -572,6 +580,8 @@ def _of_devices(columns: Columns, devices: Sequence[Device]) -> Columns:
         for each in columns.magnetometers or (columns,)
         if not set(device.cells) & set(each.field.cells)
     )
+    if len(made) == 1:
+        return replace(made[0], name="")
     return replace(made[0], magnetometers=made) if made else columns
 
 

@@ -16,10 +16,10 @@ import re
 from collections import Counter
 from dataclasses import dataclass
 from itertools import compress
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
-from flinders.readers._names import meaning, words_of
-from flinders.readers._tokenizer import number
+from flinders.readers._names import ACCELERATION, FIELD, RATE, Meaning, magnetometers, meaning, words_of
+from flinders.readers._tokenizer import QUANTITY, number
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -38,6 +38,12 @@ MIN_SHARE: Final = 0.9
 """Of the rows, that are of such devices."""
 MAX_LETTERS: Final = 64
 """Of a name."""
+MAX_SENSORS: Final = 32
+"""Different words of a column that says which sensor a row is of."""
+LEAST_LETTERS: Final = 3
+"""Of such a word; ``A`` and ``M`` may be states."""
+_SENSOR: Final = re.compile(r"(sensor|type|kind|name|source|topic|stream|signal|modality)s?")
+"""Words of columns that may say which sensor a row is of."""
 _DEVICE: Final = re.compile(
     r"(id|uid|uuid|guid|eui|imei|sn|(dev|device|node|mote|sensor|imu|board|module|probe|chip|unit|instrument|logger"
     r"|magnetometer|compass|robot|drone|vehicle|agent|phone|beacon|serial|mac|ip|hw|address|addr|host|client|sender"
@@ -77,6 +83,68 @@ class Device:
         return any(
             cell < len(cells) and bare(cells[cell]) != word for cell, word in zip(self.cells, self.words, strict=True)
         )
+
+
+class SensorColumn(NamedTuple):
+    """A column that says which sensor a row is of, and its words of magnetometers."""
+
+    place: int
+    words: tuple[str, ...]
+
+    def is_of_first(self, row: Sequence[str]) -> bool:
+        """Tell whether a row is of the first of them."""
+        return self.place < len(row) and bare(row[self.place]) == self.words[0]
+
+    def devices(self, names: Sequence[str], others: Sequence[Device]) -> tuple[Device, ...]:
+        """A device for each of them, and of each one for each that another column tells apart."""
+        own, called = self.place, names[self.place].strip() if names else str(self.place + 1)
+        return tuple(
+            Device((own, *each.cells), (called, *each.columns), (word, *each.words))
+            for word in self.words
+            for each in others or (Device((), (), ()),)
+        )
+
+
+def sensor_column(rows: Sequence[Sequence[str]], places: Iterable[int]) -> SensorColumn | None:
+    """Find a column of words that name a magnetometer in some rows and another sensor in others.
+
+    >>> rows = [["1", "ACC"], ["2", "MAG"], ["3", "PRES"]]
+    >>> sensor_column(rows, (1,)), sensor_column(rows[1:], (1,))
+    (SensorColumn(place=1, words=('MAG',)), None)
+    """
+    for place in places:
+        known = sensors_of_words(row[place] for row in rows if place < len(row))
+        words = sorted(word for word, each in known.items() if each.kind == FIELD)
+        is_mixed = len({known[word].rank for word in words}) > 1 or len(words) < len(known)
+        if words and is_mixed:
+            names = [f"{word} {axis}" for word in words for axis in "xyz"]
+            rawest = sorted(magnetometers(names), key=lambda vector: vector.rank)
+            own = tuple(words[vector.cells[0] // len("xyz")] for vector in rawest)
+            return SensorColumn(place, own) if own else None
+    return None
+
+
+def sensors_of_words(words: Iterable[str]) -> dict[str, Meaning]:
+    """What the words of a column say, those that name a sensor; none of too many.
+
+    >>> {word: known.kind for word, known in sensors_of_words(["GYRO", "gravity", "Fix", "mag", "12"]).items()}
+    {'GYRO': 'rate', 'gravity': 'acceleration', 'mag': 'field'}
+    """
+    different = sorted({bare(word) for word in words})
+    if len(different) > MAX_SENSORS:
+        return {}
+    told = [word for word in different if len(word) >= LEAST_LETTERS and number(word, ".") is None]
+    known = {word: Meaning(ACCELERATION) if QUANTITY.search(word) else meaning(f"{word} x") for word in told}
+    return {word: each for word, each in known.items() if each.kind in (FIELD, ACCELERATION, RATE) and not each.is_bare}
+
+
+def names_sensor(name: str) -> bool:
+    """Tell whether a column may say by its name which sensor a row is of.
+
+    >>> [name for name in ("sensor", "sensor_type", "Name", "mag_x", "time") if names_sensor(name)]
+    ['sensor', 'sensor_type', 'Name']
+    """
+    return any(_SENSOR.fullmatch(word.casefold()) for word in words_of(name)) and not meaning(name).kind
 
 
 def names_device(name: str) -> bool:

@@ -26,7 +26,7 @@ import numpy as np
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, UsageError, figures
 from flinders.readers._clock import Clock, Midnights, clocks_of
 from flinders.readers._columns import Columns, choose, rising_in
-from flinders.readers._devices import are_ids, devices_in, names_device
+from flinders.readers._devices import are_ids, devices_in, names_device, sensor_column, sensors_of_words
 from flinders.readers._heading import shifted
 from flinders.readers._known_texts import refusal
 from flinders.readers._likeness import advice, groups, has_clock
@@ -69,11 +69,11 @@ from flinders.readers.dialects import Dialect, influx, json_records, labelled, m
 from flinders.readers.dialects.pattern import Pattern
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
     from flinders.errors import InputError
-    from flinders.readers._devices import Device
+    from flinders.readers._devices import Device, SensorColumn
     from flinders.readers._source import Source
 
     EveryLine: TypeAlias = Callable[[], Iterable[str]]
@@ -357,29 +357,37 @@ def _table(
 ) -> TextLayout:
     """Lay out a table from the lines that are rows of numbers."""
     signs, rows = best.signs, best.rows
+    words = [at for at, value in enumerate(next(iter(best.values.values()))) if value is None]
+    sensors = sensor_column(list(rows.values()), words)
+    rows = {place: cells for place, cells in rows.items() if not sensors or sensors.is_of_first(cells)}
     width, often = Counter(map(len, rows.values())).most_common(1)[0]
     if width > MOST_COLUMNS:
         raise NoMagnetometer(f"{name} has {width:,} columns: cut the magnetometer's out, with its time")
     places = [place for place, cells in rows.items() if len(cells) == width]
     start, alike = min(places), [rows[place] for place in places]
     filled = width - next((at for at in range(width) if any(cells[-1 - at].strip() for cells in alike)), 0)
-    place, header = (-1, list(known)) if known else _header(texts[:start], signs[0], filled, width)
+    place, header = (
+        (-1, list(known)) if known else _header(_above(texts[:start], signs[0], sensors), signs[0], filled, width)
+    )
     width = len(header) if filled <= len(header) <= width else filled  # each line ends with delimiters
     values, clocks = _first_numbers(best, places, width, texts[start:])
-    misfit = None if header else _misfit(name, texts[:start], signs[0], values, clocks, asked)
+    above = _above(texts[:start], signs[0], sensors)
+    misfit = None if header else _misfit(name, above, signs[0], values, clocks, asked)
     place, header = (misfit.place, misfit.names) if misfit else (place, header)
-    devices = _devices(header, [cells[:width] for cells in alike], clocks, signs[0], every)
+    told = {cell for clock in clocks for cell in clock.cells} | ({sensors.place} if sensors else set())
+    devices = _devices(header, [cells[:width] for cells in alike], told, signs[0], every)
+    devices = sensors.devices(header, devices) if sensors else devices
     if devices and (own := [place for place in places if not devices[0].is_of_other(rows[place])]):
         values, clocks = _first_numbers(best, own, width, texts[start:])
     asked = asked or choice.remembered(header, width, rising_in(values) if choice.forms else ())
     units = _units(texts[place + 1 : start], signs[0], len(header)) if place >= 0 else ()
-    if not header and asked is None:
+    if not header and asked is None and not sensors:
         _refuse_nameless(name, devices, clocks, width)
         values = _longer(texts[start:], values, signs)
     heading = misfit.words(width) if misfit else ""
     line = f" (line {start + 1}: {shown(texts[start])!r})"
     choosing = partial(choosing, asked=asked, heading=heading, quoted=line, cells=alike[0][:width], clocks=clocks)
-    chosen = choosing(header, values, units=units, devices=devices)
+    chosen = choosing(header, values, units=units, devices=devices, is_told=sensors is not None)
     if chosen is None:
         raise _no_magnetometer(name, header, values, texts[start], f"{heading or 'no header'}{line}", line)
     if asked is None:
@@ -435,12 +443,15 @@ def _clocks(texts: Sequence[str], rows: Sequence[Sequence[str]], values: Floats,
 def _devices(
     header: Sequence[str],
     alike: Sequence[Sequence[str]],
-    clocks: Sequence[Clock],
+    told: Container[int],
     delimiter: str,
     every: EveryLine,
 ) -> tuple[Device, ...]:
-    """Devices that a column of a table tells apart, by its name or the first rows, and then by all of its rows."""
-    width, told = len(alike[0]), {cell for clock in clocks for cell in clock.cells}
+    """Devices that a column of a table tells apart, by its name or the first rows, and then by all of its rows.
+
+    Those that are `told` are of something else.
+    """
+    width = len(alike[0])
     if header:
         places = [place for place, name in enumerate(header) if names_device(name) and place not in told]
     else:
@@ -509,6 +520,14 @@ def _first_row(texts: list[str], after: int, start: int) -> int:
 
 
 # What stands above the readings ---------------------------------------------------------------------------------------
+
+
+def _above(texts: Sequence[str], delimiter: str, sensors: SensorColumn | None) -> list[str]:
+    """Lines above the readings; of several headers those of the sensor that is read, where each begins with its own."""
+    if sensors is None:
+        return list(texts)
+    own = [text if sensors.is_of_first(_names_in(text, delimiter)) else "" for text in texts]
+    return own if any(own) else list(texts)
 
 
 def _header(above: list[str], delimiter: str, filled: int, width: int) -> tuple[int, list[str]]:
@@ -654,17 +673,14 @@ def _refuse_nameless(name: str, devices: Sequence[Device], clocks: Sequence[Cloc
 
 
 def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Refuse a table in which a column of words says which sensor each line is of, and some are of no magnetometer."""
+    """Refuse a table in which a column of words says which sensor each line is of, and none is a magnetometer."""
     for place in range(min(map(len, rows))):
-        words = {row[place].strip() for row in rows}
-        kinds = {word: meaning(f"{word} x").kind for word in words if len(words) <= MOST_RANGES and len(word) > 2}
-        if others := sorted(word for word, kind in kinds.items() if kind in (ACCELERATION, RATE)):
+        known = sensors_of_words(row[place] for row in rows)
+        if others := [word for word, each in known.items() if each.kind != FIELD]:
             column = f"column {header[place].strip()!r}" if header else f"column {place + 1}"
-            wanted = next((word for word, kind in kinds.items() if kind == FIELD), "")
-            what = f"keep the lines of {wanted}" if wanted else "give the recording of the magnetometer"
             raise NoMagnetometer(
-                f"{column} of {name} says which sensor each line is of, such as {others[0]!r}: {what}, or "
-                "read them all with columns="
+                f"{column} of {name} says which sensor each line is of, such as {others[0]!r}: give the recording of "
+                "the magnetometer, or read them all with columns="
             )
 
 

@@ -168,6 +168,7 @@ _BRACKET: Final = re.compile(r"\s*[(\[](?!\d+[)\]])[^)\]]*[)\]]?\s*$")
 _OF_A_DIRECTION: Final = re.compile("unit|vec|field|mag|acc")
 # Words and numbers that nothing parts: ``magX1`` has three.
 _PARTS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\x00-\x7f]+")
+_MICRO: Final = ("micro",)  # before a T that nothing parts from it: ``MagXMicroT``
 _BROKEN_MICRO: Final = re.compile(r"(?:[^\x00-\x7f]+|i|\?)t")  # µT whose bytes were decoded as something else
 CALIBRATED: Final = 10  # rank from which on readings were corrected already
 BARE: Final = 2  # clearness of ``x``, ``y``, ``z``, which may be a position where something else is a magnetometer
@@ -381,6 +382,9 @@ def _words(name: str) -> tuple[list[str], list[str]]:
             parts = [chip[1], chip[2], chip[3] + chip[4]] if chip else _PARTS.findall(piece)
             if len(parts) > 1 and parts[0].casefold() == "time" and parts[-1].casefold() in FACTORS[TIME]:
                 units.append(parts.pop())
+            elif len(parts) > 2 and parts[-2].casefold() in _MICRO and parts[-1] == "T":
+                units.append(f"u{parts.pop()}")
+                parts.pop()
             for part in parts:
                 glued = _GLUED.fullmatch(part.casefold())
                 words += filter(None, glued.groups() if glued else [part])

@@ -29,7 +29,7 @@ from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
 from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.readers._columns import Columns, ColumnsRecording, choose, rising_in, unit_of
-from flinders.readers._devices import Device, devices_in, names_device
+from flinders.readers._devices import Device, SensorColumn, devices_in, names_device, sensor_column
 from flinders.readers._layout import ranges
 from flinders.readers._names import FIRST, Choice
 from flinders.readers._resample import numbered
@@ -70,7 +70,12 @@ class Labels:
 
     def word(self, number: float) -> str:
         """The word that has a number."""
-        return list(self._places)[int(number)]
+        return self.words[int(number)]
+
+    @property
+    def words(self) -> list[str]:
+        """All words so far."""
+        return list(self._places)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,15 +89,26 @@ class Table:
     rows: Callable[[Sequence[int]], Iterator[Floats]]  # (N, K) blocks of the columns at these places, in this order
     labels: Mapping[int, Labels] = field(default_factory=dict)  # of columns of words, by their places
 
-    def devices(self) -> tuple[Device, ...]:
-        """Devices that a column of it tells apart."""
-        places = [place for place, name in enumerate(self.names) if names_device(name)]
+    def sensors(self) -> SensorColumn | None:
+        """The column of words that says which sensor a row is of; None where none does."""
+        for place, labels in self.labels.items():
+            for _ in self.rows([place]):
+                pass  # labels know the words of all rows then
+            if found := sensor_column([(word,) for word in labels.words], (0,)):
+                return found._replace(place=place)
+        return None
+
+    def devices(self, sensors: SensorColumn | None = None) -> tuple[Device, ...]:
+        """Devices that a column of it tells apart, and magnetometers among the sensors of its rows."""
+        told = sensors.place if sensors else None
+        places = [place for place, name in enumerate(self.names) if names_device(name) and place != told]
 
         def rows() -> Iterator[tuple[str, ...]]:
             for block in self.rows(places):
                 yield from (self.words(places, row) for row in block.tolist())
 
-        return devices_in(self.names, places, rows) if places else ()
+        found = devices_in(self.names, places, rows) if places else ()
+        return sensors.devices(self.names, found) if sensors else found
 
     def words(self, places: Sequence[int], row: Sequence[float]) -> tuple[str, ...]:
         """What a row says in some columns."""
@@ -226,7 +242,7 @@ def open_table(
         raise UnreadableInput(f"{file.name} tells of {counted(table.length, 'row')} and none is there: copy it again")
     if len(block) == table.length:  # all of it, which is not read again
         table = replace(table, rows=lambda cells: iter([block[:, list(cells)]]))
-    devices = table.devices()
+    devices = table.devices(table.sensors())
     own = block[table.is_of(devices[0], block[:, list(devices[0].cells)])] if devices else block
     first = own[:SAMPLED] if len(own) else block[:SAMPLED]
     columns = columns or choice.remembered(table.names, table.width, rising_in(first) if choice.forms else ())

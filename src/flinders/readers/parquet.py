@@ -31,7 +31,7 @@ import numpy as np
 from flinders.core.files import refuse_bomb
 from flinders.core.samples import BLOCK
 from flinders.errors import UnreadableInput, needs, reading
-from flinders.readers._devices import names_device
+from flinders.readers._devices import names_device, names_sensor
 from flinders.readers._names import TIME, meaning
 from flinders.readers._source import Reader
 from flinders.readers._table import WIDEST, Labels, Table, TableRecording, open_table
@@ -182,7 +182,7 @@ def table_of(
     """Make a table of the columns that hold numbers or times."""
     places = places_of(schema)
     labels = {
-        place: Labels() for place, (column, _, name) in enumerate(places) if _is_device(schema.field(column), name)
+        place: Labels() for place, (column, _, name) in enumerate(places) if _is_of_words(schema.field(column), name)
     }
 
     def rows(cells: Sequence[int]) -> Iterator[Floats]:
@@ -202,10 +202,10 @@ def table_of(
     return Table(kind, tuple(name for _, _, name in places), len(places), length, rows, labels)
 
 
-def _is_device(field: Any, name: str) -> bool:  # noqa: ANN401
-    """Whether a field holds words that may tell devices apart."""
+def _is_of_words(field: Any, name: str) -> bool:  # noqa: ANN401
+    """Whether a field holds words that may tell devices or sensors apart."""
     text = str(field.type)
-    return (text in TEXTS or text.startswith("dictionary")) and names_device(name)
+    return (text in TEXTS or text.startswith("dictionary")) and (names_device(name) or names_sensor(name))
 
 
 def places_of(schema: Any) -> list[tuple[str, int | None, str]]:  # noqa: ANN401
@@ -226,7 +226,7 @@ def _parts(field: Any) -> list[tuple[int | None, str]]:  # noqa: ANN401
         return [(part, f"{field.name}.{axis}") for part, axis in enumerate("xyz")]
     numeric = text.startswith(("int", "uint", "float", "double", "halffloat", "bool", "timestamp", "decimal"))
     is_date = text in TEXTS and meaning(field.name).kind == TIME
-    return [(None, field.name)] if numeric or is_date or _is_device(field, field.name) else []
+    return [(None, field.name)] if numeric or is_date or _is_of_words(field, field.name) else []
 
 
 def values_of(column: Any, part: int | None) -> NDArray[np.floating]:  # noqa: ANN401

@@ -11,6 +11,11 @@ import { counted, stripped, whole } from "./patterns.js";
  * @typedef {{cells: number[], words: string[], name: string}} Device
  */
 
+/**
+ * A column that says which sensor a row is of, and its word of the magnetometer.
+ * @typedef {{place: number, word: string}} SensorColumn
+ */
+
 /** Words that are counted together. */
 const BETWEEN = "\0";
 
@@ -43,6 +48,59 @@ export class Devices {
     bare(cell) {
         const word = stripped(cell, this.rules._AROUND);
         return whole(/(\d+)\.0*/u, word)?.[1] ?? word;
+    }
+
+    /**
+     * The column of words that name a magnetometer in some rows and another sensor in others.
+     * @param {readonly string[][]} rows
+     * @param {number[]} places
+     * @returns {SensorColumn | null}
+     */
+    sensorColumn(rows, places) {
+        for (const place of places) {
+            const known = this.sensorsOf(rows.flatMap((row) => (place < row.length ? [row[place]] : [])));
+            const words = [...known.keys()].filter((word) => known.get(word)?.kind === this.names.rules.FIELD);
+            const isMixed = new Set(words.map((word) => known.get(word)?.rank)).size > 1 || words.length < known.size;
+            if (!words.length || !isMixed) continue;
+            const best = this.names.magnetometer(words.flatMap((word) => [`${word} x`, `${word} y`, `${word} z`]));
+            return best ? { place, word: words[Math.floor(best.cells[0] / 3)] } : null;
+        }
+        return null;
+    }
+
+    /**
+     * What the words of a column say, those that name a sensor; none of too many.
+     * @param {readonly string[]} words
+     * @returns {Map<string, import("./names.js").Meaning>}
+     */
+    sensorsOf(words) {
+        const { FIELD, ACCELERATION, RATE } = this.names.rules;
+        const different = [...new Set(words.map((word) => this.bare(word)))].sort();
+        if (different.length > this.rules.MAX_SENSORS) return new Map();
+        const told = different.filter((word) => word.length >= this.rules.LEAST_LETTERS && this.prints.number(word) === null);
+        const isOther = (/** @type {string} */ word) => this.prints.rules.QUANTITY.test(word);
+        const known = told.map((word) => /** @type {const} */ ([word, isOther(word) ? { kind: ACCELERATION, axis: "", unit: "", rank: 0 } : this.names.meaning(`${word} x`)]));
+        return new Map(known.filter(([word, { kind }]) => [FIELD, ACCELERATION, RATE].includes(kind) && (isOther(word) || !this.names.isBare(`${word} x`))));
+    }
+
+    /**
+     * Whether a row is of the magnetometer that a column tells from other sensors.
+     * @param {SensorColumn} sensor
+     * @param {readonly string[]} row
+     */
+    isOf({ place, word }, row) {
+        return place < row.length && this.bare(row[place]) === word;
+    }
+
+    /**
+     * The magnetometer that a column tells from other sensors, of each of the devices that another column tells apart.
+     * @param {SensorColumn} sensor
+     * @param {readonly Device[]} others
+     * @returns {Device[]}
+     */
+    ofSensor({ place, word }, others) {
+        const each = others.length ? others : [{ cells: [], words: [], name: "" }];
+        return each.map(({ cells, words, name }) => ({ cells: [place, ...cells], words: [word, ...words], name: `${word} ${name}`.trim() }));
     }
 
     /**

@@ -182,10 +182,11 @@ class Language {
         const first = rowsOf(dialect, lines);
         if (!first.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
         const all = this.tables.valued(first, ".");
-        const devices = this.tables.devicesOf(dialect.names, first, all.clocks, () => rowsOf(dialect, every));
+        const sensor = this.tables.sensorOf(first.slice(0, this.rules.layout.TRIED), ".");
+        const devices = this.tables.devicesOf(dialect.names, first, all.clocks, () => rowsOf(dialect, every), sensor);
         const rows = this.tables.ofFirst(devices, first).slice(0, this.rules.layout.SAMPLED);
         const { values, clocks } = devices.length ? this.tables.valued(rows, ".", first) : all;
-        const columns = { ...this.tables.columns(dialect.names, values, [], clocks), devices };
+        const columns = { ...this.tables.columns(dialect.names, values, [], clocks, sensor), devices };
         this.tables.refuseOthers(dialect.names, rows, columns, ".");
         const own = dialect.fresh();
         return this.formOf(dialect.words, columns, ".", (line) => {
@@ -246,7 +247,7 @@ class Language {
         const timed = time ? `, time in ${time.name}` : "";
         const past = time?.clock?.midnights();
         const [first, ...others] = devices.map(({ name }) => name);
-        const device = first ? `${first} alone (also there: ${others.join(", ")}), ` : "";
+        const device = others.length ? `${first} alone (also there: ${others.join(", ")}), ` : first ? `${first}, ` : "";
         const silence = new Silence(this.rules.silence);
         return {
             words: `${words}: ${device}columns ${names.join(", ")} in ${unit}${timed}`,

@@ -268,7 +268,7 @@ export class Names {
      * @param {string} name
      */
     parted(name) {
-        const { _IN_BRACKETS, _SEPARATORS, _CHIP, _PARTS, _GLUED, FACTORS, TIME } = this.rules;
+        const { _IN_BRACKETS, _SEPARATORS, _CHIP, _PARTS, _GLUED, _MICRO, FACTORS, TIME } = this.rules;
         const times = FACTORS[TIME];
         /** @type {string[]} */
         const units = [];
@@ -290,6 +290,8 @@ export class Names {
             const parts = chip ? [chip[1], chip[2], chip[3] + chip[4]] : every(_PARTS, piece).map((match) => match[0]);
             if (parts.length > 1 && parts[0].toLowerCase() === "time" && parts[parts.length - 1].toLowerCase() in times) {
                 units.push(/** @type {string} */ (parts.pop()));
+            } else if (parts.length > 2 && _MICRO.includes(parts[parts.length - 2].toLowerCase()) && parts[parts.length - 1] === "T") {
+                units.push(`u${parts.splice(-2).pop()}`);
             }
             for (const part of parts) {
                 const glued = whole(_GLUED, part.toLowerCase());

@@ -128,7 +128,9 @@ export class Tables {
      * @param {string[]} every
      * @returns {Layout}
      */
-    table(texts, { delimiter, decimal, rows }, every) {
+    table(texts, { delimiter, decimal, rows: all }, every) {
+        const sensor = this.sensorOf([...all.values()], decimal);
+        const rows = sensor ? new Map([...all].filter(([, cells]) => this.devices.isOf(sensor, cells))) : all;
         const widths = counted([...rows.values()].map((cells) => cells.length));
         let width = /** @type {number} */ (largest([...widths.keys()], (each) => [widths.get(each) ?? 0]));
         const often = widths.get(width) ?? 0;
@@ -140,23 +142,45 @@ export class Tables {
         const isEmpty = (/** @type {number} */ place) => alike.every((cells) => !cells[place].trim());
         let filled = width;
         while (filled > 0 && isEmpty(filled - 1)) filled--;
-        const found = this.header(texts.slice(0, start), delimiter, filled, width);
+        const above = this.above(texts.slice(0, start), delimiter, sensor);
+        const found = this.header(above, delimiter, filled, width);
         width = filled <= found.names.length && found.names.length <= width ? found.names.length : filled;
         const split = (/** @type {string} */ text) => this.prints.split(text, delimiter);
         const below = texts.slice(start).map(split);
         const cut = alike.map((cells) => cells.slice(0, width));
         const first = this.valued(cut, decimal, below);
-        const { place, names } = found.names.length ? found : this.misfit(texts.slice(0, start), delimiter, first.values, first.clocks);
-        const devices = this.devicesOf(names, cut, first.clocks, () => every.map(split));
+        const { place, names } = found.names.length ? found : this.misfit(above, delimiter, first.values, first.clocks);
+        const devices = this.devicesOf(names, cut, first.clocks, () => every.map(split), sensor);
         const { values, clocks } = devices.length ? this.valued(this.ofFirst(devices, cut), decimal, below) : first;
         const units = place < 0 ? [] : this.units(texts.slice(place + 1, start), delimiter, names.length);
-        if (!names.length) this.refuseNameless(devices, width);
+        if (!names.length && !sensor) this.refuseNameless(devices, width);
         const numbers = names.length ? values : this.longer(below, values, decimal);
-        const columns = { ...this.columns(names, numbers, units, clocks), devices };
+        const columns = { ...this.columns(names, numbers, units, clocks, sensor), devices };
         this.refuseOthers(names, alike, columns, decimal);
         const isEven = names.length > 0 || often >= this.layout.SAME_WIDTH * rows.size;
         const headerText = place < 0 ? "" : texts[place];
         return { delimiter, decimal, width: isEven ? width : 0, header: names, headerText, columns };
+    }
+
+    /**
+     * The column that says which sensor a row is of; null where none does.
+     * @param {readonly string[][]} rows
+     * @param {string} decimal
+     */
+    sensorOf(rows, decimal) {
+        const words = (rows[0] ?? []).flatMap((cell, place) => (this.prints.number(cell, decimal) === null ? [place] : []));
+        return this.devices.sensorColumn(rows, words);
+    }
+
+    /**
+     * Lines above the readings; of several headers those of the sensor that is read.
+     * @param {string[]} texts
+     * @param {string} delimiter
+     * @param {import("./devices.js").SensorColumn | null} sensor
+     */
+    above(texts, delimiter, sensor) {
+        const own = texts.map((text) => (sensor && this.devices.isOf(sensor, this.namesIn(text, delimiter)) ? text : ""));
+        return own.some(Boolean) ? own : texts;
     }
 
     /**
@@ -292,10 +316,11 @@ export class Tables {
      * @param {number[][]} values
      * @param {readonly string[]} [units] Of a row below the header.
      * @param {readonly Clock[]} [clocks] Of times that are no numbers.
+     * @param {import("./devices.js").SensorColumn | null} [sensor] A column says which one a row is of.
      * @returns {Columns}
      */
-    columns(names, values, units = [], clocks = []) {
-        return names.length ? this.byName(names, values, units, clocks) : this.byPlace(values, clocks);
+    columns(names, values, units = [], clocks = [], sensor = null) {
+        return names.length ? this.byName(names, values, units, clocks) : this.byPlace(values, clocks, sensor);
     }
 
     /**
@@ -317,11 +342,7 @@ export class Tables {
             for (const each of cells) meanings[each] = { kind: "", axis: "", unit: "", rank: 0 };
             meanings[cell] = { kind: TIME, axis: "", unit: "s", rank: kind === TIME ? rank + 2 : this.rules.columns.LAST };
         }
-        const isClock = (/** @type {number} */ place) => {
-            const column = values.map((row) => row[place]).filter(Number.isFinite);
-            return ascends(column) && stepsOf(column).some((step) => step !== 1);
-        };
-        const unnamed = names.findIndex((name, place) => !name.trim() && isClock(place));
+        const unnamed = names.findIndex((name, place) => !name.trim() && isClock(values, place));
         if (unnamed >= 0) meanings[unnamed] = { kind: TIME, axis: "", unit: "", rank: this.rules.columns.LAST };
         const field = this.names.magnetometer(names, meanings);
         if (!field) throw new Unreadable(`no magnetometer among the columns ${shown(names)}: ${MORE_WITH}`);
@@ -336,12 +357,13 @@ export class Tables {
     /**
      * @param {number[][]} values
      * @param {readonly Clock[]} clocks
+     * @param {import("./devices.js").SensorColumn | null} sensor
      * @returns {Columns}
      */
-    byPlace(values, clocks) {
+    byPlace(values, clocks, sensor) {
         const width = values[0]?.length ?? 0;
         const told = clocks.flatMap(({ cells }) => cells);
-        const free = [...(values[0] ?? []).keys()].filter((place) => !told.includes(place));
+        const free = [...(values[0] ?? []).keys()].filter((place) => !told.includes(place) && (!sensor || this.mayBeAxis(values, place)));
         const [clock] = clocks;
         if (clock && free.length === 3) {
             const called = (/** @type {readonly number[]} */ cells) => cells.map((cell) => `${cell + 1}`);
@@ -350,6 +372,7 @@ export class Tables {
             const time = isCut ? null : own;
             return { field: free, names: called(free), unit: this.rules.units.COUNTS, time, devices: [] };
         }
+        if (sensor) return this.ofSensor(free, values);
         const first = values.map((row) => row[0]).filter(Number.isFinite);
         const isTimed = width === 4 && ascends(first);
         const field = isTimed ? [1, 2, 3] : [0, 1, 2];
@@ -364,6 +387,33 @@ export class Tables {
         }
         const time = isTimed ? this.timed(0, "1", "", values) : null;
         return { field, names: field.map((cell) => `${cell + 1}`), unit: this.rules.units.COUNTS, time, devices: [] };
+    }
+
+    /**
+     * The columns of a table without a header whose rows say which sensor they are of.
+     * @param {number[]} free Those that may be an axis, or the time.
+     * @param {number[][]} values
+     * @returns {Columns}
+     */
+    ofSensor(free, values) {
+        const rises = (/** @type {number} */ place) => ascends(values.map((row) => row[place]).filter(Number.isFinite));
+        const field = free.length === 4 && rises(free[0]) ? free.slice(1) : free;
+        if (field.length !== 3) throw new Unreadable(`it has no header, and ${field.length} columns may be axes: need three, x y z; ${MORE_WITH}`);
+        const others = [...values[0].keys()].filter((place) => !field.includes(place));
+        const place = others.find((each) => isClock(values, each)) ?? others.find((each) => each === 0 && rises(each));
+        const time = place === undefined ? null : this.timed(place, `${place + 1}`, "", values);
+        return { field, names: field.map((cell) => `${cell + 1}`), unit: this.rules.units.COUNTS, time, devices: [] };
+    }
+
+    /**
+     * Whether a column without a name may be an axis: numbers that change, and do not only ever rise.
+     * @param {number[][]} values
+     * @param {number} place
+     */
+    mayBeAxis(values, place) {
+        const column = values.map((row) => row[place]);
+        const isNumeric = column.filter(Number.isFinite).length >= column.length / 2;
+        return isNumeric && new Set(column).size > 1 && !onlyRises(this.rules.likeness, column);
     }
 
     /**
@@ -570,17 +620,18 @@ export class Tables {
      * @param {string[][]} alike The first rows.
      * @param {readonly Clock[]} clocks
      * @param {() => string[][]} every
+     * @param {import("./devices.js").SensorColumn | null} sensor
      */
-    devicesOf(names, alike, clocks, every) {
+    devicesOf(names, alike, clocks, every, sensor) {
         const width = alike[0].length;
-        const told = clocks.flatMap(({ cells }) => cells);
+        const told = [...clocks.flatMap(({ cells }) => cells), ...(sensor ? [sensor.place] : [])];
         const ahead = width <= this.layout.NAMELESS ? width - 3 : 0;
         const isTelling = (/** @type {number} */ place) => this.devices.areIds(alike.map((row) => row[place]), place < ahead);
         const isNamed = (/** @type {number} */ place) => this.devices.named(names[place] ?? "");
         const free = [...alike[0].keys()].filter((place) => !told.includes(place));
         const places = free.filter(names.length ? isNamed : isTelling);
-        if (!places.length) return [];
-        return this.devices.in(names, places, every().filter((cells) => this.prints.fits(cells, width)));
+        const found = places.length ? this.devices.in(names, places, every().filter((cells) => this.prints.fits(cells, width))) : [];
+        return sensor ? this.devices.ofSensor(sensor, found) : found;
     }
 
     /**
@@ -605,18 +656,16 @@ export class Tables {
     }
 
     /**
-     * Refuse a table in which a column of words says which sensor each line is of, and some are of no magnetometer.
+     * Refuse a table in which a column of words says which sensor each line is of, and none is a magnetometer.
      * @param {string[][]} rows
      */
     refuseMixed(rows) {
-        const { ACCELERATION, RATE } = this.rules.names;
         for (let place = 0; place < Math.min(...rows.map((row) => row.length)); place++) {
-            const words = [...new Set(rows.map((row) => row[place].trim()))];
-            const kindOf = (/** @type {string} */ word) => (word.length > 2 ? this.names.meaning(`${word} x`).kind : "");
-            const others = words.filter((word) => [ACCELERATION, RATE].includes(kindOf(word)));
-            if (words.length <= this.layout.MOST_RANGES && others.length) {
-                const which = `column ${place + 1} says which sensor each line is of, such as '${others[0]}'`;
-                throw new Unreadable(`${which}: keep the lines of the magnetometer`);
+            const known = this.devices.sensorsOf(rows.map((row) => row[place]));
+            const other = [...known.keys()].find((word) => known.get(word)?.kind !== this.rules.names.FIELD);
+            if (other) {
+                const which = `column ${place + 1} says which sensor each line is of, such as '${other}'`;
+                throw new Unreadable(`${which}: give the recording of the magnetometer`);
             }
         }
     }
@@ -637,6 +686,16 @@ export class Tables {
             throw new Unreadable(`${what}: save it without a separator of thousands`);
         }
     }
+}
+
+/**
+ * Whether a column without a name ascends, and does not count rows.
+ * @param {number[][]} values
+ * @param {number} place
+ */
+function isClock(values, place) {
+    const column = values.map((row) => row[place]).filter(Number.isFinite);
+    return ascends(column) && stepsOf(column).some((step) => step !== 1);
 }
 
 /**
