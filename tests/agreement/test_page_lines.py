@@ -62,7 +62,8 @@ COLUMNS: Final = (
     "igrf_total", "reference field (nT)", "mag_ref_x", "unit_x", "mag_unit_x", "covariance_mag_x", "heading",
     "B_meas_x", "b_model_x", "sensor_x", "reference_x",
     "latitude", "field strength z", "constructor", "X axis field (Gauss)", "µT x", "mag_filtered_z", "lis3mdl_raw_x",
-    "angular_velocity.z", "day time", "elapsed (ms)", "UncalMagXMicroT", "magMicroT_x", "",
+    "angular_velocity.z", "day time", "elapsed (ms)", "UncalMagXMicroT", "magMicroT_x", "field1", "field 12",
+    "field.0", "Clock:offsetTime", "time_offset", "offset time", "GPS TOW", "gps_time", "GPS time of week", "iTOW_ms", "",
 )  # fmt: skip
 """Names of columns of many kinds, and of none."""
 
@@ -169,11 +170,15 @@ TABLES: Final = {
             [], "{t}\tgyroscope\t1\t2\t{n}\t2\n{t}\tmag\t1\t{n}\t3\t2\n{t}\tmag_raw\t{0}\t{1}\t{2}\t0.5\t0.1\t1.5\t2"
         ),
         "records of sensors": (
-            [],
-            '{{"sensor": "Gyroscope", "t": {t}, "x": 1, "y": 2, "z": {n}}}\n'
-            '{{"sensor": "Magnetometer", "t": {t}, "x": {0}, "y": {1}, "z": {2}}}',
+            [], '{{"sensor": "Gyro", "x": 1, "y": 2, "z": {n}}}\n{{"sensor": "Mag", "x": {0}, "y": {1}, "z": {2}}}'
         ),
         "sensors without a magnetometer": ([], "{n}.5,ACC,{0},{1},{2}\n{n}.5,GYR,1,2,{n}"),
+        "a log of Android": ([], "11-22 04:42:{n:02d}.813  2211  2245 D Mag: x={0} y={1} z={2}"),
+        "a log of ESP-IDF": ([], "\x1b[0;32mI ({t}) QMC5883L: X: {0}, Y: {1}, Z: {2}\x1b[0m"),
+        "a log of glog": ([], "I1122 04:42:{n:02d}.813 mag.cc:7] mag x={0} y={1} z={2}"),
+        "an address of two bytes": ([], "{n},{0},{1},{2},b4:01,5,6"),
+        "topics in slashes": (["t,/mag/magnetic_field/x,/mag/magnetic_field/y,/mag/magnetic_field/z"], "{t},{0},{1},{2}"),
+        "times of a week": (["GPS TFlags,GPS Week,GPS TOW,X Mag [x8006],Y Mag [x8006],Z Mag [x8006]"], "6,2437,{n}.5,{0},{1},{2}"),
         "magcc": ([], "|{t},0,0,9.8,0,0,0.1, {0},{1},{2},0,0,1.57*"),
     }.items()
 }  # fmt: skip
@@ -313,6 +318,7 @@ FOREIGN: Final = (
     ("headed.csv", b"mag_x,mag_y,mag_z\n", "a header and no readings"),
     ("nan.csv", b"mag_x,mag_y,mag_z\nnan,nan,nan\nnan,nan,nan\n", "no usable reading"),
     ("numbered.csv", b"1,10,20,30\n2,40,50,60\n" * 5, "says which sensor each line is of"),
+    ("fields.csv", b"entry_id,field1,field2,field3\n" + b"1,22.5,60,1013\n2,22.6,61,1013\n" * 9, "no magnetometer among"),
     ("thousands.csv", b"x;y;z\n1,234;345;5,678\n" * 9, "between thousands"),
     ("blackbox.csv", b"time,magADC[0],magADC[1],magADC[2]\n1,2,3,4\n2,3,4,5\n", "blackbox"),
     ("pulses.csv", b"x_set,y_set,z_set,x_reset,y_reset,z_reset\n1,2,3,4,5,6\n", "set and after reset pulses"),

@@ -708,7 +708,7 @@ def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:
     """Tell the unit that a known format has without saying so: ROS messages, the app Sensor Logger."""
     first = names[field[0]].casefold()
     is_printed = first == "magnetic_field x" and any(name.startswith("magnetic_field_covariance") for name in names)
-    if is_printed or first.endswith("magnetic_field.x"):
+    if is_printed or first.endswith(("magnetic_field.x", "magnetic_field/x")):
         return "T"
     return "uT" if {name.strip().casefold() for name in names} >= {"seconds_elapsed", "x", "y", "z"} else ""
 

@@ -101,6 +101,7 @@ _PLAIN: Final = re.compile(r"[-+.,;\s\d]*(?:(?:[eE][-+]\d|nan)[-+.,;\s\d]*)*", r
 _GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
 _OPENS_JSON: Final = re.compile(r"^\s*[\[{]")
 _CLOCK: Final = re.compile(r"\d:\d\d:\d\d")
+ADDRESS_CELL: Final = re.compile(r"(?:^|[,;\t])\s*[\da-f]{2}(?::[\da-f]{2})+\s*(?=$|[,;\t])", re.IGNORECASE)
 _LETTER: Final = re.compile(r"[^\W\d_]")
 
 
@@ -190,13 +191,13 @@ def recognise_layout(
     if pattern is None and (known := refusal(name, lines)):
         raise known
     dialect = Pattern.of(pattern) if pattern is not None else recognise(lines, flat)
-    if isinstance(dialect, labelled.Labelled) and not _names_magnetometer(dialect) and names_columns(lines):
+    if isinstance(dialect, labelled.Labelled) and not _names_magnetometer(dialect) and is_table(lines):
         dialect = None
     try:
         return dialect, _laid_out(name, lines, lay_out, dialect, every)
     except (NoMagnetometer, UnreadableInput):
         dialect = None if dialect else guess(lines)
-        if dialect is None or (not _names_magnetometer(dialect) and names_columns(lines)):
+        if dialect is None or (not _names_magnetometer(dialect) and is_table(lines)):
             if known := refusal(name, lines, is_unread=True):
                 raise known from None
             raise
@@ -273,6 +274,12 @@ def _names_magnetometer(dialect: Dialect) -> bool:
     """Tell whether names say in words that a magnetometer is among them, and not by a letter or an axis."""
     known = map(meaning, dialect.names)
     return any(each.kind == FIELD and each.axis and clearness(each.rank) == 0 for each in known)
+
+
+def is_table(lines: list[str]) -> bool:
+    """Tell whether lines are a table though cells look like labels: below names, or with an address such as `b4:01`."""
+    addressed = sum(ADDRESS_CELL.search(line) is not None for line in lines[:TRIED])
+    return 2 * addressed > len(lines[:TRIED]) or names_columns(lines)
 
 
 def names_columns(lines: list[str]) -> bool:
@@ -366,12 +373,10 @@ def _table(
     places = [place for place, cells in rows.items() if len(cells) == width]
     start, alike = min(places), [rows[place] for place in places]
     filled = width - next((at for at in range(width) if any(cells[-1 - at].strip() for cells in alike)), 0)
-    place, header = (
-        (-1, list(known)) if known else _header(_above(texts[:start], signs[0], sensors), signs[0], filled, width)
-    )
+    above = _above(texts[:start], signs[0], sensors)
+    place, header = (-1, list(known)) if known else _header(above, signs[0], filled, width)
     width = len(header) if filled <= len(header) <= width else filled  # each line ends with delimiters
     values, clocks = _first_numbers(best, places, width, texts[start:])
-    above = _above(texts[:start], signs[0], sensors)
     misfit = None if header else _misfit(name, above, signs[0], values, clocks, asked)
     place, header = (misfit.place, misfit.names) if misfit else (place, header)
     told = {cell for clock in clocks for cell in clock.cells} | ({sensors.place} if sensors else set())

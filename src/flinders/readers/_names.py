@@ -148,6 +148,8 @@ _MEASURED: Final = "meas|measured|observed|obs"
 _SENSED: Final = re.compile(rf"(sensors?|magnetometers?|compass|measurement|{_MEASURED})$")
 _TIMES: Final = re.compile(r"(ts?|time.*|.*time|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo)$")
 _CLOCKS: Final = re.compile(r"(dates?|day|datum|clock|utc|gmt|uhr.*|heure|hora|fecha|when)$")  # a time, or not
+_BEGUN: Final = re.compile(r"offset[\s_]?(?=time\b)", re.IGNORECASE)  # a time since the beginning: ``offsetTime``
+_NUMBERED: Final = re.compile(r"field[\s_]?\d+", re.IGNORECASE)  # of any quantity, as ThingSpeak has them
 _NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
 # Words that any such sensor may have in its name.
 _COMMON: Final = re.compile(
@@ -229,7 +231,7 @@ def meaning(name: str) -> Meaning:
             return Meaning(kind, match[1] or match[2], match[3] or "")
     words, units = _words(name)
     folded = [word.casefold() for word in words]
-    if not folded and not units:
+    if (not folded and not units) or _NUMBERED.fullmatch(name.strip()):
         return Meaning("")
     if _is_strength(folded, units):
         return Meaning(STRENGTH, "", _unit(STRENGTH, units))
@@ -368,7 +370,7 @@ def _place_of_axis(folded: str, axis: str) -> int:
 def _words(name: str) -> tuple[list[str], list[str]]:
     """Take a name apart into its words and, in the order of trust, the units it may state."""
     units = []
-    name = _IN.sub("", PARTED.sub(r"\1", name))
+    name = _BEGUN.sub("", _IN.sub("", PARTED.sub(r"\1", name)))
     inside = _IN_BRACKETS.search(name)
     if inside and not inside[1].strip().isdigit():
         units.append(inside[1].strip())
@@ -451,9 +453,10 @@ def _scalar(words: list[str], units: list[str]) -> tuple[str, int]:
         return TEMPERATURE, 0
     if any(word in {"curr", "current", "amps", "amp", "ampere"} for word in words):
         return CURRENT, 0
-    if any(_NO_TIMES.match(word) for word in words):
+    is_of_week = "tow" in words or {"time", "week"} <= set(words)
+    if any(_NO_TIMES.match(word) for word in words) and not is_of_week:
         return "", 0
-    timed = any(_TIMES.match(word) for word in words)
+    timed = is_of_week or any(_TIMES.match(word) for word in words)
     alone = not words and all(unit.casefold() in FACTORS[TIME] for unit in units)
     return (TIME, 0 if _unit(TIME, units) else 1) if timed or alone or (units and "elapsed" in words) else ("", 0)
 

@@ -137,6 +137,7 @@ _UNIT_AND_AXIS: Final = re.compile(rf"{_KNOWN_UNIT}\s+([xyz])", re.IGNORECASE)  
 _SENSOR_AND_UNIT: Final = re.compile(r"\s*\[(\w{3,})/(\w+)\]")  # ``LSM303AGR [mag/mgauss]``
 _BRACKET: Final = re.compile(r"(?<=[^\W_])\s*[(\[]([^()\[\]]*)[)\]]")  # behind the words of a label
 _LEVEL: Final = re.compile(r"\b(?:trace|debug|info|notice|warn(?:ing)?|err(?:or)?)\b", re.IGNORECASE)  # of a log
+_TICKS: Final = re.compile(r"[DEIVW] \(")  # before milliseconds, in the log of ESP-IDF: ``I (400) tag:``
 _REMARK: Final = re.compile(r"^\s*\([^()]*\)\s+(?=\w)")  # on the number before: ``type=8(magn_x) index=0``
 _EDGE: Final = " \t,;:=|()[{}<>\"'-#*/>→~&$!"  # what stands around the words of a label
 _BEHIND: Final = " )]}§"  # what closes brackets around the number before
@@ -536,7 +537,8 @@ def unglued(text: str) -> str:
 def names_of(gaps: tuple[str, ...]) -> tuple[str, ...]:
     """Name the columns of a line by label, axis and unit from the gaps of `cut`; empty names where no label stands."""
     behind = [_unit_and_label(gap) for gap in gaps[1:]]
-    labels, units = [_label(gaps[0]), *(label for _, label in behind[:-1])], [unit for unit, _ in behind]
+    first = "time (ms)" if _TICKS.fullmatch(gaps[0]) else _label(gaps[0])
+    labels, units = [first, *(label for _, label in behind[:-1])], [unit for unit, _ in behind]
     names: list[str] = []
     sensor = ""
     for first, count in _runs(labels):

@@ -66,7 +66,7 @@ export class Names {
         }
         const { words, units } = this.parted(name);
         const lower = words.map((word) => word.toLowerCase());
-        if (!words.length && !units.length) return NOTHING;
+        if ((!words.length && !units.length) || whole(this.rules._NUMBERED, name.trim())) return NOTHING;
         if (this.isStrength(lower, units)) return { ...NOTHING, kind: STRENGTH, unit: this.unit(STRENGTH, units) };
         const { sensor, axis } = this.withoutAxis(lower);
         if (sensor.some((word) => ahead(_OTHERS, word))) return NOTHING;
@@ -306,7 +306,7 @@ export class Names {
      * @param {string} name
      */
     withUnitTogether(name) {
-        return replaced(this.rules._IN, "", replaced(this.partedUnit, "$1", name));
+        return replaced(this.rules._BEGUN, "", replaced(this.rules._IN, "", replaced(this.partedUnit, "$1", name)));
     }
 
     /** @param {string} name */
@@ -399,8 +399,9 @@ export class Names {
         const isWarm = all === "t" && units.some((unit) => unit.toLowerCase() in FACTORS[TEMPERATURE]);
         if (isWarm || (all !== "temps" && words.some((word) => /^(temp|tmp)/.test(word)))) return [TEMPERATURE, 0];
         if (words.some((word) => ["curr", "current", "amps", "amp", "ampere"].includes(word))) return [CURRENT, 0];
-        if (words.some((word) => ahead(_NO_TIMES, word))) return ["", 0];
-        const isTimed = words.some((word) => ahead(_TIMES, word));
+        const isOfWeek = words.includes("tow") || (words.includes("time") && words.includes("week"));
+        if (words.some((word) => ahead(_NO_TIMES, word)) && !isOfWeek) return ["", 0];
+        const isTimed = isOfWeek || words.some((word) => ahead(_TIMES, word));
         const isAlone = !words.length && units.every((unit) => unit.toLowerCase() in FACTORS[TIME]);
         const isTime = isTimed || isAlone || (units.length > 0 && words.includes("elapsed"));
         return isTime ? [TIME, this.unit(TIME, units) ? 0 : 1] : ["", 0];

@@ -132,7 +132,8 @@ export class Prints {
      */
     named(gaps) {
         const behind = gaps.slice(1).map((gap) => this.unitAndLabel(gap));
-        const labels = [this.label(gaps[0]), ...behind.slice(0, -1).map(({ label }) => label)];
+        const first = whole(this.rules._TICKS, gaps[0]) ? "time (ms)" : this.label(gaps[0]);
+        const labels = [first, ...behind.slice(0, -1).map(({ label }) => label)];
         const units = behind.map(({ unit }) => unit);
         /** @type {string[]} */
         const names = [];

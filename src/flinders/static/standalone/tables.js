@@ -77,6 +77,16 @@ export class Tables {
     }
 
     /**
+     * Whether lines are a table though cells look like labels: below names, or with an address such as `b4:01`.
+     * @param {string[]} texts
+     */
+    isTable(texts) {
+        const tried = texts.slice(0, this.layout.TRIED);
+        const addressed = tried.filter((text) => this.layout.ADDRESS_CELL.test(text)).length;
+        return 2 * addressed > tried.length || this.namesColumns(texts);
+    }
+
+    /**
      * Whether lines are a table with names above its columns, parted by more than spaces.
      * @param {string[]} texts
      */
@@ -567,7 +577,7 @@ export class Tables {
         const folded = names.map((name) => name.trim().toLowerCase());
         const hasCovariance = names.some((name) => name.startsWith("magnetic_field_covariance"));
         const isPrinted = first.toLowerCase() === "magnetic_field x" && hasCovariance;
-        if (isPrinted || first.toLowerCase().endsWith("magnetic_field.x")) return "T";
+        if (isPrinted || /magnetic_field[./]x$/i.test(first)) return "T";
         return ["seconds_elapsed", "x", "y", "z"].every((name) => folded.includes(name)) ? "uT" : "";
     }
 
