@@ -182,6 +182,8 @@ TABLES: Final = {
         "magcc": ([], "|{t},0,0,9.8,0,0,0.1, {0},{1},{2},0,0,1.57*"),
     }.items()
 }  # fmt: skip
+ONE_VALUE: Final = [f"field_{axis},{row[place]},{n}" for place, axis in enumerate("xyz") for n, row in enumerate(FIELD)]
+TABLES["one value a row"] = "\n".join(["entity_id,state,last_changed", *ONE_VALUE, ""])
 DEVICES: Final = {
     "numbers of devices": ("id,mx,my,mz", "{device},{0},{1},{2}", ["0", "1", "2"]),
     "addresses of devices": ("mag_x_uT;mag_y_uT;mag_z_uT;MAC", "{0};{1};{2};{device}", ["b4:01", "b4:02", "b4:a3"]),
@@ -318,7 +320,11 @@ FOREIGN: Final = (
     ("headed.csv", b"mag_x,mag_y,mag_z\n", "a header and no readings"),
     ("nan.csv", b"mag_x,mag_y,mag_z\nnan,nan,nan\nnan,nan,nan\n", "no usable reading"),
     ("numbered.csv", b"1,10,20,30\n2,40,50,60\n" * 5, "says which sensor each line is of"),
-    ("fields.csv", b"entry_id,field1,field2,field3\n" + b"1,22.5,60,1013\n2,22.6,61,1013\n" * 9, "no magnetometer among"),
+    (
+        "fields.csv",
+        b"entry_id,field1,field2,field3\n" + b"1,22.5,60,1013\n2,22.6,61,1013\n" * 9,
+        "no magnetometer among",
+    ),
     ("thousands.csv", b"x;y;z\n1,234;345;5,678\n" * 9, "between thousands"),
     ("blackbox.csv", b"time,magADC[0],magADC[1],magADC[2]\n1,2,3,4\n2,3,4,5\n", "blackbox"),
     ("pulses.csv", b"x_set,y_set,z_set,x_reset,y_reset,z_reset\n1,2,3,4,5,6\n", "set and after reset pulses"),

@@ -404,7 +404,7 @@ class _Header:
                 return _column(kind, [place, place + 1], self.names)
             if place - 1 in parted:
                 continue
-            reason = "" if _numeric(self.values[:, place]) else "not numbers"
+            reason = "" if _numeric(self.values[:, place]) else "too few numbers in the first rows"
             if kind == TIME and not reason:
                 times, unit = self.values[:, place], self.meanings[place].unit
                 reason = _falls(self.names[place], times) or _cut_digits(times, unit)

@@ -56,6 +56,12 @@ TEXTS: Final = (
         "magnetometer's x, y and z as columns",
     ),
     KnownText(
+        re.compile(r"^\s*(?:INSERT INTO|CREATE TABLE)\b", re.IGNORECASE),
+        0.0,
+        "is a dump of a database: export the table as CSV, such as with sqlite3 -header -csv FILE 'select * from "
+        "TABLE', and give that",
+    ),
+    KnownText(
         nmea0183.SIGN,
         0.0,
         "is a log of a boat, with headings in degrees: flinders swing finds the deviation from it; a calibration needs "

@@ -18,7 +18,7 @@ from collections import Counter
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -26,7 +26,16 @@ import numpy as np
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, UsageError, figures
 from flinders.readers._clock import Clock, Midnights, clocks_of
 from flinders.readers._columns import Columns, choose, rising_in
-from flinders.readers._devices import are_ids, devices_in, names_device, sensor_column, sensors_of_words
+from flinders.readers._devices import (
+    MAX_DEVICES,
+    MIN_READINGS,
+    are_ids,
+    bare,
+    devices_in,
+    names_device,
+    sensor_column,
+    sensors_of_words,
+)
 from flinders.readers._heading import shifted
 from flinders.readers._known_texts import refusal
 from flinders.readers._likeness import advice, groups, has_clock
@@ -40,6 +49,7 @@ from flinders.readers._names import (
     Meaning,
     clearness,
     is_unit,
+    magnetometers,
     meaning,
     names_magnetometer,
     vectors,
@@ -85,6 +95,7 @@ SIGNS: Final = (
 )  # fmt: skip
 """Delimiters and decimal signs; of equally good ones the first is taken."""
 SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
+ONE_VALUE_SIGNS: Final = (",", ";", "\t", "|")  # Delimiters of tables with one value a row
 TRIED: Final = 400  # Lines that are tried first
 SAMPLED: Final = 200  # Rows looked at to tell numbers from text, and ascending times
 SAME_WIDTH: Final = 0.6
@@ -191,13 +202,17 @@ def recognise_layout(
     if pattern is None and (known := refusal(name, lines)):
         raise known
     dialect = Pattern.of(pattern) if pattern is not None else recognise(lines, flat)
+    if isinstance(dialect, labelled.Labelled):
+        _refuse_one_value(name, lines)
     if isinstance(dialect, labelled.Labelled) and not _names_magnetometer(dialect) and is_table(lines):
         dialect = None
     try:
         return dialect, _laid_out(name, lines, lay_out, dialect, every)
     except (NoMagnetometer, UnreadableInput):
         dialect = None if dialect else guess(lines)
-        if dialect is None or (not _names_magnetometer(dialect) and is_table(lines)):
+        is_unread = dialect is None or (not _names_magnetometer(dialect) and is_table(lines))
+        _refuse_one_value(name, lines, may_be_in_turn=is_unread)
+        if is_unread:
             if known := refusal(name, lines, is_unread=True):
                 raise known from None
             raise
@@ -675,6 +690,40 @@ def _refuse_nameless(name: str, devices: Sequence[Device], clocks: Sequence[Cloc
             f"column {column + 1} of {name} says which sensor each line is of ({words}): add columns='{others}' where "
             "those are x, y and z, and say with sensor= which one is meant"
         )
+
+
+def _refuse_one_value(name: str, lines: Sequence[str], *, may_be_in_turn: bool = False) -> None:
+    """Refuse a table with one value a row, whose axis a word in the row names: ``sensor.field_x,28.90,2026-11-22``.
+
+    Labelled lines are read where the axes come in turn.
+    """
+    texts = [text for text in lines if text.strip() and not _is_comment(text)]
+    for delimiter in ONE_VALUE_SIGNS:
+        rows = [split(text, delimiter) for text in texts if delimiter in text]
+        if 2 * len(rows) <= len(texts):
+            continue
+        width = Counter(map(len, rows)).most_common(1)[0][0]
+        for place in range(width):
+            words = [bare(row[place]) for row in rows if len(row) == width > 1]
+            told = _axes_of_words(words)
+            if told and (may_be_in_turn or not _are_in_turn([word for word in words if word in told])):
+                raise NoMagnetometer(
+                    f"{name} has one value a row, of which column {place + 1} says what it is ({', '.join(told)}): "
+                    "pivot it, so that x, y and z of a moment stand in one row, or export a column for each"
+                )
+
+
+def _axes_of_words(words: Sequence[str]) -> list[str]:
+    """Words that come again and again and are the three axes of a magnetometer; none of too many."""
+    counts = Counter(words)
+    often = sorted(word for word, count in counts.items() if count >= MIN_READINGS and number(word, ".") is None)
+    found = magnetometers(often) if len(counts) <= MAX_DEVICES else ()
+    return [often[cell] for cell in found[0].cells] if found else []
+
+
+def _are_in_turn(words: Sequence[str]) -> bool:
+    """Tell whether most words are followed by another one."""
+    return 2 * sum(one != other for one, other in pairwise(words)) > len(words)
 
 
 def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -106,7 +106,7 @@ class LineShapes:
         shape, letters = known.example, _letters_of(known.example)
         is_of_each = known.returns >= EACH_TIME * self._count
         if not letters:
-            return not (_RULER.search(shape) or (is_of_each and (shape == "0" or _CLOSING.fullmatch(shape))))
+            return not (_RULER.search(shape) or _CLOSING.fullmatch(shape) or (is_of_each and shape == "0"))
         for reading, of_reading in self._readings.items():
             is_another = is_of_each and letters != of_reading and shape.count("0") >= reading.count("0")
             if _has_cells_of(shape, reading) or (not is_another and _is_piece(letters, of_reading)):

@@ -77,12 +77,15 @@ class Language {
     form(lines, every = lines) {
         const found = this.recognised(lines);
         const isPrint = found !== null && found.words === this.rules.labelled.WORDS;
+        if (isPrint) this.tables.refuseOneValue(lines, true);
         const dialect = isPrint && !this.namesMagnetometer(found) && this.tables.isTable(lines) ? null : found;
         try {
             return dialect ? this.ofDialect(dialect, lines, every) : this.ofTable(lines, every);
         } catch (error) {
             const guess = error instanceof Unreadable && !dialect ? this.guessed(lines) : null;
-            if (!guess || (!this.namesMagnetometer(guess) && this.tables.isTable(lines))) throw error;
+            const isUnread = !guess || (!this.namesMagnetometer(guess) && this.tables.isTable(lines));
+            if (error instanceof Unreadable) this.tables.refuseOneValue(lines, !isUnread);
+            if (isUnread) throw error;
             return this.ofDialect(guess, lines, every);
         }
     }

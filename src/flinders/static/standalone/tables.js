@@ -681,6 +681,43 @@ export class Tables {
     }
 
     /**
+     * Refuse a table with one value a row, whose axis a word in the row names: `sensor.field_x,28.90,2026-11-22`.
+     * @param {readonly string[]} lines
+     * @param {boolean} isPrint Labelled lines are read where the axes come in turn.
+     */
+    refuseOneValue(lines, isPrint) {
+        const texts = lines.filter((text) => text.trim() && !this.prints.isComment(text));
+        for (const delimiter of this.layout.ONE_VALUE_SIGNS) {
+            const rows = texts.flatMap((text) => (text.includes(delimiter) ? [this.prints.split(text, delimiter)] : []));
+            if (2 * rows.length <= texts.length) continue;
+            const widths = counted(rows.map((row) => row.length));
+            const width = /** @type {number} */ (largest([...widths.keys()], (each) => [widths.get(each) ?? 0]));
+            const alike = rows.filter((row) => row.length === width && width > 1);
+            for (let place = 0; place < width; place++) {
+                const words = alike.map((row) => this.devices.bare(row[place]));
+                const told = this.axesOfWords(words);
+                const own = words.filter((word) => told.includes(word));
+                const isInTurn = 2 * own.filter((word, i) => i > 0 && word !== own[i - 1]).length > own.length;
+                if (!told.length || (isPrint && isInTurn)) continue;
+                throw new Unreadable(`it has one value a row, of which column ${place + 1} says what it is: pivot it, so that x, y and z of a moment are in one row`);
+            }
+        }
+    }
+
+    /**
+     * Words that come again and again and are the three axes of a magnetometer; none of too many.
+     * @param {readonly string[]} words
+     */
+    axesOfWords(words) {
+        const { MAX_DEVICES, MIN_READINGS } = this.rules.devices;
+        const counts = counted([...words]);
+        if (counts.size > MAX_DEVICES) return [];
+        const often = [...counts.keys()].filter((word) => (counts.get(word) ?? 0) >= MIN_READINGS && this.prints.number(word) === null);
+        const found = this.names.magnetometer(often);
+        return found ? found.cells.map((cell) => often[cell]) : [];
+    }
+
+    /**
      * Refuse readings in which commas or points part thousands.
      * @param {string[][]} rows
      * @param {Columns} columns
