@@ -63,7 +63,8 @@ COLUMNS: Final = (
     "B_meas_x", "b_model_x", "sensor_x", "reference_x",
     "latitude", "field strength z", "constructor", "X axis field (Gauss)", "µT x", "mag_filtered_z", "lis3mdl_raw_x",
     "angular_velocity.z", "day time", "elapsed (ms)", "UncalMagXMicroT", "magMicroT_x", "field1", "field 12",
-    "field.0", "Clock:offsetTime", "time_offset", "offset time", "GPS TOW", "gps_time", "GPS time of week", "iTOW_ms", "",
+    "field.0", "Clock:offsetTime", "time_offset", "offset time", "GPS TOW", "gps_time", "GPS time of week",
+    "iTOW_ms", "",
 )  # fmt: skip
 """Names of columns of many kinds, and of none."""
 
@@ -177,11 +178,22 @@ TABLES: Final = {
         "a log of ESP-IDF": ([], "\x1b[0;32mI ({t}) QMC5883L: X: {0}, Y: {1}, Z: {2}\x1b[0m"),
         "a log of glog": ([], "I1122 04:42:{n:02d}.813 mag.cc:7] mag x={0} y={1} z={2}"),
         "an address of two bytes": ([], "{n},{0},{1},{2},b4:01,5,6"),
-        "topics in slashes": (["t,/mag/magnetic_field/x,/mag/magnetic_field/y,/mag/magnetic_field/z"], "{t},{0},{1},{2}"),
-        "times of a week": (["GPS TFlags,GPS Week,GPS TOW,X Mag [x8006],Y Mag [x8006],Z Mag [x8006]"], "6,2437,{n}.5,{0},{1},{2}"),
+        "topics in slashes": (["t,/magnetic_field/x,/magnetic_field/y,/magnetic_field/z"], "{t},{0},{1},{2}"),
+        "times of a week": (["GPS Week,GPS TOW,X Mag [x8006],Y Mag [x8006],Z Mag [x8006]"], "2437,{n}.5,{0},{1},{2}"),
+        "names and values in turn": (
+            [],
+            "{n}.5,FD,1E,{n},raw_imu,time_ms,{t},xmag,{0},ymag,{1},zmag,{2}, Len,41\n"
+            "{n}.5,FD,1E,{n},scaled_imu2,time_ms,{t},xmag,1,ymag,{n},zmag,2, Len,41",
+        ),
+        "a number of a sensor": (["kind,t,x,y,z"], "1,{t},0,9.8,0.{n}\n4,{t},{0},{1},{2}"),
+        "instances of ArduPilot": (["timestamp,TimeUS,I,MagX,MagY,MagZ"], "{n},{t},0,{0},{1},{2}\n{n},{t},1,1,{n},2"),
+        "a dump of a data base": ([], "INSERT INTO mag VALUES({n},'2026-11-22 04:42:{n:02d}',{0},{1},{2});"),
         "magcc": ([], "|{t},0,0,9.8,0,0,0.1, {0},{1},{2},0,0,1.57*"),
     }.items()
 }  # fmt: skip
+for name in ("acc", "mag"):
+    rows = [f" {{}} {{}} {{}}".format(*row) for row in FIELD]
+    TABLES["matrices"] = TABLES.get("matrices", "") + "\n".join([f"# name: {name}", "# columns: 3", *rows, ""])
 ONE_VALUE: Final = [f"field_{axis},{row[place]},{n}" for place, axis in enumerate("xyz") for n, row in enumerate(FIELD)]
 TABLES["one value a row"] = "\n".join(["entity_id,state,last_changed", *ONE_VALUE, ""])
 DEVICES: Final = {
@@ -322,7 +334,7 @@ FOREIGN: Final = (
     ("numbered.csv", b"1,10,20,30\n2,40,50,60\n" * 5, "says which sensor each line is of"),
     (
         "fields.csv",
-        b"entry_id,field1,field2,field3\n" + b"1,22.5,60,1013\n2,22.6,61,1013\n" * 9,
+        b"id,field1,field2,field3\n" + b"1,22.5,60,1013\n2,22.6,61,1013\n" * 9,
         "no magnetometer among",
     ),
     ("thousands.csv", b"x;y;z\n1,234;345;5,678\n" * 9, "between thousands"),

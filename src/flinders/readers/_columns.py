@@ -91,6 +91,8 @@ FALLS: Final = "it does not rise as a time does"
 LAST: Final = 9  # rank of a time that no name calls one
 NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
 """The column behind the one of whole seconds, as messages of ROS have both."""
+ON_BOARD: Final = re.compile(r"(?:Ofs|MO)[XYZ]")
+"""Columns of a message ``MAG`` of ArduPilot: the compass's own offsets, and those of the motors' current."""
 LONG: Final = 1e8  # seconds after which a time is taken to count from 1970 and not from the start of the recording
 
 TURNED: Final = 3.0  # times that set plus reset spreads wider than their difference where both have one sign
@@ -314,9 +316,16 @@ def _by_name(
     others = (*passed_over(sensors, fields), *recognised)
     several = len(fields) > 1
     made = [replace(header.around(each), passed_over=others, name=each.name if several else "") for each in fields]
-    if incomplete := _incomplete(header, sensors):
-        made = [replace(each, left_out=(incomplete, *each.left_out)) for each in made]
+    apart = tuple(filter(None, (_incomplete(header, sensors), _on_board(names))))
+    made = [replace(each, left_out=(*apart, *each.left_out)) for each in made]
     return replace(made[0], magnetometers=tuple(made)) if several else made[0]
+
+
+def _on_board(names: Sequence[str]) -> str:
+    """Name the columns of the calibration on board beside readings of ArduPilot, which are after it."""
+    own = [name.strip() for name in names if ON_BOARD.fullmatch(name.strip())]
+    is_there = len(own) >= len("xyz") and "MagX" in names
+    return f"{', '.join(own)} (the calibration on board, which MagX is after where it is not 0)" if is_there else ""
 
 
 def _incomplete(header: _Header, sensors: Sequence[Vector]) -> str:

@@ -38,6 +38,8 @@ MIN_SHARE: Final = 0.9
 """Of the rows, that are of such devices."""
 MAX_LETTERS: Final = 64
 """Of a name."""
+INSTANCE: Final = "I"
+CLOCK_OF_INSTANCES: Final = "TimeUS"
 MAX_SENSORS: Final = 32
 """Different words of a column that says which sensor a row is of."""
 LEAST_LETTERS: Final = 3
@@ -147,8 +149,13 @@ def names_sensor(name: str) -> bool:
     return any(_SENSOR.fullmatch(word.casefold()) for word in words_of(name)) and not meaning(name).kind
 
 
-def names_device(name: str) -> bool:
-    """Tell whether a column may say by its name which device a row is of."""
+def names_device(name: str, header: Sequence[str] = ()) -> bool:
+    """Tell whether a column may say by its name which device a row is of.
+
+    In messages of ArduPilot, which have a ``TimeUS``, an ``I`` is the number of the instance.
+    """
+    if name.strip() == INSTANCE and CLOCK_OF_INSTANCES in header:
+        return True
     words = [word.casefold() for word in words_of(name)]
     is_plain = not any(map(_OTHER.fullmatch, words)) and any(map(_DEVICE.fullmatch, words))
     return is_plain and not (meaning(name).kind or meaning(name).axis)

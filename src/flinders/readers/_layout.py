@@ -38,7 +38,7 @@ from flinders.readers._devices import (
 )
 from flinders.readers._heading import shifted
 from flinders.readers._known_texts import refusal
-from flinders.readers._likeness import advice, groups, has_clock
+from flinders.readers._likeness import GRAVITY, NEARLY, STEADY, advice, groups, has_clock
 from flinders.readers._names import (
     ACCELERATION,
     FIELD,
@@ -75,7 +75,7 @@ from flinders.readers._tokenizer import (
     shown,
     split,
 )
-from flinders.readers.dialects import Dialect, influx, json_records, labelled, marked, wrapped
+from flinders.readers.dialects import Dialect, influx, json_records, labelled, marked, pairs, wrapped
 from flinders.readers.dialects.pattern import Pattern
 
 if TYPE_CHECKING:
@@ -107,11 +107,18 @@ MOST_ABOVE: Final = 40  # Lines in which a header without readings is looked for
 MOST_COLUMNS: Final = 4096  # Columns of a table
 MOST_NAMES_OVER: Final = 2  # Names that a header may have more than lines have fields
 NAMELESS: Final = 5  # Columns without a header, up to which a number ahead of three is that of a sensor
+MAX_CODES: Final = 16  # Different whole numbers of a column that may say which sensor each line is of
+IN_TURN: Final = 0.2  # Share of rows at which such a number changes
+LEAST_OF_CODE: Final = 10  # Lines of such a number that are judged
+APART: Final = 2.0
+FAR_APART: Final = 5.0
+"""Ratio of the median lengths of such lines, one of them that of gravity or not, from which on sensors are not one."""
 MOST_RANGES: Final = 16  # Columns whose ranges are listed
 _PLAIN: Final = re.compile(r"[-+.,;\s\d]*(?:(?:[eE][-+]\d|nan)[-+.,;\s\d]*)*", re.ASCII)
 _GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
 _OPENS_JSON: Final = re.compile(r"^\s*[\[{]")
 _CLOCK: Final = re.compile(r"\d:\d\d:\d\d")
+MATRIX: Final = re.compile(r"# (?:name: (?P<name>.+)|columns: (?P<columns>\d+)\s*$)")  # in text of Octave
 ADDRESS_CELL: Final = re.compile(r"(?:^|[,;\t])\s*[\da-f]{2}(?::[\da-f]{2})+\s*(?=$|[,;\t])", re.IGNORECASE)
 _LETTER: Final = re.compile(r"[^\W\d_]")
 
@@ -333,6 +340,7 @@ DIALECTS: Final = (
     _Row(_OPENS_JSON, json_records.recognise),
     _Row(influx.SIGN, influx.recognise),
     _Row(_CLOCK, lambda lines: wrapped.stamped(lines, recognise, rows_of_table)),
+    _Row(pairs.SIGN, pairs.recognise),
     _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _labelled, _named_table)),
     _Row(_LETTER, labelled.recognise),
 )
@@ -401,6 +409,8 @@ def _table(
         values, clocks = _first_numbers(best, own, width, texts[start:])
     asked = asked or choice.remembered(header, width, rising_in(values) if choice.forms else ())
     units = _units(texts[place + 1 : start], signs[0], len(header)) if place >= 0 else ()
+    if not header:
+        _refuse_matrices(name, texts)
     if not header and asked is None and not sensors:
         _refuse_nameless(name, devices, clocks, width)
         values = _longer(texts[start:], values, signs)
@@ -410,6 +420,8 @@ def _table(
     chosen = choosing(header, values, units=units, devices=devices, is_told=sensors is not None)
     if chosen is None:
         raise _no_magnetometer(name, header, values, texts[start], f"{heading or 'no header'}{line}", line)
+    if chosen.device is None:
+        _refuse_coded(name, header, values, chosen.field.cells)
     if asked is None:
         if not header or meaning(chosen.field.names[0]).is_bare:
             _refuse_mixed(name, header, alike)
@@ -473,7 +485,7 @@ def _devices(
     """
     width = len(alike[0])
     if header:
-        places = [place for place, name in enumerate(header) if names_device(name) and place not in told]
+        places = [at for at, name in enumerate(header) if names_device(name, header) and at not in told]
     else:
         ahead = width - len("xyz") if width <= NAMELESS else 0
         free = [place for place in range(width) if place not in told]
@@ -690,6 +702,48 @@ def _refuse_nameless(name: str, devices: Sequence[Device], clocks: Sequence[Cloc
             f"column {column + 1} of {name} says which sensor each line is of ({words}): add columns='{others}' where "
             "those are x, y and z, and say with sensor= which one is meant"
         )
+
+
+def _refuse_matrices(name: str, texts: Sequence[str]) -> None:
+    """Refuse text of Octave with two matrices or more of three columns, one below the other."""
+    named = (match for text in texts if text.startswith("# ") and (match := MATRIX.match(text)))
+    known: list[str] = []
+    wide: list[str] = []
+    for match in named:
+        known += [match["name"]] if match["name"] else []
+        wide += known[-1:] if int(match["columns"] or 0) >= len("xyz") else []
+    if len(wide) > 1:
+        raise NoMagnetometer(
+            f"{name} has several matrices, one below the other ({', '.join(wide)}): save the magnetometer's alone, such "
+            f"as with save -text field.txt {wide[-1]}"
+        )
+
+
+def _refuse_coded(name: str, header: Sequence[str], values: Floats, cells: Sequence[int]) -> None:
+    """Refuse a table in which a number says which sensor each line is of: lengths of x, y and z differ with it by far."""
+    lengths = np.linalg.norm(values[:, cells], axis=1)
+    for place in (place for place in range(values.shape[1]) if place not in cells):
+        known = values[:, place][np.isfinite(values[:, place])]
+        codes, steps = np.unique(known), np.diff(known)
+        is_in_turn = np.mean(steps != 0) > IN_TURN and (steps < 0).any() if len(steps) else False
+        if not (is_in_turn and len(codes) <= MAX_CODES and (codes == np.floor(codes)).all()):
+            continue
+        own = {int(code): lengths[(values[:, place] == code) & np.isfinite(lengths)] for code in codes}
+        usual = {code: float(np.median(each)) for code, each in own.items() if len(each) >= LEAST_OF_CODE}
+        factor = APART if any(_is_gravity(own[code], length) for code, length in usual.items()) else FAR_APART
+        if usual and min(usual.values()) * factor < max(usual.values()):
+            column = repr(header[place].strip()) if header else str(place + 1)
+            told = ", ".join(f"{code}: {figures(length, 3)}" for code, length in usual.items())
+            raise NoMagnetometer(
+                f"column {column} of {name} says by a number which sensor each line is of, it seems, for their lengths "
+                f"are far apart ({told}): keep the lines of the magnetometer"
+            )
+
+
+def _is_gravity(lengths: Floats, usual: float) -> bool:
+    """Tell whether lengths are those of gravity in m/s² or g."""
+    is_near = any(abs(usual / GRAVITY[unit] - 1) < NEARLY for unit in ("m/s²", "g"))
+    return is_near and float(np.median(np.abs(lengths - usual))) < STEADY * usual
 
 
 def _refuse_one_value(name: str, lines: Sequence[str], *, may_be_in_turn: bool = False) -> None:

@@ -101,7 +101,7 @@ class Table:
     def devices(self, sensors: SensorColumn | None = None) -> tuple[Device, ...]:
         """Devices that a column of it tells apart, and magnetometers among the sensors of its rows."""
         told = sensors.place if sensors else None
-        places = [place for place, name in enumerate(self.names) if names_device(name) and place != told]
+        places = [place for place, name in enumerate(self.names) if names_device(name, self.names) and place != told]
 
         def rows() -> Iterator[tuple[str, ...]]:
             for block in self.rows(places):

@@ -27,7 +27,7 @@ from flinders.readers import (
     _source,
     _tokenizer,
 )
-from flinders.readers.dialects import influx, json_records, labelled, marked, wrapped
+from flinders.readers.dialects import influx, json_records, labelled, marked, pairs, wrapped
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -46,6 +46,7 @@ MODULES: Final = {
     "marked": marked,
     "json": json_records,
     "influx": influx,
+    "pairs": pairs,
     "wrapped": wrapped,
     "labelled": labelled,
     "transcript": transcript,

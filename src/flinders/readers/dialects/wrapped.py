@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 Recognise: TypeAlias = "Callable[[list[str]], Dialect | None]"
 STAMP: Final = re.compile(
-    rf"\s*[\[(<]?(?:(?:{DATE}|\d\d[-/]\d\d|[DEFIVW]\d{{4}})(?:T|[ ,]\s*))?(?P<hour>\d{{1,2}}):(?P<minute>\d\d):(?P<second>\d\d)"
+    rf"\s*[\[(<]?(?:(?:{DATE}|\d\d[-/]\d\d|[DEFIVW]\d{{4}})(?:T|[ ,]\s*))?"
+    r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d)"
     rf"(?P<fraction>\.\d+|,\d+(?![.,\d]))?(?:,\d{{3}}(?=\]))?{HALF}(?P<zone>Z|[+-]\d\d:?\d\d)?"
     r"[\])>]?\s*(?P<mark>->|[|>:;,\t]|-(?![\d.]))?\s*"
 )

@@ -33,8 +33,10 @@ export class Devices {
     /**
      * Whether a column may say by its name which device a row is of.
      * @param {string} name
+     * @param {readonly string[]} header
      */
-    named(name) {
+    named(name, header) {
+        if (name.trim() === this.rules.INSTANCE && header.includes(this.rules.CLOCK_OF_INSTANCES)) return true;
         const words = this.names.parted(name).words.map((word) => word.toLowerCase());
         const { kind, axis } = this.names.meaning(name);
         const isOther = words.some((word) => whole(this.rules._OTHER, word));

@@ -304,6 +304,77 @@ function pointOf(rules, line) {
     return { series, fields: pairs.map(([name]) => name), values, time: groups.time ?? "" };
 }
 
+// Names and values in turn
+
+class Pairs {
+    /**
+     * @param {Prints} prints
+     * @param {Constants} rules
+     * @param {string[]} names
+     * @param {string[]} needed Those of the magnetometer.
+     * @param {string} delimiter
+     * @param {string} title Words without a value, of these lines.
+     */
+    constructor(prints, rules, names, needed, delimiter, title) {
+        this.prints = prints;
+        this.rules = rules;
+        this.words = "names and values in turn";
+        this.names = names;
+        this.needed = needed;
+        this.delimiter = delimiter;
+        this.title = title;
+    }
+
+    fresh() {
+        return this;
+    }
+
+    /** @param {string} line */
+    row(line) {
+        const { title, values } = pairsOf(this.prints, this.rules, line, this.delimiter);
+        return title === this.title && this.needed.every((name) => values.has(name)) ? this.names.map((name) => values.get(name) ?? "") : null;
+    }
+}
+
+/**
+ * Names of a magnetometer that come again and again, each before a number.
+ * @param {Prints} prints
+ * @param {Constants} rules
+ * @param {string[]} lines
+ * @returns {Dialect | null}
+ */
+export function pairs(prints, rules, lines) {
+    for (const delimiter of rules.DELIMITERS) {
+        const rows = lines.map((line) => pairsOf(prints, rules, line, delimiter));
+        const all = [...counted(rows.flatMap(({ values }) => [...values.keys()])).keys()];
+        const needed = prints.names.magnetometer(all)?.cells.map((cell) => all[cell]);
+        const able = needed ? rows.filter(({ values }) => needed.every((name) => values.has(name))) : [];
+        if (!needed || !able.length) continue;
+        const titles = counted(able.map(({ title }) => title));
+        const best = largest([...titles.keys()], (title) => [titles.get(title) ?? 0]) ?? "";
+        const own = able.filter(({ title }) => title === best);
+        const shared = counted(own.flatMap(({ values }) => [...values.keys()]));
+        const names = [...shared].filter(([, count]) => count >= rules.LEAST_SHARE * own.length).map(([name]) => name);
+        return new Pairs(prints, rules, names, needed, delimiter, best);
+    }
+    return null;
+}
+
+/**
+ * Words of a line without a value, and those with a number in the next cell.
+ * @param {Prints} prints
+ * @param {Constants} rules
+ * @param {string} line
+ * @param {string} delimiter
+ * @returns {{title: string, values: Map<string, string>}}
+ */
+function pairsOf(prints, { NAME, TITLE }, line, delimiter) {
+    const cells = line.split(delimiter).map((cell) => cell.trim());
+    const both = cells.slice(1).map((value, i) => /** @type {const} */ ([cells[i], value]));
+    const values = new Map(both.filter(([name, value]) => value && whole(NAME, name) && prints.number(name) === null && prints.number(value) !== null));
+    return { title: cells.filter((cell) => !values.has(cell) && whole(TITLE, cell)).join(" "), values };
+}
+
 // Lines behind a time stamp, and hexadecimal words
 
 class Stamped {

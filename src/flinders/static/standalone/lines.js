@@ -5,7 +5,7 @@
  * `page.json` under `lines`.
  */
 
-import { hexadecimal, jsonLines, labelled, marked, parsed, points, stamped } from "./dialects.js";
+import { hexadecimal, jsonLines, labelled, marked, pairs, parsed, points, stamped } from "./dialects.js";
 import { Names } from "./names.js";
 import { revived, whole } from "./patterns.js";
 import { Prints } from "./printed.js";
@@ -119,6 +119,7 @@ class Language {
             (has(layout._OPENS_JSON) && jsonLines(this.prints, json, tried)) ||
             (has(this.rules.influx.SIGN) && points(this.prints, this.rules.influx, tried)) ||
             (has(layout._CLOCK) && stamped(this.rules, tried, behind, table, true)) ||
+            (has(this.rules.pairs.SIGN) && pairs(this.prints, this.rules.pairs, tried)) ||
             (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest), (rest) => this.tableRows(rest, true))) ||
             (has(layout._LETTER) && labelled(this.prints, this.rules.labelled, tried, true)) ||
             null

@@ -163,10 +163,12 @@ export class Tables {
         const devices = this.devicesOf(names, cut, first.clocks, () => every.map(split), sensor);
         const { values, clocks } = devices.length ? this.valued(this.ofFirst(devices, cut), decimal, below) : first;
         const units = place < 0 ? [] : this.units(texts.slice(place + 1, start), delimiter, names.length);
+        if (!names.length) this.refuseMatrices(texts);
         if (!names.length && !sensor) this.refuseNameless(devices, width);
         const numbers = names.length ? values : this.longer(below, values, decimal);
         const columns = { ...this.columns(names, numbers, units, clocks, sensor), devices };
         this.refuseOthers(names, alike, columns, decimal);
+        this.refuseCoded(values, columns);
         const isEven = names.length > 0 || often >= this.layout.SAME_WIDTH * rows.size;
         const headerText = place < 0 ? "" : texts[place];
         return { delimiter, decimal, width: isEven ? width : 0, header: names, headerText, columns };
@@ -637,7 +639,7 @@ export class Tables {
         const told = [...clocks.flatMap(({ cells }) => cells), ...(sensor ? [sensor.place] : [])];
         const ahead = width <= this.layout.NAMELESS ? width - 3 : 0;
         const isTelling = (/** @type {number} */ place) => this.devices.areIds(alike.map((row) => row[place]), place < ahead);
-        const isNamed = (/** @type {number} */ place) => this.devices.named(names[place] ?? "");
+        const isNamed = (/** @type {number} */ place) => this.devices.named(names[place] ?? "", names);
         const free = [...alike[0].keys()].filter((place) => !told.includes(place));
         const places = free.filter(names.length ? isNamed : isTelling);
         const found = places.length ? this.devices.in(names, places, every().filter((cells) => this.prints.fits(cells, width))) : [];
@@ -677,6 +679,44 @@ export class Tables {
                 const which = `column ${place + 1} says which sensor each line is of, such as '${other}'`;
                 throw new Unreadable(`${which}: give the recording of the magnetometer`);
             }
+        }
+    }
+
+    /**
+     * Refuse text of Octave with two matrices or more of three columns, one below the other.
+     * @param {readonly string[]} texts
+     */
+    refuseMatrices(texts) {
+        const columns = texts.map((text) => Number(this.layout.MATRIX.exec(text)?.groups?.columns ?? 0));
+        if (columns.filter((count) => count >= 3).length < 2) return;
+        throw new Unreadable("it has several matrices, one below the other: save the magnetometer's alone");
+    }
+
+    /**
+     * Refuse a table in which a number says which sensor each line is of: lengths of x, y and z differ with it by far.
+     * @param {number[][]} values
+     * @param {Columns} columns
+     */
+    refuseCoded(values, { field, devices }) {
+        const { MAX_CODES, IN_TURN, LEAST_OF_CODE, APART, FAR_APART } = this.layout;
+        const { GRAVITY, NEARLY, STEADY } = this.rules.likeness;
+        if (devices.length) return;
+        const lengths = values.map((row) => Math.hypot(...field.map((cell) => row[cell])));
+        for (const place of (values[0] ?? []).keys()) {
+            const codes = [...new Set(values.map((row) => row[place]))].filter(Number.isFinite);
+            if (field.includes(place) || codes.length > MAX_CODES || !codes.every(Number.isInteger)) continue;
+            const steps = stepsOf(values.map((row) => row[place]).filter(Number.isFinite));
+            if (!steps.some((step) => step < 0) || steps.filter(Boolean).length <= IN_TURN * steps.length) continue;
+            const own = codes.map((code) => lengths.filter((length, i) => values[i][place] === code && Number.isFinite(length)));
+            const often = own.filter((each) => each.length >= LEAST_OF_CODE);
+            const isGravity = (/** @type {number[]} */ each) => {
+                const usual = median(each);
+                const near = ["m/s²", "g"].some((unit) => Math.abs(usual / GRAVITY[unit] - 1) < NEARLY);
+                return near && median(each.map((length) => Math.abs(length - usual))) < STEADY * usual;
+            };
+            const usual = often.map(median);
+            const isFar = Math.min(...usual) * (often.some(isGravity) ? APART : FAR_APART) < Math.max(...usual);
+            if (usual.length && isFar) throw new Unreadable(`column ${place + 1} says by a number which sensor each line is of: keep the lines of the magnetometer`);
         }
     }
 
