@@ -181,9 +181,7 @@ TABLES: Final = {
         "topics in slashes": (["t,/magnetic_field/x,/magnetic_field/y,/magnetic_field/z"], "{t},{0},{1},{2}"),
         "times of a week": (["GPS Week,GPS TOW,X Mag [x8006],Y Mag [x8006],Z Mag [x8006]"], "2437,{n}.5,{0},{1},{2}"),
         "names and values in turn": (
-            [],
-            "{n}.5,FD,1E,{n},raw_imu,time_ms,{t},xmag,{0},ymag,{1},zmag,{2}, Len,41\n"
-            "{n}.5,FD,1E,{n},scaled_imu2,time_ms,{t},xmag,1,ymag,{n},zmag,2, Len,41",
+            [], "FD,1E,raw_imu,time_ms,{t},xmag,{0},ymag,{1},zmag,{2}, Len,41\nFD,1F,scaled_imu2,xmag,1,ymag,{n},zmag,2"
         ),
         "a number of a sensor": (["kind,t,x,y,z"], "1,{t},0,9.8,0.{n}\n4,{t},{0},{1},{2}"),
         "instances of ArduPilot": (["timestamp,TimeUS,I,MagX,MagY,MagZ"], "{n},{t},0,{0},{1},{2}\n{n},{t},1,1,{n},2"),
@@ -192,7 +190,7 @@ TABLES: Final = {
     }.items()
 }  # fmt: skip
 for name in ("acc", "mag"):
-    rows = [f" {{}} {{}} {{}}".format(*row) for row in FIELD]
+    rows = [" {} {} {}".format(*row) for row in FIELD]
     TABLES["matrices"] = TABLES.get("matrices", "") + "\n".join([f"# name: {name}", "# columns: 3", *rows, ""])
 ONE_VALUE: Final = [f"field_{axis},{row[place]},{n}" for place, axis in enumerate("xyz") for n, row in enumerate(FIELD)]
 TABLES["one value a row"] = "\n".join(["entity_id,state,last_changed", *ONE_VALUE, ""])

@@ -51,7 +51,7 @@ ONE_VALUE: Final = {
 
 @pytest.mark.parametrize("lines", ONE_VALUE.values(), ids=ONE_VALUE)
 def test_one_value_a_row_is_to_be_pivoted(lines: list[str], tmp_path: Path) -> None:
-    with pytest.raises(NoMagnetometer, match="has one value a row, of which column . says what it is .*: pivot it"):
+    with pytest.raises(NoMagnetometer, match=r"has one value a row, of which column . says what it is .*: pivot it"):
         flinders.read(written(tmp_path / "log.csv", lines))
 
 
@@ -118,7 +118,7 @@ def test_names_and_values_in_turn_are_read_by_the_names(forms: tuple[str, ...], 
 @pytest.mark.parametrize("names", ["field1,field2,field3", "Field 1,Field 2,Field 3", "field_4,field_5,field_6"])
 def test_numbered_fields_of_a_weather_station_are_no_magnetometer(names: str, tmp_path: Path) -> None:
     lines = [f"entry_id,{names}", *(f"{n},{22 + n / 100},{60 - n / 100},{1013 + n / 50}" for n in range(ROWS))]
-    with pytest.raises(NoMagnetometer, match="no magnetometer among the columns|do not tell"):
+    with pytest.raises(NoMagnetometer, match=r"no magnetometer among the columns|do not tell"):
         flinders.read(written(tmp_path / "feed.csv", lines))
 
 

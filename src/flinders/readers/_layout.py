@@ -714,13 +714,13 @@ def _refuse_matrices(name: str, texts: Sequence[str]) -> None:
         wide += known[-1:] if int(match["columns"] or 0) >= len("xyz") else []
     if len(wide) > 1:
         raise NoMagnetometer(
-            f"{name} has several matrices, one below the other ({', '.join(wide)}): save the magnetometer's alone, such "
-            f"as with save -text field.txt {wide[-1]}"
+            f"{name} has several matrices, one below the other ({', '.join(wide)}): save the magnetometer's alone, "
+            f"such as with save -text field.txt {wide[-1]}"
         )
 
 
 def _refuse_coded(name: str, header: Sequence[str], values: Floats, cells: Sequence[int]) -> None:
-    """Refuse a table in which a number says which sensor each line is of: lengths of x, y and z differ with it by far."""
+    """Refuse a table in which a number says which sensor a line is of: lengths of x, y and z differ with it by far."""
     lengths = np.linalg.norm(values[:, cells], axis=1)
     for place in (place for place in range(values.shape[1]) if place not in cells):
         known = values[:, place][np.isfinite(values[:, place])]

@@ -537,8 +537,8 @@ def unglued(text: str) -> str:
 def names_of(gaps: tuple[str, ...]) -> tuple[str, ...]:
     """Name the columns of a line by label, axis and unit from the gaps of `cut`; empty names where no label stands."""
     behind = [_unit_and_label(gap) for gap in gaps[1:]]
-    first = "time (ms)" if _TICKS.fullmatch(gaps[0]) else _label(gaps[0])
-    labels, units = [first, *(label for _, label in behind[:-1])], [unit for unit, _ in behind]
+    ahead = "time (ms)" if _TICKS.fullmatch(gaps[0]) else _label(gaps[0])
+    labels, units = [ahead, *(label for _, label in behind[:-1])], [unit for unit, _ in behind]
     names: list[str] = []
     sensor = ""
     for first, count in _runs(labels):
