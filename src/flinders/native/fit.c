@@ -189,7 +189,7 @@ static void leave_rests(fl_view *view, fl_room *room, flinders_record *record)
     record->fitted_distinct = record->distinct ? fl_distinct(view->field, view->rows, room) : 0;
 }
 
-/* Fit all readings of a view in borrowed memory, each rest as one, or what remains of them without outliers. */
+/* Fit all readings of a view in borrowed memory, each rest as one or none, or what remains of them without outliers. */
 int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
                 flinders_record *record)
 {
