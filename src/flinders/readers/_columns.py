@@ -416,7 +416,7 @@ class _Header:
             reason = "" if _numeric(self.values[:, place]) else "too few numbers in the first rows"
             if kind == TIME and not reason:
                 times, unit = self.values[:, place], self.meanings[place].unit
-                reason = _falls(self.names[place], times) or _cut_digits(times, unit)
+                reason = _falls(self.names[place], unit, times) or _cut_digits(times, unit)
             if not reason:
                 return self._told(place) if place in self.clocks else _column(kind, [place], self.names)
             self._leave_out(self.names[place].strip(), reason)
@@ -762,12 +762,15 @@ def _cut_digits(values: Floats, unit: str) -> str:
     return reason.format(max(steps) * factor, many) if steps else ""
 
 
-def _falls(name: str, values: Floats) -> str:
-    """Say that a column falls, or goes to and fro, as no time does; of a ``T`` also that it stands still."""
+def _falls(name: str, unit: str, values: Floats) -> str:
+    """Say that a column falls, or goes to and fro, as no time does; of a ``T`` also that it stands still.
+
+    Where the unit of a time stands in the name it is one: the rows of a fleet may be in any order.
+    """
     values = values[np.isfinite(values)]
     steps = np.diff(values)
     falling = np.count_nonzero(steps < 0)
-    is_none = falling > 1 and 2 * falling > np.count_nonzero(steps > 0)
+    is_none = not unit and falling > 1 and 2 * falling > np.count_nonzero(steps > 0)
     if len(values) >= FEWEST_TIMES and (is_none or (is_letter_of_time(name) and not _rises(values))):
         return FALLS
     return ""
