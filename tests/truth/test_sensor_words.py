@@ -101,10 +101,20 @@ def table(column: str, words: tuple[str, str]) -> dict[str, Any]:
     return {"t_s": np.repeat(np.arange(ROWS) / 50, 2), column: words * ROWS, **dict(zip("xyz", field.T, strict=True))}
 
 
-@pytest.mark.parametrize(
-    ("column", "words"),
-    [("sensor", ("accelerometer", "magnetometer")), ("type", ("GYR", "MAG")), ("name", ("gravity", "Mag raw"))],
-)
+COLUMNS: Final = [
+    ("sensor", ("accelerometer", "magnetometer")),
+    ("type", ("GYR", "MAG")),
+    ("name", ("gravity", "Mag raw")),
+]
+
+
+@pytest.mark.parametrize(("column", "words"), COLUMNS)
+def test_a_frame_in_memory_has_the_same_rule(column: str, words: tuple[str, str]) -> None:
+    pandas = pytest.importorskip("pandas")
+    np.testing.assert_allclose(flinders.read(pandas.DataFrame(table(column, words))).field, FIELD)
+
+
+@pytest.mark.parametrize(("column", "words"), COLUMNS)
 @pytest.mark.parametrize("suffix", ["parquet", "feather"])
 def test_a_table_that_is_no_text_has_the_same_rule(
     suffix: str, column: str, words: tuple[str, str], tmp_path: Path

@@ -140,6 +140,11 @@ def sensors_of_words(words: Iterable[str]) -> dict[str, Meaning]:
     return {word: each for word, each in known.items() if each.kind in (FIELD, ACCELERATION, RATE) and not each.is_bare}
 
 
+def tells_rows_apart(name: str) -> bool:
+    """Tell whether words of a column may say which device or which sensor a row is of."""
+    return names_device(name) or names_sensor(name)
+
+
 def names_sensor(name: str) -> bool:
     """Tell whether a column may say by its name which sensor a row is of.
 

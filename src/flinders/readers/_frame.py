@@ -20,7 +20,7 @@ import numpy as np
 
 from flinders.core.samples import BLOCK
 from flinders.errors import needs
-from flinders.readers._devices import names_device
+from flinders.readers._devices import tells_rows_apart
 from flinders.readers._source import File
 from flinders.readers._table import Labels, Table, TableRecording, open_table
 from flinders.readers.parquet import table_of
@@ -54,7 +54,7 @@ def _is_pandas(frame: object) -> bool:
 
 
 def _of_pandas(frame: Any, source: str) -> Table:  # noqa: ANN401
-    """Columns of numbers, dates and names of devices of a frame of pandas.
+    """Columns of numbers, dates and names of devices and sensors of a frame of pandas.
 
     First comes the index, where that is dates or has a name.
     """
@@ -62,7 +62,7 @@ def _of_pandas(frame: Any, source: str) -> Table:  # noqa: ANN401
     if frame.index.name or frame.index.dtype.kind == "M":
         columns = {str(frame.index.name or "time"): frame.index, **columns}
     arrays = {name: _numbers(column) for name, column in columns.items()}
-    labels = {name: Labels() for name, array in arrays.items() if array is None and names_device(name)}
+    labels = {name: Labels() for name, array in arrays.items() if array is None and tells_rows_apart(name)}
     arrays |= {name: known.numbers(columns[name].where(columns[name].notna(), None)) for name, known in labels.items()}
     return Table.of_arrays(source, KIND, {name: array for name, array in arrays.items() if array is not None}, labels)
 

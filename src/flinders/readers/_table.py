@@ -29,7 +29,7 @@ from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
 from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.readers._columns import Columns, ColumnsRecording, choose, rising_in, unit_of
-from flinders.readers._devices import Device, SensorColumn, devices_in, names_device, sensor_column
+from flinders.readers._devices import MAX_SENSORS, Device, SensorColumn, devices_in, names_device, sensor_column
 from flinders.readers._layout import ranges
 from flinders.readers._names import FIRST, Choice
 from flinders.readers._resample import numbered
@@ -92,8 +92,9 @@ class Table:
     def sensors(self) -> SensorColumn | None:
         """The column of words that says which sensor a row is of; None where none does."""
         for place, labels in self.labels.items():
-            for _ in self.rows([place]):
-                pass  # labels know the words of all rows then
+            for _ in self.rows([place]):  # labels learn its words
+                if len(labels.words) > MAX_SENSORS:
+                    break
             if found := sensor_column([(word,) for word in labels.words], (0,)):
                 return found._replace(place=place)
         return None

@@ -31,7 +31,7 @@ import numpy as np
 from flinders.core.files import refuse_bomb
 from flinders.core.samples import BLOCK
 from flinders.errors import UnreadableInput, needs, reading
-from flinders.readers._devices import names_device, names_sensor
+from flinders.readers._devices import tells_rows_apart
 from flinders.readers._names import TIME, meaning
 from flinders.readers._source import Reader
 from flinders.readers._table import WIDEST, Labels, Table, TableRecording, open_table
@@ -205,7 +205,7 @@ def table_of(
 def _is_of_words(field: Any, name: str) -> bool:  # noqa: ANN401
     """Whether a field holds words that may tell devices or sensors apart."""
     text = str(field.type)
-    return (text in TEXTS or text.startswith("dictionary")) and (names_device(name) or names_sensor(name))
+    return (text in TEXTS or text.startswith("dictionary")) and tells_rows_apart(name)
 
 
 def places_of(schema: Any) -> list[tuple[str, int | None, str]]:  # noqa: ANN401
