@@ -787,7 +787,7 @@ def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]
         if others := [word for word, each in known.items() if each.kind != FIELD]:
             column = f"column {header[place].strip()!r}" if header else f"column {place + 1}"
             raise NoMagnetometer(
-                f"{column} of {name} says which sensor each line is of, such as {others[0]!r}: give the recording of "
+                f"{column} of {name} says which sensor each line is of, such as {others[0]!r}: keep the lines of "
                 "the magnetometer, or read them all with columns="
             )
 

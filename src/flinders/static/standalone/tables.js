@@ -679,7 +679,7 @@ export class Tables {
             const other = [...known.keys()].find((word) => known.get(word)?.kind !== this.rules.names.FIELD);
             if (other) {
                 const which = `column ${place + 1} says which sensor each line is of, such as '${other}'`;
-                throw new Unreadable(`${which}: give the recording of the magnetometer`);
+                throw new Unreadable(`${which}: keep the lines of the magnetometer`);
             }
         }
     }
