@@ -140,6 +140,39 @@ def test_a_long_recording_is_spread_over_directions_and_time(double: Path) -> No
     assert outcome["answer"]["heading_worst_deg"] < 0.4
 
 
+POSES: Final = """
+#include "flinders_board.h"
+#include <stdio.h>
+int main(void)
+{
+    static flinders_board board;
+    flinders_real reading[3];
+    flinders_board_begin(&board);
+    for (long row = 1; scanf("%f %f %f", reading, reading + 1, reading + 2) == 3; row++) {
+        flinders_board_add(&board, reading);
+        if (row % 25) continue;
+        const int status = flinders_board_solve(&board);
+        printf("%d %d %g\\n", board.count, status, (double)board.answer.heading_worst_deg);
+    }
+}
+"""
+
+
+def test_each_pose_is_one_reading_of_a_board_however_often_it_is_fitted(folder: Path, archive: Path) -> None:
+    """Thirty poses of a second each, with a fit every half a second."""
+    source, rng = folder / "package" / "src", np.random.default_rng(1)
+    (folder / "poses.c").write_text(POSES)
+    command = [*(system_compiler() or ()), "-I", str(source), str(folder / "poses.c"), str(archive), "-lm"]
+    subprocess.run([*command, "-o", str(folder / "poses")], check=True)
+    held = np.repeat(50.0 * simulate.uniform(rng, 30), 50, axis=0) + 20.0 + rng.normal(scale=0.3, size=(1500, 3))
+    text = "\n".join(" ".join(map(str, row)) for row in held.tolist())
+    done = subprocess.run([str(folder / "poses")], input=text, capture_output=True, text=True, check=True)
+    count, status, worst = np.array([line.split() for line in done.stdout.splitlines()], dtype=float).T
+    assert count[-1] == 30
+    assert status[-1] == 0
+    assert worst[-1] < 1.0
+
+
 CHECKED: Final = """
 #include "board.c"
 #include <stdio.h>

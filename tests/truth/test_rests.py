@@ -161,12 +161,40 @@ def test_the_engine_fits_the_readings_that_rests_leave(poses: int) -> None:
 
 
 def test_a_rest_ends_with_its_recording() -> None:
+    """Each recording begins where the one before ended, and its rest there is another one."""
     of = turned()
-    poses = [timed(np.concatenate([still(of, 2.0, 0.0, seed=seed) for seed in (1, each)])) for each in range(2, 16)]
-    again = [replace(pose, source=f"pose {place}") for place, pose in enumerate(poses)]
+    held = [still(of, 2.0, 0.0, seed=seed) for seed in range(1, 16)]
+    each = [timed(np.concatenate(pair)) for pair in zip(held, held[1:], strict=False)]
+    again = [replace(pose, source=f"pose {place}") for place, pose in enumerate(each)]
     once = Readings.of(Joined(tuple(again))).fitted()
     assert [len(part) for part in once.parts] == [2] * 14
     assert [part.recording.source for part in once.parts if part.recording][3:5] == ["pose 3", "pose 4"]
+
+
+def test_outliers_of_several_recordings_have_the_rows_that_were_read() -> None:
+    """Two level turns, each with a rest before it; one reading of the second is off."""
+    each = []
+    for seed in (1, 2):
+        of = simulate.tumble(seed=seed, motion="level", n=1000)
+        each.append(np.concatenate([still(of, 4.0, 0.03), of.samples.field]))
+    each[1][775] += (0.0, 20.0, 0.0)
+    fit = judged(Joined(tuple(map(timed, each))), "level")
+    assert [(run.first, run.last) for run in fit.outliers if run.rows == 1] == [(1976, 1976)]
+
+
+def test_a_closed_form_claims_what_its_readings_tell() -> None:
+    """The fit that its claim is widened by counts the same readings."""
+    for seed in range(6):
+        of = turned(seed)
+        fit = judged(put_down(of, "after", 15.0, 0.03), "consistent")
+        error = heading_error_deg(fit.calibration.matrix, fit.calibration.offset, of)
+        assert error < 3.0 * fit.heading_error_deg.rms
+
+
+def test_what_is_no_number_has_no_rests() -> None:
+    field = put_down(turned(), "after", 15.0, 0.03).field.copy()
+    field[0] = np.nan
+    assert not len(engine().rests(field)[0])
 
 
 def test_columns_beside_the_readings_are_averaged_with_them() -> None:

@@ -255,7 +255,7 @@ def parameters_of(
 
 
 def _rested(samples: Samples) -> Samples:
-    """Each rest as one reading, which no window of the gyro goes across; short gaps of the gyro are bridged before."""
+    """Each rest as one reading or none, which no window of the gyro goes across; its short gaps are bridged before."""
     samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
     rests = Rests.of(samples)
     if not len(rests):

@@ -35,7 +35,7 @@ MUCH_BETTER: Final = 5.0
 """Times smaller a claim that takes readings for a level turn which stand out of their plane by more than noise."""
 
 
-TILTED: Final = 0.2
+MAX_TILTED_SHARE: Final = 0.2
 """Of the readings: where more are off the plane of a level turn, the body was tilted."""
 
 
@@ -112,7 +112,7 @@ class Auto:
         if not any(is_level(one, THICK) for one in covariances):
             return estimate
         turned = level.estimate(readings)
-        if sum(run.fitted for run in turned.outliers) > TILTED * len(readings):
+        if sum(run.fitted for run in turned.outliers) > MAX_TILTED_SHARE * len(readings):
             return estimate
         is_turn = any(is_level(one, estimate.noise) for one in covariances)
         nearly = estimate.unobserved > 0 or any(

@@ -313,7 +313,8 @@ class Readings:
         if self.recording is None:
             return self
         if self.parts:
-            return self._of_parts(self.summary, [part.through(wrapped) for part in self.parts])
+            parts = [part.through(wrapped) for part in self.parts]
+            return replace(self._of_parts(self.summary, parts), whole=self.whole, rests=self.rests)
         other = wrapped(self.recording)
         is_held = isinstance(self.recording, Samples)
         return replace(self, recording=concatenated(list(other.blocks()), other) if is_held else other)

@@ -94,8 +94,8 @@ ROWS: Final = (
         action="nothing: a rest counts as one reading, or as none beside a long turn",
         rule=Rule("at_rest_share", (Grade("note", 0.1),), needs=(Needs("repeated_share", "<", 0.1),)),
         said=(
-            "{at_rest_share:.0%} of the readings were made at rest ({rests}): rests {rests_count}, as the field may be "
-            "another there"
+            "{at_rest_share:.0%} of the readings were made at rest ({rests}): rests {rests_count}, since the field may "
+            "differ there"
         ),
         plain=(
             "While {number:.0%} of the readings were made, the sensor lay still. However long, a rest counts as one "

@@ -74,8 +74,8 @@ SWAP_LAG_ONE: Final = 0.05
 of the swap, which follow each other, where undoing it takes a tenth off the noise, as `AxisSwap.gain` has to."""
 
 
-ONE_A_REST: Final = frozenset({"auto", "ellipse", "level", "likelihood", "robust"})
-"""Methods that count a rest as one reading or none; recipes, and those that may have only sums, count each."""
+ONE_A_REST: Final = frozenset({"auto", "consistent", "ellipse", "level", "likelihood", "robust"})
+"""Methods that count a rest as one reading or none; published recipes count each."""
 
 LEANING: Final = 10.0
 """Times the heading error claimed of a level turn: a fit with aiding sensors that claims more saw no lean. Of drives of

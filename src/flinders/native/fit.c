@@ -180,7 +180,7 @@ static void leave_rests(fl_view *view, fl_room *room, flinders_record *record)
     fl_rests_begin(view->field, view->rows, room->ends, room->parts, room->fitted, room->passed, &rests);
     for (; fl_rests_next(&rests, &begin, &end); record->rests++) record->at_rest += (int64_t)(end - begin);
     if (!record->rests) return;
-    rests.window = rests.end = 0;
+    fl_rests_rewind(&rests);
     view->rows = fl_rests_fitted(&rests, &out);
     view->field = out.field;
     room->time = out.time, room->ends = room->parts ? out.ends : NULL;

@@ -106,7 +106,7 @@ int flinders_polish(const real *field, size_t rows, const int64_t *ends, size_t 
     const fl_kernels *kernels = fl_kernels_chosen(options->kernels);
     fl_view view = {field, rows, NULL, 1};
     fl_clear_record(record);
-    record->rows = (int64_t)rows;
+    record->rows = record->fitted = (int64_t)rows;
     if (!(options->prior >= 0 && isfinite(options->prior))) return record->status = FLINDERS_BAD_OPTION;
     if (rows == 0) return record->status = FLINDERS_TOO_FEW;
     if (fl_room_of(workspace, size, rows, &room)) return record->status = FLINDERS_NO_WORKSPACE;

@@ -84,6 +84,7 @@ typedef struct {
 
 void fl_rests_begin(const real *field, size_t rows, const int64_t *ends, size_t parts, real *scratch,
                     unsigned char *is_still, fl_rests *rests);
+void fl_rests_rewind(fl_rests *rests);
 int fl_rests_next(fl_rests *rests, size_t *begin, size_t *end);
 size_t fl_rests_fitted(fl_rests *rests, const fl_fitted *out);
 

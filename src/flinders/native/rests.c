@@ -9,24 +9,24 @@
 #include "record.h"
 
 #ifdef FLINDERS_SMALL
-enum { SHORTEST = 4 }; /* readings of half a window */
+enum { HALF_WINDOW = 4 }; /* readings of half a window */
 #else
-enum { SHORTEST = 2 };
+enum { HALF_WINDOW = 2 };
 #endif
-enum { FEWEST_LEFT = 12, /* readings, those of rests included, that a fit needs */
-       MANY = 20,        /* times as many readings of a turn as rests: these are left out */
-       LOOKED_AT = 256 }; /* readings, to see how far they are apart */
+enum { MIN_FITTED = 12,    /* readings, those of rests included, that a fit needs */
+       TURN_PER_REST = 20, /* times as many readings of a turn as rests: these are left out */
+       SAMPLED = 256 };    /* readings, to see how far they are apart */
 
-#define FAR_SHARE ((real)0.95) /* of the readings: the others may be outliers */
-#define STILL ((real)0.005)    /* movement of a rest, over the distance from the mean to the far readings */
-#define TYPICAL ((real)30)     /* movement of an average window that is not still over that */
-#define LARGEST ((real)2)      /* what a window counts for at most, over the average */
-#define MOVING ((real)0.05)    /* share of windows that are not still, at least */
-#define SPIKE ((real)3)        /* distance of an outlier from the middle of its neighbours, over that between these */
-#define NOISY ((real)0.1)      /* scatter of a rest at most, over the same distance */
-#define SAGITTA ((real)0.1)    /* how far movement takes the mean of a rest off the surface, over the noise of a reading */
-#define LOOSE ((real)2)        /* standard deviations by which noise may make a rest move */
-#define NEAR ((real)2.5)       /* standard deviations up to which readings next to a rest are of it */
+#define FAR_SHARE ((real)0.95)      /* of the readings: the others may be outliers */
+#define REST_MOVEMENT ((real)0.005) /* movement of a rest, over the distance from the mean to the far readings */
+#define WINDOW_MOVEMENT ((real)30)  /* movement of an average window that is not still over that */
+#define WINDOW_CAP ((real)2)        /* what a window counts for at most, over the average */
+#define MOVING_SHARE ((real)0.05)   /* share of windows that are not still, at least */
+#define SPIKE ((real)3)             /* distance of an outlier from the middle of its neighbours, over that between these */
+#define REST_SCATTER ((real)0.1)    /* scatter of a rest at most, over the same distance */
+#define SAGITTA ((real)0.1)         /* how far movement takes the mean of a rest off the surface, over the noise of a reading */
+#define MOVEMENT_SIGMAS ((real)2)   /* standard deviations by which noise may make a rest move */
+#define MEMBER_SIGMAS ((real)2.5)   /* standard deviations up to which readings next to a rest are of it */
 
 /* Sums over half a window of readings less an origin, and of squared steps from one to the next: among them, and from the
  * reading before. */
@@ -42,15 +42,16 @@ static real square_apart(const real a[3], const real b[3])
     return square_of(apart);
 }
 
-/* Distance from the mean that few readings are beyond, by some of them. Fills in the mean. */
+/* Distance from the mean that few readings are beyond, by some of them; 0 where they are no numbers. Fills in the mean. */
 static real far_distance(const real *field, size_t rows, real *scratch, real mean[3])
 {
-    const size_t stride = (rows + LOOKED_AT - 1) / LOOKED_AT;
+    const size_t stride = (rows + SAMPLED - 1) / SAMPLED;
     size_t n = 0;
     mean[0] = mean[1] = mean[2] = 0;
     for (size_t row = 0; row < rows; row += stride, n++)
         for (int axis = 0; axis < 3; axis++) mean[axis] += field[3 * row + axis];
     for (int axis = 0; axis < 3; axis++) mean[axis] /= (real)n;
+    if (!isfinite(square_of(mean))) return 0;
     for (size_t i = 0; i < n; i++) scratch[i] = square_apart(field + 3 * i * stride, mean);
     return fl_sqrt(fl_select(scratch, n, (size_t)(FAR_SHARE * (real)(n - 1))));
 }
@@ -123,7 +124,7 @@ static int is_still(const fl_rests *rests, const half *halves, size_t window, re
     if (!(*variance < rests->noisy * rests->noisy)) return 0;
     const real bent = SAGITTA * rests->far * fl_sqrt(noise / 3), moved = bent < most ? bent : most;
     const real chance = rests->chance * *variance;
-    const real loose = moved + (chance < LOOSE * LOOSE * moved ? chance : LOOSE * LOOSE * moved);
+    const real loose = moved + (chance < MOVEMENT_SIGMAS * MOVEMENT_SIGMAS * moved ? chance : MOVEMENT_SIGMAS * MOVEMENT_SIGMAS * moved);
     return *variance - noise <= loose && !is_cut(rests, begin, begin + n);
 }
 
@@ -141,7 +142,7 @@ static int has_still(const fl_rests *rests, const half *halves)
 static int mark_still(fl_rests *rests, const half *halves)
 {
     const size_t n = 2 * rests->half;
-    const real moved = TYPICAL * rests->still, typical = moved * moved, most = LARGEST * LARGEST * typical;
+    const real moved = WINDOW_MOVEMENT * rests->still, typical = moved * moved, most = WINDOW_CAP * WINDOW_CAP * typical;
     real sum = 0, moving = 0, variance;
     for (size_t window = 0; window < rests->windows; window++) {
         const size_t begin = window * rests->half;
@@ -151,20 +152,20 @@ static int mark_still(fl_rests *rests, const half *halves)
         sum += variance < most ? variance : most;
         moving++;
     }
-    return moving > MOVING * (real)rests->windows && sum >= typical * moving;
+    return moving > MOVING_SHARE * (real)rests->windows && sum >= typical * moving;
 }
 
-/* Begin anew. */
-static void rewind_to_first(fl_rests *rests) { rests->window = rests->end = 0; }
+/* Go back to the first. */
+void fl_rests_rewind(fl_rests *rests) { rests->window = rests->end = 0; }
 
 /* Whether there are rests, and what becomes of them; none where too few readings would be left. */
 static int count_rests(fl_rests *rests)
 {
     size_t begin, end, count = 0, turned = rests->rows;
     for (; fl_rests_next(rests, &begin, &end); count++) turned -= end - begin;
-    rewind_to_first(rests);
-    rests->are_left_out = turned >= MANY * count;
-    return count > 0 && turned + (rests->are_left_out ? 0 : count) >= FEWEST_LEFT;
+    fl_rests_rewind(rests);
+    rests->are_left_out = count > 0 && turned >= TURN_PER_REST * count;
+    return count > 0 && turned + (rests->are_left_out ? 0 : count) >= MIN_FITTED;
 }
 
 /* Look for rests: `scratch` (3 * rows,), on a board (2 * rows,), and `is_still` (rows / 2,) are lent. */
@@ -173,16 +174,16 @@ void fl_rests_begin(const real *field, size_t rows, const int64_t *ends, size_t 
 {
     memset(rests, 0, sizeof *rests);
     rests->field = field, rests->rows = rows, rests->ends = ends, rests->parts = parts, rests->is_still = is_still;
-    if (rows < 4 * SHORTEST) return;
+    if (rows < 4 * HALF_WINDOW) return;
     rests->far = far_distance(field, rows, scratch, rests->origin);
-    rests->still = STILL * rests->far, rests->noisy = NOISY * rests->far;
+    rests->still = REST_MOVEMENT * rests->far, rests->noisy = REST_SCATTER * rests->far;
     half *const halves = (half *)(void *)scratch;
-    size_t count = rows / SHORTEST;
-    rests->half = SHORTEST;
-    for (size_t i = 0; i < count; i++) halves[i] = half_of(rests, i * SHORTEST);
+    size_t count = rows / HALF_WINDOW;
+    rests->half = HALF_WINDOW;
+    for (size_t i = 0; i < count; i++) halves[i] = half_of(rests, i * HALF_WINDOW);
     for (; count >= 4; rests->half *= 2) {
-        rests->windows = count - 1, rests->chance = LOOSE * fl_sqrt(1 / (3 * (real)rests->half));
-        if (rests->half == SHORTEST && !has_still(rests, halves)) count = 0;
+        rests->windows = count - 1, rests->chance = MOVEMENT_SIGMAS * fl_sqrt(1 / (3 * (real)rests->half));
+        if (rests->half == HALF_WINDOW && !has_still(rests, halves)) count = 0;
         else if (mark_still(rests, halves)) break;
         for (size_t i = 0; i < count / 2; i++) halves[i] = both_of(halves + 2 * i, halves + 2 * i + 1);
         count /= 2;
@@ -209,7 +210,7 @@ static size_t last_window(const fl_rests *rests, size_t window)
     size_t begin = window * rests->half, n = 2 * rests->half;
     scatter_of(rests, begin, begin + n, mean, &scatter);
     for (int axis = 0; axis < 3; axis++) sum[axis] = mean[axis] * (real)n;
-    const real apart = rests->still + LOOSE * scatter / fl_sqrt((real)n);
+    const real apart = rests->still + MOVEMENT_SIGMAS * scatter / fl_sqrt((real)n);
     for (; window + 1 < rests->windows && rests->is_still[window + 1]; window++) {
         const size_t next = (window + 2) * rests->half;
         scatter_of(rests, next, next + rests->half, here, &other);
@@ -232,7 +233,7 @@ int fl_rests_next(fl_rests *rests, size_t *begin, size_t *end)
     rests->window = last_window(rests, rests->window);
     *end = (rests->window + 2) * rests->half;
     scatter_of(rests, *begin, *end, mean, &scatter);
-    const real near = rests->still + NEAR * scatter;
+    const real near = rests->still + MEMBER_SIGMAS * scatter;
     while (*begin > free && !is_cut(rests, *begin - 1, *begin + 1) &&
            square_apart(rests->field + 3 * (*begin - 1), mean) < near * near) *begin -= 1;
     while (*end < rests->rows && !is_cut(rests, *end - 1, *end + 1) &&

@@ -14,7 +14,7 @@ enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * FINE + 1, FEWEST = 12, HALF
 
 #define LEAST_RATIO ((real)1e-3)  /* of the variances, disturbance over white noise */
 #define LARGEST_RATIO ((real)3e3)
-#define FEW_LEAST_RATIO ((real)0.1)   /* the same where readings are too few to tell it: as of recordings */
+#define FEW_LEAST_RATIO ((real)0.1)   /* range of it that is assumed of few readings: that of real recordings */
 #define FEW_LARGEST_RATIO ((real)100)
 #define LONGEST ((real)1.5)       /* of the recording: longer memories look the same */
 #define NEGLIGIBLE ((real)1e-4)   /* of all probability */

@@ -51,6 +51,8 @@ const CODES = ["", "too-few-samples", "not-finite", "out-of-scale", "stuck-axis"
  * @property {Uint8Array} isRail … whether it is at an end of an axis.
  */
 
+/** @typedef {{rows: number, repeats: number, distinct: number}} Counted Readings, and of them … */
+
 /** A fit before it is judged. */
 export class Fit {
     /**
@@ -61,8 +63,8 @@ export class Fit {
      * @param {EngineData} data
      */
     constructor(request, whole, record, left, data) {
-        const fitted = record.rests ? record : whole;
-        const { repetition, factor } = widening(record, fitted.fitted, fitted.fitted_distinct);
+        const counted = countedBy(whole, record);
+        const { repetition, factor } = widening(record, counted.rows, counted.distinct);
         const surface = surfaceOf(record.centre, record.shape);
         const claimed = record.covariance.map((part) => part * factor);
         const nearer = shrunk(surface, claimed, data);
@@ -80,11 +82,11 @@ export class Fit {
         this.covariance = nearer?.covariance ?? Float64Array.from(claimed);
         this.textbook = nearer ? null : record.textbook;
         this.noise = record.noise;
-        this.samples = record.used || fitted.fitted;
+        this.samples = record.used || counted.rows;
         this.correlation = correlationOf(record);
-        this.independent = independentOf(this.correlation, fitted, repetition);
+        this.independent = independentOf(this.correlation, counted, repetition);
         this.distortion = this.correlation?.direction ?? 0;
-        this.statistics = statisticsOf(request, whole, fitted);
+        this.statistics = statisticsOf(request, whole, record, counted);
         /** Whether the record shows the axes themselves: not where all may lie in one plane. */
         this.isPlain = isPlain(request, whole, left, data);
         const showsAxes = this.isPlain && !record.unobserved;
@@ -282,30 +284,42 @@ function correlationOf(record) {
 /**
  * How many independent readings say as much: no more than there are different ones.
  * @param {Fit["correlation"]} correlation
- * @param {Fitted} fitted
+ * @param {Counted} counted
  * @param {number} repetition
  * @returns {number}
  */
-function independentOf(correlation, fitted, repetition) {
+function independentOf(correlation, counted, repetition) {
     if (!correlation) return Infinity;
-    return Math.min(fitted.fitted / repetition / (correlation.time * correlation.excess), fitted.fitted_distinct);
+    return Math.min(counted.rows / repetition / (correlation.time * correlation.excess), counted.distinct);
+}
+
+/**
+ * Readings that a claim goes by: where there are rests, those at no end of an axis, each rest as one or none.
+ * @param {Fitted} whole
+ * @param {Fitted} record
+ * @returns {Counted}
+ */
+function countedBy(whole, record) {
+    if (!record.rests) return { rows: whole.rows, repeats: whole.repeats, distinct: whole.distinct };
+    return { rows: record.fitted, repeats: record.fitted_repeats, distinct: record.fitted_distinct };
 }
 
 /**
  * What a verdict asks of the recording.
  * @param {Request} request
  * @param {Fitted} whole
- * @param {Fitted} fitted Record that readings are counted by: of those at no end of an axis.
+ * @param {Fitted} record
+ * @param {Counted} counted
  */
-function statisticsOf({ time }, whole, fitted) {
+function statisticsOf({ time }, whole, record, counted) {
     const steps = time ? time.length - 1 : 0;
     return {
         rows: whole.rows,
         distinct: whole.distinct,
-        rests: whole.rests,
-        atRest: whole.at_rest,
-        fitted: fitted.fitted,
-        fittedRepeats: fitted.fitted_repeats,
+        rests: record.rests,
+        atRest: record.at_rest,
+        fitted: counted.rows,
+        fittedRepeats: counted.repeats,
         extent: Math.max(...whole.highest.map((highest, axis) => highest - whole.lowest[axis])),
         rails: railsOf(whole),
         step: whole.step,

@@ -3,7 +3,7 @@
 #include "flinders_board.h"
 #include "residuals.h"
 
-enum { READINGS = FLINDERS_BOARD_READINGS, CELLS = 100, FEWEST = 40 };
+enum { READINGS = FLINDERS_BOARD_READINGS, CELLS = 100, FEWEST = 12 };
 
 #define BATCH ((real)0.01)      /* of the readings: those that advice is given for */
 #define MOST_FREEDOM ((real)1.3) /* that correlated residuals take from a covariance */
@@ -313,12 +313,13 @@ APART void describe(flinders_board *board, const fl_view *view, const fl_surface
     advise(board, surface, record, wider * record->noise * record->noise, (const real(*)[3])centres);
 }
 
-/* Make one reading of each rest, or none beside a long turn. */
+/* Make one reading of each rest. None is left out: readings that were a rest at the fit before are not told from a turn. */
 static void leave_rests(flinders_board *board)
 {
     const fl_fitted in_place = {board->field, NULL, NULL, NULL};
     fl_rests rests;
     fl_rests_begin(board->field, board->count, NULL, 0, board->work, board->flags[0], &rests);
+    rests.are_left_out = 0;
     const uint16_t left = (uint16_t)fl_rests_fitted(&rests, &in_place);
     if (left == board->count) return;
     board->count = left;
