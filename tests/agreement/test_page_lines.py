@@ -17,7 +17,7 @@ from tests.agreement.test_line_shapes import TUMBLE, with_noise
 from tests.javascript import run
 from tests.sketches import SHAPES, printed
 from tests.trials import daily
-from tests.truth import test_printed_lines, test_prints
+from tests.truth import test_json_arrangements, test_printed_lines, test_prints
 
 import flinders
 from flinders.errors import FlindersError
@@ -79,7 +79,9 @@ def texts() -> Iterator[tuple[str, Callable[[], str]]]:
         yield name, partial("\n".join, ["booting", *read, ""])
     for name, (refused, _) in test_printed_lines.REFUSED.items():
         yield f"{name}, refused", partial("\n".join, [*refused, ""])
-    yield from ((name, partial(str, table)) for name, table in TABLES.items())
+    yield from ((name, partial(str, table)) for name, table in (TABLES | test_json_arrangements.ARRANGED).items())
+    for form in test_json_arrangements.SENSORS:
+        yield f"two sensors as {form}", partial(test_json_arrangements.of_sensors, form)
 
 
 def shaped(shape: dict[str, Any]) -> str:

@@ -231,7 +231,7 @@ def _rows_of(dialect: Dialect, every: EveryLine) -> Iterator[str]:
 
 def split_records(source: Source, encoding: str, beginning: str) -> Source | None:
     """Put records of a JSON document, or datagrams without line ends, in lines of their own; None for other lines."""
-    if json_records.is_document(beginning):
+    if json_records.is_document(beginning) or json_records.has_several_to_a_record(beginning):
         return derived(source, json_records.records_as_lines(source, encoding))
     return derived(source, marked.datagrams_as_lines(source)) if marked.are_glued(beginning) else None
 

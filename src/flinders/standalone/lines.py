@@ -27,7 +27,7 @@ from flinders.readers import (
     _source,
     _tokenizer,
 )
-from flinders.readers.dialects import influx, json_records, labelled, marked, wrapped
+from flinders.readers.dialects import influx, json_arrangements, json_records, labelled, marked, wrapped
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -45,6 +45,7 @@ MODULES: Final = {
     "layout": _layout,
     "marked": marked,
     "json": json_records,
+    "arrangements": json_arrangements,
     "influx": influx,
     "wrapped": wrapped,
     "labelled": labelled,

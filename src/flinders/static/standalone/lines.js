@@ -5,6 +5,7 @@
  * `page.json` under `lines`.
  */
 
+import { Arrangements } from "./arrangements.js";
 import { hexadecimal, jsonLines, labelled, marked, parsed, points, stamped } from "./dialects.js";
 import { Names } from "./names.js";
 import { revived, whole } from "./patterns.js";
@@ -543,14 +544,39 @@ function isWide([first, second]) {
  * @param {string} text
  * @returns {string[]}
  */
-function linesOf({ rules }, text) {
+function linesOf({ rules, prints }, text) {
     if (rules.marked.GLUED.test(text)) return text.replaceAll("*", "*\n").split(/\r\n|\n|\r/);
-    const document = /^\s*[[{]/.test(text) ? parsed(text) : null;
-    if (document === null) return text.split(/\r\n|\n|\r/);
-    const kind = document[rules.json.MARK];
-    if (kind) throw new Unreadable(`it is a ${kind} file of Flinders and not a recording: give the recording`);
-    const isOneRecord = !Array.isArray(document) || document.every((each) => each === null || typeof each !== "object");
-    return isOneRecord ? text.split(/\r\n|\n|\r/) : document.map((record) => JSON.stringify(record));
+    const lines = text.split(/\r\n|\n|\r/);
+    if (!/^\s*[[{]/.test(text)) return lines;
+    const arrangements = new Arrangements(rules.arrangements, prints, rules.names.TIME);
+    const { records, others } = recordsOf(rules.json, arrangements, text);
+    const isPlain = records.every((each) => each === null || typeof each !== "object");
+    if (isPlain) return lines;
+    return [...arrangements.oneByOne(records).map((record) => JSON.stringify(record)), ...others];
+}
+
+/**
+ * Records of a JSON document, or of several one after another, and what is broken between these; none of another text.
+ * @param {import("./patterns.js").Constants} json
+ * @param {Arrangements} arrangements
+ * @param {string} text
+ * @returns {{records: any[], others: string[]}}
+ */
+function recordsOf(json, arrangements, text) {
+    const document = parsed(text);
+    if (Array.isArray(document)) return { records: document, others: [] };
+    if (document !== null) {
+        const kind = document[json.MARK];
+        if (kind) throw new Unreadable(`it is a ${kind} file of Flinders and not a recording: give the recording`);
+        return { records: arrangements.arranged(document) ?? [], others: [] };
+    }
+    const parts = text.split(json._NEXT).filter((part) => part.trim());
+    const loaded = parts.map((part) => ({ part, record: parsed(part) }));
+    const records = loaded.filter(({ record }) => record !== null).map(({ record }) => record);
+    const isOne = loaded.some(({ part, record }) => record !== null && part.trim().includes("\n"));
+    const isSeveral = arrangements.oneByOne(records.slice(0, json.LOOKED_AT)).length > Math.min(records.length, json.LOOKED_AT);
+    if (records.length < 2 || !(isOne || isSeveral)) return { records: [], others: [] };
+    return { records, others: loaded.flatMap(({ part, record }) => (record === null ? [part.split(/\s+/).join(" ").trim()] : [])) };
 }
 
 /**
