@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from flinders.core.units import PARTED, SPELLINGS
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, UsageError, figures
 from flinders.readers._clock import Clock, Midnights, clocks_of
 from flinders.readers._columns import Columns, choose, rising_in
@@ -101,6 +102,14 @@ _PLAIN: Final = re.compile(r"[-+.,;\s\d]*(?:(?:[eE][-+]\d|nan)[-+.,;\s\d]*)*", r
 _GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
 _OPENS_JSON: Final = re.compile(r"^\s*[\[{]")
 _CLOCK: Final = re.compile(r"\d:\d\d:\d\d")
+_UNITS: Final = re.compile(r"(?:(?:mag|field)[ _-]?)?units?", re.IGNORECASE)  # name of a column
+_SAYS_UNIT: Final = re.compile(
+    r"\W*(?:(?:mag\w*|(?:magnetic[ _])?field|the)[\W_]+)*units?(?:[ _]of[ _](?:the[ _])?(?:mag\w*|field))?"
+    r"(?:\s+(?:is|are)\b|[\"']?\s*[:=,;\t])\s*[\"'\[(]?((?:(?:micro|milli|nano)[ _-])?[^\W\d_]+)\W*",
+    re.IGNORECASE,
+)
+"""A line that says in which unit the field is."""
+_OTHER_UNITS: Final = ("g", "mg", "t", "raw")  # gravity, and what says nothing
 _LETTER: Final = re.compile(r"[^\W\d_]")
 
 
@@ -382,6 +391,8 @@ def _table(
     chosen = choosing(header, values, units=units, devices=devices)
     if chosen is None:
         raise _no_magnetometer(name, header, values, texts[start], f"{heading or 'no header'}{line}", line)
+    if told := _told_unit(header, alike, texts[:start]):
+        chosen = chosen.in_told(told)
     if asked is None:
         if not header or meaning(chosen.field.names[0]).is_bare:
             _refuse_mixed(name, header, alike)
@@ -628,6 +639,17 @@ def _units(below: list[str], delimiter: str, width: int) -> list[str]:
         if fits(cells, width) and sum(map(bool, units)) >= max(3, sum(map(bool, cells)) / 2):
             return units
     return []
+
+
+def _told_unit(header: Sequence[str], rows: Sequence[Sequence[str]], above: Sequence[str]) -> str:
+    """Unit that a column of units, or a line above the readings, says the field is in; nothing where none does."""
+    places = [place for place, name in enumerate(header) if _UNITS.fullmatch(name.strip())]
+    words = [{row[place].strip() for row in rows if place < len(row)} for place in places]
+    said = [word for each in words if len(each) == 1 for word in each]
+    lines = filter(None, map(_SAYS_UNIT.fullmatch, above[:MOST_ABOVE]))
+    said += [match[1] for match in lines]
+    known = (SPELLINGS.get(PARTED.sub(r"\1", word).casefold(), "") for word in said if word not in _OTHER_UNITS)
+    return next(filter(None, known), "")
 
 
 def _could_name(names: list[str], delimiter: str) -> bool:

@@ -74,7 +74,7 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
         **dict.fromkeys(("us", "µs", "μs", "usec", "micros", "microsecond", "microseconds"), 1e-6),
         **dict.fromkeys(("ns", "nsec", "nanos", "nanosecond", "nanoseconds"), 1e-9),
     },
-    TEMPERATURE: dict.fromkeys(("c", "°c", "degc", "celsius"), 1.0),
+    TEMPERATURE: dict.fromkeys(("c", "°c", "ºc", "℃", "°", "º", "degc", "celsius"), 1.0),
     CURRENT: {**dict.fromkeys(("a", "amp", "amps", "ampere", "amperes"), 1.0), "ma": 1e-3},
     STRENGTH: _OF_A_FIELD,
 }
@@ -151,7 +151,7 @@ _CLOCKS: Final = re.compile(r"(dates?|day|datum|clock|utc|gmt|uhr.*|heure|hora|f
 _NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
 # Words that any such sensor may have in its name.
 _COMMON: Final = re.compile(
-    r"(mag.*|compass|acc.*|gyr.*|angular|velocity|linear|field|strength|vector|imu|ahrs|ins|sensor|dev|device|unit|node"
+    r"(mag.*|compass|acc.*|gyr.*|angular|velocity|linear|axis|field|strength|vector|imu|ahrs|ins|sensor|dev|device|unit|node"
     r"|board|module|no|nr|num|id|instance|ch|channel|data|value|reading|measurement)$"
 )
 _BETWEEN: Final = r"\s_.,:;%#\-\[\](){}'\""  # what parts the words of a name
@@ -381,6 +381,9 @@ def _words(name: str) -> tuple[list[str], list[str]]:
             parts = [chip[1], chip[2], chip[3] + chip[4]] if chip else _PARTS.findall(piece)
             if len(parts) > 1 and parts[0].casefold() == "time" and parts[-1].casefold() in FACTORS[TIME]:
                 units.append(parts.pop())
+            elif len(parts) > 2 and (unit := "".join(parts[-2:])).casefold() in SPELLINGS:  # ``magXMicroT``
+                units.append(unit)
+                parts = parts[:-2]
             for part in parts:
                 glued = _GLUED.fullmatch(part.casefold())
                 words += filter(None, glued.groups() if glued else [part])
@@ -410,7 +413,8 @@ def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str
     if kinds:
         return kinds[0], raw + 5 * (kinds[0] == ACCELERATION and "linear" in words)
     aside = [word for word in names if _SENSED.match(word) or word in _NO_READINGS]
-    bare = [word for word in names if not (_RAW.match(word) or _CALIBRATED.match(word) or word in aside)]
+    others = {"axis", *aside}
+    bare = [word for word in names if not (_RAW.match(word) or _CALIBRATED.match(word) or word in others)]
     if aside and not bare:
         return (FIELD, raw + 2) if all(word in _MEASURED.split("|") for word in aside) else ("", 0)
     own = [word for word in bare if not (tells_apart(word) or _COMMON.match(word))]
@@ -447,6 +451,8 @@ def _scalar(words: list[str], units: list[str]) -> tuple[str, int]:
         return TEMPERATURE, 0
     if any(word in {"curr", "current", "amps", "amp", "ampere"} for word in words):
         return CURRENT, 0
+    if "tow" in words:  # of a week of GPS
+        return TIME, 1
     if any(_NO_TIMES.match(word) for word in words):
         return "", 0
     timed = any(_TIMES.match(word) for word in words)
@@ -460,6 +466,15 @@ def _is_strength(words: list[str], units: list[str]) -> bool:
     if not named & _REFERENCES or not named <= _REFERENCES | _STRENGTHS:
         return False
     return bool(named & _STRENGTHS or _unit(STRENGTH, units))
+
+
+def unit_of_field(name: str) -> str:
+    """The unit that the name of a column states for a field; not a ``g``, which is that of gravity.
+
+    >>> unit_of_field("磁场X(uT)"), unit_of_field("v1 [nT]"), unit_of_field("v1 (mg)"), unit_of_field("v1")
+    ('uT', 'nT', '', '')
+    """
+    return _unit(FIELD, [unit for unit in _words(name)[1] if unit not in {"g", "mg"}])
 
 
 def unit_of_strength(name: str) -> str:

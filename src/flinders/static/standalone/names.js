@@ -290,6 +290,8 @@ export class Names {
             const parts = chip ? [chip[1], chip[2], chip[3] + chip[4]] : every(_PARTS, piece).map((match) => match[0]);
             if (parts.length > 1 && parts[0].toLowerCase() === "time" && parts[parts.length - 1].toLowerCase() in times) {
                 units.push(/** @type {string} */ (parts.pop()));
+            } else if (parts.length > 2 && parts.slice(-2).join("").toLowerCase() in this.spellings) {
+                units.push(parts.splice(-2).join(""));
             }
             for (const part of parts) {
                 const glued = whole(_GLUED, part.toLowerCase());
@@ -350,7 +352,8 @@ export class Names {
         const kinds = named.length ? named : names.map((word) => this.kindOfChip(word)).filter(Boolean);
         if (kinds.length) return [kinds[0], raw + (kinds[0] === ACCELERATION && words.includes("linear") ? 5 : 0)];
         const isAside = (/** @type {string} */ word) => ahead(_SENSED, word) || Object.hasOwn(_NO_READINGS, word);
-        const bare = names.filter((word) => !ahead(_RAW, word) && !ahead(_CALIBRATED, word) && !isAside(word));
+        const isPlain = (/** @type {string} */ word) => word === "axis" || isAside(word);
+        const bare = names.filter((word) => !ahead(_RAW, word) && !ahead(_CALIBRATED, word) && !isPlain(word));
         const aside = names.filter(isAside);
         const isMeasured = aside.every((word) => _MEASURED.split("|").includes(word));
         if (aside.length && !bare.length) return isMeasured ? [FIELD, raw + 2] : ["", 0];
@@ -397,6 +400,7 @@ export class Names {
         const isWarm = all === "t" && units.some((unit) => unit.toLowerCase() in FACTORS[TEMPERATURE]);
         if (isWarm || (all !== "temps" && words.some((word) => /^(temp|tmp)/.test(word)))) return [TEMPERATURE, 0];
         if (words.some((word) => ["curr", "current", "amps", "amp", "ampere"].includes(word))) return [CURRENT, 0];
+        if (words.includes("tow")) return [TIME, 1];
         if (words.some((word) => ahead(_NO_TIMES, word))) return ["", 0];
         const isTimed = words.some((word) => ahead(_TIMES, word));
         const isAlone = !words.length && units.every((unit) => unit.toLowerCase() in FACTORS[TIME]);

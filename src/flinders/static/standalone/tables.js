@@ -152,11 +152,31 @@ export class Tables {
         const units = place < 0 ? [] : this.units(texts.slice(place + 1, start), delimiter, names.length);
         if (!names.length) this.refuseNameless(devices, width);
         const numbers = names.length ? values : this.longer(below, values, decimal);
-        const columns = { ...this.columns(names, numbers, units, clocks), devices };
+        const columns = { ...this.inTold(this.columns(names, numbers, units, clocks), names, alike, texts.slice(0, start)), devices };
         this.refuseOthers(names, alike, columns, decimal);
         const isEven = names.length > 0 || often >= this.layout.SAME_WIDTH * rows.size;
         const headerText = place < 0 ? "" : texts[place];
         return { delimiter, decimal, width: isEven ? width : 0, header: names, headerText, columns };
+    }
+
+    /**
+     * Columns in the unit that a column of units, or a line above the readings, says; what names say stays.
+     * @param {Columns} columns
+     * @param {readonly string[]} header
+     * @param {string[][]} rows
+     * @param {string[]} above
+     * @returns {Columns}
+     */
+    inTold(columns, header, rows, above) {
+        const { _UNITS, _SAYS_UNIT, _OTHER_UNITS, MOST_ABOVE } = this.layout;
+        const { COUNTS, PARTED, SPELLINGS } = this.rules.units;
+        const places = header.flatMap((name, place) => (whole(_UNITS, name.trim()) ? [place] : []));
+        const words = places.map((place) => new Set(rows.flatMap((row) => (place < row.length ? [row[place].trim()] : []))));
+        const lines = above.slice(0, MOST_ABOVE).flatMap((text) => whole(_SAYS_UNIT, text)?.[1] ?? []);
+        const said = [...words.flatMap((each) => (each.size === 1 ? [...each] : [])), ...lines];
+        const known = said.filter((word) => !_OTHER_UNITS.includes(word)).map((word) => SPELLINGS[replaced(PARTED, "$1", word).toLowerCase()]);
+        const unit = known.find(Boolean);
+        return unit && columns.unit === COUNTS ? { ...columns, unit } : columns;
     }
 
     /**
@@ -362,7 +382,8 @@ export class Tables {
             const need = "need three, x y z, or four with the time first";
             throw new Unreadable(`it has ${width} columns and no header: ${need}; ${MORE_WITH}`);
         }
-        const time = isTimed ? this.timed(0, "1", "", values) : null;
+        const isKnown = isTimed && !this.isTooFast(values.map((row) => row[0]), values, field);
+        const time = isKnown ? this.timed(0, "1", "", values) : null;
         return { field, names: field.map((cell) => `${cell + 1}`), unit: this.rules.units.COUNTS, time, devices: [] };
     }
 
@@ -405,7 +426,8 @@ export class Tables {
             if (parted.includes(place)) return { ...time, fraction: place + 1 };
             const column = values.map((row) => row[place]);
             const isNumeric = column.filter(Number.isFinite).length >= column.length / 2;
-            const isOther = !isNumeric || this.falls(names[place], column) || this.isCut(column);
+            const isNone = !isNumeric || this.falls(names[place], column) || this.isCut(column);
+            const isOther = isNone || (!meanings[place].unit && this.isTooFast(column, values, field));
             if (!parted.includes(place - 1) && !isOther) return time;
         }
         return null;
@@ -436,6 +458,25 @@ export class Tables {
         const lengths = [0, ...changes].map((change, i) => (changes[i] ?? values.length) - change);
         const inside = lengths.length > 2 ? lengths.slice(1, -1) : lengths;
         return values.length >= 2 * COARSE && median(inside) >= COARSE;
+    }
+
+    /**
+     * Whether no sensor turns as fast as readings do at times whose unit their size suggests.
+     * @param {number[]} column
+     * @param {number[][]} values
+     * @param {number[]} field
+     */
+    isTooFast(column, values, field) {
+        const { FEWEST_TIMES, APART, GROWS, FASTEST_RAD_S } = this.rules.columns;
+        const rows = values.flatMap((row, i) => ([column[i], ...field.map((cell) => row[cell])].every(Number.isFinite) ? [i] : []));
+        if (rows.length < FEWEST_TIMES) return false;
+        const times = rows.map((i) => column[i]);
+        const read = rows.map((i) => field.map((cell) => values[i][cell]));
+        const step = median(stepsOf(times)) * this.secondsInOne(times);
+        const turned = (/** @type {number} */ lag) =>
+            median(read.slice(lag).map((row, i) => Math.hypot(...row.map((value, axis) => value - read[i][axis]))));
+        const ranges = field.map((_, axis) => read.map((row) => row[axis])).map((each) => Math.max(...each) - Math.min(...each));
+        return step > 0 && turned(APART) > GROWS * turned(1) && turned(1) > (FASTEST_RAD_S * step * Math.max(...ranges)) / 2;
     }
 
     /**
@@ -517,7 +558,8 @@ export class Tables {
         const folded = names.map((name) => name.trim().toLowerCase());
         const hasCovariance = names.some((name) => name.startsWith("magnetic_field_covariance"));
         const isPrinted = first.toLowerCase() === "magnetic_field x" && hasCovariance;
-        if (isPrinted || first.toLowerCase().endsWith("magnetic_field.x")) return "T";
+        const isOfRos = this.rules.columns.OF_ROS.some((/** @type {string} */ end) => first.toLowerCase().endsWith(end));
+        if (isPrinted || isOfRos) return "T";
         return ["seconds_elapsed", "x", "y", "z"].every((name) => folded.includes(name)) ? "uT" : "";
     }
 
