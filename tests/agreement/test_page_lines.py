@@ -17,7 +17,7 @@ from tests.agreement.test_line_shapes import TUMBLE, with_noise
 from tests.javascript import run
 from tests.sketches import SHAPES, printed
 from tests.trials import daily
-from tests.truth import test_json_arrangements, test_printed_lines, test_prints
+from tests.truth import test_json_arrangements, test_printed_lines, test_prints, test_stated_units
 
 import flinders
 from flinders.errors import FlindersError
@@ -61,6 +61,7 @@ COLUMNS: Final = (
     "ax", "linear acc x", "temperature", "temps", "current_A", "throttle_share", "motor1_current (mA)", "attitude_w",
     "igrf_total", "reference field (nT)", "mag_ref_x", "unit_x", "mag_unit_x", "covariance_mag_x", "heading",
     "B_meas_x", "b_model_x", "sensor_x", "reference_x",
+    "x-axis (T)", "T(°)", "T [℃]", "GPS TOW", "iTOW", "UncalMagXMicroT", "时间", "mag_x(毫高斯)", "X Mag [x8006]",
     "latitude", "field strength z", "constructor", "X axis field (Gauss)", "µT x", "mag_filtered_z", "lis3mdl_raw_x",
     "angular_velocity.z", "day time", "elapsed (ms)", "",
 )  # fmt: skip
@@ -80,6 +81,11 @@ def texts() -> Iterator[tuple[str, Callable[[], str]]]:
     for name, (refused, _) in test_printed_lines.REFUSED.items():
         yield f"{name}, refused", partial("\n".join, [*refused, ""])
     yield from ((name, partial(str, table)) for name, table in (TABLES | test_json_arrangements.ARRANGED).items())
+    for name, (*_, columns, _) in test_stated_units.TABLES.items():
+        if columns is None:
+            yield f"units: {name}", partial(test_stated_units.table, name)
+    for name, form in test_stated_units.BLOCKS.items():
+        yield f"blocks of {name}", partial(test_stated_units.rows, form)
     for form in test_json_arrangements.SENSORS:
         yield f"two sensors as {form}", partial(test_json_arrangements.of_sensors, form)
 
@@ -117,6 +123,7 @@ TABLES: Final = {
         ),
         "measured beside a field": (["field_x,field_y,field_z,measured_x,measured_y,measured_z"], "1,2,3,{0},{1},{2}"),
         "a temperature named T": (["mx,my,mz,T"], "{0},{1},{2},23.4"),
+        "ticks of no unit": (["ticks,mx,my,mz"], "{n}2000,{0},{1},{2}"),
         "a T that falls": (["T_raw,mx,my,mz"], "-{n},{0},{1},{2}"),
         "a T that rises": (["T,mx,my,mz"], "{n},{0},{1},{2}"),
         "a counter and a clock": ([], "{n} {t} {0} {1}"),

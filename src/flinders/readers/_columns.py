@@ -419,7 +419,7 @@ class _Header:
                 return _column(kind, [place, place + 1], self.names)
             if place - 1 in parted:
                 continue
-            reason = "" if _numeric(self.values[:, place]) else "not numbers"
+            reason = "" if _numeric(self.values[:, place]) else _without_numbers(self.values[:, place])
             if kind == TIME and not reason:
                 times, unit = self.values[:, place], self.meanings[place].unit
                 reason = _falls(self.names[place], times) or _cut_digits(times, unit) or _too_fast(times, unit, field)
@@ -733,6 +733,11 @@ def _are_pulses(values: Floats) -> bool:
 def _numeric(values: Floats) -> bool:
     """Tell whether at least half of the first values are numbers."""
     return len(values) == 0 or bool(np.isfinite(values).mean() >= 0.5)
+
+
+def _without_numbers(values: Floats) -> str:
+    """Say why a column cannot be used of which most of the first values are no numbers."""
+    return "numbers in few rows" if np.isfinite(values).any() else "not numbers"
 
 
 def _timed(column: Column, unit: str, values: Floats) -> Column:

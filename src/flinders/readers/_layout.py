@@ -126,6 +126,7 @@ class TextLayout:
     header_text: str = ""  # that line, as it is
     heading: str = ""  # of a header with another number of names than lines have fields, how many there are
     words: str = ""  # the dialect that was made a table of, for people
+    spare: frozenset[int] = frozenset()  # columns that rows with a reading leave empty
     in_force: str = ""  # the calibration of the board that readings are after, where headers of a blackbox tell one
     encoding: str = "utf-8"
     newline: str = "\n"
@@ -143,6 +144,14 @@ class TextLayout:
         """Tell whether a line is a row of a device that is not read."""
         device = self.columns.device
         return device is not None and self._is_row(text) and device.is_of_other(split(text, self.grid.delimiter))
+
+    def is_of_others(self, text: str) -> bool:
+        """Tell whether a row holds what no row with a reading does, and no reading, as of other topics."""
+        if not self.spare:
+            return False
+        cells = split(text, self.grid.delimiter)
+        is_empty = not any(cells[cell].strip() for cell in self.columns.field.cells if cell < len(cells))
+        return is_empty and any(cells[cell].strip() for cell in self.spare if cell < len(cells))
 
     def _is_row(self, text: str) -> bool:
         """Tell whether a line is no blank, comment or header come again."""
@@ -167,8 +176,11 @@ class Cells(Dialect):
 
     @classmethod
     def of(cls, layout: TextLayout, words: str, nameless: Sequence[str] = ()) -> Cells:
-        """Take the rows of a table; the units below its header go into the names, and without one it has `nameless`."""
-        named = zip_longest(layout.header, layout.units, fillvalue="")
+        """Take the rows of a table; units that stand elsewhere go into its names, and without a header into none."""
+        own = [each for each in (layout.columns, *layout.columns.magnetometers) if each.stated]
+        told = {cell: each.unit for each in own for cell in each.field.cells}
+        units = layout.units or [told.get(cell, "") for cell in range(len(layout.header))]
+        named = zip_longest(layout.header, units, fillvalue="")
         names = [f"{name}_{unit}" if unit and not meaning(name).unit else name for name, unit in named]
         return cls(words, tuple(names or nameless), layout.grid, layout.header_text)
 
@@ -407,8 +419,15 @@ def _table(
         units=tuple(units),
         header_line=place + 1,
         header_text=texts[place] if place >= 0 else "",
+        spare=_spare(alike, chosen.field.cells),
         heading=f"{heading} ({', '.join(chosen.field.names)} of columns {numbers})" if heading and header else heading,
     )
+
+
+def _spare(rows: Sequence[Sequence[str]], field: Sequence[int]) -> frozenset[int]:
+    """Places that are empty in each row with something of the field."""
+    filled = [{place for place, cell in enumerate(row) if cell.strip()} for row in rows]
+    return frozenset(range(len(rows[0]))).difference(*(places for places in filled if places & set(field)))
 
 
 def _first_numbers(best: _Cut, places: Sequence[int], width: int, texts: Sequence[str]) -> tuple[Floats, list[Clock]]:
@@ -454,6 +473,7 @@ def _devices(
     width, told = len(alike[0]), {cell for clock in clocks for cell in clock.cells}
     if header:
         places = [place for place, name in enumerate(header) if names_device(name) and place not in told]
+        places = [place for place in places if not all(is_unit(row[place].strip()) for row in alike)]
     else:
         ahead = width - len("xyz") if width <= NAMELESS else 0
         free = [place for place in range(width) if place not in told]

@@ -197,7 +197,7 @@ class TextRecording(ColumnsRecording):
         self.skipped = ()
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed, clock=columns.clock)
         for lines, read, usable in self._read(grid, columns):
-            rows, left_out = accounted(lines, read, usable, columns, shapes)
+            rows, left_out = accounted(lines, read, usable, columns, shapes, self.layout.is_of_others)
             if self.transcription:
                 left_out += self.transcription.others(others)
                 others = self.transcription.others()
@@ -336,7 +336,12 @@ class Tally:
 
 
 def accounted(
-    lines: Lines, rows: NumberRows, usable: NDArray[np.bool_], columns: Columns, shapes: LineShapes
+    lines: Lines,
+    rows: NumberRows,
+    usable: NDArray[np.bool_],
+    columns: Columns,
+    shapes: LineShapes,
+    is_of_others: Callable[[str], bool],
 ) -> tuple[NumberRows, tuple[Skipped, ...]]:
     """Account for the rows of a block that cannot be used and the lines that are none; drop those that accompany."""
     unusable = np.flatnonzero(~usable)
@@ -345,7 +350,9 @@ def accounted(
     left_out = unanswered(read[is_silent, 0], rows.numbers[unusable[is_silent]])
     if not is_silent.all():
         gaps = [rows.lines[int(place)] for place in unusable[~is_silent]]
-        left_out += (_skipped(lines, gaps, NOT_FINITE),)
+        beside = [number for number in gaps if is_of_others(lines.texts[number - lines.first])]
+        accounts = {NOT_FINITE: sorted(set(gaps).difference(beside)), ACCOMPANYING: beside}
+        left_out += tuple(_skipped(lines, numbers, why) for why, numbers in accounts.items() if numbers)
     if rows.unreadable:
         left_out += besides(lines, [number for number, _ in rows.unreadable], shapes, UNREADABLE)
         lost = [(number, text) for number, text in rows.unreadable if not shapes.accompanies(text)]

@@ -181,8 +181,8 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
 
 
 def _is_heading(line: str) -> bool:
-    """Tell whether a line is the label of the numbers in the next one: ``Magnetometer data in µT:``."""
-    return len(line) <= LONGEST and line.rstrip().endswith(":") and not cut(line)[0]
+    """Tell whether a line is the label of the numbers in the next one: ``Magnetometer data in µT:``, ``field {``."""
+    return len(line) <= LONGEST and line.rstrip().endswith((":", "{")) and not cut(line)[0]
 
 
 def _has_headings(every: Sequence[_Printed], headed: Sequence[_Printed]) -> bool:

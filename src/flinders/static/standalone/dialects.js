@@ -485,7 +485,7 @@ class Heading {
 
     /** @param {string} line */
     isHeading(line) {
-        return line.length <= this.rules.LONGEST && line.trimEnd().endsWith(":") && !this.prints.cut(line).numbers.length;
+        return line.length <= this.rules.LONGEST && /[:{]$/.test(line.trimEnd()) && !this.prints.cut(line).numbers.length;
     }
 }
 

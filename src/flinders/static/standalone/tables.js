@@ -618,7 +618,8 @@ export class Tables {
         const told = clocks.flatMap(({ cells }) => cells);
         const ahead = width <= this.layout.NAMELESS ? width - 3 : 0;
         const isTelling = (/** @type {number} */ place) => this.devices.areIds(alike.map((row) => row[place]), place < ahead);
-        const isNamed = (/** @type {number} */ place) => this.devices.named(names[place] ?? "");
+        const areUnits = (/** @type {number} */ place) => alike.every((row) => this.names.isUnit(row[place].trim()));
+        const isNamed = (/** @type {number} */ place) => this.devices.named(names[place] ?? "") && !areUnits(place);
         const free = [...alike[0].keys()].filter((place) => !told.includes(place));
         const places = free.filter(names.length ? isNamed : isTelling);
         if (!places.length) return [];
