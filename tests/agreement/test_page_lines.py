@@ -17,7 +17,13 @@ from tests.agreement.test_line_shapes import TUMBLE, with_noise
 from tests.javascript import run
 from tests.sketches import SHAPES, printed
 from tests.trials import daily
-from tests.truth import test_json_arrangements, test_printed_lines, test_prints, test_stated_units
+from tests.truth import (
+    test_json_arrangements,
+    test_printed_lines,
+    test_prints,
+    test_prints_of_programs,
+    test_stated_units,
+)
 
 import flinders
 from flinders.errors import FlindersError
@@ -80,7 +86,11 @@ def texts() -> Iterator[tuple[str, Callable[[], str]]]:
         yield name, partial("\n".join, ["booting", *read, ""])
     for name, (refused, _) in test_printed_lines.REFUSED.items():
         yield f"{name}, refused", partial("\n".join, [*refused, ""])
-    yield from ((name, partial(str, table)) for name, table in (TABLES | test_json_arrangements.ARRANGED).items())
+    yield from (
+        (name, partial(str, table))
+        for name, table in (TABLES | test_json_arrangements.ARRANGED | test_prints_of_programs.TABLES).items()
+    )
+    yield from ((name, partial(test_prints_of_programs.headed, name)) for name in test_prints_of_programs.HEADED)
     for name, (*_, columns, _) in test_stated_units.TABLES.items():
         if columns is None:
             yield f"units: {name}", partial(test_stated_units.table, name)

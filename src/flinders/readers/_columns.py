@@ -11,6 +11,7 @@ import re
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 import numpy as np
@@ -303,7 +304,10 @@ def _by_name(
         for cell in clock.cells:
             meanings[cell] = Meaning("")
         meanings[clock.cell] = Meaning(TIME, unit="s", rank=known.rank + 2 if known.kind == TIME else LAST)
-    if unnamed := [place for place, name in enumerate(names) if not name.strip() and _is_clock(values[:, place])]:
+    open_axes = {place: known.axis for place, known in enumerate(meanings) if known.is_bare or not known.kind}
+    is_abscissa = [axis for axis in open_axes.values() if axis] == ["x"]
+    nameless = [place for place, axis in open_axes.items() if not names[place].strip() or (is_abscissa and axis)]
+    if unnamed := [place for place in nameless if _is_clock(values[:, place])]:  # ``X_Value`` without a y is no axis
         meanings[unnamed[0]] = Meaning(TIME, rank=LAST)
     sensors = vectors(names, meanings, FIELD)
     fields = instruments(sensors)
@@ -480,25 +484,53 @@ def by_place(values: Floats, wanted: Sequence[int] = (), clocks: Sequence[Clock]
     A column that only ever rises is no axis; beside those that are `wanted` it is the time.
     """
     told = {cell for clock in clocks for cell in clock.cells}
+    parted = seconds_and_nanoseconds(values)
+    told.update(parted)
     free = tuple(place for place in range(values.shape[1]) if place not in told)
     timed = len(free) == 4 and not told and ascends(values[:, 0])
     field = tuple(wanted) or (free if len(free) == 3 else free[1:] if timed else ())
     if not field or (not wanted and has_clock(values[:, field])):
         return None
     own = _column(FIELD, field, ())
+    time, reason = _time_by_place(values, field, clocks, parted)
+    name = " and ".join(time.names) if time else ""
+    if reason:
+        return Columns(own, left_out=(f"{name} ({reason})",), unread_time=name)
+    return Columns(own, auxiliary=(time,) if time else ())
+
+
+def _time_by_place(
+    values: Floats, field: Sequence[int], clocks: Sequence[Clock], parted: Sequence[int]
+) -> tuple[Column | None, str]:
+    """The time of a table without a header, and why it cannot be used where that is so."""
     if clocks:
         column = replace(_column(TIME, clocks[0].cells, ()), cells=(clocks[0].cell,), clock=clocks[0])
-        times, name = values[:, clocks[0].cell], " and ".join(column.names)
-        if reason := _cut_digits(times, "s"):
-            return Columns(own, left_out=(f"{name} ({reason})",), unread_time=name)
-        return Columns(own, auxiliary=(_timed(column, "s", times),))
+        times = values[:, clocks[0].cell]
+        return _timed(column, "s", times), _cut_digits(times, "s")
+    if parted:
+        return _timed(_column(TIME, parted, ()), "s", values[:, parted[0]]), ""
     place = _clock(values, field)
     if place is None:
-        return Columns(own)
-    column, times = _column(TIME, [place], ()), values[:, place]
-    if reason := _too_fast(times, "", values[:, field]):
-        return Columns(own, left_out=(f"{column.names[0]} ({reason})",), unread_time=column.names[0])
-    return Columns(own, auxiliary=(_timed(column, "", times),))
+        return None, ""
+    times = values[:, place]
+    return _timed(_column(TIME, [place], ()), "", times), _too_fast(times, "", values[:, field])
+
+
+def seconds_and_nanoseconds(values: Floats) -> tuple[int, ...]:
+    """Places of a column of whole seconds since 1970 and of the next, which has the nanoseconds; nothing without.
+
+    >>> seconds_and_nanoseconds(np.array([[1.7e9, 9e8, 4], [1.7e9 + 1, 1e8, 5]]))
+    (0, 1)
+    """
+    for place, (whole, part) in enumerate(pairwise(values.T)):
+        is_whole = (
+            np.isfinite([whole, part]).all() and (whole == np.floor(whole)).all() and (part == np.floor(part)).all()
+        )
+        if is_whole and EPOCHS[-1][0] <= whole.min() and whole.max() < 4 * EPOCHS[-1][0]:
+            is_part = part.min() >= 0 and 1e6 <= part.max() < 1e9
+            if is_part and ascends((whole - whole[0]) + 1e-9 * part):
+                return place, place + 1
+    return ()
 
 
 def rising_in(values: Floats) -> list[int]:

@@ -39,6 +39,18 @@ TEXTS: Final = (
         "arc: a sensor is calibrated from readings while it was turned",
     ),
     KnownText(
+        re.compile(r"^\s*(?:INSERT INTO|COPY\s[^;]*\sFROM\s+stdin\b)", re.IGNORECASE),
+        0.0,
+        "is a dump of a data base in SQL: export the table of readings as CSV with a header, such as with "
+        "sqlite3 -header -csv FILE 'SELECT * FROM mag', psql --csv or mysql --batch",
+    ),
+    KnownText(
+        re.compile(r"^\W*entity_id\W+state\W", re.IGNORECASE),
+        0.0,
+        "has one value of one entity a row, as Home Assistant keeps its history: bring x, y and z of each time into "
+        "one row (a pivot table), with a column for each",
+    ),
+    KnownText(
         nmea2000.SIGN,
         0.6,
         "is a candump of NMEA 2000: its headings in degrees are for flinders swing; readings x, y, z of a "

@@ -26,7 +26,7 @@ import numpy as np
 from flinders.core.units import PARTED, SPELLINGS
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, UsageError, figures
 from flinders.readers._clock import Clock, Midnights, clocks_of
-from flinders.readers._columns import Columns, choose, rising_in
+from flinders.readers._columns import Columns, choose, rising_in, seconds_and_nanoseconds
 from flinders.readers._devices import are_ids, devices_in, names_device
 from flinders.readers._heading import shifted
 from flinders.readers._known_texts import refusal
@@ -66,11 +66,11 @@ from flinders.readers._tokenizer import (
     shown,
     split,
 )
-from flinders.readers.dialects import Dialect, influx, json_records, labelled, marked, wrapped
+from flinders.readers.dialects import Dialect, boxed, influx, json_records, labelled, marked, wrapped
 from flinders.readers.dialects.pattern import Pattern
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
     from flinders.errors import InputError
@@ -102,6 +102,7 @@ _PLAIN: Final = re.compile(r"[-+.,;\s\d]*(?:(?:[eE][-+]\d|nan)[-+.,;\s\d]*)*", r
 _GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
 _OPENS_JSON: Final = re.compile(r"^\s*[\[{]")
 _CLOCK: Final = re.compile(r"\d:\d\d:\d\d")
+_END_OF_HEADER: Final = re.compile(r"\W*end[ _]of[ _]header\W*", re.IGNORECASE)  # numbers above are no readings
 _UNITS: Final = re.compile(r"(?:(?:mag|field)[ _-]?)?units?", re.IGNORECASE)  # name of a column
 _SAYS_UNIT: Final = re.compile(
     r"\W*(?:(?:mag\w*|(?:magnetic[ _])?field|the)[\W_]+)*units?(?:[ _]of[ _](?:the[ _])?(?:mag\w*|field))?"
@@ -330,6 +331,7 @@ class _Row(NamedTuple):
 DIALECTS: Final = (
     _Row(marked.SIGN, marked.recognise, None),  # a log may begin with other messages
     _Row(_OPENS_JSON, json_records.recognise),
+    _Row(boxed.RULER, boxed.recognise),
     _Row(influx.SIGN, influx.recognise),
     _Row(_CLOCK, lambda lines: wrapped.stamped(lines, recognise, rows_of_table)),
     _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _labelled, _named_table)),
@@ -352,6 +354,8 @@ def sniff(
     every: EveryLine | None = None,
 ) -> TextLayout:
     """Recognise by its first lines how a table is laid out; `header` are names that are known from elsewhere."""
+    end = max((place for place, text in enumerate(texts[:TRIED]) if _END_OF_HEADER.fullmatch(text)), default=-1)
+    texts = [""] * (end + 1) + texts[end + 1 :]
     lines = [(place, text) for place, text in enumerate(texts) if text.strip() and not _is_comment(text)]
     if not lines:
         blank = not any(text.strip() for text in texts)
@@ -389,7 +393,8 @@ def _table(
     values, clocks = _first_numbers(best, places, width, texts[start:])
     misfit = None if header else _misfit(name, texts[:start], signs[0], values, clocks, asked)
     place, header = (misfit.place, misfit.names) if misfit else (place, header)
-    devices = _devices(header, [cells[:width] for cells in alike], clocks, signs[0], every)
+    told = {cell for clock in clocks for cell in clock.cells} | set(() if header else seconds_and_nanoseconds(values))
+    devices = _devices(header, [cells[:width] for cells in alike], told, signs[0], every)
     if devices and (own := [place for place in places if not devices[0].is_of_other(rows[place])]):
         values, clocks = _first_numbers(best, own, width, texts[start:])
     asked = asked or choice.remembered(header, width, rising_in(values) if choice.forms else ())
@@ -403,8 +408,8 @@ def _table(
     chosen = choosing(header, values, units=units, devices=devices)
     if chosen is None:
         raise _no_magnetometer(name, header, values, texts[start], f"{heading or 'no header'}{line}", line)
-    if told := _told_unit(header, alike, texts[:start]):
-        chosen = chosen.in_told(told)
+    if unit := _told_unit(header, alike, texts[:start]):
+        chosen = chosen.in_told(unit)
     if asked is None:
         if not header or meaning(chosen.field.names[0]).is_bare:
             _refuse_mixed(name, header, alike)
@@ -465,12 +470,12 @@ def _clocks(texts: Sequence[str], rows: Sequence[Sequence[str]], values: Floats,
 def _devices(
     header: Sequence[str],
     alike: Sequence[Sequence[str]],
-    clocks: Sequence[Clock],
+    told: Collection[int],
     delimiter: str,
     every: EveryLine,
 ) -> tuple[Device, ...]:
-    """Devices that a column of a table tells apart, by its name or the first rows, and then by all of its rows."""
-    width, told = len(alike[0]), {cell for clock in clocks for cell in clock.cells}
+    """Devices that a column of a table, not of those `told` to be times, tells apart, by its name or its words."""
+    width = len(alike[0])
     if header:
         places = [place for place, name in enumerate(header) if names_device(name) and place not in told]
         places = [place for place in places if not all(is_unit(row[place].strip()) for row in alike)]

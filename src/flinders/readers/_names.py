@@ -147,13 +147,13 @@ _RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
 _MEASURED: Final = "meas|measured|observed|obs"
 _SENSED: Final = re.compile(rf"(sensors?|magnetometers?|compass|measurement|{_MEASURED})$")
 _TIMES: Final = re.compile(
-    r"(ts?|time.*|.*time|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo|时间|時間)$"
+    r"(t[st]?|time.*|.*time|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo|时间|時間)$"
 )
 _CLOCKS: Final = re.compile(r"(dates?|day|datum|clock|utc|gmt|uhr.*|heure|hora|fecha|when)$")  # a time, or not
 _NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
 # Words that any such sensor may have in its name.
 _COMMON: Final = re.compile(
-    r"(mag.*|compass|acc.*|gyr.*|angular|velocity|linear|axis|field|strength|vector|imu|ahrs|ins|sensor|dev|device|unit|node"
+    r"(mag.*|flux.*|compass|acc.*|gyr.*|angular|velocity|linear|axis|field|strength|vector|imu|ahrs|ins|sensor|dev|device|unit|node"
     r"|board|module|no|nr|num|id|instance|ch|channel|data|value|reading|measurement)$"
 )
 _BETWEEN: Final = r"\s_.,:;%#\-\[\](){}'\""  # what parts the words of a name
@@ -430,7 +430,7 @@ def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str
 
 def _kind_of_word(word: str) -> str:
     """Tell which three-axis sensor a word names."""
-    if word.startswith("mag") or word == "compass":
+    if word.startswith(("mag", "flux")) or word == "compass":
         return FIELD
     return ACCELERATION if word.startswith("acc") else RATE if word.startswith(("gyr", "angular")) else ""
 
@@ -634,8 +634,11 @@ def _told_apart(sensors: Sequence[Vector]) -> list[Vector]:
     rest = [(each, [word for word in each.label if word not in shared]) for each in sensors]
     numbers = {int(word) for _, words in rest for word in words if _is_number(word)}
 
+    folders = {each.name.partition(".")[0] for each in sensors}  # ``1423.Magnetometer``
+
     def counts(word: str) -> bool:
-        return tells_apart(word) or (_is_number(word) and (bool(shared) or _is_one_of(numbers, int(word))))
+        is_sensors = bool(shared) or word in folders
+        return tells_apart(word) or (_is_number(word) and (is_sensors or _is_one_of(numbers, int(word))))
 
     counted = [each for each, words in rest if all(map(counts, words))]
     if len(counted) > 1:
@@ -647,9 +650,9 @@ def _told_apart(sensors: Sequence[Vector]) -> list[Vector]:
 
 
 def _in_a_row(letters: Iterable[str]) -> bool:
-    """Tell whether these are a, b, c and so on, or left and right."""
+    """Tell whether these are letters in a row, such as a, b, c, or left and right."""
     together = "".join(sorted(letters))
-    return together == "lr" or (len(together) > 1 and "abcdefgh".startswith(together))
+    return together == "lr" or (len(together) > 1 and together in "abcdefgh")
 
 
 def _is_number(word: str) -> bool:

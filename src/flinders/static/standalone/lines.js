@@ -6,7 +6,7 @@
  */
 
 import { Arrangements } from "./arrangements.js";
-import { hexadecimal, jsonLines, labelled, marked, parsed, points, stamped } from "./dialects.js";
+import { boxed, hexadecimal, jsonLines, labelled, marked, parsed, points, stamped } from "./dialects.js";
 import { Names } from "./names.js";
 import { revived, whole } from "./patterns.js";
 import { Prints } from "./printed.js";
@@ -115,6 +115,7 @@ class Language {
         return (
             (lines.some((line) => programs.SIGN.test(line)) && marked(this.prints, programs, lines)) ||
             (has(layout._OPENS_JSON) && jsonLines(this.prints, json, tried)) ||
+            (has(this.rules.boxed.RULER) && boxed(this.prints, this.rules.boxed, tried)) ||
             (has(this.rules.influx.SIGN) && points(this.prints, this.rules.influx, tried)) ||
             (has(layout._CLOCK) && stamped(this.rules, tried, behind, table, true)) ||
             (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest), (rest) => this.tableRows(rest, true))) ||
@@ -490,7 +491,7 @@ function isUnmarked(language, line) {
 export function readLog(data, name, bytes) {
     const language = languageOf(data);
     refuseForeign(language.rules.files, name, bytes);
-    const lines = linesOf(language, decoded(bytes));
+    const lines = language.tables.belowHeader(linesOf(language, decoded(bytes)));
     const form = language.form(lines.slice(0, OPENING), lines);
     const readings = [];
     let [unknown, example] = [0, ""];
@@ -602,7 +603,7 @@ function refuseForeign(files, name, bytes) {
     if (other && !isText) throw new Unreadable(`${name} is ${other[0]}: ${other[1]}`);
     const start = new TextDecoder().decode(bytes.subarray(0, 64)).trimStart().toLowerCase();
     const page = Object.keys(files.pages).find((each) => start.startsWith(each));
-    if (page) throw new Unreadable(`${name} is ${files.pages[page]}: download the raw file that it shows`);
+    if (page) throw new Unreadable(`${name} is ${files.pages[page]}: ${page.startsWith("<?") ? "export the readings as CSV, x, y and z in columns" : "download the raw file that it shows"}`);
     if (!isText) throw new Unreadable(`${name} is a binary file: give a text log, or calibrate it with \`flinders calibrate\``);
 }
 

@@ -368,7 +368,7 @@ export class Names {
     /** @param {string} word */
     kindOfWord(word) {
         const { FIELD, ACCELERATION, RATE } = this.rules;
-        if (word.startsWith("mag") || word === "compass") return FIELD;
+        if (/^(mag|flux)/.test(word) || word === "compass") return FIELD;
         if (word.startsWith("acc")) return ACCELERATION;
         return word.startsWith("gyr") || word.startsWith("angular") ? RATE : "";
     }

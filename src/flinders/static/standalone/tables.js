@@ -59,6 +59,7 @@ export class Tables {
      * @returns {Layout}
      */
     laidOut(texts, every = texts) {
+        texts = this.belowHeader(texts);
         const lines = texts.flatMap((text, place) => (text.trim() && !this.prints.isComment(text) ? [{ text, place }] : []));
         if (!lines.length) throw new Unreadable("it holds no lines of numbers: need one reading a line");
         for (const some of [lines.slice(0, this.layout.TRIED), lines]) {
@@ -74,6 +75,15 @@ export class Tables {
             `no readings are recognised (line ${place + 1}: '${text.trim().slice(0, 60)}'): need three columns of numbers, ` +
                 "or labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT'",
         );
+    }
+
+    /**
+     * Lines without those up to one that says the end of a header, whose numbers are no readings.
+     * @param {string[]} texts
+     */
+    belowHeader(texts) {
+        const end = texts.slice(0, this.layout.TRIED).findLastIndex((text) => whole(this.layout._END_OF_HEADER, text));
+        return end < 0 ? texts : texts.map((text, place) => (place > end ? text : ""));
     }
 
     /**
@@ -147,7 +157,9 @@ export class Tables {
         const cut = alike.map((cells) => cells.slice(0, width));
         const first = this.valued(cut, decimal, below);
         const { place, names } = found.names.length ? found : this.misfit(texts.slice(0, start), delimiter, first.values, first.clocks);
-        const devices = this.devicesOf(names, cut, first.clocks, () => every.map(split));
+        const parted = names.length ? [] : this.secondsAndNanoseconds(first.values);
+        const told = [...first.clocks.flatMap(({ cells }) => cells), ...parted];
+        const devices = this.devicesOf(names, cut, told, () => every.map(split));
         const { values, clocks } = devices.length ? this.valued(this.ofFirst(devices, cut), decimal, below) : first;
         const units = place < 0 ? [] : this.units(texts.slice(place + 1, start), delimiter, names.length);
         if (!names.length) this.refuseNameless(devices, width);
@@ -341,7 +353,10 @@ export class Tables {
             const column = values.map((row) => row[place]).filter(Number.isFinite);
             return ascends(column) && stepsOf(column).some((step) => step !== 1);
         };
-        const unnamed = names.findIndex((name, place) => !name.trim() && isClock(place));
+        const isOpen = (/** @type {number} */ place) => !meanings[place].kind || this.names.isBare(names[place]);
+        const isAbscissa = meanings.flatMap(({ axis }, place) => (axis && isOpen(place) ? [axis] : [])).join(" ") === "x";
+        const isUnnamed = (/** @type {number} */ place) => isOpen(place) && (!names[place].trim() || (isAbscissa && meanings[place].axis));
+        const unnamed = names.findIndex((_, place) => isUnnamed(place) && isClock(place));
         if (unnamed >= 0) meanings[unnamed] = { kind: TIME, axis: "", unit: "", rank: this.rules.columns.LAST };
         const field = this.names.magnetometer(names, meanings);
         if (!field) throw new Unreadable(`no magnetometer among the columns ${shown(names)}: ${MORE_WITH}`);
@@ -360,8 +375,13 @@ export class Tables {
      */
     byPlace(values, clocks) {
         const width = values[0]?.length ?? 0;
-        const told = clocks.flatMap(({ cells }) => cells);
+        const parted = this.secondsAndNanoseconds(values);
+        const told = [...clocks.flatMap(({ cells }) => cells), ...parted];
         const free = [...(values[0] ?? []).keys()].filter((place) => !told.includes(place));
+        if (parted.length && !clocks.length && free.length === 3) {
+            const time = { ...this.timed(parted[0], parted.map((cell) => `${cell + 1}`).join(" and "), "s", values), fraction: parted[1] };
+            return { field: free, names: free.map((cell) => `${cell + 1}`), unit: this.rules.units.COUNTS, time, devices: [] };
+        }
         const [clock] = clocks;
         if (clock && free.length === 3) {
             const called = (/** @type {readonly number[]} */ cells) => cells.map((cell) => `${cell + 1}`);
@@ -431,6 +451,21 @@ export class Tables {
             if (!parted.includes(place - 1) && !isOther) return time;
         }
         return null;
+    }
+
+    /**
+     * Places of a column of whole seconds since 1970 and of the next, which has the nanoseconds.
+     * @param {number[][]} values
+     */
+    secondsAndNanoseconds(values) {
+        const [least] = this.rules.columns.EPOCHS[this.rules.columns.EPOCHS.length - 1];
+        const place = [...(values[0] ?? []).keys()].slice(1).findIndex((next) => {
+            const [whole, part] = [next - 1, next].map((cell) => values.map((row) => row[cell]));
+            const isWhole = [...whole, ...part].every(Number.isInteger) && Math.min(...whole) >= least && Math.max(...whole) < 4 * least;
+            const isPart = Math.min(...part) >= 0 && Math.max(...part) >= 1e6 && Math.max(...part) < 1e9;
+            return isWhole && isPart && ascends(whole.map((value, i) => value - whole[0] + 1e-9 * part[i]));
+        });
+        return place < 0 ? [] : [place, place + 1];
     }
 
     /**
@@ -610,12 +645,11 @@ export class Tables {
      * Devices that a column tells apart, by its name or the first rows, and then by all rows.
      * @param {readonly string[]} names
      * @param {string[][]} alike The first rows.
-     * @param {readonly Clock[]} clocks
+     * @param {number[]} told Places of times.
      * @param {() => string[][]} every
      */
-    devicesOf(names, alike, clocks, every) {
+    devicesOf(names, alike, told, every) {
         const width = alike[0].length;
-        const told = clocks.flatMap(({ cells }) => cells);
         const ahead = width <= this.layout.NAMELESS ? width - 3 : 0;
         const isTelling = (/** @type {number} */ place) => this.devices.areIds(alike.map((row) => row[place]), place < ahead);
         const areUnits = (/** @type {number} */ place) => alike.every((row) => this.names.isUnit(row[place].trim()));
