@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+FILES: Final = ("a LabVIEW measurement",)  # which no wire has
 PIECE: Final = 37  # Bytes that arrive together
 LATER_S: Final = 0.02
 LARGEST: Final = 1 << 19  # Bytes of a recording that is compared
@@ -144,6 +145,8 @@ TABLES: Final = {
         "the month first": (["time,mx,my,mz"], '"Nov 22, 2026 11:59:{n:02d} PM",{0},{1},{2}'),
         "days and months that leave it open": (["time,mx,my,mz"], "03/04/2026 4:42:{n:02d} AM,{0},{1},{2}"),
         "a date and a clock": (["mx,my,mz,time,date"], "{0},{1},{2},04:42:{n:02d}:125,22-Nov-2026"),
+        "milliseconds without zeros": (["mx,my,mz,time"], "{0},{1},{2},4:42:{n}:{n}13"),
+        "frames behind seconds": (["mx,my,mz,time"], "{0},{1},{2},04:42:{n:02d}:13"),
         "minutes and seconds": (["time,mx,my,mz"], "59:{n:02d}.5,{0},{1},{2}"),
         "a time of day behind": ([], "{0} {1} {2} 4:42:{n:02d}"),
         "dates before commas": ([], "2026-11-22 04:42:{n:02d},{0},{1},{2}"),
@@ -249,7 +252,7 @@ def test_a_dropped_text_gives_the_numbers_of_the_library(name: str, by_page: dic
     assert found["time"] == (None if samples.time is None else samples.time.tolist())
 
 
-@pytest.mark.parametrize("name", daily(CASES, 3))
+@pytest.mark.parametrize("name", daily([name for name in CASES if name not in FILES], 3))
 def test_what_arrives_gives_the_numbers_of_the_live_page(name: str, by_page: dict[str, Any]) -> None:
     """Time of arrival where the lines have none, and the same readings from the same pieces."""
     transcript, found = Transcript("the board"), by_page[name][1]

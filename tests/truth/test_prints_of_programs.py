@@ -120,3 +120,30 @@ def test_fluxgates_of_letters_in_a_row_are_magnetometers(letters: str, tmp_path:
     samples = flinders.read(path, sensor=str(len(letters)))
     np.testing.assert_allclose(samples.field, FIELD)
     assert samples.time is not None
+
+
+def clocked(form: str, seconds: float) -> str:
+    """A time of day in milliseconds, none of whose parts has leading zeros."""
+    whole, rest = divmod(round(seconds * 1000), 1000)
+    minute, second = divmod(whole, 60)
+    return form.format(minute=minute, second=second, rest=rest)
+
+
+@pytest.mark.parametrize(
+    "form", ["4:{minute}:{second}:{rest}", "04:{minute:02d}:{second:02d}:{rest}", "4:{minute:02d}:{second}:{rest:03d}"]
+)
+@pytest.mark.parametrize("begun", [7.813, 58.9])
+def test_milliseconds_behind_a_colon_need_no_zeros(form: str, begun: float, tmp_path: Path) -> None:
+    path = tmp_path / "phone.csv"
+    rows = [f"{x},{y},{z},{clocked(form, begun + t)}" for t, (x, y, z) in zip(TIMES, FIELD.tolist(), strict=True)]
+    path.write_text("\n".join(["mx,my,mz,time", *rows]))
+    time = flinders.read(path).time
+    assert time is not None
+    np.testing.assert_allclose(time - time[0], TIMES, atol=1e-6)
+
+
+def test_two_digits_behind_a_third_colon_are_no_milliseconds(tmp_path: Path) -> None:
+    path = tmp_path / "film.csv"
+    rows = [f"{x},{y},{z},04:42:{n // 25:02d}:{n % 25:02d}" for n, (x, y, z) in enumerate(FIELD.tolist())]
+    path.write_text("\n".join(["mx,my,mz,time", *rows]))
+    assert flinders.read(path).time is None
