@@ -163,6 +163,7 @@ TABLES: Final = {
         "a fraction behind a comma": (["time,mx,my,mz"], "2026-11-22 04:42:07,{n:03d},{0},{1},{2}"),
         "two magnetometers": (["mag1_x,mag1_y,mag1_z,mag2_x,mag2_y,mag2_z"], "{0},{1},{2},1,2,3"),
         "records of keys in keys": ([], '{{"t_ms": {t}, "mag": {{"x": {0}, "y": {1}, "z": {2}}}}}'),
+        "records with a unit": ([], '{{"mx": {0}, "my": {1}, "mz": {2}, "unit": "uT", "t_ms": {t}}}'),
         "records of lists": ([], "[{0}, {1}, {2}]"),
         "a header in a comment": (["# mx my mz"], "{0} {1} {2}"),
         "stamps before a table": ([], "14:03:{n:02d}.250 -> {0},{1},{2}"),

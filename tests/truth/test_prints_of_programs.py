@@ -37,6 +37,7 @@ TABLES: Final = {
         "\n"
     )[2],
     "DuckDB": boxed("│", "├─────┼─────────────────────────┼─────────┼─────────┼─────────┤", frame=True),
+    "rulers between rows": boxed("|", MYSQL, frame=True).replace("|\n|", f"|\n{MYSQL}\n|"),
     "sec and nanosec": "".join(
         f"{1795322527 + n // 5},{200000000 * (n % 5) + 999},{x},{y},{z}\n" for n, (x, y, z) in enumerate(FIELD.tolist())
     ),

@@ -44,9 +44,10 @@ class Boxed(Dialect):
 def recognise(lines: list[str]) -> Boxed | None:
     """Find names above a ruler, and lines with as many cells between bars."""
     filled = [line for line in lines if line.strip()]
-    widths = Counter(len(_cells(line)) for line in filled if BARS.search(line) and not RULER.fullmatch(line))
+    rows = [line for line in filled if not RULER.fullmatch(line)]
+    widths = Counter(len(_cells(line)) for line in rows if BARS.search(line))
     width, often = max(widths.items(), key=lambda counted: counted[1], default=(0, 0))
-    if width < len("xyz") or 2 * often < len(filled):
+    if width < len("xyz") or 2 * often < len(rows):
         return None
     heads = (_cells(line) for line, below in pairwise(filled) if RULER.fullmatch(below) and BARS.search(line))
     heads = (names for names in heads if len(names) == width and all(number(name, ".") is None for name in names))

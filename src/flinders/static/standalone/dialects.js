@@ -262,10 +262,11 @@ class Boxed {
 export function boxed(prints, rules, lines) {
     const filled = lines.filter((line) => line.trim());
     const isRuler = (/** @type {string | undefined} */ line) => line !== undefined && Boolean(whole(rules.RULER, line));
-    const barred = filled.filter((line) => rules.BARS.test(line) && !isRuler(line));
+    const rows = filled.filter((line) => !isRuler(line));
+    const barred = rows.filter((line) => rules.BARS.test(line));
     const widths = counted(barred.map((line) => betweenBars(rules, line).length));
     const width = largest([...widths.keys()], (each) => [widths.get(each) ?? 0]) ?? 0;
-    if (width < 3 || 2 * (widths.get(width) ?? 0) < filled.length) return null;
+    if (width < 3 || 2 * (widths.get(width) ?? 0) < rows.length) return null;
     const heads = filled.filter((line, i) => isRuler(filled[i + 1]) && rules.BARS.test(line)).map((line) => betweenBars(rules, line));
     const isHead = (/** @type {string[]} */ names) => names.length === width && names.every((name) => prints.number(name) === null);
     const names = heads.find((each) => isHead(each) && each.some(Boolean));

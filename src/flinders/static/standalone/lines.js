@@ -184,10 +184,12 @@ class Language {
         const first = rowsOf(dialect, lines);
         if (!first.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
         const all = this.tables.valued(first, ".");
-        const devices = this.tables.devicesOf(dialect.names, first, all.clocks, () => rowsOf(dialect, every));
+        const told = all.clocks.flatMap(({ cells }) => cells);
+        const devices = this.tables.devicesOf(dialect.names, first, told, () => rowsOf(dialect, every));
         const rows = this.tables.ofFirst(devices, first).slice(0, this.rules.layout.SAMPLED);
         const { values, clocks } = devices.length ? this.tables.valued(rows, ".", first) : all;
-        const columns = { ...this.tables.columns(dialect.names, values, [], clocks), devices };
+        const found = this.tables.inTold(this.tables.columns(dialect.names, values, [], clocks), dialect.names, rows, []);
+        const columns = { ...found, devices };
         this.tables.refuseOthers(dialect.names, rows, columns, ".");
         const own = dialect.fresh();
         return this.formOf(dialect.words, columns, ".", (line) => {
