@@ -223,7 +223,7 @@ def compare(old: Path, new: Path) -> int:
         for recording in one.get("recordings") or [one["recording"]]
         for method in one["methods"]
     }
-    of_methods = {method: tuple(one["numbers"]) for one in expected["method"] for method in one["methods"]}
+    of_methods = {method: tuple(one["numbers"]) for one in expected.get("method", []) for method in one["methods"]}
     count = 0
     for key, row in before.items():
         if key[1] in moved:

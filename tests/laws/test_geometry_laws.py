@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -169,6 +169,7 @@ def test_a_unit_is_known_by_any_spelling(spelling: str, dress: type[str]) -> Non
 )
 def test_a_field_is_the_same_in_whichever_unit_it_was_written(name: str, field: Floats) -> None:
     unit = Unit.of(name)
+    assume(not np.isin(field, (0.0, -1.0)).all(axis=1).any())  # the sensor did not answer
     assert (unit.scale, unit.inside) == (PER_UNIT[name], "uT")
     npt.assert_allclose(Samples.of(field / unit.scale, unit=name).field, field, rtol=1e-14)
     scaled = Samples.of(field, unit="counts", scale=0.15)

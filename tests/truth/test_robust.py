@@ -85,8 +85,7 @@ def test_a_fifth_in_one_tight_cluster_cannot_win(place: float) -> None:
     field[:100] = SENSOR.offset + place * 50.0 * SENSOR.matrix @ [0.6, 0.0, 0.8] + 0.3 * rng.standard_normal((100, 3))
     fit = flinders.fit(field)
     assert np.linalg.norm(fit.calibration.offset - SENSOR.offset) < 0.35
-    assert sum(outlier.rows for outlier in fit.outliers) >= 100
-    assert fit.outliers[0].first == 1
+    assert fit.samples <= 400  # they are a rest
 
 
 def test_a_magnet_that_passes_is_told_with_its_rows_its_time_and_how_far_it_pulled() -> None:
@@ -189,14 +188,14 @@ def test_a_sensor_that_lies_still_most_of_the_time_is_not_rejected(method: str) 
             assert np.linalg.norm(fit.calibration.offset - SENSOR.offset) < 0.3
 
 
-def test_a_rest_that_is_disturbed_is_rejected_though_it_is_the_majority() -> None:
+def test_a_rest_that_is_disturbed_does_not_count_though_it_is_the_majority() -> None:
     """A place counts once, however long the sensor lay there: beside iron, say, 20 % off the field."""
     truth = tumble(seed=2, motion="clumped", n=1250, sensor=SENSOR)
     field = truth.samples.field.copy()
     field[500:] += 0.2 * 50.0 * truth.directions[500:] @ SENSOR.matrix.T
     fit = flinders.fit(field)
     assert np.linalg.norm(fit.calibration.offset - SENSOR.offset) < 0.4
-    assert sum(outlier.rows for outlier in fit.outliers) >= 750
+    assert fit.samples <= 500
 
 
 def test_coverage_does_not_count_directions_of_strays() -> None:

@@ -150,7 +150,7 @@ def test_a_magnet_at_the_end_of_one_recording_leaves_the_next_alone() -> None:
     assert run.last == 3000
     assert run.end == first.time[-1] if first.time is not None else False
     assert all(outlier.rows < 4 for outlier in found.outliers if outlier.first > 3000)
-    fitted = Readings.of(Joined((struck, second))).averaged().statistics.fitted
+    fitted = Readings.of(Joined((struck, second))).fitted().statistics.fitted
     assert found.used + sum(outlier.fitted for outlier in found.outliers) == fitted
 
 

@@ -319,6 +319,7 @@ CASES: Final[list[tuple[str, str, Callable[[], Fit], tuple[float, float]]]] = [
 ELSEWHERE: Final = {
     "test_silence.py": ("no-answer",),
     "test_gravity.py": ("like-gravity",),
+    "test_rests.py": ("at-rest",),
     "test_minmax.py": ("typed-extremes",),
     "test_filters.py": ("filtered",),
     "test_two_axis.py": ("composed",),

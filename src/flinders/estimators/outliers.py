@@ -74,7 +74,7 @@ class Outlier:
     start: float  # s: time of the first; NaN without time
     end: float  # s: time of the last
     farthest: float  # largest distance from the ellipsoid, in the unit of the readings
-    fitted: int = 0  # outliers with each rest as one: those that a fit would have gone by
+    fitted: int = 0  # outliers that a fit would have gone by, each rest as one or none
 
     def as_dict(self) -> dict[str, int | float | None]:
         """JSON-ready fields; a time that is not known is None."""
@@ -123,7 +123,7 @@ def outliers_of(
     first_row : int
         Number of the first reading.
     rests : Rests, optional
-        Where each rest is one reading: the rests of the recording that rows and times are of.
+        Where each rest is one reading or none: the rests of the recording that rows and times are of.
     """
     runs: list[Outlier] = []
     for block, distances, out in left_out(blocks, ellipsoid, limit, dense):

@@ -72,12 +72,17 @@ class Rests:
         return int(np.diff(self.bounds, axis=1).sum())
 
     @cached_property
-    def first(self) -> NDArray[np.intp]:
-        """(M,) row of the recording at which each reading of a fit begins."""
+    def begins(self) -> NDArray[np.bool_]:
+        """(N,) rows of the recording at which a reading of a fit begins."""
         begins = np.ones(self.rows, dtype=bool)
         for begin, end in self.bounds.tolist():
             begins[begin if self.are_left_out else begin + 1 : end] = False
-        return np.flatnonzero(begins)
+        return begins
+
+    @cached_property
+    def first(self) -> NDArray[np.intp]:
+        """(M,) these rows."""
+        return np.flatnonzero(self.begins)
 
     @cached_property
     def last(self) -> NDArray[np.intp]:
@@ -97,7 +102,7 @@ class Rests:
     def fitted(self, samples: Samples) -> Samples:
         """The readings of the recording that a fit goes by."""
         if self.are_left_out:
-            return samples[self.first]
+            return samples[self.begins]
         there = {name: values for name in COLUMNS if (values := getattr(samples, name)) is not None}
         columns: dict[str, Any] = {name: self._averaged(name, values) for name, values in there.items()}
         return replace(samples, **columns)

@@ -75,7 +75,7 @@ of the swap, which follow each other, where undoing it takes a tenth off the noi
 
 
 ONE_A_REST: Final = frozenset({"auto", "ellipse", "level", "likelihood", "robust"})
-"""Methods for which a rest is one reading; for published recipes, and where there may be only sums, each counts."""
+"""Methods that count a rest as one reading or none; recipes, and those that may have only sums, count each."""
 
 LEANING: Final = 10.0
 """Times the heading error claimed of a level turn: a fit with aiding sensors that claims more saw no lean. Of drives of

@@ -8,7 +8,7 @@ file does not state is NaN, None or empty, and what needs the readings raises `N
 >>> fit = calibrate.fit(simulate.tumble(seed=1).samples)
 >>> loaded = Fit.from_document(fit.to_document(), name="monday.json")
 >>> loaded
-Fit(good, likelihood, heading error 0.059° rms, 0.066° worst, noise 0.498 µT, 3,000 readings)
+Fit(good, likelihood, heading error 0.059° rms, 0.066° worst, noise 0.498 µT, 2,922 readings)
 >>> loaded.coverage.counts
 Traceback (most recent call last):
 flinders.errors.NeedsRecording: the calibration file keeps no readings, and the directions of the readings are needed: \

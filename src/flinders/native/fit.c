@@ -177,7 +177,7 @@ static void leave_rests(fl_view *view, fl_room *room, flinders_record *record)
     fl_rests rests;
     size_t begin, end;
     const fl_fitted out = {room->fitted, room->time, room->time ? room->fitted_time : NULL, room->fitted_ends};
-    fl_rests_begin(view->field, view->rows, room->ends, room->parts, room->scratch, room->passed, &rests);
+    fl_rests_begin(view->field, view->rows, room->ends, room->parts, room->fitted, room->passed, &rests);
     for (; fl_rests_next(&rests, &begin, &end); record->rests++) record->at_rest += (int64_t)(end - begin);
     if (!record->rests) return;
     rests.window = rests.end = 0;
@@ -189,7 +189,7 @@ static void leave_rests(fl_view *view, fl_room *room, flinders_record *record)
     record->fitted_distinct = record->distinct ? fl_distinct(view->field, view->rows, room) : 0;
 }
 
-/* Fit all readings of a view in borrowed memory, each rest as one, or what remains of them without outliers. */
+/* Fit all readings of a view in borrowed memory, each rest as one or none, or what remains of them without outliers. */
 int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
                 flinders_record *record)
 {

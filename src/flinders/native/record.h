@@ -67,6 +67,7 @@ typedef struct {
     real origin[3];          /* mean of the readings, of a long recording of some of them */
     real far;                /* distance from that which few readings are beyond, unit */
     real still, noisy;       /* most that a rest moves and that its readings scatter, unit */
+    real chance;             /* share of the variance of a window that chance may add to it */
     size_t half, windows;    /* readings of half a window, and how many windows there are, half over half */
     unsigned char *is_still; /* (windows,) */
     int are_left_out;        /* a fit leaves them out; else each is one reading of it */

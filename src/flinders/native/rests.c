@@ -3,16 +3,21 @@
  * left out where readings of a turn are so many more that it would only speak of directions which they did not see.
  *
  * Windows of readings are as short as the recording lets them be: so long that in those that are no rest the sensor turns
- * by ten times as much, on average, as it may in a rest. A window is still where its readings scatter hardly more than steps from
- * one to the next explain, which are all noise there.
+ * by thirty times as much, on average, as it may in a rest. A window is still where its readings scatter hardly more than
+ * steps from one to the next explain, which are all noise there.
  */
 #include "record.h"
 
-enum { SHORTEST = 2, /* readings of half a window */
-       FEWEST_LEFT = 12, /* readings, those of rests included, that a fit needs */
-       MANY = 20 };      /* times as many readings of a turn as rests: these are left out */
+#ifdef FLINDERS_SMALL
+enum { SHORTEST = 4 }; /* readings of half a window */
+#else
+enum { SHORTEST = 2 };
+#endif
+enum { FEWEST_LEFT = 12, /* readings, those of rests included, that a fit needs */
+       MANY = 20,        /* times as many readings of a turn as rests: these are left out */
+       LOOKED_AT = 256 }; /* readings, to see how far they are apart */
 
-#define FAR_SHARE ((real)0.97) /* of the readings: the others may be outliers */
+#define FAR_SHARE ((real)0.95) /* of the readings: the others may be outliers */
 #define STILL ((real)0.005)    /* movement of a rest, over the distance from the mean to the far readings */
 #define TYPICAL ((real)30)     /* movement of an average window that is not still over that */
 #define LARGEST ((real)2)      /* what a window counts for at most, over the average */
@@ -37,10 +42,10 @@ static real square_apart(const real a[3], const real b[3])
     return square_of(apart);
 }
 
-/* Distance from the mean that few readings are beyond; of a long recording from some of them. Fills in the mean. */
+/* Distance from the mean that few readings are beyond, by some of them. Fills in the mean. */
 static real far_distance(const real *field, size_t rows, real *scratch, real mean[3])
 {
-    const size_t stride = (rows + FL_SOME - 1) / FL_SOME;
+    const size_t stride = (rows + LOOKED_AT - 1) / LOOKED_AT;
     size_t n = 0;
     mean[0] = mean[1] = mean[2] = 0;
     for (size_t row = 0; row < rows; row += stride, n++)
@@ -50,7 +55,7 @@ static real far_distance(const real *field, size_t rows, real *scratch, real mea
     return fl_sqrt(fl_select(scratch, n, (size_t)(FAR_SHARE * (real)(n - 1))));
 }
 
-/* Sums over readings from one on. */
+/* Sums over half a window from a reading on. */
 static half half_of(const fl_rests *rests, size_t begin)
 {
     half sums = {{0}, 0, 0, 0};
@@ -65,6 +70,16 @@ static half half_of(const fl_rests *rests, size_t begin)
     return sums;
 }
 
+/* Sums over both of two halves that follow each other. */
+static half both_of(const half *first, const half *second)
+{
+    half both = *first;
+    for (int axis = 0; axis < 3; axis++) both.sum[axis] += second->sum[axis];
+    both.square += second->square;
+    both.steps += second->link + second->steps;
+    return both;
+}
+
 /* Whether one of several recordings ends within some rows. */
 static int is_cut(const fl_rests *rests, size_t begin, size_t end)
 {
@@ -77,13 +92,12 @@ static int is_cut(const fl_rests *rests, size_t begin, size_t end)
     return low < rests->parts && (size_t)rests->ends[low] < end;
 }
 
-/* Variance of the readings of a window, and that of noise which explains their steps. */
-static void variances(const half *first, const half *second, size_t n, real *variance, real *noise)
+/* Variance of the n readings of a window, and that of noise which explains their steps. */
+static void variances(const half *window, size_t n, real *variance, real *noise)
 {
-    const real sum[3] = {first->sum[0] + second->sum[0], first->sum[1] + second->sum[1], first->sum[2] + second->sum[2]};
-    const real rest = first->square + second->square - square_of(sum) / (real)n;
+    const real rest = window->square - square_of(window->sum) / (real)n;
     *variance = rest > 0 ? rest / (real)(n - 1) : 0;
-    *noise = (first->steps + second->link + second->steps) / (real)(2 * (n - 1));
+    *noise = window->steps / (real)(2 * (n - 1));
 }
 
 /* Whether a reading is an outlier by itself, that makes the variance of a window. */
@@ -98,28 +112,43 @@ static int has_spike(const fl_rests *rests, size_t begin, size_t end, real varia
     return 0;
 }
 
+/* Whether a window is still, and the variance of its readings. */
+static int is_still(const fl_rests *rests, const half *halves, size_t window, real *variance)
+{
+    const size_t n = 2 * rests->half, begin = window * rests->half;
+    const half both = both_of(halves + window, halves + window + 1);
+    const real most = rests->still * rests->still;
+    real noise;
+    variances(&both, n, variance, &noise);
+    if (!(*variance < rests->noisy * rests->noisy)) return 0;
+    const real bent = SAGITTA * rests->far * fl_sqrt(noise / 3), moved = bent < most ? bent : most;
+    const real chance = rests->chance * *variance;
+    const real loose = moved + (chance < LOOSE * LOOSE * moved ? chance : LOOSE * LOOSE * moved);
+    return *variance - noise <= loose && !is_cut(rests, begin, begin + n);
+}
+
+/* Whether any window is still. */
+static int has_still(const fl_rests *rests, const half *halves)
+{
+    real variance;
+    for (size_t window = 0; window < rests->windows; window++)
+        if (is_still(rests, halves, window, &variance)) return 1;
+    return 0;
+}
+
 /* Mark the still ones of windows, each half a window behind the other; whether they are long enough: the others then
  * scatter by far more than those on average. */
-static int mark_still(fl_rests *rests)
+static int mark_still(fl_rests *rests, const half *halves)
 {
     const size_t n = 2 * rests->half;
-    const real most = rests->still * rests->still, typical = TYPICAL * TYPICAL * most;
-    real sum = 0, moving = 0;
-    half last = half_of(rests, 0);
-    rests->windows = rests->rows / rests->half - 1;
+    const real moved = TYPICAL * rests->still, typical = moved * moved, most = LARGEST * LARGEST * typical;
+    real sum = 0, moving = 0, variance;
     for (size_t window = 0; window < rests->windows; window++) {
         const size_t begin = window * rests->half;
-        const half next = half_of(rests, begin + rests->half);
-        real variance, noise;
-        variances(&last, &next, n, &variance, &noise);
-        const real bent = SAGITTA * rests->far * fl_sqrt(noise / 3), moved = bent < most ? bent : most;
-        const real chance = LOOSE * variance * fl_sqrt(2 / (3 * (real)n));
-        const real loose = moved + (chance < LOOSE * LOOSE * moved ? chance : LOOSE * LOOSE * moved);
-        rests->is_still[window] = (unsigned char)(variance - noise <= loose && variance < rests->noisy * rests->noisy &&
-                                                  !is_cut(rests, begin, begin + n));
-        last = next;
-        if (rests->is_still[window] || (variance > typical && has_spike(rests, begin, begin + n, variance))) continue;
-        sum += variance < LARGEST * LARGEST * typical ? variance : LARGEST * LARGEST * typical;
+        rests->is_still[window] = (unsigned char)is_still(rests, halves, window, &variance);
+        if (rests->is_still[window]) continue;
+        if (variance > typical && has_spike(rests, begin, begin + n, variance)) continue;
+        sum += variance < most ? variance : most;
         moving++;
     }
     return moving > MOVING * (real)rests->windows && sum >= typical * moving;
@@ -138,7 +167,7 @@ static int count_rests(fl_rests *rests)
     return count > 0 && turned + (rests->are_left_out ? 0 : count) >= FEWEST_LEFT;
 }
 
-/* Look for rests: `scratch` (rows,) and `is_still` (rows / 2,) are lent. */
+/* Look for rests: `scratch` (3 * rows,), on a board (2 * rows,), and `is_still` (rows / 2,) are lent. */
 void fl_rests_begin(const real *field, size_t rows, const int64_t *ends, size_t parts, real *scratch,
                     unsigned char *is_still, fl_rests *rests)
 {
@@ -147,9 +176,18 @@ void fl_rests_begin(const real *field, size_t rows, const int64_t *ends, size_t 
     if (rows < 4 * SHORTEST) return;
     rests->far = far_distance(field, rows, scratch, rests->origin);
     rests->still = STILL * rests->far, rests->noisy = NOISY * rests->far;
-    for (rests->half = SHORTEST; 4 * rests->half <= rows; rests->half *= 2)
-        if (mark_still(rests)) break;
-    if (4 * rests->half > rows || !count_rests(rests)) rests->windows = 0;
+    half *const halves = (half *)(void *)scratch;
+    size_t count = rows / SHORTEST;
+    rests->half = SHORTEST;
+    for (size_t i = 0; i < count; i++) halves[i] = half_of(rests, i * SHORTEST);
+    for (; count >= 4; rests->half *= 2) {
+        rests->windows = count - 1, rests->chance = LOOSE * fl_sqrt(1 / (3 * (real)rests->half));
+        if (rests->half == SHORTEST && !has_still(rests, halves)) count = 0;
+        else if (mark_still(rests, halves)) break;
+        for (size_t i = 0; i < count / 2; i++) halves[i] = both_of(halves + 2 * i, halves + 2 * i + 1);
+        count /= 2;
+    }
+    if (count < 4 || !count_rests(rests)) rests->windows = 0;
 }
 
 /* The mean of some readings, and their scatter about it. */
@@ -250,7 +288,7 @@ size_t flinders_rests(const real *field, size_t rows, const int64_t *ends, size_
     fl_rests rests;
     size_t count = 0, begin, end;
     if (rows == 0 || fl_room_of(workspace, size, rows, &room)) return 0;
-    fl_rests_begin(field, rows, ends, ends ? parts : 0, room.scratch, room.passed, &rests);
+    fl_rests_begin(field, rows, ends, ends ? parts : 0, room.fitted, room.passed, &rests);
     *are_left_out = rests.are_left_out;
     for (; fl_rests_next(&rests, &begin, &end); count++) bounds[2 * count] = (int64_t)begin, bounds[2 * count + 1] = (int64_t)end;
     return count;

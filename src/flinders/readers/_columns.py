@@ -426,7 +426,8 @@ class _Header:
             reason = "" if _numeric(self.values[:, place]) else _without_numbers(self.values[:, place])
             if kind == TIME and not reason:
                 times, unit = self.values[:, place], self.meanings[place].unit
-                reason = _falls(self.names[place], times) or _cut_digits(times, unit) or _too_fast(times, unit, field)
+                reason = _falls(self.names[place], unit, times) or _cut_digits(times, unit)
+                reason = reason or _too_fast(times, unit, field)
             if not reason:
                 return self._told(place) if place in self.clocks else _column(kind, [place], self.names)
             self._leave_out(self.names[place].strip(), reason)
@@ -816,12 +817,15 @@ def _too_fast(values: Floats, unit: str, field: Floats) -> str:
     return f"its unit is not known, {fast}: put it into the name, as t_ms"
 
 
-def _falls(name: str, values: Floats) -> str:
-    """Say that a column falls, or goes to and fro, as no time does; of a ``T`` also that it stands still."""
+def _falls(name: str, unit: str, values: Floats) -> str:
+    """Say that a column falls, or goes to and fro, as no time does; of a ``T`` also that it stands still.
+
+    Where the unit of a time stands in the name it is one: the rows of a fleet may be in any order.
+    """
     values = values[np.isfinite(values)]
     steps = np.diff(values)
     falling = np.count_nonzero(steps < 0)
-    is_none = falling > 1 and 2 * falling > np.count_nonzero(steps > 0)
+    is_none = not unit and falling > 1 and 2 * falling > np.count_nonzero(steps > 0)
     if len(values) >= FEWEST_TIMES and (is_none or (is_letter_of_time(name) and not _rises(values))):
         return FALLS
     return ""

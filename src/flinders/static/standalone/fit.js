@@ -43,7 +43,7 @@ const CODES = ["", "too-few-samples", "not-finite", "out-of-scale", "stuck-axis"
 /**
  * Readings that were fitted, with what was left out of them.
  * @typedef {object} Left
- * @property {Float64Array} near Those close to the surface, and at no end of an axis, each rest as one.
+ * @property {Float64Array} near Those close to the surface, and at no end of an axis, of those that a fit goes by.
  * @property {Outlier[]} outliers
  * @property {import("./rests.js").Rests} rests Of those at no end of an axis, and …
  * @property {Float64Array | null} when … their times.
@@ -295,7 +295,7 @@ function independentOf(correlation, fitted, repetition) {
  * What a verdict asks of the recording.
  * @param {Request} request
  * @param {Fitted} whole
- * @param {Fitted} fitted Record that readings are counted by: of those at no end of an axis, where a rest is one.
+ * @param {Fitted} fitted Record that readings are counted by: of those at no end of an axis.
  */
 function statisticsOf({ time }, whole, fitted) {
     const steps = time ? time.length - 1 : 0;

@@ -12,7 +12,7 @@ import { counted } from "./wording.js";
  * @property {number} first
  * @property {number} last Counted from 1, of those at no end of an axis.
  * @property {number} rows Outliers among them.
- * @property {number} fitted The same with each rest as one.
+ * @property {number} fitted Those of them that a fit would have gone by, each rest as one or none.
  * @property {number} start
  * @property {number} end Seconds; NaN without times.
  * @property {number} farthest Largest distance from the ellipsoid.
@@ -88,7 +88,7 @@ export function longestRuns(runs) {
 }
 
 /**
- * How many readings they are, each rest as one.
+ * How many readings they are, each rest as one or none.
  * @param {Outlier[]} runs
  * @returns {string}
  */
@@ -97,7 +97,7 @@ export function outlierCount(runs) {
 }
 
 /**
- * Readings of runs, each rest as one.
+ * Readings of runs, each rest as one or none.
  * @param {Outlier[]} runs
  * @returns {number}
  */

@@ -446,8 +446,9 @@ export class Tables {
             if (parted.includes(place)) return { ...time, fraction: place + 1 };
             const column = values.map((row) => row[place]);
             const isNumeric = column.filter(Number.isFinite).length >= column.length / 2;
-            const isNone = !isNumeric || this.falls(names[place], column) || this.isCut(column);
-            const isOther = isNone || (!meanings[place].unit && this.isTooFast(column, values, field));
+            const { unit } = meanings[place];
+            const isNone = !isNumeric || this.falls(names[place], unit, column) || this.isCut(column);
+            const isOther = isNone || (!unit && this.isTooFast(column, values, field));
             if (!parted.includes(place - 1) && !isOther) return time;
         }
         return null;
@@ -515,15 +516,17 @@ export class Tables {
     }
 
     /**
-     * Whether a column falls, or goes to and fro, as no time does; or is a `T` that stands still.
+     * Whether a column whose name states no unit of time falls, or goes to and fro, as no time does; or is a `T` that
+     * stands still.
      * @param {string} name
+     * @param {string} unit
      * @param {number[]} column
      */
-    falls(name, column) {
+    falls(name, unit, column) {
         const values = column.filter(Number.isFinite);
         const steps = stepsOf(values);
         const falling = steps.filter((step) => step < 0).length;
-        const isNone = falling > 1 && 2 * falling > steps.filter((step) => step > 0).length;
+        const isNone = !unit && falling > 1 && 2 * falling > steps.filter((step) => step > 0).length;
         const isLetter = this.names.isLetterOfTime(name);
         return values.length >= this.rules.columns.FEWEST_TIMES && (isNone || (isLetter && !this.rises(values)));
     }

@@ -182,6 +182,7 @@ export const REASONS = Object.freeze({
     "frozen-axis": "An axis no longer changes.",
     saturated: "The sensor is at the end of its range.",
     "wrong-unit": "The unit seems wrong.",
+    "like-gravity": "The readings look like gravity.",
     "field-changed": "The field has changed.",
     noise: "There is too much noise.",
     "lasting-noise": "There is slow noise.",
