@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -164,7 +165,7 @@ def test_a_rest_ends_with_its_recording() -> None:
     """Each recording begins where the one before ended, and its rest there is another one."""
     of = turned()
     held = [still(of, 2.0, 0.0, seed=seed) for seed in range(1, 16)]
-    each = [timed(np.concatenate(pair)) for pair in zip(held, held[1:], strict=False)]
+    each = [timed(np.concatenate(pair)) for pair in pairwise(held)]
     again = [replace(pose, source=f"pose {place}") for place, pose in enumerate(each)]
     once = Readings.of(Joined(tuple(again))).fitted()
     assert [len(part) for part in once.parts] == [2] * 14
@@ -172,13 +173,11 @@ def test_a_rest_ends_with_its_recording() -> None:
 
 
 def test_outliers_of_several_recordings_have_the_rows_that_were_read() -> None:
-    """Two level turns, each with a rest before it; one reading of the second is off."""
-    each = []
-    for seed in (1, 2):
-        of = simulate.tumble(seed=seed, motion="level", n=1000)
-        each.append(np.concatenate([still(of, 4.0, 0.03), of.samples.field]))
-    each[1][775] += (0.0, 20.0, 0.0)
-    fit = judged(Joined(tuple(map(timed, each))), "level")
+    """A rest and a level turn, twice over; one reading of the second is off."""
+    of = simulate.tumble(seed=1, motion="level", n=2000)
+    each = [np.concatenate([still(of, 4.0, 0.03), half]) for half in np.split(of.samples.field, 2)]
+    each[1][775] *= 1.5
+    fit = judged(Joined(tuple(map(timed, each))), method="level")
     assert [(run.first, run.last) for run in fit.outliers if run.rows == 1] == [(1976, 1976)]
 
 
@@ -186,7 +185,7 @@ def test_a_closed_form_claims_what_its_readings_tell() -> None:
     """The fit that its claim is widened by counts the same readings."""
     for seed in range(6):
         of = turned(seed)
-        fit = judged(put_down(of, "after", 15.0, 0.03), "consistent")
+        fit = judged(put_down(of, "after", 15.0, 0.03), method="consistent")
         error = heading_error_deg(fit.calibration.matrix, fit.calibration.offset, of)
         assert error < 3.0 * fit.heading_error_deg.rms
 

@@ -37,7 +37,8 @@ _WORDS: Final = {
 }  # fmt: skip
 SPELLINGS: Final = {
     "ut": "uT", "µt": "uT", "μt": "uT", "mg": "mG", "g": "G", "gs": "G", "ga": "G", "nt": "nT", "mt": "mT", "t": "T",
-    "raw": "counts",
+    "microt": "uT", "millit": "mT", "nanot": "nT", "微特斯拉": "uT", "微特": "uT", "毫特斯拉": "mT", "毫特": "mT",
+    "纳特斯拉": "nT", "纳特": "nT", "特斯拉": "T", "毫高斯": "mG", "高斯": "G", "raw": "counts",
     **{f"{word}{end}": name for name, words in _WORDS.items() for word in words for end in ("", "s", "es")},
 }  # fmt: skip
 """Lower-case spellings, both code points of µ among them, and the name each stands for."""

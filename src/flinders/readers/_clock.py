@@ -46,6 +46,9 @@ WHEN: Final = re.compile(
 )
 """A cell with a date, a time of day or both; ``ctime`` has the year behind, and a span of pandas counts days."""
 PACKED: Final = re.compile(r"\s*(\d{4})(\d\d)(\d\d)[T_ ](\d\d)(\d\d)(\d\d)")  # ``20261122T044207.813Z``
+UNPADDED: Final = re.compile(
+    r"\s*(\d{1,2}):(\d{1,2}):(\d{1,2}):(\d{1,3})\s*"
+)  # ``4:42:7:13``, the last in milliseconds
 FRACTION: Final = re.compile(r"\d{3}|\d{6}")  # of a second
 REPEATED: Final = 0.2  # share of whole seconds that come again, from which on what stands behind may be their fraction
 _SECONDS: Final = re.compile(r"(.*?\d:\d\d):(\d\d)(?:[.,](\d+))?((?:\s?[A-Za-z.+-].*)?)")
@@ -94,7 +97,7 @@ class Clock:
 
     def seconds_of(self, *texts: str) -> float:
         """The same of its cells."""
-        text = " ".join(map(str.strip, texts))
+        text = _padded(" ".join(map(str.strip, texts)))
         parts = _SECONDS.fullmatch(text)
         if parts is None:
             return _seconds(text, self.order)
@@ -110,7 +113,7 @@ def clocks_of(rows: Sequence[Sequence[str]], places: Iterable[int]) -> Iterator[
     for place in places:
         filled = [row[place] for row in rows if place < len(row) and row[place].strip()]
         found = list(filter(None, map(_match, filled)))
-        if not found or len(found) < ENOUGH * len(filled):
+        if not found or len(found) < ENOUGH * len(filled) or _are_parts(filled):
             continue
         if found[0]["hour"] is None:
             days.append(place)
@@ -190,9 +193,21 @@ def _seconds(text: str, order: str) -> float:
     return math.nan if seconds is None else seconds
 
 
+def _padded(text: str) -> str:
+    """A time of day with a colon before its milliseconds, with all of its zeros."""
+    match = UNPADDED.fullmatch(text) if text.count(":") == 3 else None
+    return f"{match[1]}:{match[2]:0>2}:{match[3]:0>2}.{match[4]:0>3}" if match else text
+
+
+def _are_parts(texts: Sequence[str]) -> bool:
+    """Tell whether what stands behind a third colon is no milliseconds: it never has three digits."""
+    parts = [match[4] for text in texts if (match := UNPADDED.fullmatch(text))]
+    return bool(parts) and max(map(len, parts)) < 3
+
+
 def _match(text: str) -> re.Match[str] | None:
     """A cell that is a date, a time of day or both, and nothing else."""
-    match = WHEN.fullmatch(PACKED.sub(r"\1-\2-\3T\4:\5:\6", text))
+    match = WHEN.fullmatch(PACKED.sub(r"\1-\2-\3T\4:\5:\6", _padded(text)))
     return match if match and (match["hour"] or match["first"] or match["month"]) else None
 
 

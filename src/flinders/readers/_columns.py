@@ -10,7 +10,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 import numpy as np
@@ -52,6 +53,7 @@ from flinders.readers._names import (
     passed_over,
     polarities,
     tells_nothing,
+    unit_of_field,
     unit_of_strength,
     vectors,
     without_set,
@@ -93,6 +95,10 @@ NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
 """The column behind the one of whole seconds, as messages of ROS have both."""
 ON_BOARD: Final = re.compile(r"(?:Ofs|MO)[XYZ]")
 """Columns of a message ``MAG`` of ArduPilot: the compass's own offsets, and those of the motors' current."""
+FASTEST_RAD_S: Final = 70.0  # 4,000 °/s: what gyros measure up to, and no hand turns a sensor at
+APART: Final = 4  # rows over which a turn goes on, and noise does not grow
+GROWS: Final = 2.0  # times that readings so far apart differ more than neighbours, from which on they are of a turn
+OF_ROS: Final = ("magnetic_field.x", "magnetic_field/x")  # ends of names whose unit sensor_msgs defines, tesla
 LONG: Final = 1e8  # seconds after which a time is taken to count from 1970 and not from the start of the recording
 
 TURNED: Final = 3.0  # times that set plus reset spreads wider than their difference where both have one sign
@@ -175,6 +181,11 @@ class Columns:
             return replace(self, auxiliary=(*others, replace(strength, factor=own.scale / unit.scale)))
         reason = f"{strength.names[0]} (in {own.inside}, the field in {unit.inside}: give unit=, or scale=)"
         return replace(self, auxiliary=others, left_out=(*self.left_out, reason))
+
+    def in_told(self, unit: str) -> Columns:
+        """The same where the table says elsewhere than in names in which unit the field is; what they say stays."""
+        told = self if self.unit else replace(self, unit=unit, stated=True, is_assumed=False)
+        return replace(told, magnetometers=tuple(each.in_told(unit) for each in self.magnetometers))
 
     def in_given(self, unit: str | None, scale: float | None) -> Columns:
         """The same where the user says which unit of a field they are in."""
@@ -296,7 +307,10 @@ def _by_name(
         for cell in clock.cells:
             meanings[cell] = Meaning("")
         meanings[clock.cell] = Meaning(TIME, unit="s", rank=known.rank + 2 if known.kind == TIME else LAST)
-    if unnamed := [place for place, name in enumerate(names) if not name.strip() and _is_clock(values[:, place])]:
+    open_axes = {place: known.axis for place, known in enumerate(meanings) if known.is_bare or not known.kind}
+    is_abscissa = [axis for axis in open_axes.values() if axis] == ["x"]
+    nameless = [place for place, axis in open_axes.items() if not names[place].strip() or (is_abscissa and axis)]
+    if unnamed := [place for place in nameless if _is_clock(values[:, place])]:  # ``X_Value`` without a y is no axis
         meanings[unnamed[0]] = Meaning(TIME, rank=LAST)
     sensors = vectors(names, meanings, FIELD)
     fields = instruments(sensors)
@@ -356,7 +370,7 @@ class _Header:
 
     def around(self, sensor: Vector) -> Columns:
         """Collect the columns that are read for one of the magnetometers."""
-        stated = {self.meanings[cell].unit for cell in sensor.cells if self.meanings[cell].kind == FIELD}
+        stated = {self._unit_of(cell) for cell in sensor.cells}
         unit = stated.pop() if len(stated) == 1 else ""
         free = [Meaning("") if place in sensor.cells else known for place, known in enumerate(self.meanings)]
         others = replace(self, meanings=free, left_out=[])
@@ -370,6 +384,11 @@ class _Header:
             unread_time="" if any(column.kind == TIME for column in auxiliary) else others.unread_time(),
         )
 
+    def _unit_of(self, cell: int) -> str:
+        """The unit of a field that a name states, also one that says no more, as of columns that were asked for."""
+        known = self.meanings[cell]
+        return known.unit if known.kind == FIELD else unit_of_field(self.names[cell]) if not known.kind else ""
+
     def unread_time(self) -> str:
         """Names of the columns that are called as a time: those that are left out, and those of words."""
         timed = [place for place, name in enumerate(self.names) if is_like_time(name) and not self.meanings[place].axis]
@@ -382,7 +401,8 @@ class _Header:
         turned = {known.axis: place for place, known in enumerate(self.meanings) if known.kind == ATTITUDE}
         columns = [_column(kind, each.cells, self.names) for kind, each in own.items() if each]
         columns += [_column(ATTITUDE, [turned[axis] for axis in "wxyz"], self.names)] if len(turned) == 4 else []
-        columns += filter(None, map(self.scalar, (TIME, TEMPERATURE, CURRENT, STRENGTH, THROTTLE)))
+        timed = partial(self.scalar, field=self.values[:, sensor.cells])
+        columns += filter(None, (timed(kind) for kind in (TIME, TEMPERATURE, CURRENT, STRENGTH, THROTTLE)))
         columns += filter(None, map(self.motors, OF_MOTORS))
         for column in columns:
             if column.kind == RATE and not self.meanings[column.cells[0]].unit:
@@ -404,7 +424,7 @@ class _Header:
         start = REST_US if column.kind == THROTTLES and unit not in SHARES else 0.0
         return replace(column, factor=factor, start=start, unit=unit if column.kind == STRENGTH else "")
 
-    def scalar(self, kind: str) -> Column | None:
+    def scalar(self, kind: str, field: Floats) -> Column | None:
         """Find the best usable column of a kind without axes."""
         places = [place for place, known in enumerate(self.meanings) if known.kind == kind and not known.axis]
         parted = {place for place in places if kind == TIME and self._is_parted(place)}
@@ -413,10 +433,11 @@ class _Header:
                 return _column(kind, [place, place + 1], self.names)
             if place - 1 in parted:
                 continue
-            reason = "" if _numeric(self.values[:, place]) else "too few numbers in the first rows"
+            reason = "" if _numeric(self.values[:, place]) else _without_numbers(self.values[:, place])
             if kind == TIME and not reason:
                 times, unit = self.values[:, place], self.meanings[place].unit
                 reason = _falls(self.names[place], unit, times) or _cut_digits(times, unit)
+                reason = reason or _too_fast(times, unit, field)
             if not reason:
                 return self._told(place) if place in self.clocks else _column(kind, [place], self.names)
             self._leave_out(self.names[place].strip(), reason)
@@ -477,6 +498,8 @@ def by_place(
     Where a word in each row names the `sensor`, columns that never change are none either.
     """
     told = {cell for clock in clocks for cell in clock.cells}
+    parted = seconds_and_nanoseconds(values)
+    told.update(parted)
     free = tuple(place for place in range(values.shape[1]) if place not in told)
     free = tuple(place for place in axes_of(values) if place in free) if sensor else free
     timed = len(free) == 4 and not told and ascends(values[:, free[0]])
@@ -484,14 +507,45 @@ def by_place(
     if not field or (not wanted and has_clock(values[:, field])):
         return None
     own = _column(FIELD, field, ())
+    time, reason = _time_by_place(values, field, clocks, parted)
+    name = " and ".join(time.names) if time else ""
+    if reason:
+        return Columns(own, left_out=(f"{name} ({reason})",), unread_time=name)
+    return Columns(own, auxiliary=(time,) if time else ())
+
+
+def _time_by_place(
+    values: Floats, field: Sequence[int], clocks: Sequence[Clock], parted: Sequence[int]
+) -> tuple[Column | None, str]:
+    """The time of a table without a header, and why it cannot be used where that is so."""
     if clocks:
         column = replace(_column(TIME, clocks[0].cells, ()), cells=(clocks[0].cell,), clock=clocks[0])
-        times, name = values[:, clocks[0].cell], " and ".join(column.names)
-        if reason := _cut_digits(times, "s"):
-            return Columns(own, left_out=(f"{name} ({reason})",), unread_time=name)
-        return Columns(own, auxiliary=(_timed(column, "s", times),))
+        times = values[:, clocks[0].cell]
+        return _timed(column, "s", times), _cut_digits(times, "s")
+    if parted:
+        return _timed(_column(TIME, parted, ()), "s", values[:, parted[0]]), ""
     place = _clock(values, field)
-    return Columns(own, auxiliary=() if place is None else (_timed(_column(TIME, [place], ()), "", values[:, place]),))
+    if place is None:
+        return None, ""
+    times = values[:, place]
+    return _timed(_column(TIME, [place], ()), "", times), _too_fast(times, "", values[:, field])
+
+
+def seconds_and_nanoseconds(values: Floats) -> tuple[int, ...]:
+    """Places of a column of whole seconds since 1970 and of the next, which has the nanoseconds; nothing without.
+
+    >>> seconds_and_nanoseconds(np.array([[1.7e9, 9e8, 4], [1.7e9 + 1, 1e8, 5]]))
+    (0, 1)
+    """
+    for place, (whole, part) in enumerate(pairwise(values.T)):
+        is_whole = (
+            np.isfinite([whole, part]).all() and (whole == np.floor(whole)).all() and (part == np.floor(part)).all()
+        )
+        if is_whole and EPOCHS[-1][0] <= whole.min() and whole.max() < 4 * EPOCHS[-1][0]:
+            is_part = part.min() >= 0 and 1e6 <= part.max() < 1e9
+            if is_part and ascends((whole - whole[0]) + 1e-9 * part):
+                return place, place + 1
+    return ()
 
 
 def rising_in(values: Floats) -> list[int]:
@@ -717,7 +771,7 @@ def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:
     """Tell the unit that a known format has without saying so: ROS messages, the app Sensor Logger."""
     first = names[field[0]].casefold()
     is_printed = first == "magnetic_field x" and any(name.startswith("magnetic_field_covariance") for name in names)
-    if is_printed or first.endswith(("magnetic_field.x", "magnetic_field/x")):
+    if is_printed or first.endswith(OF_ROS):
         return "T"
     return "uT" if {name.strip().casefold() for name in names} >= {"seconds_elapsed", "x", "y", "z"} else ""
 
@@ -731,6 +785,11 @@ def _are_pulses(values: Floats) -> bool:
 def _numeric(values: Floats) -> bool:
     """Tell whether at least half of the first values are numbers."""
     return len(values) == 0 or bool(np.isfinite(values).mean() >= 0.5)
+
+
+def _without_numbers(values: Floats) -> str:
+    """Say why a column cannot be used of which most of the first values are no numbers."""
+    return "numbers in few rows" if np.isfinite(values).any() else "not numbers"
 
 
 def _timed(column: Column, unit: str, values: Floats) -> Column:
@@ -760,6 +819,21 @@ def _cut_digits(values: Floats, unit: str) -> str:
     many = f"{np.median(inside):.0f}" if len(runs) > 2 else f"{np.max(runs)} or more"
     reason = "its digits were cut to steps of {:.3g} s, {} readings to each: write more of them, as float64"
     return reason.format(max(steps) * factor, many) if steps else ""
+
+
+def _too_fast(values: Floats, unit: str, field: Floats) -> str:
+    """Say that the unit of a time is not known: with the one that its size suggests, no sensor turns so fast."""
+    known = np.isfinite(values) & np.isfinite(field).all(axis=1)
+    times, read = values[known], field[known]
+    if unit or len(times) < FEWEST_TIMES:
+        return ""
+    step = float(np.median(np.diff(times))) * _factor_to_seconds(times, unit)
+    near, far = (float(np.median(np.linalg.norm(read[lag:] - read[:-lag], axis=1))) for lag in (1, APART))
+    radius = float(np.ptp(read, axis=0).max()) / 2
+    if step <= 0 or far <= GROWS * near or near <= FASTEST_RAD_S * step * radius:
+        return ""
+    fast = f"at steps of {step:.3g} s the sensor would turn at {near / radius / step:,.0f} rad/s"
+    return f"its unit is not known, {fast}: put it into the name, as t_ms"
 
 
 def _falls(name: str, unit: str, values: Floats) -> str:

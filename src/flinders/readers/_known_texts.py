@@ -56,10 +56,10 @@ TEXTS: Final = (
         "magnetometer's x, y and z as columns",
     ),
     KnownText(
-        re.compile(r"^\s*(?:INSERT INTO|CREATE TABLE)\b", re.IGNORECASE),
+        re.compile(r"^\s*(?:INSERT INTO|CREATE TABLE|COPY\s[^;]*\sFROM\s+stdin)\b", re.IGNORECASE),
         0.0,
-        "is a dump of a database: export the table as CSV, such as with sqlite3 -header -csv FILE 'select * from "
-        "TABLE', and give that",
+        "is a dump of a database: export the table as CSV with a header, such as with sqlite3 -header -csv FILE "
+        "'SELECT * FROM mag', psql --csv or mysql --batch",
     ),
     KnownText(
         nmea0183.SIGN,

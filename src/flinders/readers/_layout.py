@@ -23,9 +23,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from flinders.core.units import PARTED, SPELLINGS
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, UsageError, figures
 from flinders.readers._clock import Clock, Midnights, clocks_of
-from flinders.readers._columns import Columns, choose, rising_in
+from flinders.readers._columns import Columns, choose, rising_in, seconds_and_nanoseconds
 from flinders.readers._devices import (
     MAX_DEVICES,
     MIN_READINGS,
@@ -75,7 +76,7 @@ from flinders.readers._tokenizer import (
     shown,
     split,
 )
-from flinders.readers.dialects import Dialect, influx, json_records, labelled, marked, pairs, wrapped
+from flinders.readers.dialects import Dialect, boxed, influx, json_records, labelled, marked, pairs, wrapped
 from flinders.readers.dialects.pattern import Pattern
 
 if TYPE_CHECKING:
@@ -120,6 +121,15 @@ _OPENS_JSON: Final = re.compile(r"^\s*[\[{]")
 _CLOCK: Final = re.compile(r"\d:\d\d:\d\d")
 MATRIX: Final = re.compile(r"# (?:name: (?P<name>.+)|columns: (?P<columns>\d+)\s*$)")  # in text of Octave
 ADDRESS_CELL: Final = re.compile(r"(?:^|[,;\t])\s*[\da-f]{2}(?::[\da-f]{2})+\s*(?=$|[,;\t])", re.IGNORECASE)
+_END_OF_HEADER: Final = re.compile(r"\W*end[ _]of[ _]header\W*", re.IGNORECASE)  # numbers above are no readings
+_UNITS: Final = re.compile(r"(?:(?:mag|field)[ _-]?)?units?", re.IGNORECASE)  # name of a column
+_SAYS_UNIT: Final = re.compile(
+    r"\W*(?:(?:mag\w*|(?:magnetic[ _])?field|the)[\W_]+)*units?(?:[ _]of[ _](?:the[ _])?(?:mag\w*|field))?"
+    r"(?:\s+(?:is|are)\b|[\"']?\s*[:=,;\t])\s*[\"'\[(]?((?:(?:micro|milli|nano)[ _-])?[^\W\d_]+)\W*",
+    re.IGNORECASE,
+)
+"""A line that says in which unit the field is."""
+_OTHER_UNITS: Final = ("g", "mg", "t", "raw")  # gravity, and what says nothing
 _LETTER: Final = re.compile(r"[^\W\d_]")
 
 
@@ -136,6 +146,7 @@ class TextLayout:
     header_text: str = ""  # that line, as it is
     heading: str = ""  # of a header with another number of names than lines have fields, how many there are
     words: str = ""  # the dialect that was made a table of, for people
+    spare: frozenset[int] = frozenset()  # columns that rows with a reading leave empty
     in_force: str = ""  # the calibration of the board that readings are after, where headers of a blackbox tell one
     encoding: str = "utf-8"
     newline: str = "\n"
@@ -153,6 +164,14 @@ class TextLayout:
         """Tell whether a line is a row of a device that is not read."""
         device = self.columns.device
         return device is not None and self._is_row(text) and device.is_of_other(split(text, self.grid.delimiter))
+
+    def is_of_others(self, text: str) -> bool:
+        """Tell whether a row holds what no row with a reading does, and no reading, as of other topics."""
+        if not self.spare:
+            return False
+        cells = split(text, self.grid.delimiter)
+        is_empty = not any(cells[cell].strip() for cell in self.columns.field.cells if cell < len(cells))
+        return is_empty and any(cells[cell].strip() for cell in self.spare if cell < len(cells))
 
     def _is_row(self, text: str) -> bool:
         """Tell whether a line is no blank, comment or header come again."""
@@ -177,8 +196,11 @@ class Cells(Dialect):
 
     @classmethod
     def of(cls, layout: TextLayout, words: str, nameless: Sequence[str] = ()) -> Cells:
-        """Take the rows of a table; the units below its header go into the names, and without one it has `nameless`."""
-        named = zip_longest(layout.header, layout.units, fillvalue="")
+        """Take the rows of a table; units that stand elsewhere go into its names, and without a header into none."""
+        own = [each for each in (layout.columns, *layout.columns.magnetometers) if each.stated]
+        told = {cell: each.unit for each in own for cell in each.field.cells}
+        units = layout.units or [told.get(cell, "") for cell in range(len(layout.header))]
+        named = zip_longest(layout.header, units, fillvalue="")
         names = [f"{name}_{unit}" if unit and not meaning(name).unit else name for name, unit in named]
         return cls(words, tuple(names or nameless), layout.grid, layout.header_text)
 
@@ -254,7 +276,7 @@ def _rows_of(dialect: Dialect, every: EveryLine) -> Iterator[str]:
 
 def split_records(source: Source, encoding: str, beginning: str) -> Source | None:
     """Put records of a JSON document, or datagrams without line ends, in lines of their own; None for other lines."""
-    if json_records.is_document(beginning):
+    if json_records.is_document(beginning) or json_records.has_several_to_a_record(beginning):
         return derived(source, json_records.records_as_lines(source, encoding))
     return derived(source, marked.datagrams_as_lines(source)) if marked.are_glued(beginning) else None
 
@@ -338,6 +360,7 @@ class _Row(NamedTuple):
 DIALECTS: Final = (
     _Row(marked.SIGN, marked.recognise, None),  # a log may begin with other messages
     _Row(_OPENS_JSON, json_records.recognise),
+    _Row(boxed.RULER, boxed.recognise),
     _Row(influx.SIGN, influx.recognise),
     _Row(_CLOCK, lambda lines: wrapped.stamped(lines, recognise, rows_of_table)),
     _Row(pairs.SIGN, pairs.recognise),
@@ -361,6 +384,8 @@ def sniff(
     every: EveryLine | None = None,
 ) -> TextLayout:
     """Recognise by its first lines how a table is laid out; `header` are names that are known from elsewhere."""
+    end = max((place for place, text in enumerate(texts[:TRIED]) if _END_OF_HEADER.fullmatch(text)), default=-1)
+    texts = [""] * (end + 1) + texts[end + 1 :]
     lines = [(place, text) for place, text in enumerate(texts) if text.strip() and not _is_comment(text)]
     if not lines:
         blank = not any(text.strip() for text in texts)
@@ -403,6 +428,7 @@ def _table(
     misfit = None if header else _misfit(name, above, signs[0], values, clocks, asked)
     place, header = (misfit.place, misfit.names) if misfit else (place, header)
     told = {cell for clock in clocks for cell in clock.cells} | ({sensors.place} if sensors else set())
+    told |= set(() if header else seconds_and_nanoseconds(values))
     devices = _devices(header, [cells[:width] for cells in alike], told, signs[0], every)
     devices = sensors.devices(header, devices) if sensors else devices
     if devices and (own := [place for place in places if not devices[0].is_of_other(rows[place])]):
@@ -422,6 +448,8 @@ def _table(
         raise _no_magnetometer(name, header, values, texts[start], f"{heading or 'no header'}{line}", line)
     if chosen.device is None:
         _refuse_coded(name, header, values, chosen.field.cells)
+    if unit := _told_unit(header, alike, texts[:start]):
+        chosen = chosen.in_told(unit)
     if asked is None:
         if not header or meaning(chosen.field.names[0]).is_bare:
             _refuse_mixed(name, header, alike)
@@ -436,8 +464,15 @@ def _table(
         units=tuple(units),
         header_line=place + 1,
         header_text=texts[place] if place >= 0 else "",
+        spare=_spare(alike, chosen.field.cells),
         heading=f"{heading} ({', '.join(chosen.field.names)} of columns {numbers})" if heading and header else heading,
     )
+
+
+def _spare(rows: Sequence[Sequence[str]], field: Sequence[int]) -> frozenset[int]:
+    """Places that are empty in each row with something of the field."""
+    filled = [{place for place, cell in enumerate(row) if cell.strip()} for row in rows]
+    return frozenset(range(len(rows[0]))).difference(*(places for places in filled if places & set(field)))
 
 
 def _first_numbers(best: _Cut, places: Sequence[int], width: int, texts: Sequence[str]) -> tuple[Floats, list[Clock]]:
@@ -486,6 +521,7 @@ def _devices(
     width = len(alike[0])
     if header:
         places = [at for at, name in enumerate(header) if names_device(name, header) and at not in told]
+        places = [at for at in places if not all(is_unit(row[at].strip()) for row in alike)]
     else:
         ahead = width - len("xyz") if width <= NAMELESS else 0
         free = [place for place in range(width) if place not in told]
@@ -679,6 +715,17 @@ def _units(below: list[str], delimiter: str, width: int) -> list[str]:
         if fits(cells, width) and sum(map(bool, units)) >= max(3, sum(map(bool, cells)) / 2):
             return units
     return []
+
+
+def _told_unit(header: Sequence[str], rows: Sequence[Sequence[str]], above: Sequence[str]) -> str:
+    """Unit that a column of units, or a line above the readings, says the field is in; nothing where none does."""
+    places = [place for place, name in enumerate(header) if _UNITS.fullmatch(name.strip())]
+    words = [{row[place].strip() for row in rows if place < len(row)} for place in places]
+    said = [word for each in words if len(each) == 1 for word in each]
+    lines = filter(None, map(_SAYS_UNIT.fullmatch, above[:MOST_ABOVE]))
+    said += [match[1] for match in lines]
+    known = (SPELLINGS.get(PARTED.sub(r"\1", word).casefold(), "") for word in said if word not in _OTHER_UNITS)
+    return next(filter(None, known), "")
 
 
 def _could_name(names: list[str], delimiter: str) -> bool:

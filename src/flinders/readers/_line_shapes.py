@@ -31,7 +31,7 @@ _TITLE: Final = re.compile(r"[^\W\d_]{2}[^:=,;\d]*")
 """The first words of a line, up to its first value or the sign before that."""
 _APART: Final = re.compile(r"(?<![^\W_])0(?![^\W_])")  # a value that is no part of a word
 _RULER: Final = re.compile(r"([^\w\s,;])\1")
-_CLOSING: Final = re.compile(r"[\])}]+[,;]?")  # ends a block of lines
+_CLOSING: Final = re.compile(r"[\])}]+[,;]?")  # ends a block of lines, unless readings have it
 _FAILURE: Final = re.compile(
     r"\b(?:err(?:or)?s?|fail(?:ed|s|ure)?|time[ -]?out|timed out|nack|lost|overrun|overflow|invalid|bad"
     r"|no (?:data|response)|not ready|exception)\b",
@@ -106,7 +106,8 @@ class LineShapes:
         shape, letters = known.example, _letters_of(known.example)
         is_of_each = known.returns >= EACH_TIME * self._count
         if not letters:
-            return not (_RULER.search(shape) or _CLOSING.fullmatch(shape) or (is_of_each and shape == "0"))
+            is_end = _CLOSING.fullmatch(shape) and not any(shape in reading for reading in self._readings)
+            return not (_RULER.search(shape) or is_end or (is_of_each and shape == "0"))
         for reading, of_reading in self._readings.items():
             is_another = is_of_each and letters != of_reading and shape.count("0") >= reading.count("0")
             if _has_cells_of(shape, reading) or (not is_another and _is_piece(letters, of_reading)):

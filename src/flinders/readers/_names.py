@@ -74,7 +74,7 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
         **dict.fromkeys(("us", "µs", "μs", "usec", "micros", "microsecond", "microseconds"), 1e-6),
         **dict.fromkeys(("ns", "nsec", "nanos", "nanosecond", "nanoseconds"), 1e-9),
     },
-    TEMPERATURE: dict.fromkeys(("c", "°c", "degc", "celsius"), 1.0),
+    TEMPERATURE: dict.fromkeys(("c", "°c", "ºc", "℃", "°", "º", "degc", "celsius"), 1.0),
     CURRENT: {**dict.fromkeys(("a", "amp", "amps", "ampere", "amperes"), 1.0), "ma": 1e-3},
     STRENGTH: _OF_A_FIELD,
 }
@@ -146,14 +146,16 @@ _RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
 # Words of what a sensor reads, where a model's field stands beside it.
 _MEASURED: Final = "meas|measured|observed|obs"
 _SENSED: Final = re.compile(rf"(sensors?|magnetometers?|compass|measurement|{_MEASURED})$")
-_TIMES: Final = re.compile(r"(ts?|time.*|.*time|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo)$")
+_TIMES: Final = re.compile(
+    r"(t[st]?|time.*|.*time|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo|时间|時間)$"
+)
 _CLOCKS: Final = re.compile(r"(dates?|day|datum|clock|utc|gmt|uhr.*|heure|hora|fecha|when)$")  # a time, or not
 _BEGUN: Final = re.compile(r"offset[\s_]?(?=time\b)", re.IGNORECASE)  # a time since the beginning: ``offsetTime``
 _NUMBERED: Final = re.compile(r"field[\s_]?\d+", re.IGNORECASE)  # of any quantity, as ThingSpeak has them
 _NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
 # Words that any such sensor may have in its name.
 _COMMON: Final = re.compile(
-    r"(mag.*|compass|acc.*|gyr.*|angular|velocity|linear|field|strength|vector|imu|ahrs|ins|sensor|dev|device|unit|node"
+    r"(mag.*|flux.*|compass|acc.*|gyr.*|angular|velocity|linear|axis|field|strength|vector|imu|ahrs|ins|sensor|dev|device|unit|node"
     r"|board|module|no|nr|num|id|instance|ch|channel|data|value|reading|measurement)$"
 )
 _BETWEEN: Final = r"\s_.,:;%#\-\[\](){}'\""  # what parts the words of a name
@@ -170,7 +172,6 @@ _BRACKET: Final = re.compile(r"\s*[(\[](?!\d+[)\]])[^)\]]*[)\]]?\s*$")
 _OF_A_DIRECTION: Final = re.compile("unit|vec|field|mag|acc")
 # Words and numbers that nothing parts: ``magX1`` has three.
 _PARTS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\x00-\x7f]+")
-_MICRO: Final = ("micro",)  # before a T that nothing parts from it: ``MagXMicroT``
 _BROKEN_MICRO: Final = re.compile(r"(?:[^\x00-\x7f]+|i|\?)t")  # µT whose bytes were decoded as something else
 CALIBRATED: Final = 10  # rank from which on readings were corrected already
 BARE: Final = 2  # clearness of ``x``, ``y``, ``z``, which may be a position where something else is a magnetometer
@@ -384,9 +385,9 @@ def _words(name: str) -> tuple[list[str], list[str]]:
             parts = [chip[1], chip[2], chip[3] + chip[4]] if chip else _PARTS.findall(piece)
             if len(parts) > 1 and parts[0].casefold() == "time" and parts[-1].casefold() in FACTORS[TIME]:
                 units.append(parts.pop())
-            elif len(parts) > 2 and parts[-2].casefold() in _MICRO and parts[-1] == "T":
-                units.append(f"u{parts.pop()}")
-                parts.pop()
+            elif len(parts) > 2 and (unit := "".join(parts[-2:])).casefold() in SPELLINGS:  # ``magXMicroT``
+                units.append(unit)
+                parts = parts[:-2]
             for part in parts:
                 glued = _GLUED.fullmatch(part.casefold())
                 words += filter(None, glued.groups() if glued else [part])
@@ -416,7 +417,8 @@ def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str
     if kinds:
         return kinds[0], raw + 5 * (kinds[0] == ACCELERATION and "linear" in words)
     aside = [word for word in names if _SENSED.match(word) or word in _NO_READINGS]
-    bare = [word for word in names if not (_RAW.match(word) or _CALIBRATED.match(word) or word in aside)]
+    others = {"axis", *aside}
+    bare = [word for word in names if not (_RAW.match(word) or _CALIBRATED.match(word) or word in others)]
     if aside and not bare:
         return (FIELD, raw + 2) if all(word in _MEASURED.split("|") for word in aside) else ("", 0)
     own = [word for word in bare if not (tells_apart(word) or _COMMON.match(word))]
@@ -430,7 +432,7 @@ def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str
 
 def _kind_of_word(word: str) -> str:
     """Tell which three-axis sensor a word names."""
-    if word.startswith("mag") or word == "compass":
+    if word.startswith(("mag", "flux")) or word == "compass":
         return FIELD
     return ACCELERATION if word.startswith("acc") else RATE if word.startswith(("gyr", "angular")) else ""
 
@@ -467,6 +469,15 @@ def _is_strength(words: list[str], units: list[str]) -> bool:
     if not named & _REFERENCES or not named <= _REFERENCES | _STRENGTHS:
         return False
     return bool(named & _STRENGTHS or _unit(STRENGTH, units))
+
+
+def unit_of_field(name: str) -> str:
+    """The unit that the name of a column states for a field; not a ``g``, which is that of gravity.
+
+    >>> unit_of_field("磁场X(uT)"), unit_of_field("v1 [nT]"), unit_of_field("v1 (mg)"), unit_of_field("v1")
+    ('uT', 'nT', '', '')
+    """
+    return _unit(FIELD, [unit for unit in _words(name)[1] if unit not in {"g", "mg"}])
 
 
 def unit_of_strength(name: str) -> str:
@@ -624,8 +635,11 @@ def _told_apart(sensors: Sequence[Vector]) -> list[Vector]:
     rest = [(each, [word for word in each.label if word not in shared]) for each in sensors]
     numbers = {int(word) for _, words in rest for word in words if _is_number(word)}
 
+    folders = {each.name.partition(".")[0] for each in sensors}  # ``1423.Magnetometer``
+
     def counts(word: str) -> bool:
-        return tells_apart(word) or (_is_number(word) and (bool(shared) or _is_one_of(numbers, int(word))))
+        is_sensors = bool(shared) or word in folders
+        return tells_apart(word) or (_is_number(word) and (is_sensors or _is_one_of(numbers, int(word))))
 
     counted = [each for each, words in rest if all(map(counts, words))]
     if len(counted) > 1:
@@ -637,9 +651,9 @@ def _told_apart(sensors: Sequence[Vector]) -> list[Vector]:
 
 
 def _in_a_row(letters: Iterable[str]) -> bool:
-    """Tell whether these are a, b, c and so on, or left and right."""
+    """Tell whether these are letters in a row, such as a, b, c, or left and right."""
     together = "".join(sorted(letters))
-    return together == "lr" or (len(together) > 1 and "abcdefgh".startswith(together))
+    return together == "lr" or (len(together) > 1 and together in "abcdefgh")
 
 
 def _is_number(word: str) -> bool:

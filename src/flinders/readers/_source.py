@@ -607,8 +607,16 @@ def foreign_kind(head: bytes) -> FileKind | None:
     opening = head.removeprefix(b"\xef\xbb\xbf").lstrip()[:20].lower()
     for start, name in PAGES.items():
         if opening.startswith(start):
-            return FileKind(name, "download the raw file it shows")
+            return FileKind(name, _advice_on_page(opening, head))
     return FileKind("a binary file", "give a text recording with three columns of numbers") if binary else None
+
+
+def _advice_on_page(opening: bytes, head: bytes) -> str:
+    """Say what to do with a page or a document; of a recording of MVN, what has its readings."""
+    if not opening.startswith(b"<?xml"):
+        return "download the raw file it shows"
+    own = " (of MVN, sensorMagneticField of one sensor)" if b"<mvnx" in head else ""
+    return f"export the readings as CSV, x, y and z in columns{own}"
 
 
 def _of_fields(head: bytes) -> str:

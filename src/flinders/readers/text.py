@@ -44,7 +44,6 @@ from flinders.readers._tokenizer import (
     parser_of,
     rows_of,
     shown,
-    split,
 )
 
 if TYPE_CHECKING:
@@ -198,7 +197,7 @@ class TextRecording(ColumnsRecording):
         self.skipped = ()
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed, clock=columns.clock)
         for lines, read, usable in self._read(grid, columns):
-            rows, left_out = accounted(lines, read, usable, columns, shapes, grid.delimiter)
+            rows, left_out = accounted(lines, read, usable, columns, shapes, self.layout.is_of_others)
             if self.transcription:
                 left_out += self.transcription.others(others)
                 others = self.transcription.others()
@@ -337,7 +336,12 @@ class Tally:
 
 
 def accounted(
-    lines: Lines, rows: NumberRows, usable: NDArray[np.bool_], columns: Columns, shapes: LineShapes, delimiter: str
+    lines: Lines,
+    rows: NumberRows,
+    usable: NDArray[np.bool_],
+    columns: Columns,
+    shapes: LineShapes,
+    is_of_others: Callable[[str], bool],
 ) -> tuple[NumberRows, tuple[Skipped, ...]]:
     """Account for the rows of a block that cannot be used and the lines that are none; drop those that accompany."""
     unusable = np.flatnonzero(~usable)
@@ -346,33 +350,14 @@ def accounted(
     left_out = unanswered(read[is_silent, 0], rows.numbers[unusable[is_silent]])
     if not is_silent.all():
         gaps = [rows.lines[int(place)] for place in unusable[~is_silent]]
-        others = _of_other_topics(lines, gaps, rows.lines, delimiter, columns)
-        accounts = {NOT_FINITE: [number for number in gaps if number not in others], ACCOMPANYING: sorted(others)}
+        beside = [number for number in gaps if is_of_others(lines.texts[number - lines.first])]
+        accounts = {NOT_FINITE: sorted(set(gaps).difference(beside)), ACCOMPANYING: beside}
         left_out += tuple(_skipped(lines, numbers, why) for why, numbers in accounts.items() if numbers)
     if rows.unreadable:
         left_out += besides(lines, [number for number, _ in rows.unreadable], shapes, UNREADABLE)
         lost = [(number, text) for number, text in rows.unreadable if not shapes.accompanies(text)]
         rows = replace(rows, unreadable=lost)
     return rows, left_out
-
-
-def _of_other_topics(
-    lines: Lines, gaps: Sequence[int], numbers: Sequence[int], delimiter: str, columns: Columns
-) -> set[int]:
-    """Numbers of the rows of other topics: their cells are empty in readings, and those of the field are in them."""
-    texts, lost = lines.texts, set(gaps)
-    read = next((number for number in numbers if number not in lost), None)
-    timed = columns.clock.cells if columns.clock else columns.time.cells if columns.time else ()
-    own = _filled(texts[read - lines.first], delimiter).difference(timed) if read is not None else set[int]()
-    if not own:
-        return set()
-    found = {number: _filled(texts[number - lines.first], delimiter).difference(timed) for number in gaps}
-    return {number for number, cells in found.items() if cells and not cells & own}
-
-
-def _filled(text: str, delimiter: str) -> set[int]:
-    """Places of the cells of a line that hold something."""
-    return {place for place, cell in enumerate(split(text, delimiter)) if cell.strip()}
 
 
 def besides(lines: Lines, others: Sequence[int], shapes: LineShapes, reason: str) -> tuple[Skipped, ...]:

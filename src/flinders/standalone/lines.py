@@ -27,7 +27,16 @@ from flinders.readers import (
     _source,
     _tokenizer,
 )
-from flinders.readers.dialects import influx, json_records, labelled, marked, pairs, wrapped
+from flinders.readers.dialects import (
+    boxed,
+    influx,
+    json_arrangements,
+    json_records,
+    labelled,
+    marked,
+    pairs,
+    wrapped,
+)
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -44,7 +53,9 @@ MODULES: Final = {
     "devices": _devices,
     "layout": _layout,
     "marked": marked,
+    "boxed": boxed,
     "json": json_records,
+    "arrangements": json_arrangements,
     "influx": influx,
     "pairs": pairs,
     "wrapped": wrapped,

@@ -1,4 +1,4 @@
-r"""JSON: a record in each line, other lines between, or one document with a list of records.
+r"""JSON: a record in each line, other lines between, or a document: a list of records, or what `arranged` makes one of.
 
 A record is an object, or a list of numbers.
 
@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Final
 from flinders.errors import UnreadableInput
 from flinders.readers._names import names_magnetometer
 from flinders.readers._source import unpacked
-from flinders.readers._tokenizer import number, quoted, shown
+from flinders.readers._tokenizer import listed, number, quoted, shown
 from flinders.readers.dialects import Dialect
+from flinders.readers.dialects.json_arrangements import arranged, one_by_one
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,6 +36,8 @@ LEAST: Final = 3  # Numbers in a record with a reading
 LARGEST: Final = 256 << 20  # Bytes of a document that are still read; JSON lines may be of any length
 # How JSON with readings in it begins; ``[INFO] …`` is a line of a log.
 OPENING: Final = re.compile(r"\[\s*(?:[\[{\]]|-?[\d.]+(?:[eE][-+]?\d+)?\s*,|$)|\{\s*(?:\"|\}|$)")
+_NEXT: Final = re.compile(r"[\n\r](?=[\[{])")  # before a document that follows another one
+LOOKED_AT: Final = 100  # Lines that tell how many readings are in a record
 MARK: Final = "flinders"  # the key by which files that Flinders itself writes are known
 
 
@@ -81,9 +84,17 @@ def is_document(text: str) -> bool:
         return False
     record = _record(first)
     if isinstance(record, dict):
-        return MARK in record or (not more.strip() and any(isinstance(value, list) for value in record.values()))
+        is_alone = not more.strip()
+        has_list = any(isinstance(value, list) for value in record.values())
+        return MARK in record or (is_alone and (has_list or arranged(record) is not None))
     is_closed = sum(map(first.count, "[{")) == sum(map(first.count, "]}"))
     return record in (None, []) and not (is_closed and _loaded(first) is None)
+
+
+def has_several_to_a_record(text: str) -> bool:
+    """Tell whether JSON lines hold several readings of one magnetometer in a record."""
+    records = [record for record in map(_record, text.splitlines()[:LOOKED_AT]) if isinstance(record, dict)]
+    return one_by_one(records) is not records
 
 
 def _record(line: str) -> dict[str, object] | list[object] | None:
@@ -117,18 +128,36 @@ def records_as_lines(source: Source, encoding: str) -> Iterator[bytes]:
                 f"{source.name} is one JSON document of more than {LARGEST >> 20} MB: "
                 "write one record a line (JSON lines) or CSV"
             )
-    try:
-        document = _load(content.decode(encoding, "replace").removeprefix("\ufeff"))
-    except (ValueError, RecursionError) as error:
-        raise UnreadableInput(
-            f"{source.name} begins like JSON and is not JSON that can be read ({error}): "
-            "need a list of [x, y, z] or of objects"
-        ) from None
+    text = content.decode(encoding, "replace").removeprefix("\ufeff")
+    document, lines = _documents(source.name, text)
+    records = document if isinstance(document, list) else arranged(document) if isinstance(document, dict) else None
     if isinstance(document, dict) and MARK in document:
         kind = shown(str(document[MARK]))
         raise UnreadableInput(f"{source.name} is a {kind} file of Flinders and not a recording: give the recording")
-    if not isinstance(document, list) or not document:
+    if not records:
         kind = "an empty list" if document == [] else f"one {'object' if isinstance(document, dict) else 'value'}"
-        raise UnreadableInput(f"{source.name} is JSON with {kind} in it: need a list of [x, y, z] or of objects")
-    for record in document:
+        keys = f" ({listed(list(document))})" if isinstance(document, dict) and document else ""
+        raise UnreadableInput(
+            f"{source.name} is JSON with {kind} in it{keys}: need a list of [x, y, z] or of objects, or lists of one "
+            "length by key"
+        )
+    for record in one_by_one(records):
         yield f"{json.dumps(record)}\n".encode()
+    for line in lines:
+        yield f"{line}\n".encode()
+
+
+def _documents(name: str, text: str) -> tuple[object, list[str]]:
+    """Load a document, or several one after another as a list, and what is broken between these, in a line each."""
+    try:
+        return _load(text), []
+    except (ValueError, RecursionError) as error:
+        parts = [part for part in _NEXT.split(text) if part.strip()]
+        loaded = [(part, _loaded(part)) for part in parts]
+        found = [record for _, record in loaded if record is not None]
+        if len(found) < 2:
+            raise UnreadableInput(
+                f"{name} begins like JSON and is not JSON that can be read ({error}): "
+                "need a list of [x, y, z] or of objects"
+            ) from None
+        return found, [" ".join(part.split()) for part, record in loaded if record is None]

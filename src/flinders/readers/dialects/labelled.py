@@ -181,7 +181,7 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
 
 
 def _is_heading(line: str) -> bool:
-    """Tell whether a line is the label of the numbers in the next one: ``Magnetometer data in µT:``."""
+    """Tell whether a line is the label of the numbers in the next one: ``Magnetometer data in µT:``, ``field {``."""
     return len(line) <= LONGEST and line.rstrip().endswith((":", "{")) and not cut(line)[0]
 
 

@@ -61,7 +61,7 @@ export function clocksOf(rules, rows, places) {
     for (const place of places) {
         const filled = rows.flatMap((row) => (row[place]?.trim() ? [row[place]] : []));
         const found = filled.map((text) => matched(rules, text)).filter((parts) => parts !== null);
-        if (!found.length || found.length < rules.ENOUGH * filled.length) continue;
+        if (!found.length || found.length < rules.ENOUGH * filled.length || areParts(rules, filled)) continue;
         if (found[0].hour === undefined) days.push(place);
         else if (found[0].first || found[0].month) clocks.push(new Clock(rules, rows, withFraction(rules, rows, [place])));
         else times.push(place);
@@ -141,13 +141,33 @@ function joined(row, cells) {
 }
 
 /**
+ * A time of day with a colon before its milliseconds, with all of its zeros.
+ * @param {Constants} rules
+ * @param {string} text
+ */
+function padded(rules, text) {
+    const [, hour, minute, second, part] = whole(rules.UNPADDED, text) ?? [];
+    return part ? `${hour}:${minute.padStart(2, "0")}:${second.padStart(2, "0")}.${part.padStart(3, "0")}` : text;
+}
+
+/**
+ * Whether what stands behind a third colon is no milliseconds: it never has three digits.
+ * @param {Constants} rules
+ * @param {readonly string[]} texts
+ */
+function areParts(rules, texts) {
+    const parts = texts.flatMap((text) => whole(rules.UNPADDED, text)?.[4] ?? []);
+    return parts.length > 0 && Math.max(...parts.map((part) => part.length)) < 3;
+}
+
+/**
  * A cell that is a date, a time of day or both, and nothing else.
  * @param {Constants} rules
  * @param {string} text
  * @returns {Parts | null}
  */
 function matched(rules, text) {
-    const parts = whole(rules.WHEN, text.replace(rules.PACKED, "$1-$2-$3T$4:$5:$6"))?.groups;
+    const parts = whole(rules.WHEN, padded(rules, text).replace(rules.PACKED, "$1-$2-$3T$4:$5:$6"))?.groups;
     return parts && (parts.hour || parts.first || parts.month) ? parts : null;
 }
 

@@ -226,6 +226,64 @@ function written(value) {
     return value === null || value === undefined ? "" : String(value);
 }
 
+// Tables between bars
+
+class Boxed {
+    /**
+     * @param {Constants} rules
+     * @param {string[]} names
+     */
+    constructor(rules, names) {
+        this.rules = rules;
+        this.words = rules.WORDS;
+        this.names = names;
+    }
+
+    fresh() {
+        return this;
+    }
+
+    /** @param {string} line */
+    row(line) {
+        if (whole(this.rules.RULER, line) || whole(this.rules._COUNT, line)) return [];
+        const cells = betweenBars(this.rules, line);
+        if (cells.length !== this.names.length) return null;
+        return cells.join("|") === this.names.join("|") ? [] : cells;
+    }
+}
+
+/**
+ * Names above a ruler, and lines with as many cells between bars.
+ * @param {Prints} prints
+ * @param {Constants} rules
+ * @param {string[]} lines
+ * @returns {Dialect | null}
+ */
+export function boxed(prints, rules, lines) {
+    const filled = lines.filter((line) => line.trim());
+    const isRuler = (/** @type {string | undefined} */ line) => line !== undefined && Boolean(whole(rules.RULER, line));
+    const rows = filled.filter((line) => !isRuler(line));
+    const barred = rows.filter((line) => rules.BARS.test(line));
+    const widths = counted(barred.map((line) => betweenBars(rules, line).length));
+    const width = largest([...widths.keys()], (each) => [widths.get(each) ?? 0]) ?? 0;
+    if (width < 3 || 2 * (widths.get(width) ?? 0) < rows.length) return null;
+    const heads = filled.filter((line, i) => isRuler(filled[i + 1]) && rules.BARS.test(line)).map((line) => betweenBars(rules, line));
+    const isHead = (/** @type {string[]} */ names) => names.length === width && names.every((name) => prints.number(name) === null);
+    const names = heads.find((each) => isHead(each) && each.some(Boolean));
+    return names ? new Boxed(rules, names) : null;
+}
+
+/**
+ * What stands between bars.
+ * @param {Constants} rules
+ * @param {string} line
+ */
+function betweenBars(rules, line) {
+    const cells = line.trim().split(rules.BARS).map((cell) => cell.trim());
+    if (cells[0] || !rules.BARS.test(line.trim()[0] ?? "")) return cells;
+    return cells.slice(1, cells[cells.length - 1] ? undefined : -1);
+}
+
 // Points of InfluxDB
 
 class Points {

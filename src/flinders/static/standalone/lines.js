@@ -5,7 +5,8 @@
  * `page.json` under `lines`.
  */
 
-import { hexadecimal, jsonLines, labelled, marked, pairs, parsed, points, stamped } from "./dialects.js";
+import { Arrangements } from "./arrangements.js";
+import { boxed, hexadecimal, jsonLines, labelled, marked, pairs, parsed, points, stamped } from "./dialects.js";
 import { Names } from "./names.js";
 import { revived, whole } from "./patterns.js";
 import { Prints } from "./printed.js";
@@ -117,6 +118,7 @@ class Language {
         return (
             (lines.some((line) => programs.SIGN.test(line)) && marked(this.prints, programs, lines)) ||
             (has(layout._OPENS_JSON) && jsonLines(this.prints, json, tried)) ||
+            (has(this.rules.boxed.RULER) && boxed(this.prints, this.rules.boxed, tried)) ||
             (has(this.rules.influx.SIGN) && points(this.prints, this.rules.influx, tried)) ||
             (has(layout._CLOCK) && stamped(this.rules, tried, behind, table, true)) ||
             (has(this.rules.pairs.SIGN) && pairs(this.prints, this.rules.pairs, tried)) ||
@@ -187,10 +189,12 @@ class Language {
         if (!first.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
         const all = this.tables.valued(first, ".");
         const sensor = this.tables.sensorOf(first.slice(0, this.rules.layout.TRIED), ".");
-        const devices = this.tables.devicesOf(dialect.names, first, all.clocks, () => rowsOf(dialect, every), sensor);
+        const told = all.clocks.flatMap(({ cells }) => cells);
+        const devices = this.tables.devicesOf(dialect.names, first, told, () => rowsOf(dialect, every), sensor);
         const rows = this.tables.ofFirst(devices, first).slice(0, this.rules.layout.SAMPLED);
         const { values, clocks } = devices.length ? this.tables.valued(rows, ".", first) : all;
-        const columns = { ...this.tables.columns(dialect.names, values, [], clocks, sensor), devices };
+        const named = this.tables.columns(dialect.names, values, [], clocks, sensor);
+        const columns = { ...this.tables.inTold(named, dialect.names, rows, []), devices };
         this.tables.refuseOthers(dialect.names, rows, columns, ".");
         const own = dialect.fresh();
         return this.formOf(dialect.words, columns, ".", (line) => {
@@ -494,7 +498,7 @@ function isUnmarked(language, line) {
 export function readLog(data, name, bytes) {
     const language = languageOf(data);
     refuseForeign(language.rules.files, name, bytes);
-    const lines = linesOf(language, decoded(bytes));
+    const lines = language.tables.belowHeader(linesOf(language, decoded(bytes)));
     const form = language.form(lines.slice(0, OPENING), lines);
     const readings = [];
     let [unknown, example] = [0, ""];
@@ -548,14 +552,39 @@ function isWide([first, second]) {
  * @param {string} text
  * @returns {string[]}
  */
-function linesOf({ rules }, text) {
+function linesOf({ rules, prints }, text) {
     if (rules.marked.GLUED.test(text)) return text.replaceAll("*", "*\n").split(/\r\n|\n|\r/);
-    const document = /^\s*[[{]/.test(text) ? parsed(text) : null;
-    if (document === null) return text.split(/\r\n|\n|\r/);
-    const kind = document[rules.json.MARK];
-    if (kind) throw new Unreadable(`it is a ${kind} file of Flinders and not a recording: give the recording`);
-    const isOneRecord = !Array.isArray(document) || document.every((each) => each === null || typeof each !== "object");
-    return isOneRecord ? text.split(/\r\n|\n|\r/) : document.map((record) => JSON.stringify(record));
+    const lines = text.split(/\r\n|\n|\r/);
+    if (!/^\s*[[{]/.test(text)) return lines;
+    const arrangements = new Arrangements(rules.arrangements, prints, rules.names.TIME);
+    const { records, others } = recordsOf(rules.json, arrangements, text);
+    const isPlain = records.every((each) => each === null || typeof each !== "object");
+    if (isPlain) return lines;
+    return [...arrangements.oneByOne(records).map((record) => JSON.stringify(record)), ...others];
+}
+
+/**
+ * Records of a JSON document, or of several one after another, and what is broken between these; none of another text.
+ * @param {import("./patterns.js").Constants} json
+ * @param {Arrangements} arrangements
+ * @param {string} text
+ * @returns {{records: any[], others: string[]}}
+ */
+function recordsOf(json, arrangements, text) {
+    const document = parsed(text);
+    if (Array.isArray(document)) return { records: document, others: [] };
+    if (document !== null) {
+        const kind = document[json.MARK];
+        if (kind) throw new Unreadable(`it is a ${kind} file of Flinders and not a recording: give the recording`);
+        return { records: arrangements.arranged(document) ?? [], others: [] };
+    }
+    const parts = text.split(json._NEXT).filter((part) => part.trim());
+    const loaded = parts.map((part) => ({ part, record: parsed(part) }));
+    const records = loaded.filter(({ record }) => record !== null).map(({ record }) => record);
+    const isOne = loaded.some(({ part, record }) => record !== null && part.trim().includes("\n"));
+    const isSeveral = arrangements.oneByOne(records.slice(0, json.LOOKED_AT)).length > Math.min(records.length, json.LOOKED_AT);
+    if (records.length < 2 || !(isOne || isSeveral)) return { records: [], others: [] };
+    return { records, others: loaded.flatMap(({ part, record }) => (record === null ? [part.split(/\s+/).join(" ").trim()] : [])) };
 }
 
 /**
@@ -581,7 +610,7 @@ function refuseForeign(files, name, bytes) {
     if (other && !isText) throw new Unreadable(`${name} is ${other[0]}: ${other[1]}`);
     const start = new TextDecoder().decode(bytes.subarray(0, 64)).trimStart().toLowerCase();
     const page = Object.keys(files.pages).find((each) => start.startsWith(each));
-    if (page) throw new Unreadable(`${name} is ${files.pages[page]}: download the raw file that it shows`);
+    if (page) throw new Unreadable(`${name} is ${files.pages[page]}: ${page.startsWith("<?") ? "export the readings as CSV, x, y and z in columns" : "download the raw file that it shows"}`);
     if (!isText) throw new Unreadable(`${name} is a binary file: give a text log, or calibrate it with \`flinders calibrate\``);
 }
 

@@ -268,7 +268,7 @@ export class Names {
      * @param {string} name
      */
     parted(name) {
-        const { _IN_BRACKETS, _SEPARATORS, _CHIP, _PARTS, _GLUED, _MICRO, FACTORS, TIME } = this.rules;
+        const { _IN_BRACKETS, _SEPARATORS, _CHIP, _PARTS, _GLUED, FACTORS, TIME } = this.rules;
         const times = FACTORS[TIME];
         /** @type {string[]} */
         const units = [];
@@ -290,8 +290,8 @@ export class Names {
             const parts = chip ? [chip[1], chip[2], chip[3] + chip[4]] : every(_PARTS, piece).map((match) => match[0]);
             if (parts.length > 1 && parts[0].toLowerCase() === "time" && parts[parts.length - 1].toLowerCase() in times) {
                 units.push(/** @type {string} */ (parts.pop()));
-            } else if (parts.length > 2 && _MICRO.includes(parts[parts.length - 2].toLowerCase()) && parts[parts.length - 1] === "T") {
-                units.push(`u${parts.splice(-2).pop()}`);
+            } else if (parts.length > 2 && parts.slice(-2).join("").toLowerCase() in this.spellings) {
+                units.push(parts.splice(-2).join(""));
             }
             for (const part of parts) {
                 const glued = whole(_GLUED, part.toLowerCase());
@@ -352,7 +352,8 @@ export class Names {
         const kinds = named.length ? named : names.map((word) => this.kindOfChip(word)).filter(Boolean);
         if (kinds.length) return [kinds[0], raw + (kinds[0] === ACCELERATION && words.includes("linear") ? 5 : 0)];
         const isAside = (/** @type {string} */ word) => ahead(_SENSED, word) || Object.hasOwn(_NO_READINGS, word);
-        const bare = names.filter((word) => !ahead(_RAW, word) && !ahead(_CALIBRATED, word) && !isAside(word));
+        const isPlain = (/** @type {string} */ word) => word === "axis" || isAside(word);
+        const bare = names.filter((word) => !ahead(_RAW, word) && !ahead(_CALIBRATED, word) && !isPlain(word));
         const aside = names.filter(isAside);
         const isMeasured = aside.every((word) => _MEASURED.split("|").includes(word));
         if (aside.length && !bare.length) return isMeasured ? [FIELD, raw + 2] : ["", 0];
@@ -367,7 +368,7 @@ export class Names {
     /** @param {string} word */
     kindOfWord(word) {
         const { FIELD, ACCELERATION, RATE } = this.rules;
-        if (word.startsWith("mag") || word === "compass") return FIELD;
+        if (/^(mag|flux)/.test(word) || word === "compass") return FIELD;
         if (word.startsWith("acc")) return ACCELERATION;
         return word.startsWith("gyr") || word.startsWith("angular") ? RATE : "";
     }

@@ -59,6 +59,7 @@ export class Tables {
      * @returns {Layout}
      */
     laidOut(texts, every = texts) {
+        texts = this.belowHeader(texts);
         const lines = texts.flatMap((text, place) => (text.trim() && !this.prints.isComment(text) ? [{ text, place }] : []));
         if (!lines.length) throw new Unreadable("it holds no lines of numbers: need one reading a line");
         for (const some of [lines.slice(0, this.layout.TRIED), lines]) {
@@ -84,6 +85,15 @@ export class Tables {
         const tried = texts.slice(0, this.layout.TRIED);
         const addressed = tried.filter((text) => this.layout.ADDRESS_CELL.test(text)).length;
         return 2 * addressed > tried.length || this.namesColumns(texts);
+    }
+
+    /**
+     * Lines without those up to one that says the end of a header, whose numbers are no readings.
+     * @param {string[]} texts
+     */
+    belowHeader(texts) {
+        const end = texts.slice(0, this.layout.TRIED).findLastIndex((text) => whole(this.layout._END_OF_HEADER, text));
+        return end < 0 ? texts : texts.map((text, place) => (place > end ? text : ""));
     }
 
     /**
@@ -160,13 +170,16 @@ export class Tables {
         const cut = alike.map((cells) => cells.slice(0, width));
         const first = this.valued(cut, decimal, below);
         const { place, names } = found.names.length ? found : this.misfit(above, delimiter, first.values, first.clocks);
-        const devices = this.devicesOf(names, cut, first.clocks, () => every.map(split), sensor);
+        const parted = names.length ? [] : this.secondsAndNanoseconds(first.values);
+        const told = [...first.clocks.flatMap(({ cells }) => cells), ...parted];
+        const devices = this.devicesOf(names, cut, told, () => every.map(split), sensor);
         const { values, clocks } = devices.length ? this.valued(this.ofFirst(devices, cut), decimal, below) : first;
         const units = place < 0 ? [] : this.units(texts.slice(place + 1, start), delimiter, names.length);
         if (!names.length) this.refuseMatrices(texts);
         if (!names.length && !sensor) this.refuseNameless(devices, width);
         const numbers = names.length ? values : this.longer(below, values, decimal);
-        const columns = { ...this.columns(names, numbers, units, clocks, sensor), devices };
+        const named = this.columns(names, numbers, units, clocks, sensor);
+        const columns = { ...this.inTold(named, names, alike, texts.slice(0, start)), devices };
         this.refuseOthers(names, alike, columns, decimal);
         this.refuseCoded(values, columns);
         const isEven = names.length > 0 || often >= this.layout.SAME_WIDTH * rows.size;
@@ -193,6 +206,26 @@ export class Tables {
     above(texts, delimiter, sensor) {
         const own = texts.map((text) => (sensor && this.devices.isOf(sensor, this.namesIn(text, delimiter)) ? text : ""));
         return own.some(Boolean) ? own : texts;
+    }
+
+    /**
+     * Columns in the unit that a column of units, or a line above the readings, says; what names say stays.
+     * @param {Columns} columns
+     * @param {readonly string[]} header
+     * @param {string[][]} rows
+     * @param {string[]} above
+     * @returns {Columns}
+     */
+    inTold(columns, header, rows, above) {
+        const { _UNITS, _SAYS_UNIT, _OTHER_UNITS, MOST_ABOVE } = this.layout;
+        const { COUNTS, PARTED, SPELLINGS } = this.rules.units;
+        const places = header.flatMap((name, place) => (whole(_UNITS, name.trim()) ? [place] : []));
+        const words = places.map((place) => new Set(rows.flatMap((row) => (place < row.length ? [row[place].trim()] : []))));
+        const lines = above.slice(0, MOST_ABOVE).flatMap((text) => whole(_SAYS_UNIT, text)?.[1] ?? []);
+        const said = [...words.flatMap((each) => (each.size === 1 ? [...each] : [])), ...lines];
+        const known = said.filter((word) => !_OTHER_UNITS.includes(word)).map((word) => SPELLINGS[replaced(PARTED, "$1", word).toLowerCase()]);
+        const unit = known.find(Boolean);
+        return unit && columns.unit === COUNTS ? { ...columns, unit } : columns;
     }
 
     /**
@@ -354,7 +387,14 @@ export class Tables {
             for (const each of cells) meanings[each] = { kind: "", axis: "", unit: "", rank: 0 };
             meanings[cell] = { kind: TIME, axis: "", unit: "s", rank: kind === TIME ? rank + 2 : this.rules.columns.LAST };
         }
-        const unnamed = names.findIndex((name, place) => !name.trim() && isClock(values, place));
+        const isClock = (/** @type {number} */ place) => {
+            const column = values.map((row) => row[place]).filter(Number.isFinite);
+            return ascends(column) && stepsOf(column).some((step) => step !== 1);
+        };
+        const isOpen = (/** @type {number} */ place) => !meanings[place].kind || this.names.isBare(names[place]);
+        const isAbscissa = meanings.flatMap(({ axis }, place) => (axis && isOpen(place) ? [axis] : [])).join(" ") === "x";
+        const isUnnamed = (/** @type {number} */ place) => isOpen(place) && (!names[place].trim() || (isAbscissa && meanings[place].axis));
+        const unnamed = names.findIndex((_, place) => isUnnamed(place) && isClock(place));
         if (unnamed >= 0) meanings[unnamed] = { kind: TIME, axis: "", unit: "", rank: this.rules.columns.LAST };
         const field = this.names.magnetometer(names, meanings);
         if (!field) throw new Unreadable(`no magnetometer among the columns ${shown(names)}: ${MORE_WITH}`);
@@ -374,8 +414,13 @@ export class Tables {
      */
     byPlace(values, clocks, sensor) {
         const width = values[0]?.length ?? 0;
-        const told = clocks.flatMap(({ cells }) => cells);
+        const parted = this.secondsAndNanoseconds(values);
+        const told = [...clocks.flatMap(({ cells }) => cells), ...parted];
         const free = [...(values[0] ?? []).keys()].filter((place) => !told.includes(place) && (!sensor || this.mayBeAxis(values, place)));
+        if (parted.length && !clocks.length && free.length === 3) {
+            const time = { ...this.timed(parted[0], parted.map((cell) => `${cell + 1}`).join(" and "), "s", values), fraction: parted[1] };
+            return { field: free, names: free.map((cell) => `${cell + 1}`), unit: this.rules.units.COUNTS, time, devices: [] };
+        }
         const [clock] = clocks;
         if (clock && free.length === 3) {
             const called = (/** @type {readonly number[]} */ cells) => cells.map((cell) => `${cell + 1}`);
@@ -397,7 +442,8 @@ export class Tables {
             const need = "need three, x y z, or four with the time first";
             throw new Unreadable(`it has ${width} columns and no header: ${need}; ${MORE_WITH}`);
         }
-        const time = isTimed ? this.timed(0, "1", "", values) : null;
+        const isKnown = isTimed && !this.isTooFast(values.map((row) => row[0]), values, field);
+        const time = isKnown ? this.timed(0, "1", "", values) : null;
         return { field, names: field.map((cell) => `${cell + 1}`), unit: this.rules.units.COUNTS, time, devices: [] };
     }
 
@@ -467,10 +513,27 @@ export class Tables {
             if (parted.includes(place)) return { ...time, fraction: place + 1 };
             const column = values.map((row) => row[place]);
             const isNumeric = column.filter(Number.isFinite).length >= column.length / 2;
-            const isOther = !isNumeric || this.falls(names[place], meanings[place].unit, column) || this.isCut(column);
+            const { unit } = meanings[place];
+            const isNone = !isNumeric || this.falls(names[place], unit, column) || this.isCut(column);
+            const isOther = isNone || (!unit && this.isTooFast(column, values, field));
             if (!parted.includes(place - 1) && !isOther) return time;
         }
         return null;
+    }
+
+    /**
+     * Places of a column of whole seconds since 1970 and of the next, which has the nanoseconds.
+     * @param {number[][]} values
+     */
+    secondsAndNanoseconds(values) {
+        const [least] = this.rules.columns.EPOCHS[this.rules.columns.EPOCHS.length - 1];
+        const place = [...(values[0] ?? []).keys()].slice(1).findIndex((next) => {
+            const [whole, part] = [next - 1, next].map((cell) => values.map((row) => row[cell]));
+            const isWhole = [...whole, ...part].every(Number.isInteger) && Math.min(...whole) >= least && Math.max(...whole) < 4 * least;
+            const isPart = Math.min(...part) >= 0 && Math.max(...part) >= 1e6 && Math.max(...part) < 1e9;
+            return isWhole && isPart && ascends(whole.map((value, i) => value - whole[0] + 1e-9 * part[i]));
+        });
+        return place < 0 ? [] : [place, place + 1];
     }
 
     /**
@@ -498,6 +561,25 @@ export class Tables {
         const lengths = [0, ...changes].map((change, i) => (changes[i] ?? values.length) - change);
         const inside = lengths.length > 2 ? lengths.slice(1, -1) : lengths;
         return values.length >= 2 * COARSE && median(inside) >= COARSE;
+    }
+
+    /**
+     * Whether no sensor turns as fast as readings do at times whose unit their size suggests.
+     * @param {number[]} column
+     * @param {number[][]} values
+     * @param {number[]} field
+     */
+    isTooFast(column, values, field) {
+        const { FEWEST_TIMES, APART, GROWS, FASTEST_RAD_S } = this.rules.columns;
+        const rows = values.flatMap((row, i) => ([column[i], ...field.map((cell) => row[cell])].every(Number.isFinite) ? [i] : []));
+        if (rows.length < FEWEST_TIMES) return false;
+        const times = rows.map((i) => column[i]);
+        const read = rows.map((i) => field.map((cell) => values[i][cell]));
+        const step = median(stepsOf(times)) * this.secondsInOne(times);
+        const turned = (/** @type {number} */ lag) =>
+            median(read.slice(lag).map((row, i) => Math.hypot(...row.map((value, axis) => value - read[i][axis]))));
+        const ranges = field.map((_, axis) => read.map((row) => row[axis])).map((each) => Math.max(...each) - Math.min(...each));
+        return step > 0 && turned(APART) > GROWS * turned(1) && turned(1) > (FASTEST_RAD_S * step * Math.max(...ranges)) / 2;
     }
 
     /**
@@ -581,7 +663,8 @@ export class Tables {
         const folded = names.map((name) => name.trim().toLowerCase());
         const hasCovariance = names.some((name) => name.startsWith("magnetic_field_covariance"));
         const isPrinted = first.toLowerCase() === "magnetic_field x" && hasCovariance;
-        if (isPrinted || /magnetic_field[./]x$/i.test(first)) return "T";
+        const isOfRos = this.rules.columns.OF_ROS.some((/** @type {string} */ end) => first.toLowerCase().endsWith(end));
+        if (isPrinted || isOfRos) return "T";
         return ["seconds_elapsed", "x", "y", "z"].every((name) => folded.includes(name)) ? "uT" : "";
     }
 
@@ -632,17 +715,17 @@ export class Tables {
      * Devices that a column tells apart, by its name or the first rows, and then by all rows.
      * @param {readonly string[]} names
      * @param {string[][]} alike The first rows.
-     * @param {readonly Clock[]} clocks
+     * @param {number[]} told Places of times.
      * @param {() => string[][]} every
      * @param {import("./devices.js").SensorColumn | null} sensor
      */
-    devicesOf(names, alike, clocks, every, sensor) {
+    devicesOf(names, alike, told, every, sensor) {
         const width = alike[0].length;
-        const told = [...clocks.flatMap(({ cells }) => cells), ...(sensor ? [sensor.place] : [])];
         const ahead = width <= this.layout.NAMELESS ? width - 3 : 0;
         const isTelling = (/** @type {number} */ place) => this.devices.areIds(alike.map((row) => row[place]), place < ahead);
-        const isNamed = (/** @type {number} */ place) => this.devices.named(names[place] ?? "", names);
-        const free = [...alike[0].keys()].filter((place) => !told.includes(place));
+        const areUnits = (/** @type {number} */ place) => alike.every((row) => this.names.isUnit(row[place].trim()));
+        const isNamed = (/** @type {number} */ place) => this.devices.named(names[place] ?? "", names) && !areUnits(place);
+        const free = [...alike[0].keys()].filter((place) => !told.includes(place) && place !== sensor?.place);
         const places = free.filter(names.length ? isNamed : isTelling);
         const found = places.length ? this.devices.in(names, places, every().filter((cells) => this.prints.fits(cells, width))) : [];
         return sensor ? this.devices.ofSensor(sensor, found) : found;
