@@ -25,6 +25,7 @@ from flinders.estimators.reference.li import Li
 from flinders.estimators.reference.minmax import MinMax
 from flinders.estimators.reference.sphere import Sphere
 from flinders.estimators.robust import Robust
+from flinders.native.engine import engine
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -195,7 +196,9 @@ def test_the_order_of_the_readings_does_not_matter(name: str, which: int, seed: 
     # Where residuals hang together by chance, in one order of sixty, they weigh a little less beside the prior.
     found = [fit.correlation for fit in (one, other)]
     hang_together = any(each and max(each.time, each.excess_variance) > 1.0 for each in found)
-    assert other.ellipsoid.isclose(one.ellipsoid, rtol=1e-3 if hang_together else 1e-6)
+    # Where four that are alike by chance come one behind the other, they are a rest.
+    has_rest = len(engine().rests(shuffled)[0]) > 0
+    assert other.ellipsoid.isclose(one.ellipsoid, rtol=1e-3 if hang_together or has_rest else 1e-6)
     # How residuals hang together in time is a matter of their order; the rest of the covariance is not.
     claims = [fit.covariance if fit.textbook is None else fit.textbook for fit in (one, other)]
     npt.assert_allclose(claims[1], claims[0], rtol=1e-4, atol=1e-5 * np.abs(claims[0]).max())

@@ -821,6 +821,7 @@ def _cut_digits(values: Floats, unit: str) -> str:
     return reason.format(max(steps) * factor, many) if steps else ""
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _too_fast(values: Floats, unit: str, field: Floats) -> str:
     """Say that the unit of a time is not known: with the one that its size suggests, no sensor turns so fast."""
     known = np.isfinite(values) & np.isfinite(field).all(axis=1)

@@ -766,6 +766,7 @@ def _refuse_matrices(name: str, texts: Sequence[str]) -> None:
         )
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def _refuse_coded(name: str, header: Sequence[str], values: Floats, cells: Sequence[int]) -> None:
     """Refuse a table in which a number says which sensor a line is of: lengths of x, y and z differ with it by far."""
     lengths = np.linalg.norm(values[:, cells], axis=1)
