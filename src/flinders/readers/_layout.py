@@ -120,11 +120,11 @@ _GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, 
 _OPENS_JSON: Final = re.compile(r"^\s*[\[{]")
 _CLOCK: Final = re.compile(r"\d:\d\d:\d\d")
 MATRIX: Final = re.compile(r"# (?:name: (?P<name>.+)|columns: (?P<columns>\d+)\s*$)")  # in text of Octave
-ADDRESS_CELL: Final = re.compile(r"(?:^|[,;\t])\s*[\da-f]{2}(?::[\da-f]{2})+\s*(?=$|[,;\t])", re.IGNORECASE)
+ADDRESS_CELL: Final = re.compile(r"(?:^|[,;\t]) *[\da-f]{2}(?::[\da-f]{2})+ *(?=$|[,;\t])", re.IGNORECASE)
 _END_OF_HEADER: Final = re.compile(r"\W*end[ _]of[ _]header\W*", re.IGNORECASE)  # numbers above are no readings
 _UNITS: Final = re.compile(r"(?:(?:mag|field)[ _-]?)?units?", re.IGNORECASE)  # name of a column
 _SAYS_UNIT: Final = re.compile(
-    r"\W*(?:(?:mag\w*|(?:magnetic[ _])?field|the)[\W_]+)*units?(?:[ _]of[ _](?:the[ _])?(?:mag\w*|field))?"
+    r"\W*(?:(?:mag[^\W_]*|(?:magnetic[ _])?field|the)[\W_]+)*units?(?:[ _]of[ _](?:the[ _])?(?:mag\w*|field))?"
     r"(?:\s+(?:is|are)\b|[\"']?\s*[:=,;\t])\s*[\"'\[(]?((?:(?:micro|milli|nano)[ _-])?[^\W\d_]+)\W*",
     re.IGNORECASE,
 )

@@ -21,7 +21,10 @@ from flinders.readers.dialects import Dialect
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-RULER: Final = re.compile(r"\s*[|+┌├└╒╞╘╔╠╚]?(?=.*[+|┬┼┴╤╪╧╦╬╩])(?:\s*[-=:─━═]{2,}\s*[|+┬┼┴╤╪╧╦╬╩┐┤┘╕╡╛╗╣╝]?)+\s*")
+RULER: Final = re.compile(
+    r"^\s*(?:[|+┌├└╒╞╘╔╠╚]\s*)?(?=[-=:─━═\s]*[+|┬┼┴╤╪╧╦╬╩])[-=:─━═]{2,}(?:\s*[|+┬┼┴╤╪╧╦╬╩]\s*[-=:─━═]{2,})*"
+    r"\s*[|+┐┤┘╕╡╛╗╣╝]?\s*"
+)
 """A line between rows, ``-----+-----``, ``|:---|---:|``."""
 BARS: Final = re.compile(r"[|│┃║]")
 _COUNT: Final = re.compile(r"\s*\(?[\d,]+ rows?\)?(?: in set.*)?\s*")  # what stands below

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 DELIMITERS: Final = (",", ";", "\t")
-SIGN: Final = re.compile(r"(?:[,;\t]\s*[^\W\d][^,;\t]*[,;\t]\s*[-+]?[\d.]+\s*){3}")
+SIGN: Final = re.compile(r"(?:[,;\t] *[^\W\d][^,;\t]*[,;\t] *[-+]?[\d.]+ *){3}")
 NAME: Final = re.compile(r"[^\W\d][^,;\t]*")
 TITLE: Final = re.compile(r"[^\W\d_][\w./]{4,}")
 """A word without a value that says which message a line is."""

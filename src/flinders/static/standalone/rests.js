@@ -26,6 +26,7 @@ export const NO_RESTS = { bounds: [], areLeftOut: false };
 export function fittedOnce(field, { bounds, areLeftOut }) {
     const rows = field.length / 3;
     const begins = Array.from({ length: rows }, (_, row) => row);
+    if (!bounds.length) return { field, first: begins, last: begins };
     for (const [begin, end] of bounds) begins.fill(areLeftOut ? -1 : begin, begin, end);
     const first = begins.filter((begin, row) => begin === row);
     const last = areLeftOut ? first : first.map((_, i) => (first[i + 1] ?? rows) - 1);
