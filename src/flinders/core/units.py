@@ -43,7 +43,7 @@ SPELLINGS: Final = {
 }  # fmt: skip
 """Lower-case spellings, both code points of µ among them, and the name each stands for."""
 PARTED: Final = re.compile(r"\b(micro|milli|nano)[\s_-]+(?=tesla|gauss)", re.IGNORECASE)
-"""The first part of a unit that is written apart: ``micro Tesla``."""
+"""A prefix that is written as a word of its own before its unit: ``micro Tesla``."""
 
 
 @dataclass(frozen=True, slots=True)

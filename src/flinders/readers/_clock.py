@@ -127,7 +127,7 @@ def clocks_of(rows: Sequence[Sequence[str]], places: Iterable[int]) -> Iterator[
 
 
 def _with_fraction(rows: Sequence[Sequence[str]], cells: tuple[int, ...]) -> tuple[int, ...]:
-    """Add the next cell, where a comma before the fraction of a second has cut that off: ``04:42:07,813``."""
+    """Join a time and its fraction, which a decimal comma has put into the next cell: ``04:42:07,813``."""
     after = cells[-1] + 1
     if not all(after < len(row) and FRACTION.fullmatch(row[after].strip()) for row in rows):
         return cells

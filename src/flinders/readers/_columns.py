@@ -196,7 +196,7 @@ class Columns:
         return np.stack([values[self.cells.index(cell)] for cell in column.cells], axis=1, dtype=np.float64)
 
     def readings(self, values: Values) -> Floats:
-        """(N, 3) of the field as it was recorded, from values of `cells`: of set and reset half their difference."""
+        """(N, 3) field as recorded, from values of `cells`; where set and reset are recorded, half their difference."""
         field = self.taken(values, self.field)
         if self.reset is not None:
             field = (field - self.taken(values, self.reset)) / 2.0

@@ -225,7 +225,7 @@ def recognise_layout(
     """Recognise how lines are written: as a table, which `lay_out` does, or in a dialect that makes one.
 
     Raises what `lay_out` raises where they are neither; of a text that is known, `NoMagnetometer` says what it is.
-    `every` gives all lines, of which `lines` are the first.
+    `lines` are the first of the file, and `every` gives all of it.
     """
     every = every or (lambda: lines)
     if pattern is None and (known := refusal(name, lines)):
@@ -427,10 +427,8 @@ def _table(
     values, clocks = _first_numbers(best, places, width, texts[start:])
     misfit = None if header else _misfit(name, above, signs[0], values, clocks, asked)
     place, header = (misfit.place, misfit.names) if misfit else (place, header)
-    told = {cell for clock in clocks for cell in clock.cells} | ({sensors.place} if sensors else set())
-    told |= set(() if header else seconds_and_nanoseconds(values))
-    devices = _devices(header, [cells[:width] for cells in alike], told, signs[0], every)
-    devices = sensors.devices(header, devices) if sensors else devices
+    times = {cell for clock in clocks for cell in clock.cells}.union(() if header else seconds_and_nanoseconds(values))
+    devices = _devices(header, [cells[:width] for cells in alike], times, signs[0], every, sensors)
     if devices and (own := [place for place in places if not devices[0].is_of_other(rows[place])]):
         values, clocks = _first_numbers(best, own, width, texts[start:])
     asked = asked or choice.remembered(header, width, rising_in(values) if choice.forms else ())
@@ -451,9 +449,7 @@ def _table(
     if unit := _told_unit(header, alike, texts[:start]):
         chosen = chosen.in_told(unit)
     if asked is None:
-        if not header or meaning(chosen.field.names[0]).is_bare:
-            _refuse_mixed(name, header, alike)
-        _refuse_thousands(name, alike, chosen, signs[1])
+        _refuse_unsafe(name, header, alike, chosen, signs[1])
     numbers = ", ".join(str(cell + 1) for cell in chosen.field.cells)
     is_even = header or often >= SAME_WIDTH * len(rows)
     return TextLayout(
@@ -467,6 +463,15 @@ def _table(
         spare=_spare(alike, chosen.field.cells),
         heading=f"{heading} ({', '.join(chosen.field.names)} of columns {numbers})" if heading and header else heading,
     )
+
+
+def _refuse_unsafe(
+    name: str, header: Sequence[str], alike: Sequence[Sequence[str]], chosen: Columns, decimal: str
+) -> None:
+    """Refuse columns that nobody asked for, where rows are of several sensors or thousands are grouped."""
+    if not header or meaning(chosen.field.names[0]).is_bare:
+        _refuse_mixed(name, header, alike)
+    _refuse_thousands(name, alike, chosen, decimal)
 
 
 def _spare(rows: Sequence[Sequence[str]], field: Sequence[int]) -> frozenset[int]:
@@ -510,21 +515,22 @@ def _clocks(texts: Sequence[str], rows: Sequence[Sequence[str]], values: Floats,
 def _devices(
     header: Sequence[str],
     alike: Sequence[Sequence[str]],
-    told: Container[int],
+    times: Container[int],
     delimiter: str,
     every: EveryLine,
+    sensors: SensorColumn | None,
 ) -> tuple[Device, ...]:
     """Devices that a column of a table tells apart, by its name or the first rows, and then by all of its rows.
 
-    Those that are `told` are of something else.
+    The columns of `times` name none; that of `sensors` says which rows are of a magnetometer.
     """
     width = len(alike[0])
+    free = [place for place in range(width) if place not in times and not (sensors and place == sensors.place)]
     if header:
-        places = [at for at, name in enumerate(header) if names_device(name, header) and at not in told]
+        places = [at for at in free if at < len(header) and names_device(header[at], header)]
         places = [at for at in places if not all(is_unit(row[at].strip()) for row in alike)]
     else:
         ahead = width - len("xyz") if width <= NAMELESS else 0
-        free = [place for place in range(width) if place not in told]
         places = [at for at in free if are_ids((row[at] for row in alike), is_ahead=at < ahead)]
 
     def rows() -> Iterator[tuple[str, ...]]:
@@ -533,7 +539,8 @@ def _devices(
             if fits(cells, width):
                 yield tuple(cells[place] for place in places)
 
-    return devices_in(header, places, rows) if places else ()
+    found = devices_in(header, places, rows) if places else ()
+    return sensors.devices(header, found) if sensors else found
 
 
 def _is_comment(text: str) -> bool:
@@ -958,7 +965,7 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
 
 
 def _unrecognised(name: str, text: str, line: str) -> UnreadableInput:
-    """Say that no readings are recognised, and the pattern of a line of numbers."""
+    """Say that no readings are recognised, and offer the ``--pattern`` of a line that has numbers."""
     pattern = pattern_of(text) if len(text) <= LONGEST_EXAMPLE else ""
     example = f"; this line is pattern={pattern!r}, if those are its x, y and z" if pattern else ""
     return UnreadableInput(

@@ -577,7 +577,7 @@ def _as_pattern(text: str) -> str:
 
 @lru_cache(1024)
 def label_of(gaps: tuple[str, ...]) -> str:
-    """All words before and between the numbers of a line; lines of one sensor have the same.
+    """All words before and between the numbers of a line, which are the same in all lines of one sensor.
 
     >>> label_of(("Foo: X=", "Y=", "Z=", "uT")), label_of(("[INFO] Foo X:", "Y:", "Z:", ""))
     ('fooxyz', 'fooxyz')

@@ -35,7 +35,7 @@ class Boxed(Dialect):
     """Rows of cells between bars."""
 
     def row(self, line: str) -> Sequence[str] | None:
-        """Cut a line at its bars; nothing for a ruler, the names or the number of rows."""
+        """Cut a line at its bars; a ruler, the header and the count of rows have no cells."""
         if RULER.fullmatch(line) or _COUNT.fullmatch(line):
             return ()
         cells = _cells(line)
@@ -59,7 +59,7 @@ def recognise(lines: list[str]) -> Boxed | None:
 
 
 def _cells(line: str) -> list[str]:
-    """What stands between bars; those at both ends are none's."""
+    """Cells between the bars of a line; its first and last bar may be missing."""
     cells = [cell.strip() for cell in BARS.split(line.strip())]
     is_framed = BARS.match(line.strip()) is not None
     return cells[is_framed : len(cells) - (is_framed and not cells[-1])]

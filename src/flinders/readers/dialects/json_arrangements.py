@@ -37,7 +37,7 @@ STEADIER: Final = 1.5  # times that readings of several sensors differ more than
 
 
 def arranged(document: Json) -> list[Any] | None:
-    """Records of an object that holds a table: names beside rows, lists by key, or one list of records; else None."""
+    """Records of a table in one object (names beside rows, lists by key, a list of records); None for other objects."""
     for body in _objects(document):
         if rows := _named_rows(body):
             return rows

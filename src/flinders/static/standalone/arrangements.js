@@ -21,7 +21,7 @@ export class Arrangements {
     }
 
     /**
-     * Records of an object that holds a table.
+     * Records of a table in one object; null for other objects.
      * @param {Record<string, any>} document
      * @returns {any[] | null}
      */

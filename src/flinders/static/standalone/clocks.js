@@ -74,7 +74,7 @@ export function clocksOf(rules, rows, places) {
 }
 
 /**
- * Cells, and the next where a comma before the fraction of a second has cut that off: `04:42:07,813`.
+ * Cells of a time, with that of its fraction, which a decimal comma has put into the next: `04:42:07,813`.
  * @param {Constants} rules
  * @param {readonly (readonly string[])[]} rows
  * @param {number[]} cells

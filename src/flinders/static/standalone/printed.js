@@ -152,7 +152,7 @@ export class Prints {
     }
 
     /**
-     * All words before and between the numbers of a line; lines of one sensor have the same.
+     * All words before and between the numbers of a line, which are the same in all lines of one sensor.
      * @param {string[]} gaps
      */
     labelOf(gaps) {

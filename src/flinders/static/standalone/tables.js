@@ -599,7 +599,7 @@ export class Tables {
     }
 
     /**
-     * Whether numbers rise as a clock does: from time to time, so many readings to each.
+     * Whether numbers rise as a coarse clock does, with the same number of readings to each of its steps.
      * @param {number[]} values Finite.
      */
     rises(values) {
