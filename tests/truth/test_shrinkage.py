@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,14 +13,18 @@ from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.estimators import METHODS, Readings
 from flinders.fitting.batch import fit_batch
+from flinders.fitting.record import record_of_ellipsoid
 from flinders.fitting.result import Refused
-from flinders.fitting.shrinkage import posteriors, shrunk
+from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.native.engine import engine
 from flinders.simulate import Sensor
 
 if TYPE_CHECKING:
     from tests.trials import Choose
 
+    from flinders.arrays import Floats
     from flinders.fitting.result import Fit
+    from flinders.native.engine import Records
 
 CORRECTED = Sensor(noise=0.3)
 UNCORRECTED = Sensor(offset=np.array([20.0, -10.0, 15.0]), noise=0.3)
@@ -39,6 +42,14 @@ def judged(samples: Samples, **options: object) -> Fit:
         return flinders.fit(samples, **options)  # type: ignore[arg-type]
     except Refused as refusal:
         return refusal.fit
+
+
+def claimed(ellipsoid: Ellipsoid, covariance: Floats) -> Records:
+    """The record of an estimate, shrunk where its readings were corrected before."""
+    record = record_of_ellipsoid(ellipsoid)
+    record["covariance"], record["is_claimed"] = covariance.ravel(), True
+    engine().claim(record, engine().request())
+    return record
 
 
 def error_deg(fit: Fit, sensor: Sensor) -> float:
@@ -100,7 +111,7 @@ def test_an_estimate_that_is_hardly_known_is_left_alone() -> None:
     unknown = np.zeros((9, 9))
     unknown[[0, 3], [0, 3]] = 1e28
     unknown[0, 3] = unknown[3, 0] = -1e28
-    assert shrunk(replace(fitted, covariance=fitted.covariance + unknown)) is None
+    assert not claimed(fitted.ellipsoid, fitted.covariance + unknown)["is_shrunk"]
 
 
 def test_a_direction_of_which_much_is_unknown_leaves_a_negative_variance_to_rounding() -> None:
@@ -110,19 +121,13 @@ def test_a_direction_of_which_much_is_unknown_leaves_a_negative_variance_to_roun
     along, across = np.eye(9)[0] - np.eye(9)[3], np.eye(9)[1] + np.eye(9)[2]
     covariance = 2000.0 * np.outer(along, along) - 2e-3 * np.outer(across, across) + 2.5e-3 * np.eye(9)
     assert np.linalg.eigvalsh(covariance)[0] < -1e-3
-    shrunken = shrunk(replace(fitted, covariance=covariance * size**2))
-    assert shrunken is None or np.isfinite(shrunken.covariance).all()
+    assert np.isfinite(claimed(fitted.ellipsoid, covariance * size**2)["covariance"]).all()
 
 
-def test_an_estimate_is_shrunk_alike_alone_and_among_others() -> None:
-    """To the last digit: the claim of a unit of a fleet depended on the units of its partition."""
-    rng = np.random.default_rng(1)
-    roots = rng.normal(scale=0.1, size=(40, 9, 9))
-    covariances = roots @ roots.swapaxes(1, 2)
-    parameters = np.repeat([[0.0, 0.0, 0.0, 50.0, 50.0, 50.0, 0.0, 0.0, 0.0]], len(roots), axis=0)
-    places, means, spreads = posteriors(parameters, covariances)
-    assert len(places) == len(roots)
-    for place in places.tolist():
-        _, (mean,), (spread,) = posteriors(parameters[[place]], covariances[[place]])
-        np.testing.assert_array_equal(mean, means[place])
-        np.testing.assert_array_equal(spread, spreads[place])
+def test_the_claim_of_a_shrunk_fit_is_nearer_and_narrower() -> None:
+    poorly_known = np.diag([4.0, 0.04, 0.04, *[0.25] * 6])
+    shrunken = claimed(Ellipsoid(np.array([3.0, 0.1, 0.0]), 50.0 * np.eye(3)), poorly_known)
+    assert shrunken["is_shrunk"]
+    assert shrunken["centre"].round(2).tolist() == [0.12, 0.07, 0.0]
+    assert np.sqrt(shrunken["covariance"][0]) < 0.6
+    assert not claimed(Ellipsoid(np.array([40.0, 9.0, 0.0]), 50.0 * np.eye(3)), poorly_known)["is_shrunk"]

@@ -435,7 +435,7 @@ def as_equator(
         flat[:3], symmetric(flat[3:]), field_strength=field_strength, raw=old.raw, axes=old.axes, frame=old.frame
     )
     claimed: Floats = rows @ covariance @ rows.T
-    return replace(fit, calibration=calibration, covariance=claimed, distortion=0.0, nonlinearity=None, axis_lag=None)
+    return replace(fit, calibration=calibration, covariance=claimed, structure_deg=0.0, distortion=0.0)
 
 
 def _pair(a: Fit, b: Fit) -> tuple[Pairs, bool]:

@@ -24,7 +24,7 @@ import numpy as np
 
 from flinders.core.units import label
 from flinders.errors import UsageError, figures
-from flinders.findings import CATALOGUE, Finding, Record, by_severity
+from flinders.findings import Finding, Record, by_severity, certain
 from flinders.fitting.verdict import of_calibration
 from flinders.geometry.plane import PLANES, heading_errors, order_of
 from flinders.heading.error_propagation import HeadingError, level_turn
@@ -265,7 +265,7 @@ def _finding(turns: Sequence[str], left_deg: float, target_deg: float) -> Findin
             "claimed of other attitudes; what was recorded unloaded, flinders calibrate fits together"
         )
     numbers = {"is_composed": 1.0, "rotation_left_deg": left_deg, "target_deg": target_deg}
-    return CATALOGUE["composed"].certain(Record(numbers, turns=named, composition=what))
+    return certain(Record(numbers, turns=named, composition=what), "composed")
 
 
 def _listed(values: Floats) -> str:

@@ -39,9 +39,11 @@ from flinders.core.units import Unit, label
 from flinders.deprecation import renamed_attribute
 from flinders.diagnostics.repeatability import RecordingFit, compared
 from flinders.errors import UsageError, counted, figures
-from flinders.findings import Record, by_severity, found_in
+from flinders.findings import by_severity
+from flinders.findings.catalogue import OF_CALIBRATION
+from flinders.fitting.record import expected_error
 from flinders.fitting.result import Fit, Refused
-from flinders.fitting.verdict import contradiction, of_calibration
+from flinders.fitting.verdict import contradiction_words, judged_parts
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.summary.pooling import chi_square_of, pool
 
@@ -54,6 +56,9 @@ if TYPE_CHECKING:
     from flinders.findings import Finding
 
 METHOD: Final = "merged"
+
+MERGE_OTHERS: Final = "merge calibrations that were made in the state of use, of sensors turned through all directions"
+"""What makes the heading error of a merged calibration smaller."""
 
 LACKING: Final = frozenset({"coverage", "unobservable-parameters", "prior", "inflation", "level-plane"})
 """Findings of something that a recording did not see: one that did makes up for it."""
@@ -138,6 +143,8 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
         raise UsageError("they have so little in common that no ellipsoid lies between them: they are of two sensors")
     ellipsoid, covariance = field.settle(ellipsoid, together.covariance + together.predicted)
     repeats = compared(brought, dip_deg=dip)
+    distortion = max(map(_distortion, parts))
+    error, structure_deg = expected_error(ellipsoid, covariance, dip_deg=dip, distortion=distortion)
     merged = Fit(
         calibration=_calibration(parts, ellipsoid, field),
         method=METHOD,
@@ -146,11 +153,12 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
         noise=_noise(parts),
         target_deg=float(target_deg),
         dip_deg=abs(dip),
-        distortion=max(map(_distortion, parts)),
+        distortion=distortion,
+        heading_error_deg=error,
+        structure_deg=structure_deg,
         repeats=repeats,
         name=METHOD,
     )
-    merged = replace(merged, heading_error_deg=merged.level_error(dip))
     merged = replace(merged, findings=_judged(merged, repeats, parts))
     if merged.verdict == "refused":
         raise NotMerged(merged)
@@ -369,24 +377,31 @@ def _calibration(parts: Sequence[Fit], ellipsoid: Ellipsoid, field: _Field) -> C
 
 def _judged(merged: Fit, repeats: Repeats, parts: Sequence[Fit]) -> tuple[Finding, ...]:
     """Say what there is to know, the most severe first."""
-    apart = list(contradiction(repeats, merged.target_deg, label(merged.calibration.unit)))
-    is_said = any(finding.severity == "refuses" for finding in apart)
-    accuracy = () if is_said else _accuracy(merged, repeats)
-    return by_severity([*apart, *accuracy, *_carried(repeats, parts), *of_calibration(merged)])
-
-
-def _accuracy(merged: Fit, repeats: Repeats) -> Iterator[Finding]:
-    """What the covariance says about heading."""
-    worst, scatter = merged.heading_error_deg.worst, repeats.scatter_deg
-    why = f", {figures(min(scatter, worst))}° of it because they differ" if scatter > worst / 2.0 else ""
-    record = Record(
-        {"worst_deg": worst, "target_deg": merged.target_deg},
-        why=lambda: why,
-        remedy=lambda: (
-            "merge calibrations that were made in the state of use, of sensors turned through all directions"
-        ),
+    part, worst_deg, scatter_deg = repeats.farthest, merged.heading_error_deg.worst, repeats.scatter_deg
+    is_apart = scatter_deg > worst_deg / 2.0
+    why = f", {figures(min(scatter_deg, worst_deg))}° of it because they differ" if is_apart else ""
+    unit = label(merged.calibration.unit)
+    found = tuple(
+        judged_parts(
+            merged,
+            ("recordings-differ", "heading-error", *OF_CALIBRATION),
+            target_deg=merged.target_deg,
+            words={
+                "contradiction": lambda quantities: contradiction_words(repeats, quantities, unit),
+                "why": lambda _: why,
+                "remedy": lambda _: MERGE_OTHERS,
+            },
+            level_worst_deg=worst_deg,
+            apart_deg=part.off_deg,
+            apart_sigma_deg=part.off_sigma_deg,
+            apart_by_chance=part.p_value,
+        )
     )
-    yield from found_in(record, "heading-error")
+    is_said = any(finding.code == "recordings-differ" and finding.severity == "refuses" for finding in found)
+    apart = [finding for finding in found if finding.code == "recordings-differ"]
+    accuracy = [finding for finding in found if finding.code == "heading-error" and not is_said]
+    own = [finding for finding in found if finding.code in OF_CALIBRATION]
+    return by_severity([*apart, *accuracy, *_carried(repeats, parts), *own])
 
 
 def _carried(repeats: Repeats, parts: Sequence[Fit]) -> Iterator[Finding]:

@@ -36,7 +36,7 @@ from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import found_alone
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
 from flinders.estimators.outliers import dense_in, left_out
-from flinders.findings import CATALOGUE, Finding, Record, by_severity, found_in
+from flinders.findings import Finding, Record, by_severity, certain, found_in
 from flinders.fitting.aiding import Aiding
 from flinders.fitting.calibrate import fit, judged_as
 from flinders.fitting.result import Fit, Refused, fit_of
@@ -614,7 +614,7 @@ def _findings(together: Together, place: int, target_deg: float) -> Iterator[Fin
 
 def _certain(code: str, numbers: dict[str, float], **words: str) -> Finding:
     """What the catalogue says where code has decided."""
-    return CATALOGUE[code].certain(Record(numbers, **words))
+    return certain(Record(numbers, **words), code)
 
 
 def _apart_throughout(apart_deg: float, target_deg: float) -> Finding:

@@ -136,6 +136,7 @@ class HeadingErrorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_field
     dip_deg: Annotated[float, Meta(ge=-90, le=90)] | None = None  #: dip of the field it holds for
     dip_assumed: bool = False  #: nobody said where the readings were taken, and the dip is a guess
     target_deg: Positive | None = None  #: what was asked for
+    structure_deg: NotNegative = 0.0  #: part of `rms` and `worst` that belongs to the direction of the field
 
 
 class FindingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -185,6 +186,10 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     findings: tuple[FindingRecord, ...] = ()
     #: what a good verdict rests on: ``same-soft-iron``, ``uniform-field``, ``constant-iron``
     conditions: tuple[Literal["same-soft-iron", "uniform-field", "constant-iron"], ...] | UnsetType = UNSET
+    #: ``xy``, ``yz`` or ``zx``: plane of the one turn that the fit rests on
+    plane: Literal["xy", "yz", "zx"] | UnsetType = UNSET
+    #: at such a turn, whether z points down; None where nothing shows it
+    z_down: bool | UnsetType | None = UNSET
     beside: BesideRecord | UnsetType = UNSET  #: where something beside the magnetometer was used
 
     def __post_init__(self) -> None:

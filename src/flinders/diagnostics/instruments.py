@@ -35,7 +35,7 @@ from flinders.estimators.mounting import (
     by_vertical,
     second_axis,
 )
-from flinders.findings import CATALOGUE, Finding, Record
+from flinders.findings import Finding, Record, certain, finding_in
 from flinders.geometry.rotation import lengths
 from flinders.heading.attitude import magnetic_heading_deg, tilt_error_deg
 from flinders.heading.deviation import design
@@ -119,13 +119,13 @@ class Mistake:
 
 def _mistake(code: str, aid: str, numbers: dict[str, float], *, drops: bool = True, **words: str) -> Mistake | None:
     """What the catalogue makes of some numbers."""
-    finding = CATALOGUE[code].finding(Record(numbers, aid=aid, **words))
+    finding = finding_in(Record(numbers, aid=aid, **words), code)
     return None if finding is None else Mistake(aid, finding, drops)
 
 
 def _certain(code: str, aid: str, numbers: dict[str, float], *, drops: bool = True, **words: str) -> Mistake:
     """The same, where it was decided already."""
-    return Mistake(aid, CATALOGUE[code].certain(Record(numbers, aid=aid, **words)), drops)
+    return Mistake(aid, certain(Record(numbers, aid=aid, **words), code), drops)
 
 
 def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) -> tuple[Axes | None, list[Mistake]]:

@@ -3,42 +3,31 @@
 A row has the code, the rule with its limits, the sentence for an engineer, the sentence and the remedy for whoever uses
 the compass, and what the table of docs/findings.md says. Verdict, terminal, page, reports and fleets read it. To add a
 finding, add its row to the file of its subject; a quantity that its rule or sentence takes and that the record does not
-have yet is made where the record is made (`flinders.fitting.verdict`).
-
->>> CATALOGUE["coverage"].number
-'angle from the middle of the largest gap to the nearest reading, degrees'
->>> CATALOGUE["coverage"].rule.grades
-(Grade(severity='limits', factor=60.0, times=''),)
+have yet is made where the engine makes the others (``judge.c``), or of other sensors where their record is made.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import Final
 
-from flinders.findings import aiding, calibration, disturbances, fit, recording, sensors
+from flinders.findings.catalogue import CATALOGUE as CATALOGUE
+from flinders.findings.catalogue import OF_ONE_MAGNETOMETER as OF_ONE_MAGNETOMETER
 from flinders.findings.refusal import REFUSALS as REFUSALS
 from flinders.findings.row import CAUSES as CAUSES
 from flinders.findings.row import VERDICTS as VERDICTS
-from flinders.findings.row import CatalogueRow as CatalogueRow  # noqa: TC001 - for others
+from flinders.findings.row import CatalogueRow as CatalogueRow
 from flinders.findings.row import Condition as Condition
 from flinders.findings.row import Finding as Finding  # noqa: TC001 - for others
 from flinders.findings.row import Quantity as Quantity
 from flinders.findings.row import Record as Record
-from flinders.findings.row import Severity as Severity  # noqa: TC001 - for others
+from flinders.findings.row import Severity as Severity
 from flinders.findings.row import Verdict as Verdict
 from flinders.findings.row import by_severity as by_severity
-from flinders.findings.row import first_causes as first_causes
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-CATALOGUE: Final[dict[str, CatalogueRow]] = {
-    row.code: row for subject in (fit, recording, disturbances, calibration, aiding, sensors) for row in subject.ROWS
-}
-"""Every finding there is, by its code."""
-
-OF_ONE_MAGNETOMETER: Final = (*fit.ROWS, *recording.ROWS, *calibration.ROWS)
-"""Findings that a magnetometer can have by itself, for programs in other languages that calibrate one."""
+from flinders.findings.rules import certain as certain
+from flinders.findings.rules import finding_in as finding_in
+from flinders.findings.rules import first_causes as first_causes
+from flinders.findings.rules import found_in as found_in
+from flinders.findings.rules import limit_of as limit_of
 
 RENAMED: Final = {row.former: row.code for row in CATALOGUE.values() if row.former}
 """The code of today for one that a file or a table of an earlier release may hold.
@@ -64,28 +53,6 @@ def in_options(finding: Finding) -> str:
 
 def _naming(finding: Finding, names: str) -> str:
     return f"{finding.advice} ({names})" if names else finding.advice
-
-
-def found_in(record: Mapping[str, Any], *codes: str) -> Iterator[Finding]:
-    """Of some findings those whose rules hold for a record.
-
-    >>> [finding.code for finding in found_in({"axis_ratio": 3.0, "step": 0.0}, "axis-ratio", "quantised")]
-    ['axis-ratio']
-    """
-    return (finding for code in codes if (finding := CATALOGUE[code].finding(record)) is not None)
-
-
-def limit_of(code: str, name: Severity | str = "limits") -> float:
-    """The factor of a limit in a rule: that of a severity, or of another quantity that it needs.
-
-    >>> limit_of("coverage"), limit_of("heading-error", "refuses"), limit_of("field-changed", "drift_by_chance")
-    (60.0, 5.0, 0.0001)
-    """
-    rule = CATALOGUE[code].rule
-    limits = {grade.severity: grade.factor for grade in rule.grades} | {
-        need.quantity: need.factor for need in rule.needs
-    }
-    return limits[name]
 
 
 def action(code: str) -> str:

@@ -1,35 +1,21 @@
 """What a finding is, and a row of the catalogue: when it is found, how it is said, and what to do about it.
 
-A rule is data: comparisons of plain numbers with limits, so that a program in another language can apply the same. The
-numbers of a row may be those of one fit or columns of many.
+A rule is data: comparisons of plain numbers with limits, which the engine applies (`flinders.findings.rules`).
 
 >>> hot = CatalogueRow(
 ...     code="hot", number="temperature, °C", grades="note; limits above 80",
 ...     rule=Rule("celsius", (Grade("note", 60.0), Grade("limits", 80.0))),
 ...     said="the sensor was at {celsius:.0f} °C", plain="It was hot.", remedy="Cool it.", action="cool it",
 ... )
->>> hot.finding({"celsius": 85.0})
+>>> hot.stated({"celsius": 85.0}, "limits")
 Finding(code='hot', severity='limits', number=85.0, limit=60.0, advice='the sensor was at 85 °C')
->>> hot.finding({"celsius": 20.0}) is None
-True
->>> hot.rule.holds({"celsius": np.array([20.0, 70.0, 90.0])})["note"]
-array([False,  True, False])
-
-Findings that follow from others are not shown: who removes the cause need not read of them.
-
->>> given = [Finding(code, "limits", 1.0, 0.0, "…") for code in ("noise", "coverage", "axis-swap")]
->>> [finding.code for finding in first_causes(given)]
-['axis-swap', 'coverage']
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from operator import ge, gt, lt
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
-
-import numpy as np  # noqa: F401 - for the example above
 
 from flinders.errors import figures
 
@@ -63,7 +49,6 @@ CERTAINTY: Final[dict[Condition, str]] = {
 """What would show it."""
 
 Comparison = Literal["<", ">", ">="]
-COMPARISONS: Final[dict[str, Callable[[Any, Any], Any]]] = {"<": lt, ">": gt, ">=": ge}
 
 ANY_ANGLE_DEG: Final = 90.0
 
@@ -93,11 +78,6 @@ def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
 
 
-def _scaled(factor: float, times: str, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a number, or a column of them
-    """A factor, of a quantity of the record or of one."""
-    return factor * record[times] if times else factor
-
-
 class Limit(NamedTuple):
     """A factor, of a quantity of the record or of one."""
 
@@ -120,10 +100,6 @@ class Needs(NamedTuple):
     comparison: Comparison
     factor: float
     times: str = ""
-
-    def holds(self, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a truth value, or a column of them
-        """Whether it holds for a record."""
-        return COMPARISONS[self.comparison](record[self.quantity], _scaled(self.factor, self.times, record))
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,30 +130,10 @@ class Rule:
         """Names of the quantities that it compares or states."""
         return self.compared | {name for name in (self.number, self.limit.times if self.limit else "") if name}
 
-    def severity(self, record: Mapping[str, Any]) -> Severity | None:
-        """How severe it is for one record; None where it is not found."""
-        number, beyond, severity = record[self.quantity], COMPARISONS[self.comparison], None
-        for worse, factor, times in self.grades:  # each asks for more than the one before
-            if not beyond(number, _scaled(factor, times, record)):
-                break
-            severity = worse
-        return severity if severity and all(need.holds(record) for need in self.needs) else None
-
-    def holds(self, record: Mapping[str, Any]) -> dict[Severity, Any]:
-        """For each severity whether a record has it; of columns (U,) bool."""
-        number, beyond = record[self.quantity], COMPARISONS[self.comparison]
-        exceeded = [beyond(number, _scaled(grade.factor, grade.times, record)) for grade in self.grades]
-        for need in self.needs:
-            exceeded = [each & need.holds(record) for each in exceeded]
-        more = [*exceeded[1:], number != number]  # noqa: PLR0124 - no number differs from itself
-        return {
-            grade.severity: each & (worse ^ True)
-            for grade, each, worse in zip(self.grades, exceeded, more, strict=True)
-        }
-
     def stated(self, record: Mapping[str, Any]) -> tuple[float, float]:
         """Number and limit as a finding states them."""
-        return record[self.number or self.quantity], _scaled(*self.stated_limit, record)
+        factor, times = self.stated_limit
+        return record[self.number or self.quantity], factor * record[times] if times else factor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,17 +159,14 @@ class CatalogueRow:
     #: what to do in a report of many units, where `action` speaks of what the advice to one unit names
     fleet_action: str = ""
 
-    def finding(self, record: Mapping[str, Any]) -> Finding | None:
-        """Apply the rule to a record; None where it does not hold.
+    def stated(self, record: Mapping[str, Any], severity: Severity) -> Finding:
+        """State it, with a severity that its rule has.
 
         Parameters
         ----------
         record : mapping
             Quantities of the rule by name, and what the sentence takes.
         """
-        severity = self.rule.severity(record)
-        if severity is None:
-            return None
         number, limit = self.rule.stated(record)
         return Finding(self.code, severity, float(number), float(limit), self.said.format_map(_Stated(record)))
 
@@ -229,12 +182,6 @@ class CatalogueRow:
             return self.limit
         factor, times = self.rule.stated_limit
         return _OF_THE_TARGET[factor] if times else f"{factor:g}"
-
-    def certain(self, record: Mapping[str, Any]) -> Finding:
-        """Apply the rule to a record for which it holds."""
-        finding = self.finding(record)
-        assert finding is not None
-        return finding
 
 
 class Quantity(float):
@@ -343,26 +290,3 @@ CAUSES: Final = (
     Cause("quantised", "note", ("stale-repeats",)),
 )
 """The first cause first, as the findings are shown."""
-
-_SEVERITIES: Final = tuple(VERDICTS)
-
-
-def first_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Findings that follow from no other, by severity, causes first; a cause is as severe as what follows from it.
-
-    `findings`: of one fit.
-    """
-    left, shown = list(findings), list[Finding]()
-    there = {finding.code for finding in left}
-    for code, severity, consequences, unless in CAUSES:
-        own = [finding for finding in left if finding.code == code and _rank(finding) <= _SEVERITIES.index(severity)]
-        if own and unless not in there:
-            hidden = [finding for finding in left if finding.code in consequences]
-            worst = min((*own, *hidden), key=_rank).severity
-            shown += [replace(finding, severity=worst) for finding in own]
-            left = [finding for finding in left if finding not in own and finding not in hidden]
-    return by_severity([*shown, *left])
-
-
-def _rank(finding: Finding) -> int:
-    return _SEVERITIES.index(finding.severity)

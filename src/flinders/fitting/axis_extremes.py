@@ -27,7 +27,7 @@ from flinders.core.units import Unit, label
 from flinders.errors import UsageError, figures
 from flinders.estimators.data import LARGEST, SMALLEST
 from flinders.estimators.reference.minmax import MinMax, spanned, strength_of
-from flinders.findings import CATALOGUE, Finding, Record, by_severity
+from flinders.findings import Finding, Record, by_severity, certain
 from flinders.fitting.result import Outcome
 from flinders.fitting.verdict import of_calibration
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -152,9 +152,7 @@ def _typed(extremes: Extremes, target_deg: float, dip_deg: float) -> Finding:
     half = extremes.ellipsoid.shape.diagonal()
     short = half.max() - half
     if not short.any():
-        return CATALOGUE[TYPED].certain(
-            Record({"is_typed": 1.0, "unturned_deg": 0.0, "target_deg": target_deg}, turn="")
-        )
+        return certain(Record({"is_typed": 1.0, "unturned_deg": 0.0, "target_deg": target_deg}, turn=""), TYPED)
     covariance = np.diag(np.append(short**2, np.zeros(6)))
     sphere = Ellipsoid(extremes.ellipsoid.centre, half.max() * np.eye(3))
     worst = level_error(sphere, covariance, dip_deg=dip_deg).worst
@@ -162,6 +160,4 @@ def _typed(extremes: Extremes, target_deg: float, dip_deg: float) -> Finding:
         f"were the axes alike and the shorter ones only not turned to their ends, the offset would be off by up to "
         f"{figures(float(short.max()))} {label(extremes.calibration.unit)} and a level heading by {figures(worst)}°. "
     )
-    return CATALOGUE[TYPED].certain(
-        Record({"is_typed": 1.0, "unturned_deg": worst, "target_deg": target_deg}, turn=turn)
-    )
+    return certain(Record({"is_typed": 1.0, "unturned_deg": worst, "target_deg": target_deg}, turn=turn), TYPED)

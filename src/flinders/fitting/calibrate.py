@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias, cast
 
 import numpy as np
@@ -30,15 +29,16 @@ from flinders.estimators.data import recording_of
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.likelihood import estimated
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
-from flinders.fitting.claim import claimed, halves_apart, repeated
-from flinders.fitting.result import Fit, Refused, structure_deg
-from flinders.fitting.shrinkage import shrunk
-from flinders.fitting.verdict import conditions, halves_matter, judge
+from flinders.fitting.claim import claimed, halves_apart
+from flinders.fitting.record import ASKS_HALVES, ASKS_SWAP, Found, add_found, add_reading, request_of
+from flinders.fitting.result import Fit, Refused
+from flinders.fitting.verdict import judged_quantities, with_findings
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.prior import SPREAD
+from flinders.native.engine import engine
 from flinders.summary.coverage import Coverage, RecordCoverage
 from flinders.summary.summary import Statistics, Summary, is_flat
 
@@ -68,11 +68,6 @@ OF_READING: Final = ("columns", "pattern", "scale", "topic", "as_logged", "start
 
 LOOKED_AT: Final = 5_000
 """Readings of a longer recording that are looked at for a change in time."""
-
-SWAP_LAG_ONE: Final = 0.05
-"""Correlation of a residual with the next below which no axes were swapped: 1 − 1/1.1² = 17 % of the variance are those
-of the swap, which follow each other, where undoing it takes a tenth off the noise, as `AxisSwap.gain` has to."""
-
 
 ONE_A_REST: Final = frozenset({"auto", "consistent", "ellipse", "level", "likelihood", "robust"})
 """Methods that count a rest as one reading or none; published recipes count each."""
@@ -243,23 +238,6 @@ class _Evidence(NamedTuple):
         coverage = RecordCoverage(record, readings.summary, estimate.ellipsoid, estimate.rejected_beyond)
         return cls(estimate, readings, statistics, coverage, record)
 
-    def heading_error(self, claim: Estimate, dip_deg: float, *, is_scaled: bool) -> HeadingError:
-        """That of a claimed estimate, the larger one where the readings leave the sign of the dip open.
-
-        The record holds that of its own covariance, of which the claimed one may be a multiple.
-        """
-        if self.record is not None and is_scaled:
-            wider = math.sqrt(claim.covariance[0, 0] / self.record["covariance"][0])
-            rms, worst, dip = (float(self.record[name]) for name in ("level_rms_deg", "level_worst_deg", "dip_deg"))
-            return HeadingError(wider * rms, wider * worst, dip)
-        down = down_of(claim.plane)
-        if self.record is not None:
-            dips: tuple[float, ...] = (float(self.record["dip_deg"]),)
-        else:
-            dips = (dip_deg,) if claim.plane else self.coverage.facings(dip_deg)
-        errors = (level_error(claim.ellipsoid, claim.covariance, dip_deg=dip, down=down) for dip in dips)
-        return max(errors, key=lambda error: error.worst)
-
 
 def _doubt(readings: Readings) -> str:
     """What readings look like, if not like a magnetometer's; of a long recording by its first block."""
@@ -385,11 +363,10 @@ def fit(
     if evidence.aiding is not None:
         evidence = evidence._replace(aiding=replace(evidence.aiding, each=(*tried, *evidence.aiding.each)))
     claim = _claimed(evidence, estimator, request)
-    nearer = _shrunk(claim.estimate, evidence, estimator, request)
-    calibration = _turned(_calibration(nearer or evidence.estimate, request, frame, sensor), evidence.aiding)
+    calibration = _turned(_calibration(claim.estimate, request, frame, sensor), evidence.aiding)
     if evidence.linearized is not None:
         calibration = replace(calibration, linearization=evidence.linearized.linearization)
-    return _accepted(_mounted(_judged(claim, evidence, calibration, request, nearer), alignment_sigma_deg))
+    return _accepted(_mounted(_judged(claim, evidence, calibration, request), alignment_sigma_deg))
 
 
 class _Compensated(NamedTuple):
@@ -471,31 +448,32 @@ def _linearized(plain: _Evidence, estimator: Estimator, request: Request, unit: 
 def _expected_deg(evidence: _Evidence) -> float:
     """Worst level heading error by the engine's record, with what belongs to the direction."""
     assert evidence.record is not None
-    estimate, faults = evidence.estimate, _faults_of_axes(evidence.estimate, evidence)
-    level = estimate.ellipsoid.radius * math.cos(math.radians(evidence.record["dip_deg"]))
-    return math.hypot(evidence.record["level_worst_deg"], structure_deg(_distortion(estimate, None), level, faults))
+    record = evidence.record.copy()
+    record["is_claimed"] = True  # each by its own covariance: few readings widen both alike
+    _add_faults(record, evidence.estimate, evidence)
+    return float(engine().judge(record, engine().request(shrinks=0))["worst_deg"])
 
 
 def _claimed(evidence: _Evidence, estimator: Estimator, request: Request) -> Claim:
-    """Widen the covariance of an estimate by what its method does not know of, and by its disturbances."""
+    """Widen the covariance of an estimate by what its method does not know of, and by its disturbances.
+
+    An estimate of `auto` by the magnitude alone, with a prior, is shrunk where its readings were corrected before.
+    """
     claim = claimed(
         evidence.estimate,
         evidence.readings,
         request.likelihood,
         evidence.statistics,
+        coverage=evidence.coverage,
+        record=evidence.record,
         is_biased=estimator.is_biased,
         is_joint=evidence.is_joint,
     )
-    if evidence.disturbed is None:
-        return claim
-    covariance = evidence.disturbed.widened(claim.estimate.covariance)
-    return claim._replace(estimate=replace(claim.estimate, covariance=covariance))
-
-
-def _shrunk(estimate: Estimate, evidence: _Evidence, estimator: Estimator, request: Request) -> Estimate | None:
-    """The ellipsoid of `auto` by the magnitude alone, with a prior, where its readings were corrected before."""
-    is_plain = isinstance(estimator, Auto) and not estimate.plane and not evidence.is_joint and not evidence.disturbed
-    return shrunk(estimate) if is_plain and request.prior is not None else None
+    if evidence.disturbed is not None:
+        claim = claim.widened(evidence.disturbed.widened(claim.estimate.covariance))
+    is_plain = isinstance(estimator, Auto) and not evidence.is_joint and evidence.disturbed is None
+    engine().claim(claim.record, engine().request(shrinks=is_plain and request.prior is not None))
+    return claim.shrunk() if claim.record["is_shrunk"] else claim
 
 
 def judged_as(
@@ -532,7 +510,14 @@ def judged_as(
     request = Request.of(dip_deg, target_deg=target_deg, field_strength=field_strength)
     evidence = _Evidence.of(estimate, within_range(Readings.of(source)), aiding_result)._replace(refreshed=refreshed)
     calibration = _turned(_calibration(estimate, request, _Frame.of(source), sensor), aiding_result)
-    claim = repeated(estimate, evidence.statistics)
+    claim = claimed(
+        estimate,
+        evidence.readings,
+        request.likelihood,
+        evidence.statistics,
+        coverage=evidence.coverage,
+        is_joint=True,
+    )
     return _accepted(_judged(claim, evidence, calibration, request))
 
 
@@ -722,12 +707,10 @@ def _drift(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Drift | N
     return drift_of(near.thinned(LOOKED_AT), estimate.ellipsoid, dip_deg=dip_deg)
 
 
-def _with_halves(drift: Drift | None, estimate: Estimate, readings: Readings, request: Request) -> Drift | None:
-    """Compare the halves of a recording where a change is proven that does not limit by its size."""
+def _with_halves(drift: Drift, estimate: Estimate, readings: Readings, request: Request) -> Drift:
+    """Compare the halves of a recording in memory."""
     samples = readings.as_read.recording
-    if drift is None or not isinstance(samples, Samples):
-        return drift
-    if not halves_matter(drift.heading_deg, drift.p_value, request.target_deg):
+    if not isinstance(samples, Samples):
         return drift
     return replace(drift, halves_apart=halves_apart(samples, request.likelihood, estimate))
 
@@ -742,17 +725,25 @@ def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlineari
     return nonlinearity_in(evidence.record) if terms is None else terms.corrected(evidence.record), lag
 
 
+def _add_faults(record: Records, estimate: Estimate, evidence: _Evidence) -> tuple[Nonlinearity | None, AxisLag | None]:
+    """Put faults of axes into a record, and what is left of those that are corrected."""
+    nonlinearity, lag = faults = _faults_of_axes(estimate, evidence)
+    record["nonlinear_deg"] = record["lag_deg"] = math.nan
+    if lag is not None:
+        record["lag_deg"], record["lag_by_chance"] = lag.heading_deg, lag.p_value
+    if nonlinearity is not None and nonlinearity.is_corrected:
+        record["linearized_deg"], record["linearized_share"] = nonlinearity.heading_deg, nonlinearity.share
+    elif nonlinearity is not None:
+        record["nonlinear_deg"], record["nonlinear_by_chance"] = nonlinearity.heading_deg, nonlinearity.p_value
+        record["nonlinearity"] = [*nonlinearity.quadratic, *nonlinearity.cubic]
+    return faults
+
+
 def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
-    """Whether axes were swapped while one recording in memory was made; if so, residuals are not white."""
+    """Whether axes were swapped while one recording in memory was made."""
     samples = readings.as_read.recording
-    if readings.parts or not isinstance(samples, Samples) or not estimate.may_be_swapped:
+    if readings.parts or not isinstance(samples, Samples):
         return None
-    correlation = estimate.correlation
-    if not estimate.outliers:
-        if correlation is None or correlation.is_white:
-            return None
-        if not estimate.unobserved and correlation.lag_one < SWAP_LAG_ONE:
-            return None
     from flinders.diagnostics.axis_swap import axis_swap_of
 
     return axis_swap_of(samples.field, estimate.noise)
@@ -793,22 +784,6 @@ def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Evi
     return vertical_error_deg(samples.field, samples.acceleration, calibration, estimate)
 
 
-def _independent(estimate: Estimate, statistics: Statistics, repetition: float) -> float:
-    """How many independent readings say as much: no more than there are different ones."""
-    if estimate.correlation is None:
-        return np.inf
-    return min(estimate.correlation.effective(statistics.fitted / repetition), statistics.fitted_distinct)
-
-
-def _distortion(estimate: Estimate, refreshed: Refreshed | None) -> float:
-    """What belongs to the direction; a ring of them takes nearly all of it off, and the rest tells little."""
-    if refreshed is not None:
-        return refreshed.distortion
-    if estimate.correlation is None or estimate.plane:
-        return 0.0
-    return estimate.correlation.direction
-
-
 def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
     """Heading error (rms) that the bias of a method makes."""
     if estimate.bias is None:
@@ -817,73 +792,90 @@ def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
     return level_error(estimate.ellipsoid, bias, dip_deg=dip_deg, down=down).rms
 
 
-def _judged(
-    claim: Claim, evidence: _Evidence, calibration: Calibration, request: Request, nearer: Estimate | None = None
-) -> Fit:
-    """Put together what is known and judge it: of the estimate, or of one that is shrunk towards the readings."""
-    described = _described(claim, evidence, calibration, request, nearer)
-    if evidence.disturbed is not None:
-        described = partial(described, **_disturbances(described(), evidence.disturbed))
-    result = described()
-    findings = judge(result, evidence.statistics)
-    return described(findings=findings, conditions=conditions(result, findings))
-
-
-def _described(
-    claim: Claim, evidence: _Evidence, calibration: Calibration, request: Request, nearer: Estimate | None
-) -> partial[Fit]:
-    """Everything that is known of a fit but its findings: its claim, its noise, its coverage, faults tested for."""
-    estimate, aiding = claim.estimate, evidence.aiding
-    final, correlation = nearer or estimate, estimate.correlation
-    error = evidence.heading_error(final, request.dip_deg, is_scaled=evidence.disturbed is None and nearer is None)
-    distortion, faults = _distortion(estimate, evidence.refreshed), _faults_of_axes(estimate, evidence)
-    level = calibration.ellipsoid.radius * math.cos(math.radians(error.dip_deg))
-    nonlinearity, axis_lag = faults
-    return partial(
-        Fit,
+def _judged(claim: Claim, evidence: _Evidence, calibration: Calibration, request: Request) -> Fit:
+    """Put together what is known and judge it."""
+    record = claim.record
+    estimate = evidence.estimate if record["is_shrunk"] else claim.estimate
+    found, faults = _found(claim, estimate, evidence, calibration), _add_faults(record, estimate, evidence)
+    found, judgement = _judgement(found, record, estimate, evidence, calibration, request)
+    quantities = judged_quantities(judgement)
+    fit = Fit(
         calibration=calibration,
         method=estimate.method,
-        covariance=final.covariance,
+        covariance=claim.estimate.covariance,
         noise=estimate.noise,
-        samples=estimate.used or evidence.statistics.fitted,
+        samples=int(record["used"]),
         coverage=evidence.coverage,
-        heading_error_deg=error.combined(structure_deg(distortion, level, faults)),
-        distortion=distortion,
-        nonlinearity=nonlinearity,
-        axis_lag=axis_lag,
+        heading_error_deg=HeadingError(
+            *(float(judgement[of]) for of in ("rms_deg", "worst_deg")), float(record["dip_deg"])
+        ),
+        structure_deg=float(judgement["structure_deg"]),
+        nonlinearity=faults[0],
+        axis_lag=faults[1],
         target_deg=request.target_deg,
         dip_deg=request.dip_deg,
         dip_assumed=request.dip_assumed,
         prior_influence=estimate.prior_influence,
         unobserved=estimate.unobserved,
-        textbook_covariance=final.textbook,
-        independent_samples=_independent(estimate, evidence.statistics, claim.repetition),
-        autocorrelation=None if correlation is None else correlation.lag_one,
-        noise_lasts=0.0 if correlation is None else correlation.lasting,
-        steps_kurtosis=math.nan if correlation is None else correlation.steps_kurtosis,
+        textbook_covariance=claim.estimate.textbook,
+        independent_samples=np.inf if estimate.correlation is None else quantities["independent"],
+        autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
         outliers=estimate.outliers,
-        bias_deg=_bias_deg(estimate, error.dip_deg),
-        is_shrunk=nearer is not None,
-        repeats=claim.repeats,
+        is_shrunk=bool(record["is_shrunk"]),
         plane=estimate.plane,
         z_down=estimate.z_down,
-        aiding=aiding,
+        **found.as_fields(),
+    )
+    if evidence.disturbed is not None:
+        fit = replace(fit, **_disturbances(fit, evidence.disturbed))
+    return with_findings(fit, judgement, evidence.statistics)
+
+
+def _found(claim: Claim, estimate: Estimate, evidence: _Evidence, calibration: Calibration) -> Found:
+    """Find out what follows from more than the surface and its residuals."""
+    dip_deg, aiding = float(claim.record["dip_deg"]), evidence.aiding
+    return Found(
+        drift=_drift(estimate, evidence, dip_deg),
+        unmodelled=_unmodelled(estimate, evidence, dip_deg),
+        attitude_dependence=_attitude_dependence(estimate, evidence, dip_deg),
+        repeats=claim.repeats,
         refreshed=evidence.refreshed,
-        alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(error.dip_deg),
-        tilt_error_deg=_tilt_error_deg(final, calibration, evidence),
-        **_changes(estimate, evidence, request, error.dip_deg),
+        aiding=aiding,
+        alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(dip_deg),
+        tilt_error_deg=_tilt_error_deg(claim.estimate, calibration, evidence),
+        bias_deg=_bias_deg(estimate, dip_deg),
     )
 
 
-def _changes(estimate: Estimate, evidence: _Evidence, request: Request, dip_deg: float) -> dict[str, Any]:
-    """What was tested for that changes while a recording is made."""
-    readings = evidence.readings
-    return {
-        "drift": _with_halves(_drift(estimate, evidence, dip_deg), estimate, readings, request),
-        "axis_swap": _axis_swap(estimate, readings),
-        "unmodelled": _unmodelled(estimate, evidence, dip_deg),
-        "attitude_dependence": _attitude_dependence(estimate, evidence, dip_deg),
-    }
+def _judgement(
+    found: Found,
+    record: Records,
+    estimate: Estimate,
+    evidence: _Evidence,
+    calibration: Calibration,
+    request: Request,
+) -> tuple[Found, Records]:
+    """Judge a record with what was found out beside it, and once more where that asks for a closer look."""
+    asked = request_of(calibration, target_deg=request.target_deg)
+    sources = {"is_aided": estimate.method == "aided", "is_compensated": evidence.disturbed is not None}
+    if evidence.record is not None:
+        add_reading(record, evidence.statistics)
+    add_found(record, found, **sources)
+    judgement = engine().judge(record, asked)
+    closer = _looked_closer(int(judgement["asks"]), found, estimate, evidence, request)
+    if closer is found:
+        return found, judgement
+    add_found(record, closer, **sources)
+    return closer, engine().judge(record, asked)
+
+
+def _looked_closer(asks: int, found: Found, estimate: Estimate, evidence: _Evidence, request: Request) -> Found:
+    """Find out what a judgement asks for."""
+    if asks & ASKS_HALVES and found.drift is not None:
+        found = replace(found, drift=_with_halves(found.drift, estimate, evidence.readings, request))
+    if asks & ASKS_SWAP:
+        found = replace(found, axis_swap=_axis_swap(estimate, evidence.readings))
+    return found
 
 
 def _disturbances(result: Fit, disturbed: DisturbanceFit) -> dict[str, Any]:

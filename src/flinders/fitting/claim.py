@@ -1,22 +1,20 @@
 """What a fit may claim: a method's covariance, widened by all that the method does not know of.
 
 The residuals of real recordings are correlated, readings are repeated, methods have a bias, few readings leave the
-noise itself uncertain, and several recordings of one sensor differ by more than each of them claims.
+noise itself uncertain, and several recordings of one sensor differ by more than each of them claims. The engine widens
+by repeated and by few readings (``claim.c``); what needs other fits is added here.
 
 >>> from flinders import simulate
 >>> from flinders.estimators import Readings
 >>> from flinders.estimators.auto import Auto
 >>> readings = Readings.of(simulate.tumble(seed=1, n=300).samples)
 >>> claim = claimed(Auto().estimate(readings), readings, Auto(), readings.summary.statistics)
->>> claim.repetition, claim.repeats is None
+>>> float(claim.record["repetition"]), claim.repeats is None
 (1.0, True)
->>> round(widening_by_few(12), 3), round(widening_by_few(3000), 3)
-(1.2, 1.001)
 """
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -26,12 +24,18 @@ from flinders.core.samples import Joined
 from flinders.errors import FitError
 from flinders.estimators import ROWS, Readings
 from flinders.estimators.covariance import beyond_chance
+from flinders.fitting.record import record_of
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.native.engine import engine
 
 if TYPE_CHECKING:
+    from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators import Estimate
     from flinders.estimators.auto import Auto
+    from flinders.native.engine import Records
+    from flinders.summary.coverage import Coverage
     from flinders.summary.summary import Statistics
 
 
@@ -41,15 +45,27 @@ class Claim(NamedTuple):
     Attributes
     ----------
     estimate : Estimate
-    repetition : float
-        Factor by which repeated readings, no new evidence, have widened it.
+    record : Records
+        Of the engine, claimed.
     repeats : Repeats, optional
         Recordings of one sensor, compared with each other.
     """
 
     estimate: Estimate
-    repetition: float
+    record: Records
     repeats: Repeats | None = None
+
+    def widened(self, covariance: Floats) -> Claim:
+        """The same with another covariance (9, 9); level errors are not known then."""
+        self.record["covariance"] = covariance.ravel()
+        self.record["level_worst_deg"] = self.record["level_rms_deg"] = np.nan
+        return self._replace(estimate=replace(self.estimate, covariance=covariance))
+
+    def shrunk(self) -> Claim:
+        """The same with the estimate of the record, which was shrunk."""
+        ellipsoid = Ellipsoid(self.record["centre"].copy(), symmetric(self.record["shape"]))
+        covariance = self.record["covariance"].reshape(9, 9).copy()
+        return self._replace(estimate=replace(self.estimate, ellipsoid=ellipsoid, covariance=covariance, textbook=None))
 
 
 def claimed(
@@ -58,6 +74,8 @@ def claimed(
     likelihood: Auto,
     statistics: Statistics,
     *,
+    coverage: Coverage | None = None,
+    record: Records | None = None,
     is_biased: bool = False,
     is_joint: bool = False,
 ) -> Claim:
@@ -72,57 +90,39 @@ def claimed(
         What a method that does not look at residuals is compared with.
     statistics : Statistics
         Of the readings.
+    coverage : Coverage, optional
+        Of the readings.
+    record : Records, optional
+        Of the engine, which made the estimate.
     is_biased : bool
         The method has a bias of its own.
     is_joint : bool
-        The estimate is of several instruments, and knows how its residuals are correlated.
+        The estimate is of several instruments, and knows how its residuals are correlated and that readings are few.
     """
-    if is_joint:
-        claim = repeated(estimate, statistics)
-    else:
-        claim = _widened(estimate, readings, likelihood, statistics, is_biased=is_biased)
-    repeats = _compared(readings, likelihood, claim.estimate)
-    if repeats is None:
-        return claim
-    whole = replace(claim.estimate, covariance=claim.estimate.covariance + repeats.scatter)
-    return claim._replace(estimate=whole, repeats=repeats)
-
-
-def repeated(estimate: Estimate, statistics: Statistics) -> Claim:
-    """Widen the covariance of an estimate by repeated readings alone."""
-    repetition = _repetition(estimate, statistics)
-    return Claim(_scaled(estimate, repetition), repetition)
-
-
-def _scaled(estimate: Estimate, factor: float) -> Estimate:
-    """The estimate with a covariance so many times as large."""
-    return replace(estimate, covariance=estimate.covariance * factor)
-
-
-def _widened(
-    estimate: Estimate, readings: Readings, likelihood: Auto, statistics: Statistics, *, is_biased: bool
-) -> Claim:
-    """Add correlation, repeated readings, few readings and bias."""
-    reference = None
     has_residuals = estimate.correlation is not None or estimate.plane or readings.recording is None
-    if is_biased or not has_residuals:
-        try:
-            reference = likelihood.estimate(readings)
-        except FitError:  # too few readings to see beyond the simpler model
-            reference = None
+    reference = None if is_joint or (has_residuals and not is_biased) else _reference(readings, likelihood)
     if reference is not None and not has_residuals and not reference.plane and not reference.unobserved:
         estimate = as_correlated(estimate, reference)
-    repetition = _repetition(estimate, statistics)
-    estimate = _scaled(estimate, widening(statistics.fitted, repetition, _parameters(estimate)))
+    filled = record_of(estimate, statistics, coverage, dip_deg=likelihood.dip_deg) if record is None else record.copy()
+    engine().claim(filled, engine().request(parameters=0 if is_joint else _parameters(estimate), shrinks=0))
+    claim = Claim(replace(estimate, covariance=filled["covariance"].reshape(9, 9).copy()), filled)
     if reference is not None and is_biased:
-        estimate = with_bias(estimate, reference)
-    return Claim(estimate, repetition)
+        biased = with_bias(claim.estimate, reference)
+        claim = claim.widened(biased.covariance)._replace(estimate=biased)
+    repeats = _compared(readings, likelihood, claim.estimate)
+    return (
+        claim
+        if repeats is None
+        else claim.widened(claim.estimate.covariance + repeats.scatter)._replace(repeats=repeats)
+    )
 
 
-def _repetition(estimate: Estimate, statistics: Statistics) -> float:
-    """Factor by which repeated readings widen a covariance that does not know of them yet."""
-    share = statistics.fitted / max(statistics.fitted_distinct, 1)
-    return max(1.0, share / max(estimate.variance_inflation(), sys.float_info.min))
+def _reference(readings: Readings, likelihood: Auto) -> Estimate | None:
+    """The likelihood's estimate; None of too few readings to see beyond the simpler model."""
+    try:
+        return likelihood.estimate(readings)
+    except FitError:
+        return None
 
 
 def _parameters(estimate: Estimate) -> int:
@@ -168,27 +168,6 @@ def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
     return replace(estimate, covariance=covariance, bias=bias if bias.any() else None)
 
 
-def widening(rows: float, repetition: float, parameters: int) -> float:
-    """Factor by which repeated and few readings widen a covariance.
-
-    The noise was taken over the residuals of all rows less the parameters; only the different ones are independent.
-
-    >>> round(widening(1000, 1.0, 9), 3), round(widening(1000, 40.0, 9), 1)
-    (1.002, 70.8)
-    """
-    freedom = rows / repetition - parameters
-    return ((rows - parameters) / freedom if freedom >= 1.0 else repetition) * widening_by_few(freedom)
-
-
-def widening_by_few(freedom: float) -> float:
-    """Factor by which few readings widen a covariance, as their noise is known from few residuals.
-
-    The variance of Student's t, ν/(ν − 2), for the ν readings beyond those that the parameters take up. Below three
-    there is no such variance, and the factor grows by four for each reading that is missing.
-    """
-    return freedom / (freedom - 2.0) if freedom >= 3.0 else 3.0 * 4.0 ** (3.0 - max(freedom, 0.0))
-
-
 def halves_apart(samples: Samples, likelihood: Auto, estimate: Estimate) -> float | None:
     """How far the halves of a recording are apart at the worst heading, over what both claim of it."""
     middle = len(samples) // 2
@@ -214,7 +193,7 @@ def _compared(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repea
             continue
         if alone.plane or not alone.unobserved:
             source = "" if part.recording is None else part.recording.source
-            widening = widening_by_few(len(part.summary) - _parameters(alone))
+            widening = engine().widening_by_few(len(part.summary) - _parameters(alone))
             fits = turns if alone.plane else others
             fits.append(RecordingFit(source, alone.used, alone.ellipsoid, alone.covariance * widening))
     fits = turns if estimate.plane or len(others) < 2 else others

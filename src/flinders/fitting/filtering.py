@@ -14,7 +14,7 @@ import numpy as np
 from flinders.core.samples import joined
 from flinders.errors import FitError, counted, figures
 from flinders.estimators.data import WithinRange
-from flinders.findings import CATALOGUE, Record, by_severity
+from flinders.findings import Record, by_severity, certain
 from flinders.fitting.calibrate import fit
 from flinders.fitting.result import Refused
 from flinders.geometry.plane import down_of
@@ -107,7 +107,7 @@ def filtered_finding(fit: Fit, plain: Fit | None, by: Filter, dropped: int) -> F
         effect += ", within what is claimed" if moved <= claimed else BEYOND.format(figures(claimed))
     out = f", {counted(dropped, 'reading')} dropped" if dropped else ""
     numbers = {"moved_deg": moved, "claimed_deg": claimed, "allowed_deg": -1.0 if is_to_blame else claimed}
-    return CATALOGUE["filtered"].certain(Record(numbers, by=f"{by}{out}", effect=effect))
+    return certain(Record(numbers, by=f"{by}{out}", effect=effect), "filtered")
 
 
 def _effect(fit: Fit, plain: Fit) -> tuple[float, str]:

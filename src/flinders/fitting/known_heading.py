@@ -44,7 +44,9 @@ import numpy as np
 
 from flinders.core.calibration import Calibration
 from flinders.errors import FitError, UsageError
-from flinders.findings import Record, by_severity, found_in
+from flinders.findings import by_severity
+from flinders.findings.catalogue import OF_CALIBRATION
+from flinders.fitting.record import expected_error
 from flinders.fitting.refreshing import (
     FINEST_SHAPE,
     known_shape,
@@ -55,7 +57,7 @@ from flinders.fitting.refreshing import (
     turned,
 )
 from flinders.fitting.result import Fit, Refused
-from flinders.fitting.verdict import of_calibration
+from flinders.fitting.verdict import judged_parts
 from flinders.geometry.angles import wrapped
 from flinders.geometry.ellipsoid import Ellipsoid, gathered, symmetric
 from flinders.heading.stationary import rests
@@ -159,6 +161,7 @@ def refresh_at_headings(
     equations = _Equations.of(seen, np.radians(headings_deg), math.radians(dip_deg), sigmas, shape, rotation)
     parameters, covariance, chance = equations.solved(known.entries, known.covariance)
     ellipsoid = Ellipsoid.of_parameters(parameters)
+    error, structure_deg = expected_error(ellipsoid, covariance, dip_deg=dip_deg, distortion=previous.distortion)
     fit = Fit(
         _calibration(ellipsoid, previous, site),
         method=METHOD,
@@ -169,9 +172,11 @@ def refresh_at_headings(
         target_deg=target_deg,
         dip_deg=dip_deg,
         distortion=previous.distortion,
+        heading_error_deg=error,
+        structure_deg=structure_deg,
         refreshed=refreshed_from(previous, ellipsoid, dip_deg),
     )
-    return _accepted(replace(fit, heading_error_deg=fit.level_error(dip_deg)), chance)
+    return _accepted(fit, chance)
 
 
 def _accepted(fit: Fit, chance: float) -> Fit:
@@ -309,13 +314,14 @@ def _calibration(ellipsoid: Ellipsoid, previous: Fit, site: Site | None) -> Cali
 
 def _judged(fit: Fit, chance: float) -> Iterator[Finding]:
     """What there is to know of a fit to poses."""
-    record = Record(
-        {"worst_deg": fit.heading_error_deg.worst, "target_deg": fit.target_deg, "poses_by_chance": chance},
-        why="",
-        remedy="add poses at other headings, or turn the vehicle",
+    yield from judged_parts(
+        fit,
+        ("poses-contradict", "heading-error", *OF_CALIBRATION),
+        target_deg=fit.target_deg,
+        words={"why": lambda _: "", "remedy": lambda _: "add poses at other headings, or turn the vehicle"},
+        level_worst_deg=fit.heading_error_deg.worst,
+        poses_by_chance=chance,
     )
-    yield from found_in(record, "poses-contradict", "heading-error")
-    yield from of_calibration(fit)
 
 
 SLOWEST: Final = 3.0

@@ -36,12 +36,10 @@ from flinders.core.units import label
 from flinders.deprecation import renamed_attribute, warn
 from flinders.errors import ArrayError, DocumentError, FitError, counted, figures
 from flinders.findings import RENAMED, VERDICTS, Finding, Verdict, first_causes, in_python
-from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
 from flinders.findings.row import ANY_ANGLE_DEG, stated
 from flinders.fitting.aiding import Aiding
-from flinders.geometry.plane import PLANES, down_of
+from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import (
-    STEEPEST_DIP_DEG,
     DirectionError,
     HeadingError,
     attitude_limit_deg,
@@ -51,11 +49,10 @@ from flinders.heading.error_propagation import (
     raw_error,
     tilted_error,
 )
+from flinders.native.engine import engine
 from flinders.summary.coverage import CELLS, Coverage
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, Provenance, SourceFile
     from flinders.diagnostics.attitude_dependence import AttitudeDependence
@@ -78,10 +75,6 @@ NO_ERROR: Final = HeadingError(math.nan, math.nan, math.nan)
 
 TILTS: Final = (10.0, 30.0, 90.0)
 """Degrees of tilt at which it is said how much worse headings get."""
-
-
-ALIKE: Final = 0.5
-"""Of what one fault of axes costs: another that is likelier and costs as much is taken for the cause of both."""
 
 
 class Outcome:
@@ -155,14 +148,12 @@ class Fit(Outcome):
     independent_samples: float = np.inf
     #: correlation of a residual with the next; None where the residuals were not looked at
     autocorrelation: float | None = None
-    noise_lasts: float = 0.0  #: probability that slow noise lasts longer than a third of the recording
-    #: of the steps between means of five successive residuals or more: 3 for normal noise, however long it lasts, more
-    #: where something comes and goes at once. NaN where residuals are white, or few.
-    steps_kurtosis: float = math.nan
     outliers: tuple[Outlier, ...] = ()  #: runs of readings that were rejected
-    #: standard deviation of what belongs to the direction and no ellipsoid takes off, in the calibration's unit;
-    #: `structure_deg` of it is in the heading error
+    #: standard deviation of what belongs to the direction and no ellipsoid takes off, in the calibration's unit
     distortion: float = 0.0
+    #: part of the heading error that belongs to the direction: as much across the field as the distortion is along it
+    #: (1 σ), or that of axes that are proven not to be linear or to be late (at the worst heading), whichever is larger
+    structure_deg: float = 0.0
     drift: Drift | None = None  #: where the recording is one and long enough
     #: of the axes, where the fit is one of a hundred readings or more as they were recorded. Where it is proven,
     #: `structure_deg` has it, or what the linearization of the calibration leaves of it.
@@ -322,10 +313,11 @@ class Fit(Outcome):
         That of offset and shape, with what belongs to the direction as an uncertain offset P = σ² S Sᵀ: it moves the
         corrected field by σ in every direction, and a level heading by σ / cos I = `structure_deg` at every heading.
         """
-        sigma = math.radians(self.structure_deg) * math.cos(math.radians(self.known_dip_deg))
-        claimed: Floats = self.covariance.copy()
-        claimed[:3, :3] += sigma**2 * self.ellipsoid.shape @ self.ellipsoid.shape
-        return claimed
+        if not self.structure_deg:
+            return self.covariance
+        return engine().with_structure(
+            self.ellipsoid.shape, self.covariance, structure_deg=self.structure_deg, dip_deg=self.known_dip_deg
+        )
 
     def level_error(self, dip_deg: float | None = None) -> HeadingError:
         """What to expect of the heading of a level vehicle, 1 σ; by default at the dip that the fit was judged at."""
@@ -360,30 +352,6 @@ class Fit(Outcome):
         """What to expect of the heading of a vehicle that is rolled or pitched, and knows how far."""
         dip, down = self.known_dip_deg, down_of(self.plane)
         return tilted_error(self.ellipsoid, self.claimed_covariance, dip_deg=dip, tilt_deg=tilt_deg, down=down)
-
-    @property
-    def faults_of_axes(self) -> tuple[Nonlinearity | AxisLag, ...]:
-        """Axes that are proven not to be linear, and axes that are proven late; what chance explains least first.
-
-        Without what the calibration corrects. Each looks a little like the other: the second is left out where the
-        first costs half as much or more.
-        """
-        found = [fault for fault in (self.nonlinearity, self.axis_lag) if fault is not None and fault.is_proven]
-        faults = [fault for fault in found if not fault.is_corrected]
-        faults.sort(key=lambda fault: fault.p_value)
-        return tuple(
-            fault for fault in faults if fault is faults[0] or faults[0].heading_deg < ALIKE * fault.heading_deg
-        )
-
-    @property
-    def structure_deg(self) -> float:
-        """Heading error from what belongs to the direction, degrees.
-
-        It is that of as much across the field as the distortion is along it (1 σ), or that of axes that are proven not
-        to be linear or to be late (at the worst heading), whichever is larger.
-        """
-        level = self.ellipsoid.radius * math.cos(math.radians(self.known_dip_deg))
-        return structure_deg(self.distortion, level, (self.nonlinearity, self.axis_lag))
 
     @property
     def attitude_limit_deg(self) -> float:
@@ -493,6 +461,8 @@ class Fit(Outcome):
             coverage=self.coverage.as_dict(),
             findings=self.finding_records,
             conditions=self.conditions or UNSET,
+            plane=self.plane or UNSET,
+            z_down=self.z_down if self.plane else UNSET,
             beside=UNSET if self.aiding is None else self.aiding.to_record(),
         )
 
@@ -510,6 +480,7 @@ class Fit(Outcome):
             dip_deg=dip_deg,
             dip_assumed=self.dip_assumed,
             target_deg=self.target_deg,
+            structure_deg=self.structure_deg,
         )
 
     def __repr__(self) -> str:
@@ -567,15 +538,14 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
     """A calibration with what its file states of the fit."""
     findings = tuple(_finding(each) for each in record.findings)
     error = record.heading_error_deg
-    plane = _plane(record.method) if any(finding.code == "level-plane" for finding in findings) else None
     loaded = replace(
         fit,
         method=record.method,
         noise=math.nan if record.noise is None else record.noise,
         samples=record.samples,
         coverage=Coverage.from_dict(record.coverage),
-        plane=plane,
-        z_down=_z_down(findings),
+        plane=record.plane or None,
+        z_down=True if record.z_down is UNSET else record.z_down,
         aiding=None if record.beside is UNSET else Aiding.from_record(record.beside),
         findings=findings,
         conditions=record.conditions or (),
@@ -587,6 +557,8 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
         target_deg = error.target_deg or fit.target_deg
         loaded = replace(loaded, heading_error_deg=stated, target_deg=target_deg)
         loaded = replace(loaded, dip_deg=known_dip_deg, dip_assumed=error.dip_assumed)
+        across = math.radians(error.structure_deg) * math.cos(math.radians(loaded.known_dip_deg))
+        loaded = replace(loaded, structure_deg=error.structure_deg, distortion=across * loaded.ellipsoid.radius)
         if loaded.aiding is not None:
             loaded = replace(loaded, alignment_error_deg=loaded.aiding.alignment_error_deg(known_dip_deg))
     if record.covariance is not None:
@@ -595,7 +567,7 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
 
 
 def _with_covariance(fit: Fit, names: tuple[str, ...], whole: Floats) -> Fit:
-    """Give a fit the covariance (K, K) of its file, and the distortion that its heading error has besides.
+    """Give a fit the covariance (K, K) of its file.
 
     Raises
     ------
@@ -613,7 +585,6 @@ def _with_covariance(fit: Fit, names: tuple[str, ...], whole: Floats) -> Fit:
         fit,
         covariance=covariance,
         disturbances_covariance=whole if is_whole else None,
-        distortion=_distortion(replace(fit, covariance=covariance)),
     )
 
 
@@ -635,22 +606,6 @@ def _refuse_no_covariance(covariance: Floats, name: str) -> None:
         raise DocumentError(f"{name}: fit.covariance has the eigenvalue {lowest:.3g}: no variance is negative")
 
 
-def _distortion(fit: Fit) -> float:
-    """What belongs to the direction, which a file does not state: what its heading error has beside the covariance."""
-    stated = fit.heading_error_deg
-    if not abs(stated.dip_deg) <= STEEPEST_DIP_DEG:
-        return 0.0
-    try:
-        with np.errstate(all="ignore"):
-            explained = level_error(fit.ellipsoid, fit.covariance, dip_deg=stated.dip_deg, down=down_of(fit.plane))
-    except np.linalg.LinAlgError:  # numbers of no magnetometer, which is for those to say who use them
-        return 0.0
-    left = stated.worst**2 - explained.worst**2
-    if not left > (1e-6 * stated.worst) ** 2:
-        return 0.0
-    return math.radians(math.sqrt(left)) * fit.ellipsoid.radius * math.cos(math.radians(stated.dip_deg))
-
-
 def _finding(record: FindingRecord) -> Finding:
     """A finding of a file, by its code of today."""
     number, limit = (math.nan if value is None else value for value in (record.number, record.limit))
@@ -658,33 +613,9 @@ def _finding(record: FindingRecord) -> Finding:
     return Finding(RENAMED.get(record.code, record.code), cast("Severity", severity), number, limit, record.advice)
 
 
-def _plane(method: str) -> Plane:
-    """The plane of the one turn that a fit rests on, at the end of the method's name."""
-    return next((plane for plane in PLANES if method.endswith(f" {plane}")), "xy")
-
-
-def _z_down(findings: Iterable[Finding]) -> bool | None:
-    """What was known of z at a level turn, which stands in the file in words."""
-    words = " ".join(finding.advice for finding in findings)
-    return None if _cause(Z_OPEN) in words else _cause(Z_ELSEWHERE) not in words
-
-
-def _cause(words: str) -> str:
-    """What was found, without what to do."""
-    return words.partition(":")[0]
-
-
 def _rms_and_worst(error: HeadingError | DirectionError | None) -> dict[str, float] | None:
     """JSON-ready."""
     return None if error is None else {"rms": error.rms, "worst": error.worst}
-
-
-def structure_deg(distortion: float, level: float, faults: Iterable[Nonlinearity | AxisLag | None]) -> float:
-    """`Fit.structure_deg` of a distortion in a level field so strong, and of faults of axes."""
-    found = [fault for fault in faults if fault is not None]
-    left = (fault.heading_deg for fault in found if fault.is_corrected)
-    whole = (fault.heading_deg for fault in found if fault.is_proven and not fault.is_corrected)
-    return math.hypot(max(math.degrees(distortion / level), 0.0, *whole), *left)
 
 
 def fit_of(outcome: Fit | FlindersError) -> Fit | None:

@@ -33,13 +33,13 @@ from flinders.core.calibration_file import Fitted, HeadingErrorRecord
 from flinders.core.survey import FORWARD_RIGHT_DOWN, Angles, SurveyCalibration
 from flinders.errors import FitError, counted, figures
 from flinders.findings import Record, by_severity, found_in
-from flinders.fitting.claim import widening_by_few
 from flinders.fitting.result import Outcome
 from flinders.geometry.rotation import lengths
 from flinders.heading.axis_consistency import WANDERS
 from flinders.heading.pointing_error import angle_gradients, next_directions, pointing_errors
 from flinders.likelihood.pointing import Influence, SurveyProblem, begin, finest
 from flinders.likelihood.solver import levenberg_marquardt
+from flinders.native.engine import engine
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -318,7 +318,7 @@ def _covariance(problem: SurveyProblem, iterate: SurveyIterate) -> Floats:
     """
     influence, own = Influence.of(problem, iterate), problem.layout.instrument
     is_least = iterate.weights <= finest(iterate.at)
-    factors = np.where(is_least, 1.0, [widening_by_few(freedom) for freedom in influence.freedom.tolist()])
+    factors = np.where(is_least, 1.0, [engine().widening_by_few(freedom) for freedom in influence.freedom.tolist()])
     return influence.covariance(factors)[own, own]
 
 

@@ -1,210 +1,147 @@
-"""Is this calibration fit for use? `judge` holds what a fit shows against the catalogue of findings. It prints nothing.
+"""What there is to say of a judged fit: findings with their sentences, and what a good verdict rests on.
 
-A record holds the quantities that rules compare and sentences state; `flinders.findings` has rules and sentences.
+The engine judges (`flinders.native`, ``judge.c``); `flinders.findings` has rules and sentences. Here are the words that
+sentences take beside the quantities of a judgement, and the findings of disturbances and aiding sensors.
 
 >>> from flinders import simulate
 >>> from flinders.fitting.calibrate import fit
->>> from flinders.summary.summary import Summary
->>> tumble = simulate.tumble(seed=1).samples
->>> [finding.code for finding in judge(fit(tumble), Summary.of(tumble).statistics)]
+>>> [finding.code for finding in fit(simulate.tumble(seed=1).samples).findings]
 ['scale-unknown', 'rotation-unknown']
 """
 
 from __future__ import annotations
 
 import math
-import sys
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
 from flinders.core.compensation import beyond_words
 from flinders.core.disturbance import known, motor
-from flinders.core.units import COUNTS, EARTH_UT, MICROTESLA, label
+from flinders.core.units import label
 from flinders.errors import counted, figures
-from flinders.findings import Finding, Record, by_severity, fit, found_in, limit_of
+from flinders.findings import CATALOGUE, Finding, Record, by_severity, fit, found_in, limit_of
+from flinders.findings.catalogue import (
+    OF_A_FIT,
+    OF_CALIBRATION,
+    OF_RECORDING,
+    OF_RESIDUALS,
+    OF_THE_FIT,
+    QUANTITIES_OF_A_FIT,
+)
+from flinders.findings.row import CONDITIONS
+from flinders.findings.rules import SEVERITIES
 from flinders.fitting.advice import attitudes, movement, remedy
+from flinders.fitting.record import record_of_ellipsoid, request_of
 from flinders.geometry.plane import order_of
-from flinders.summary.summary import flat_below
+from flinders.native.engine import engine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Disturbance
+    from flinders.core.samples import Skipped
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.findings import Condition
     from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.native.engine import Records
     from flinders.summary.quality import Rail
     from flinders.summary.summary import Statistics
 
-OF_FIT: Final = tuple(row.code for row in fit.ROWS)
-"""Findings of a fit by itself."""
-OF_CALIBRATION: Final = (
-    "axis-ratio",
-    "field-strength",
-    "mirrored-axes",
-    "unit-unknown",
-    "scale-unknown",
-    "rotation-unknown",
-)
-"""Findings of a calibration, whatever it was made from."""
-OF_RECORDING: Final = (
-    "quantised", "stale-repeats", "at-rest", "unordered", "time-back", "time-gap", "no-answer", "like-gravity",
-    "skipped-rows",
-)  # fmt: skip
-"""Findings of a recording as a whole."""
-OF_THE_RECORDING: Final = frozenset({"saturated", *OF_RECORDING})
-"""Findings that hold whatever the fit is worth, and may be the reason why it is worth nothing."""
-
 PLACED, SKEWED = 0.5, 0.15
 """Of the field: an offset across a level turn is known, a shape across it is not."""
-BEYOND_CLAIM: Final = 3.0
-CHANGED_SHARE: Final = 0.25
-ENOUGH, ENOUGH_CORRELATED = 15.0, 20.0
-"""Independent readings: claims of 15 at rest are as wrong as true ones (``python -m benchmarks.claims --tables few``);
-how many independent ones correlated readings are worth is itself known roughly."""
 NOT_BY_CHANCE: Final = 2.0
 """Claims by which readings that were corrected before have to err for another calibration to be worth having."""
-ALTERNATING: Final = -0.25
-"""Correlation of a residual with the next that neither noise has nor what changes slowly."""
-UNSTEADY, SWITCHING = 1.25, 0.8
-"""Of the target, heading error of a moment that a field may make: by noise, and by what comes and goes at once."""
-STEPS: Final = 7.0
-"""Kurtosis of steps of residuals above which something comes and goes: of 1,200 recordings with slow noise none has it,
-those with a load that switches have 7 to 34 (`docs/adversary.md`)."""
-SAME_STRENGTH: Final = 0.03
-"""Of the strength of the field: within it, readings have the one that is known of the place."""
-SEES_THE_FIELD: Final = frozenset({"dip", "tilt", "attitude"})
-"""Aiding sensors to which the field of a place with iron looks bent."""
 UNSAID: Final = 0.5
 """Of the target: a curve of a disturbance that costs less heading is left unsaid."""
 STRAIGHT: Final = "current"
 """A field goes in proportion to the current that makes it, and may be extrapolated."""
 
 
-def judge(result: Fit, statistics: Statistics) -> tuple[Finding, ...]:
-    """Say what there is to know about a fit, the most severe first.
+def with_findings(result: Fit, judgement: Records, statistics: Statistics) -> Fit:
+    """A fit with the findings of its judgement, the most severe first, and what a good verdict rests on.
 
     Parameters
     ----------
     result : Fit
         Without findings yet.
+    judgement : Records
+        Of its record.
     statistics : Statistics
         Of the recording it came from.
     """
-    record = fit_record(result, statistics)
-    flat = tuple(found_in(record, "one-plane"))
-    supported = flat or (  # what follows from a surface that nothing supports is no finding
-        *found_in(record, *OF_FIT),
-        *_of_aiding(result),
-        *found_in(record, "alternating", "outliers"),
-        *of_disturbances(result),
-        *of_calibration(result),
-    )
-    return by_severity([*supported, *of_recording(statistics)])
+    record = _FitRecord(Spoken(result, statistics, judged_quantities(judgement)))
+    supported: tuple[Finding, ...] = tuple(found_by(judgement, record, OF_THE_FIT))
+    if not any(finding.code == "one-plane" for finding in supported):
+        # what follows from a surface that nothing supports is no finding
+        supported = (
+            *supported,
+            *_of_aiding(result),
+            *found_by(judgement, record, OF_RESIDUALS),
+            *of_disturbances(result),
+            *found_by(judgement, record, OF_CALIBRATION),
+        )
+    findings = by_severity([*supported, *found_by(judgement, record, OF_RECORDING)])
+    is_good = all(finding.severity == "note" for finding in findings)
+    return replace(result, findings=findings, conditions=_conditions(judgement) if is_good else ())
 
 
-def conditions(fit: Fit, findings: Sequence[Finding]) -> tuple[Condition, ...]:
-    """What a fit rests on and nothing here shows, where its findings make it a good one.
+def judged_quantities(judgement: Records) -> dict[str, float]:
+    """What the rules of a fit compare, by name."""
+    return dict(zip(QUANTITIES_OF_A_FIT, judgement["quantities"].tolist(), strict=True))
 
-    A field that depends on the attitude, of iron at the place or of a current, hides in the calibration itself. A
-    second recording that agrees, the accelerometer's dip, and a known strength of the field that the readings have
-    speak for a place without iron; currents that are compensated speak for themselves.
+
+def found_by(judgement: Records, record: Mapping[str, Any], codes: Iterable[str]) -> Iterator[Finding]:
+    """Of some findings of a fit those that its judgement has, stated by a record."""
+    severities = dict(zip(OF_A_FIT, judgement["severities"].tolist(), strict=True))
+    for code in codes:
+        if (severity := SEVERITIES[severities[code]]) is not None:
+            yield CATALOGUE[code].stated(record, severity)
+
+
+def _conditions(judgement: Records) -> tuple[Condition, ...]:
+    """What a good verdict rests on, by the bits of a judgement."""
+    bits = int(judgement["conditions"])
+    return tuple(code for place, code in enumerate(CONDITIONS) if bits >> place & 1)
+
+
+class Spoken(NamedTuple):
+    """What the sentences about a fit speak of.
+
+    Attributes
+    ----------
+    fit : Fit
+    statistics : Statistics
+        Of its recording.
+    quantities : dict
+        Of its judgement, by name.
     """
-    if any(finding.severity != "note" for finding in findings):
-        return ()
-    used = () if fit.aiding is None else tuple(sensor.name for sensor in fit.aiding.each if sensor.kept)
-    agrees = fit.repeats is not None and not any(finding.code == "recordings-differ" for finding in findings)
-    is_strong = fit.calibration.field_strength_known and fit.calibration.unit == MICROTESLA
-    matches = is_strong and abs(fit.ellipsoid.radius / fit.calibration.field_strength - 1.0) < SAME_STRENGTH
-    is_uniform = agrees or matches or bool(SEES_THE_FIELD & set(used))
-    open_ones: tuple[tuple[Condition, bool], ...] = (
-        ("same-soft-iron", fit.refreshed is None),
-        ("uniform-field", is_uniform),
-        ("constant-iron", bool(fit.disturbances)),
-    )
-    return tuple(code for code, is_ended in open_ones if not is_ended)
 
-
-def fit_record(fit: Fit, statistics: Statistics) -> Record:
-    """What the findings of a fit compare and state; not a number where something does not apply."""
-    return _FitRecord(
-        {
-            "target_deg": fit.target_deg,
-            "samples": fit.samples,
-            **_flatness(fit, statistics),
-            **_accuracy(fit),
-            **_evidence(fit),
-            **_changes(fit),
-            **_lasting(fit, statistics),
-            **_outliers(fit, statistics.fitted),
-            "inflation": math.nan if fit.plane or fit.refreshed else _inflation(fit, statistics.extent),
-            "noise_share": fit.noise / fit.ellipsoid.radius,
-            **_structure(fit),
-            "poses_by_chance": math.nan,
-            "soft_iron_by_chance": fit.refreshed.soft_iron_by_chance if fit.refreshed else math.nan,
-        },
-        fit,
-    )
+    fit: Fit
+    statistics: Statistics
+    quantities: dict[str, float]
 
 
 class _FitRecord(Record):
-    """The record of a fit, which makes a word of `WORDS` when a sentence asks for it."""
+    """The quantities of a judgement, and the words of `WORDS`, each made when a sentence asks for it."""
 
-    def __init__(self, numbers: Mapping[str, Any], fit: Fit) -> None:
-        super().__init__(numbers)
-        self._fit = fit
+    def __init__(self, spoken: Spoken) -> None:
+        super().__init__(spoken.quantities)
+        self._spoken = spoken
 
     def __missing__(self, name: str) -> str:
-        return WORDS[name](self._fit)
+        return WORDS[name](self._spoken)
 
 
-def _flatness(fit: Fit, statistics: Statistics) -> dict[str, float | str]:
-    """Whether the readings lie in one plane: then, without an aiding sensor, many ellipsoids go through their ring."""
-    thickness, middle, width = np.sqrt(statistics.principal_variances).tolist()
-    limit = flat_below(width, fit.noise)
-    is_known = bool(fit.plane or fit.refreshed or fit.method == "aided" or not width)
-    return {
-        "flatness": math.nan if is_known else thickness / width,
-        "flatness_limit": limit / width if width else math.nan,
-        "where_flat": (
-            "in one plane, as in a level turn, and tell nothing of the direction across it"
-            if middle > limit
-            else "on one line, as of two attitudes, and tell nothing of the directions across it"
-        ),
-    }
-
-
-def _accuracy(fit: Fit) -> dict[str, float]:
-    """What the covariance says about heading; an error that is not known is beyond any target."""
-    worst, alignment = fit.heading_error_deg.worst, fit.alignment_error_deg
-    is_estimated = fit.calibration.rotation == "estimated" and alignment is not None
-    return {
-        "worst_deg": math.inf if math.isnan(worst) else worst,
-        "alignment_deg": alignment if is_estimated and alignment is not None else math.nan,
-        "bias_deg": fit.bias_deg,
-        "uncorrected_deg": fit.uncorrected_heading_error_deg.worst if fit.is_shrunk else math.nan,
-        "is_planar": float(bool(fit.plane)),
-        "attitude_limit_deg": fit.attitude_limit_deg if fit.plane else math.nan,
-        "per_degree_of_tilt": fit.per_degree_of_tilt if fit.plane else math.nan,
-    }
-
-
-def _evidence(fit: Fit) -> dict[str, float]:
-    """How much there was to go by; what a level turn leaves open is said once."""
-    independent = min(fit.independent_samples, float(fit.samples))
-    return {
-        "hole_deg": math.nan if fit.plane or fit.refreshed else fit.coverage.hole_deg,
-        "covered": fit.coverage.fraction,
-        "unobserved": 0.0 if fit.plane else fit.unobserved,
-        "prior_share": math.nan if fit.plane or fit.unobserved else fit.prior_influence,
-        "independent": independent,
-        "independent_needed": ENOUGH if independent == fit.samples else ENOUGH_CORRELATED,
-        "independent_share": independent / max(fit.samples, 1),
-    }
+def _where_flat(spoken: Spoken) -> str:
+    """What readings in one plane, or on one line, leave open."""
+    if spoken.quantities["breadth"] > spoken.quantities["flatness_limit"]:
+        return "in one plane, as in a level turn, and tell nothing of the direction across it"
+    return "on one line, as of two attitudes, and tell nothing of the directions across it"
 
 
 def _independent_readings(fit: Fit) -> str:
@@ -262,103 +199,12 @@ def _why_biased(result: Fit) -> str:
     return "its model is too simple for this sensor, or its equation is biased by noise; use 'auto'"
 
 
-def _inflation(fit: Fit, extent: float) -> float:
-    """How many times as wide as its readings the surface is: much, where a small patch of them leaves it open."""
-    return 2.0 * float(fit.ellipsoid.semi_axes[2]) / max(extent, sys.float_info.min)
-
-
-def _changes(fit: Fit) -> dict[str, float]:
-    """What changed: within a recording, from one recording to the next, from one reading to the next."""
-    drift, swap, unmodelled, dependence = fit.drift, fit.axis_swap, fit.unmodelled, fit.attitude_dependence
-    return {
-        **_apart(fit.repeats, fit.target_deg),
-        "drift_deg": math.nan if drift is None else drift.heading_deg,
-        "drift_allowed_deg": fit.target_deg if ((fit.drift and fit.drift.halves_apart) or 0.0) < BEYOND_CLAIM else 0.0,
-        "drift_by_chance": math.nan if drift is None else drift.p_value,
-        "drift": math.nan if drift is None else math.hypot(*drift.offset),
-        "swap_gain": math.nan if swap is None else swap.gain,
-        "unmodelled_deg": math.nan if unmodelled is None else unmodelled.heading_deg,
-        "attitude_dependent_deg": math.nan if dependence is None else dependence.heading_deg,
-        "tilt_error_deg": fit.tilt_error_deg,
-        **_alternation(fit),
-    }
-
-
-def halves_matter(drift_deg: Any, by_chance: Any, target_deg: float) -> Any:  # noqa: ANN401 - numbers, or columns of them
-    """Whether a change is proven, and one that does not limit by its size."""
-    is_proven = by_chance < limit_of("field-changed", "drift_by_chance")
-    return is_proven & (CHANGED_SHARE * target_deg < drift_deg) & (drift_deg <= target_deg)
-
-
-def _halves(fit: Fit) -> str:
+def _halves(spoken: Spoken) -> str:
     """How far the halves of a recording are apart, where that limits the fit."""
-    apart = fit.drift and fit.drift.halves_apart
-    return f" (its halves differ by {apart:.1f} times what they claim)" if apart and apart >= BEYOND_CLAIM else ""
-
-
-def _structure(fit: Fit) -> dict[str, float]:
-    """What belongs to the direction: axes that are proven not to be linear or to be late, or else whatever it is."""
-    faults = fit.faults_of_axes
-    bent = fit.nonlinearity if fit.nonlinearity in faults else None
-    late = fit.axis_lag if fit.axis_lag in faults else None
-    corrected = fit.nonlinearity if fit.nonlinearity and fit.nonlinearity.is_corrected else None
-    return {
-        "structure_deg": fit.structure_deg,
-        "structure_share": math.nan if bent else fit.distortion / fit.ellipsoid.radius,
-        "nonlinear_deg": bent.heading_deg if bent else math.nan,
-        "nonlinear_share": bent.share if bent else math.nan,
-        "lag_deg": late.heading_deg if late else math.nan,
-        "linearized_deg": corrected.heading_deg if corrected else math.nan,
-        "linearized_share": corrected.share if corrected else math.nan,
-    }
-
-
-def _apart(repeats: Repeats | None, target_deg: float) -> dict[str, float]:
-    """How far recordings of one sensor are apart, by the one that chance explains least."""
-    if repeats is None:
-        return dict.fromkeys(("apart_deg", "apart_by_chance", "apart_beyond_claim_deg"), math.nan)
-    part = repeats.farthest
-    beyond = part.off_deg > max(CHANGED_SHARE * target_deg, BEYOND_CLAIM * part.off_sigma_deg)
-    return {
-        "apart_deg": part.off_deg,
-        "apart_by_chance": part.p_value,
-        "apart_beyond_claim_deg": part.off_deg if beyond else 0.0,
-    }
-
-
-def _lasting(fit: Fit, statistics: Statistics) -> dict[str, float]:
-    """What lasts from one reading to the next different one, and the heading error of a single moment that it makes."""
-    correlation = unlike_correlation(fit.autocorrelation or 0.0, statistics.fitted_repeats / max(statistics.fitted, 1))
-    level = fit.ellipsoid.radius * math.cos(math.radians(fit.known_dip_deg))
-    return {
-        "noise_lasts": fit.noise_lasts,
-        "unlike_correlation": correlation,
-        "unsteady_deg": math.degrees(fit.noise * math.sqrt(correlation) / level),
-        "unsteady_limit_deg": fit.target_deg * unsteady_limit(fit.steps_kurtosis),
-    }
-
-
-def unsteady_limit(steps_kurtosis: Any) -> Any:  # noqa: ANN401 - a number, or a column of them
-    """Of the target, heading error of a single moment that a field may make."""
-    return UNSTEADY - (UNSTEADY - SWITCHING) * (steps_kurtosis > STEPS)
-
-
-def unlike_correlation(next_correlation: Any, repeated: Any) -> Any:  # noqa: ANN401 - numbers, or columns of them
-    """Correlation of a residual with that of the next different reading, where a share repeats the one before."""
-    excess = next_correlation - repeated
-    return excess * (excess > 0.0) / (1.0 - repeated)
-
-
-def _alternation(fit: Fit) -> dict[str, float]:
-    """Whether readings of two sensors take turns, whose mean is neither's calibration."""
-    correlation = 0.0 if fit.autocorrelation is None else fit.autocorrelation
-    off = math.sqrt(max(-3.0 * correlation, 0.0)) * fit.noise  # a residual shows its part along the surface's normal
-    level = fit.ellipsoid.radius * math.cos(math.radians(fit.heading_error_deg.dip_deg))
-    return {
-        "next_correlation": correlation,
-        "alternating_limit": min(ALTERNATING, -4.0 / math.sqrt(max(fit.samples, 1))),
-        "alternating_deg": math.degrees(math.atan2(off, level)),
-    }
+    drift = spoken.fit.drift
+    if drift is None or drift.halves_apart is None or spoken.quantities["drift_allowed_deg"]:
+        return ""
+    return f" (its halves differ by {drift.halves_apart:.1f} times what they claim)"
 
 
 def improves(fit: Fit) -> bool:
@@ -386,21 +232,14 @@ def _swap(fit: Fit) -> str:
     return f"{swap.rows[0] + 1:,} on {what}{again}:"
 
 
-def contradiction(repeats: Repeats, target_deg: float, unit: str) -> Iterator[Finding]:
-    """Whether recordings of one sensor contradict each other."""
-    words = {"contradiction": lambda: _contradiction(repeats, target_deg, unit)}
-    record = Record({"target_deg": target_deg, **_apart(repeats, target_deg)}, **words)
-    yield from found_in(record, "recordings-differ")
-
-
-def _contradiction(repeats: Repeats | None, target_deg: float, unit: str) -> str:
+def contradiction_words(repeats: Repeats | None, quantities: Mapping[str, float], unit: str) -> str:
     """Which recording is off the others, and by how much."""
     if repeats is None:
         return ""
     part, pair = repeats.farthest, len(repeats.parts) == 2
     who = f"{repeats.parts[0].source} and {repeats.parts[1].source} are" if pair else f"{part.source} is"
     others = "apart" if pair else "off the other recordings"
-    if _apart(repeats, target_deg)["apart_beyond_claim_deg"]:
+    if quantities["apart_beyond_claim_deg"]:
         return (
             f"{who} {figures(part.off_deg)}° of heading {others} ({figures(part.offset)} {unit} in the offset), which "
             "is not chance: something magnetic changed in between; use recordings made in the state of use"
@@ -416,55 +255,10 @@ def _of_aiding(fit: Fit) -> Iterator[Finding]:
     yield from () if fit.aiding is None else (mistake.finding for mistake in fit.aiding.mistakes)
 
 
-def _outliers(fit: Fit, fitted: int) -> dict[str, Any]:
-    """What a robust fit left out of so many readings: outliers, and the readings around their runs."""
-    share = sum(run.fitted for run in fit.outliers) / max(fitted, 1)
-    return {
-        "outlier_share": share,
-        "farthest": max((run.farthest for run in fit.outliers), default=math.nan),
-        "again": "; see what it was, and record again without" if share and share > limit_of("outliers") else "",
-    }
-
-
 def _runs(fit: Fit) -> str:
     """The three longest runs of outliers."""
     worst = sorted(fit.outliers, key=lambda run: -run.rows)[:3]
     return "; ".join(str(run) for run in worst) + ("; …" if len(fit.outliers) > len(worst) else "")
-
-
-WORDS: Final[dict[str, Callable[[Fit], str]]] = {
-    "attitudes": attitudes,
-    "movement": movement,
-    "remedy": remedy,
-    "why": lambda _: "",
-    "method": lambda fit: fit.method,
-    "unit": lambda fit: label(fit.calibration.unit),
-    "plane_axes": lambda fit: " and ".join(str(fit.plane)),
-    "how": _how_placed,
-    "assumed": _assumed,
-    "up": _z_words,
-    "mounting": _mounting,
-    "rings": lambda fit: ", as two rings of readings would" if fit.unobserved == 1 else "",
-    "independent_readings": _independent_readings,
-    "correlation": _correlation,
-    "why_biased": _why_biased,
-    "nonlinear_axis": lambda fit: "" if fit.nonlinearity is None else fit.nonlinearity.axis,
-    "axis_lag": lambda fit: str(fit.axis_lag or ""),
-    "contradiction": lambda fit: _contradiction(fit.repeats, fit.target_deg, label(fit.calibration.unit)),
-    "swap": _swap,
-    "halves": _halves,
-    "leave": _leave,
-    "unmodelled": lambda fit: "" if fit.unmodelled is None else fit.unmodelled.name,
-    "outliers": lambda fit: counted(sum(run.fitted for run in fit.outliers), "reading"),
-    "runs": _runs,
-    "previous": lambda fit: fit.refreshed.previous if fit.refreshed else "",
-}
-"""Words of the sentences about a fit."""
-
-
-def of_recording(health: Statistics) -> Iterator[Finding]:
-    """What a recording says about itself."""
-    yield from found_in(_recording_record(health), "saturated", *OF_RECORDING)
 
 
 def _at_rail(rail: Rail) -> str:
@@ -477,37 +271,76 @@ def _rests(health: Statistics) -> str:
     return "; ".join(map(str, longest)) + ("; …" if health.rests > len(longest) else "")
 
 
-def _recording_record(health: Statistics) -> Record:
-    clock, most = health.clock, 0.1 * health.rows
-    silent = [part for part in health.skipped if part.is_silent]
-    lost = [part for part in health.skipped if part.is_loss and not part.is_silent]
-    skipped, unanswered = (sum(part.rows for part in parts) for parts in (lost, silent))
-    return Record(
-        {
-            "rows": health.rows,
-            "distinct": health.distinct,
-            "rail_share": max((rail.share for rail in health.rails), default=0.0),
-            "repeated_share": 1.0 - health.distinct / max(health.rows, 1),
-            "at_rest_share": health.at_rest / max(health.rows, 1),
-            "step": health.step,
-            "path_correlation": math.nan if clock.steps else health.path_correlation,
-            "backward_steps": clock.backward_steps,
-            "longest_step_s": clock.longest_step,
-            "usual_step_s": clock.usual_step,
-            "skipped": skipped,
-            "silent": unanswered,
-            "is_doubtful": float(bool(health.doubt)),
-        },
-        rails=lambda: ", ".join(map(_at_rail, health.rails)),
-        rests=lambda: _rests(health),
-        rests_count="are left out" if health.are_rests_left_out else "count as one reading each",
-        often=lambda: "once" if clock.backward_steps == 1 else f"{clock.backward_steps:,} times",
-        skipped_rows=lambda: "; ".join(map(str, lost)),
-        check=lambda: "" if skipped <= most else ". Check the sensor, its cable, and what was saved",
-        doubt=health.doubt,
-        silent_rows=lambda: "; ".join(map(str, silent)),
-        supply=lambda: "" if unanswered <= most else ". Check its supply and its bus, and how it is read",
-    )
+def _again(share: float) -> str:
+    """What to do about outliers, where they limit the fit."""
+    return "; see what it was, and record again without" if share > limit_of("outliers") else ""
+
+
+def _length(calibration: Calibration) -> str:
+    """Strength of the field of corrected readings."""
+    return f"{figures(calibration.field_strength, 4)} {label(calibration.unit)}"
+
+
+def _times(count: int) -> str:
+    """How often something happened."""
+    return "once" if count == 1 else f"{count:,} times"
+
+
+def _lost(statistics: Statistics) -> list[Skipped]:
+    """Rows that could not be read."""
+    return [part for part in statistics.skipped if part.is_loss and not part.is_silent]
+
+
+def _if_many(spoken: Spoken, quantity: str, words: str) -> str:
+    """Words where more than a tenth of the rows are concerned."""
+    return words if spoken.quantities[quantity] > 0.1 * spoken.quantities["rows"] else ""
+
+
+WORDS: Final[dict[str, Callable[[Spoken], str]]] = {
+    "attitudes": lambda spoken: attitudes(spoken.fit),
+    "movement": lambda spoken: movement(spoken.fit),
+    "remedy": lambda spoken: remedy(spoken.fit),
+    "why": lambda _: "",
+    "method": lambda spoken: spoken.fit.method,
+    "unit": lambda spoken: label(spoken.fit.calibration.unit),
+    "where_flat": _where_flat,
+    "plane_axes": lambda spoken: " and ".join(str(spoken.fit.plane)),
+    "how": lambda spoken: _how_placed(spoken.fit),
+    "assumed": lambda spoken: _assumed(spoken.fit),
+    "up": lambda spoken: _z_words(spoken.fit),
+    "mounting": lambda spoken: _mounting(spoken.fit),
+    "rings": lambda spoken: ", as two rings of readings would" if spoken.fit.unobserved == 1 else "",
+    "independent_readings": lambda spoken: _independent_readings(spoken.fit),
+    "correlation": lambda spoken: _correlation(spoken.fit),
+    "why_biased": lambda spoken: _why_biased(spoken.fit),
+    "nonlinear_axis": lambda spoken: "" if spoken.fit.nonlinearity is None else spoken.fit.nonlinearity.axis,
+    "axis_lag": lambda spoken: str(spoken.fit.axis_lag or ""),
+    "contradiction": lambda spoken: contradiction_words(
+        spoken.fit.repeats, spoken.quantities, label(spoken.fit.calibration.unit)
+    ),
+    "swap": lambda spoken: _swap(spoken.fit),
+    "halves": _halves,
+    "leave": lambda spoken: _leave(spoken.fit),
+    "unmodelled": lambda spoken: "" if spoken.fit.unmodelled is None else spoken.fit.unmodelled.name,
+    "outliers": lambda spoken: counted(sum(run.fitted for run in spoken.fit.outliers), "reading"),
+    "runs": lambda spoken: _runs(spoken.fit),
+    "again": lambda spoken: _again(spoken.quantities["outlier_share"]),
+    "previous": lambda spoken: spoken.fit.refreshed.previous if spoken.fit.refreshed else "",
+    "axes": lambda spoken: str(spoken.fit.calibration.axes),
+    "length": lambda spoken: _length(spoken.fit.calibration),
+    "rails": lambda spoken: ", ".join(map(_at_rail, spoken.statistics.rails)),
+    "rests": lambda spoken: _rests(spoken.statistics),
+    "rests_count": lambda spoken: (
+        "are left out" if spoken.statistics.are_rests_left_out else "count as one reading each"
+    ),
+    "often": lambda spoken: _times(spoken.statistics.clock.backward_steps),
+    "skipped_rows": lambda spoken: "; ".join(map(str, _lost(spoken.statistics))),
+    "check": lambda spoken: _if_many(spoken, "skipped", ". Check the sensor, its cable, and what was saved"),
+    "doubt": lambda spoken: spoken.statistics.doubt,
+    "silent_rows": lambda spoken: "; ".join(str(part) for part in spoken.statistics.skipped if part.is_silent),
+    "supply": lambda spoken: _if_many(spoken, "silent", ". Check its supply and its bus, and how it is read"),
+}
+"""Words of the sentences about a fit."""
 
 
 class Corrected(Protocol):
@@ -524,32 +357,40 @@ class Corrected(Protocol):
 
 def of_calibration(corrected: Corrected) -> Iterator[Finding]:
     """Say what the calibration alone tells, whatever it was made from."""
-    yield from found_in(calibration_record(corrected), *OF_CALIBRATION)
+    yield from judged_parts(corrected, OF_CALIBRATION)
 
 
-def calibration_record(corrected: Corrected) -> Record:
-    """What the findings of a calibration compare and state."""
-    correction, axes, radius = corrected.calibration, corrected.ellipsoid.semi_axes, corrected.ellipsoid.radius
-    is_absolute = correction.unit == MICROTESLA and not correction.field_strength_known
-    nearest = min(max(radius, EARTH_UT[0]), EARTH_UT[1])
-    return Record(
-        {
-            "axis_ratio": float(axes[2] / axes[0]),
-            "radius": radius,
-            "nearest_earth": nearest,
-            "times_outside_earth": max(radius / nearest, nearest / radius) if is_absolute else math.nan,
-            "weakest": EARTH_UT[0],
-            "strongest": EARTH_UT[1],
-            "handedness": -1.0 if correction.axes.is_mirror else 1.0,
-            "field_strength": correction.field_strength,
-            "is_in_counts": float(correction.unit == COUNTS),
-            "is_relative": float(not correction.field_strength_known),
-            "is_unaligned": float(correction.rotation == "symmetric"),
-            "nothing": 0.0,
-        },
-        axes=lambda: str(correction.axes),
-        length=f"{figures(correction.field_strength, 4)} {label(correction.unit)}",
-    )
+def judged_parts(
+    corrected: Corrected,
+    codes: Iterable[str],
+    *,
+    target_deg: float = 1.0,
+    words: Mapping[str, Callable[[Mapping[str, float]], str]] | None = None,
+    **numbers: float,
+) -> Iterator[Finding]:
+    """Judge a calibration that no recording is at hand of, by some findings alone.
+
+    Parameters
+    ----------
+    corrected : Corrected
+    codes : iterable of str
+        Of `flinders.findings.catalogue.OF_A_FIT`.
+    target_deg : float
+        Worst heading error that is good enough.
+    words : mapping, optional
+        Words that the sentences take, from the quantities.
+    **numbers
+        Fields of the record, such as ``level_worst_deg``.
+    """
+    calibration, record = corrected.calibration, record_of_ellipsoid(corrected.ellipsoid)
+    record["is_claimed"] = True
+    for name, number in numbers.items():
+        record[name] = number
+    judgement = engine().judge(record, request_of(calibration, target_deg=target_deg))
+    quantities = judged_quantities(judgement)
+    made = {name: (lambda word=word: word(quantities)) for name, word in (words or {}).items()}
+    own = {"axes": str(calibration.axes), "length": _length(calibration)}
+    yield from found_by(judgement, Record(quantities, **own, **made), codes)
 
 
 def of_disturbances(fit: Fit) -> Iterator[Finding]:

@@ -40,8 +40,6 @@ import numpy as np
 from flinders.deprecation import renamed_attribute
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, gathered
-from flinders.geometry.plane import heading_errors
-from flinders.geometry.rotation import rotations
 from flinders.geometry.sphere import fibonacci
 from flinders.native.engine import engine
 
@@ -129,9 +127,7 @@ def level_error(
         Which way is down when the vehicle is level, in corrected sensor axes; by default +z. A sensor that is
         mounted a little tilted is judged about the vehicle's vertical.
     """
-    gradient = level_gradients(ellipsoid, dip_deg=dip_deg, down=down)
-    rms, worst = _in_degrees(gradient, covariance)
-    return HeadingError(rms, worst, float(dip_deg))
+    return tilted_error(ellipsoid, covariance, dip_deg=dip_deg, down=down)
 
 
 def level_gradients(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | None = None) -> Floats:
@@ -219,13 +215,8 @@ def tilted_error(
     tilt_deg : float
         0 to 180, which is upside down.
     """
-    across, directions = level_fields(dip_deg, down)
-    mounting = gathered(np.linalg.solve(ellipsoid.shape, across), directions).mean(axis=0)
-    rows = np.concatenate([across, directions], axis=1)
-    turned = np.swapaxes(_tilts(np.deg2rad(tilt_deg), down), 1, 2) @ rows  # (24, 3, 144)
-    bent, seen = (np.swapaxes(part, 0, 1).reshape(3, -1) for part in np.split(turned, 2, axis=2))
-    gradient = gathered(np.linalg.solve(ellipsoid.shape, bent), seen) - mounting
-    rms, worst = _in_degrees(gradient, covariance)
+    _require_heading(dip_deg)
+    rms, worst = engine().tilted_error(ellipsoid.shape, covariance, dip_deg=dip_deg, tilt_deg=tilt_deg, down=down)
     return HeadingError(rms, worst, float(dip_deg), float(tilt_deg))
 
 
@@ -244,34 +235,8 @@ def attitude_limit_deg(
 
     Raises `UsageError` within a degree of the magnetic poles.
     """
-
-    def within(tilt_deg: float) -> bool:
-        return tilted_error(ellipsoid, covariance, dip_deg=dip_deg, tilt_deg=tilt_deg, down=down).worst <= limit_deg
-
-    if _worst_anywhere_deg(ellipsoid, covariance, dip_deg=dip_deg, down=down) <= limit_deg:
-        return 180.0
-    tilts = np.arange(0.0, 180.0 + TILT_STEP_DEG, TILT_STEP_DEG).tolist()
-    beyond = next((tilt for tilt in tilts if not within(tilt)), None)
-    if beyond is None:
-        return 180.0
-    if beyond == 0.0:
-        return 0.0
-    inside = beyond - TILT_STEP_DEG
-    while beyond - inside > TILT_DIGITS_DEG:
-        middle = 0.5 * (inside + beyond)
-        inside, beyond = (middle, beyond) if within(middle) else (inside, middle)
-    return float(inside)
-
-
-def _worst_anywhere_deg(ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float, down: Floats | None) -> float:
-    """No less than the largest `tilted_error`, whatever the tilt: at a hundredth of its cost."""
-    # Wherever the field points, an error across it turns the heading by at most its own size over cos I; what is taken
-    # off for the mounting comes on top. Between the 400 directions looked at an error grows by less than `MARGIN`.
-    across, directions = level_fields(dip_deg, down)
-    mounting = gathered(np.linalg.solve(ellipsoid.shape, across), directions).mean(axis=0)
-    level = float(np.linalg.norm(across[:, 0]))
-    mounting_deg = np.rad2deg(math.sqrt(max(float(mounting @ covariance @ mounting), 0.0)))
-    return MARGIN * level * float(direction_errors_deg(ellipsoid, covariance, _EVERYWHERE).max()) + float(mounting_deg)
+    _require_heading(dip_deg)
+    return engine().attitude_limit(ellipsoid.shape, covariance, dip_deg=dip_deg, limit_deg=limit_deg, down=down)
 
 
 def direction_error_deg(ellipsoid: Ellipsoid, covariance: Floats) -> DirectionError:
@@ -388,13 +353,9 @@ def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | Non
 
     Raises `UsageError` within a degree of the magnetic poles.
     """
-    heading, directions = level_turn(dip_deg, down)
-    readings = ellipsoid.centre[:, np.newaxis] + ellipsoid.shape @ directions
-    if down is not None:
-        readings = upright(down).T @ readings
-    errors, _ = heading_errors(readings, heading)
-    rms, worst = np.sqrt(np.mean(errors**2)), np.abs(errors).max()
-    return HeadingError(float(np.rad2deg(rms)), float(np.rad2deg(worst)), float(dip_deg))
+    _require_heading(dip_deg)
+    rms, worst = engine().uncorrected_error(ellipsoid.centre, ellipsoid.shape, dip_deg=dip_deg, down=down)
+    return HeadingError(rms, worst, float(dip_deg))
 
 
 def level_turn(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floats]:
@@ -417,11 +378,16 @@ def level_turn(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floa
     return heading, fields if down is None else upright(down) @ fields
 
 
+def _require_heading(dip_deg: float) -> None:
+    """Raise `UsageError` within a degree of the magnetic poles, where there is no heading."""
+    if not abs(dip_deg) <= STEEPEST_DIP_DEG:
+        raise UsageError(f"dip is {dip_deg:g}°: need −{STEEPEST_DIP_DEG:g}° to {STEEPEST_DIP_DEG:g}°")
+
+
 @lru_cache(maxsize=16)
 def _turn_at(dip_deg: float) -> tuple[Floats, Floats, Floats]:
     """(72,) headings, (3, 72) fields and (3, 72) what a heading errs by for an error across, read-only."""
-    if not abs(dip_deg) <= STEEPEST_DIP_DEG:
-        raise UsageError(f"dip is {dip_deg:g}°: need −{STEEPEST_DIP_DEG:g}° to {STEEPEST_DIP_DEG:g}°")
+    _require_heading(dip_deg)
     dip = np.deg2rad(dip_deg)
     heading = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
     level, zeros = np.cos(dip), np.zeros(HEADINGS)
@@ -455,13 +421,6 @@ def level_fields(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Fl
     return turn @ across, turn @ directions
 
 
-def _tilts(angle: float, down: Floats | None) -> Floats:
-    """(24, 3, 3) turns by an angle in rad about axes across `down`."""
-    azimuth = np.arange(AZIMUTHS) * (2.0 * np.pi / AZIMUTHS)
-    axes = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(AZIMUTHS)])
-    return rotations(angle * (axes if down is None else upright(down) @ axes).T)
-
-
 def _in_degrees(gradient: Floats, covariance: Floats) -> tuple[float, float]:
     """Root of the mean and of the largest variance along (K, 9) gradients in rad, in degrees."""
     variance = (gradient @ covariance * gradient).sum(axis=1).clip(min=0.0)
@@ -472,54 +431,8 @@ def level_bound_deg(
     ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float = 60.0, down: Floats | None = None
 ) -> float:
     """Bound the heading error of a level vehicle, degrees; parameters as those of `level_error`."""
-    deviation = deviation_covariance(ellipsoid, covariance, dip_deg=dip_deg, down=down)
-    return float(bounds_deg(deviation[np.newaxis])[0])
-
-
-def bounds_deg(covariances: Floats) -> Floats:
-    """Bound the heading errors of U level turns.
-
-    Parameters
-    ----------
-    covariances : (U, 4, 4) degrees²
-        Of B, C, D and E, as `flinders.heading.error_propagation.deviation_covariance`.
-
-    Returns
-    -------
-    (U,) degrees
-        That the error exceeds at no heading with a probability of 95 %; NaN where the covariance is not known.
-    """
-    sums: Floats = covariances.sum(axis=(1, 2))
-    is_known = np.isfinite(sums)
-    variances, axes = np.linalg.eigh(np.where(is_known[:, np.newaxis, np.newaxis], covariances, 0.0))
-    roots = axes * np.sqrt(variances.clip(min=0.0))[:, np.newaxis, :]
-    return np.where(is_known, engine().heading_bounds(roots), np.nan)
-
-
-def deviation_covariances(shapes: Floats, covariances: Floats, dips_deg: Floats) -> Floats:
-    """Carry covariances of (b, S) over to the deviations of level vehicles, z down.
-
-    Parameters
-    ----------
-    shapes : (U, 3, 3) float
-    covariances : (U, 9, 9) float
-        In the square of the unit of the shapes.
-    dips_deg : (U,) degrees
-
-    Returns
-    -------
-    (U, 4, 4) degrees²
-        Of B, C, D and E, as `flinders.heading.error_propagation.deviation_covariance` of each.
-    """
-    dip = np.deg2rad(dips_deg)[:, np.newaxis]
-    heading = np.arange(FEW) * (2.0 * np.pi / FEW)
-    sine, cosine, level = np.sin(heading), np.cos(heading), np.cos(dip)
-    fields = np.stack([level * cosine, -level * sine, np.sin(dip) + 0.0 * sine], axis=1)  # (U, 3, 8)
-    across = np.stack([sine / level, cosine / level, 0.0 * fields[:, 2]], axis=1)
-    gradients = gathered(np.linalg.solve(shapes, across), fields)  # (U, 8, 9)
-    jacobian = np.rad2deg(2.0 / FEW * _harmonics(FEW).T @ gradients)
-    carried: Floats = jacobian @ covariances @ np.swapaxes(jacobian, 1, 2)
-    return carried
+    _require_heading(dip_deg)
+    return engine().heading_bound(ellipsoid.shape, covariance, dip_deg=dip_deg, down=down)
 
 
 @lru_cache(maxsize=2)

@@ -37,9 +37,18 @@ def layout(name: str, real: type[np.floating]) -> np.dtype[np.void]:
     """Layout of a struct of flinders.h, for a library of this precision."""
     text = (HERE / "flinders.h").read_text(encoding="utf-8")
     body = re.sub(r"/\*.*?\*/", "", text.split(f"typedef struct {name} {{")[1].split("}")[0], flags=re.DOTALL)
-    kinds = {"int32_t": np.int32, "uint32_t": np.uint32, "int64_t": np.int64, "flinders_real": real}
-    members = re.findall(r"(\w+)\s+(\w+)(?:\[(\d+)\])?;", body)
-    return np.dtype([(field, kinds[kind], (int(size),) if size else ()) for kind, field, size in members], align=True)
+    kinds = {"uint8_t": np.uint8, "int32_t": np.int32, "int64_t": np.int64, "flinders_real": real}
+    members = re.findall(r"(\w+)\s+(\w+)(?:\[(\w+)\])?;", body)
+    return np.dtype([(field, kinds[kind], _size(count)) for kind, field, count in members], align=True)
+
+
+def _size(count: str) -> tuple[int, ...]:
+    """Shape of a member: a number, or a name that flinders_rules.h gives one; empty of a member that is one number."""
+    if not count or count.isdecimal():
+        return (int(count),) if count else ()
+    found = re.search(rf"#define {count} (\d+)", (HERE / "flinders_rules.h").read_text(encoding="utf-8"))
+    assert found is not None
+    return (int(found[1]),)
 
 
 RECORD: Final = layout("flinders_record", np.float64)
@@ -49,6 +58,11 @@ SUMS: Final = layout("flinders_sums", np.float64)
 """Layout of sums that add."""
 
 OPTIONS: Final = layout("flinders_options", np.float64)
+
+REQUEST: Final = layout("flinders_request", np.float64)
+
+JUDGEMENT: Final = layout("flinders_judgement", np.float64)
+"""Layout of a judgement."""
 
 DISTURBANCE: Final = layout("flinders_disturbance", np.float64)
 """Layout of what a disturbance explains."""
@@ -85,11 +99,26 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "distances": (_A, _N, _A, _A),
     "heading_errors": (_A, _D),
     "heading_bounds": (_A, _N, _A),
+    "judgement_size": (),
+    "clear_record": (_A,),
+    "default_request": (_A,),
+    "claim": (_A, _A),
+    "widening_by_few": (_D,),
+    "judge": (_A, _A, _A),
+    "judge_many": (_A, _N, _A, _A),
+    "severity": (ctypes.c_int, _A),
+    "causes": (_A,),
+    "tilted_error": (_A, _A, _D, _D, _A, _A, _A),
+    "uncorrected_error": (_A, _A, _D, _A, _A, _A),
+    "attitude_limit": (_A, _A, _D, _D, _A, _A),
+    "heading_bound": (_A, _A, _D, _A, _A),
+    "with_structure": (_A, _A, _D, _D, _A),
 }
 """What functions of the library take."""
 
 _RESULTS: Final[dict[str, type]] = {
     "workspace_size": _N, "rests": _N, "record_size": _N, "real_size": _N, "message": ctypes.c_char_p,
+    "judgement_size": _N, "widening_by_few": _D,
 }  # fmt: skip
 """What functions give that give no status."""
 
@@ -125,15 +154,17 @@ class Engine:
         for name, arguments in _ARGUMENTS.items():
             function = getattr(self._library, f"flinders_{name}")
             function.argtypes, function.restype = arguments, _RESULTS.get(name, ctypes.c_int)
-        sizes = int(self._library.flinders_record_size()), int(self._library.flinders_real_size())
-        if sizes != (RECORD.itemsize, 8):
+        sizes = tuple(int(getattr(self._library, f"flinders_{of}_size")()) for of in ("record", "judgement", "real"))
+        if sizes != (RECORD.itemsize, JUDGEMENT.itemsize, 8):
             raise RuntimeError(
-                f"the engine's record has {sizes[0]} bytes with numbers of {sizes[1]}, this module expects "
-                f"{RECORD.itemsize} and 8: run python -m flinders.native.build"
+                f"the engine's record, judgement and number have {sizes} bytes, this module expects "
+                f"{RECORD.itemsize}, {JUDGEMENT.itemsize} and 8: run python -m flinders.native.build"
             )
-        defaults = _blank(OPTIONS)
+        defaults, asked, record = _blank(OPTIONS), _blank(REQUEST), _blank(RECORD)
         self._library.flinders_default_options(defaults)
-        self._defaults = defaults.tobytes()
+        self._library.flinders_default_request(asked)
+        self._library.flinders_clear_record(record)
+        self._defaults, self._asked, self._record = defaults.tobytes(), asked.tobytes(), record.tobytes()
 
     def fit(
         self, field: ArrayLike, *, time: ArrayLike | None = None, ends: ArrayLike | None = None, **options: float
@@ -311,6 +342,99 @@ class Engine:
             options[name] = value
         return options
 
+    def record(self) -> Records:
+        """A record in which nothing is known yet."""
+        return np.ndarray((), RECORD, bytearray(self._record))
+
+    def request(self, **changes: float) -> Records:
+        """The default request of a judgement, with changes of fields of ``flinders_request``."""
+        request: Records = np.ndarray((), REQUEST, bytearray(self._asked))
+        for name, value in changes.items():
+            request[name] = value
+        return request
+
+    def claim(self, record: Records, request: Records) -> None:
+        """Widen the covariance of a record by repeated and by few readings, in place, once.
+
+        Level errors that are NaN follow of the covariance; so does the sign of the dip that they hold for.
+        """
+        self._library.flinders_claim(record, request)
+
+    def widening_by_few(self, freedom: float) -> float:
+        """Factor by which few readings widen a covariance: of so many different readings beyond the parameters."""
+        return float(self._library.flinders_widening_by_few(freedom))
+
+    def judge(self, record: Records, request: Records) -> Records:
+        """A row of `JUDGEMENT`: what a record is worth. It is claimed, and shrunk where that was asked, in place.
+
+        Raises ValueError for a record without an ellipsoid, a target that is not positive, and a dip beyond ±89°.
+        """
+        judgement = _blank(JUDGEMENT)
+        self._require(self._library.flinders_judge(record, request, judgement))
+        return judgement
+
+    def judge_many(self, records: Records, request: Records) -> Records:
+        """(R,) judgements of (R,) records, which are claimed and shrunk in place."""
+        judgements = np.zeros(len(records), dtype=JUDGEMENT)
+        self._library.flinders_judge_many(records, len(records), request, judgements)
+        return judgements
+
+    def severity(self, rule: int, quantities: Floats) -> int:
+        """How severe a finding is by its rule, 0 to 3: its number in the catalogue, and (Q,) quantities."""
+        return int(self._library.flinders_severity(rule, quantities))
+
+    def causes(self, severities: ArrayLike) -> Records:
+        """A row of `JUDGEMENT` with what is shown of findings, by their severities alone."""
+        judgement = _blank(JUDGEMENT)
+        judgement["severities"] = severities
+        self._library.flinders_causes(judgement)
+        return judgement
+
+    def tilted_error(
+        self, shape: ArrayLike, covariance: Floats, *, dip_deg: float, tilt_deg: float, down: Floats | None
+    ) -> tuple[float, float]:
+        """Heading error of a tilted vehicle, degrees, 1 σ: rms and worst; `down` (3,), by default z, when level."""
+        out = np.empty(2)
+        arguments = _entries(shape), np.ascontiguousarray(covariance), dip_deg, tilt_deg, _vector(down)
+        self._require(self._library.flinders_tilted_error(*arguments, out, out[1:]))
+        return float(out[0]), float(out[1])
+
+    def uncorrected_error(
+        self, centre: ArrayLike, shape: ArrayLike, *, dip_deg: float, down: Floats | None
+    ) -> tuple[float, float]:
+        """Heading error of a level vehicle by readings as they come, degrees: rms and worst."""
+        out = np.empty(2)
+        arguments = np.ascontiguousarray(centre, dtype=np.float64), _entries(shape), dip_deg, _vector(down)
+        self._require(self._library.flinders_uncorrected_error(*arguments, out, out[1:]))
+        return float(out[0]), float(out[1])
+
+    def attitude_limit(
+        self, shape: ArrayLike, covariance: Floats, *, dip_deg: float, limit_deg: float, down: Floats | None
+    ) -> float:
+        """Tilt, degrees, up to which the worst heading error is within a limit."""
+        out = np.empty(1)
+        arguments = _entries(shape), np.ascontiguousarray(covariance), dip_deg, limit_deg, _vector(down)
+        self._require(self._library.flinders_attitude_limit(*arguments, out))
+        return float(out[0])
+
+    def heading_bound(self, shape: ArrayLike, covariance: Floats, *, dip_deg: float, down: Floats | None) -> float:
+        """Bound, degrees, that a level heading stays within at all headings with a probability of 95 %."""
+        out = np.empty(1)
+        arguments = _entries(shape), np.ascontiguousarray(covariance), dip_deg, _vector(down)
+        self._require(self._library.flinders_heading_bound(*arguments, out))
+        return float(out[0])
+
+    def with_structure(self, shape: ArrayLike, covariance: Floats, *, structure_deg: float, dip_deg: float) -> Floats:
+        """(9, 9) covariance with what belongs to the direction and makes so much of a level heading."""
+        out, covariance = np.empty((9, 9)), np.ascontiguousarray(covariance)
+        self._library.flinders_with_structure(_entries(shape), covariance, structure_deg, dip_deg, out)
+        return out
+
+    def _require(self, status: int) -> None:
+        """Raise ValueError unless a call went well."""
+        if status:
+            raise ValueError(self.message(status))
+
     def message(self, status: int) -> str:
         """A status in words."""
         return str(self._library.flinders_message(int(status)).decode())
@@ -383,6 +507,11 @@ def _library() -> Path:
 def _blank(fields: np.dtype[np.void]) -> Records:
     """One row of a layout, all of it zero; `numpy.zeros` would go through its fields one by one."""
     return np.ndarray((), fields, bytearray(fields.itemsize))
+
+
+def _vector(down: Floats | None) -> Floats | None:
+    """A vector as C takes it."""
+    return None if down is None else np.ascontiguousarray(down, dtype=np.float64)
 
 
 def _entries(shape: ArrayLike) -> Floats:

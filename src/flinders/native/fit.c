@@ -45,6 +45,7 @@ void fl_clear_record(flinders_record *record)
     real *numbers = record->centre;
     memset(record, 0, sizeof *record);
     for (; numbers < (real *)&record->backward_steps; numbers++) *numbers = FL_NOT_A_NUMBER;
+    record->repetition = 1;
     record->version = FLINDERS_RECORD_VERSION;
     record->dense = FL_NO_RUN;
     record->rejected_beyond = 0;
@@ -58,6 +59,9 @@ static real power_of_two_above(real value)
     const real mantissa = fl_frexp(value, &exponent);
     return fl_ldexp(1, exponent - (mantissa == (real)0.5));
 }
+
+/* A record in which nothing is known, for callers. */
+void flinders_clear_record(flinders_record *record) { fl_clear_record(record); }
 
 /* Put a surface into a record. */
 void fl_place(const fl_surface *surface, flinders_record *record)

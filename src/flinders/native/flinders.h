@@ -31,6 +31,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "flinders_rules.h" /* made from the library's catalogue of findings: names of quantities, findings, conditions */
+
 #if defined(_WIN32)
 #define FLINDERS_API __declspec(dllexport)
 #elif defined(__GNUC__)
@@ -163,8 +165,41 @@ typedef struct flinders_record {
     flinders_real start;          /* first time, s; NaN without times */
     flinders_real end;            /* last time, s */
     flinders_real longest_step;   /* between two times, s */
+
+    /* What a fit leaves NaN, or 0, and whoever finds it out fills in before the record is judged. */
+    flinders_real halves_apart;   /* how far the halves of the recording are apart, over what both claim */
+    flinders_real swap_gain;      /* factor by which undoing swaps of axes lowers the noise */
+    flinders_real unmodelled_deg; /* what a recorded disturbance that is not modelled makes of a level heading */
+    flinders_real attitude_dependent_deg; /* what follows the attitude by an accelerometer makes of it */
+    flinders_real tilt_error_deg; /* what the tilt by an accelerometer adds to a heading */
+    flinders_real apart_deg;      /* how far several recordings of the sensor are apart, ... */
+    flinders_real apart_sigma_deg; /* ... what they claim of it, 1 sigma, ... */
+    flinders_real apart_by_chance; /* ... and how often chance alone makes as much */
+    flinders_real bias_deg;       /* what the bias of the method makes of a level heading, rms */
+    flinders_real alignment_deg;  /* what a mounting that an aiding sensor has found leaves open of a level heading */
+    flinders_real linearized_deg; /* what is not known of axes that are linearized makes of a heading, 1 sigma */
+    flinders_real linearized_share; /* what the worst of them reads too much, a fraction of the field */
+    flinders_real soft_iron_by_chance; /* how often chance alone makes readings contradict earlier soft iron as much */
+    flinders_real poses_by_chance; /* the same of poses at known headings */
+
     int64_t backward_steps;       /* steps of the clock that go back */
+    int64_t skipped;              /* rows that could not be read */
+    int64_t silent;               /* rows at which the sensor did not answer */
+    int32_t is_doubtful;          /* 1: columns without names have the length of gravity */
+    int32_t plane;                /* of a level turn that the fit rests on: 1 xy, 2 yz, 3 zx; 0: it rests on none */
+    int32_t sources;              /* what helped beside the magnetometer: FLINDERS_AIDED ... */
+    int32_t is_claimed;           /* 1 once `flinders_claim` has widened the covariance */
+    int32_t is_shrunk;            /* 1 if `flinders_judge` found readings that were corrected before, and shrunk the fit */
+    flinders_real repetition;     /* readings for each one that no other repeats, as far as residuals do not show it */
 } flinders_record;
+
+/* What helped a fit beside the readings of one magnetometer: bits of `sources`. */
+enum {
+    FLINDERS_AIDED = 1,           /* other sensors: readings in one plane tell a surface then */
+    FLINDERS_AIDED_BY_FIELD = 2,  /* sensors to which the field of a place with iron looks bent */
+    FLINDERS_COMPENSATED = 4,     /* recorded disturbances, which the offset follows */
+    FLINDERS_REFRESHED = 8        /* an earlier calibration, whose soft iron it has */
+};
 
 /* What a disturbance that was recorded beside the readings explains of their distances from a surface. */
 typedef struct flinders_disturbance {
@@ -176,6 +211,69 @@ typedef struct flinders_disturbance {
     flinders_real left;         /* sum of squares that nothing explains, unit² */
     flinders_real per_unit[3];  /* by how much it moves the offset for each unit of it */
 } flinders_disturbance;
+
+/* What a judgement is asked; `flinders_default_request` fills it. */
+typedef struct flinders_request {
+    flinders_real target_deg;     /* worst heading error that is good enough (1) */
+    flinders_real field_strength; /* length of corrected readings, where it is known, unit; NaN: the radius (NaN) */
+    int32_t is_microtesla;        /* 1: the unit is the microtesla; 0: counts (1) */
+    int32_t is_mirrored;          /* 1: axes were mapped to a mirror image (0) */
+    int32_t rotation;             /* of the calibration: 0 none, as a magnetometer alone gives; 1 measured; 2 found by an
+                                     aiding sensor (0) */
+    int32_t parameters;           /* that the method finds; 0: its covariance allows for few readings already (9) */
+    int32_t shrinks;              /* 1: look for readings that were corrected before (1) */
+} flinders_request;
+
+/* How severe a finding is, and the verdict that it makes: good or good with a note, limited, refused. */
+enum { FLINDERS_NOTHING, FLINDERS_NOTE, FLINDERS_LIMITS, FLINDERS_REFUSES };
+
+/* A number, or so many times a quantity; FLINDERS_QUANTITIES stands for none. */
+typedef struct flinders_limit {
+    flinders_real factor;
+    uint8_t of;
+} flinders_limit;
+
+/* A finding: a comparison of a quantity with limits, the least severe first, and what has to hold as well. */
+typedef struct flinders_rule {
+    const char *code, *action; /* its name in the catalogue of findings, and what to do */
+    uint8_t quantity, grades, needs;
+    char comparison; /* <, > or g: at least */
+    uint8_t number;  /* quantity that the finding states, and ... */
+    flinders_limit limit; /* ... the limit that it states */
+    struct {
+        uint8_t severity;
+        flinders_limit limit;
+    } grade[3];
+    struct {
+        uint8_t quantity;
+        char comparison;
+        flinders_limit limit;
+    } need[4];
+} flinders_rule;
+
+/* What a fit is worth. NaN where nothing is known. */
+typedef struct flinders_judgement {
+    int32_t verdict;    /* the most severe of `severities`; FLINDERS_NOTHING is good, too */
+    int32_t conditions; /* what a good verdict rests on: FLINDERS_IF_UNIFORM_FIELD ... */
+    int32_t asks;       /* what else could be found out: FLINDERS_ASKS_HALVES ... */
+    uint8_t severities[FLINDERS_RULES_OF_A_FIT]; /* of each finding, or FLINDERS_NOTHING */
+    uint8_t causes[FLINDERS_RULES_OF_A_FIT];     /* 1 + the finding that it follows from, of a cause itself; 0: of others */
+    uint8_t shown[FLINDERS_RULES_OF_A_FIT];      /* severities of those that follow from no other, raised to that of what
+                                                    follows from them */
+    uint8_t order[FLINDERS_RULES_OF_A_FIT];      /* these, most important first; then FLINDERS_RULES */
+    flinders_real quantities[FLINDERS_QUANTITIES_OF_A_FIT]; /* what rules compare; not a number where it does not apply */
+    flinders_real rms_deg;        /* heading error of a level vehicle, 1 sigma, over all headings */
+    flinders_real worst_deg;      /* at the worst heading; NaN where it is not known */
+    flinders_real bound_deg;      /* that it stays within at all headings with a probability of 95 % */
+    flinders_real structure_deg;  /* part of the heading error that belongs to the direction */
+    flinders_real covariance[81]; /* claimed, with that part: every stated error of heading and direction follows of it */
+} flinders_judgement;
+
+/* What a judgement would have looked at more closely: bits of `asks`. */
+enum {
+    FLINDERS_ASKS_HALVES = 1,   /* whether the halves of the recording agree, as something changed: `halves_apart` */
+    FLINDERS_ASKS_SWAP = 2      /* whether axes were swapped: `swap_gain` */
+};
 
 #ifdef __cplusplus
 extern "C" {
@@ -263,6 +361,80 @@ FLINDERS_API int flinders_heading_errors(flinders_record *record, flinders_real 
  * errs by B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ, and `roots` (turns, 4, 4) make (B, C, D, E) of four independent normal
  * numbers. */
 FLINDERS_API void flinders_heading_bounds(const flinders_real *roots, size_t turns, flinders_real *bounds);
+
+/* Bytes of a judgement, for callers that were compiled apart. */
+FLINDERS_API size_t flinders_judgement_size(void);
+
+/* Fill a request with its defaults, in parentheses above. */
+FLINDERS_API void flinders_default_request(flinders_request *request);
+
+/* A record in which nothing is known yet. */
+FLINDERS_API void flinders_clear_record(flinders_record *record);
+
+/* Widen the covariance of a record, once, by what its method does not know of: readings that repeat others, and noise that
+ * is known from few readings. Its level errors follow; where they are NaN they follow of the covariance, at `dip_deg`, which
+ * becomes negative where the readings show a sensor that is upside down.
+ *
+ * Of readings that were corrected before, by a driver or an earlier calibration, centre, shape, covariance and errors become
+ * those of a fit that is shrunk towards leaving the readings as they are, where that is 999 times as likely as not. */
+FLINDERS_API void flinders_claim(flinders_record *record, const flinders_request *request);
+
+/* Factor by which few readings widen a covariance, whose noise is known from few residuals: from the number of different
+ * readings beyond the parameters. */
+FLINDERS_API flinders_real flinders_widening_by_few(flinders_real freedom);
+
+/* Judge a fit: claim its record, and compare what it says with the rules of the catalogue of findings. What the record
+ * lacks is NaN or 0, and makes no finding.
+ *
+ * Example (it is compiled and run by tests/agreement/test_native.py), after `flinders_fit`:
+ *
+ *     flinders_request request;
+ *     flinders_judgement judgement;
+ *     flinders_default_request(&request);
+ *     if (flinders_judge(&record, &request, &judgement) == FLINDERS_OK)
+ *         printf("%.2f degrees, verdict %d\n", judgement.worst_deg, judgement.verdict);
+ *     for (int i = 0; judgement.order[i] < FLINDERS_RULES; i++)
+ *         puts(flinders_rule_of(judgement.order[i])->action);
+ */
+FLINDERS_API int flinders_judge(flinders_record *record, const flinders_request *request, flinders_judgement *judgement);
+
+/* Judge many, by the same request; those whose status is not FLINDERS_OK are refused. */
+FLINDERS_API void flinders_judge_many(flinders_record *records, size_t count, const flinders_request *request,
+                                      flinders_judgement *judgements);
+
+/* A finding of the catalogue; those beyond FLINDERS_RULES_OF_A_FIT are of disturbances and other sensors. */
+FLINDERS_API const flinders_rule *flinders_rule_of(int rule);
+
+/* How severe a finding is for quantities (FLINDERS_QUANTITIES,): its rule alone. */
+FLINDERS_API int flinders_severity(int rule, const flinders_real *quantities);
+
+/* What is shown of findings: fills causes, shown, order and verdict of a judgement from its severities. */
+FLINDERS_API void flinders_causes(flinders_judgement *judgement);
+
+/* Heading error of a vehicle, 1 sigma, that knows how far it is rolled or pitched: over all headings and directions of the
+ * tilt, and at the worst. `down` is a vector in corrected axes that points down when the vehicle is level, NULL for z. */
+FLINDERS_API int flinders_tilted_error(const flinders_real shape[6], const flinders_real covariance[81],
+                                       flinders_real dip_deg, flinders_real tilt_deg, const flinders_real *down,
+                                       flinders_real *rms_deg, flinders_real *worst_deg);
+
+/* Heading error of a level vehicle whose readings are used as they come. */
+FLINDERS_API int flinders_uncorrected_error(const flinders_real centre[3], const flinders_real shape[6],
+                                            flinders_real dip_deg, const flinders_real *down, flinders_real *rms_deg,
+                                            flinders_real *worst_deg);
+
+/* Tilt up to which the worst heading error is within a limit, degrees: 0 where it is not even level, 180 at all. */
+FLINDERS_API int flinders_attitude_limit(const flinders_real shape[6], const flinders_real covariance[81],
+                                         flinders_real dip_deg, flinders_real limit_deg, const flinders_real *down,
+                                         flinders_real *tilt_deg);
+
+/* Covariance of offset and shape with what belongs to the direction, and makes `structure_deg` of a level heading: an
+ * uncertain offset σ² S Sᵀ, which moves the corrected field by σ in every direction. */
+FLINDERS_API void flinders_with_structure(const flinders_real shape[6], const flinders_real covariance[81],
+                                          flinders_real structure_deg, flinders_real dip_deg, flinders_real out[81]);
+
+/* Bound that a level heading stays within at all headings with a probability of 95 %, degrees. */
+FLINDERS_API int flinders_heading_bound(const flinders_real shape[6], const flinders_real covariance[81],
+                                        flinders_real dip_deg, const flinders_real *down, flinders_real *bound_deg);
 
 #ifdef __cplusplus
 }

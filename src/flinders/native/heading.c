@@ -156,7 +156,7 @@ static void corrected(const fl_surface *surface, const real covariance[81], real
 }
 
 /* Error of the direction of the corrected field, 1 sigma: over the whole sphere and in the worst of 400 directions. */
-static void direction(const fl_surface *surface, const real covariance[81], real *rms, real *worst)
+void fl_direction_errors(const fl_surface *surface, const real covariance[81], real *rms, real *worst)
 {
     real c[144], squares[3][3], sum = 0, largest = 0;
     corrected(surface, covariance, c);
@@ -226,6 +226,6 @@ int flinders_heading_errors(flinders_record *record, real dip_deg)
     if (!(fl_abs(dip_deg) <= 89)) return FLINDERS_BAD_OPTION;
     if (fl_surface_of(record->centre, record->shape, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
     fl_heading_errors(&surface, record, dip_deg);
-    direction(&surface, record->covariance, &record->direction_rms_deg, &record->direction_worst_deg);
+    fl_direction_errors(&surface, record->covariance, &record->direction_rms_deg, &record->direction_worst_deg);
     return FLINDERS_OK;
 }

@@ -180,6 +180,7 @@ enum { FL_HEADINGS = 72 };
 void fl_level_rows(const fl_surface *surface, real dip_deg, real rows[9][FL_HEADINGS]);
 void fl_level_errors(const fl_surface *surface, const real covariance[81], real dip_deg, real *rms, real *worst);
 real fl_level_change(const fl_surface *surface, const real change[9], real dip_deg);
+void fl_direction_errors(const fl_surface *surface, const real covariance[81], real *rms, real *worst);
 
 /* likelihood.c */
 typedef struct {

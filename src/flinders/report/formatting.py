@@ -16,9 +16,10 @@ import numpy as np
 
 from flinders.errors import figures
 from flinders.findings import first_causes
+from flinders.findings.catalogue import OF_RECORDING
 from flinders.findings.row import ANY_ANGLE_DEG, stated
 from flinders.fitting.advice import UPSIDE_DOWN
-from flinders.fitting.verdict import OF_THE_RECORDING, improves
+from flinders.fitting.verdict import improves
 from flinders.likelihood.parameters import TERMS
 
 if TYPE_CHECKING:
@@ -231,7 +232,7 @@ def shown_findings(fit: Fit) -> list[Finding]:
     causes = first_causes(fit.findings)
     if fit.verdict != "refused":
         return list(causes)
-    return [finding for finding in causes if finding.severity != "note" or finding.code in OF_THE_RECORDING]
+    return [finding for finding in causes if finding.severity != "note" or finding.code in OF_RECORDING]
 
 
 def mounting(fit: Fit) -> str:

@@ -1,0 +1,145 @@
+"""The rules of the catalogue as C: tables that the engine judges by, made from the rows.
+
+``python -m flinders.findings.c_tables`` writes ``flinders_rules.h`` and ``rules.c`` of `flinders.native`; a test
+compares them with the rows.
+
+>>> header().splitlines()[1]
+'#ifndef FLINDERS_RULES_H'
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from flinders.findings.catalogue import (
+    CATALOGUE,
+    OF_A_FIT,
+    OF_RECORDING,
+    OTHERS,
+    QUANTITIES,
+    QUANTITIES_OF_A_FIT,
+    RULES,
+)
+from flinders.findings.row import CAUSES, CONDITIONS
+
+if TYPE_CHECKING:
+    from flinders.findings.row import CatalogueRow, Cause, Grade, Limit, Needs, Rule
+
+FOLDER: Final = Path(__file__).parents[1] / "native"
+"""Where the engine's sources are."""
+
+MADE: Final = "Made by `python -m flinders.findings.c_tables` from the catalogue of findings. */"
+
+
+def header() -> str:
+    """`flinders_rules.h`: names and numbers of quantities, rules and conditions."""
+    return "\n".join(
+        [
+            f"/* {MADE}",
+            "#ifndef FLINDERS_RULES_H",
+            "#define FLINDERS_RULES_H",
+            "",
+            "/* Quantities that rules compare; the first of them are those of a fit. */",
+            "enum {",
+            *(f"    {_quantity(name)}," for name in QUANTITIES),
+            "};",
+            "",
+            "/* Rules, a finding each; the first of them are those of a fit. */",
+            "enum {",
+            *(f"    {_rule_name(code)}," for code in RULES),
+            "};",
+            "",
+            "/* What a good verdict rests on where no finding speaks against it: bits of `conditions`. */",
+            f"enum {{ {', '.join(f'{_condition(code)} = {1 << bit}' for bit, code in enumerate(CONDITIONS))} }};",
+            "",
+            f"#define FLINDERS_QUANTITIES {len(QUANTITIES)}",
+            f"#define FLINDERS_QUANTITIES_OF_A_FIT {len(QUANTITIES_OF_A_FIT)}",
+            f"#define FLINDERS_RULES {len(RULES)}",
+            f"#define FLINDERS_RULES_OF_A_FIT {len(OF_A_FIT)}",
+            f"#define FLINDERS_RULES_OF_A_RECORDING {len(OF_RECORDING)} /* the last of those of a fit */",
+            f"#define FLINDERS_CAUSES {len(CAUSES)}",
+            "#endif",
+            "",
+        ]
+    )
+
+
+def source() -> str:
+    """`rules.c`: the tables themselves. A board has the rules of a fit alone."""
+    return "\n".join(
+        [
+            f"/* {MADE}",
+            '#include "judge.h"',
+            "",
+            "const flinders_rule fl_rules[FL_RULES] = {",
+            *(_row(CATALOGUE[code]) for code in OF_A_FIT),
+            "#ifndef FLINDERS_SMALL",
+            *(_row(CATALOGUE[code]) for code in OTHERS),
+            "#endif",
+            "};",
+            "",
+            "const fl_cause fl_causes[FLINDERS_CAUSES] = {",
+            *map(_cause, CAUSES),
+            "};",
+            "",
+        ]
+    )
+
+
+def _row(row: CatalogueRow) -> str:
+    """One rule as an initialiser."""
+    rule = row.rule
+    words = f"{_text(row.code)}, {_text(row.fleet_action or row.action)}"
+    counts = f"{_quantity(rule.quantity)}, {len(rule.grades)}, {len(rule.needs)}, {_comparison(rule.comparison)}"
+    stated = f"{_quantity(rule.number or rule.quantity)}, {_limit(rule.stated_limit)}"
+    grades = ", ".join(f"{{FLINDERS_{grade.severity.upper()}, {_limit(grade)}}}" for grade in rule.grades)
+    return f"    {{{words},\n     {counts}, {stated},\n     {{{grades}}}, {_needs(rule)}}},"
+
+
+def _needs(rule: Rule) -> str:
+    """What has to hold as well; an empty list has one entry of zeros in C99."""
+    entries = ", ".join(
+        f"{{{_quantity(need.quantity)}, {_comparison(need.comparison)}, {_limit(need)}}}" for need in rule.needs
+    )
+    return f"{{{entries or '{0, 0, {0, 0}}'}}}"
+
+
+def _cause(cause: Cause) -> str:
+    """A cause as an initialiser, with those of its consequences that the engine looks for."""
+    followed = ", ".join(_rule_name(code) for code in cause.consequences) or "0"
+    unless = _rule_name(cause.unless) if cause.unless else "FLINDERS_RULES"
+    counts = f"FLINDERS_{cause.severity.upper()}, {unless}, {len(cause.consequences)}"
+    return f"    {{{_rule_name(cause.code)}, {counts}, {{{followed}}}}},"
+
+
+def _comparison(comparison: str) -> str:
+    """A comparison in one character, `g` for at least."""
+    return "'g'" if comparison == ">=" else f"'{comparison}'"
+
+
+def _limit(limit: Grade | Needs | Limit) -> str:
+    return f"{{(flinders_real){limit.factor:.17g}, {_quantity(limit.times) if limit.times else 'FLINDERS_QUANTITIES'}}}"
+
+
+def _quantity(name: str) -> str:
+    return f"FLINDERS_Q_{name.upper()}"
+
+
+def _rule_name(code: str) -> str:
+    return f"FLINDERS_RULE_{code.upper().replace('-', '_')}"
+
+
+def _condition(code: str) -> str:
+    return f"FLINDERS_IF_{code.upper().replace('-', '_')}"
+
+
+def _text(words: str) -> str:
+    """A string in ASCII, which every serial monitor shows."""
+    plain = words.replace("−", "-").replace("°", " degrees").replace("`", "").replace('"', "'")
+    return f'"{plain.encode("ascii", "replace").decode()}"'
+
+
+if __name__ == "__main__":
+    (FOLDER / "flinders_rules.h").write_text(header(), encoding="utf-8")
+    (FOLDER / "rules.c").write_text(source(), encoding="utf-8")

@@ -1,0 +1,74 @@
+"""All rows of the catalogue, their order in the engine, and the quantities that their rules compare.
+
+>>> CATALOGUE["coverage"].number
+'angle from the middle of the largest gap to the nearest reading, degrees'
+>>> CATALOGUE["coverage"].rule.grades
+(Grade(severity='limits', factor=60.0, times=''),)
+>>> QUANTITIES[:3], OF_A_FIT.index("coverage") < OF_A_FIT.index("scale-unknown")
+(('flatness', 'flatness_limit', 'is_planar'), True)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from flinders.findings import aiding, calibration, disturbances, fit, recording, sensors
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from flinders.findings.row import CatalogueRow, Rule
+
+CATALOGUE: Final[dict[str, CatalogueRow]] = {
+    row.code: row for subject in (fit, recording, disturbances, calibration, aiding, sensors) for row in subject.ROWS
+}
+"""Every finding there is, by its code."""
+
+OF_ONE_MAGNETOMETER: Final = (*fit.ROWS, *recording.ROWS, *calibration.ROWS)
+"""Findings that a magnetometer can have by itself, for programs in other languages that calibrate one."""
+
+OF_THE_FIT: Final = tuple(row.code for row in fit.ROWS)
+"""Findings of a fit by itself."""
+
+OF_RESIDUALS: Final = ("alternating", "outliers")
+"""Findings of a recording that need a surface."""
+
+OF_CALIBRATION: Final = tuple(row.code for row in calibration.ROWS)
+"""Findings of a calibration, whatever it was made from."""
+
+OF_RECORDING: Final = tuple(row.code for row in recording.ROWS if row.code not in OF_RESIDUALS)
+"""Findings of a recording by itself, whatever its fit is worth."""
+
+OF_A_FIT: Final = (*OF_THE_FIT, *OF_RESIDUALS, *OF_CALIBRATION, *OF_RECORDING)
+"""Findings that the engine looks for in a fit of one magnetometer, in their order."""
+
+OTHERS: Final = tuple(row.code for subject in (disturbances, aiding, sensors) for row in subject.ROWS)
+"""Findings whose quantities come one by one: of each disturbance, each aiding sensor, each magnetometer of a body."""
+
+RULES: Final = (*OF_A_FIT, *OTHERS)
+"""Codes of the findings, in the order of the engine's table."""
+
+STATED: Final = (
+    "samples", "covered", "per_degree_of_tilt", "drift", "farthest", "nonlinear_share", "linearized_share", "weakest",
+    "strongest", "breadth",
+)  # fmt: skip
+"""Quantities that a judgement gives and no rule compares."""
+
+
+def _named(codes: Iterable[str]) -> tuple[str, ...]:
+    """Quantities that rules name, each once, in their order."""
+    return tuple(dict.fromkeys(name for code in codes for name in _of_rule(CATALOGUE[code].rule)))
+
+
+def _of_rule(rule: Rule) -> list[str]:
+    """Quantities of one rule, in the order in which it names them."""
+    names = [rule.quantity, *(grade.times for grade in rule.grades)]
+    names += [name for need in rule.needs for name in (need.quantity, need.times)]
+    return [name for name in (*names, rule.number, rule.stated_limit.times) if name]
+
+
+QUANTITIES_OF_A_FIT: Final = tuple(dict.fromkeys((*_named(OF_A_FIT), *STATED)))
+"""Quantities that the engine calculates of a fit."""
+
+QUANTITIES: Final = tuple(dict.fromkeys((*QUANTITIES_OF_A_FIT, *_named(OTHERS))))
+"""All quantities that rules compare or state."""

@@ -1,0 +1,235 @@
+"""The engine's record of a fit, filled from what an estimator found: what the judge of fits takes.
+
+>>> from flinders import simulate
+>>> from flinders.estimators import Readings
+>>> from flinders.estimators.auto import Auto
+>>> readings = Readings.of(simulate.tumble(seed=1, n=300).samples)
+>>> record = record_of(Auto().estimate(readings), readings.summary.statistics)
+>>> int(record["used"]), bool(np.isnan(record["swap_gain"]))
+(300, True)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.core.units import MICROTESLA
+from flinders.geometry.ellipsoid import upper
+from flinders.geometry.plane import PLANES
+from flinders.heading.error_propagation import HeadingError
+from flinders.native.engine import engine
+from flinders.summary.coverage import CELLS
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.core.calibration import Calibration
+    from flinders.diagnostics.attitude_dependence import AttitudeDependence
+    from flinders.diagnostics.axis_swap import AxisSwap
+    from flinders.diagnostics.repeatability import Repeats
+    from flinders.diagnostics.soft_iron import Refreshed
+    from flinders.diagnostics.systematic import Drift
+    from flinders.diagnostics.unmodelled import Unmodelled
+    from flinders.estimators import Estimate
+    from flinders.estimators.base import Correlation
+    from flinders.fitting.aiding import Aiding
+    from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.geometry.plane import Plane
+    from flinders.native.engine import Records
+    from flinders.summary.coverage import Coverage
+    from flinders.summary.quality import Rail
+    from flinders.summary.summary import Statistics
+
+AIDED, AIDED_BY_FIELD, COMPENSATED, REFRESHED = 1, 2, 4, 8
+"""What helped a fit beside the readings of one magnetometer, as ``flinders.h`` numbers it."""
+
+OF_STATISTICS: Final = (
+    "rows", "repeats", "distinct", "rests", "at_rest", "fitted", "fitted_repeats", "fitted_distinct", "step",
+)  # fmt: skip
+"""Fields of a record that `Statistics` has by the same names."""
+
+ASKS_HALVES, ASKS_SWAP = 1, 2
+"""What a judgement would have looked at more closely, as ``flinders.h`` numbers it."""
+
+ROTATIONS: Final = {"symmetric": 0, "estimated": 2}
+"""How a calibration's rotation is known, as ``flinders.h`` numbers it; any other is 1: measured."""
+
+SEES_THE_FIELD: Final = frozenset({"dip", "tilt", "attitude"})
+"""Aiding sensors to which the field of a place with iron looks bent."""
+
+NUMBER_OF_PLANE: Final[dict[Plane | None, int]] = {None: 0} | {plane: place + 1 for place, plane in enumerate(PLANES)}
+
+
+def record_of(
+    estimate: Estimate, statistics: Statistics, coverage: Coverage | None = None, *, dip_deg: float = 60.0
+) -> Records:
+    """Fill a record from an estimate; its level errors are not known yet.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Its covariance not widened yet.
+    statistics : Statistics
+        Of the readings that it was made of.
+    coverage : Coverage, optional
+        Of the same.
+    dip_deg : float
+        Inclination of the field at the site.
+    """
+    record = record_of_ellipsoid(estimate.ellipsoid, dip_deg=dip_deg)
+    record["covariance"] = estimate.covariance.ravel()
+    if estimate.textbook is not None:
+        record["textbook"] = estimate.textbook.ravel()
+    record["noise"] = estimate.noise
+    record["prior_influence"], record["unobserved"] = estimate.prior_influence, estimate.unobserved
+    record["used"] = estimate.used or statistics.fitted
+    record["rejected"] = sum(run.fitted for run in estimate.outliers)
+    record["is_robust"] = bool(estimate.outliers)
+    record["farthest"] = max((run.farthest for run in estimate.outliers), default=np.nan)
+    record["plane"] = NUMBER_OF_PLANE[estimate.plane]
+    record["swaps"][0] = estimate.may_be_swapped
+    _add_correlation(record, estimate.correlation)
+    _add_statistics(record, statistics)
+    if coverage is not None:
+        record["coverage"], record["hole_deg"] = coverage.fraction, coverage.hole_deg
+        record["upright"] = float(coverage.counts @ CELLS[:, 2]) / max(coverage.readings, 1.0)
+    return record
+
+
+def record_of_ellipsoid(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Records:
+    """A record in which nothing but the surface is known."""
+    record = engine().record()
+    record["centre"], record["shape"], record["radius"] = ellipsoid.centre, upper(ellipsoid.shape), ellipsoid.radius
+    record["dip_deg"] = dip_deg
+    return record
+
+
+def _add_correlation(record: Records, correlation: Correlation | None) -> None:
+    """Add what residuals say of each other."""
+    record["is_white"] = correlation is None or correlation.is_white
+    if correlation is None:
+        return
+    record["lag_one"], record["correlation_time"] = correlation.lag_one, correlation.time
+    record["distortion"], record["excess_variance"] = correlation.direction, correlation.excess_variance
+    record["noise_lasts"], record["steps_kurtosis"] = correlation.lasting, correlation.steps_kurtosis
+
+
+def _add_statistics(record: Records, statistics: Statistics) -> None:
+    """Add what the recording says of itself."""
+    for name in OF_STATISTICS:
+        record[name] = getattr(statistics, name)
+    record["principal_variances"] = statistics.principal_variances
+    record["lowest"], record["highest"] = 0.0, statistics.extent
+    record["path_correlation"] = statistics.path_correlation
+    for rail in statistics.rails:
+        _add_rail(record, rail)
+    clock = statistics.clock
+    if clock.steps:
+        record["start"], record["end"] = 0.0, clock.usual_step * max(statistics.rows - 1, 1)
+        record["longest_step"], record["backward_steps"] = clock.longest_step, clock.backward_steps
+    add_reading(record, statistics)
+
+
+def add_reading(record: Records, statistics: Statistics) -> None:
+    """Add what the reader of a file says: rows that it could not use, and doubts."""
+    silent = sum(part.rows for part in statistics.skipped if part.is_silent)
+    record["silent"] = silent
+    record["skipped"] = sum(part.rows for part in statistics.skipped if part.is_loss and not part.is_silent)
+    record["is_doubtful"] = bool(statistics.doubt)
+
+
+def _add_rail(record: Records, rail: Rail) -> None:
+    """Add an end of an axis at which the sensor was at its limit."""
+    end = rail.axis + (3 if rail.end == "highest" else 0)
+    record["rails"] |= 1 << end
+    record["end_counts"][end] = round(rail.share * record["rows"])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """What was found out beside a fit; None, or NaN, where nobody looked or nothing was found."""
+
+    drift: Drift | None = None
+    axis_swap: AxisSwap | None = None
+    unmodelled: Unmodelled | None = None
+    attitude_dependence: AttitudeDependence | None = None
+    repeats: Repeats | None = None
+    refreshed: Refreshed | None = None
+    aiding: Aiding | None = None
+    alignment_error_deg: float | None = None
+    tilt_error_deg: float = math.nan
+    bias_deg: float = 0.0
+
+    def as_fields(self) -> dict[str, Any]:
+        """The fields of `Fit` that hold the same."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+
+
+def add_found(record: Records, found: Found, *, is_aided: bool = False, is_compensated: bool = False) -> None:
+    """Put into a record what was found out beside the fit.
+
+    `is_aided`: the surface is that of the magnetometer and other sensors; `is_compensated`: of disturbances.
+    """
+    drift, repeats = found.drift, found.repeats
+    record["drift_deg"] = math.nan if drift is None else drift.heading_deg
+    if drift is not None:
+        record["drift_offset"], record["drift_by_chance"] = drift.offset, drift.p_value
+        record["halves_apart"] = math.nan if drift.halves_apart is None else drift.halves_apart
+    if repeats is not None:
+        part = repeats.farthest
+        record["apart_deg"], record["apart_sigma_deg"] = part.off_deg, part.off_sigma_deg
+        record["apart_by_chance"] = part.p_value
+    record["swap_gain"] = math.nan if found.axis_swap is None else found.axis_swap.gain
+    record["unmodelled_deg"] = math.nan if found.unmodelled is None else found.unmodelled.heading_deg
+    dependence = found.attitude_dependence
+    record["attitude_dependent_deg"] = math.nan if dependence is None else dependence.heading_deg
+    record["tilt_error_deg"], record["bias_deg"] = found.tilt_error_deg, found.bias_deg
+    record["alignment_deg"] = math.nan if found.alignment_error_deg is None else found.alignment_error_deg
+    kept = () if found.aiding is None else (sensor.name for sensor in found.aiding.each if sensor.kept)
+    record["sources"] = (
+        AIDED * is_aided
+        | AIDED_BY_FIELD * bool(SEES_THE_FIELD & set(kept))
+        | COMPENSATED * is_compensated
+        | REFRESHED * (found.refreshed is not None)
+    )
+    if found.refreshed is not None:
+        record["soft_iron_by_chance"] = found.refreshed.soft_iron_by_chance
+        record["distortion"] = found.refreshed.distortion
+
+
+def request_of(calibration: Calibration, *, target_deg: float) -> Records:
+    """What a judgement of a calibration is asked; nothing of it is shrunk any more."""
+    strength = calibration.field_strength if calibration.field_strength_known else math.nan
+    return engine().request(
+        target_deg=target_deg,
+        field_strength=strength,
+        is_microtesla=calibration.unit == MICROTESLA,
+        is_mirrored=calibration.axes.is_mirror,
+        rotation=ROTATIONS.get(calibration.rotation, 1),
+        shrinks=0,
+    )
+
+
+def expected_error(
+    ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float, distortion: float = 0.0
+) -> tuple[HeadingError, float]:
+    """Heading error of a level vehicle, and the part of it that belongs to the direction, degrees.
+
+    Parameters
+    ----------
+    ellipsoid : Ellipsoid
+    covariance : (9, 9) float
+        As it is claimed, in the square of the unit.
+    dip_deg : float
+        Inclination of the field, with the sign that the sensor sees.
+    distortion : float
+        Standard deviation of what belongs to the direction, in the unit.
+    """
+    record = record_of_ellipsoid(ellipsoid, dip_deg=dip_deg)
+    record["covariance"], record["distortion"], record["is_claimed"] = covariance.ravel(), distortion, True
+    judgement = engine().judge(record, engine().request(shrinks=0))
+    error = HeadingError(float(judgement["rms_deg"]), float(judgement["worst_deg"]), float(dip_deg))
+    return error, float(judgement["structure_deg"])

@@ -1,0 +1,287 @@
+/* Headings of vehicles that are level, tilted or upside down, from the covariance of a calibration.
+ *
+ * A level vehicle meets the field u(ψ) = (cos I cos ψ, −cos I sin ψ, sin I), z down. Corrected readings err by
+ * δu = −S⁻¹(δb + δS u), and its heading by δψ = −(sin ψ δu₁ + cos ψ δu₂)/cos I. A constant part is a matter of mounting,
+ * which a magnetometer cannot see, and is removed. A tilted vehicle knows its tilt T, meets Tᵀu, and turns readings back.
+ */
+#include "judge.h"
+
+enum { AZIMUTHS = 24, TILT_STEPS = 36, BISECTIONS = 9, TURN = 8 };
+
+#define MARGIN ((real)1.1) /* by how much an error may be larger between the directions that are looked at */
+
+/* Vectors of a turn, one heading a column: across the field in the horizontal plane, over its level part; and the field. */
+typedef struct {
+    real across[3][FL_HEADINGS], field[3][FL_HEADINGS];
+} turn_fields;
+
+/* The rotation that brings +z onto a direction and turns as little as can be; over the x axis if at all. NULL: none. */
+void fl_upright(const real *down, real turn[9])
+{
+    const real none[3] = {0, 0, 1}, *const d = down ? down : none;
+    const real over = d[2] < 0 ? -1 : 1, length = fl_sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    const real x = d[0] / length, y = over * d[1] / length, z = over * d[2] / length, bend = 1 / (1 + z);
+    const real rotation[9] = {1 - bend * x * x, -bend * x * y, x, -bend * x * y, 1 - bend * y * y, y, -x, -y, z};
+    for (int i = 0; i < 9; i++) turn[i] = i < 3 ? rotation[i] : over * rotation[i];
+}
+
+/* Which way is down when a sensor turns in a plane; NULL for z. */
+const real *fl_down(int plane)
+{
+    static const real DOWN[2][3] = {{1, 0, 0}, {0, 1, 0}};
+    return plane == 2 ? DOWN[0] : plane == 3 ? DOWN[1] : NULL;
+}
+
+/* Heading k of n. */
+static real heading_of(int k, int n) { return 2 * FL_PI * (real)k / (real)n; }
+
+/* The vectors of a full turn. */
+static void turn_of(real dip_deg, const real *down, turn_fields *out)
+{
+    const real flat = fl_cos(dip_deg / FL_TO_DEG), height = fl_sin(dip_deg / FL_TO_DEG);
+    real turn[9];
+    fl_upright(down, turn);
+    for (int k = 0; k < FL_HEADINGS; k++) {
+        const real cosine = fl_cos(heading_of(k, FL_HEADINGS)), sine = fl_sin(heading_of(k, FL_HEADINGS));
+        for (int i = 0; i < 3; i++) {
+            const real *const row = turn + 3 * i;
+            out->across[i][k] = (row[0] * sine + row[1] * cosine) / flat;
+            out->field[i][k] = row[0] * flat * cosine - row[1] * flat * sine + row[2] * height;
+        }
+    }
+}
+
+/* Rows (9, FL_HEADINGS) of what each parameter does to the heading at vectors of a turn. */
+static void rows_of(const fl_surface *surface, const turn_fields *at, real rows[9][FL_HEADINGS])
+{
+    const real *const s = surface->inverse;
+    for (int k = 0; k < FL_HEADINGS; k++) {
+        const real x = at->across[0][k], y = at->across[1][k], z = at->across[2][k];
+        const real u = at->field[0][k], v = at->field[1][k], w = at->field[2][k];
+        const real a = s[0] * x + s[3] * y + s[4] * z, b = s[3] * x + s[1] * y + s[5] * z, c = s[4] * x + s[5] * y + s[2] * z;
+        rows[0][k] = a, rows[1][k] = b, rows[2][k] = c;
+        rows[3][k] = a * u, rows[4][k] = b * v, rows[5][k] = c * w;
+        rows[6][k] = a * v + b * u, rows[7][k] = a * w + c * u, rows[8][k] = b * w + c * v;
+    }
+}
+
+/* Their means over a turn. */
+static void means_of(real rows[9][FL_HEADINGS], real means[9])
+{
+    for (int i = 0; i < 9; i++) {
+        means[i] = 0;
+        for (int k = 0; k < FL_HEADINGS; k++) means[i] += rows[i][k];
+        means[i] /= FL_HEADINGS;
+    }
+}
+
+/* Add the variances of headings along rows less their constant part, and keep the largest. */
+static void add_variances(real rows[9][FL_HEADINGS], const real means[9], const real covariance[81], real *sum, real *largest)
+{
+    real variances[FL_HEADINGS] = {0}, part[FL_HEADINGS];
+    for (int i = 0; i < 9; i++)
+        for (int k = 0; k < FL_HEADINGS; k++) rows[i][k] -= means[i];
+    for (int i = 0; i < 9; i++) {
+        for (int k = 0; k < FL_HEADINGS; k++) part[k] = covariance[10 * i] * rows[i][k] / 2;
+        for (int j = 0; j < i; j++)
+            for (int k = 0; k < FL_HEADINGS; k++) part[k] += covariance[9 * i + j] * rows[j][k];
+        for (int k = 0; k < FL_HEADINGS; k++) variances[k] += 2 * rows[i][k] * part[k];
+    }
+    for (int k = 0; k < FL_HEADINGS; k++) {
+        const real variance = variances[k] > 0 ? variances[k] : 0;
+        *sum += variance, *largest = variance > *largest ? variance : *largest;
+    }
+}
+
+/* Turn vectors by an angle about a horizontal axis at an azimuth. */
+static void tilt(const turn_fields *level, const real turn[9], real azimuth, real angle, turn_fields *out)
+{
+    const real along[3] = {fl_cos(azimuth), fl_sin(azimuth), 0}, cosine = fl_cos(angle), sine = fl_sin(angle);
+    real axis[3], matrix[9];
+    fl_multiply(turn, along, 3, 3, 1, axis);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) matrix[3 * i + j] = (1 - cosine) * axis[i] * axis[j] + (i == j ? cosine : 0);
+    matrix[1] += sine * axis[2], matrix[3] -= sine * axis[2]; /* transposed: from the axes of the level vehicle */
+    matrix[2] -= sine * axis[1], matrix[6] += sine * axis[1];
+    matrix[5] += sine * axis[0], matrix[7] -= sine * axis[0];
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < FL_HEADINGS; k++) {
+            const real *const row = matrix + 3 * i;
+            out->across[i][k] = row[0] * level->across[0][k] + row[1] * level->across[1][k] + row[2] * level->across[2][k];
+            out->field[i][k] = row[0] * level->field[0][k] + row[1] * level->field[1][k] + row[2] * level->field[2][k];
+        }
+}
+
+/* Heading error of a vehicle that knows its tilt; of a level one for none. */
+void fl_tilted_error(const fl_surface *surface, const real covariance[81], real dip_deg, real tilt_deg, const real *down,
+                     real *rms_deg, real *worst_deg)
+{
+    turn_fields level, tilted;
+    real rows[9][FL_HEADINGS], means[9], turn[9], sum = 0, largest = 0;
+    const int azimuths = tilt_deg == 0 ? 1 : AZIMUTHS;
+    fl_upright(down, turn);
+    turn_of(dip_deg, down, &level);
+    rows_of(surface, &level, rows);
+    means_of(rows, means);
+    for (int i = 0; i < azimuths; i++) {
+        tilt(&level, turn, heading_of(i, AZIMUTHS), tilt_deg / FL_TO_DEG, &tilted);
+        rows_of(surface, tilt_deg == 0 ? &level : &tilted, rows);
+        add_variances(rows, means, covariance, &sum, &largest);
+    }
+    *rms_deg = FL_TO_DEG * fl_sqrt(sum / (real)(azimuths * FL_HEADINGS));
+    *worst_deg = FL_TO_DEG * fl_sqrt(largest);
+}
+
+/* Heading error of a level vehicle whose readings b + S u are used as they come, its mean removed. */
+void fl_uncorrected_error(const fl_surface *surface, real dip_deg, const real *down, real *rms_deg, real *worst_deg)
+{
+    turn_fields at;
+    real turn[9], cosines[FL_HEADINGS], sines[FL_HEADINGS], cosine = 0, sine = 0, sum = 0, worst = 0;
+    fl_upright(down, turn);
+    turn_of(dip_deg, down, &at);
+    for (int k = 0; k < FL_HEADINGS; k++) {
+        const real field[3] = {at.field[0][k], at.field[1][k], at.field[2][k]};
+        real reading[3], own[2];
+        fl_sym3_apply(surface->shape, field, reading);
+        for (int i = 0; i < 3; i++) reading[i] += surface->centre[i];
+        for (int i = 0; i < 2; i++) own[i] = turn[i] * reading[0] + turn[3 + i] * reading[1] + turn[6 + i] * reading[2];
+        const real off = fl_atan2(-own[1], own[0]) - heading_of(k, FL_HEADINGS);
+        cosine += cosines[k] = fl_cos(off), sine += sines[k] = fl_sin(off);
+    }
+    const real length = fl_sqrt(cosine * cosine + sine * sine), x = length > 0 ? cosine / length : 1;
+    const real y = length > 0 ? sine / length : 0;
+    for (int k = 0; k < FL_HEADINGS; k++) {
+        const real off = fl_atan2(sines[k] * x - cosines[k] * y, cosines[k] * x + sines[k] * y);
+        sum += off * off, worst = fl_abs(off) > worst ? fl_abs(off) : worst;
+    }
+    *rms_deg = FL_TO_DEG * fl_sqrt(sum / FL_HEADINGS);
+    *worst_deg = FL_TO_DEG * worst;
+}
+
+/* No less than the heading error at any tilt: wherever the field points, an error across it turns the heading by at most
+ * its own size over cos I, and what is taken off for the mounting comes on top. */
+static real worst_anywhere(const fl_surface *surface, const real covariance[81], real dip_deg, const real *down)
+{
+    turn_fields level;
+    real rows[9][FL_HEADINGS], means[9], rms, worst, mounting = 0;
+    turn_of(dip_deg, down, &level);
+    rows_of(surface, &level, rows);
+    means_of(rows, means);
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < 9; j++) mounting += means[i] * covariance[9 * i + j] * means[j];
+    fl_direction_errors(surface, covariance, &rms, &worst);
+    return MARGIN * worst / fl_cos(dip_deg / FL_TO_DEG) + FL_TO_DEG * fl_sqrt(mounting > 0 ? mounting : 0);
+}
+
+/* Whether the worst heading error at a tilt is within a limit. */
+static int is_within(const fl_surface *surface, const real covariance[81], real dip_deg, real limit_deg, real tilt_deg,
+                     const real *down)
+{
+    real rms, worst;
+    fl_tilted_error(surface, covariance, dip_deg, tilt_deg, down, &rms, &worst);
+    return worst <= limit_deg;
+}
+
+/* The largest tilt up to which the heading error is within a limit. */
+real fl_attitude_limit(const fl_surface *surface, const real covariance[81], real dip_deg, real limit_deg, const real *down)
+{
+    const real step = (real)180 / TILT_STEPS;
+    int beyond = 0;
+    if (worst_anywhere(surface, covariance, dip_deg, down) <= limit_deg) return 180;
+    while (beyond <= TILT_STEPS && is_within(surface, covariance, dip_deg, limit_deg, step * (real)beyond, down)) beyond++;
+    if (beyond == 0 || beyond > TILT_STEPS) return beyond ? 180 : 0;
+    real inside = step * (real)(beyond - 1), outside = step * (real)beyond;
+    for (int i = 0; i < BISECTIONS; i++) {
+        const real middle = (inside + outside) / 2;
+        if (is_within(surface, covariance, dip_deg, limit_deg, middle, down)) inside = middle;
+        else outside = middle;
+    }
+    return inside;
+}
+
+/* Bound of the heading error: that of the deviation B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ, each coefficient of which is
+ * twice the mean of its product with the heading's error. Eight headings determine it. */
+real fl_heading_bound(const fl_surface *surface, const real covariance[81], real dip_deg, const real *down)
+{
+    const real flat = fl_cos(dip_deg / FL_TO_DEG), height = fl_sin(dip_deg / FL_TO_DEG);
+    real turn[9], jacobian[36] = {0}, half[36], deviation[16], root[16], values[4], bound;
+    fl_upright(down, turn);
+    for (int k = 0; k < TURN; k++) {
+        const real angle = heading_of(k, TURN), cosine = fl_cos(angle), sine = fl_sin(angle);
+        const real harmonics[4] = {sine, cosine, fl_sin(2 * angle), fl_cos(2 * angle)};
+        const real across[3] = {sine / flat, cosine / flat, 0}, field[3] = {flat * cosine, -flat * sine, height};
+        real turned[3], meets[3], v[3];
+        fl_multiply(turn, across, 3, 3, 1, turned);
+        fl_multiply(turn, field, 3, 3, 1, meets);
+        fl_sym3_apply(surface->inverse, turned, v);
+        const real row[9] = {v[0], v[1], v[2], v[0] * meets[0], v[1] * meets[1], v[2] * meets[2],
+                             v[0] * meets[1] + v[1] * meets[0], v[0] * meets[2] + v[2] * meets[0],
+                             v[1] * meets[2] + v[2] * meets[1]};
+        for (int i = 0; i < 4; i++)
+            for (int j = 0; j < 9; j++) jacobian[9 * i + j] += FL_TO_DEG * (real)2 / TURN * harmonics[i] * row[j];
+    }
+    fl_multiply(jacobian, covariance, 4, 9, 9, half);
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 4; j++) {
+            deviation[4 * i + j] = 0;
+            for (int k = 0; k < 9; k++) deviation[4 * i + j] += half[9 * i + k] * jacobian[9 * j + k];
+        }
+    for (int i = 0; i < 16; i++)
+        if (!isfinite(deviation[i])) return FL_NOT_A_NUMBER;
+    fl_eigen(deviation, 4, values);
+    for (int i = 0; i < 4; i++) /* the symmetric root, which is one whatever the signs of eigenvectors */
+        for (int j = 0; j < 4; j++) {
+            root[4 * i + j] = 0;
+            for (int k = 0; k < 4; k++)
+                root[4 * i + j] += deviation[4 * i + k] * fl_sqrt(values[k] > 0 ? values[k] : 0) * deviation[4 * j + k];
+        }
+    flinders_heading_bounds(root, 1, &bound);
+    return bound;
+}
+
+/* Whether headings exist there, and a surface; its offset is a matter of readings that are used as they come. */
+static int surface_of(const real *centre, const real shape[6], real dip_deg, fl_surface *surface)
+{
+    const real none[3] = {0, 0, 0};
+    if (!(fl_abs(dip_deg) <= 89)) return FLINDERS_BAD_OPTION;
+    return fl_surface_of(centre ? centre : none, shape, surface) ? FLINDERS_NOT_AN_ELLIPSOID : FLINDERS_OK;
+}
+
+/* Heading error at a tilt. */
+int flinders_tilted_error(const real shape[6], const real covariance[81], real dip_deg, real tilt_deg, const real *down,
+                          real *rms_deg, real *worst_deg)
+{
+    fl_surface surface;
+    const int status = surface_of(NULL, shape, dip_deg, &surface);
+    if (status == FLINDERS_OK) fl_tilted_error(&surface, covariance, dip_deg, tilt_deg, down, rms_deg, worst_deg);
+    return status;
+}
+
+/* Heading error without a calibration. */
+int flinders_uncorrected_error(const real centre[3], const real shape[6], real dip_deg, const real *down, real *rms_deg,
+                               real *worst_deg)
+{
+    fl_surface surface;
+    const int status = surface_of(centre, shape, dip_deg, &surface);
+    if (status == FLINDERS_OK) fl_uncorrected_error(&surface, dip_deg, down, rms_deg, worst_deg);
+    return status;
+}
+
+/* Tilt up to which an error is within a limit. */
+int flinders_attitude_limit(const real shape[6], const real covariance[81], real dip_deg, real limit_deg,
+                            const real *down, real *tilt_deg)
+{
+    fl_surface surface;
+    const int status = surface_of(NULL, shape, dip_deg, &surface);
+    if (status == FLINDERS_OK) *tilt_deg = fl_attitude_limit(&surface, covariance, dip_deg, limit_deg, down);
+    return status;
+}
+
+/* Bound of a level heading. */
+int flinders_heading_bound(const real shape[6], const real covariance[81], real dip_deg, const real *down, real *bound_deg)
+{
+    fl_surface surface;
+    const int status = surface_of(NULL, shape, dip_deg, &surface);
+    if (status == FLINDERS_OK) *bound_deg = fl_heading_bound(&surface, covariance, dip_deg, down);
+    return status;
+}

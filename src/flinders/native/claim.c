@@ -1,0 +1,268 @@
+/* What a fit may claim: its covariance, widened by repeated readings, which are no new evidence, and by few readings, whose
+ * noise is known from few residuals. And a fit of readings that were corrected before, shrunk towards leaving them.
+ *
+ * Departures d of such a fit, its offset and the deviator of its shape over the mean semi-axis, have a covariance P, and are
+ * normal with P + Q where Q is
+ *
+ *     corrected     offset 0.5, 1 or 2 %, shape 2, 5 or 10 % (gains are often left as they were), all nine alike
+ *     uncorrected   offset 30 %, shape 10 %: less than most sensors have, which speaks against the former
+ *
+ * Where the marginal likelihood of d makes the first 99.9 % probable (R. E. Kass, A. E. Raftery, J. Am. Stat. Assoc. 90
+ * (1995) 773), the fit becomes its posterior mean, the average of Q (P + Q)⁻¹ d over the nine, and claims the posterior
+ * covariance (C. N. Morris, J. Am. Stat. Assoc. 78 (1983) 47). Readings from all directions have a P so small that nothing
+ * is shrunk. `python -m benchmarks.windows` measures what it does to parts of recordings.
+ */
+#include "judge.h"
+
+enum { PARAMETERS = 9 };
+
+/* The variance of Student's t, ν/(ν − 2), for the ν readings beyond those that the parameters take up. Below three there is
+ * no such variance, and the factor grows by four for each reading that is missing. */
+real flinders_widening_by_few(real freedom)
+{
+    return freedom >= 3 ? freedom / (freedom - 2) : 3 * fl_pow(4, 3 - (freedom > 0 ? freedom : 0));
+}
+
+/* Factor by which repeated and few readings widen a covariance. Its noise was taken over the residuals of all rows less the
+ * parameters; only the different ones are independent. */
+static real widening(real rows, real repetition, int parameters)
+{
+    const real freedom = rows / repetition - (real)parameters;
+    return (freedom >= 1 ? (rows - (real)parameters) / freedom : repetition) * flinders_widening_by_few(freedom);
+}
+
+/* Mean ratio of variances to those that would hold for independent residuals; 1 where these are not known. */
+static real variance_inflation(const flinders_record *record)
+{
+    real sum = 0;
+    int count = 0;
+    for (int i = 0; i < 81; i += PARAMETERS + 1)
+        if (record->textbook[i] > 0) sum += record->covariance[i] / record->textbook[i], count++;
+    return count ? sum / (real)count : 1;
+}
+
+/* Readings for each different one, beyond those that the covariance knows of. */
+static real repetition_of(const flinders_record *record)
+{
+    const real distinct = record->fitted_distinct > 1 ? (real)record->fitted_distinct : 1;
+    const real known = variance_inflation(record), share = (real)record->fitted / distinct / (known > FL_TINY ? known : FL_TINY);
+    return share > 1 ? share : 1;
+}
+
+#ifndef FLINDERS_SMALL
+enum { DEPARTURES = 8, WIDTHS = 3, PRIORS = WIDTHS * WIDTHS };
+
+#define UNCORRECTED_OFFSET ((real)0.3)
+#define UNCORRECTED_SHAPE ((real)0.1)
+#define PROBABLE ((real)0.999)
+#define FAR_OFFSET ((real)6)    /* standard deviations of an offset beyond which no other departure makes a correction probable */
+#define UNKNOWN ((real)100)     /* root of the summed variances, over the field, from which on rounding decides */
+
+static const real OFFSETS[WIDTHS] = {(real)0.005, (real)0.01, (real)0.02}, SHAPES[WIDTHS] = {(real)0.02, (real)0.05, (real)0.1};
+
+/* Departures of an estimate, and their covariance without the negative variances that rounding leaves. */
+typedef struct {
+    real size; /* mean semi-axis, unit */
+    real departures[DEPARTURES], covariance[DEPARTURES * DEPARTURES];
+} departure;
+
+/* A basis (9, 8) of departures: the offset, and an orthonormal one of symmetric matrices without trace. */
+static void basis_of(real basis[PARAMETERS * DEPARTURES])
+{
+    const real half = fl_sqrt((real)0.5), sixth = fl_sqrt((real)1 / 6);
+    const real shape[6][2] = {{half, sixth}, {-half, sixth}, {0, -2 * sixth}, {0, 0}, {0, 0}, {0, 0}};
+    for (int i = 0; i < PARAMETERS; i++)
+        for (int j = 0; j < DEPARTURES; j++) basis[DEPARTURES * i + j] = i < 3 ? i == j : i == j + 1 && j > 4 ? half : 0;
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 2; j++) basis[DEPARTURES * (3 + i) + 3 + j] = shape[i][j];
+}
+
+/* M C Mᵀ of a covariance (m, m) and a map (n, m). */
+static void carry(const real *map, const real *covariance, int n, int m, real *out)
+{
+    real half[81];
+    fl_multiply(map, covariance, n, m, m, half);
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) {
+            real sum = 0;
+            for (int k = 0; k < m; k++) sum += half[m * i + k] * map[m * j + k];
+            out[n * i + j] = sum;
+        }
+}
+
+/* Whether an estimate is so certain, and its offset so small, that a look at the other departures is due. */
+static int is_near(const flinders_record *record, real size)
+{
+    real sum = 0;
+    for (int i = 0; i < 81; i += PARAMETERS + 1) sum += record->covariance[i];
+    if (!(sum < UNKNOWN * UNKNOWN * size * size)) return 0;
+    for (int axis = 0; axis < 3; axis++) {
+        const real wide = OFFSETS[WIDTHS - 1] * size;
+        if (!(fl_abs(record->centre[axis]) < FAR_OFFSET * fl_sqrt(record->covariance[10 * axis] + wide * wide))) return 0;
+    }
+    return 1;
+}
+
+/* The departures of an estimate. */
+static void departure_of(const flinders_record *record, const real basis[72], real size, departure *out)
+{
+    real map[72], values[DEPARTURES], vectors[64], parameters[PARAMETERS];
+    memcpy(parameters, record->centre, sizeof record->centre);
+    memcpy(parameters + 3, record->shape, sizeof record->shape);
+    for (int i = 0; i < DEPARTURES; i++) /* an off-diagonal entry stands twice in the matrix */
+        for (int j = 0; j < PARAMETERS; j++) map[PARAMETERS * i + j] = basis[DEPARTURES * j + i] * (j < 6 ? 1 : 2) / size;
+    out->size = size;
+    fl_multiply(map, parameters, DEPARTURES, PARAMETERS, 1, out->departures);
+    carry(map, record->covariance, DEPARTURES, PARAMETERS, vectors);
+    fl_eigen(vectors, DEPARTURES, values);
+    for (int i = 0; i < DEPARTURES; i++)
+        for (int j = 0; j <= i; j++) {
+            real sum = 0;
+            for (int k = 0; k < DEPARTURES; k++)
+                sum += vectors[DEPARTURES * i + k] * (values[k] > 0 ? values[k] : 0) * vectors[DEPARTURES * j + k];
+            out->covariance[DEPARTURES * i + j] = out->covariance[DEPARTURES * j + i] = sum;
+        }
+}
+
+/* Variance of departure i under a prior: of a correction, or behind those of none. */
+static real prior_variance(int prior, int i)
+{
+    const real width = prior == PRIORS ? (i < 3 ? UNCORRECTED_OFFSET : UNCORRECTED_SHAPE)
+                                       : i < 3 ? OFFSETS[prior / WIDTHS] : SHAPES[prior % WIDTHS];
+    return width * width;
+}
+
+/* Cholesky factor of P + Q; nonzero where there is none. */
+static int factor_of(const departure *d, int prior, real factor[64])
+{
+    memcpy(factor, d->covariance, sizeof d->covariance);
+    for (int i = 0; i < DEPARTURES; i++) factor[(DEPARTURES + 1) * i] += prior_variance(prior, i);
+    return fl_cholesky(factor, DEPARTURES);
+}
+
+/* Logarithm of the density of departures under a prior, but for a constant. */
+static int log_density(const departure *d, int prior, real *density)
+{
+    real factor[64], x[DEPARTURES];
+    if (factor_of(d, prior, factor)) return 1;
+    memcpy(x, d->departures, sizeof x);
+    fl_forward(factor, DEPARTURES, x);
+    *density = 0;
+    for (int i = 0; i < DEPARTURES; i++) *density -= x[i] * x[i] / 2 + fl_log(factor[(DEPARTURES + 1) * i]);
+    return 0;
+}
+
+/* Weights of the priors of a correction; 0 where these are not probable. */
+static int weigh(const departure *d, real weights[PRIORS])
+{
+    real without, sum = 0;
+    if (log_density(d, PRIORS, &without)) return 0;
+    for (int prior = 0; prior < PRIORS; prior++) {
+        if (log_density(d, prior, weights + prior)) return 0;
+        sum += weights[prior] = fl_exp(weights[prior] - without);
+    }
+    for (int prior = 0; prior < PRIORS; prior++) weights[prior] /= sum;
+    return sum / PRIORS > PROBABLE / (1 - PROBABLE);
+}
+
+/* Mean and covariance of departures under one prior: Q (P + Q)⁻¹ d and Q (P + Q)⁻¹ P. */
+static void posterior_of(const departure *d, int prior, real mean[DEPARTURES], real within[64])
+{
+    real factor[64], column[DEPARTURES];
+    factor_of(d, prior, factor);
+    for (int j = 0; j <= DEPARTURES; j++) {
+        for (int i = 0; i < DEPARTURES; i++) column[i] = j < DEPARTURES ? d->covariance[DEPARTURES * i + j] : d->departures[i];
+        fl_cholesky_solve(factor, DEPARTURES, column);
+        for (int i = 0; i < DEPARTURES; i++) {
+            const real entry = prior_variance(prior, i) * column[i];
+            if (j < DEPARTURES) within[DEPARTURES * i + j] = entry;
+            else mean[i] = entry;
+        }
+    }
+}
+
+/* Mean and covariance of departures, averaged over priors. */
+static void posterior(const departure *d, const real weights[PRIORS], real mean[DEPARTURES], real covariance[64])
+{
+    real means[PRIORS][DEPARTURES], sum[64] = {0}, within[64];
+    memset(mean, 0, DEPARTURES * sizeof *mean);
+    for (int prior = 0; prior < PRIORS; prior++) {
+        posterior_of(d, prior, means[prior], within);
+        for (int i = 0; i < DEPARTURES; i++) mean[i] += weights[prior] * means[prior][i];
+        for (int i = 0; i < 64; i++) sum[i] += weights[prior] * within[i];
+    }
+    for (int i = 0; i < DEPARTURES; i++)
+        for (int j = 0; j < DEPARTURES; j++) {
+            real entry = (sum[DEPARTURES * i + j] + sum[DEPARTURES * j + i]) / 2;
+            for (int prior = 0; prior < PRIORS; prior++)
+                entry += weights[prior] * (means[prior][i] - mean[i]) * (means[prior][j] - mean[j]);
+            covariance[DEPARTURES * i + j] = entry;
+        }
+}
+
+/* Put departures into a record as an ellipsoid; how large it is stays as uncertain as it was. */
+static void restore(const departure *d, const real basis[72], const real mean[DEPARTURES], const real covariance[64],
+                    flinders_record *record)
+{
+    real parameters[PARAMETERS], widths[81], own = 0;
+    for (int i = 3; i < 6; i++)
+        for (int j = 3; j < 6; j++) own += record->covariance[PARAMETERS * i + j] / 9;
+    fl_multiply(basis, mean, PARAMETERS, DEPARTURES, 1, parameters);
+    for (int i = 0; i < PARAMETERS; i++) parameters[i] = d->size * (parameters[i] + (i > 2 && i < 6 ? 1 : 0));
+    carry(basis, covariance, PARAMETERS, DEPARTURES, widths);
+    for (int i = 0; i < PARAMETERS; i++)
+        for (int j = 0; j < PARAMETERS; j++)
+            record->covariance[PARAMETERS * i + j] = d->size * d->size * widths[PARAMETERS * i + j] +
+                                                     parameters[i] * parameters[j] * own / (d->size * d->size);
+    memcpy(record->centre, parameters, sizeof record->centre);
+    memcpy(record->shape, parameters + 3, sizeof record->shape);
+    for (int i = 0; i < 81; i++) record->textbook[i] = FL_NOT_A_NUMBER;
+}
+
+/* Shrink a fit of readings that were corrected before towards leaving them as they are. */
+static void shrink(flinders_record *record)
+{
+    const real size = (record->shape[0] + record->shape[1] + record->shape[2]) / 3;
+    real basis[72], weights[PRIORS], mean[DEPARTURES], covariance[64];
+    departure d;
+    fl_surface surface;
+    if (!(size > 0) || !is_near(record, size)) return;
+    basis_of(basis);
+    departure_of(record, basis, size, &d);
+    if (!weigh(&d, weights)) return;
+    posterior(&d, weights, mean, covariance);
+    restore(&d, basis, mean, covariance, record);
+    if (fl_surface_of(record->centre, record->shape, &surface)) return;
+    record->is_shrunk = 1, record->radius = surface.radius;
+    record->level_rms_deg = record->level_worst_deg = FL_NOT_A_NUMBER;
+}
+#endif
+
+/* Level errors of a record that has none. */
+static void complete(const fl_surface *surface, flinders_record *record)
+{
+    if (record->plane)
+        fl_tilted_error(surface, record->covariance, record->dip_deg, 0, fl_down(record->plane), &record->level_rms_deg,
+                        &record->level_worst_deg);
+    else if (record->is_shrunk)
+        fl_level_errors(surface, record->covariance, record->dip_deg, &record->level_rms_deg, &record->level_worst_deg);
+    else fl_heading_errors(surface, record, record->dip_deg);
+}
+
+/* Widen the covariance of a record, and complete its level errors. */
+void flinders_claim(flinders_record *record, const flinders_request *request)
+{
+    fl_surface surface;
+    if (!record->is_claimed) {
+        record->is_claimed = 1, record->repetition = repetition_of(record);
+        const real factor = request->parameters > 0
+            ? widening((real)record->fitted, record->repetition, request->parameters) : record->repetition;
+        for (int i = 0; i < 81; i++) record->covariance[i] *= factor;
+        record->level_rms_deg *= fl_sqrt(factor), record->level_worst_deg *= fl_sqrt(factor);
+    }
+#ifndef FLINDERS_SMALL
+    if (request->shrinks && !record->plane && !record->is_shrunk) shrink(record);
+#endif
+    if (isnan(record->level_worst_deg) && fl_abs(record->dip_deg) <= 89 &&
+        !fl_surface_of(record->centre, record->shape, &surface)) complete(&surface, record);
+}

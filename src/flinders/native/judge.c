@@ -1,0 +1,408 @@
+/* What a fit is worth: quantities of its record, the rules of the catalogue of findings that they break, what follows from
+ * what, and what a good verdict rests on. */
+#include "judge.h"
+
+enum { NONE = FLINDERS_NOTHING };
+
+#define FLAT_NOISE ((real)1.5)   /* thickness of readings that are flat, over their noise, */
+#define FLAT ((real)0.01)        /* over their width, */
+#define FLATTEST ((real)0.2)     /* and over that at most */
+#define EARTH_WEAKEST ((real)22) /* microtesla */
+#define EARTH_STRONGEST ((real)67)
+#define INDEPENDENT_NEEDED ((real)15) /* claims of 15 readings at rest are as wrong as true ones (`benchmarks.claims`); */
+#define CORRELATED_NEEDED ((real)20)  /* how many independent ones correlated readings are worth is itself known roughly */
+#define BEYOND_CLAIM ((real)3)
+#define CHANGED_SHARE ((real)0.25) /* of the target: from there on a change matters */
+#define ALTERNATING ((real)-0.25)  /* correlation of a residual with the next that neither noise nor slow change has */
+#define UNSTEADY ((real)1.25)      /* of the target, heading error of a moment that a field may make: by noise, */
+#define SWITCHING ((real)0.8)      /* and by what comes and goes at once */
+#define STEPS_KURTOSIS ((real)7)   /* of 1,200 recordings with slow noise none has it; switched loads have 7 to 34 */
+#define SAME_STRENGTH ((real)0.03) /* of the strength that is known of the place: within it readings have it */
+#define BY_CHANCE ((real)1e-4)     /* below it axes count as not linear, or late */
+#define ALIKE ((real)0.5)          /* of what one fault of axes costs: another that is likelier and costs as much is the cause */
+#define SWAP_CORRELATION ((real)0.05) /* of a residual with the next, below which no axes were swapped */
+
+static real larger(real a, real b) { return a > b ? a : b; }
+static real smaller(real a, real b) { return a < b ? a : b; }
+static real or_zero(real number) { return isnan(number) ? 0 : number; }
+
+/* A number where something applies. */
+static real where(int applies, real number) { return applies ? number : FL_NOT_A_NUMBER; }
+
+/* A fault of axes that is proven. */
+static int is_proven(real deg, real by_chance) { return by_chance < BY_CHANCE && !isnan(deg); }
+
+/* Which faults of axes are named: the other one is left out where the likelier one costs half as much or more. */
+static void named_faults(const flinders_record *record, int *bent, int *late)
+{
+    *bent = is_proven(record->nonlinear_deg, record->nonlinear_by_chance);
+    *late = is_proven(record->lag_deg, record->lag_by_chance);
+    if (!*bent || !*late) return;
+    if (record->lag_by_chance < record->nonlinear_by_chance) *bent = record->lag_deg < ALIKE * record->nonlinear_deg;
+    else *late = record->nonlinear_deg < ALIKE * record->lag_deg;
+}
+
+/* Strength of the level field, unit. */
+static real level_of(const flinders_record *record) { return record->radius * fl_cos(record->dip_deg / FL_TO_DEG); }
+
+/* Heading error from what belongs to the direction: as much across the field as the distortion is along it, or a proven
+ * fault of axes, and what their linearization leaves. */
+static real structure_of(const flinders_record *record)
+{
+    real whole = FL_TO_DEG * or_zero(record->distortion) / level_of(record);
+    whole = larger(whole, 0);
+    if (is_proven(record->nonlinear_deg, record->nonlinear_by_chance)) whole = larger(whole, record->nonlinear_deg);
+    if (is_proven(record->lag_deg, record->lag_by_chance)) whole = larger(whole, record->lag_deg);
+    return fl_sqrt(whole * whole + or_zero(record->linearized_deg) * or_zero(record->linearized_deg));
+}
+
+/* A covariance with what belongs to the direction. */
+void flinders_with_structure(const real shape[6], const real covariance[81], real structure_deg, real dip_deg, real out[81])
+{
+    const real sigma = structure_deg / FL_TO_DEG * fl_cos(dip_deg / FL_TO_DEG);
+    const real s[9] = {shape[0], shape[3], shape[4], shape[3], shape[1], shape[5], shape[4], shape[5], shape[2]};
+    memcpy(out, covariance, 81 * sizeof *out);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            for (int k = 0; k < 3; k++) out[9 * i + j] += sigma * sigma * s[3 * i + k] * s[3 * k + j];
+}
+
+/* What is expected of headings, and the covariance that says so at any dip and attitude. */
+static void expect(const fl_surface *surface, const flinders_record *record, flinders_judgement *out)
+{
+    const real structure = structure_of(record);
+    out->structure_deg = structure;
+    out->rms_deg = fl_sqrt(record->level_rms_deg * record->level_rms_deg + structure * structure);
+    out->worst_deg = fl_sqrt(record->level_worst_deg * record->level_worst_deg + structure * structure);
+    flinders_with_structure(record->shape, record->covariance, structure, record->dip_deg, out->covariance);
+#ifndef FLINDERS_SMALL
+    out->bound_deg = fl_heading_bound(surface, out->covariance, record->dip_deg, fl_down(record->plane));
+#else
+    (void)surface;
+#endif
+}
+
+/* How readings lie, and how far the surface goes beyond them. */
+static void of_shape(const flinders_record *record, real *q)
+{
+    real axes[3], extent = 0;
+    const int is_known = record->plane || record->sources & (FLINDERS_REFRESHED | FLINDERS_AIDED);
+    const real width = fl_sqrt(record->principal_variances[2]);
+    const real flat = smaller(larger(FLAT_NOISE * record->noise, FLAT * width), FLATTEST * width);
+    for (int axis = 0; axis < 3; axis++) extent = larger(extent, record->highest[axis] - record->lowest[axis]);
+    fl_sym3_values(record->shape, axes);
+    q[FLINDERS_Q_FLATNESS] = where(!is_known && width > 0, fl_sqrt(larger(record->principal_variances[0], 0)) / width);
+    q[FLINDERS_Q_BREADTH] = where(width > 0, fl_sqrt(larger(record->principal_variances[1], 0)) / width);
+    q[FLINDERS_Q_FLATNESS_LIMIT] = where(width > 0, flat / width);
+    q[FLINDERS_Q_INFLATION] = where(!record->plane && !(record->sources & FLINDERS_REFRESHED),
+                                    2 * axes[2] / larger(extent, FL_TINY));
+    q[FLINDERS_Q_AXIS_RATIO] = axes[2] / axes[0];
+}
+
+/* What the covariance says about heading; an error that is not known is beyond any target. */
+static void of_accuracy(const fl_surface *surface, const flinders_record *record, const flinders_request *request,
+                        const flinders_judgement *out, real *q)
+{
+    const real *const down = fl_down(record->plane);
+    real rms, tilted;
+    q[FLINDERS_Q_TARGET_DEG] = request->target_deg;
+    q[FLINDERS_Q_WORST_DEG] = isnan(out->worst_deg) ? (real)INFINITY : out->worst_deg;
+    q[FLINDERS_Q_ALIGNMENT_DEG] = where(request->rotation == 2, record->alignment_deg);
+    q[FLINDERS_Q_BIAS_DEG] = record->bias_deg;
+    if (record->is_shrunk) fl_uncorrected_error(surface, record->dip_deg, down, &rms, q + FLINDERS_Q_UNCORRECTED_DEG);
+    q[FLINDERS_Q_IS_PLANAR] = record->plane != 0;
+    if (!record->plane) return;
+    fl_tilted_error(surface, out->covariance, record->dip_deg, 1, down, &rms, &tilted);
+    const real more = tilted * tilted - out->worst_deg * out->worst_deg;
+    q[FLINDERS_Q_PER_DEGREE_OF_TILT] = fl_sqrt(more > 0 ? more : 0);
+    q[FLINDERS_Q_ATTITUDE_LIMIT_DEG] =
+        fl_attitude_limit(surface, out->covariance, record->dip_deg, request->target_deg, down);
+}
+
+/* How much there was to go by; what a level turn leaves open is said once. */
+static void of_evidence(const flinders_record *record, real *q)
+{
+    const real all = (real)record->used, per_reading = record->correlation_time * record->excess_variance;
+    real independent = all;
+    if (!isnan(per_reading)) {
+        independent = smaller(all, (real)record->fitted / record->repetition / per_reading);
+        independent = smaller(independent, (real)record->fitted_distinct);
+    }
+    q[FLINDERS_Q_SAMPLES] = all;
+    q[FLINDERS_Q_HOLE_DEG] = where(!record->plane && !(record->sources & FLINDERS_REFRESHED), record->hole_deg);
+    q[FLINDERS_Q_COVERED] = record->coverage;
+    q[FLINDERS_Q_UNOBSERVED] = record->plane ? 0 : (real)record->unobserved;
+    q[FLINDERS_Q_PRIOR_SHARE] = where(!record->plane && !record->unobserved, record->prior_influence);
+    q[FLINDERS_Q_INDEPENDENT] = independent;
+    q[FLINDERS_Q_INDEPENDENT_NEEDED] = independent < all ? CORRELATED_NEEDED : INDEPENDENT_NEEDED;
+    q[FLINDERS_Q_INDEPENDENT_SHARE] = independent / larger(all, 1);
+    q[FLINDERS_Q_NOISE_SHARE] = record->noise / record->radius;
+    q[FLINDERS_Q_OUTLIER_SHARE] = (real)record->rejected / larger((real)record->fitted, 1);
+    q[FLINDERS_Q_FARTHEST] = where(record->rejected > 0, record->farthest);
+}
+
+/* What lasts from one reading to the next different one, and what takes turns. */
+static void of_residuals(const flinders_record *record, const flinders_request *request, real *q)
+{
+    const real next = or_zero(record->lag_one), level = level_of(record);
+    const real repeated = (real)record->fitted_repeats / larger((real)record->fitted, 1);
+    const real unlike = larger(next - repeated, 0) / (1 - repeated);
+    const real off = fl_sqrt(larger(-3 * next, 0)) * record->noise; /* a residual shows its part along the normal */
+    q[FLINDERS_Q_NOISE_LASTS] = or_zero(record->noise_lasts);
+    q[FLINDERS_Q_UNLIKE_CORRELATION] = unlike;
+    q[FLINDERS_Q_UNSTEADY_DEG] = FL_TO_DEG * record->noise * fl_sqrt(unlike) / level;
+    q[FLINDERS_Q_UNSTEADY_LIMIT_DEG] =
+        request->target_deg * (record->steps_kurtosis > STEPS_KURTOSIS ? SWITCHING : UNSTEADY);
+    q[FLINDERS_Q_NEXT_CORRELATION] = next;
+    q[FLINDERS_Q_ALTERNATING_LIMIT] = smaller(ALTERNATING, -4 / fl_sqrt(larger((real)record->used, 1)));
+    q[FLINDERS_Q_ALTERNATING_DEG] = FL_TO_DEG * fl_atan2(off, level);
+}
+
+/* The largest terms of an axis, a fraction of the field. */
+static real bent_share(const flinders_record *record)
+{
+    real most = 0;
+    for (int axis = 0; axis < 3; axis++)
+        most = larger(most, fl_abs(record->nonlinearity[axis]) + fl_abs(record->nonlinearity[3 + axis]));
+    return most;
+}
+
+/* What belongs to the direction: axes that are proven not to be linear or to be late, or else whatever it is. */
+static void of_structure(const flinders_record *record, const flinders_judgement *out, real *q)
+{
+    int bent, late;
+    named_faults(record, &bent, &late);
+    q[FLINDERS_Q_STRUCTURE_DEG] = out->structure_deg;
+    q[FLINDERS_Q_STRUCTURE_SHARE] = where(!bent, or_zero(record->distortion) / record->radius);
+    q[FLINDERS_Q_NONLINEAR_DEG] = where(bent, record->nonlinear_deg);
+    q[FLINDERS_Q_NONLINEAR_SHARE] = where(bent, bent_share(record));
+    q[FLINDERS_Q_LAG_DEG] = where(late, record->lag_deg);
+    q[FLINDERS_Q_LINEARIZED_DEG] = record->linearized_deg;
+    q[FLINDERS_Q_LINEARIZED_SHARE] = record->linearized_share;
+}
+
+/* What changed: within a recording, from one recording to the next, with what was recorded beside. */
+static void of_changes(const flinders_record *record, const flinders_request *request, real *q)
+{
+    const real *const moved = record->drift_offset;
+    const real apart = larger(CHANGED_SHARE * request->target_deg, BEYOND_CLAIM * record->apart_sigma_deg);
+    q[FLINDERS_Q_DRIFT_DEG] = record->drift_deg;
+    q[FLINDERS_Q_DRIFT_ALLOWED_DEG] = or_zero(record->halves_apart) < BEYOND_CLAIM ? request->target_deg : 0;
+    q[FLINDERS_Q_DRIFT_BY_CHANCE] = record->drift_by_chance;
+    q[FLINDERS_Q_DRIFT] = fl_sqrt(moved[0] * moved[0] + moved[1] * moved[1] + moved[2] * moved[2]);
+    q[FLINDERS_Q_SWAP_GAIN] = record->swap_gain;
+    q[FLINDERS_Q_UNMODELLED_DEG] = record->unmodelled_deg;
+    q[FLINDERS_Q_ATTITUDE_DEPENDENT_DEG] = record->attitude_dependent_deg;
+    q[FLINDERS_Q_TILT_ERROR_DEG] = record->tilt_error_deg;
+    q[FLINDERS_Q_APART_DEG] = record->apart_deg;
+    q[FLINDERS_Q_APART_BY_CHANCE] = record->apart_by_chance;
+    q[FLINDERS_Q_APART_BEYOND_CLAIM_DEG] =
+        where(!isnan(record->apart_deg), record->apart_deg > apart ? record->apart_deg : 0);
+    q[FLINDERS_Q_SOFT_IRON_BY_CHANCE] = record->soft_iron_by_chance;
+    q[FLINDERS_Q_POSES_BY_CHANCE] = record->poses_by_chance;
+}
+
+/* What the calibration alone tells. */
+static void of_calibration(const flinders_record *record, const flinders_request *request, real *q)
+{
+    const real radius = record->radius, nearest = smaller(larger(radius, EARTH_WEAKEST), EARTH_STRONGEST);
+    const int is_relative = isnan(request->field_strength);
+    q[FLINDERS_Q_RADIUS] = radius;
+    q[FLINDERS_Q_NEAREST_EARTH] = nearest;
+    q[FLINDERS_Q_WEAKEST] = EARTH_WEAKEST, q[FLINDERS_Q_STRONGEST] = EARTH_STRONGEST;
+    q[FLINDERS_Q_TIMES_OUTSIDE_EARTH] =
+        where(request->is_microtesla && is_relative, larger(radius / nearest, nearest / radius));
+    q[FLINDERS_Q_HANDEDNESS] = request->is_mirrored ? -1 : 1;
+    q[FLINDERS_Q_FIELD_STRENGTH] = is_relative ? radius : request->field_strength;
+    q[FLINDERS_Q_IS_IN_COUNTS] = !request->is_microtesla;
+    q[FLINDERS_Q_IS_RELATIVE] = (real)is_relative;
+    q[FLINDERS_Q_IS_UNALIGNED] = request->rotation == 0;
+    q[FLINDERS_Q_NOTHING] = 0;
+}
+
+/* What a recording says about itself. */
+static void of_recording(const flinders_record *record, real *q)
+{
+    const real rows = larger((real)record->rows, 1), seconds = or_zero(record->end - record->start);
+    int64_t at_rail = 0;
+    for (int end = 0; end < 6; end++)
+        if (record->rails >> end & 1 && record->end_counts[end] > at_rail) at_rail = record->end_counts[end];
+    q[FLINDERS_Q_ROWS] = (real)record->rows;
+    q[FLINDERS_Q_DISTINCT] = (real)record->distinct;
+    q[FLINDERS_Q_RAIL_SHARE] = (real)at_rail / rows;
+    q[FLINDERS_Q_REPEATED_SHARE] = where(record->distinct > 0, 1 - (real)record->distinct / rows);
+    q[FLINDERS_Q_AT_REST_SHARE] = (real)record->at_rest / rows;
+    q[FLINDERS_Q_STEP] = record->step;
+    q[FLINDERS_Q_PATH_CORRELATION] = where(isnan(record->start), record->path_correlation);
+    q[FLINDERS_Q_BACKWARD_STEPS] = (real)record->backward_steps;
+    q[FLINDERS_Q_LONGEST_STEP_S] = or_zero(record->longest_step);
+    q[FLINDERS_Q_USUAL_STEP_S] = seconds / larger((real)record->rows - 1, 1);
+    q[FLINDERS_Q_SKIPPED] = (real)record->skipped;
+    q[FLINDERS_Q_SILENT] = (real)record->silent;
+    q[FLINDERS_Q_IS_DOUBTFUL] = (real)record->is_doubtful;
+}
+
+/* Whether a number is beyond a limit. */
+static int is_beyond(real number, char comparison, const flinders_limit *limit, const real *q)
+{
+    const real bound = limit->factor * (limit->of < FLINDERS_QUANTITIES ? q[limit->of] : 1);
+    return comparison == '<' ? number < bound : comparison == '>' ? number > bound : number >= bound;
+}
+
+/* Apply a rule: the last grade that holds is how severe it is. */
+static uint8_t severity_of(const flinders_rule *rule, const real *q)
+{
+    uint8_t severity = NONE;
+    for (int i = 0; i < rule->grades; i++) {
+        if (!is_beyond(q[rule->quantity], rule->comparison, &rule->grade[i].limit, q)) break;
+        severity = rule->grade[i].severity;
+    }
+    for (int i = 0; i < rule->needs; i++)
+        if (!is_beyond(q[rule->need[i].quantity], rule->need[i].comparison, &rule->need[i].limit, q)) return NONE;
+    return severity;
+}
+
+/* A rule of the catalogue. */
+const flinders_rule *flinders_rule_of(int rule) { return rule >= 0 && rule < FL_RULES ? fl_rules + rule : NULL; }
+
+/* Apply a rule of the catalogue. */
+int flinders_severity(int rule, const real *quantities)
+{
+    return rule >= 0 && rule < FL_RULES ? severity_of(fl_rules + rule, quantities) : NONE;
+}
+
+/* Apply the rules of a fit. What follows from a surface that nothing supports is no finding. */
+static void apply(flinders_judgement *out)
+{
+    const int own = FLINDERS_RULES_OF_A_FIT - FLINDERS_RULES_OF_A_RECORDING;
+    const uint8_t flat = severity_of(fl_rules + FLINDERS_RULE_ONE_PLANE, out->quantities);
+    for (int i = 0; i < FLINDERS_RULES_OF_A_FIT; i++) {
+        const int is_supported = !flat || i == FLINDERS_RULE_ONE_PLANE || i >= own;
+        out->severities[i] = is_supported ? severity_of(fl_rules + i, out->quantities) : NONE;
+    }
+}
+
+/* Findings that follow from a cause that is there: marks them, and shows the cause as severe as the worst of them. */
+static void follow(const fl_cause *cause, const uint8_t *is_first, flinders_judgement *out)
+{
+    uint8_t worst = out->severities[cause->code];
+    for (int i = 0; i < cause->count; i++) {
+        const uint8_t code = cause->consequences[i];
+        if (!out->shown[code] || is_first[code]) continue;
+        worst = out->severities[code] > worst ? out->severities[code] : worst;
+        out->shown[code] = NONE, out->causes[code] = (uint8_t)(cause->code + 1);
+    }
+    out->shown[cause->code] = worst;
+}
+
+/* What is shown of findings: causes first, in their order, and of each severity before the next. */
+void flinders_causes(flinders_judgement *out)
+{
+    uint8_t first[FLINDERS_CAUSES], is_first[FLINDERS_RULES_OF_A_FIT] = {0};
+    int causes = 0, place = 0;
+    out->verdict = NONE;
+    memset(out->causes, 0, sizeof out->causes);
+    memcpy(out->shown, out->severities, sizeof out->shown);
+    for (int i = 0; i < FLINDERS_CAUSES; i++) {
+        const fl_cause *const cause = fl_causes + i;
+        const int is_excused = cause->unless < FLINDERS_RULES_OF_A_FIT && out->severities[cause->unless];
+        if (!out->shown[cause->code] || is_first[cause->code] || out->severities[cause->code] < cause->severity || is_excused)
+            continue;
+        is_first[cause->code] = 1, first[causes++] = cause->code, out->causes[cause->code] = (uint8_t)(cause->code + 1);
+        follow(cause, is_first, out);
+    }
+    for (uint8_t severity = FLINDERS_REFUSES; severity > NONE; severity--) {
+        for (int i = 0; i < causes; i++)
+            if (out->shown[first[i]] == severity) out->order[place++] = first[i];
+        for (uint8_t i = 0; i < FLINDERS_RULES_OF_A_FIT; i++)
+            if (out->shown[i] == severity && !is_first[i]) out->order[place++] = i;
+    }
+    for (int i = 0; i < FLINDERS_RULES_OF_A_FIT; i++)
+        if (out->severities[i] > out->verdict) out->verdict = out->severities[i];
+    while (place < FLINDERS_RULES_OF_A_FIT) out->order[place++] = FLINDERS_RULES;
+}
+
+/* What a good verdict rests on and nothing here shows. A field that depends on the attitude, of iron at the place or of a
+ * current, hides in the calibration itself. A second recording that agrees, the accelerometer's dip, and a known strength
+ * of the field that the readings have speak for a place without iron; currents that are compensated speak for themselves. */
+static int conditions_of(const flinders_record *record, const flinders_request *request, const flinders_judgement *out)
+{
+    const int agrees = !isnan(record->apart_deg) && !out->severities[FLINDERS_RULE_RECORDINGS_DIFFER];
+    const real times = record->radius / request->field_strength;
+    const int matches = request->is_microtesla && fl_abs(times - 1) < SAME_STRENGTH;
+    const int is_uniform = agrees || matches || record->sources & FLINDERS_AIDED_BY_FIELD;
+    if (out->verdict > FLINDERS_NOTE) return 0;
+    return (record->sources & FLINDERS_REFRESHED ? FLINDERS_IF_SAME_SOFT_IRON : 0) |
+           (is_uniform ? 0 : FLINDERS_IF_UNIFORM_FIELD) |
+           (record->sources & FLINDERS_COMPENSATED ? 0 : FLINDERS_IF_CONSTANT_IRON);
+}
+
+/* What a closer look may tell. */
+static int asks_of(const flinders_record *record, const flinders_request *request)
+{
+    int64_t swaps = 0;
+    for (int i = 0; i < 6; i++) swaps += record->swaps[i];
+    const real by_chance = fl_rules[FLINDERS_RULE_FIELD_CHANGED].need[0].limit.factor;
+    const int is_change = record->drift_by_chance < by_chance && record->drift_deg > CHANGED_SHARE * request->target_deg &&
+                          record->drift_deg <= request->target_deg;
+    const int may_be_swapped = !record->is_white && (record->unobserved || record->lag_one >= SWAP_CORRELATION);
+    return (is_change ? FLINDERS_ASKS_HALVES : 0) |
+           (swaps && (record->is_robust || may_be_swapped) ? FLINDERS_ASKS_SWAP : 0);
+}
+
+/* Fill a judgement in which nothing is known. */
+static void clear(flinders_judgement *out)
+{
+    memset(out, 0, sizeof *out);
+    for (int i = 0; i < FLINDERS_QUANTITIES_OF_A_FIT; i++) out->quantities[i] = FL_NOT_A_NUMBER;
+    for (int i = 0; i < 81; i++) out->covariance[i] = FL_NOT_A_NUMBER;
+    out->rms_deg = out->worst_deg = out->bound_deg = out->structure_deg = FL_NOT_A_NUMBER;
+    memset(out->order, FLINDERS_RULES, sizeof out->order);
+    out->verdict = FLINDERS_REFUSES;
+}
+
+/* Judge a fit. */
+int flinders_judge(flinders_record *record, const flinders_request *request, flinders_judgement *out)
+{
+    fl_surface surface;
+    clear(out);
+    if (!(request->target_deg > 0) || !(fl_abs(record->dip_deg) <= 89)) return FLINDERS_BAD_OPTION;
+    if (fl_surface_of(record->centre, record->shape, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
+    flinders_claim(record, request);
+    fl_surface_of(record->centre, record->shape, &surface);
+    expect(&surface, record, out);
+    of_shape(record, out->quantities);
+    of_accuracy(&surface, record, request, out, out->quantities);
+    of_evidence(record, out->quantities);
+    of_residuals(record, request, out->quantities);
+    of_structure(record, out, out->quantities);
+    of_changes(record, request, out->quantities);
+    of_calibration(record, request, out->quantities);
+    of_recording(record, out->quantities);
+    apply(out);
+    flinders_causes(out);
+    out->conditions = conditions_of(record, request, out);
+    out->asks = asks_of(record, request);
+    return FLINDERS_OK;
+}
+
+/* Judge many fits. */
+void flinders_judge_many(flinders_record *records, size_t count, const flinders_request *request,
+                         flinders_judgement *judgements)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (records[i].status == FLINDERS_OK) flinders_judge(records + i, request, judgements + i);
+        else clear(judgements + i);
+    }
+}
+
+/* Fill a request with its defaults. */
+void flinders_default_request(flinders_request *request)
+{
+    memset(request, 0, sizeof *request);
+    request->target_deg = 1, request->field_strength = FL_NOT_A_NUMBER;
+    request->is_microtesla = request->shrinks = 1, request->parameters = 9;
+}
+
+/* Bytes of a judgement. */
+size_t flinders_judgement_size(void) { return sizeof(flinders_judgement); }

@@ -1,0 +1,33 @@
+/* What the files of the judge share. */
+#ifndef FLINDERS_JUDGE_H
+#define FLINDERS_JUDGE_H
+
+#include "internal.h"
+
+#define FL_TO_DEG ((real)180 / FL_PI)
+
+#ifdef FLINDERS_SMALL /* a board knows the findings of a fit alone */
+enum { FL_RULES = FLINDERS_RULES_OF_A_FIT };
+#else
+enum { FL_RULES = FLINDERS_RULES };
+#endif
+
+/* A finding of a severity, or a worse one, and the findings that follow from it, unless another is there. */
+typedef struct {
+    uint8_t code, severity, unless, count, consequences[20];
+} fl_cause;
+
+/* rules.c */
+extern const flinders_rule fl_rules[FL_RULES];
+extern const fl_cause fl_causes[FLINDERS_CAUSES];
+
+/* attitude.c: headings of vehicles; `turn` brings +z onto what points down when the vehicle is level */
+void fl_upright(const real *down, real turn[9]);
+const real *fl_down(int plane);
+void fl_tilted_error(const fl_surface *surface, const real covariance[81], real dip_deg, real tilt_deg, const real *down,
+                     real *rms_deg, real *worst_deg);
+void fl_uncorrected_error(const fl_surface *surface, real dip_deg, const real *down, real *rms_deg, real *worst_deg);
+real fl_attitude_limit(const fl_surface *surface, const real covariance[81], real dip_deg, real limit_deg, const real *down);
+real fl_heading_bound(const fl_surface *surface, const real covariance[81], real dip_deg, const real *down);
+
+#endif
