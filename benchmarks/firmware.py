@@ -29,7 +29,8 @@ from benchmarks.recordings import FOLDER
 from flinders import simulate
 from flinders.core.units import MICROTESLA
 from flinders.errors import FitError
-from flinders.firmware import package, rules
+from flinders.findings.catalogue import OF_A_FIT
+from flinders.firmware import package
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import level_gradients
 from flinders.native.build import EXACT, STRICT, system_compiler
@@ -110,9 +111,10 @@ def layout(real: str) -> np.dtype[np.void]:
     """What the harness writes."""
     answer = np.dtype(
         [
-            ("status", "<i4"), ("verdict", "<i4"), ("findings", "u1", (len(rules.on_board()),)), ("offset", real, (3,)),
-            ("matrix", real, (3, 3)), ("field", real), ("noise", real), ("heading_rms_deg", real),
-            ("heading_worst_deg", real), ("turn", real, (3,)), ("after_deg", real),
+            ("status", "<i4"), ("verdict", "<i4"), ("findings", "u1", (len(OF_A_FIT),)),
+            ("is_checked", "u1", (len(OF_A_FIT),)), ("offset", real, (3,)), ("matrix", real, (3, 3)), ("field", real),
+            ("noise", real), ("heading_rms_deg", real), ("heading_worst_deg", real), ("turn", real, (3,)),
+            ("after_deg", real),
         ],
         align=True,
     )  # fmt: skip
@@ -139,9 +141,9 @@ def run(
         return np.fromfile(Path(folder, "answer.bin"), layout(target.real))[0]
 
 
-def verdict_of(fit: Fit) -> int:
-    """The worst severity of the library's findings that a board makes as well."""
-    codes = {row.code for row in rules.on_board()}
+def verdict_of(fit: Fit, answer: Any) -> int:  # noqa: ANN401 - a row of `layout`
+    """The worst severity of the library's findings that a board looks for as well."""
+    codes = {code for code, is_checked in zip(OF_A_FIT, answer["is_checked"], strict=True) if is_checked}
     return max([1, *(SEVERITIES.index(finding.severity) for finding in fit.findings if finding.code in codes)])
 
 
@@ -189,7 +191,7 @@ def compared(name: str, floats: Path, doubles: Path, m4: Path | None) -> dict[st
         "claim_of_double": float(of_single["heading_worst_deg"] / of_double["heading_worst_deg"]),
         "verdicts_of_precision": (int(of_single["verdict"]), int(of_double["verdict"])),
         "claim_of_library": float(of_single["heading_worst_deg"] / fit.heading_error_deg.worst),
-        "verdicts": (int(of_single["verdict"]), verdict_of(fit)),
+        "verdicts": (int(of_single["verdict"]), verdict_of(fit, of_single)),
         "claim_deg": float(board["answer"]["heading_worst_deg"]),
         "claim_of_all_deg": whole.heading_error_deg.worst,
         "apart_deg": apart_deg(board, whole),

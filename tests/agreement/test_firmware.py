@@ -23,19 +23,18 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.errors import OutputError, OutputExists
-from flinders.firmware import package, rules
-from flinders.fitting.verdict import fit_record
+from flinders.findings.catalogue import OF_A_FIT, QUANTITIES
+from flinders.firmware import package
 from flinders.heading.guidance import guide
 from flinders.live import motioncal
 from flinders.native.build import system_compiler
-from flinders.summary.summary import Summary
+from flinders.native.engine import engine
 from flinders.targets.motioncal import MotionCalPacket
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from flinders.arrays import Floats
-    from flinders.findings import CatalogueRow
 
 pytestmark = pytest.mark.skipif(system_compiler() is None, reason="no C compiler")
 
@@ -115,7 +114,7 @@ def test_a_board_claims_what_the_library_claims_of_independent_readings(name: st
     npt.assert_allclose(answer["offset"], fit.calibration.offset, atol=1e-3)
     npt.assert_allclose(answer["heading_worst_deg"], fit.heading_error_deg.worst, rtol=0.02)
     npt.assert_allclose(answer["noise"], fit.noise, rtol=1e-3)
-    assert answer["verdict"] == firmware.verdict_of(fit)
+    assert answer["verdict"] == firmware.verdict_of(fit, answer)
 
 
 def test_a_board_advises_what_the_library_advises(double: Path) -> None:
@@ -174,46 +173,41 @@ def test_each_pose_is_one_reading_of_a_board_however_often_it_is_fitted(folder: 
 
 
 CHECKED: Final = """
-#include "board.c"
+#include "flinders_board.h"
 #include <stdio.h>
 int main(void)
 {
-    real value[FLINDERS_QUANTITIES];
+    flinders_real value[FLINDERS_QUANTITIES];
     for (;;) {
         for (int i = 0; i < FLINDERS_QUANTITIES; i++)
             if (scanf("%f", value + i) != 1) return 0;
-        for (int i = 0; i < FLINDERS_RULES; i++) printf("%d ", severity_of(flinders_rules + i, value));
+        for (int i = 0; i < FLINDERS_RULES_OF_A_FIT; i++) printf("%d ", flinders_severity(i, value));
         printf("\\n");
     }
 }
 """
 
 
-def severity_of(row: CatalogueRow, record: dict[str, float]) -> int:
-    return firmware.SEVERITIES.index(row.rule.severity(record) or "")
-
-
-def test_rules_of_the_board_are_those_of_the_catalogue(folder: Path, archive: Path) -> None:
-    """Every rule, at random numbers around its limits."""
+def test_rules_of_the_board_are_those_of_the_library(folder: Path, archive: Path) -> None:
+    """Every rule of a fit, at random numbers around its limits."""
     source = folder / "package" / "src"
     (folder / "checked.c").write_text(CHECKED)
     command = [*(system_compiler() or ()), "-I", str(source), str(folder / "checked.c"), str(archive), "-lm"]
     subprocess.run([*command, "-o", str(folder / "checked")], check=True)
-    numbers = np.exp(np.random.default_rng(1).normal(0.0, 3.0, size=(500, len(rules.QUANTITIES))).astype(np.float32))
+    numbers = np.exp(np.random.default_rng(1).normal(0.0, 3.0, size=(500, len(QUANTITIES))).astype(np.float32))
     text = "\n".join(" ".join(f"{number:.9g}" for number in row) for row in numbers)
     done = subprocess.run([str(folder / "checked")], input=text, capture_output=True, text=True, check=True)
     found = np.array([line.split() for line in done.stdout.splitlines()], dtype=int)
-    records = [dict(zip(rules.QUANTITIES, line, strict=True)) for line in numbers]
-    expected = [[severity_of(row, record) for row in rules.on_board()] for record in records]
+    expected = [[engine().severity(rule, row) for rule in range(len(OF_A_FIT))] for row in numbers.astype(float)]
     npt.assert_array_equal(found, expected)
     assert set(found.ravel()) == {0, 1, 2, 3}
 
 
-def test_quantities_of_the_board_are_quantities_of_a_verdict() -> None:
-    samples = simulate.tumble(seed=1).samples
-    fit = flinders.fit(samples)
-    known = {*fit_record(fit, Summary.of(samples).statistics), "axis_ratio", "times_outside_earth"}
-    assert set(rules.QUANTITIES) <= known
+def test_what_a_board_cannot_know_is_not_checked(single: Path) -> None:
+    answer = firmware.run(firmware.HOST, single, simulate.tumble(seed=1).samples.field)["answer"]
+    checked = {code for code, is_checked in zip(OF_A_FIT, answer["is_checked"], strict=True) if is_checked}
+    assert {"heading-error", "coverage", "noise", "outliers", "few-samples", "axis-ratio"} <= checked
+    assert not {"field-changed", "axis-swap", "time-gap", "saturated", "at-rest", "skipped-rows"} & checked
 
 
 @pytest.mark.parametrize("value", [0.0, 1e-30, 1e30, 3e38, math.inf, math.nan])

@@ -119,7 +119,7 @@ def test_it_is_held_against_the_truth_and_against_other_calibrations(fit: Fit) -
 
 def exact(fit: Fit) -> Fit:
     """The same without any uncertainty."""
-    return replace(fit, covariance=np.zeros((9, 9)), distortion=0.0, nonlinearity=None, axis_lag=None)
+    return replace(fit, covariance=np.zeros((9, 9)), structure_deg=0.0)
 
 
 @pytest.mark.parametrize("aiding", [(), ("dip",)], ids=["alone", "with dip"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 import re
 import struct
 from dataclasses import dataclass, replace
@@ -275,13 +276,12 @@ def test_what_is_known_of_z_at_a_level_turn_is_told_of_the_file_as_of_the_fit(kn
 
 def test_what_belongs_to_the_direction_is_found_in_the_file_again() -> None:
     fit, samples = fitted()
-    bent = replace(
-        fit,
-        distortion=0.3,
-        heading_error_deg=fit.heading_error_deg.combined(replace(fit, distortion=0.3).structure_deg),
-    )
+    error = fit.heading_error_deg.combined(0.7)
+    bent = replace(fit, structure_deg=0.7, heading_error_deg=error)
     again = restored(Fit.from_document(bent.to_document()), samples)
-    npt.assert_allclose(again.distortion, 0.3, rtol=1e-6)
+    assert again.structure_deg == 0.7
+    level = fit.ellipsoid.radius * math.cos(math.radians(fit.known_dip_deg))
+    npt.assert_allclose(again.distortion, math.radians(0.7) * level, rtol=1e-6)
     npt.assert_allclose(again.attitude_limit_deg, bent.attitude_limit_deg, rtol=1e-6)
 
 

@@ -111,7 +111,7 @@ def test_an_estimate_that_is_hardly_known_is_left_alone() -> None:
     unknown = np.zeros((9, 9))
     unknown[[0, 3], [0, 3]] = 1e28
     unknown[0, 3] = unknown[3, 0] = -1e28
-    assert not claimed(fitted.ellipsoid, fitted.covariance + unknown)["is_shrunk"]
+    assert claimed(fitted.ellipsoid, fitted.covariance + unknown)["is_shrunk"] < 0
 
 
 def test_a_direction_of_which_much_is_unknown_leaves_a_negative_variance_to_rounding() -> None:
@@ -127,7 +127,7 @@ def test_a_direction_of_which_much_is_unknown_leaves_a_negative_variance_to_roun
 def test_the_claim_of_a_shrunk_fit_is_nearer_and_narrower() -> None:
     poorly_known = np.diag([4.0, 0.04, 0.04, *[0.25] * 6])
     shrunken = claimed(Ellipsoid(np.array([3.0, 0.1, 0.0]), 50.0 * np.eye(3)), poorly_known)
-    assert shrunken["is_shrunk"]
+    assert shrunken["is_shrunk"] > 0
     assert shrunken["centre"].round(2).tolist() == [0.12, 0.07, 0.0]
     assert np.sqrt(shrunken["covariance"][0]) < 0.6
-    assert not claimed(Ellipsoid(np.array([40.0, 9.0, 0.0]), 50.0 * np.eye(3)), poorly_known)["is_shrunk"]
+    assert claimed(Ellipsoid(np.array([40.0, 9.0, 0.0]), 50.0 * np.eye(3)), poorly_known)["is_shrunk"] < 0

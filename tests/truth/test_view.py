@@ -111,8 +111,8 @@ def test_a_tile_is_at_least_as_bad_as_a_level_heading_through_it() -> None:
 
 
 def test_structure_is_in_every_tile() -> None:
-    fit = replace(fitted(simulate.tumble(seed=1).samples), distortion=2.0)
-    assert tile_errors_deg(fit).min() >= fit.structure_deg > 4.0
+    fit = replace(fitted(simulate.tumble(seed=1).samples), structure_deg=4.0)
+    assert tile_errors_deg(fit).min() >= 4.0 - 1e-9
 
 
 def test_the_turn_is_that_of_the_fit() -> None:

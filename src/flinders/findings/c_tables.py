@@ -24,7 +24,9 @@ from flinders.findings.catalogue import (
 from flinders.findings.row import CAUSES, CONDITIONS
 
 if TYPE_CHECKING:
-    from flinders.findings.row import CatalogueRow, Cause, Grade, Limit, Needs, Rule
+    from collections.abc import Iterable
+
+    from flinders.findings.row import Cause, Grade, Limit, Needs
 
 FOLDER: Final = Path(__file__).parents[1] / "native"
 """Where the engine's sources are."""
@@ -67,15 +69,26 @@ def header() -> str:
 
 def source() -> str:
     """`rules.c`: the tables themselves. A board has the rules of a fit alone."""
+    own, others = _Tables(), _Tables()
+    own.add(OF_A_FIT)
+    others.comparisons = [*own.comparisons]
+    others.add(OTHERS)
     return "\n".join(
         [
             f"/* {MADE}",
             '#include "judge.h"',
             "",
-            "const flinders_rule fl_rules[FL_RULES] = {",
-            *(_row(CATALOGUE[code]) for code in OF_A_FIT),
+            "const flinders_comparison fl_comparisons[] = {",
+            *own.comparisons,
             "#ifndef FLINDERS_SMALL",
-            *(_row(CATALOGUE[code]) for code in OTHERS),
+            *others.comparisons[len(own.comparisons) :],
+            "#endif",
+            "};",
+            "",
+            "const flinders_rule fl_rules[FL_RULES] = {",
+            *own.rules,
+            "#ifndef FLINDERS_SMALL",
+            *others.rules,
             "#endif",
             "};",
             "",
@@ -87,22 +100,30 @@ def source() -> str:
     )
 
 
-def _row(row: CatalogueRow) -> str:
-    """One rule as an initialiser."""
-    rule = row.rule
-    words = f"{_text(row.code)}, {_text(row.fleet_action or row.action)}"
-    counts = f"{_quantity(rule.quantity)}, {len(rule.grades)}, {len(rule.needs)}, {_comparison(rule.comparison)}"
-    stated = f"{_quantity(rule.number or rule.quantity)}, {_limit(rule.stated_limit)}"
-    grades = ", ".join(f"{{FLINDERS_{grade.severity.upper()}, {_limit(grade)}}}" for grade in rule.grades)
-    return f"    {{{words},\n     {counts}, {stated},\n     {{{grades}}}, {_needs(rule)}}},"
+class _Tables:
+    """Rules as initialisers, and the comparisons that they are made of: grades, needs, and the limit that is stated."""
+
+    def __init__(self) -> None:
+        self.comparisons: list[str] = []
+        self.rules: list[str] = []
+
+    def add(self, codes: Iterable[str]) -> None:
+        """Add rules of the catalogue."""
+        for code in codes:
+            row = CATALOGUE[code]
+            rule, first = row.rule, len(self.comparisons)
+            self.comparisons += [_comparison(rule.quantity, rule.comparison, each, each.severity) for each in rule.grades]
+            self.comparisons += [_comparison(need.quantity, need.comparison, need) for need in rule.needs]
+            self.comparisons.append(_comparison(rule.number or rule.quantity, ">", rule.stated_limit))
+            words = f"{_text(row.code)}, {_text(row.fleet_action or row.action)}"
+            self.rules.append(f"    {{{words}, {first}, {len(rule.grades)}, {len(rule.needs)}}},")
 
 
-def _needs(rule: Rule) -> str:
-    """What has to hold as well; an empty list has one entry of zeros in C99."""
-    entries = ", ".join(
-        f"{{{_quantity(need.quantity)}, {_comparison(need.comparison)}, {_limit(need)}}}" for need in rule.needs
-    )
-    return f"{{{entries or '{0, 0, {0, 0}}'}}}"
+def _comparison(quantity: str, comparison: str, limit: Grade | Needs | Limit, severity: str = "nothing") -> str:
+    """A comparison as an initialiser, `g` for at least."""
+    factor, times = f"(flinders_real){limit.factor:.17g}", _quantity(limit.times) if limit.times else "FLINDERS_QUANTITIES"
+    sign = "'g'" if comparison == ">=" else f"'{comparison}'"
+    return f"    {{{factor}, {times}, {_quantity(quantity)}, FLINDERS_{severity.upper()}, {sign}}},"
 
 
 def _cause(cause: Cause) -> str:
@@ -111,15 +132,6 @@ def _cause(cause: Cause) -> str:
     unless = _rule_name(cause.unless) if cause.unless else "FLINDERS_RULES"
     counts = f"FLINDERS_{cause.severity.upper()}, {unless}, {len(cause.consequences)}"
     return f"    {{{_rule_name(cause.code)}, {counts}, {{{followed}}}}},"
-
-
-def _comparison(comparison: str) -> str:
-    """A comparison in one character, `g` for at least."""
-    return "'g'" if comparison == ">=" else f"'{comparison}'"
-
-
-def _limit(limit: Grade | Needs | Limit) -> str:
-    return f"{{(flinders_real){limit.factor:.17g}, {_quantity(limit.times) if limit.times else 'FLINDERS_QUANTITIES'}}}"
 
 
 def _quantity(name: str) -> str:

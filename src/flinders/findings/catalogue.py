@@ -33,7 +33,10 @@ OF_THE_FIT: Final = tuple(row.code for row in fit.ROWS)
 OF_RESIDUALS: Final = ("alternating", "outliers")
 """Findings of a recording that need a surface."""
 
-OF_CALIBRATION: Final = tuple(row.code for row in calibration.ROWS)
+OF_OTHER_ORIGIN: Final = ("typed-extremes", "composed", "filtered")
+"""Findings of calibrations that were put together, or of readings that went through a filter."""
+
+OF_CALIBRATION: Final = tuple(row.code for row in calibration.ROWS if row.code not in OF_OTHER_ORIGIN)
 """Findings of a calibration, whatever it was made from."""
 
 OF_RECORDING: Final = tuple(row.code for row in recording.ROWS if row.code not in OF_RESIDUALS)
@@ -42,7 +45,7 @@ OF_RECORDING: Final = tuple(row.code for row in recording.ROWS if row.code not i
 OF_A_FIT: Final = (*OF_THE_FIT, *OF_RESIDUALS, *OF_CALIBRATION, *OF_RECORDING)
 """Findings that the engine looks for in a fit of one magnetometer, in their order."""
 
-OTHERS: Final = tuple(row.code for subject in (disturbances, aiding, sensors) for row in subject.ROWS)
+OTHERS: Final = (*OF_OTHER_ORIGIN, *(row.code for subject in (disturbances, aiding, sensors) for row in subject.ROWS))
 """Findings whose quantities come one by one: of each disturbance, each aiding sensor, each magnetometer of a body."""
 
 RULES: Final = (*OF_A_FIT, *OTHERS)

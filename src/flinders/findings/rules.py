@@ -30,6 +30,7 @@ SEVERITIES: Final[tuple[Severity | None, ...]] = (None, *reversed(VERDICTS))
 """Severities by the engine's numbers."""
 
 _RULES: Final = {code: number for number, code in enumerate(RULES)}
+_OF_A_FIT: Final = {code: number for number, code in enumerate(OF_A_FIT)}
 _QUANTITIES: Final = {name: number for number, name in enumerate(QUANTITIES)}
 
 
@@ -66,17 +67,21 @@ def first_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
     `findings`: of one fit.
     """
-    given = list(findings)
+    given = [(_OF_A_FIT.get(finding.code), finding) for finding in findings]
     severities = np.zeros(len(OF_A_FIT), dtype=np.uint8)
-    for finding in given:
-        if (rule := _RULES[finding.code]) < len(OF_A_FIT):
+    for rule, finding in given:
+        if rule is not None:
             severities[rule] = max(int(severities[rule]), SEVERITIES.index(finding.severity))
     judgement = engine().causes(severities)
     shown, causes = judgement["shown"], judgement["causes"]
     firsts = [rule for rule in judgement["order"].tolist() if rule < len(OF_A_FIT) and causes[rule] == rule + 1]
-    own = {rule: SEVERITIES[int(shown[rule])] for rule in firsts}
-    first = [replace(each, severity=own[rule]) for rule in firsts for each in given if _RULES[each.code] == rule]
-    left = [each for each in given if (rule := _RULES[each.code]) >= len(OF_A_FIT) or (shown[rule] and rule not in own)]
+    first = [
+        replace(finding, severity=SEVERITIES[int(shown[cause])])
+        for cause in firsts
+        for rule, finding in given
+        if rule == cause
+    ]
+    left = [finding for rule, finding in given if rule is None or (shown[rule] and rule not in firsts)]
     return by_severity([*first, *left])
 
 

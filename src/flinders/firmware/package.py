@@ -18,15 +18,16 @@ from typing import Final
 
 from flinders.core.files import make_folder, write_text
 from flinders.errors import OutputError, OutputExists
-from flinders.firmware import rules
+from flinders.firmware import poses
 from flinders.native.build import HERE as NATIVE
 
 BOARD: Final = Path(__file__).parent / "board"
 
 ENGINE: Final = (
-    "flinders.h", "internal.h", "random.h", "record.h", "residuals.h", "sums.h",
-    "cloud.c", "covariance.c", "dispatch.c", "fit.c", "heading.c", "kernels.c", "likelihood.c", "linear.c", "quality.c",
-    "random.c", "residuals.c", "rests.c", "robust.c", "start.c", "sums.c",
+    "flinders.h", "flinders_rules.h", "internal.h", "judge.h", "random.h", "record.h", "residuals.h", "sums.h",
+    "claim.c", "cloud.c", "covariance.c", "dispatch.c", "fit.c", "heading.c", "judge.c", "kernels.c",
+    "likelihood.c", "linear.c", "quality.c", "random.c", "residuals.c", "rests.c", "robust.c", "rules.c", "start.c",
+    "sums.c",
 )  # fmt: skip
 """Files of the engine that a board needs."""
 
@@ -88,8 +89,8 @@ def contents() -> dict[str, str]:
     return {
         **engine,
         **{path.relative_to(BOARD).as_posix(): path.read_text(encoding="utf-8") for path in own},
-        "src/flinders_rules.h": rules.header(),
-        "src/rules.c": rules.source(),
+        "src/flinders_poses.h": poses.header(),
+        "src/poses.c": poses.source(),
         "library.properties": _properties(),
         "library.json": _manifest(),
         "LICENSE": licence(),

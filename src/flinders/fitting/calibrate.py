@@ -30,7 +30,7 @@ from flinders.estimators.level import Level, turned_level
 from flinders.estimators.likelihood import estimated
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
 from flinders.fitting.claim import claimed, halves_apart
-from flinders.fitting.record import ASKS_HALVES, ASKS_SWAP, Found, add_found, add_reading, request_of
+from flinders.fitting.record import ASKS_HALVES, ASKS_SWAP, Found, add_found, add_reading, farthest, request_of
 from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import judged_quantities, with_findings
 from flinders.geometry.plane import down_of
@@ -473,7 +473,7 @@ def _claimed(evidence: _Evidence, estimator: Estimator, request: Request) -> Cla
         claim = claim.widened(evidence.disturbed.widened(claim.estimate.covariance))
     is_plain = isinstance(estimator, Auto) and not evidence.is_joint and evidence.disturbed is None
     engine().claim(claim.record, engine().request(shrinks=is_plain and request.prior is not None))
-    return claim.shrunk() if claim.record["is_shrunk"] else claim
+    return claim.shrunk() if claim.record["is_shrunk"] > 0 else claim
 
 
 def judged_as(
@@ -795,7 +795,7 @@ def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
 def _judged(claim: Claim, evidence: _Evidence, calibration: Calibration, request: Request) -> Fit:
     """Put together what is known and judge it."""
     record = claim.record
-    estimate = evidence.estimate if record["is_shrunk"] else claim.estimate
+    estimate = evidence.estimate if record["is_shrunk"] > 0 else claim.estimate
     found, faults = _found(claim, estimate, evidence, calibration), _add_faults(record, estimate, evidence)
     found, judgement = _judgement(found, record, estimate, evidence, calibration, request)
     quantities = judged_quantities(judgement)
@@ -821,7 +821,7 @@ def _judged(claim: Claim, evidence: _Evidence, calibration: Calibration, request
         independent_samples=np.inf if estimate.correlation is None else quantities["independent"],
         autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
         outliers=estimate.outliers,
-        is_shrunk=bool(record["is_shrunk"]),
+        is_shrunk=bool(record["is_shrunk"] > 0),
         plane=estimate.plane,
         z_down=estimate.z_down,
         **found.as_fields(),
@@ -860,6 +860,7 @@ def _judgement(
     sources = {"is_aided": estimate.method == "aided", "is_compensated": evidence.disturbed is not None}
     if evidence.record is not None:
         add_reading(record, evidence.statistics)
+        record["farthest"] = farthest(estimate.outliers)
     add_found(record, found, **sources)
     judgement = engine().judge(record, asked)
     closer = _looked_closer(int(judgement["asks"]), found, estimate, evidence, request)

@@ -15,8 +15,6 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
-
 from flinders.core.units import MICROTESLA
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.plane import PLANES
@@ -25,6 +23,8 @@ from flinders.native.engine import engine
 from flinders.summary.coverage import CELLS
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
     from flinders.diagnostics.attitude_dependence import AttitudeDependence
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.estimators import Estimate
     from flinders.estimators.base import Correlation
+    from flinders.estimators.outliers import Outlier
     from flinders.fitting.aiding import Aiding
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
@@ -88,7 +89,7 @@ def record_of(
     record["used"] = estimate.used or statistics.fitted
     record["rejected"] = sum(run.fitted for run in estimate.outliers)
     record["is_robust"] = bool(estimate.outliers)
-    record["farthest"] = max((run.farthest for run in estimate.outliers), default=np.nan)
+    record["farthest"] = farthest(estimate.outliers)
     record["plane"] = NUMBER_OF_PLANE[estimate.plane]
     record["swaps"][0] = estimate.may_be_swapped
     _add_correlation(record, estimate.correlation)
@@ -97,6 +98,11 @@ def record_of(
         record["coverage"], record["hole_deg"] = coverage.fraction, coverage.hole_deg
         record["upright"] = float(coverage.counts @ CELLS[:, 2]) / max(coverage.readings, 1.0)
     return record
+
+
+def farthest(outliers: Iterable[Outlier]) -> float:
+    """Largest distance of an outlier from the majority; NaN without any."""
+    return max((run.farthest for run in outliers), default=math.nan)
 
 
 def record_of_ellipsoid(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Records:

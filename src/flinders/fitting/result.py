@@ -557,8 +557,10 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
         target_deg = error.target_deg or fit.target_deg
         loaded = replace(loaded, heading_error_deg=stated, target_deg=target_deg)
         loaded = replace(loaded, dip_deg=known_dip_deg, dip_assumed=error.dip_assumed)
-        across = math.radians(error.structure_deg) * math.cos(math.radians(loaded.known_dip_deg))
-        loaded = replace(loaded, structure_deg=error.structure_deg, distortion=across * loaded.ellipsoid.radius)
+        loaded = replace(loaded, structure_deg=error.structure_deg)
+        if error.structure_deg:
+            across = math.radians(error.structure_deg) * math.cos(math.radians(loaded.known_dip_deg))
+            loaded = replace(loaded, distortion=across * loaded.ellipsoid.radius)
         if loaded.aiding is not None:
             loaded = replace(loaded, alignment_error_deg=loaded.aiding.alignment_error_deg(known_dip_deg))
     if record.covariance is not None:

@@ -23,9 +23,10 @@ F the distribution of r. The engine (`native/heading.c`) takes the mean over 128
 35 (1980) 369; A. Genz and F. Bretz, "Computation of Multivariate Normal and t Probabilities", Springer (2009), sect.
 4.1), and solves for 95 %. `tests/truth/test_confidence.py` compares it with simulated errors.
 
->>> one_circle = np.diag([1.0, 1.0, 0.0, 0.0])           # an amplitude that Rayleigh's law gives: √(2 ln 20)
->>> bounds_deg(np.stack([one_circle, 4.0 * one_circle])).round(2).tolist()
-[2.44, 4.88]
+>>> sphere, hard_iron = Ellipsoid(np.zeros(3), 50.0 * np.eye(3)), np.diag([0.19, 0.19, *[0.0] * 7])
+>>> worst_deg = level_error(sphere, hard_iron).worst      # one circle, whose amplitude Rayleigh's law gives: √(2 ln 20)
+>>> round(level_bound_deg(sphere, hard_iron) / worst_deg, 2)
+2.44
 """
 
 from __future__ import annotations
@@ -48,19 +49,6 @@ if TYPE_CHECKING:
 
 HEADINGS: Final = 72
 STEEPEST_DIP_DEG: Final = 89.0
-
-AZIMUTHS: Final = 24
-"""Horizontal axes about which a vehicle is tilted."""
-
-TILT_STEP_DEG: Final = 5.0
-TILT_DIGITS_DEG: Final = 0.01
-"""Tilts are searched in such steps, and the one that is found is narrowed down to so much."""
-
-MARGIN: Final = 1.1
-"""By how much an error may be larger between directions that are 10° apart."""
-
-FEW: Final = 8
-"""Headings that determine a deviation of two harmonics."""
 
 _EVERYWHERE: Final = fibonacci(400)
 

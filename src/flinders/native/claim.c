@@ -226,6 +226,7 @@ static void shrink(flinders_record *record)
     real basis[72], weights[PRIORS], mean[DEPARTURES], covariance[64];
     departure d;
     fl_surface surface;
+    record->is_shrunk = -1;
     if (!(size > 0) || !is_near(record, size)) return;
     basis_of(basis);
     departure_of(record, basis, size, &d);
@@ -241,12 +242,13 @@ static void shrink(flinders_record *record)
 /* Level errors of a record that has none. */
 static void complete(const fl_surface *surface, flinders_record *record)
 {
-    if (record->plane)
-        fl_tilted_error(surface, record->covariance, record->dip_deg, 0, fl_down(record->plane), &record->level_rms_deg,
-                        &record->level_worst_deg);
-    else if (record->is_shrunk)
-        fl_level_errors(surface, record->covariance, record->dip_deg, &record->level_rms_deg, &record->level_worst_deg);
-    else fl_heading_errors(surface, record, record->dip_deg);
+#ifndef FLINDERS_SMALL /* a board knows no level turns, and shrinks nothing */
+    const real *const down = fl_down(record->plane);
+    if (record->plane || record->is_shrunk > 0)
+        fl_tilted_error(surface, record->covariance, record->dip_deg, 0, down, &record->level_rms_deg, &record->level_worst_deg);
+    else
+#endif
+        fl_heading_errors(surface, record, record->dip_deg);
 }
 
 /* Widen the covariance of a record, and complete its level errors. */
@@ -261,7 +263,7 @@ void flinders_claim(flinders_record *record, const flinders_request *request)
         record->level_rms_deg *= fl_sqrt(factor), record->level_worst_deg *= fl_sqrt(factor);
     }
 #ifndef FLINDERS_SMALL
-    if (request->shrinks && !record->plane && !record->is_shrunk) shrink(record);
+    if (request->shrinks && !record->plane && record->is_shrunk <= 0) shrink(record);
 #endif
     if (isnan(record->level_worst_deg) && fl_abs(record->dip_deg) <= 89 &&
         !fl_surface_of(record->centre, record->shape, &surface)) complete(&surface, record);

@@ -46,6 +46,7 @@ void fl_clear_record(flinders_record *record)
     memset(record, 0, sizeof *record);
     for (; numbers < (real *)&record->backward_steps; numbers++) *numbers = FL_NOT_A_NUMBER;
     record->repetition = 1;
+    record->skipped = record->silent = record->is_doubtful = -1;
     record->version = FLINDERS_RECORD_VERSION;
     record->dense = FL_NO_RUN;
     record->rejected_beyond = 0;

@@ -183,13 +183,14 @@ typedef struct flinders_record {
     flinders_real poses_by_chance; /* the same of poses at known headings */
 
     int64_t backward_steps;       /* steps of the clock that go back */
-    int64_t skipped;              /* rows that could not be read */
-    int64_t silent;               /* rows at which the sensor did not answer */
-    int32_t is_doubtful;          /* 1: columns without names have the length of gravity */
+    int64_t skipped;              /* rows that could not be read; -1: not known, ... */
+    int64_t silent;               /* ... rows at which the sensor did not answer, ... */
+    int32_t is_doubtful;          /* ... and whether columns without names have the length of gravity */
     int32_t plane;                /* of a level turn that the fit rests on: 1 xy, 2 yz, 3 zx; 0: it rests on none */
     int32_t sources;              /* what helped beside the magnetometer: FLINDERS_AIDED ... */
     int32_t is_claimed;           /* 1 once `flinders_claim` has widened the covariance */
-    int32_t is_shrunk;            /* 1 if `flinders_judge` found readings that were corrected before, and shrunk the fit */
+    int32_t is_shrunk;            /* 1 if `flinders_claim` found readings that were corrected before, and shrunk the fit; -1
+                                     if it looked and found none */
     flinders_real repetition;     /* readings for each one that no other repeats, as far as residuals do not show it */
 } flinders_record;
 
@@ -227,28 +228,20 @@ typedef struct flinders_request {
 /* How severe a finding is, and the verdict that it makes: good or good with a note, limited, refused. */
 enum { FLINDERS_NOTHING, FLINDERS_NOTE, FLINDERS_LIMITS, FLINDERS_REFUSES };
 
-/* A number, or so many times a quantity; FLINDERS_QUANTITIES stands for none. */
-typedef struct flinders_limit {
+/* A comparison of a quantity with a number, or with so many times a quantity; FLINDERS_QUANTITIES stands for none. */
+typedef struct flinders_comparison {
     flinders_real factor;
-    uint8_t of;
-} flinders_limit;
+    uint8_t of, quantity;
+    uint8_t severity; /* where it holds */
+    char comparison;  /* <, > or g: at least */
+} flinders_comparison;
 
-/* A finding: a comparison of a quantity with limits, the least severe first, and what has to hold as well. */
+/* A finding: comparisons with limits, the least severe first, those that have to hold as well, and at the end quantity and
+ * limit that it states. */
 typedef struct flinders_rule {
     const char *code, *action; /* its name in the catalogue of findings, and what to do */
-    uint8_t quantity, grades, needs;
-    char comparison; /* <, > or g: at least */
-    uint8_t number;  /* quantity that the finding states, and ... */
-    flinders_limit limit; /* ... the limit that it states */
-    struct {
-        uint8_t severity;
-        flinders_limit limit;
-    } grade[3];
-    struct {
-        uint8_t quantity;
-        char comparison;
-        flinders_limit limit;
-    } need[4];
+    uint16_t first;            /* of its comparisons */
+    uint8_t grades, needs;
 } flinders_rule;
 
 /* What a fit is worth. NaN where nothing is known. */
@@ -261,7 +254,8 @@ typedef struct flinders_judgement {
     uint8_t shown[FLINDERS_RULES_OF_A_FIT];      /* severities of those that follow from no other, raised to that of what
                                                     follows from them */
     uint8_t order[FLINDERS_RULES_OF_A_FIT];      /* these, most important first; then FLINDERS_RULES */
-    flinders_real quantities[FLINDERS_QUANTITIES_OF_A_FIT]; /* what rules compare; not a number where it does not apply */
+    flinders_real quantities[FLINDERS_QUANTITIES_OF_A_FIT]; /* what rules compare: NaN where it is not known, -infinity where
+                                                               it was looked for and is not there */
     flinders_real rms_deg;        /* heading error of a level vehicle, 1 sigma, over all headings */
     flinders_real worst_deg;      /* at the worst heading; NaN where it is not known */
     flinders_real bound_deg;      /* that it stays within at all headings with a probability of 95 % */
@@ -407,6 +401,9 @@ FLINDERS_API const flinders_rule *flinders_rule_of(int rule);
 
 /* How severe a finding is for quantities (FLINDERS_QUANTITIES,): its rule alone. */
 FLINDERS_API int flinders_severity(int rule, const flinders_real *quantities);
+
+/* Whether a finding was looked for: 1 where no quantity that its rule compares is NaN. */
+FLINDERS_API int flinders_is_checked(int rule, const flinders_real *quantities);
 
 /* What is shown of findings: fills causes, shown, order and verdict of a judgement from its severities. */
 FLINDERS_API void flinders_causes(flinders_judgement *judgement);

@@ -29,28 +29,26 @@ static real or_zero(real number) { return isnan(number) ? 0 : number; }
 /* A number where something applies. */
 static real where(int applies, real number) { return applies ? number : FL_NOT_A_NUMBER; }
 
+/* What was looked for and is not there: beyond no limit, and no number that is missing. */
+static real absent(void) { return -(real)INFINITY; }
+
+/* A count, which is negative where nobody counted. */
+static real count_of(int64_t count) { return where(count >= 0, (real)count); }
+
 /* A fault of axes that is proven. */
 static int is_proven(real deg, real by_chance) { return by_chance < BY_CHANCE && !isnan(deg); }
 
-/* Which faults of axes are named: the other one is left out where the likelier one costs half as much or more. */
-static void named_faults(const flinders_record *record, int *bent, int *late)
-{
-    *bent = is_proven(record->nonlinear_deg, record->nonlinear_by_chance);
-    *late = is_proven(record->lag_deg, record->lag_by_chance);
-    if (!*bent || !*late) return;
-    if (record->lag_by_chance < record->nonlinear_by_chance) *bent = record->lag_deg < ALIKE * record->nonlinear_deg;
-    else *late = record->nonlinear_deg < ALIKE * record->lag_deg;
-}
-
 /* Strength of the level field, unit. */
 static real level_of(const flinders_record *record) { return record->radius * fl_cos(record->dip_deg / FL_TO_DEG); }
+
+/* What belongs to the direction; a ring of directions takes nearly all of it off, and the rest tells little. */
+static real distortion_of(const flinders_record *record) { return record->plane ? 0 : or_zero(record->distortion); }
 
 /* Heading error from what belongs to the direction: as much across the field as the distortion is along it, or a proven
  * fault of axes, and what their linearization leaves. */
 static real structure_of(const flinders_record *record)
 {
-    real whole = FL_TO_DEG * or_zero(record->distortion) / level_of(record);
-    whole = larger(whole, 0);
+    real whole = larger(FL_TO_DEG * distortion_of(record) / level_of(record), 0);
     if (is_proven(record->nonlinear_deg, record->nonlinear_by_chance)) whole = larger(whole, record->nonlinear_deg);
     if (is_proven(record->lag_deg, record->lag_by_chance)) whole = larger(whole, record->lag_deg);
     return fl_sqrt(whole * whole + or_zero(record->linearized_deg) * or_zero(record->linearized_deg));
@@ -100,24 +98,32 @@ static void of_shape(const flinders_record *record, real *q)
 }
 
 /* What the covariance says about heading; an error that is not known is beyond any target. */
-static void of_accuracy(const fl_surface *surface, const flinders_record *record, const flinders_request *request,
-                        const flinders_judgement *out, real *q)
+static void of_accuracy(const flinders_record *record, const flinders_request *request, const flinders_judgement *out, real *q)
 {
-    const real *const down = fl_down(record->plane);
-    real rms, tilted;
     q[FLINDERS_Q_TARGET_DEG] = request->target_deg;
     q[FLINDERS_Q_WORST_DEG] = isnan(out->worst_deg) ? (real)INFINITY : out->worst_deg;
     q[FLINDERS_Q_ALIGNMENT_DEG] = where(request->rotation == 2, record->alignment_deg);
     q[FLINDERS_Q_BIAS_DEG] = record->bias_deg;
-    if (record->is_shrunk) fl_uncorrected_error(surface, record->dip_deg, down, &rms, q + FLINDERS_Q_UNCORRECTED_DEG);
+    q[FLINDERS_Q_UNCORRECTED_DEG] = where(record->is_shrunk != 0, absent());
     q[FLINDERS_Q_IS_PLANAR] = record->plane != 0;
+}
+
+#ifndef FLINDERS_SMALL
+/* What readings that were corrected before give without the calibration, and how far a level turn may be tilted. */
+static void of_attitude(const fl_surface *surface, const flinders_record *record, const flinders_request *request,
+                        const flinders_judgement *out, real *q)
+{
+    const real *const down = fl_down(record->plane);
+    real rms, tilted;
+    if (record->is_shrunk > 0)
+        fl_uncorrected_error(surface, record->dip_deg, down, &rms, q + FLINDERS_Q_UNCORRECTED_DEG);
     if (!record->plane) return;
     fl_tilted_error(surface, out->covariance, record->dip_deg, 1, down, &rms, &tilted);
-    const real more = tilted * tilted - out->worst_deg * out->worst_deg;
-    q[FLINDERS_Q_PER_DEGREE_OF_TILT] = fl_sqrt(more > 0 ? more : 0);
+    q[FLINDERS_Q_PER_DEGREE_OF_TILT] = fl_sqrt(larger(tilted * tilted - out->worst_deg * out->worst_deg, 0));
     q[FLINDERS_Q_ATTITUDE_LIMIT_DEG] =
         fl_attitude_limit(surface, out->covariance, record->dip_deg, request->target_deg, down);
 }
+#endif
 
 /* How much there was to go by; what a level turn leaves open is said once. */
 static void of_evidence(const flinders_record *record, real *q)
@@ -141,13 +147,15 @@ static void of_evidence(const flinders_record *record, real *q)
     q[FLINDERS_Q_FARTHEST] = where(record->rejected > 0, record->farthest);
 }
 
+#ifndef FLINDERS_SMALL /* a board keeps some readings, and no statistics of their residuals */
 /* What lasts from one reading to the next different one, and what takes turns. */
 static void of_residuals(const flinders_record *record, const flinders_request *request, real *q)
 {
-    const real next = or_zero(record->lag_one), level = level_of(record);
+    const real next = record->lag_one, level = level_of(record);
     const real repeated = (real)record->fitted_repeats / larger((real)record->fitted, 1);
     const real unlike = larger(next - repeated, 0) / (1 - repeated);
     const real off = fl_sqrt(larger(-3 * next, 0)) * record->noise; /* a residual shows its part along the normal */
+    if (isnan(next)) return;
     q[FLINDERS_Q_NOISE_LASTS] = or_zero(record->noise_lasts);
     q[FLINDERS_Q_UNLIKE_CORRELATION] = unlike;
     q[FLINDERS_Q_UNSTEADY_DEG] = FL_TO_DEG * record->noise * fl_sqrt(unlike) / level;
@@ -156,6 +164,16 @@ static void of_residuals(const flinders_record *record, const flinders_request *
     q[FLINDERS_Q_NEXT_CORRELATION] = next;
     q[FLINDERS_Q_ALTERNATING_LIMIT] = smaller(ALTERNATING, -4 / fl_sqrt(larger((real)record->used, 1)));
     q[FLINDERS_Q_ALTERNATING_DEG] = FL_TO_DEG * fl_atan2(off, level);
+}
+
+/* Which faults of axes are named: the other one is left out where the likelier one costs half as much or more. */
+static void named_faults(const flinders_record *record, int *bent, int *late)
+{
+    *bent = is_proven(record->nonlinear_deg, record->nonlinear_by_chance);
+    *late = is_proven(record->lag_deg, record->lag_by_chance);
+    if (!*bent || !*late) return;
+    if (record->lag_by_chance < record->nonlinear_by_chance) *bent = record->lag_deg < ALIKE * record->nonlinear_deg;
+    else *late = record->nonlinear_deg < ALIKE * record->lag_deg;
 }
 
 /* The largest terms of an axis, a fraction of the field. */
@@ -173,10 +191,11 @@ static void of_structure(const flinders_record *record, const flinders_judgement
     int bent, late;
     named_faults(record, &bent, &late);
     q[FLINDERS_Q_STRUCTURE_DEG] = out->structure_deg;
-    q[FLINDERS_Q_STRUCTURE_SHARE] = where(!bent, or_zero(record->distortion) / record->radius);
-    q[FLINDERS_Q_NONLINEAR_DEG] = where(bent, record->nonlinear_deg);
+    q[FLINDERS_Q_STRUCTURE_SHARE] = isnan(record->distortion) ? record->distortion
+                                    : bent ? absent() : distortion_of(record) / record->radius;
+    q[FLINDERS_Q_NONLINEAR_DEG] = isnan(record->nonlinear_deg) || bent ? record->nonlinear_deg : absent();
     q[FLINDERS_Q_NONLINEAR_SHARE] = where(bent, bent_share(record));
-    q[FLINDERS_Q_LAG_DEG] = where(late, record->lag_deg);
+    q[FLINDERS_Q_LAG_DEG] = isnan(record->lag_deg) || late ? record->lag_deg : absent();
     q[FLINDERS_Q_LINEARIZED_DEG] = record->linearized_deg;
     q[FLINDERS_Q_LINEARIZED_SHARE] = record->linearized_share;
 }
@@ -202,6 +221,21 @@ static void of_changes(const flinders_record *record, const flinders_request *re
     q[FLINDERS_Q_POSES_BY_CHANCE] = record->poses_by_chance;
 }
 
+/* What a closer look may tell. */
+static int asks_of(const flinders_record *record, const flinders_request *request)
+{
+    int64_t swaps = 0;
+    for (int i = 0; i < 6; i++) swaps += record->swaps[i];
+    const flinders_rule *const changed = fl_rules + FLINDERS_RULE_FIELD_CHANGED;
+    const real by_chance = fl_comparisons[changed->first + changed->grades].factor;
+    const int is_change = record->drift_by_chance < by_chance && record->drift_deg > CHANGED_SHARE * request->target_deg &&
+                          record->drift_deg <= request->target_deg;
+    const int may_be_swapped = !record->is_white && (record->unobserved || record->lag_one >= SWAP_CORRELATION);
+    return (is_change ? FLINDERS_ASKS_HALVES : 0) |
+           (swaps && (record->is_robust || may_be_swapped) ? FLINDERS_ASKS_SWAP : 0);
+}
+#endif
+
 /* What the calibration alone tells. */
 static void of_calibration(const flinders_record *record, const flinders_request *request, real *q)
 {
@@ -223,47 +257,57 @@ static void of_calibration(const flinders_record *record, const flinders_request
 /* What a recording says about itself. */
 static void of_recording(const flinders_record *record, real *q)
 {
-    const real rows = larger((real)record->rows, 1), seconds = or_zero(record->end - record->start);
-    int64_t at_rail = 0;
+    const real rows = larger((real)record->rows, 1), seconds = record->end - record->start;
+    const int is_timed = !isnan(record->start);
+    int64_t at_rail = record->rails < 0 ? -1 : 0;
     for (int end = 0; end < 6; end++)
-        if (record->rails >> end & 1 && record->end_counts[end] > at_rail) at_rail = record->end_counts[end];
+        if (record->rails > 0 && record->rails >> end & 1 && record->end_counts[end] > at_rail)
+            at_rail = record->end_counts[end];
     q[FLINDERS_Q_ROWS] = (real)record->rows;
     q[FLINDERS_Q_DISTINCT] = (real)record->distinct;
-    q[FLINDERS_Q_RAIL_SHARE] = (real)at_rail / rows;
+    q[FLINDERS_Q_RAIL_SHARE] = count_of(at_rail) / rows;
     q[FLINDERS_Q_REPEATED_SHARE] = where(record->distinct > 0, 1 - (real)record->distinct / rows);
-    q[FLINDERS_Q_AT_REST_SHARE] = (real)record->at_rest / rows;
+    q[FLINDERS_Q_AT_REST_SHARE] = count_of(record->at_rest) / rows;
     q[FLINDERS_Q_STEP] = record->step;
-    q[FLINDERS_Q_PATH_CORRELATION] = where(isnan(record->start), record->path_correlation);
-    q[FLINDERS_Q_BACKWARD_STEPS] = (real)record->backward_steps;
-    q[FLINDERS_Q_LONGEST_STEP_S] = or_zero(record->longest_step);
-    q[FLINDERS_Q_USUAL_STEP_S] = seconds / larger((real)record->rows - 1, 1);
-    q[FLINDERS_Q_SKIPPED] = (real)record->skipped;
-    q[FLINDERS_Q_SILENT] = (real)record->silent;
-    q[FLINDERS_Q_IS_DOUBTFUL] = (real)record->is_doubtful;
+    q[FLINDERS_Q_PATH_CORRELATION] = where(!is_timed, record->path_correlation);
+    q[FLINDERS_Q_BACKWARD_STEPS] = where(is_timed, (real)record->backward_steps);
+    q[FLINDERS_Q_LONGEST_STEP_S] = where(is_timed, record->longest_step);
+    q[FLINDERS_Q_USUAL_STEP_S] = where(is_timed, seconds / larger((real)record->rows - 1, 1));
+    q[FLINDERS_Q_SKIPPED] = count_of(record->skipped);
+    q[FLINDERS_Q_SILENT] = count_of(record->silent);
+    q[FLINDERS_Q_IS_DOUBTFUL] = count_of(record->is_doubtful);
 }
 
-/* Whether a number is beyond a limit. */
-static int is_beyond(real number, char comparison, const flinders_limit *limit, const real *q)
+/* Whether a comparison holds. */
+static int holds(const flinders_comparison *it, const real *q)
 {
-    const real bound = limit->factor * (limit->of < FLINDERS_QUANTITIES ? q[limit->of] : 1);
-    return comparison == '<' ? number < bound : comparison == '>' ? number > bound : number >= bound;
+    const real number = q[it->quantity], limit = it->factor * (it->of < FLINDERS_QUANTITIES ? q[it->of] : 1);
+    return it->comparison == '<' ? number < limit : it->comparison == '>' ? number > limit : number >= limit;
 }
 
 /* Apply a rule: the last grade that holds is how severe it is. */
 static uint8_t severity_of(const flinders_rule *rule, const real *q)
 {
+    const flinders_comparison *const grades = fl_comparisons + rule->first, *const needs = grades + rule->grades;
     uint8_t severity = NONE;
-    for (int i = 0; i < rule->grades; i++) {
-        if (!is_beyond(q[rule->quantity], rule->comparison, &rule->grade[i].limit, q)) break;
-        severity = rule->grade[i].severity;
-    }
+    for (int i = 0; i < rule->grades && holds(grades + i, q); i++) severity = grades[i].severity;
     for (int i = 0; i < rule->needs; i++)
-        if (!is_beyond(q[rule->need[i].quantity], rule->need[i].comparison, &rule->need[i].limit, q)) return NONE;
+        if (!holds(needs + i, q)) return NONE;
     return severity;
 }
 
 /* A rule of the catalogue. */
 const flinders_rule *flinders_rule_of(int rule) { return rule >= 0 && rule < FL_RULES ? fl_rules + rule : NULL; }
+
+/* Whether a rule can be applied. */
+int flinders_is_checked(int rule, const real *quantities)
+{
+    const flinders_rule *const it = flinders_rule_of(rule);
+    if (!it) return 0;
+    for (int i = 0; i < it->grades + it->needs; i++)
+        if (isnan(quantities[fl_comparisons[it->first + i].quantity])) return 0;
+    return 1;
+}
 
 /* Apply a rule of the catalogue. */
 int flinders_severity(int rule, const real *quantities)
@@ -337,19 +381,6 @@ static int conditions_of(const flinders_record *record, const flinders_request *
            (record->sources & FLINDERS_COMPENSATED ? 0 : FLINDERS_IF_CONSTANT_IRON);
 }
 
-/* What a closer look may tell. */
-static int asks_of(const flinders_record *record, const flinders_request *request)
-{
-    int64_t swaps = 0;
-    for (int i = 0; i < 6; i++) swaps += record->swaps[i];
-    const real by_chance = fl_rules[FLINDERS_RULE_FIELD_CHANGED].need[0].limit.factor;
-    const int is_change = record->drift_by_chance < by_chance && record->drift_deg > CHANGED_SHARE * request->target_deg &&
-                          record->drift_deg <= request->target_deg;
-    const int may_be_swapped = !record->is_white && (record->unobserved || record->lag_one >= SWAP_CORRELATION);
-    return (is_change ? FLINDERS_ASKS_HALVES : 0) |
-           (swaps && (record->is_robust || may_be_swapped) ? FLINDERS_ASKS_SWAP : 0);
-}
-
 /* Fill a judgement in which nothing is known. */
 static void clear(flinders_judgement *out)
 {
@@ -372,17 +403,20 @@ int flinders_judge(flinders_record *record, const flinders_request *request, fli
     fl_surface_of(record->centre, record->shape, &surface);
     expect(&surface, record, out);
     of_shape(record, out->quantities);
-    of_accuracy(&surface, record, request, out, out->quantities);
-    of_evidence(record, out->quantities);
+    of_accuracy(record, request, out, out->quantities);
+#ifndef FLINDERS_SMALL
+    of_attitude(&surface, record, request, out, out->quantities);
     of_residuals(record, request, out->quantities);
     of_structure(record, out, out->quantities);
     of_changes(record, request, out->quantities);
+    out->asks = asks_of(record, request);
+#endif
+    of_evidence(record, out->quantities);
     of_calibration(record, request, out->quantities);
     of_recording(record, out->quantities);
     apply(out);
     flinders_causes(out);
     out->conditions = conditions_of(record, request, out);
-    out->asks = asks_of(record, request);
     return FLINDERS_OK;
 }
 

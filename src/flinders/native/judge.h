@@ -18,6 +18,7 @@ typedef struct {
 } fl_cause;
 
 /* rules.c */
+extern const flinders_comparison fl_comparisons[];
 extern const flinders_rule fl_rules[FL_RULES];
 extern const fl_cause fl_causes[FLINDERS_CAUSES];
 

@@ -175,79 +175,11 @@ APART real correlation_time(flinders_board *board, const fl_view *view, const fl
     return fl_time_of(autocovariance, fl_autocovariance(&residuals, autocovariance));
 }
 
-/* Factor by which correlated residuals and few readings widen a covariance: `widening_by_few` of flinders.fitting.claim. */
+/* Factor by which correlated residuals widen a covariance, those that the parameters take up with them. */
 static real widening(real used, real time)
 {
-    const real independent = used / time, freedom = used - 9;
-    const real fewer = independent / (independent - 9 > 1 ? independent - 9 : 1);
-    const real few = freedom >= 3 ? freedom / (freedom - 2) : 3 * fl_pow(4, 3 - (freedom > 0 ? freedom : 0));
-    return few * (time > 1 ? time * (fewer < MOST_FREEDOM ? fewer : MOST_FREEDOM) : 1);
-}
-
-/* What the rules compare. */
-static void quantities(const flinders_board *board, const flinders_record *record, real time, real hole,
-                       real value[FLINDERS_QUANTITIES])
-{
-    real axes[3], extent = 0;
-    const real radius = record->radius, width = fl_sqrt(record->principal_variances[2]);
-    const real thickest = (real)FLINDERS_FLATTEST * width, thinnest = (real)FLINDERS_FLAT * width;
-    const real noisy = (real)FLINDERS_FLAT_NOISE * record->noise, flat = noisy > thinnest ? noisy : thinnest;
-    const real nearest = radius < FLINDERS_EARTH_WEAKEST ? FLINDERS_EARTH_WEAKEST
-                         : radius > FLINDERS_EARTH_STRONGEST ? FLINDERS_EARTH_STRONGEST : radius;
-    fl_sym3_values(record->shape, axes);
-    for (int axis = 0; axis < 3; axis++) {
-        const real here = record->highest[axis] - record->lowest[axis];
-        extent = here > extent ? here : extent;
-    }
-    value[FLINDERS_Q_FLATNESS] = fl_sqrt(record->principal_variances[0]) / width;
-    value[FLINDERS_Q_FLATNESS_LIMIT] = (flat < thickest ? flat : thickest) / width;
-    value[FLINDERS_Q_TARGET_DEG] = board->target_deg;
-    value[FLINDERS_Q_WORST_DEG] = record->level_worst_deg;
-    value[FLINDERS_Q_HOLE_DEG] = hole;
-    value[FLINDERS_Q_NOISE_SHARE] = record->noise / radius;
-    value[FLINDERS_Q_UNOBSERVED] = (real)record->unobserved;
-    value[FLINDERS_Q_PRIOR_SHARE] = record->unobserved ? 0 : record->prior_influence;
-    value[FLINDERS_Q_INDEPENDENT] = (real)record->used / time;
-    value[FLINDERS_Q_INDEPENDENT_NEEDED] = time > 1 ? FLINDERS_ENOUGH_CORRELATED : FLINDERS_ENOUGH;
-    value[FLINDERS_Q_INDEPENDENT_SHARE] = 1 / time;
-    value[FLINDERS_Q_INFLATION] = 2 * axes[2] / extent;
-    value[FLINDERS_Q_OUTLIER_SHARE] = (real)record->rejected / (real)record->rows;
-    value[FLINDERS_Q_AXIS_RATIO] = axes[2] / axes[0];
-    value[FLINDERS_Q_TIMES_OUTSIDE_EARTH] =
-        !board->is_microtesla ? 0 : radius > nearest ? radius / nearest : nearest / radius;
-}
-
-/* Whether a number is beyond a limit. */
-static int is_beyond(real number, char comparison, const flinders_limit *limit, const real *value)
-{
-    const real bound = limit->factor * (limit->of < FLINDERS_QUANTITIES ? value[limit->of] : 1);
-    return comparison == '<' ? number < bound : comparison == '>' ? number > bound : number >= bound;
-}
-
-/* Apply a rule: the last grade that holds is how severe it is. */
-static uint8_t severity_of(const flinders_rule *rule, const real *value)
-{
-    uint8_t severity = FLINDERS_NOTHING;
-    for (int i = 0; i < rule->grades; i++) {
-        if (!is_beyond(value[rule->quantity], rule->comparison, &rule->grade[i].limit, value)) break;
-        severity = rule->grade[i].severity;
-    }
-    for (int i = 0; i < rule->needs; i++)
-        if (!is_beyond(value[rule->need[i].quantity], rule->need[i].comparison, &rule->need[i].limit, value)) return 0;
-    return severity;
-}
-
-/* Apply all rules. What follows from a surface that nothing supports is no finding. */
-static void judge(flinders_board *board, const real *value)
-{
-    flinders_answer *const answer = &board->answer;
-    const uint8_t flat = severity_of(flinders_rules + FLINDERS_RULE_ONE_PLANE, value);
-    answer->verdict = FLINDERS_NOTE;
-    for (int i = 0; i < FLINDERS_RULES; i++) {
-        const int is_any = !flat || i == FLINDERS_RULE_ONE_PLANE;
-        const uint8_t severity = answer->findings[i] = is_any ? severity_of(flinders_rules + i, value) : 0;
-        if (severity > answer->verdict) answer->verdict = severity;
-    }
+    const real independent = used / time, fewer = independent / (independent - 9 > 1 ? independent - 9 : 1);
+    return time > 1 ? time * (fewer < MOST_FREEDOM ? fewer : MOST_FREEDOM) : 1;
 }
 
 /* The direction in which a batch of readings would lower the variances of level headings most: flinders.heading.guidance. */
@@ -290,27 +222,54 @@ static void place(flinders_board *board, const flinders_record *record, const fl
     memcpy(answer->offset, record->centre, sizeof answer->offset);
     for (int i = 0; i < 9; i++) answer->matrix[i] = surface->inverse[ENTRY[i]] * record->radius;
     answer->field = record->radius, answer->noise = record->noise;
-    answer->heading_rms_deg = record->level_rms_deg, answer->heading_worst_deg = record->level_worst_deg;
     memcpy(board->centre, surface->centre, sizeof board->centre);
     memcpy(board->inverse, surface->inverse, sizeof board->inverse);
 }
 
-/* Widen the covariance of a fit, and judge it. */
+/* Widen the covariance of a record for correlated residuals, and fill in what the engine does without its statistics; what
+ * a board does not know is not known to the judge. */
+APART void complete(flinders_board *board, const fl_view *view, const fl_surface *surface, const real centres[CELLS][3],
+                    flinders_record *record)
+{
+    const real time = correlation_time(board, view, surface), wider = widening((real)record->used, time);
+    for (int i = 0; i < 81; i++) record->covariance[i] = wider * record->textbook[i];
+    record->correlation_time = time, record->excess_variance = 1;
+    record->fitted_distinct = record->fitted; /* none that equals the one before it is stored */
+    record->at_rest = record->rails = -1;
+    record->step = FL_NOT_A_NUMBER;
+    record->coverage = flinders_board_seen(board);
+    record->upright = upright_of(board, centres);
+    record->hole_deg = hole_deg(board, centres, view->rejected);
+    record->dip_deg = board->dip_deg;
+}
+
+/* Judge a fit. */
+APART void judge(flinders_board *board, flinders_record *record)
+{
+    flinders_answer *const answer = &board->answer;
+    flinders_request request;
+    flinders_judgement judgement;
+    flinders_default_request(&request);
+    request.target_deg = board->target_deg, request.is_microtesla = board->is_microtesla, request.shrinks = 0;
+    if (flinders_judge(record, &request, &judgement) != FLINDERS_OK) return;
+    answer->heading_rms_deg = judgement.rms_deg, answer->heading_worst_deg = judgement.worst_deg;
+    answer->verdict = judgement.verdict > FLINDERS_NOTE ? judgement.verdict : FLINDERS_NOTE;
+    memcpy(answer->findings, judgement.severities, sizeof answer->findings);
+    for (int i = 0; i < FLINDERS_RULES_OF_A_FIT; i++)
+        answer->is_checked[i] = (uint8_t)flinders_is_checked(i, judgement.quantities);
+}
+
+/* Widen the covariance of a fit, judge it, and say where to turn next. */
 APART void describe(flinders_board *board, const fl_view *view, const fl_surface *surface, flinders_record *record)
 {
-    real value[FLINDERS_QUANTITIES], centres[CELLS][3];
-    const real time = correlation_time(board, view, surface), wider = widening((real)record->used, time);
+    real centres[CELLS][3];
     place(board, record, surface);
     count_cells(board);
     fl_sphere_centres(centres);
-    record->coverage = flinders_board_seen(board);
-    record->upright = upright_of(board, (const real(*)[3])centres);
-    for (int i = 0; i < 81; i++) record->covariance[i] = wider * record->textbook[i];
-    fl_heading_errors(surface, record, board->dip_deg);
-    place(board, record, surface);
-    quantities(board, record, time, hole_deg(board, (const real(*)[3])centres, view->rejected), value);
-    judge(board, value);
-    advise(board, surface, record, wider * record->noise * record->noise, (const real(*)[3])centres);
+    complete(board, view, surface, (const real(*)[3])centres, record);
+    judge(board, record);
+    const real variance = record->noise * record->noise * record->covariance[0] / record->textbook[0];
+    advise(board, surface, record, variance, (const real(*)[3])centres);
 }
 
 /* Make one reading of each rest. None is left out: readings that were a rest at the fit before are not told from a turn. */

@@ -17,44 +17,18 @@
  * The board stores at most FLINDERS_BOARD_READINGS readings, in the order in which they came, spread over directions:
  * a new one replaces one of the cell of the sphere that has most, and what is read while the direction stands still
  * becomes one reading, its mean. The fit is that of the library to these readings. Its
- * heading error allows for the correlation of their residuals and for few readings. What the library finds from the
- * order or the number of all readings is not checked here: `flinders_unchecked` lists it.
+ * heading error allows for the correlation of their residuals and for few readings. The library's own judge judges it; what
+ * it finds from the order or the number of all readings is not checked here: `answer.is_checked` says so.
  */
 #ifndef FLINDERS_BOARD_H
 #define FLINDERS_BOARD_H
 
 #include "flinders.h"
-#include "flinders_rules.h" /* made from the library's catalogue of findings */
+#include "flinders_poses.h" /* made from the library's attitudes */
 
 #ifndef FLINDERS_BOARD_READINGS
 #define FLINDERS_BOARD_READINGS 300 /* 40 to 512; 24 bytes each in single precision */
 #endif
-
-/* What a finding makes of a calibration, and the worst of them its verdict: FLINDERS_NOTE is good, FLINDERS_LIMITS good
- * with limits, and with FLINDERS_REFUSES there is none to use. */
-enum { FLINDERS_NOTHING, FLINDERS_NOTE, FLINDERS_LIMITS, FLINDERS_REFUSES };
-
-/* A number, or so many times a quantity; FLINDERS_QUANTITIES stands for none. */
-typedef struct flinders_limit {
-    flinders_real factor;
-    uint8_t of;
-} flinders_limit;
-
-/* A comparison of a quantity with limits, the least severe first, and what has to hold as well. */
-typedef struct flinders_rule {
-    const char *code, *action; /* its name at the library, and what to do */
-    uint8_t quantity, grades, needs;
-    char comparison; /* <, > or g: at least */
-    struct {
-        uint8_t severity;
-        flinders_limit limit;
-    } grade[3];
-    struct {
-        uint8_t quantity;
-        char comparison;
-        flinders_limit limit;
-    } need[2];
-} flinders_rule;
 
 /* An attitude but for its heading: what points down, in words after "hold it", and the angles to judge by eye. */
 typedef struct flinders_pose {
@@ -63,14 +37,13 @@ typedef struct flinders_pose {
     uint8_t effort;
 } flinders_pose;
 
-extern const flinders_rule flinders_rules[FLINDERS_RULES];
 extern const flinders_pose flinders_poses[FLINDERS_POSES];
-extern const char *const flinders_unchecked[FLINDERS_UNCHECKED]; /* codes of findings that only the library makes */
 
 typedef struct flinders_answer {
     int32_t status;                     /* FLINDERS_OK, or why there is no fit: `flinders_message` has words */
     int32_t verdict;                    /* the worst of `findings`; FLINDERS_REFUSES where there is no fit */
-    uint8_t findings[FLINDERS_RULES];   /* severity of each rule of `flinders_rules` */
+    uint8_t findings[FLINDERS_RULES_OF_A_FIT]; /* severity of each finding; `flinders_rule_of` has code and remedy */
+    uint8_t is_checked[FLINDERS_RULES_OF_A_FIT]; /* 1 where the board looks for it */
     flinders_real offset[3];            /* unit of the readings */
     flinders_real matrix[9];            /* row by row, determinant 1: corrected = matrix (reading - offset) */
     flinders_real field;                /* length of corrected readings, unit */

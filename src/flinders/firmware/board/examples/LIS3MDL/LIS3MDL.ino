@@ -118,8 +118,8 @@ void printAnswer() {
   Serial.print(answer.heading_worst_deg, 2);
   Serial.print(", ");
   Serial.println(VERDICTS[answer.verdict]);
-  for (int i = 0; i < FLINDERS_RULES; i++)
-    if (answer.findings[i] > FLINDERS_NOTE) Serial.println(flinders_rules[i].action);
+  for (int i = 0; i < FLINDERS_RULES_OF_A_FIT; i++)
+    if (answer.findings[i] > FLINDERS_NOTE) Serial.println(flinders_rule_of(i)->action);
   Serial.print("Next, hold the sensor ");
   Serial.print(flinders_board_turn(&board));
   Serial.println(" and turn it slowly once around");
