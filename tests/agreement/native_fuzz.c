@@ -182,6 +182,65 @@ static void ask(void)
     free(field), free(out);
 }
 
+/* A record of readings, and perhaps some of its bytes or numbers anything. */
+static void some_record(flinders_record *record)
+{
+    const size_t rows = 10 + below(90), size = flinders_workspace_size(rows);
+    flinders_real *field = need(3 * rows * sizeof *field);
+    void *workspace = need(size);
+    flinders_options options;
+    flinders_default_options(&options);
+    fill(field, rows);
+    flinders_fit(field, NULL, rows, &options, workspace, size, record);
+    if (uniform() < 0.3) flinders_clear_record(record);
+    for (size_t times = below(20); times > 0; times--) {
+        unsigned char *const bytes = (unsigned char *)record;
+        bytes[below(sizeof *record)] = (unsigned char)below(256);
+    }
+    if (uniform() < 0.3) fill_with_anything(record->covariance, 81);
+    if (uniform() < 0.2) fill_with_anything(record->centre, 9);
+    record->plane = uniform() < 0.1 ? (int32_t)below(5) - 1 : 0;
+    free(field), free(workspace);
+}
+
+/* Judge records of anything by requests of anything; returns 1 for a verdict that is no refusal. */
+static int judge(void)
+{
+    flinders_record record;
+    flinders_request request;
+    flinders_judgement judgement;
+    flinders_real quantities[FLINDERS_QUANTITIES], numbers[3], out[81];
+    some_record(&record);
+    flinders_default_request(&request);
+    if (uniform() < 0.1) request.target_deg = anything();
+    if (uniform() < 0.1) request.field_strength = anything();
+    if (uniform() < 0.1) request.parameters = (int32_t)below(30) - 10;
+    if (uniform() < 0.5) request.shrinks = 0;
+    request.rotation = (int32_t)below(4), request.is_microtesla = (int32_t)below(2);
+    const int status = flinders_judge(&record, &request, &judgement);
+    REQUIRE(status >= 0 && status <= 9 && judgement.verdict >= 0 && judgement.verdict <= 3);
+    REQUIRE(status == 0 || judgement.verdict == FLINDERS_REFUSES);
+    for (int i = 0; i < FLINDERS_RULES_OF_A_FIT; i++) {
+        REQUIRE(judgement.severities[i] <= judgement.verdict && judgement.causes[i] <= FLINDERS_RULES_OF_A_FIT);
+        REQUIRE(!judgement.severities[i] || judgement.shown[i] || judgement.causes[i]);
+    }
+    const flinders_real *const down = uniform() < 0.5 ? record.mean : NULL;
+    flinders_tilted_error(record.shape, record.covariance, record.dip_deg, anything(), down, numbers, numbers + 1);
+    flinders_uncorrected_error(record.centre, record.shape, record.dip_deg, down, numbers, numbers + 1);
+    flinders_heading_bound(record.shape, record.covariance, record.dip_deg, down, numbers);
+    if (uniform() < 0.05) flinders_attitude_limit(record.shape, record.covariance, record.dip_deg, 1, down, numbers);
+    flinders_with_structure(record.shape, record.covariance, anything(), anything(), out);
+    flinders_widening_by_few(anything());
+    fill_with_anything(quantities, FLINDERS_QUANTITIES);
+    for (int i = -1; i <= FLINDERS_RULES; i++) {
+        const int severity = flinders_severity(i, quantities);
+        REQUIRE(severity >= 0 && severity <= 3 && (i >= 0 || !flinders_rule_of(i)));
+    }
+    for (int i = 0; i < FLINDERS_RULES_OF_A_FIT; i++) judgement.severities[i] = (uint8_t)below(4);
+    flinders_causes(&judgement);
+    return status == 0 && judgement.verdict < FLINDERS_REFUSES;
+}
+
 int main(int count, char **arguments)
 {
     const long calls = count > 1 ? atol(arguments[1]) : 1000;
@@ -191,7 +250,8 @@ int main(int count, char **arguments)
         const double kind = uniform();
         if (kind < 0.6) fitted += fit(1);
         else if (kind < 0.7) fitted += fit(1 + below(4));
-        else if (kind < 0.9) fitted += sum();
+        else if (kind < 0.8) fitted += sum();
+        else if (kind < 0.95) judge();
         else ask();
     }
     printf("%ld calls, %ld fitted\n", calls, fitted);

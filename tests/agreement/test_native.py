@@ -24,6 +24,8 @@ from flinders.estimators.auto import Auto
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood
+from flinders.findings import c_tables
+from flinders.findings.catalogue import OF_A_FIT
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import direction_error_deg, level_error
 from flinders.likelihood import magnitude
@@ -364,9 +366,18 @@ def test_the_example_of_the_header_runs(tmp_path: Path) -> None:
     subprocess.run(
         [*build.compiler(), *flags, "main.c", str(library), "-lm", "-o", str(program)], cwd=tmp_path, check=True
     )
-    told = subprocess.run([str(program)], capture_output=True, text=True, check=True).stdout
-    centre = Engine().fit(tumble(50))["centre"]
-    assert told == "offset {:.1f} {:.1f} {:.1f}\n".format(*centre)
+    told = subprocess.run([str(program)], capture_output=True, text=True, check=True).stdout.splitlines()
+    record = Engine().fit(tumble(50))
+    assert told[0] == "offset {:.1f} {:.1f} {:.1f}".format(*record["centre"])
+    judgement = Engine().judge(record, Engine().request())
+    assert told[1] == f"{judgement['worst_deg']:.2f} degrees, verdict {judgement['verdict']}"
+    assert len(told) - 2 == int((judgement["order"] < len(OF_A_FIT)).sum()) > 0
+
+
+def test_the_tables_of_c_are_made_from_the_catalogue() -> None:
+    """``python -m flinders.findings.c_tables`` writes them anew."""
+    made = {"flinders_rules.h": c_tables.header(), "rules.c": c_tables.source()}
+    assert {name: (build.HERE / name).read_text(encoding="utf-8") for name in made} == made
 
 
 @pytest.mark.parametrize("is_level", [False, True])

@@ -76,7 +76,7 @@ def first_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     shown, causes = judgement["shown"], judgement["causes"]
     firsts = [rule for rule in judgement["order"].tolist() if rule < len(OF_A_FIT) and causes[rule] == rule + 1]
     first = [
-        replace(finding, severity=SEVERITIES[int(shown[cause])])
+        replace(finding, severity=SEVERITIES[int(shown[cause])] or finding.severity)
         for cause in firsts
         for rule, finding in given
         if rule == cause

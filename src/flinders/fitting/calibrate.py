@@ -807,7 +807,7 @@ def _judged(claim: Claim, evidence: _Evidence, calibration: Calibration, request
         samples=int(record["used"]),
         coverage=evidence.coverage,
         heading_error_deg=HeadingError(
-            *(float(judgement[of]) for of in ("rms_deg", "worst_deg")), float(record["dip_deg"])
+            float(judgement["rms_deg"]), float(judgement["worst_deg"]), float(record["dip_deg"])
         ),
         structure_deg=float(judgement["structure_deg"]),
         nonlinearity=faults[0],

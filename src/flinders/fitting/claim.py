@@ -99,9 +99,9 @@ def claimed(
     is_joint : bool
         The estimate is of several instruments, and knows how its residuals are correlated and that readings are few.
     """
-    has_residuals = estimate.correlation is not None or estimate.plane or readings.recording is None
-    reference = None if is_joint or (has_residuals and not is_biased) else _reference(readings, likelihood)
-    if reference is not None and not has_residuals and not reference.plane and not reference.unobserved:
+    is_wide = record is not None or estimate.correlation is not None or estimate.plane or readings.recording is None
+    reference = None if is_joint or (is_wide and not is_biased) else _reference(readings, likelihood)
+    if reference is not None and not is_wide and not reference.plane and not reference.unobserved:
         estimate = as_correlated(estimate, reference)
     filled = record_of(estimate, statistics, coverage, dip_deg=likelihood.dip_deg) if record is None else record.copy()
     engine().claim(filled, engine().request(parameters=0 if is_joint else _parameters(estimate), shrinks=0))

@@ -151,7 +151,7 @@ def _add_rail(record: Records, rail: Rail) -> None:
     """Add an end of an axis at which the sensor was at its limit."""
     end = rail.axis + (3 if rail.end == "highest" else 0)
     record["rails"] |= 1 << end
-    record["end_counts"][end] = round(rail.share * record["rows"])
+    record["end_counts"][end] = round(rail.share * float(record["rows"]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
