@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -18,8 +17,6 @@ import click
 import numpy as np
 import numpy.testing as npt
 import pytest
-from benchmarks.emulations import EMULATIONS
-from click.testing import CliRunner
 from tests.program import flinders_
 from tests.trials import daily
 from tests.waiting import wait_until
@@ -30,8 +27,6 @@ from flinders.cli import _output, main
 from flinders.cli._program import ENDING, EXIT_CODES, handled, interrupt
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
-from flinders.errors import UsageError
-from flinders.estimators import EMULATED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -885,21 +880,6 @@ def test_a_letter_that_the_terminal_lacks_is_no_fault(home: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "????\nbefore" in done.stdout.decode("latin-1")  # the rule below the head of a table
-
-
-@pytest.mark.parametrize("name", sorted(EMULATED))
-def test_an_algorithm_of_another_project_is_refused_with_what_to_use(name: str, tmp_path: Path) -> None:
-    """Each has its emulation where the message says; the program, the library and the comparison say the same."""
-    assert set(EMULATED) == set(EMULATIONS)
-    path = tmp_path / "tumble.csv"
-    simulate.write_csv(simulate.tumble(seed=1, n=200).samples, path)
-    ended = CliRunner().invoke(main, ["calibrate", str(path), "--method", name])
-    said = " ".join(ended.output.split())
-    assert ended.exit_code == 2
-    assert f"use {EMULATED[name]}; its emulation is in benchmarks/emulations of the source repository" in said
-    for call in (partial(flinders.fit, method=name), partial(flinders.compare_methods, methods=[name])):
-        with pytest.raises(UsageError, match=f"method '{name}' is another project's algorithm: use '"):
-            call(simulate.tumble(seed=1, n=200).samples)
 
 
 def test_the_address_of_the_page_is_drawn_for_a_phone() -> None:

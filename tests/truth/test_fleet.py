@@ -524,14 +524,6 @@ def test_what_was_left_out_is_told_in_words(logs: Path, tmp_path: Path) -> None:
     assert "left out files that are no recordings: 1 .md, 1 without an ending" in ended.stdout
 
 
-def test_an_option_that_does_nothing_any_more_says_so(logs: Path, tmp_path: Path) -> None:
-    words = ["fleet", str(logs), "--out", str(tmp_path / "out.parquet"), "--workers", "0", "--moments-only"]
-    ended = CliRunner().invoke(main, words, prog_name="flinders")
-    assert ended.exit_code == 0, ended.output
-    assert "--moments-only does nothing any more" in ended.stderr
-    assert "consistent" not in UnitResults.read(tmp_path / "out.parquet").method.tolist()
-
-
 def test_recordings_in_a_store_are_read_as_those_on_the_disk(logs: Path, tmp_path: Path) -> None:
     pytest.importorskip("obstore")
     (tmp_path / "tables").mkdir()

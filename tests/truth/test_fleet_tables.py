@@ -300,11 +300,6 @@ def test_the_batch_of_hardware_stands_in_the_table(folder: Path, column: str) ->
     assert fit_many(table(0, names=["A"], firmware=[3] * READINGS), batch_column="firmware").batch.tolist() == ["3"]
 
 
-def test_a_table_of_an_earlier_release_has_no_batches() -> None:
-    old = UnitResults.of([]).to_arrow().drop_columns(["batch"])
-    assert UnitResults.from_arrow(old).batch.tolist() == []
-
-
 def test_one_of_several_magnetometers_is_chosen_as_by_the_single_command(folder: Path) -> None:
     left, right = table(0), table(1)
     both = left.select(["unit", "time_s"])

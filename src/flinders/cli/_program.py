@@ -306,17 +306,6 @@ RECORDING, SITE, AIDING, METHOD, OUTPUT = HEADINGS = (
 FEW: Final = 8
 """So many options of a command need no headings."""
 
-RENAMED: Final[Mapping[str, Mapping[str, str]]] = {
-    "apply": {"--hold": "--fix"},
-    "calibrate": {"--together": "--joint"},
-    "check": {"--hold": "--fix"},
-    "drift": {"--most": "--limit"},
-    "heading": {"--hold": "--fix"},
-    "swing": {"--rest": "--stationary"},
-    "three-axis": {"--held": "--stationary", "--limit": "--saturation"},
-}
-"""Options by command that had another spelling in the last release, which still works for this one."""
-
 
 class Option(click.Option):
     """An option that knows its heading in the help."""
@@ -338,10 +327,6 @@ class Command(click.Command):
     ) -> None:  # fmt: skip
         super().__init__(*args, **attributes)
         self.common, self.headings = tuple(common), headings or {}
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Read a command line, in which options may have their earlier spelling."""
-        return super().parse_args(ctx, list(_respelled(args, RENAMED.get(self.name or "", {}))))
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options under their headings."""
@@ -365,18 +350,6 @@ class Command(click.Command):
     def _place(self, param: click.Parameter) -> int:
         """Where an option stands: the common ones as they are listed, then all others as they were declared."""
         return self.common.index(param.name) if param.name in self.common else len(self.common)
-
-
-def _respelled(args: Iterable[str], renamed: Mapping[str, str]) -> Iterator[str]:
-    """Put the new spelling of an option in the place of an earlier one, and say so."""
-    words = iter(args)
-    for word in words:
-        name, equals, value = word.partition("=")
-        if name in renamed:
-            say(f"! {name} is deprecated: use {renamed[name]}")
-        yield f"{renamed.get(name, name)}{equals}{value}"
-        if word == "--":
-            yield from words
 
 
 @dataclass_transform(frozen_default=True)

@@ -36,7 +36,6 @@ from flinders.comparison.comparison import refuse_unlike
 from flinders.comparison.pairs import rescaled, trace_with, without_scale
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit, label
-from flinders.deprecation import renamed_attribute
 from flinders.diagnostics.repeatability import RecordingFit, compared
 from flinders.errors import UsageError, counted, figures
 from flinders.findings import Record, by_severity, found_in
@@ -80,7 +79,6 @@ class NotMerged(Refused):
     """Calibrations that contradict each other, or leave too much open: `fit` holds what they say together."""
 
     code: ClassVar[str] = "not-merged"
-    merged = renamed_attribute("merged", "fit")
 
 
 def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | None = None) -> Fit:

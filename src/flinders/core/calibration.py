@@ -41,7 +41,6 @@ from flinders.core.files import write_bytes, write_text
 from flinders.core.linearization import Linearization
 from flinders.core.notebook import correction
 from flinders.core.units import COUNTS, MICROTESLA, Unit, label
-from flinders.deprecation import renamed_attribute
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
 from flinders.geometry.angles import deflection_deg
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -88,8 +87,6 @@ class Calibration(Value):
     disturbances: tuple[Disturbance, ...] = ()
     #: of axes that are not linear: with it ``raw - offset`` becomes ``linearization.apply(raw - offset)``
     linearization: Linearization | None = None
-
-    drivers = renamed_attribute("drivers", "disturbances")
 
     def __post_init__(self) -> None:
         """Check the numbers and keep read-only copies of them."""

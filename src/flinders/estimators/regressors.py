@@ -37,7 +37,6 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders.core.disturbance import MOTORS, Disturbance, known, lagged, place_of
-from flinders.deprecation import renamed_attribute
 from flinders.errors import InputError, TooFewSamples
 
 if TYPE_CHECKING:
@@ -110,9 +109,6 @@ class DisturbanceEstimate:
     #: how far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance
     curvature: float = 0.0
     collinearity: float = 0.0  #: share of its course that the other disturbances explain, 0 to 1
-
-    one_way = renamed_attribute("one_way", "monotonicity")
-    alike = renamed_attribute("alike", "collinearity")
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""

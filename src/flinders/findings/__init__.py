@@ -40,13 +40,6 @@ CATALOGUE: Final[dict[str, CatalogueRow]] = {
 OF_ONE_MAGNETOMETER: Final = (*fit.ROWS, *recording.ROWS, *calibration.ROWS)
 """Findings that a magnetometer can have by itself, for programs in other languages that calibrate one."""
 
-RENAMED: Final = {row.former: row.code for row in CATALOGUE.values() if row.former}
-"""The code of today for one that a file or a table of an earlier release may hold.
-
->>> RENAMED["driver-curved"]
-'disturbance-nonlinear'
-"""
-
 
 def in_python(finding: Finding) -> str:
     """Advice with the arguments that carry it out."""

@@ -182,7 +182,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="unobservable-parameters",
-        former="rings",
         number="of nine parameters, how many the readings say nothing of",
         action=(
             "as where all readings lie on one ring or on two: turn the sensor about another axis too; until then "
@@ -349,7 +348,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="axis-swap",
-        former="slipped-axes",
         number=(
             "how many times closer to an ellipsoid the readings lie once the sign of an axis, or two axes, are "
             "put right from some reading on; told where they then fit as those of a usable recording do"
@@ -369,7 +367,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-unmodelled",
-        former="driver-unfollowed",
         number=(
             "what a [disturbance](disturbances.md) that was recorded and not asked for makes of a level heading at the "
             "far end of its range, degrees"

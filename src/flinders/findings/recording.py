@@ -33,7 +33,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="outliers",
-        former="strays",
         grades="note; limits above the limit",
         number="share of the readings that do not belong to the rest and were left out",
         action=(

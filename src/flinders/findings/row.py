@@ -198,8 +198,6 @@ class CatalogueRow:
     limit: str | None = None  #: meaning of the limit; None where it is that number of the rule, or share of the target
     grades: str = ""  #: how severe when; empty where that is the one severity of the rule
     alarm: bool = False  #: the live page warns of it: something is wrong, and not only more turning needed
-    #: its code before it was renamed, which files and tables may hold; see `flinders.findings.RENAMED`
-    former: str = ""
     #: what to do in a report of many units, where `action` speaks of what the advice to one unit names
     fleet_action: str = ""
 

@@ -9,7 +9,6 @@ from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 ROWS: Final = (
     CatalogueRow(
         code="sensor-deviates",
-        former="departs",
         grades="note; limits for more than a tenth of the time",
         number=(
             "heading error that a sensor shows against the [others of its body](sensors.md) for a while, degrees,"
@@ -37,7 +36,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="sensor-deviates-throughout",
-        former="departs-throughout",
         number="what readings averaged over a second are off the others all the time, degrees of heading, 1 σ",
         limit="the target, or three times the best of the others where that is more",
         action="steer by another; see whether [a disturbance](disturbances.md) explains it",

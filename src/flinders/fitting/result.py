@@ -33,9 +33,8 @@ from flinders.core.calibration_file import PARAMETERS, FindingRecord, Fitted, He
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
-from flinders.deprecation import renamed_attribute, warn
 from flinders.errors import ArrayError, DocumentError, FitError, counted, figures
-from flinders.findings import RENAMED, VERDICTS, Finding, Verdict, first_causes, in_python
+from flinders.findings import VERDICTS, Finding, Verdict, first_causes, in_python
 from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
 from flinders.findings.row import ANY_ANGLE_DEG, stated
 from flinders.fitting.aiding import Aiding
@@ -200,15 +199,6 @@ class Fit(Outcome):
     provenance: Provenance | None = None  #: release, date and recordings that a loaded file states
     stated_verdict: Verdict | None = None  #: verdict that a file states and its findings do not explain
 
-    strays = renamed_attribute("strays", "outliers")
-    slip = renamed_attribute("slip", "axis_swap")
-    unfollowed = renamed_attribute("unfollowed", "unmodelled")
-    driven = renamed_attribute("driven", "disturbances")
-    noise_undriven = renamed_attribute("noise_undriven", "noise_uncompensated")
-    aids = renamed_attribute("aids", "aiding")
-    held = renamed_attribute("held", "prior_influence")
-    unseen = renamed_attribute("unseen", "unobserved")
-
     def __post_init__(self) -> None:
         """Refuse a covariance of another shape.
 
@@ -241,12 +231,6 @@ class Fit(Outcome):
         """
         fit = cls(Calibration.from_document(document, source=name), name=name, provenance=document.provenance)
         return fit if document.fit is None else _with_record(fit, document.fit)
-
-    @classmethod
-    def from_fit(cls, fit: Fit, *, name: str = "fit") -> Fit:
-        """Name a fit; what `flinders.Judged.from_fit` was."""
-        warn("Judged.from_fit(fit, name=...) is dataclasses.replace(fit, name=...) now: it goes with the next release")
-        return replace(fit, name=name)
 
     @property
     def verdict(self) -> Verdict:
@@ -652,10 +636,10 @@ def _distortion(fit: Fit) -> float:
 
 
 def _finding(record: FindingRecord) -> Finding:
-    """A finding of a file, by its code of today."""
+    """A finding as its file states it."""
     number, limit = (math.nan if value is None else value for value in (record.number, record.limit))
     severity = record.severity if record.severity in ("note", "limits", "refuses") else "note"
-    return Finding(RENAMED.get(record.code, record.code), cast("Severity", severity), number, limit, record.advice)
+    return Finding(record.code, cast("Severity", severity), number, limit, record.advice)
 
 
 def _plane(method: str) -> Plane:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.findings import RENAMED
 from flinders.fleet.history import MOST, BatchRule, batch_rule, whole_units
 from flinders.fleet.results import LISTS, common_findings, lists, named_rows, numbers, texts
 from flinders.report.fleet import FleetUnit, Histogram, Overview
@@ -90,7 +89,7 @@ class _Tally:
         self.verdicts.update(verdicts)
         self.methods.update(method for method in texts(table.column("method")) if method)
         codes = table.column("findings").combine_chunks().flatten().to_pylist()
-        self.findings.update(RENAMED.get(code, code) for code in codes)
+        self.findings.update(codes)
         self._add_codes(table, units)
         self._add_batches(self.rule.of(named), texts(named.column("verdict")))
         self._add_numbers(table)
@@ -159,5 +158,5 @@ def _unit(table: Any, place: int, shares: dict[str, Floats]) -> FleetUnit:  # no
         offset=float(shares["offset"][place]),
         noise=float(shares["noise"][place]),
         radius=float(row["radius"]),
-        findings=tuple(RENAMED.get(code, code) for code in row["findings"] or ()),
+        findings=tuple(row["findings"] or ()),
     )

@@ -36,7 +36,6 @@ from flinders.comparison.pairs import EllipsoidPairs
 from flinders.core.files import reason
 from flinders.errors import DocumentError, UsageError
 from flinders.fleet.results import (
-    LATER,
     LISTS,
     NAMES,
     UNNAMED,
@@ -256,7 +255,7 @@ def _completed(arrow: Any, table: Any, columns: Sequence[str], number: int) -> A
     def cells(name: str) -> Any:  # noqa: ANN401
         if name not in names:
             return arrow.nulls(len(table), arrow.string())
-        return table.column(name) if name in NAMES and name not in LATER else table.column(name).cast("string")
+        return table.column(name) if name in NAMES else table.column(name).cast("string")
 
     arrays = [*map(cells, columns), arrow.array(np.full(len(table), number))]
     return arrow.table(arrays, names=[*columns, TABLE])

@@ -48,12 +48,10 @@ if TYPE_CHECKING:
 
 KEY: Final = ("unit", "recording", "start_s")
 """Columns by which the table is sorted."""
-VERSION: Final = "2"
-"""Version of the columns, in the metadata of a file; the first had no `batch`."""
+VERSION: Final = "1"
+"""Version of the columns, in the metadata of a file."""
 SIGN: Final = b"flinders.fleet"
 """Key of that metadata, by which a table of a fleet is recognised."""
-LATER: Final = {"batch": "", "bound_deg": math.nan}
-"""Columns that tables of earlier releases lack, and their values."""
 GROUP: Final = 65_536
 """Rows in a row group of the table."""
 LONGEST: Final = 500
@@ -200,14 +198,12 @@ class UnitResults(FitColumns):
 
     @classmethod
     def from_arrow(cls, table: Any) -> Self:  # noqa: ANN401
-        """From a table of Arrow that has the columns of `schema`; those `LATER` may be missing.
+        """From a table of Arrow that has the columns of `schema`.
 
         Raises `DocumentError` if columns are missing.
         """
         refuse_other_table(table.column_names, NAMES)
-        columns: dict[str, Any] = {name: _column(name, [value] * len(table)) for name, value in LATER.items()}
-        names = [name for name in NAMES if name in table.column_names]
-        return cls(**columns | {name: _from_arrow(name, table.column(name)) for name in names})
+        return cls(**{name: _from_arrow(name, table.column(name)) for name in NAMES})
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Self:
@@ -257,8 +253,8 @@ def needs_arrow() -> Any:  # noqa: ANN401
 
 
 def refuse_other_table(names: Sequence[str], needed: Sequence[str], path: str | os.PathLike[str] = "") -> None:
-    """Refuse a table that lacks columns of `flinders fleet`, but for those `LATER`: raises DocumentError."""
-    missing = [name for name in needed if name in NAMES and name not in names and name not in LATER]
+    """Refuse a table that lacks columns of `flinders fleet`: raises DocumentError."""
+    missing = [name for name in needed if name in NAMES and name not in names]
     if missing:
         where = f"{path}: " if path else ""
         raise DocumentError(

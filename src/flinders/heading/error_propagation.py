@@ -37,7 +37,6 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from flinders.deprecation import renamed_attribute
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, gathered
 from flinders.geometry.plane import heading_errors
@@ -91,8 +90,6 @@ class HeadingError:
     worst: float  #: degrees: at the worst heading
     dip_deg: float  #: dip of the field for which it holds, positive where the field points along +z
     tilt_deg: float = 0.0  #: how far the vehicle is rolled or pitched, whichever way; zero for a level one
-
-    beside = renamed_attribute("beside", "combined")
 
     def combined(self, angle_deg: float) -> HeadingError:
         """The same with another error of each heading, independent of this one."""
