@@ -274,7 +274,7 @@ def test_fit_takes_aids_and_says_what_each_changed() -> None:
     assert fit.aiding.dip_deg == pytest.approx(DIP_DEG, abs=3.0 * (fit.aiding.dip_sigma_deg or 0.0))
     assert fit.aiding.acceleration_bias == pytest.approx(0.0, abs=0.3)
     assert "rotation-unknown" not in {finding.code for finding in fit.findings}
-    assert fit.as_dict()["aids"]["each"][0]["name"] == "rate"
+    assert fit.as_dict()["aiding"]["each"][0]["name"] == "rate"
     again = flinders.Calibration.from_document(fit.to_document())
     assert again.isclose(fit.calibration)
 

@@ -555,7 +555,7 @@ def test_four_motors_go_through_table_calibration_file_and_command(tmp_path: Pat
     }
     npt.assert_array_equal(judged.calibration.apply(samples.field, **one_by_one), corrected)
     told = CliRunner().invoke(main, ["info", str(tmp_path / "flight.csv"), "--json"])
-    assert json.loads(told.output)["sensors"][0]["beside"][-4:] == ["current1", "current2", "current3", "current4"]
+    assert json.loads(told.output)["sensors"][0]["auxiliary"][-4:] == ["current1", "current2", "current3", "current4"]
     refused = CliRunner().invoke(main, ["apply", saved, three])
     assert refused.exit_code == InputError.exit_code
     assert "has no current4, which the calibration corrects for" in refused.output

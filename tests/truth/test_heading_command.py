@@ -16,7 +16,7 @@ from tests.waiting import PATIENCE_S
 
 from flinders import simulate
 from flinders.core.calibration import Calibration
-from flinders.core.calibration_file import Fitted, beside_record
+from flinders.core.calibration_file import Fitted, aiding_record
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.fitting.aiding import Aiding
@@ -710,8 +710,8 @@ def test_what_the_calibration_found_wrong_with_the_accelerometer_is_taken_off(ho
     body = turned(headings, 6.0, -12.0)
     bias, gains = np.array([0.3, -0.2, 0.1]), np.array([[1.02, 0.01, 0.0], [0.01, 0.98, 0.0], [0.0, 0.0, 1.0]])
     calibration = Calibration(np.eye(3), np.zeros(3), 50.0, raw=Unit.of("uT"))
-    beside = beside_record(acceleration_bias=bias, acceleration_matrix=np.linalg.inv(gains))
-    fitted = Fitted(method="likelihood", samples=360, beside=beside)
+    record = aiding_record(acceleration_bias=bias, acceleration_matrix=np.linalg.inv(gains))
+    fitted = Fitted(method="likelihood", samples=360, aiding=record)
     for gravity in (9.80665, 1.0):
         force = body @ np.array([0.0, 0.0, -gravity]) @ gains
         samples = Samples.of(body @ FIELD, unit="uT", acceleration=force + bias * gravity / 9.80665)

@@ -57,7 +57,7 @@ def test_the_numbers_are_those_of_the_recording(bench: Path, field: Floats) -> N
     assert sensor["seconds"] == pytest.approx(len(field) / 50 + 2.98)
     np.testing.assert_allclose(sensor["lowest"], field.min(axis=0))
     np.testing.assert_allclose(sensor["highest"], field.max(axis=0))
-    assert sensor["beside"] == ["time", "acceleration"]
+    assert sensor["auxiliary"] == ["time", "acceleration"]
     assert sensor["coverage"] > 0.95
     assert found["bytes"] == bench.stat().st_size
 

@@ -122,7 +122,7 @@ def test_coefficients_turn_with_the_aircraft() -> None:
 def test_one_heading_alone_names_what_it_does_not_show() -> None:
     fit = fitted(calibration_flight(1, headings_deg=(0.0,) * 4).samples)
     assert fit.verdict == "refused"
-    assert {"permanent x", "permanent z"} <= set(fit.unseen) < set(NAMES)
+    assert {"permanent x", "permanent z"} <= set(fit.unobserved) < set(NAMES)
     assert "four headings" in fit.limits[0]
 
 

@@ -75,7 +75,7 @@ def bench(parts: Sequence[Recording], disturbances: tuple[str, ...], previous: s
                 "calibration": calibration.as_dict(),
                 "noise": result.noise,
                 "turned": False,
-                "driven": [estimate.as_dict() for estimate in result.estimates],
+                "disturbances": [estimate.as_dict() for estimate in result.estimates],
                 "findings": [finding.as_dict() for finding in findings],
             }
         )

@@ -512,7 +512,7 @@ class Calibration(Value):
         """Make the content of a calibration file, with how it was found where that is known."""
         rows, offset = map(tuple, self.matrix.tolist()), self.offset.tolist()
         content: dict[str, Any] = {**self.as_dict(), "matrix": tuple(rows), "offset": tuple(offset)}
-        if content.pop("drivers", None):  # which the struct translates
+        if content.pop("disturbances", None):
             content["disturbances"] = {disturbance.kind.key: _record(disturbance) for disturbance in self.disturbances}
         if terms := content.pop("linearization", None):
             content["linearization"] = LinearizationRecord(**{name: tuple(term) for name, term in terms.items()})
@@ -535,7 +535,7 @@ class Calibration(Value):
             "field_strength_known": self.field_strength_known,
             "unit": self.unit,
             "rotation": self.rotation,
-            **({"drivers": follows} if follows else {}),  # their name in files
+            **({"disturbances": follows} if follows else {}),
             **({"linearization": terms} if terms else {}),
         }
 

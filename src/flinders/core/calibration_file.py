@@ -112,7 +112,7 @@ class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     rotation: Rotation = "symmetric"
     #: name to DisturbanceRecord: what the offset follows: ``current_A``, ``throttle`` (0 to 1), ``temperature_C``; of
     #: motor 1 by itself ``current1_A``, ``throttle1``
-    disturbances: dict[DisturbanceKey, DisturbanceRecord] | UnsetType = field(name="drivers", default=UNSET)
+    disturbances: dict[DisturbanceKey, DisturbanceRecord] | UnsetType = UNSET
     linearization: LinearizationRecord | UnsetType = UNSET  #: where axes are linearized before the matrix
 
 
@@ -148,7 +148,7 @@ class FindingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     advice: str = ""
 
 
-class BesideRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+class AidingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """What the fit found of the instruments beside the magnetometer."""
 
     #: (3, 3), rad²: of the rotation from the magnetometer's axes to those of the body, about the axes of the body
@@ -161,12 +161,12 @@ class BesideRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     dip_sigma_deg: NotNegative | UnsetType = UNSET
 
 
-def beside_record(**columns: Floats | float | None) -> BesideRecord | UnsetType:
-    """Keep what was found, by the names of `BesideRecord`; nothing where nothing was, or no number came out."""
+def aiding_record(**columns: Floats | float | None) -> AidingRecord | UnsetType:
+    """Keep what was found, by the names of `AidingRecord`; nothing where nothing was, or no number came out."""
     given = {name: value for name, value in columns.items() if value is not None}
     known = {name: value if isinstance(value, float) else value.tolist() for name, value in given.items()}
     finite = {name: value for name, value in known.items() if not any(gaps(value))}
-    return msgspec.convert(finite, BesideRecord) if finite else UNSET
+    return msgspec.convert(finite, AidingRecord) if finite else UNSET
 
 
 class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -185,7 +185,7 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     findings: tuple[FindingRecord, ...] = ()
     #: what a good verdict rests on: ``same-soft-iron``, ``uniform-field``, ``constant-iron``
     conditions: tuple[Literal["same-soft-iron", "uniform-field", "constant-iron"], ...] | UnsetType = UNSET
-    beside: BesideRecord | UnsetType = UNSET  #: where something beside the magnetometer was used
+    aiding: AidingRecord | UnsetType = UNSET  #: where something beside the magnetometer was used
 
     def __post_init__(self) -> None:
         """Refuse a covariance that does not belong to its names; called when a file is read."""

@@ -85,9 +85,6 @@ MOST: Final = 20_000
 FEWEST: Final = 30
 """Readings below which nothing is said of a disturbance."""
 
-KEYS: Final = {"monotonicity": "one_way", "collinearity": "alike"}
-"""Attributes of an estimate whose key in JSON is another: what other programs read keeps its name."""
-
 
 @dataclass(frozen=True, slots=True)
 class DisturbanceEstimate:
@@ -112,7 +109,7 @@ class DisturbanceEstimate:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        fields = {KEYS.get(name, name): getattr(self, name) for name in self.__slots__ if name != "disturbance"}
+        fields = {name: getattr(self, name) for name in self.__slots__ if name != "disturbance"}
         finite = {key: value if isinstance(value, str) or np.isfinite(value) else None for key, value in fields.items()}
         return {**finite, "found": self.disturbance is not None}
 

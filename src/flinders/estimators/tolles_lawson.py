@@ -21,7 +21,7 @@ chosen by cross-validation over half minutes, holds what the manoeuvres hardly s
 >>> from flinders.simulate import calibration_flight
 >>> flight = calibration_flight(seed=1)
 >>> fit = fitted(flight.samples)
->>> bool(fit.improvement > 10.0), fit.unseen
+>>> bool(fit.improvement > 10.0), fit.unobserved
 (True, ())
 >>> left = flight.interference - fit.interference(flight.samples)
 >>> bool(left.std() < 0.05 * flight.interference.std())
@@ -68,7 +68,7 @@ LEAST_IMPROVEMENT: Final = 1.2
 """Ratio from which on a compensation is worth its while."""
 
 OPEN: Final = 0.25
-"""Of the standard deviation before compensation: coefficients that are less certain leave terms unseen."""
+"""Of the standard deviation before compensation: coefficients that are less certain leave terms unobserved."""
 
 ROUNDS: Final = 2
 """Of the second order, which is a hundredth of the first where the aircraft has one percent of the field."""
@@ -91,7 +91,7 @@ class TollesLawson(Value):
     held_out: float  #: nT: of each fifth of the half minutes, compensated by coefficients of the others
     as_flown: float  #: nT, 1 σ: of the compensation by these coefficients, in manoeuvres as flown
     on_any_heading: float  #: nT, 1 σ: the same in these manoeuvres about z, on headings all around
-    unseen: tuple[str, ...] = ()  #: of `NAMES`: what the manoeuvres do not show
+    unobserved: tuple[str, ...] = ()  #: of `NAMES`: what the manoeuvres do not show
     readings: int = 0
     seconds: float = 0.0
 
@@ -112,16 +112,16 @@ class TollesLawson(Value):
 
     @property
     def verdict(self) -> Quality:
-        """``refused`` where terms are unseen, ``limited`` by `limits`, else ``good``."""
-        return "refused" if self.unseen else "limited" if self.limits else "good"
+        """``refused`` where terms are unobserved, ``limited`` by `limits`, else ``good``."""
+        return "refused" if self.unobserved else "limited" if self.limits else "good"
 
     @property
     def limits(self) -> tuple[str, ...]:
         """What the coefficients are not good for, in words."""
         said = []
-        if self.unseen:
+        if self.unobserved:
             said.append(
-                f"the manoeuvres do not show {', '.join(self.unseen)}: fly rolls, pitches and yaws on four headings"
+                f"the manoeuvres do not show {', '.join(self.unobserved)}: fly rolls, pitches and yaws on four headings"
             )
         elif self.on_any_heading > self.held_out:
             said.append(
@@ -282,8 +282,8 @@ def fitted(samples: Samples) -> TollesLawson:
         )
     recorded = Equations.of(flown)
     around = _around(recorded.gram)
-    unseen = _unseen(around, recorded)
-    equations = recorded if unseen else _first_order(recorded)
+    unobserved = _unseen(around, recorded)
+    equations = recorded if unobserved else _first_order(recorded)
     products = equations.products()
     held_out = [_held_out(products, ridge) for ridge in RIDGES]
     best = int(np.argmin(held_out))
@@ -297,7 +297,7 @@ def fitted(samples: Samples) -> TollesLawson:
         held_out=math.sqrt(held_out[best] / equations.readings),
         as_flown=_claimed(equations.gram, covariance),
         on_any_heading=_claimed(around, covariance),
-        unseen=unseen,
+        unobserved=unobserved,
         readings=equations.readings,
         seconds=seconds,
     )

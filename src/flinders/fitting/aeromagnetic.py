@@ -57,7 +57,7 @@ class CoefficientFile(
     on_any_heading: NotNegative
     improvement: NotNegative
     verdict: Literal["good", "limited", "refused"]
-    unseen: tuple[str, ...] = ()
+    unobserved: tuple[str, ...] = ()
     readings: Count
     seconds: NotNegative
     version: str
@@ -93,7 +93,7 @@ def tolles_lawson(source: AnyReadings) -> TollesLawson:
     --------
     >>> from flinders.simulate import calibration_flight
     >>> one_heading = calibration_flight(seed=1, headings_deg=[0.0] * 4)
-    >>> tolles_lawson(one_heading.samples).unseen[0]
+    >>> tolles_lawson(one_heading.samples).unobserved[0]
     'permanent x'
     """
     recording, _ = recording_of(source)
@@ -117,7 +117,7 @@ def as_dict(fit: TollesLawson) -> dict[str, Any]:
     return plain
 
 
-KEPT: Final = ("ridge", "before", "after", "held_out", "as_flown", "on_any_heading", "unseen", "readings", "seconds")
+KEPT: Final = ("ridge", "before", "after", "held_out", "as_flown", "on_any_heading", "unobserved", "readings", "seconds")
 """What the file and `TollesLawson` both have."""
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 from msgspec import UNSET
 
-from flinders.core.calibration_file import beside_record
+from flinders.core.calibration_file import aiding_record
 from flinders.geometry.ellipsoid import symmetric
 from flinders.likelihood.dip import GRAVITY
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from msgspec import UnsetType
 
     from flinders.arrays import Floats
-    from flinders.core.calibration_file import BesideRecord
+    from flinders.core.calibration_file import AidingRecord
     from flinders.diagnostics.instruments import Mistake
     from flinders.estimators.aiding import Aided
 
@@ -97,7 +97,7 @@ class Aiding:
         )
 
     @classmethod
-    def from_record(cls, record: BesideRecord) -> Self:
+    def from_record(cls, record: AidingRecord) -> Self:
         """What a calibration file keeps of it."""
         return cls(
             rotation_covariance=_array(record.rotation_covariance),
@@ -108,9 +108,9 @@ class Aiding:
             dip_sigma_deg=None if record.dip_sigma_deg is UNSET else record.dip_sigma_deg,
         )
 
-    def to_record(self) -> BesideRecord | UnsetType:
+    def to_record(self) -> AidingRecord | UnsetType:
         """What the calibration file keeps of it."""
-        return beside_record(
+        return aiding_record(
             rotation_covariance=self.rotation_covariance,
             acceleration_bias=self.acceleration_bias,
             acceleration_bias_sigma=self.acceleration_bias_sigma,
@@ -128,7 +128,7 @@ class Aiding:
             "each": [dataclasses.asdict(aid) for aid in self.each],
             **{name: None if value is None else value.tolist() for name, value in arrays.items()},
             **{name: getattr(self, name) for name in ("delay_s", "delay_sigma_s", "dip_deg", "dip_sigma_deg")},
-            "creep": self.excess_variance,
+            "excess_variance": self.excess_variance,
         }
 
 

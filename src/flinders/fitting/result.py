@@ -414,13 +414,13 @@ class Fit(Outcome):
             "attitude_limit_deg": self.attitude_limit_deg,
             "direction_error_deg": _rms_and_worst(self.direction_error_deg),
             "bias_deg": self.bias_deg,
-            "held": self.prior_influence,
-            "unseen": self.unobserved,
+            "prior_influence": self.prior_influence,
+            "unobserved": self.unobserved,
             "noise": _stated(self.noise),
             "samples": self.samples,
             "independent_samples": min(self.independent_samples, float(self.samples)),
             "autocorrelation": self.autocorrelation,
-            "strays": [outlier.as_dict() for outlier in self.outliers],
+            "outliers": [outlier.as_dict() for outlier in self.outliers],
             "distortion": self.distortion,
             "drift": None if self.drift is None else dataclasses.asdict(self.drift),
             "nonlinearity": None if self.nonlinearity is None else dataclasses.asdict(self.nonlinearity),
@@ -430,7 +430,7 @@ class Fit(Outcome):
             "coverage": self.coverage.as_dict(),
             "covariance": self.covariance.tolist(),
             **self._disturbances_as_dict(),
-            **({} if self.aiding is None else {"aids": self.aiding.as_dict()}),
+            **({} if self.aiding is None else {"aiding": self.aiding.as_dict()}),
             **({} if self.refreshed is None else {"refreshed": self.refreshed.as_dict()}),
             "findings": [finding.as_dict() for finding in self.findings],
         }
@@ -442,7 +442,7 @@ class Fit(Outcome):
         """What is known of the disturbances; no key where it follows none."""
         if not self.disturbances:
             return {}
-        return {"driven": [each.as_dict() for each in self.disturbances], "noise_undriven": self.noise_uncompensated}
+        return {"disturbances": [each.as_dict() for each in self.disturbances], "noise_uncompensated": self.noise_uncompensated}
 
     @property
     def _covariance(self) -> Floats:
@@ -477,7 +477,7 @@ class Fit(Outcome):
             coverage=self.coverage.as_dict(),
             findings=self.finding_records,
             conditions=self.conditions or UNSET,
-            beside=UNSET if self.aiding is None else self.aiding.to_record(),
+            aiding=UNSET if self.aiding is None else self.aiding.to_record(),
         )
 
     @property
@@ -560,7 +560,7 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
         coverage=Coverage.from_dict(record.coverage),
         plane=plane,
         z_down=_z_down(findings),
-        aiding=None if record.beside is UNSET else Aiding.from_record(record.beside),
+        aiding=None if record.aiding is UNSET else Aiding.from_record(record.aiding),
         findings=findings,
         conditions=record.conditions or (),
     )

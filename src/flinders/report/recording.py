@@ -135,11 +135,7 @@ class Contents:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, under the names of the attributes."""
-        sensors = [
-            {"beside" if name == "auxiliary" else name: value for name, value in asdict(sensor).items()}
-            for sensor in self.sensors
-        ]
-        return {**asdict(self), "site": None if self.site is None else self.site.as_dict(), "sensors": sensors}
+        return {**asdict(self), "site": None if self.site is None else self.site.as_dict()}
 
 
 def sensors_of(
@@ -307,7 +303,7 @@ def _sensor_block(sensor: RecordedSensor, site: SiteField | None) -> RenderableT
         if site is not None and sensor.inside != COUNTS:
             share = f", {sensor.strength / site.strength:.2f} of the field there"
         rows.append(("strength", f"{figures(sensor.strength, 4)} {unit} by the ellipsoid through them{share}"))
-    rows.append(("beside", ", ".join(sensor.auxiliary) or "nothing"))
+    rows.append(("auxiliary", ", ".join(sensor.auxiliary) or "none"))
     return _block(title, known, rows, doubts=_doubts(sensor, site), notes=sensor.notes)
 
 

@@ -76,7 +76,7 @@ class RecordingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     seed: int | None = None
     readings: Count
     rate_hz: Positive | None = None
-    outliers: Count = msgspec.field(default=0, name="strays")  #: readings that are of no use
+    outliers: Count = 0  #: readings that are of no use
     gyro_bias: Triple | None = None  #: (3,) rad/s or None: where there is a gyro
     disturbances: tuple[str, ...] = ()  #: their kinds
 
