@@ -349,7 +349,7 @@ def test_an_aided_calibration_is_checked_without_its_rotation(tmp_path: Path) ->
     told = json.loads(CliRunner().invoke(main, ["check", calibration, str(tmp_path / "later.csv"), "--json"]).stdout)
     assert told["verdict"] == "agree"
     assert told["heading_difference_deg"]["worst"] < 4.0 * told["claimed_deg"]["worst"]
-    assert told["rotation_left_out_deg"] == pytest.approx(12.0)
+    assert told["omitted_rotation_deg"] == pytest.approx(12.0)
 
 
 def write_tumble(path: Path, *, seed: int) -> None:

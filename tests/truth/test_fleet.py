@@ -71,7 +71,7 @@ def test_a_row_has_the_numbers_of_the_single_command(logs: Path, tmp_path: Path)
     for place in range(6):
         fit = flinders.fit(flinders.open_recording(logs / f"U{place}" / "monday.csv"))
         row = rows.row(place)
-        assert (row.verdict, row.readings, row.used, row.recording) == ("good", 150, fit.samples, "monday.csv")
+        assert (row.verdict, row.readings, row.samples, row.recording) == ("good", 150, fit.samples, "monday.csv")
         np.testing.assert_allclose(row.offset, fit.calibration.offset, rtol=1e-9)
         np.testing.assert_allclose(row.matrix, fit.calibration.matrix.ravel(), rtol=1e-9)
         np.testing.assert_allclose(row.covariance, fit.covariance[np.triu_indices(9)], rtol=1e-9)
@@ -97,7 +97,7 @@ def test_what_is_wrong_with_a_file_is_a_row(logs: Path, tmp_path: Path) -> None:
         "U6": "too-few-samples", "U8": "unreadable", "U9": "unreadable", "UA": "no-magnetometer",
     }  # fmt: skip
     assert told.units_of_field == {"uT": 7, "counts": 1}
-    assert told.left_out == {".md": 1}
+    assert told.other_files == {".md": 1}
     assert not told.is_whole
     failed = rows[rows.verdict == "failed"]
     assert np.isnan(failed.offset).all()

@@ -28,7 +28,7 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 def good(unit: str, **fields: Any) -> UnitResult:
     values: dict[str, Any] = {
-        "verdict": "good", "method": "likelihood", "worst_deg": 0.4, "offset": (1.0, 2.0, 3.0), "radius": 50.0,
+        "verdict": "good", "method": "likelihood", "worst_deg": 0.4, "offset": (1.0, 2.0, 3.0), "field_strength": 50.0,
         "noise": 0.3, "findings": ("scale-unknown",), "unit_of_field": "uT",
     }  # fmt: skip
     return UnitResult(unit=unit, **{**values, **fields})

@@ -140,7 +140,7 @@ def test_true_headings_are_the_declination_further_on(home: Path) -> None:
     assert 3.0 < told["declination_deg"] < 4.0
     assert (columns["true_heading_deg"] < 360.0).all()
     assert told["rows"] == 600
-    assert told["dip_seen_deg"] == pytest.approx(60.0, abs=1e-3)
+    assert told["measured_dip_deg"] == pytest.approx(60.0, abs=1e-3)
     assert "declination 3." in ended.err
 
 
@@ -649,8 +649,8 @@ def test_an_accelerometer_that_reads_gravity_is_found_out(home: Path, recordings
         "heading", "board.json", sphere, "-o", "out.csv", "--dip", "67", "--acceleration-axes=-x,-y,-z", "--json"
     )
     assert ended.code == 0
-    assert ended.json["dip_seen_deg"] == pytest.approx(66.0, abs=2.0)
-    assert ended.json["dip_scatter_deg"] < 4.0
+    assert ended.json["measured_dip_deg"] == pytest.approx(66.0, abs=2.0)
+    assert ended.json["measured_dip_scatter_deg"] < 4.0
 
 
 def test_a_swapped_accelerometer_of_a_real_board_is_named(home: Path, recordings: Callable[[str], Path]) -> None:
@@ -673,8 +673,8 @@ def test_a_magnetometer_that_is_turned_over_in_its_chip_is_found_out(
     assert "its y and z have the wrong sign: give --acceleration-axes=x,-y,-z" in refused.err
     ended = flinders_("heading", "board.json", path, "-o", "out.csv", "--acceleration-axes=x,-y,-z", "--json")
     assert ended.code == 3  # a dip upwards, without a site
-    assert ended.json["dip_scatter_deg"] < 8.0
-    assert ended.json["dip_seen_deg"] < -40.0
+    assert ended.json["measured_dip_scatter_deg"] < 8.0
+    assert ended.json["measured_dip_deg"] < -40.0
     refused = flinders_("heading", "board.json", path, "-o", "other.csv", "--dip", "50")
     assert "its x has the wrong sign: give --acceleration-axes=-x,y,z; one of the two is left-handed" in refused.err
 

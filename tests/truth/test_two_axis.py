@@ -267,7 +267,7 @@ def test_a_stray_reading_spoils_the_mean_and_not_the_ellipse() -> None:
     mean, ellipse = (judged(field, method=method, target_deg=50.0) for method in METHODS)
     assert np.abs(off_deg(mean.calibration)).max() > 10.0
     assert np.abs(off_deg(ellipse.calibration)).max() < 1.0
-    assert sum(outlier.rows for outlier in ellipse.outliers) == 6
+    assert sum(outlier.readings for outlier in ellipse.outliers) == 6
 
 
 def test_a_vehicle_turned_by_hand_is_not_evenly_spaced(recordings: Callable[[str], Path]) -> None:

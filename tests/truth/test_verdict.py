@@ -181,7 +181,7 @@ def many_strays() -> Fit:
 
 
 def at_the_rails() -> Fit:
-    return judged(plain(2000, sensor=Sensor(np.eye(3), np.array([20.0, -30.0, 10.0]), 0.2, limit=60.0)))
+    return judged(plain(2000, sensor=Sensor(np.eye(3), np.array([20.0, -30.0, 10.0]), 0.2, saturation=60.0)))
 
 
 def in_steps() -> Fit:
@@ -455,7 +455,11 @@ def test_the_fit_has_what_its_json_has() -> None:
     fields = fit.as_dict()
     assert fields["direction_error_deg"] == fit.direction_error_deg._asdict()
     assert 0.0 < fit.direction_error_deg.rms < fit.direction_error_deg.worst
-    assert (fields["prior_influence"], fields["unobserved"], fields["bias_deg"]) == (fit.prior_influence, fit.unobserved, fit.bias_deg)
+    assert (fields["prior_influence"], fields["unobserved"], fields["bias_deg"]) == (
+        fit.prior_influence,
+        fit.unobserved,
+        fit.bias_deg,
+    )
     assert fit.prior_influence > 0.1
 
 

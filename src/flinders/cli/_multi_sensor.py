@@ -160,7 +160,7 @@ def _as_dict(
     rows = [_row(*outcome, path) for outcome, path in zip(outcomes, paths, strict=True)]
     if multi is None:
         return {"sensors": rows}
-    joint = [{**row, "together": member.as_dict()} for row, member in zip(rows, multi.members, strict=True)]
+    joint = [{**row, "joint": member.as_dict()} for row, member in zip(rows, multi.members, strict=True)]
     return {**multi.as_dict(), "sensors": joint}
 
 

@@ -223,7 +223,7 @@ class Swing:
             "rests": [rest.as_dict() for rest in self.rests],
             "half_turns": [half.as_dict() for half in halves],
             "hard_iron_deg": None if (iron := hard_iron(halves)) is None else {"B": iron[0], "C": iron[1]},
-            "half_turns_pass": all(abs(half.off_deg) <= target_deg for half in halves) if halves else None,
+            "half_turns_pass": all(abs(half.error_deg) <= target_deg for half in halves) if halves else None,
             "target_deg": target_deg,
         }
 
@@ -231,7 +231,7 @@ class Swing:
         """How the command ends."""
         from flinders.report.swing_pages import limits
 
-        missed = bool(self.rests) and any(abs(half.off_deg) > target_deg for half in self.halves)
+        missed = bool(self.rests) and any(abs(half.error_deg) > target_deg for half in self.halves)
         if self.deviation is None:
             return REFUSED if missed else GOOD
         is_open = self.conformity is not None and self.conformity.verdict != "within"
@@ -354,7 +354,7 @@ def of_boat(path: str, options: SwingOptions) -> Swing:
     say(f"{log.source}: {log.words}")
     site = _site_of_boat(log, options.place)
     logged = _logged(log, wrapped(log.reference_deg - site.declination_deg), options)
-    curve = fit(logged.compass_deg, logged.deviation_deg, sigma_deg=logged.sigma_deg).widened(logged.common)
+    curve = fit(logged.compass_deg, logged.deviation_deg, sigma_deg=logged.sigma_deg).widened(logged.common_covariance)
     magnetic = logged.compass_deg + logged.deviation_deg
     has_headings = logged.is_steady and not log.is_course
     halves = _half_turns(logged.compass_deg, magnetic, logged.sigma_deg) if has_headings else ()

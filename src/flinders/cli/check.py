@@ -103,7 +103,7 @@ def command(options: Check) -> int:
     _print(comparison, fresh, strengths, own, walk, extrapolated, options)
     if comparison.verdict == "contradict":
         return REFUSED
-    holds = comparison.verdict == "agree" and comparison.is_telling and fresh.verdict == "good" and not own
+    holds = comparison.verdict == "agree" and comparison.is_conclusive and fresh.verdict == "good" and not own
     return GOOD if holds else LIMITED
 
 
@@ -196,7 +196,11 @@ def _drift_words(walk: RandomWalk, fit: Fit, *, target_deg: float, dip_deg: floa
     from flinders.diagnostics.random_walk import BARS
 
     words = walk.words(label(fit.calibration.unit), level_deg=target_deg, dip_deg=abs(dip_deg))
-    bars = f"\n{walk.drawn()}  0 to {walk.moved:.2g}" if walk.is_proven and can_show(sys.stdout.encoding, BARS) else ""
+    bars = (
+        f"\n{walk.drawn()}  0 to {walk.offset_change:.2g}"
+        if walk.is_proven and can_show(sys.stdout.encoding, BARS)
+        else ""
+    )
     return f"drift{under}: {words}{bars}"
 
 

@@ -62,7 +62,7 @@ def command(options: Compare) -> int:
     print_result(comparison.as_dict, lambda: of_comparison(comparison), as_json=options.as_json)
     if comparison.verdict == "contradict":
         return REFUSED
-    is_firm = comparison.is_telling and not comparison.is_turned
+    is_firm = comparison.is_conclusive and not comparison.is_turned
     return GOOD if comparison.verdict == "agree" and is_firm else LIMITED
 
 

@@ -230,8 +230,8 @@ def _remarks(summary: RunSummary) -> list[str]:
     if len(summary.units_of_field) > 1:
         units = ", ".join(f"{count:,} in {unit}" for unit, count in summary.units_of_field.items())
         lines.append(f"units of field differ: {units}; offsets are in the unit of their row")
-    if summary.left_out:
-        kinds = ", ".join(f"{count:,} {SUFFIXES.get(kind, kind)}" for kind, count in summary.left_out.items())
+    if summary.other_files:
+        kinds = ", ".join(f"{count:,} {SUFFIXES.get(kind, kind)}" for kind, count in summary.other_files.items())
         lines.append(f"left out files that are no recordings: {kinds}")
     if summary.resumed:
         lines.append(f"{summary.resumed:,} of {counted(summary.partitions, 'partition')} were done before")

@@ -170,7 +170,7 @@ class Comparison:
     unit: str
     #: how far the rotations into the body are apart, where both know one. They are in none of the other numbers.
     rotation: RotationDifference | None = None
-    left_out_deg: float | None = None  #: angle of the rotation, where one of both alone knows one
+    omitted_rotation_deg: float | None = None  #: angle of the rotation, where one of both alone knows one
 
     @property
     def offset_share(self) -> float:
@@ -221,7 +221,7 @@ class Comparison:
         return worst + self.rotation.heading_deg(self.heading_difference_deg.dip_deg)
 
     @property
-    def is_telling(self) -> bool:
+    def is_conclusive(self) -> bool:
         """A difference as large as the target would not have passed for chance."""
         return self.claimed_deg is None or self.claimed_deg.worst <= self.target_deg
 
@@ -237,16 +237,16 @@ class Comparison:
         heading = self.heading_difference_deg
         return {
             "verdict": self.verdict,
-            "telling": self.is_telling,
+            "is_conclusive": self.is_conclusive,
             "heading_difference_deg": heading.as_dict(
                 mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
             ),
             "claimed_deg": with_bound(self.claimed_deg, self.claimed_bound_deg),
             **printed(self, "ratio", "chi_square", "freedom", "p_value", "direction_difference_deg"),
             **printed(self, "offset_difference", "offset_sigma", "offset_share", "unit", "scale_difference"),
-            "scale_known": self.is_scale_known,
+            "is_scale_known": self.is_scale_known,
             **({} if self.rotation is None else printed(self, "rotation")),
-            **({} if self.left_out_deg is None else {"rotation_left_out_deg": self.left_out_deg}),
+            **({} if self.omitted_rotation_deg is None else {"omitted_rotation_deg": self.omitted_rotation_deg}),
         }
 
     def __repr__(self) -> str:
@@ -350,7 +350,7 @@ def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float =
         comparison = compare_level(_level(a, dip_deg), _level(b, dip_deg), dip_deg=dip_deg, target_deg=target_deg)
     else:
         comparison = _compared(a, b, dip_deg=dip_deg, target_deg=target_deg, is_flat=False)
-    return replace(comparison, rotation=RotationDifference.of(a, b), left_out_deg=_left_out_deg(a, b))
+    return replace(comparison, rotation=RotationDifference.of(a, b), omitted_rotation_deg=_left_out_deg(a, b))
 
 
 def judged_at(*fits: Fit) -> float:

@@ -76,7 +76,7 @@ class Evaluation:
     heading_mean_deg: float  #: that mean
     #: (rms, worst): angle between the corrected and the true field over 400 directions, with the rotation in it
     direction_error_deg: DirectionError
-    freed_direction_error_deg: DirectionError  #: (rms, worst): the same in the magnetometer's own axes
+    unrotated_direction_error_deg: DirectionError  #: (rms, worst): the same in the magnetometer's own axes
     #: from the true rotation into the body to that of the calibration; with a covariance where one is claimed
     rotation: RotationDifference
     offset_error: Floats  #: (3,), in `unit`: offset less the true one
@@ -120,7 +120,7 @@ class Evaluation:
     def direction_ratio(self) -> float | None:
         """True direction error in the magnetometer's own axes over the claimed one, rms."""
         claimed = self.claimed_direction_deg
-        return None if claimed is None else _ratio(self.freed_direction_error_deg.rms, claimed.rms)
+        return None if claimed is None else _ratio(self.unrotated_direction_error_deg.rms, claimed.rms)
 
     @property
     def offset_ratio(self) -> float | None:
@@ -155,12 +155,12 @@ class Evaluation:
         heading = self.heading_error_deg
         return {
             "verdict": self.verdict,
-            "on_target": self.is_on_target,
+            "is_on_target": self.is_on_target,
             "heading_error_deg": heading.as_dict(
                 mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
             ),
             "claimed_heading_deg": with_bound(self.claimed_heading_deg, self.claimed_bound_deg),
-            **printed(self, "heading_ratio", "direction_error_deg", "freed_direction_error_deg"),
+            **printed(self, "heading_ratio", "direction_error_deg", "unrotated_direction_error_deg"),
             **printed(self, "claimed_direction_deg", "direction_ratio", "rotation_deg", "offset_error", "offset_sigma"),
             **printed(self, "offset_ratio", "offset_share", "matrix_error", "scale_error"),
             **self._body_as_dict(),
@@ -219,7 +219,7 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
         heading_error_deg=HeadingError(*DirectionError.of(np.rad2deg(errors)), float(dip_deg)),
         heading_mean_deg=math.degrees(mean),
         direction_error_deg=_angles_deg(seen),
-        freed_direction_error_deg=_angles_deg(_corrected(fit, true, DIRECTIONS)),
+        unrotated_direction_error_deg=_angles_deg(_corrected(fit, true, DIRECTIONS)),
         rotation=rotation,
         offset_error=np.asarray(fit.calibration.offset - true.offset),
         matrix_error=float(np.linalg.norm(values / scale - 1.0)),
@@ -338,7 +338,7 @@ class Recovery:
             "skew_deg": (self.true.skew_deg, self.estimate.skew_deg),
             "noise": (self.true.noise, self.estimate.noise),
         }
-        pairs = {name: {"true": true, "found": estimate} for name, (true, estimate) in numbers.items()}
+        pairs = {name: {"true": true, "estimate": estimate} for name, (true, estimate) in numbers.items()}
         return {
             "verdict": self.verdict,
             "recovery": pairs,

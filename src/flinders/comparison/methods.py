@@ -2,7 +2,7 @@
 
 >>> from flinders import simulate
 >>> contest = compare_methods(simulate.tumble(seed=1).samples, methods=["auto", "minmax"])
->>> [(entry.method, entry.fit.verdict, entry.apart_deg is None) for entry in contest.entries]
+>>> [(entry.method, entry.fit.verdict, entry.difference_deg is None) for entry in contest.entries]
 [('auto', 'good', True), ('minmax', 'refused', False)]
 >>> contest.entries[1].validation.heading_error_deg.rms > 20 * contest.entries[0].validation.heading_error_deg.rms
 True
@@ -62,7 +62,7 @@ class Entry:
     #: None where one block of time less leaves nothing to fit, or the readings are too few
     validation: Validation | None = None
     #: heading difference from the first method that was compared; None for that one
-    apart_deg: HeadingError | None = None
+    difference_deg: HeadingError | None = None
     refusal: FitError | None = None  #: why there is no fit
     unvalidated: FitError | None = None  #: why there is no validation
     #: how much larger an error may come out of the readings that were cross-validated, which are not all
@@ -112,7 +112,7 @@ class Entry:
         fitted, checked = self.fit, self.validation
         return {
             "method": self.method,
-            "run": None if fitted is None else fitted.method,
+            "method_run": None if fitted is None else fitted.method,
             "verdict": self.verdict,
             **dict.fromkeys(("offset", "matrix", "field_strength", "heading_error_deg")),
             **({} if fitted is None else printed(fitted.calibration, "offset", "matrix", "field_strength")),
@@ -121,7 +121,7 @@ class Entry:
             "validated_bias_deg": None if checked is None else checked.bias_deg,
             "validated_scatter_deg": None if checked is None else checked.scatter_deg,
             "misfit": None if checked is None else checked.misfit,
-            **printed(self, "apart_deg", "seconds", "codes", "reasons"),
+            **printed(self, "difference_deg", "seconds", "codes", "reasons"),
         }
 
 
@@ -209,7 +209,7 @@ def compare_methods(
         reference = next((other.fit for other in entries if other.fit is not None), None)
         if entry.fit is not None and reference is not None:
             apart = compare(reference, entry.fit, dip_deg=facing)
-            entry = replace(entry, apart_deg=apart.heading_difference_deg)
+            entry = replace(entry, difference_deg=apart.heading_difference_deg)
         entries.append(entry)
     if all(entry.fit is None for entry in entries) and entries[0].refusal is not None:
         raise entries[0].refusal

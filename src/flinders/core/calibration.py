@@ -567,7 +567,7 @@ def _record(disturbance: Disturbance) -> DisturbanceRecord:
     return DisturbanceRecord(
         offset_per_unit=(x, y, z),
         reference=disturbance.reference,
-        recorded=(disturbance.lowest, disturbance.highest),
+        recorded_range=(disturbance.lowest, disturbance.highest),
         lag_s=disturbance.lag_s,
         scale_per_unit=disturbance.gain_per_unit,
     )
@@ -577,7 +577,12 @@ def _disturbances(correction: Correction) -> tuple[Disturbance, ...]:
     """The disturbances that stand in a file."""
     return tuple(
         Disturbance(
-            BY_KEY[key], np.array(one.offset_per_unit), one.reference, *one.recorded, one.lag_s, one.scale_per_unit
+            BY_KEY[key],
+            np.array(one.offset_per_unit),
+            one.reference,
+            *one.recorded_range,
+            one.lag_s,
+            one.scale_per_unit,
         )
         for key, one in (correction.disturbances or {}).items()
     )

@@ -85,7 +85,7 @@ class DisturbanceRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     offset_per_unit: Triple  #: (3,) in the calibration's unit: for each A, at full throttle, or for each °C
     reference: float = 0.0  #: where the calibration's offset holds
-    recorded: tuple[float, float]  #: (2,): lowest and highest value that it was found at
+    recorded_range: tuple[float, float]  #: (2,): lowest and highest value that it was found at
     lag_s: float = 0.0  #: s: readings follow so much later
     scale_per_unit: float = 0.0  #: by which share the earth's part of a reading grows with each °C
 
@@ -205,7 +205,7 @@ class ColumnsRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     field: tuple[str, ...]  #: x, y and z as they were asked for: names, or numbers from 1
     width: Annotated[int, Meta(ge=1)]  #: columns of a line; a table of another number has another form
     names: tuple[str, ...] = ()  #: its header, which one of the same form has too; none where it has no header
-    rising: tuple[int, ...] = ()  #: without a header: numbers of the columns that only rise, as a clock does
+    increasing: tuple[int, ...] = ()  #: without a header: numbers of the columns that only rise, as a clock does
 
 
 class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):

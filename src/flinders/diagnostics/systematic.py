@@ -70,7 +70,7 @@ class Drift:
     p_value: float  # how often chance alone makes as much
     # how far the halves of the recording are apart at the worst heading, over what both claim; looked for where the
     # change is proven and below the target
-    halves_apart: float | None = None
+    halves_ratio: float | None = None
 
 
 def drift_of(readings: Floats, ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Drift | None:

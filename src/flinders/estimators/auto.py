@@ -112,7 +112,7 @@ class Auto:
         if not any(is_level(one, THICK) for one in covariances):
             return estimate
         turned = level.estimate(readings)
-        if sum(run.fitted for run in turned.outliers) > MAX_TILTED_SHARE * len(readings):
+        if sum(run.independent for run in turned.outliers) > MAX_TILTED_SHARE * len(readings):
             return estimate
         is_turn = any(is_level(one, estimate.noise) for one in covariances)
         nearly = estimate.unobserved > 0 or any(

@@ -93,14 +93,14 @@ class DisturbanceEstimate:
     name: str  #: ``current``, ``throttle`` or ``temperature``; of one motor ``current1`` or ``throttle1``
     disturbance: Disturbance | None = None  #: None where it hardly changed, and nothing was found
     #: heading error that following it takes away, at the far end of its recorded range, at the worst attitude
-    taken_deg: float = 0.0
+    removed_deg: float = 0.0
     #: heading error (1 σ) that its own uncertainty leaves there, at the worst heading; of motors of which each has a
     #: disturbance of its own, with the others as they usually were then
-    left_deg: float = 0.0
-    shared: float = 0.0  #: share of what tells about it that the attitude could explain as well, 0 to 1
+    remaining_deg: float = 0.0
+    attitude_collinearity: float = 0.0  #: share of what tells about it that the attitude could explain as well, 0 to 1
     chi_square: float = 0.0  #: what it takes off the sum of squares, in the noise that is left
     lag_sigma_s: float = np.nan  #: s: of its lag; NaN where none was looked for
-    lag_is_beyond: bool = False  #: the end of the search for a lag is best
+    is_lag_at_limit: bool = False  #: the end of the search for a lag is best
     monotonicity: float = 0.0  #: share of its course that a monotone function of time explains, 0 to 1
     attenuation: float = 0.0  #: by which share its offset per unit is too small, as its meter is noisy
     #: how far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance

@@ -88,7 +88,7 @@ class TollesLawson(Value):
     ridge: float  #: share of the sum of squares of each term
     before: float  #: nT: of the strength as recorded
     after: float  #: nT: of the strength compensated, as noise and ground would leave with coefficients that are known
-    held_out: float  #: nT: of each fifth of the half minutes, compensated by coefficients of the others
+    cross_validated: float  #: nT: of each fifth of the half minutes, compensated by coefficients of the others
     as_flown: float  #: nT, 1 σ: of the compensation by these coefficients, in manoeuvres as flown
     on_any_heading: float  #: nT, 1 σ: the same in these manoeuvres about z, on headings all around
     unobserved: tuple[str, ...] = ()  #: of `NAMES`: what the manoeuvres do not show
@@ -108,7 +108,7 @@ class TollesLawson(Value):
     @property
     def improvement(self) -> float:
         """Improvement ratio: standard deviation before over that of held-out half minutes after."""
-        return self.before / self.held_out
+        return self.before / self.cross_validated
 
     @property
     def verdict(self) -> Quality:
@@ -123,7 +123,7 @@ class TollesLawson(Value):
             said.append(
                 f"the manoeuvres do not show {', '.join(self.unobserved)}: fly rolls, pitches and yaws on four headings"
             )
-        elif self.on_any_heading > self.held_out:
+        elif self.on_any_heading > self.cross_validated:
             said.append(
                 f"on other headings the compensation is off by {figures(self.on_any_heading)} nT, more than what is "
                 "left on those that were flown: keep to these, or fly four headings"
@@ -285,8 +285,8 @@ def fitted(samples: Samples) -> TollesLawson:
     unobserved = _unseen(around, recorded)
     equations = recorded if unobserved else _first_order(recorded)
     products = equations.products()
-    held_out = [_held_out(products, ridge) for ridge in RIDGES]
-    best = int(np.argmin(held_out))
+    cross_validated = [_held_out(products, ridge) for ridge in RIDGES]
+    best = int(np.argmin(cross_validated))
     coefficients, covariance, noise = _solved(equations, RIDGES[best])
     return TollesLawson(
         coefficients,
@@ -294,7 +294,7 @@ def fitted(samples: Samples) -> TollesLawson:
         ridge=float(RIDGES[best]),
         before=recorded.before,
         after=noise * math.sqrt(len(equations.values) / equations.readings),
-        held_out=math.sqrt(held_out[best] / equations.readings),
+        cross_validated=math.sqrt(cross_validated[best] / equations.readings),
         as_flown=_claimed(equations.gram, covariance),
         on_any_heading=_claimed(around, covariance),
         unobserved=unobserved,

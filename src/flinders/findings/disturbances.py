@@ -69,10 +69,10 @@ ROWS: Final = (
             "far end of its recorded range, degrees, at the worst attitude"
         ),
         action="nothing; log that column wherever the calibration is used",
-        rule=Rule("taken_deg", (Grade("note", -1.0),), limit=Limit(0.0)),
+        rule=Rule("removed_deg", (Grade("note", -1.0),), limit=Limit(0.0)),
         said=(
-            "the offset follows {disturbance} ({unit}): that takes away up to {taken_deg}° of heading {at_end}, "
-            "{left_deg}° of it left (1 σ{running}){without}"
+            "the offset follows {disturbance} ({unit}): that takes away up to {removed_deg}° of heading {at_end}, "
+            "{remaining_deg}° of it left (1 σ{running}){without}"
         ),
         plain="The compass was made to follow what disturbs it. Without that, headings would be off by up to {angle}.",
         remedy="Use the correction only where what it follows is measured as in the recording.",
@@ -84,7 +84,7 @@ ROWS: Final = (
             "at the worst heading"
         ),
         action="vary it while turning the sensor through all directions",
-        rule=Rule("left_deg", (Grade("limits", 1.0, "target_deg"),)),
+        rule=Rule("remaining_deg", (Grade("limits", 1.0, "target_deg"),)),
         said=(
             "{at_end} the heading may be off by {left_at_most_deg}° (1 σ; the target is {target_deg:g}°) from "
             "what is not known of {name}: vary it while turning the sensor through all directions"
@@ -96,9 +96,9 @@ ROWS: Final = (
         code="disturbance-collinear-attitude",
         number="share of what tells about it that the attitude could explain as well",
         action="vary it in each attitude, not in step with the turning",
-        rule=Rule("shared", (Grade("limits", 0.95),)),
+        rule=Rule("attitude_collinearity", (Grade("limits", 0.95),)),
         said=(
-            "{shared:.1%} of what tells about {name} could be the attitude as well: vary it in each attitude, not"
+            "{attitude_collinearity:.1%} of what tells about {name} could be the attitude as well: vary it in each attitude, not"
             " in step with the turning"
         ),
         plain=(
@@ -129,7 +129,7 @@ ROWS: Final = (
         code="disturbance-lag",
         number="lag at which least is left, seconds: the end of the search",
         action="check the times of its column: another clock, or not what moves the readings",
-        rule=Rule("lag_is_beyond", (Grade("limits", 0.0),), number="lag_s", limit=Limit(1.0)),
+        rule=Rule("is_lag_at_limit", (Grade("limits", 0.0),), number="lag_s", limit=Limit(1.0)),
         said=(
             "readings follow {name} best at the end of the search for a lag ({lag_s:+.2g} s): its clock is off by"
             " more than a second, or it is not what moves the readings; check the times of the column {name}"

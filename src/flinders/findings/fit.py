@@ -86,9 +86,9 @@ ROWS: Final = (
         code="soft-iron-changed",
         number="how often chance alone makes the readings contradict the soft iron of the earlier calibration as much",
         action="tumble the sensor again and calibrate: what was renewed allows the soft iron a change of 5 %",
-        rule=Rule("soft_iron_by_chance", (Grade("limits", 0.001),), comparison="<"),
+        rule=Rule("soft_iron_p_value", (Grade("limits", 0.001),), comparison="<"),
         said=(
-            "the soft iron of {previous} no longer fits the readings (chance: {soft_iron_by_chance:.1g}), so that it "
+            "the soft iron of {previous} no longer fits the readings (chance: {soft_iron_p_value:.1g}), so that it "
             "was allowed to have changed by 5 %: tumble the sensor again, and calibrate afresh"
         ),
         plain="The soft iron is not as it was at the earlier calibration.",

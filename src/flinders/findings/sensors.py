@@ -101,7 +101,7 @@ ROWS: Final = (
         action="nothing; corrected readings of all are in those axes",
         rule=Rule("is_turned", (Grade("note", 0.0),), number="rotation_sigma_deg", limit=Limit(0.0)),
         said=(
-            "turned into the axes of {reference}: {axes}, and {off_axes_deg}° off that, known to "
+            "turned into the axes of {reference}: {axes}, and {misalignment_deg}° off that, known to "
             "{rotation_sigma_deg}° (1 σ){where}"
         ),
         plain="Corrected readings are in the axes of another sensor of the vehicle, but for an uncertainty of {angle}.",

@@ -52,7 +52,7 @@ class CoefficientFile(
     ridge: NotNegative
     before: NotNegative  #: and the next four as `TollesLawson` has them
     after: NotNegative
-    held_out: NotNegative
+    cross_validated: NotNegative
     as_flown: NotNegative
     on_any_heading: NotNegative
     improvement: NotNegative
@@ -117,7 +117,17 @@ def as_dict(fit: TollesLawson) -> dict[str, Any]:
     return plain
 
 
-KEPT: Final = ("ridge", "before", "after", "held_out", "as_flown", "on_any_heading", "unobserved", "readings", "seconds")
+KEPT: Final = (
+    "ridge",
+    "before",
+    "after",
+    "cross_validated",
+    "as_flown",
+    "on_any_heading",
+    "unobserved",
+    "readings",
+    "seconds",
+)
 """What the file and `TollesLawson` both have."""
 
 

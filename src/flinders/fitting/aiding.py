@@ -30,19 +30,19 @@ class AidingSensor:
     """What one aiding sensor did to a fit."""
 
     name: str  # one of `flinders.estimators.aiding.AIDS`
-    kept: bool
-    changed_deg: float = 0.0  # by how much it changed the heading of a level vehicle, rms
+    is_used: bool
+    heading_change_deg: float = 0.0  # by how much it changed the heading of a level vehicle, rms
     # worst heading error that is claimed without and with it
     before_deg: float = 0.0
     after_deg: float = 0.0
-    words: str = ""  # why it was left out
+    reason: str = ""  # why it was left out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aiding:
     """What gyro, accelerometer or attitude tell beside the ellipsoid."""
 
-    each: tuple[AidingSensor, ...] = ()  # in the order in which they were taken
+    sensors: tuple[AidingSensor, ...] = ()  # in the order in which they were taken
     # (3, 3): from the magnetometer's axes to those of the body; None where nothing saw it
     rotation: Floats | None = None
     rotation_covariance: Floats | None = None  # (3, 3), rad²: of its rotation vector, in body axes
@@ -80,7 +80,7 @@ class Aiding:
         height = at.sine if "sine" in layout else float(at.direction[2]) if "direction" in layout else None
         level = np.sqrt(max(1.0 - at.sine**2, 1e-6))
         return cls(
-            each=each,
+            sensors=each,
             rotation=at.rotation if aided.sees_rotation else None,
             rotation_covariance=aided.rotation_covariance if aided.sees_rotation else None,
             gyro_bias=None if gyro is None else at.gyro_bias,
@@ -125,7 +125,7 @@ class Aiding:
         matrices = ("rotation", "rotation_covariance", "acceleration_matrix")
         arrays = {name: getattr(self, name) for name in (*matrices, *biases)}
         return {
-            "each": [dataclasses.asdict(aid) for aid in self.each],
+            "sensors": [dataclasses.asdict(aid) for aid in self.sensors],
             **{name: None if value is None else value.tolist() for name, value in arrays.items()},
             **{name: getattr(self, name) for name in ("delay_s", "delay_sigma_s", "dip_deg", "dip_sigma_deg")},
             "excess_variance": self.excess_variance,

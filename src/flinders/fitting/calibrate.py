@@ -383,7 +383,7 @@ def fit(
     if linearize:
         evidence = _linearized(evidence, estimator, request, frame.unit)
     if evidence.aiding is not None:
-        evidence = evidence._replace(aiding=replace(evidence.aiding, each=(*tried, *evidence.aiding.each)))
+        evidence = evidence._replace(aiding=replace(evidence.aiding, sensors=(*tried, *evidence.aiding.sensors)))
     claim = _claimed(evidence, estimator, request)
     nearer = _shrunk(claim.estimate, evidence, estimator, request)
     calibration = _turned(_calibration(nearer or evidence.estimate, request, frame, sensor), evidence.aiding)
@@ -671,7 +671,7 @@ def _of_no_use(samples: Samples, aiding: str | Sequence[str]) -> Aiding:
     names = available(samples) if aiding == AUTO else (aiding,) if isinstance(aiding, str) else tuple(aiding)
     refuse_without(samples, names)
     words = "the readings lie in one plane, as in a level turn, across which it tells nothing"
-    return Aiding(tuple(AidingSensor(name, kept=False, words=words) for name in names))
+    return Aiding(tuple(AidingSensor(name, is_used=False, reason=words) for name in names))
 
 
 def _at_site(estimate: Estimate, readings: Readings, request: Request) -> Estimate:
@@ -729,7 +729,7 @@ def _with_halves(drift: Drift | None, estimate: Estimate, readings: Readings, re
         return drift
     if not halves_matter(drift.heading_deg, drift.p_value, request.target_deg):
         return drift
-    return replace(drift, halves_apart=halves_apart(samples, request.likelihood, estimate))
+    return replace(drift, halves_ratio=halves_apart(samples, request.likelihood, estimate))
 
 
 def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlinearity | None, AxisLag | None]:
@@ -788,7 +788,7 @@ def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Evi
         return math.nan
     from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg
 
-    if aiding is not None and any(sensor.kept and sensor.name in UPRIGHT for sensor in aiding.each):
+    if aiding is not None and any(sensor.is_used and sensor.name in UPRIGHT for sensor in aiding.sensors):
         return math.nan
     return vertical_error_deg(samples.field, samples.acceleration, calibration, estimate)
 
@@ -895,8 +895,8 @@ def _disturbances(result: Fit, disturbed: DisturbanceFit) -> dict[str, Any]:
     estimates = [
         replace(
             estimate,
-            taken_deg=calibration.disturbance_deg(disturbance, dip_deg=dip),
-            left_deg=disturbed.remaining_error(result.ellipsoid, place, dip_deg=dip, down=down).worst,
+            removed_deg=calibration.disturbance_deg(disturbance, dip_deg=dip),
+            remaining_deg=disturbed.remaining_error(result.ellipsoid, place, dip_deg=dip, down=down).worst,
         )
         for place, (disturbance, estimate) in enumerate(zip(disturbed.disturbances, disturbed.estimates, strict=True))
     ]

@@ -442,7 +442,10 @@ class Fit(Outcome):
         """What is known of the disturbances; no key where it follows none."""
         if not self.disturbances:
             return {}
-        return {"disturbances": [each.as_dict() for each in self.disturbances], "noise_uncompensated": self.noise_uncompensated}
+        return {
+            "disturbances": [each.as_dict() for each in self.disturbances],
+            "noise_uncompensated": self.noise_uncompensated,
+        }
 
     @property
     def _covariance(self) -> Floats:

@@ -83,31 +83,31 @@ class ShotErrors:
     groups: NDArray[np.intp]  #: (N,)
     angles: Angles
     error_deg: Floats  #: (N,): NaN where no other shot has the same direction
-    left_out: NDArray[np.bool_]  #: (N,)
+    excluded: NDArray[np.bool_]  #: (N,)
 
     @classmethod
     def of(
-        cls, calibration: SurveyCalibration, shots: Shots, groups: NDArray[np.intp], left_out: NDArray[np.bool_]
+        cls, calibration: SurveyCalibration, shots: Shots, groups: NDArray[np.intp], excluded: NDArray[np.bool_]
     ) -> ShotErrors:
         """Correct shots; those that are left out do not count in the mean."""
         angles = calibration.angles(shots.magnetic, shots.gravity)
         pointing = _directions(angles)
-        alike = (groups[:, np.newaxis] == groups) & ~left_out
+        alike = (groups[:, np.newaxis] == groups) & ~excluded
         mean = alike.astype(float) @ pointing
         off = np.degrees(2.0 * np.arcsin(0.5 * lengths(pointing - mean / lengths(mean)[:, np.newaxis]).clip(max=2.0)))
-        others = alike.sum(axis=1) - ~left_out
-        return cls(shots.numbers, groups, angles, np.where(others > 0, off, np.nan), left_out)
+        others = alike.sum(axis=1) - ~excluded
+        return cls(shots.numbers, groups, angles, np.where(others > 0, off, np.nan), excluded)
 
     @property
     def rms_deg(self) -> float:
         """Of the shots that count; NaN where no two have the same direction."""
-        known = self.error_deg[~self.left_out & np.isfinite(self.error_deg)]
+        known = self.error_deg[~self.excluded & np.isfinite(self.error_deg)]
         return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
 
     def as_dict(self) -> list[dict[str, Any]]:
         """JSON-ready, a row for each shot."""
-        columns = (self.numbers, self.groups.tolist(), *self.angles, self.error_deg, self.left_out)
-        names = ("shot", "direction", "azimuth_deg", "inclination_deg", "roll_deg", "error_deg", "left_out")
+        columns = (self.numbers, self.groups.tolist(), *self.angles, self.error_deg, self.excluded)
+        names = ("shot", "direction", "azimuth_deg", "inclination_deg", "roll_deg", "error_deg", "excluded")
         plain = [column if isinstance(column, tuple | list) else column.tolist() for column in columns]
         return [dict(zip(names, row, strict=True)) for row in zip(*plain, strict=True)]
 
@@ -134,7 +134,7 @@ class SurveyFit(Outcome):
         heading = HeadingErrorRecord(rms=error.rms, worst=error.worst, dip_deg=self.dip_deg, target_deg=self.target_deg)
         fit = Fitted(
             method="survey",
-            samples=int(np.count_nonzero(~self.shots.left_out)),
+            samples=int(np.count_nonzero(~self.shots.excluded)),
             noise=self.noise,
             verdict=self.verdict,
             heading_error_deg=heading,
@@ -199,13 +199,13 @@ def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG, non_linear: bool
     start = _begun(magnetic, gravity)
     groups = _apart(start.attitudes @ start.pointing) if shots.groups is None else shots.groups
     _refuse_unrolled(groups)
-    problem, iterate, left_out = _without_contradicting(magnetic, gravity, groups, is_quadratic=non_linear)
+    problem, iterate, excluded = _without_contradicting(magnetic, gravity, groups, is_quadratic=non_linear)
     _refuse_other_axis(iterate.at, shots.pointing)
     calibration = _calibration(iterate.at, shots)
     covariance = _covariance(problem, iterate)
     curve = problem.layout.gravity
     azimuth, inclination = pointing_errors(angle_gradients(iterate.at, curve), covariance)
-    errors = ShotErrors.of(calibration, shots, groups, left_out)
+    errors = ShotErrors.of(calibration, shots, groups, excluded)
     noise, gravity_noise, aim = iterate.weights.tolist()
     return SurveyFit(
         calibration,
@@ -298,17 +298,17 @@ def _without_contradicting(
     magnetic: Floats, gravity: Floats, groups: NDArray[np.intp], *, is_quadratic: bool
 ) -> tuple[SurveyProblem, SurveyIterate, NDArray[np.bool_]]:
     """Fit, and again without the shot that contradicts the others most, until none does."""
-    left_out = np.zeros(len(groups), bool)
+    excluded = np.zeros(len(groups), bool)
     while True:
-        counts = np.flatnonzero(~left_out)
+        counts = np.flatnonzero(~excluded)
         problem = SurveyProblem.of(magnetic[counts], gravity[counts], groups[counts], is_quadratic=is_quadratic)
         iterate = levenberg_marquardt(problem, problem.initial(begin(magnetic[counts], gravity[counts])))
         contradiction = Influence.of(problem, iterate).contradiction
         worst = int(np.argmax(contradiction))
         is_one = contradiction[worst] > CONTRADICTS * float(np.median(contradiction))
-        if not is_one or left_out.sum() >= MOST_LEFT_OUT * len(groups):
-            return problem, iterate, left_out
-        left_out[counts[worst]] = True
+        if not is_one or excluded.sum() >= MOST_LEFT_OUT * len(groups):
+            return problem, iterate, excluded
+        excluded[counts[worst]] = True
 
 
 def _covariance(problem: SurveyProblem, iterate: SurveyIterate) -> Floats:
@@ -348,8 +348,8 @@ def _findings(
         "azimuth_deg": azimuth.worst,
         "inclination_deg": inclination.worst,
         "target_deg": target_deg,
-        "contradicting": float(errors.left_out.mean()),
+        "contradicting": float(errors.excluded.mean()),
     }
-    named = ", ".join(str(number) for number, out in zip(errors.numbers, errors.left_out, strict=True) if out)
+    named = ", ".join(str(number) for number, out in zip(errors.numbers, errors.excluded, strict=True) if out)
     record = Record(numbers, remedy=REST, shots=f"shot {named}")
     return by_severity(found_in(record, "pointing-error", "shots-contradict"))

@@ -116,7 +116,7 @@ def conditions(fit: Fit, findings: Sequence[Finding]) -> tuple[Condition, ...]:
     """
     if any(finding.severity != "note" for finding in findings):
         return ()
-    used = () if fit.aiding is None else tuple(sensor.name for sensor in fit.aiding.each if sensor.kept)
+    used = () if fit.aiding is None else tuple(sensor.name for sensor in fit.aiding.sensors if sensor.is_used)
     agrees = fit.repeats is not None and not any(finding.code == "recordings-differ" for finding in findings)
     is_strong = fit.calibration.field_strength_known and fit.calibration.unit == MICROTESLA
     matches = is_strong and abs(fit.ellipsoid.radius / fit.calibration.field_strength - 1.0) < SAME_STRENGTH
@@ -145,7 +145,7 @@ def fit_record(fit: Fit, statistics: Statistics) -> Record:
             "noise_share": fit.noise / fit.ellipsoid.radius,
             **_structure(fit),
             "poses_by_chance": math.nan,
-            "soft_iron_by_chance": fit.refreshed.soft_iron_by_chance if fit.refreshed else math.nan,
+            "soft_iron_p_value": fit.refreshed.soft_iron_p_value if fit.refreshed else math.nan,
         },
         fit,
     )
@@ -273,7 +273,7 @@ def _changes(fit: Fit) -> dict[str, float]:
     return {
         **_apart(fit.repeats, fit.target_deg),
         "drift_deg": math.nan if drift is None else drift.heading_deg,
-        "drift_allowed_deg": fit.target_deg if ((fit.drift and fit.drift.halves_apart) or 0.0) < BEYOND_CLAIM else 0.0,
+        "drift_allowed_deg": fit.target_deg if ((fit.drift and fit.drift.halves_ratio) or 0.0) < BEYOND_CLAIM else 0.0,
         "drift_by_chance": math.nan if drift is None else drift.p_value,
         "drift": math.nan if drift is None else math.hypot(*drift.offset),
         "swap_gain": math.nan if swap is None else swap.gain,
@@ -292,7 +292,7 @@ def halves_matter(drift_deg: Any, by_chance: Any, target_deg: float) -> Any:  # 
 
 def _halves(fit: Fit) -> str:
     """How far the halves of a recording are apart, where that limits the fit."""
-    apart = fit.drift and fit.drift.halves_apart
+    apart = fit.drift and fit.drift.halves_ratio
     return f" (its halves differ by {apart:.1f} times what they claim)" if apart and apart >= BEYOND_CLAIM else ""
 
 
@@ -318,11 +318,11 @@ def _apart(repeats: Repeats | None, target_deg: float) -> dict[str, float]:
     if repeats is None:
         return dict.fromkeys(("apart_deg", "apart_by_chance", "apart_beyond_claim_deg"), math.nan)
     part = repeats.farthest
-    beyond = part.off_deg > max(CHANGED_SHARE * target_deg, BEYOND_CLAIM * part.off_sigma_deg)
+    beyond = part.difference_deg > max(CHANGED_SHARE * target_deg, BEYOND_CLAIM * part.difference_sigma_deg)
     return {
-        "apart_deg": part.off_deg,
+        "apart_deg": part.difference_deg,
         "apart_by_chance": part.p_value,
-        "apart_beyond_claim_deg": part.off_deg if beyond else 0.0,
+        "apart_beyond_claim_deg": part.difference_deg if beyond else 0.0,
     }
 
 
@@ -402,11 +402,11 @@ def _contradiction(repeats: Repeats | None, target_deg: float, unit: str) -> str
     others = "apart" if pair else "off the other recordings"
     if _apart(repeats, target_deg)["apart_beyond_claim_deg"]:
         return (
-            f"{who} {figures(part.off_deg)}° of heading {others} ({figures(part.offset)} {unit} in the offset), which "
+            f"{who} {figures(part.difference_deg)}° of heading {others} ({figures(part.offset_difference)} {unit} in the offset), which "
             "is not chance: something magnetic changed in between; use recordings made in the state of use"
         )
     return (
-        f"{who} {others} by more than both claim, though hardly in heading ({figures(part.off_deg)}°): the heading "
+        f"{who} {others} by more than both claim, though hardly in heading ({figures(part.difference_deg)}°): the heading "
         "error allows for it"
     )
 
@@ -418,17 +418,17 @@ def _of_aiding(fit: Fit) -> Iterator[Finding]:
 
 def _outliers(fit: Fit, fitted: int) -> dict[str, Any]:
     """What a robust fit left out of so many readings: outliers, and the readings around their runs."""
-    share = sum(run.fitted for run in fit.outliers) / max(fitted, 1)
+    share = sum(run.independent for run in fit.outliers) / max(fitted, 1)
     return {
         "outlier_share": share,
-        "farthest": max((run.farthest for run in fit.outliers), default=math.nan),
+        "farthest": max((run.max_distance for run in fit.outliers), default=math.nan),
         "again": "; see what it was, and record again without" if share and share > limit_of("outliers") else "",
     }
 
 
 def _runs(fit: Fit) -> str:
     """The three longest runs of outliers."""
-    worst = sorted(fit.outliers, key=lambda run: -run.rows)[:3]
+    worst = sorted(fit.outliers, key=lambda run: -run.readings)[:3]
     return "; ".join(str(run) for run in worst) + ("; …" if len(fit.outliers) > len(worst) else "")
 
 
@@ -455,7 +455,7 @@ WORDS: Final[dict[str, Callable[[Fit], str]]] = {
     "halves": _halves,
     "leave": _leave,
     "unmodelled": lambda fit: "" if fit.unmodelled is None else fit.unmodelled.name,
-    "outliers": lambda fit: counted(sum(run.fitted for run in fit.outliers), "reading"),
+    "outliers": lambda fit: counted(sum(run.independent for run in fit.outliers), "reading"),
     "runs": _runs,
     "previous": lambda fit: fit.refreshed.previous if fit.refreshed else "",
 }
@@ -566,7 +566,7 @@ def of_disturbances(fit: Fit) -> Iterator[Finding]:
             yield from found_in(_constant_record(estimate), "disturbance-constant")
             continue
         record = _disturbance_record(estimate, estimate.disturbance, UNSAID * fit.target_deg)
-        record |= Record({"target_deg": fit.target_deg, "left_at_most_deg": min(estimate.left_deg, 180.0)})
+        record |= Record({"target_deg": fit.target_deg, "left_at_most_deg": min(estimate.remaining_deg, 180.0)})
         runs_along = bool(motors[1:]) and estimate.name in motors
         record |= {
             "unit": label(fit.calibration.unit),
@@ -600,14 +600,14 @@ def _disturbance_record(estimate: DisturbanceEstimate, disturbance: Disturbance,
     other = "record the current instead, which the field follows, or " if is_throttle else ""
     return Record(
         {
-            "taken_deg": estimate.taken_deg,
-            "left_deg": estimate.left_deg,
-            "shared": estimate.shared,
+            "removed_deg": estimate.removed_deg,
+            "remaining_deg": estimate.remaining_deg,
+            "attitude_collinearity": estimate.attitude_collinearity,
             "monotonicity": estimate.monotonicity,
-            "lag_is_beyond": float(estimate.lag_is_beyond),
+            "is_lag_at_limit": float(estimate.is_lag_at_limit),
             "lag_s": disturbance.lag_s,
             "curvature": estimate.curvature,
-            "curvature_deg": estimate.curvature * estimate.taken_deg,
+            "curvature_deg": estimate.curvature * estimate.removed_deg,
             "unsaid_deg": unsaid_deg,
             "lowest": disturbance.lowest,
             **_range(disturbance),

@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     Paths = Sequence[str | os.PathLike[str]]
 
 COLUMNS: Final = (
-    "unit", "recording", "start_s", "verdict", "offset", "matrix", "covariance", "radius", "dip_deg", "unit_of_field",
+    "unit", "recording", "start_s", "verdict", "offset", "matrix", "covariance", "field_strength", "dip_deg", "unit_of_field",
 )  # fmt: skip
 SAME: Final = ("unit", "recording", "start_s", "end_s", "readings", "offset")
 """Columns that tell whether two rows are of one recording."""
@@ -98,7 +98,7 @@ class Histories:
     dip_deg: Floats
     verdicts: Mapping[tuple[str, str], int]  # rows of each batch and verdict, those without a calibration too
     left_out: int  # rows without a calibration, and those in another unit of field than the first of their unit
-    passed_over: int  # rows that a later table has as well
+    duplicates: int  # rows that a later table has as well
 
     @property
     def line(self) -> NDArray[np.intp]:
@@ -114,7 +114,7 @@ class Histories:
         return OffsetSeries(self.first, time, self.calibrations.centre / radius[:, np.newaxis], covariance)
 
     @classmethod
-    def of_table(cls, table: Any, rule: BatchRule | None = None, passed_over: int = 0) -> Histories:  # noqa: ANN401
+    def of_table(cls, table: Any, rule: BatchRule | None = None, duplicates: int = 0) -> Histories:  # noqa: ANN401
         """Sort the rows of whole units, each of a recording of its own."""
         from pyarrow import compute
 
@@ -143,12 +143,14 @@ class Histories:
             is_dated=is_dated,
             recording=objects(texts(inside.column("recording"))),
             date_s=date_s[alike],
-            calibrations=EllipsoidPairs.of_columns(offset, matrix, covariance, numbers(inside.column("radius"))),
+            calibrations=EllipsoidPairs.of_columns(
+                offset, matrix, covariance, numbers(inside.column("field_strength"))
+            ),
             unit_of_field=field[alike],
             dip_deg=numbers(inside.column("dip_deg")),
             verdicts=Counter(zip(batch.tolist(), verdict.tolist(), strict=True)) if rule else {},
             left_out=rows - len(chosen),
-            passed_over=passed_over,
+            duplicates=duplicates,
         )
 
 

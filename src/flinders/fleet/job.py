@@ -226,7 +226,7 @@ class RunSummary:
     # ``median``, ``p95`` and ``largest`` of the worst heading error of rows that are good or limited
     worst_deg: dict[str, float]
     rejected: list[dict[str, str]]  # unit, recording, code and finding of the first rows that are refused or failed
-    left_out: dict[str, int]  # files of other kinds, by their suffix
+    other_files: dict[str, int]  # files of other kinds, by their suffix
     resumed: int  # partitions that an earlier run had done
     workers_lost: int  # workers that died, or left the cluster
     # partitions that were run again because their worker died; a cluster reports only those that it gave up
@@ -470,7 +470,7 @@ class Progress:
         weights = [partition.weight for partition in plan.partitions]
         self._total = sum(weights)
         self._done = sum(weight for place, weight in enumerate(weights) if place in finished)
-        about = {"files": plan.files, "left_out": plan.left_out, "partitions": len(plan.partitions)}
+        about = {"files": plan.files, "other_files": plan.other_files, "partitions": len(plan.partitions)}
         log_event("planned", **fields, **about, resumed=len(finished))
 
     def waits(self, words: str) -> None:
@@ -521,7 +521,7 @@ class Progress:
             files=plan.files,
             partitions=len(plan.partitions),
             **counts,
-            left_out=plan.left_out,
+            other_files=plan.other_files,
             resumed=resumed,
             workers_lost=self.workers_lost,
             retried=len(self.retried),

@@ -77,7 +77,7 @@ class UnitResult:
     start_s: float = math.nan  #: earliest time of its readings, s since 1970 if it has dates; NaN without times
     end_s: float = math.nan  # latest time
     readings: int = 0  #: those there were
-    used: int = 0  #: those that the fit used
+    samples: int = 0  #: those that the fit used
     #: ``good``, ``limited``, ``refused``, or ``failed`` if it could not be read or calculated at all
     verdict: str = "failed"
     code: str = ""  #: of the error of a refused or failed one, else empty
@@ -85,14 +85,14 @@ class UnitResult:
     method: str = ""  #: method of the final fit
     worst_deg: float = math.nan  #: heading error of a level vehicle at the worst heading, 1 σ, at a dip of `dip_deg`
     rms_deg: float = math.nan  #: the same over all headings
-    bound_deg: float = math.nan  #: heading error that it stays within at all headings with a probability of 95 %
+    bound_95_deg: float = math.nan  #: heading error that it stays within at all headings with a probability of 95 %
     dip_deg: float = math.nan
     offset: tuple[float, ...] = _missing(3)  #: 3 float, in `unit_of_field`
     matrix: tuple[float, ...] = _missing(9)  #: 9 float: row by row
     #: 45 float: of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Fit.claimed_covariance`: its upper triangle, row by row
     covariance: tuple[float, ...] = _missing(45)
     noise: float = math.nan  #: of the readings about the ellipsoid, in `unit_of_field`
-    radius: float = math.nan  # strength of the corrected field, in `unit_of_field`
+    field_strength: float = math.nan  # strength of the corrected field, in `unit_of_field`
     coverage: float = math.nan  #: fraction of the sphere that was covered
     findings: tuple[str, ...] = ()  #: codes, by severity
     unit_of_field: str = ""  #: ``uT`` or ``counts``

@@ -201,8 +201,8 @@ class Spacing:
     """
 
     points: int
-    first: float  #: r₁, 0 to 1
-    second: float  #: r₂, 0 to 1
+    first_harmonic: float  #: r₁, 0 to 1
+    second_harmonic: float  #: r₂, 0 to 1
     widest_gap_deg: float  #: between neighbours
 
     @classmethod
@@ -221,7 +221,7 @@ class Spacing:
     @property
     def cost_deg(self) -> float:
         """Heading error that the mean and the scatter of such points make at the worst heading, to first order."""
-        return float(np.degrees(self.first + self.second / 2.0))
+        return float(np.degrees(self.first_harmonic + self.second_harmonic / 2.0))
 
     def is_even(self, *, within_deg: float) -> bool:
         """The mean can be trusted: it costs no more than this."""
@@ -230,8 +230,8 @@ class Spacing:
     def as_dict(self) -> dict[str, float]:
         """JSON-ready."""
         return {
-            "first_harmonic": self.first,
-            "second_harmonic": self.second,
+            "first_harmonic": self.first_harmonic,
+            "second_harmonic": self.second_harmonic,
             "widest_gap_deg": self.widest_gap_deg,
             "cost_deg": self.cost_deg,
         }
@@ -240,7 +240,7 @@ class Spacing:
         cost = f"{figures(self.cost_deg)}°" if self.cost_deg >= 0.005 else "0.00°"
         return (
             f"{counted(self.points, 'point')} around 360°, widest gap {self.widest_gap_deg:.0f}°; "
-            f"first harmonic {self.first:.3f}, second {self.second:.3f}: the mean costs up to {cost} of heading"
+            f"first harmonic {self.first_harmonic:.3f}, second {self.second_harmonic:.3f}: the mean costs up to {cost} of heading"
         )
 
 

@@ -70,18 +70,18 @@ class LoggedSwing:
     deviation_deg: Floats  #: (N,) degrees
     sigma_deg: Floats  #: (N,) degrees
     seconds: Floats  #: (N,) s: how long each was
-    common: Floats  #: (5, 5) degrees²: covariance of A to E from errors that all readings share
-    said: tuple[str, ...] = ()  #: what was taken out of them, and what is assumed
+    common_covariance: Floats  #: (5, 5) degrees²: covariance of A to E from errors that all readings share
+    notes: tuple[str, ...] = ()  #: what was taken out of them, and what is assumed
     current: complex | None = None  #: North + i east by magnetic north, m/s, where it was taken out
     is_steady: bool = True  #: they are of straight legs, not of turns
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        arrays = ("compass_deg", "deviation_deg", "sigma_deg", "seconds", "common")
+        arrays = ("compass_deg", "deviation_deg", "sigma_deg", "seconds", "common_covariance")
         current = None if self.current is None else [self.current.real, self.current.imag]
         return {
             **{name: getattr(self, name).tolist() for name in arrays},
-            "said": list(self.said), "current_m_s": current, "is_steady": self.is_steady,
+            "notes": list(self.notes), "current_m_s": current, "is_steady": self.is_steady,
         }  # fmt: skip
 
 

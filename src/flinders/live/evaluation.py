@@ -189,7 +189,7 @@ def _disturbed(fit: Fit) -> tuple[Span, ...]:
     """The longest intervals that outliers fill; none where these are few, since the fit does without them."""
     if all(finding.code != "outliers" or finding.severity == "note" for finding in fit.findings):
         return ()
-    spans = [(run.start, run.end) for run in _joined(fit.outliers) if run.start < run.end]
+    spans = [(run.start_s, run.end_s) for run in _joined(fit.outliers) if run.start_s < run.end_s]
     longest = sorted(spans, key=lambda span: span[0] - span[1])[:OFFERED]
     return tuple(sorted(longest))
 
@@ -205,9 +205,9 @@ def _joined(outliers: Sequence[Outlier]) -> list[Outlier]:
     joined: list[Outlier] = []
     for run in sorted(outliers, key=lambda run: run.first):
         whole = run
-        if joined and joined[-1].rows + run.rows > DENSE * (run.last - joined[-1].first + 1):
+        if joined and joined[-1].readings + run.readings > DENSE * (run.last - joined[-1].first + 1):
             before = joined.pop()
-            whole = replace(run, first=before.first, start=before.start, rows=before.rows + run.rows)
+            whole = replace(run, first=before.first, start_s=before.start_s, readings=before.readings + run.readings)
         joined.append(whole)
     return joined
 

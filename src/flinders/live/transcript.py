@@ -187,7 +187,7 @@ class RecordingStatistics:
     strength_sum: float = 0.0  # of the length of the field, in `unit`
     weakest: float = math.inf
     strongest: float = 0.0
-    losses: int = 0  # how often the other end went away
+    disconnections: int = 0  # how often the other end went away
     datagrams_lost: int = 0  # what arrived and was thrown away by this machine, as far as it counts that
     first_unknown: str = ""  # the first line that was not understood
     first_at: float = 0.0
@@ -231,7 +231,7 @@ class RecordingStatistics:
             "accompanying": self.accompanying,
             "first_not_understood": self.first_unknown or None,
             "bytes": self.received,
-            "losses": self.losses,
+            "disconnections": self.disconnections,
             "datagrams_lost": self.datagrams_lost,
         }
 
@@ -242,7 +242,7 @@ class RecordingStatistics:
             mean = self.strength_sum / self.strengths
             ends = f"({figures(self.weakest, 3)} to {figures(self.strongest, 3)})"
             parts.append(f"strength {figures(mean, 3)} {self.unit} {ends}")
-        parts += [f"lost {self.losses} time{'s' * (self.losses != 1)}"] * (self.losses > 0)
+        parts += [f"lost {self.disconnections} time{'s' * (self.disconnections != 1)}"] * (self.disconnections > 0)
         parts += [f"{counted(self.datagrams_lost, 'datagram')} lost by this machine"] * (self.datagrams_lost > 0)
         return ", ".join(parts)
 
@@ -341,7 +341,7 @@ class Transcript:
     def lost(self, at: float) -> Taken:
         """Note that the other end went away; what came before is let go."""
         ended = self.end(at)
-        self.statistics.losses += 1
+        self.statistics.disconnections += 1
         self._is_cut = not self._is_framed
         return replace(ended, text=f"{ended.text}# lost at {at:.4f} s\n")
 

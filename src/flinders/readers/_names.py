@@ -707,13 +707,13 @@ class Form(NamedTuple):
     field: tuple[str, ...]  # names, or numbers from 1
     width: int  # columns of a line
     names: tuple[str, ...]  # its header; none where it has none
-    rising: tuple[int, ...] = ()  # without a header, numbers of its columns that are clocks and counters
+    increasing: tuple[int, ...] = ()  # without a header, numbers of its columns that are clocks and counters
 
     @classmethod
-    def of(cls, field: Sequence[str], names: Sequence[str], width: int, rising: Iterable[int]) -> Self:
-        """That of a table; `rising` are places of columns that only rise."""
+    def of(cls, field: Sequence[str], names: Sequence[str], width: int, increasing: Iterable[int]) -> Self:
+        """That of a table; `increasing` are places of columns that only rise."""
         own = tuple(name.strip() for name in names)
-        return cls(tuple(field), width, own, () if own else tuple(place + 1 for place in rising))
+        return cls(tuple(field), width, own, () if own else tuple(place + 1 for place in increasing))
 
 
 @dataclass(frozen=True, slots=True)
@@ -751,14 +751,14 @@ class Choice:
         """Nobody says which: the first is taken, and the others are named."""
         return self.sensor is None and self.preferred is None
 
-    def remembered(self, names: Sequence[str], width: int, rising: Iterable[int]) -> str | None:
+    def remembered(self, names: Sequence[str], width: int, increasing: Iterable[int]) -> str | None:
         """The columns that were asked for of a table of the same form; None for another, and where a sensor is asked.
 
         >>> choice = Choice(forms=(Form(("2", "3", "4"), 7, (), (1,)),))
         >>> choice.remembered([], 7, [0]), choice.remembered([], 7, []), choice.remembered([], 6, [0])
         ('2,3,4', None, None)
         """
-        own = Form.of((), names, width, rising) if self.forms else None
+        own = Form.of((), names, width, increasing) if self.forms else None
         same = (form for form in self.forms if form._replace(field=()) == own and self.sensor is None)
         return next((",".join(form.field) for form in same if len(form.field) == len("xyz")), None)
 

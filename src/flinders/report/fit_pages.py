@@ -269,7 +269,7 @@ def _merged_parts(repeats: Repeats) -> Table:
     names = ("readings", "claims", "off the others", "chance")
     rows = [
         (part.source, f"{part.samples:,}" if part.samples else "", degrees(part.claimed_deg),
-         f"{degrees(part.off_deg)} ± {degrees(part.off_sigma_deg)}", p_value(part.p_value))
+         f"{degrees(part.difference_deg)} ± {degrees(part.difference_sigma_deg)}", p_value(part.p_value))
         for part in repeats.parts
     ]  # fmt: skip
     return table((Column("calibration", overflow="fold"), *whole_columns(names)), rows)
@@ -353,9 +353,9 @@ def _axes_cells(together: Together, member: Member) -> tuple[str, str, str]:
     """Which axes it has, how far it is off them, and what its readings are usually off."""
     if member.rotation is None:
         return "", "", ""
-    off = "" if member.name == together.reference else f"{member.off_axes_deg:.1f}°"
+    off = "" if member.name == together.reference else f"{member.misalignment_deg:.1f}°"
     if off and member.rotation_sigma_deg is not None:
-        off = f"{member.off_axes_deg:.1f} ± {figures(float(member.rotation_sigma_deg.max()), 1)}°"
+        off = f"{member.misalignment_deg:.1f} ± {figures(float(member.rotation_sigma_deg.max()), 1)}°"
     return member.axes, off, degrees(member.scatter_deg) if member.scatter_deg else ""
 
 
@@ -372,7 +372,7 @@ def _member_notes(number: int, member: Member) -> Iterator[tuple[str, str]]:
 
 def _agreed(together: Together) -> str:
     """Over how long they were compared with each other."""
-    over = f"{counted(together.agreement.moments, 'moment')} common to two or more"
+    over = f"{counted(together.agreement.instants, 'moment')} common to two or more"
     seconds = f", over {written_time(together.agreement.seconds)}" if together.agreement.seconds else ""
     axes = "of gyro and accelerometer" if together.in_body else f"of {together.reference}"
     own = [member.name for member in together.members if member.is_kept]
@@ -419,7 +419,7 @@ def spacing_words(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
     instead = "" if spacing.is_even(within_deg=target_deg) or not is_mean else "; use --method ellipse"
     return (
         f"{counted(spacing.points, 'point')}, widest gap {spacing.widest_gap_deg:.0f}°, first harmonic "
-        f"{spacing.first:.3f}, second {spacing.second:.3f}: {evenness(turn, target_deg, is_mean=is_mean)}{instead}"
+        f"{spacing.first_harmonic:.3f}, second {spacing.second_harmonic:.3f}: {evenness(turn, target_deg, is_mean=is_mean)}{instead}"
     )
 
 

@@ -55,10 +55,8 @@ STATES: Final = {
     "none": "has no calibration",
 }
 """What each state of a unit means, in the order of urgency."""
-PRINTED: Final = {"session": "claims_too_small", "walk_deg": "walk_deg_per_root_year"}
-"""Names in JSON, where they are not those of the attributes."""
 STEPS: Final = {
-    "count": "step_count", "units": "step_units", "gaps": "gaps", "gap_chance": "step_chance", "largest": "steps",
+    "count": "step_count", "units": "step_units", "intervals": "intervals", "p_value_limit": "step_p_value_limit", "largest": "steps",
 }  # fmt: skip
 """What stands under ``steps`` in JSON, by the attribute."""
 
@@ -150,7 +148,7 @@ class Overview:
     codes: Mapping[str, tuple[int, str, str]]  # of those refused or failed: rows, one of the units, what was said of it
     methods: Mapping[str, int]
     batches: Mapping[str, Mapping[str, int]]  # rows of each verdict; empty where no hardware batches are known
-    batch_of: str  # where the batch is taken from, in words
+    batch_source: str  # where the batch is taken from, in words
     worst: Mapping[str, tuple[FleetUnit, ...]]  # rows with the largest "heading error", "offset" and "noise"
     target_deg: float
 
@@ -174,7 +172,7 @@ class UnitDrift:
     offset_sigma_deg: float
     matrix_deg: float  # of the change of the matrix alone
     matrix_sigma_deg: float
-    moved: float  # how far the offset went, in `unit_of_field`
+    offset_change: float  # how far the offset went, in `unit_of_field`
     p_value: float  # how often chance makes as much
     unit_of_field: str
 
@@ -189,7 +187,7 @@ class UnitStep:
     before_s: float  # when they were made, since 1970; NaN where no date is known
     after_s: float
     worst_deg: float  # what it turns the heading by, at the worst heading
-    moved: tuple[float, ...]  # x, y, z, in `unit_of_field`
+    offset_change: tuple[float, ...]  # x, y, z, in `unit_of_field`
     p_value: float
     unit_of_field: str
 
@@ -201,7 +199,7 @@ class BatchDrift:
     batch: str  # empty for the units of which it is not known
     units: int
     states: Mapping[str, int]  # units in each state that some are in
-    stepped: int  # units that have a step
+    step_units: int  # units that have a step
     verdicts: Mapping[str, int]  # recordings of each
     stands_out: tuple[str, ...]  # of what it has more than chance explains: "changes", "steps", "verdicts" not good
 
@@ -221,14 +219,9 @@ class Undated:
     """Units whose recordings have an order and no dates, and how these scatter."""
 
     units: int  # with two calibrations or more
-    session: float  # factor on claimed variances
-    walk_deg: float  # 1 σ of the heading that slow drift makes from one recording to the next
+    variance_factor: float  # factor on claimed variances
+    random_walk_deg_per_root_recording: float  # 1 σ of the heading that slow drift makes from one recording to the next
     pairs: int  # of recordings that both rest on
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        printed = PRINTED | {"walk_deg": "walk_deg_per_root_recording"}
-        return {printed.get(name, name): value for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,25 +230,27 @@ class FleetDrift:
 
     units: int
     calibrations: int
-    left_out: int  # rows that give no calibration
-    passed_over: int  # rows that a later table has as well
+    without_calibration: int  # rows that give no calibration
+    duplicates: int  # rows that a later table has as well
     states: Mapping[str, int]  # units in each of `STATES`
     change_deg: Histogram  # worst heading difference of units with two calibrations or more
     listed: tuple[UnitDrift, ...]  # to recalibrate, and unsure ones; the worst first, no more than were asked for
     steps: tuple[UnitStep, ...]  # the largest, no more than were asked for
     step_count: int
     step_units: int
-    gaps: int  # gaps that were tested for a step
-    step_chance: float  # a gap is reported where chance makes as much less often
-    change_chance: float  # and so is a change
-    chance: float  # how often chance alone reports a change of a fleet in which nothing moved; and so of steps
-    session: float  # factor on claimed variances, of units whose recordings have dates
-    walk_deg: float  # 1 σ of the heading that their slow drift makes in a year
+    intervals: int  # gaps that were tested for a step
+    step_p_value_limit: float  # a gap is reported where chance makes as much less often
+    change_p_value_limit: float  # and so is a change
+    false_alarm_probability: (
+        float  # how often chance alone reports a change of a fleet in which nothing moved; and so of steps
+    )
+    variance_factor: float  # factor on claimed variances, of units whose recordings have dates
+    random_walk_deg_per_root_year: float  # 1 σ of the heading that their slow drift makes in a year
     pairs: int  # of recordings that both rest on
     undated: Undated
     unordered: tuple[str, ...]  # units whose order of recordings is not known, no more than were asked for
     batches: tuple[BatchDrift, ...]  # by name; empty where none are known
-    batch_of: str  # where the batch is taken from, in words
+    batch_source: str  # where the batch is taken from, in words
     target_deg: float
     dip_deg: float
     against: str  # "first" or "previous"
@@ -263,10 +258,10 @@ class FleetDrift:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints."""
         fields: dict[str, Any] = asdict(self)
-        fields |= {"change_deg": self.change_deg.as_dict(), "undated": self.undated.as_dict()}
+        fields["change_deg"] = self.change_deg.as_dict()
         fields["steps"] = {name: fields.pop(field) for name, field in STEPS.items()}
-        fields["batches"] = {"told_by": fields.pop("batch_of"), "each": fields["batches"]}
-        return {PRINTED.get(name, name): value for name, value in fields.items()}
+        fields["batches"] = {"source": fields.pop("batch_source"), "each": fields["batches"]}
+        return fields
 
 
 # ----------------------------------------------------------------------------------------------------------- the page
@@ -349,9 +344,9 @@ def about_order(drift: FleetDrift) -> list[str]:
             f"the order of recordings is not known of {counted(count, 'unit')} ({some}): nothing is told of them; put "
             "dates into the names of recordings"
         )
-    if drift.passed_over:
+    if drift.duplicates:
         remarks.append(
-            f"{counted(drift.passed_over, 'row')} passed over: the same recordings stand in a table named later, or "
+            f"{counted(drift.duplicates, 'row')} passed over: the same recordings stand in a table named later, or "
             "further down, and count once"
         )
     return remarks

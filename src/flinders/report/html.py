@@ -229,9 +229,9 @@ def disturbance_rows(fit: Fit) -> list[tuple[str, str, list[tuple[str, str]], st
     motors = {one.name for one in fit.calibration.disturbances if motor(one.name)[1]}
     rows = []
     for place, one in enumerate(fit.calibration.disturbances):
-        taken_deg = fit.calibration.disturbance_deg(one, dip_deg=dip)
+        removed_deg = fit.calibration.disturbance_deg(one, dip_deg=dip)
         has_others = one.name in motors and len(motors) > 1
-        words = _disturbance_words(one, taken_deg, known.get(one.name), has_others=has_others)
+        words = _disturbance_words(one, removed_deg, known.get(one.name), has_others=has_others)
         unit = f"{label(fit.calibration.unit)} per {one.kind.per}"
         rows.append((one.name.capitalize(), unit, _disturbance_offsets(fit, one, place), words))
     return rows
@@ -248,16 +248,16 @@ def _disturbance_offsets(fit: Fit, disturbance: Disturbance, place: int) -> list
 
 
 def _disturbance_words(
-    disturbance: Disturbance, taken_deg: float, estimate: DisturbanceEstimate | None, *, has_others: bool
+    disturbance: Disturbance, removed_deg: float, estimate: DisturbanceEstimate | None, *, has_others: bool
 ) -> str:
     """In which range it was recorded, what it does to a heading, and what is left of that; reference, lag and gain."""
     amount, left = disturbance.amount, ""
     if estimate is not None:
         running = " and the other motors run along as they did then" if has_others else ""
-        left = f", of which {degrees(estimate.left_deg)} (1 σ) is left when it is followed{running}"
+        left = f", of which {degrees(estimate.remaining_deg)} (1 σ) is left when it is followed{running}"
     parts = [
         f"recorded from {disturbance.lowest:.3g} to {amount(disturbance.highest)}",
-        f"at {amount(disturbance.farthest)} it moves headings by up to {degrees(taken_deg)}{left}",
+        f"at {amount(disturbance.farthest)} it moves headings by up to {degrees(removed_deg)}{left}",
     ]
     if disturbance.reference:
         parts.append(f"the offset of the table below is that at {amount(disturbance.reference)}")

@@ -286,7 +286,7 @@ def _rejected(fit: Fit, samples: Samples) -> tuple[NDArray[np.bool_], list[tuple
         inside = slice(first, last + 1)
         lengths = np.linalg.norm(fit.calibration.affine.apply(samples.field[inside]), axis=1)
         distances = np.where(is_at_rail[inside], -1.0, np.abs(lengths - fit.calibration.field_strength))
-        is_rejected[first + np.argsort(-distances, kind="stable")[: outlier.rows]] = True
+        is_rejected[first + np.argsort(-distances, kind="stable")[: outlier.readings]] = True
         ends.append((first, last))
     return is_rejected, ends
 

@@ -44,8 +44,8 @@ class SensorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     matrix: tuple[Triple, Triple, Triple]  #: (3, 3): rows; dimensionless, need not be symmetric
     offset: Triple  #: (3,) in the unit of the file
     noise: NotNegative  #: one σ per axis
-    resolution: Positive | None = None  #: step of the converter; where each axis saturates
-    limit: Positive | None = None
+    resolution: Positive | None = None  #: step of the converter
+    saturation: Positive | None = None  #: where each axis saturates
 
     def __post_init__(self) -> None:
         """Refuse a matrix that is singular or mirrors; called when a file is read."""
@@ -104,7 +104,7 @@ class Truth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_f
                 offset=_triple(sensor.offset),
                 noise=float(sensor.noise),
                 resolution=None if sensor.resolution is None else float(sensor.resolution),
-                limit=None if sensor.limit is None else float(sensor.limit),
+                saturation=None if sensor.saturation is None else float(sensor.saturation),
             ),
             field=FieldRecord(
                 strength=field_strength,
@@ -126,7 +126,9 @@ class Truth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_f
     def as_sensor(self) -> Sensor:
         """The sensor, to record with it again."""
         record = self.sensor
-        return Sensor(np.array(record.matrix), np.array(record.offset), record.noise, record.resolution, record.limit)
+        return Sensor(
+            np.array(record.matrix), np.array(record.offset), record.noise, record.resolution, record.saturation
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what stands in the file."""
