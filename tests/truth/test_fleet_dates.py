@@ -160,7 +160,7 @@ def test_without_dates_names_tell_the_order_and_a_step_is_told_by_them(tmp_path:
     assert "year" not in told.stdout
     fields = json.loads(CliRunner().invoke(main, ["drift", str(tmp_path / "fleet.parquet"), "--json"]).stdout)
     assert fields["undated"]["units"] == 120
-    assert fields["steps"]["largest"][0]["before_s"] is None
+    assert fields["steps"][0]["before_s"] is None
     assert "No dates are known of 120 units" in page(overview_of([tmp_path / "fleet.parquet"]), drift)
 
 
@@ -240,9 +240,9 @@ def test_batches_are_told_in_text_and_json_and_one_in_which_all_steps_are_stands
     run = CliRunner().invoke(main, ["drift", str(path)])
     assert run.exit_code == 3
     assert "changes, steps" in run.stdout
-    fields = json.loads(CliRunner().invoke(main, ["drift", str(path), "--json"]).stdout)["batches"]
-    assert fields["told_by"] == "the column batch"
-    assert fields["each"][2]["states"] == {"recalibrate": len(stepped)}
+    fields = json.loads(CliRunner().invoke(main, ["drift", str(path), "--json"]).stdout)
+    assert fields["batch_source"] == "the column batch"
+    assert fields["batches"][2]["states"] == {"recalibrate": len(stepped)}
     text = page(overview_of([path]), drift)
     assert "Units, by how they changed" in text
     assert f"lot 2 ({len(stepped)} changed, {len(stepped)} with a step" in text

@@ -54,7 +54,7 @@ def test_one_that_could_not_be_read_of_thousands_is_in_the_headline(tmp_path: Pa
 
 
 def test_field_strengths_are_told_apart_by_their_unit(tmp_path: Path) -> None:
-    text = told(tmp_path, [good("A"), good("B", unit_of_field="counts", radius=400.0)])
+    text = told(tmp_path, [good("A"), good("B", unit_of_field="counts", field_strength=400.0)])
     assert "Field strength, counts" in text
     assert "Field strength, µT" in text
 

@@ -139,7 +139,7 @@ def test_true_headings_are_the_declination_further_on(home: Path) -> None:
     )
     assert 3.0 < told["declination_deg"] < 4.0
     assert (columns["true_heading_deg"] < 360.0).all()
-    assert told["rows"] == 600
+    assert told["readings"] == 600
     assert told["measured_dip_deg"] == pytest.approx(60.0, abs=1e-3)
     assert "declination 3." in ended.err
 

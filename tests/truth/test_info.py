@@ -79,7 +79,7 @@ def test_the_day_may_come_from_the_clock_of_a_table(field: Floats, tmp_path: Pat
     body = "".join(f"{1_780_000_000_000 + 20 * n}{row}\n" for n, row in enumerate(rows))
     path.write_text(f"timestamp,mag_x_uT,mag_y_uT,mag_z_uT\n{body}")
     found = info(str(path), "--at", "43.77,11.26")
-    assert found["begun"] == "2026-05-28 20:26:40"
+    assert found["start"] == "2026-05-28 20:26:40"
     assert found["site"]["year"] == pytest.approx(2026 + 147 / 365)
 
 
@@ -175,6 +175,6 @@ def test_a_log_of_three_compasses(recordings: Callable[[str], Path]) -> None:
     """Counts, place and stored offsets as the description of the data set has them."""
     found = info(str(recordings("dronekit_log171_3mags/log171.bin")))
     assert [sensor["readings"] for sensor in found["sensors"]] == [2384, 2384, 2383]
-    assert found["sensors"][0]["stored"].startswith("COMPASS_OFS -97.7916, 118.11, 213.18 mG")
+    assert found["sensors"][0]["onboard_calibration"].startswith("COMPASS_OFS -97.7916, 118.11, 213.18 mG")
     assert found["position"][:2] == pytest.approx([-35.362, 149.165], abs=1e-3)
     assert found["site"]["model"].startswith("WMM-2015")

@@ -76,7 +76,7 @@ def test_a_calibration_is_valid_for_longer_at_a_coarser_level() -> None:
     simulated = simulate.tumble(seed=3, disturbances=[simulate.ThermalDrift([0.2, 0.0, -0.1])])
     walk = walk_through(simulated.samples, settled(simulated.samples))
     assert walk.valid_for_s(2.0) == pytest.approx(4.0 * walk.valid_for_s(1.0), rel=0.01)
-    assert walk.as_dict()["proven"] is True
+    assert walk.as_dict()["is_proven"] is True
 
 
 def test_what_motors_do_is_no_drift_once_modelled_and_a_drift_is_still_seen() -> None:
@@ -163,5 +163,5 @@ def test_where_a_large_walk_would_not_show_it_is_not_said_that_the_offset_stayed
     assert (within.is_determined(1.0), beyond.is_determined(1.0), beyond.is_determined(2.0)) == (True, False, True)
     assert "stayed where it was" in within.words("µT")
     assert beyond.words("µT").startswith("cannot tell whether the offset stayed where it was: 0.60 µT over")
-    assert beyond.as_dict()["told"] is False
+    assert beyond.as_dict()["is_determined"] is False
     assert RandomWalk(0.1, 0.2, 9.0, time, path, path, 50.0).is_determined(1.0)

@@ -335,7 +335,7 @@ def test_gravity_in_columns_without_telling_names_is_never_proposed(header: str,
     path = write("gravity.csv", header, *sensors)
     contents = json.loads(run(f"info {path} --json").stdout)
     assert contents["commands"] == []
-    assert contents["sensors"][0]["likeness"].endswith(" g") or "m/s²" in contents["sensors"][0]["likeness"]
+    assert contents["sensors"][0]["resembles"].endswith(" g") or "m/s²" in contents["sensors"][0]["resembles"]
     told = " ".join(run(f"info {path}").stdout.split())
     found = re.search(r"if a magnetometer recorded them after all, add (--columns \S+)", told)
     assert found is not None

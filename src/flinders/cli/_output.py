@@ -308,7 +308,7 @@ def aiding_lines(fit: Fit) -> list[str]:
     >>> from types import SimpleNamespace
     >>> from flinders.fitting.aiding import Aiding, AidingSensor
     >>> rate = AidingSensor("rate", True, 0.4, 2.0, 0.5)
-    >>> dip = AidingSensor("dip", False, words="claims no less: 0.60° with it, 0.50° without")
+    >>> dip = AidingSensor("dip", False, reason="claims no less: 0.60° with it, 0.50° without")
     >>> print(*aiding_lines(SimpleNamespace(aiding=Aiding((rate, dip)), findings=())), sep="\n")
     rate changed the heading by 0.40°: worst error 2.00° without it, 0.50° with it
     dip was left out: claims no less: 0.60° with it, 0.50° without

@@ -17,7 +17,7 @@ dip.
 >>> time = np.arange(600) / 20.0
 >>> [(run.sensor, round(run.start_s), round(run.end_s), round(run.heading_deg)) for run in disagreements(seen, time)]
 [(1, 10, 15, 12)]
->>> [(run.sensor, run.is_by_length) for run in disagreements(seen[:2], time, limit_deg=3.0)]       # of two the length tells
+>>> [(run.sensor, run.is_by_length) for run in disagreements(seen[:2], time, limit_deg=3.0)]  # by the length
 [(1, True)]
 >>> seen[1, 200:300] -= [0.1, 0.0, 0.0]
 >>> seen[1, 200:300] += 0.15 * np.cross(q[200:300], [0.0, 0.0, 1.0])                         # across: no longer

@@ -10,8 +10,9 @@ the lag of motors, s being the Sampson distance. `flinders.estimators.regressors
 keeps those that readings prove, and `flinders.estimators.regressor_quality` says whether a column is fit to be used.
 
 Use it where a current, a throttle or a temperature was recorded beside the readings and changed while the sensor was
-turned. Not where the disturbance only changed in step with the attitude (see `DisturbanceEstimate.attitude_collinearity`), nor for a
-sensor that was not turned: for that there is `flinders.estimators.static_bench`.
+turned. Not where the disturbance only changed in step with the attitude (see
+`DisturbanceEstimate.attitude_collinearity`), nor for a sensor that was not turned: for that there is
+`flinders.estimators.static_bench`.
 
 The ellipsoid itself is then fitted to the settled readings by whatever method is asked for. What is not known of P is
 carried over to b and S by `DisturbanceFit.carried`, so that their covariance is that of the joint fit:

@@ -98,8 +98,8 @@ ROWS: Final = (
         action="vary it in each attitude, not in step with the turning",
         rule=Rule("attitude_collinearity", (Grade("limits", 0.95),)),
         said=(
-            "{attitude_collinearity:.1%} of what tells about {name} could be the attitude as well: vary it in each attitude, not"
-            " in step with the turning"
+            "{attitude_collinearity:.1%} of what tells about {name} could be the attitude as well: vary it in each "
+            "attitude, not in step with the turning"
         ),
         plain=(
             "What the compass follows changed together with the way it was turned ({number:.0%} of it), so that "

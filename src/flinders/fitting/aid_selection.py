@@ -13,7 +13,7 @@ used, the accelerometer is not.
 >>> from flinders import simulate
 >>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
 >>> aided, aiding = aided_by(drive.samples, "auto")
->>> [(sensor.name, sensor.kept) for sensor in aiding.each], aided.aiding
+>>> [(sensor.name, sensor.is_used) for sensor in aiding.sensors], aided.aiding
 ([('rate', True), ('dip', False)], ('rate',))
 """
 

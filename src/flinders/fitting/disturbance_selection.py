@@ -11,7 +11,7 @@ When to use it: ``--with auto``. A disturbance that is known to matter is better
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
 >>> flight = simulate.tumble(seed=1, n=1200, disturbances=[motors]).samples
 >>> names, (current,) = earned(flight)
->>> names, current.kept, current.changed_deg > 10.0
+>>> names, current.is_used, current.heading_change_deg > 10.0
 (('current',), True, True)
 """
 

@@ -402,12 +402,13 @@ def _contradiction(repeats: Repeats | None, target_deg: float, unit: str) -> str
     others = "apart" if pair else "off the other recordings"
     if _apart(repeats, target_deg)["apart_beyond_claim_deg"]:
         return (
-            f"{who} {figures(part.difference_deg)}° of heading {others} ({figures(part.offset_difference)} {unit} in the offset), which "
-            "is not chance: something magnetic changed in between; use recordings made in the state of use"
+            f"{who} {figures(part.difference_deg)}° of heading {others} ({figures(part.offset_difference)} {unit} in "
+            "the offset), which is not chance: something magnetic changed in between; use "
+            "recordings made in the state of use"
         )
     return (
-        f"{who} {others} by more than both claim, though hardly in heading ({figures(part.difference_deg)}°): the heading "
-        "error allows for it"
+        f"{who} {others} by more than both claim, though hardly in heading ({figures(part.difference_deg)}°): the "
+        "heading error allows for it"
     )
 
 

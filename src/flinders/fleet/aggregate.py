@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 COLUMNS: Final = (
-    "unit", "recording", "verdict", "code", "message", "method", "worst_deg", "offset", "noise", "field_strength", "findings",
-    "unit_of_field",
+    "unit", "recording", "verdict", "code", "message", "method", "worst_deg", "offset", "noise", "field_strength",
+    "findings", "unit_of_field",
 )  # fmt: skip
 LISTED: Final = 50
 RANKS: Final = {"heading error": "worst_deg", "offset": "offset", "noise": "noise"}

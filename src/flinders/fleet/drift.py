@@ -225,7 +225,8 @@ def _changes_of(history: Histories, rules: _Rules) -> list[UnitDrift]:
 
 
 SHOWN: Final = (
-    "worst_deg", "rms_deg", "sigma_deg", "offset_deg", "offset_sigma_deg", "matrix_deg", "matrix_sigma_deg", "moved",
+    "worst_deg", "rms_deg", "sigma_deg", "offset_deg", "offset_sigma_deg", "matrix_deg", "matrix_sigma_deg",
+    "offset_change",
 )  # fmt: skip
 
 

@@ -61,7 +61,8 @@ if TYPE_CHECKING:
     Paths = Sequence[str | os.PathLike[str]]
 
 COLUMNS: Final = (
-    "unit", "recording", "start_s", "verdict", "offset", "matrix", "covariance", "field_strength", "dip_deg", "unit_of_field",
+    "unit", "recording", "start_s", "verdict", "offset", "matrix", "covariance", "field_strength",
+    "dip_deg", "unit_of_field",
 )  # fmt: skip
 SAME: Final = ("unit", "recording", "start_s", "end_s", "readings", "offset")
 """Columns that tell whether two rows are of one recording."""

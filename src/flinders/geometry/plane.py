@@ -240,7 +240,8 @@ class Spacing:
         cost = f"{figures(self.cost_deg)}°" if self.cost_deg >= 0.005 else "0.00°"
         return (
             f"{counted(self.points, 'point')} around 360°, widest gap {self.widest_gap_deg:.0f}°; "
-            f"first harmonic {self.first_harmonic:.3f}, second {self.second_harmonic:.3f}: the mean costs up to {cost} of heading"
+            f"first harmonic {self.first_harmonic:.3f}, second {self.second_harmonic:.3f}: "
+            f"the mean costs up to {cost} of heading"
         )
 
 

@@ -20,7 +20,7 @@ uncertainty: τ is known beforehand to be 0 ± `LAG_S`.
 >>> heading = np.where(time < 240.0, 1.5 * time, 720.0 - 1.5 * time)
 >>> lagged = np.interp(time - 0.6, time, heading)
 >>> swing = turning(time, lagged % 360.0, (heading + 2.0) % 360.0)
->>> float(np.abs(swing.deviation_deg - 2.0).max()) < 0.1, swing.said[0][:24]
+>>> float(np.abs(swing.deviation_deg - 2.0).max()) < 0.1, swing.notes[0][:24]
 (True, 'the compass lags by 0.60')
 """
 

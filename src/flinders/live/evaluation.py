@@ -199,7 +199,8 @@ def _joined(outliers: Sequence[Outlier]) -> list[Outlier]:
 
     >>> from flinders.estimators.outliers import Outlier
     >>> runs = [Outlier(10, 20, 11, 0.2, 0.4, 9.0), Outlier(22, 40, 19, 0.44, 0.8, 9.0)]
-    >>> [(run.first, run.last, run.rows, run.start) for run in _joined([*runs, Outlier(90, 90, 1, 1.8, 1.8, 9.0)])]
+    >>> runs.append(Outlier(90, 90, 1, 1.8, 1.8, 9.0))
+    >>> [(run.first, run.last, run.readings, run.start_s) for run in _joined(runs)]
     [(10, 40, 30, 0.2), (90, 90, 1, 1.8)]
     """
     joined: list[Outlier] = []

@@ -210,7 +210,8 @@ def _comparison_verdict(comparison: Comparison, fresh: Fit | None, own: Sequence
     """What to make of it, and what it rests on."""
     basis = _square_basis(comparison.heading_difference_deg, comparison.chi_square, comparison.freedom)
     if comparison.omitted_rotation_deg is not None:
-        basis += f"; the rotation into the body of {degrees(comparison.omitted_rotation_deg)}, known to one alone, is left out"
+        omitted = degrees(comparison.omitted_rotation_deg)
+        basis += f"; the rotation into the body of {omitted}, known to one alone, is left out"
     if fresh is not None:
         basis += f"; {counted(fresh.samples, 'reading')}, {fresh.coverage.fraction:.0%} of the sphere covered"
     is_firm = comparison.is_conclusive and not limits and not own and not comparison.is_turned

@@ -419,7 +419,8 @@ def spacing_words(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
     instead = "" if spacing.is_even(within_deg=target_deg) or not is_mean else "; use --method ellipse"
     return (
         f"{counted(spacing.points, 'point')}, widest gap {spacing.widest_gap_deg:.0f}°, first harmonic "
-        f"{spacing.first_harmonic:.3f}, second {spacing.second_harmonic:.3f}: {evenness(turn, target_deg, is_mean=is_mean)}{instead}"
+        f"{spacing.first_harmonic:.3f}, second {spacing.second_harmonic:.3f}: "
+        f"{evenness(turn, target_deg, is_mean=is_mean)}{instead}"
     )
 
 

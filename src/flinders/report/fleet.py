@@ -55,10 +55,6 @@ STATES: Final = {
     "none": "has no calibration",
 }
 """What each state of a unit means, in the order of urgency."""
-STEPS: Final = {
-    "count": "step_count", "units": "step_units", "intervals": "intervals", "p_value_limit": "step_p_value_limit", "largest": "steps",
-}  # fmt: skip
-"""What stands under ``steps`` in JSON, by the attribute."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,9 +237,8 @@ class FleetDrift:
     intervals: int  # gaps that were tested for a step
     step_p_value_limit: float  # a gap is reported where chance makes as much less often
     change_p_value_limit: float  # and so is a change
-    false_alarm_probability: (
-        float  # how often chance alone reports a change of a fleet in which nothing moved; and so of steps
-    )
+    #: how often chance alone reports a change of a fleet in which nothing moved; and so of steps
+    false_alarm_probability: float
     variance_factor: float  # factor on claimed variances, of units whose recordings have dates
     random_walk_deg_per_root_year: float  # 1 σ of the heading that their slow drift makes in a year
     pairs: int  # of recordings that both rest on
@@ -257,11 +252,7 @@ class FleetDrift:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints."""
-        fields: dict[str, Any] = asdict(self)
-        fields["change_deg"] = self.change_deg.as_dict()
-        fields["steps"] = {name: fields.pop(field) for name, field in STEPS.items()}
-        fields["batches"] = {"source": fields.pop("batch_source"), "each": fields["batches"]}
-        return fields
+        return asdict(self) | {"change_deg": self.change_deg.as_dict()}
 
 
 # ----------------------------------------------------------------------------------------------------------- the page
