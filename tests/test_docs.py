@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 import pytest
+from tests import key_tables
 
 import flinders
 from flinders.errors import FlindersError
@@ -91,6 +92,19 @@ def test_every_finding_is_documented() -> None:
 
     missing = [code for code in CATALOGUE if f"| `{code}` |" not in page("findings.md")]
     assert not missing, f"docs/findings.md lacks rows for {missing}"
+
+
+def test_every_public_key_stands_in_its_table(request: pytest.FixtureRequest) -> None:
+    tables = key_tables.page()
+    lacking = [line for line in tables.splitlines() if line.endswith("|  |")]
+    assert not lacking, f"no comment in the code says what these keys mean: {lacking}"
+    before, rest = page("keys.md").split("<!-- keys -->\n")
+    shown, after = rest.split("<!-- end of keys -->\n")
+    if request.config.getoption("--regenerate", default=False):
+        text = f"{before}<!-- keys -->\n{tables}<!-- end of keys -->\n{after}"
+        (DOCS / "keys.md").write_text(text, encoding="utf-8")
+    else:
+        assert shown == tables, "docs/keys.md: `uv run pytest --regenerate tests/test_docs.py`, then review the diff"
 
 
 def test_sentences_of_findings_are_for_python_the_command_line_and_pages_alike() -> None:

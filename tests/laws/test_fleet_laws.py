@@ -28,7 +28,18 @@ from pyarrow import feather, parquet  # noqa: E402 - after it is known to be the
 
 UNITS = 5
 SAMPLES = {f"U{seed}": simulate.tumble(seed=seed, n=120 + 10 * seed, motion="uniform").samples for seed in range(UNITS)}
-NUMBERS = ("start_s", "end_s", "worst_deg", "rms_deg", "offset", "matrix", "covariance", "noise", "field_strength", "coverage")
+NUMBERS = (
+    "start_s",
+    "end_s",
+    "worst_deg",
+    "rms_deg",
+    "offset",
+    "matrix",
+    "covariance",
+    "noise",
+    "field_strength",
+    "coverage",
+)
 
 
 def columns(unit: str) -> dict[str, Any]:

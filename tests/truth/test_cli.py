@@ -616,7 +616,7 @@ def test_apply_reads_standard_input_and_reports_in_json(calibration: Calibration
     assert ended.code == 3
     assert set(ended.json) == {"rows", "strength", "spread", "skipped", "limits"}
     assert "do not suit the calibration" in ended.json["limits"][0]
-    assert ended.json["rows"] == 600
+    assert ended.json["readings"] == 600
     assert 0.8 < ended.json["strength"] < 1.25
     assert len(ended.json["skipped"]) == 2
     lines = Path("out.csv").read_text(encoding="utf-8").splitlines()

@@ -513,7 +513,7 @@ def test_a_swing_says_what_its_calibration_claims_and_whether_that_holds(home: P
     told = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json").json["calibration"]
     claimed = deviation_covariance(judged.ellipsoid, judged.covariance, dip_deg=told["dip_deg"])
     npt.assert_allclose(list(told["sigma_deg"].values()), np.sqrt(np.diag(claimed)), rtol=1e-3)
-    assert told["dip_from"] == "seen"
+    assert told["dip_from"] == "measured"
     assert told["p_value"] > 0.01
     page = flinders_("swing", "calibration.json", "log.csv", *KNOWN).out
     assert "claimed" in page

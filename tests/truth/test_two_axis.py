@@ -590,7 +590,7 @@ def test_the_command_prints_the_recipe_and_writes_the_calibration() -> None:
     plain = flinders.fit(flinders.read("turn.csv"), method="two-axis")
     npt.assert_allclose(told["turn"]["mean_and_scatter"]["centre"], plain.calibration.offset[:2])
     npt.assert_allclose(told["turn"]["mean_and_scatter"]["matrix"], plain.calibration.matrix[:2, :2])
-    assert told["turn"]["mean_is_trusted"] is True
+    assert told["turn"]["is_mean_trusted"] is True
     assert told["composed"] is None
     assert flinders.Calibration.load("c.json").isclose(plain.calibration)
     assert Path("rose.svg").read_text(encoding="utf-8").startswith("<svg")

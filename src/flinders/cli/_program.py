@@ -161,7 +161,11 @@ def print_error(error: FlindersError, *, as_json: bool, more: Mapping[str, Any] 
 
 def _as_dict(error: FlindersError) -> dict[str, Any]:
     """The error as a result: a refusal has the keys of a fit, with null where there is none."""
-    about: dict[str, Any] = {"code": error.code, "message": in_options(str(error)), "exit_code": error.exit_code}
+    about: dict[str, Any] = {
+        "code": error.code,  # stable name, see the table of errors
+        "message": in_options(str(error)),  # what was found, what is needed, what to do
+        "exit_code": error.exit_code,  # of the program
+    }
     if not isinstance(error, FitError):
         evidence = getattr(error, "evidence", None)
         return {"error": about if evidence is None else {**about, "evidence": dict(evidence)}}

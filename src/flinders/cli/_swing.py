@@ -214,17 +214,21 @@ class Swing:
         deviation, halves = self.deviation, self.halves
         return {
             "deviation": None if deviation is None else deviation.as_dict(),
+            # what limits the card, in words
             "limits": [] if deviation is None else list(limits(deviation, target_deg)),
+            # what the calibration lets expect of a swing
             "calibration": None if self.expected is None else self.expected.as_dict(deviation),
             "site": None if self.site is None else self.site.as_dict(),
             "conformity": None if self.conformity is None else self.conformity.as_dict(),
             "before": None if self.before is None else self.before.as_dict(),
             "logged": None if self.logged is None else self.logged.as_dict(),
-            "rests": [rest.as_dict() for rest in self.rests],
-            "half_turns": [half.as_dict() for half in halves],
+            "rests": [rest.as_dict() for rest in self.rests],  # stretches of one heading
+            "half_turns": [half.as_dict() for half in halves],  # pairs of them, half a turn apart
+            # B and C that half turns show
             "hard_iron_deg": None if (iron := hard_iron(halves)) is None else {"B": iron[0], "C": iron[1]},
+            # whether all half turns are within `target_deg`
             "half_turns_pass": all(abs(half.error_deg) <= target_deg for half in halves) if halves else None,
-            "target_deg": target_deg,
+            "target_deg": target_deg,  # deviation asked for
         }
 
     def exit_code(self, target_deg: float) -> int:

@@ -282,6 +282,6 @@ def _as_dict(fit: Fit, turn: Turn, both: Fit | None) -> dict[str, Any]:
     even = turn.spacing.is_even(within_deg=fit.target_deg)
     return {
         **fit.as_dict(),
-        "turn": {**turn.as_dict(), "mean_is_trusted": even},
+        "turn": {**turn.as_dict(), "is_mean_trusted": even},
         "composed": None if both is None else as_dict(both),
     }

@@ -66,14 +66,13 @@ class Disagreement:
     sensor: int | None  #: which one, counted from 0; None where that cannot be told
     is_by_length: bool  #: the length of its readings told it, not the others
     first: int  #: moment, counted from 0
-    last: int
-    start_s: float
-    end_s: float
+    last: int  #: the last one
+    start_s: float  #: time of the first
+    end_s: float  #: time of the last
     angle_deg: float  #: largest angle between its direction and that of the others, averaged over a second
     heading_deg: float  #: what it may turn a level heading by
-    length_error: (
-        float  #: by how much its readings are too long, as a share of the field, where that is farthest from none
-    )
+    #: by how much its readings are too long, as a share of the field, where that is farthest from none
+    length_error: float
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""

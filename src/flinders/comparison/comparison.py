@@ -167,7 +167,7 @@ class Comparison:
     #: its degrees of freedom: the rank of that sum, 9, or 8 without the scale, less what both methods hold
     freedom: int
     target_deg: float  #: the worst heading difference that is good enough
-    unit: str
+    unit: str  #: of offsets: ``uT`` or ``counts``
     #: how far the rotations into the body are apart, where both know one. They are in none of the other numbers.
     rotation: RotationDifference | None = None
     omitted_rotation_deg: float | None = None  #: angle of the rotation, where one of both alone knows one
@@ -190,7 +190,7 @@ class Comparison:
 
     @property
     def verdict(self) -> Opinion:
-        """Say in a word what to make of it.
+        """``agree``, ``differ`` or ``contradict``: what to make of the difference.
 
         ``agree``: no more than chance explains. ``differ``: more, but no heading by more than the target.
         ``contradict``: more, and above it. Without any covariance nothing is left to chance.
@@ -297,7 +297,10 @@ class Strength:
 
     def as_dict(self) -> dict[str, float]:
         """JSON-ready."""
-        return {"strength": self.mean, "spread": self.spread}
+        return {
+            "strength": self.mean,  # mean length of corrected readings over the field strength
+            "spread": self.spread,
+        }
 
     def __add__(self, other: Strength) -> Strength:
         return Strength(self.readings + other.readings, self.total + other.total, self.squares + other.squares)

@@ -87,7 +87,7 @@ class Evaluation:
     scale_error: float | None
     field_strength: float  #: in `unit`: the true one
     target_deg: float
-    unit: str
+    unit: str  #: of offsets: ``uT`` or ``counts``
     #: 1 σ that the calibration's covariance gives at the same dip; None where it states none
     claimed_heading_deg: HeadingError | None = None
     claimed_bound_deg: float | None = None  #: what no heading exceeds with a probability of 95 %, as claimed
@@ -97,7 +97,7 @@ class Evaluation:
     freedom: int = 0  # two for a circle, two for a figure of eight around the compass, three for a rotation
     #: of the level body, with the rotation and nothing removed: true error, and 1 σ; None where no rotation is claimed
     body_heading_error_deg: HeadingError | None = None
-    claimed_body_heading_deg: HeadingError | None = None
+    claimed_body_heading_deg: HeadingError | None = None  #: what is claimed of that
 
     @property
     def p_value(self) -> float | None:
@@ -331,20 +331,20 @@ class Recovery:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         numbers = {
-            "scale_x": (self.true.scale[0], self.estimate.scale[0]),
-            "scale_y": (self.true.scale[1], self.estimate.scale[1]),
-            "offset_x": (self.true.offset[0], self.estimate.offset[0]),
-            "offset_y": (self.true.offset[1], self.estimate.offset[1]),
-            "skew_deg": (self.true.skew_deg, self.estimate.skew_deg),
-            "noise": (self.true.noise, self.estimate.noise),
+            "scale_x": (self.true.scale[0], self.estimate.scale[0]),  # gain of the axis
+            "scale_y": (self.true.scale[1], self.estimate.scale[1]),  # gain of the axis
+            "offset_x": (self.true.offset[0], self.estimate.offset[0]),  # hard iron along the axis
+            "offset_y": (self.true.offset[1], self.estimate.offset[1]),  # hard iron along the axis
+            "skew_deg": (self.true.skew_deg, self.estimate.skew_deg),  # angle by which the axes are not square
+            "noise": (self.true.noise, self.estimate.noise),  # standard deviation of one axis of a reading
         }
         pairs = {name: {"true": true, "estimate": estimate} for name, (true, estimate) in numbers.items()}
         return {
             "verdict": self.verdict,
-            "recovery": pairs,
+            "recovery": pairs,  # of each quantity of the compass its `true` value and the `estimate`
             "turn": self.turn.as_dict(),
             "polar": self.polar.as_dict(),
-            "unit": "uT",
+            "unit": "uT",  # of scales, offsets and noise
         }
 
 

@@ -112,14 +112,18 @@ class Entry:
         fitted, checked = self.fit, self.validation
         return {
             "method": self.method,
-            "method_run": None if fitted is None else fitted.method,
+            "method_run": None if fitted is None else fitted.method,  # the method that was run in the end
             "verdict": self.verdict,
             **dict.fromkeys(("offset", "matrix", "field_strength", "heading_error_deg")),
             **({} if fitted is None else printed(fitted.calibration, "offset", "matrix", "field_strength")),
             **({} if fitted is None else printed(fitted, "heading_error_deg")),
+            # `rms` and `worst` that blocks of time kept out of the fit show
             "validated_heading_error_deg": None if checked is None else checked.heading_error_deg.as_dict(),
+            # the part of it that is the same for all blocks
             "validated_bias_deg": None if checked is None else checked.bias_deg,
+            # the part of it that differs from block to block
             "validated_scatter_deg": None if checked is None else checked.scatter_deg,
+            # residuals of the blocks kept out over those of the fit
             "misfit": None if checked is None else checked.misfit,
             **printed(self, "difference_deg", "seconds", "codes", "reasons"),
         }
@@ -130,7 +134,7 @@ class Contest:
     """All methods on one recording."""
 
     entries: tuple[Entry, ...]  #: in the order of `flinders.estimators.METHODS`, or as they were named
-    readings: int
+    readings: int  #: of the recording
     blocks: int  #: of time, for cross-validation; 0 where the readings were too few
     stride: int = 1  #: every how many of the readings were cross-validated
 
@@ -148,7 +152,7 @@ class Contest:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints."""
         known = printed(self, "verdict", "reference", "readings", "blocks", "stride")
-        return known | {"methods": [entry.as_dict() for entry in self.entries]}
+        return known | {"methods": [entry.as_dict() for entry in self.entries]}  # what each makes of the recording
 
 
 def compare_methods(

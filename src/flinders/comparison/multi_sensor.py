@@ -111,6 +111,7 @@ class Member:
                 self, "rotation", "rotation_sigma_deg", "axes", "misalignment_deg", "length_ratio", "scatter_deg"
             ),
             **printed(self, "delay_s", "copy_of"),
+            # worst heading error that it claims by itself
             "alone_heading_error_deg": self.alone.heading_error_deg.worst if isinstance(self.alone, Fit) else None,
             **printed(self, "findings"),
         }
@@ -152,7 +153,7 @@ class Together:
             for run in self.agreement.disagreements
         ]
         known = printed(self, "reference", "is_joint", "in_body") | printed(self.agreement, "instants", "seconds")
-        return {**known, "disagreements": runs}
+        return {**known, "disagreements": runs}  # stretches of time, in their order
 
 
 def fit_multi(

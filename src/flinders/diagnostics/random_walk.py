@@ -162,7 +162,7 @@ class RandomWalk:
         """JSON-ready; `valid_for_s` is None for any time, ."""
         valid_for_s = self.valid_for_s(level_deg, dip_deg=dip_deg)
         return {
-            "limit_deg": level_deg,
+            "limit_deg": level_deg,  # heading error (1 σ) that `valid_for_s` is for
             "valid_for_s": valid_for_s if np.isfinite(valid_for_s) else None,
             "random_walk_per_root_s": self.random_walk_per_root_s,
             "random_walk_upper_bound": self.random_walk_upper_bound,
@@ -171,7 +171,7 @@ class RandomWalk:
             "is_determined": self.is_determined(level_deg, dip_deg=dip_deg),
             "offset_change": self.offset_change,
             "seconds": self.seconds,
-            "time_s": self.time.tolist(),
+            "time_s": self.time.tolist(),  # (K,): middle of each span
             "path": self.path.tolist(),
             "sigma": self.sigma.tolist(),
         }

@@ -50,8 +50,8 @@ class RecordingFit:
 class Repeat:
     """How one recording stands to the others."""
 
-    source: str
-    samples: int
+    source: str  #: name of the recording
+    samples: int  #: readings used
     claimed_deg: float  #: worst level heading error that it claims on its own, 1 σ
     difference_deg: float  #: worst level heading difference from the others
     difference_sigma_deg: float  #: what both claim of that difference, 1 σ

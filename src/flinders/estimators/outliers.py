@@ -69,7 +69,7 @@ class Outlier:
     """A run of readings that do not belong to the rest."""
 
     first: int  # usable reading, counted from 1 over all recordings
-    last: int
+    last: int  # the last of the run
     readings: int  # outliers among them
     start_s: float  # s: time of the first; NaN without time
     end_s: float  # s: time of the last

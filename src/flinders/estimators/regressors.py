@@ -111,7 +111,7 @@ class DisturbanceEstimate:
         """JSON-ready."""
         fields = {name: getattr(self, name) for name in self.__slots__ if name != "disturbance"}
         finite = {key: value if isinstance(value, str) or np.isfinite(value) else None for key, value in fields.items()}
-        return {**finite, "found": self.disturbance is not None}
+        return {**finite, "found": self.disturbance is not None}  # whether the offset follows it
 
 
 @dataclass(frozen=True, slots=True, eq=False)

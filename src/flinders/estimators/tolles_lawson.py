@@ -83,7 +83,7 @@ Quality = Literal["good", "limited", "refused"]
 class TollesLawson(Value):
     """Coefficients of an aircraft, with what a compensation by them leaves; standard deviations from 0.1 to 0.9 Hz."""
 
-    coefficients: Floats  #: (16,) as `NAMES`
+    coefficients: Floats  #: (16,) of the terms
     covariance: Floats  #: (16, 16)
     ridge: float  #: share of the sum of squares of each term
     before: float  #: nT: of the strength as recorded
@@ -91,9 +91,9 @@ class TollesLawson(Value):
     cross_validated: float  #: nT: of each fifth of the half minutes, compensated by coefficients of the others
     as_flown: float  #: nT, 1 σ: of the compensation by these coefficients, in manoeuvres as flown
     on_any_heading: float  #: nT, 1 σ: the same in these manoeuvres about z, on headings all around
-    unobserved: tuple[str, ...] = ()  #: of `NAMES`: what the manoeuvres do not show
-    readings: int = 0
-    seconds: float = 0.0
+    unobserved: tuple[str, ...] = ()  #: names of the terms that the manoeuvres do not show
+    readings: int = 0  #: how many
+    seconds: float = 0.0  #: duration of the recording
 
     def __post_init__(self) -> None:
         """Keep read-only copies."""
@@ -162,8 +162,8 @@ class TollesLawson(Value):
 class Compensated:
     """What coefficients leave of a recording: standard deviations from 0.1 to 0.9 Hz, in nT."""
 
-    before: float
-    after: float
+    before: float  #: without the coefficients
+    after: float  #: with them
     claimed: float  #: 1 σ of the compensation in these readings
     noise: float  #: of noise and ground, as on the calibration flight
 
@@ -175,9 +175,12 @@ class Compensated:
     def as_dict(self) -> dict[str, float]:
         """JSON-ready."""
         return {
-            "before": self.before, "after": self.after, "improvement": self.before / self.after,
-            "claimed": self.claimed, "expected": self.expected,
-        }  # fmt: skip
+            "before": self.before,
+            "after": self.after,
+            "improvement": self.before / self.after,  # the first over the second
+            "claimed": self.claimed,
+            "expected": self.expected,
+        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)

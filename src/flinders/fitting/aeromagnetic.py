@@ -36,8 +36,8 @@ LARGEST: Final = 2**20
 class Coefficient(Struct, frozen=True, forbid_unknown_fields=True):
     """One coefficient and its 1 σ."""
 
-    value: float
-    sigma: NotNegative
+    value: float  #: the coefficient
+    sigma: NotNegative  #: its 1 σ
 
 
 class CoefficientFile(
@@ -45,12 +45,12 @@ class CoefficientFile(
 ):
     """What a file of coefficients holds."""
 
-    schema: Literal[1] = 1
+    schema: Literal[1] = 1  #: version of this layout
     unit: Literal["nT"] = "nT"  #: eddy coefficients in nT s; induced and eddy ones where the field has 50 µT
     coefficients: dict[str, Coefficient]
     covariance: tuple[tuple[float, ...], ...]  #: (16, 16), in the order of the coefficients
     ridge: NotNegative
-    before: NotNegative  #: and the next four as `TollesLawson` has them
+    before: NotNegative  #: nT: standard deviation of the strength without compensation, 0.1 to 0.9 Hz
     after: NotNegative
     cross_validated: NotNegative
     as_flown: NotNegative
@@ -60,7 +60,7 @@ class CoefficientFile(
     unobserved: tuple[str, ...] = ()
     readings: Count
     seconds: NotNegative
-    version: str
+    version: str  #: of the Flinders that made it
 
     def __post_init__(self) -> None:
         """Refuse other terms, or a covariance of another size; called when a file is read."""

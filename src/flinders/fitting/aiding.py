@@ -30,11 +30,10 @@ class AidingSensor:
     """What one aiding sensor did to a fit."""
 
     name: str  # one of `flinders.estimators.aiding.AIDS`
-    is_used: bool
+    is_used: bool  # False where it was left out
     heading_change_deg: float = 0.0  # by how much it changed the heading of a level vehicle, rms
-    # worst heading error that is claimed without and with it
-    before_deg: float = 0.0
-    after_deg: float = 0.0
+    before_deg: float = 0.0  # worst heading error claimed without it
+    after_deg: float = 0.0  # worst heading error claimed with it
     reason: str = ""  # why it was left out
 
 
@@ -46,17 +45,17 @@ class Aiding:
     # (3, 3): from the magnetometer's axes to those of the body; None where nothing saw it
     rotation: Floats | None = None
     rotation_covariance: Floats | None = None  # (3, 3), rad²: of its rotation vector, in body axes
-    gyro_bias: Floats | None = None  # (3,), rad/s
-    gyro_bias_sigma: Floats | None = None
-    acceleration_bias: Floats | None = None  # (3,), m/s²
-    acceleration_bias_sigma: Floats | None = None
+    gyro_bias: Floats | None = None  # (3,), rad/s: what the gyro reads at rest
+    gyro_bias_sigma: Floats | None = None  # (3,), rad/s: 1 σ
+    acceleration_bias: Floats | None = None  # (3,), m/s²: what the accelerometer reads too much
+    acceleration_bias_sigma: Floats | None = None  # (3,), m/s²: 1 σ
     # (3, 3): gains and non-orthogonality of the accelerometer: the specific force is this times what it reads, less its
     # bias
     acceleration_matrix: Floats | None = None
     delay_s: float | None = None  # by how much the magnetometer is behind the gyro
-    delay_sigma_s: float | None = None
+    delay_sigma_s: float | None = None  # 1 σ
     dip_deg: float | None = None  # inclination of the field as the recording shows it
-    dip_sigma_deg: float | None = None
+    dip_sigma_deg: float | None = None  # 1 σ
     # factor by which stretches of the recording scatter more than their residuals explain, in variance
     excess_variance: float = 1.0
     mistakes: tuple[Mistake, ...] = ()

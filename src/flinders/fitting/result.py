@@ -126,7 +126,7 @@ def _stated(number: float) -> float | None:
 class Fit(Outcome):
     """A calibration, how it was found and how far to trust it."""
 
-    calibration: Calibration
+    calibration: Calibration  #: the correction; None where it is refused
     method: str = NOT_STATED  #: what was run in the end; ``not stated`` where a file says nothing but the calibration
     #: (9, 9): of the offset b and the shape S = F W⁻¹, in the order b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the
     #: square of the calibration's unit. Singular where the method holds some of them; zeros where no uncertainty is
@@ -410,6 +410,7 @@ class Fit(Outcome):
             "uncorrected_heading_error_deg": _rms_and_worst(self.uncorrected_heading_error_deg),
             "textbook_heading_error_deg": _rms_and_worst(self.textbook_heading_error_deg),
             "alignment_error_deg": self.alignment_error_deg,
+            # worst heading error (1 σ) at a tilt of 10°, 30° and 90°
             "tilted_heading_error_deg": {f"{tilt:g}": self.tilted_error(tilt).worst for tilt in TILTS},
             "attitude_limit_deg": self.attitude_limit_deg,
             "direction_error_deg": _rms_and_worst(self.direction_error_deg),

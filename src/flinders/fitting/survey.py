@@ -124,7 +124,7 @@ class SurveyFit(Outcome):
     gravity_noise: float  #: standard deviation of one axis of a reading, in the unit of its sensor
     aim_deg: float  #: standard deviation of shots that were aimed in the same direction, about each axis
     dip_deg: float  #: of the field
-    target_deg: float
+    target_deg: float  #: azimuth error asked for
     next_directions: tuple[NextDirection, ...]  #: where more shots would help most
     findings: tuple[Finding, ...]  #: most severe first
 
@@ -153,11 +153,13 @@ class SurveyFit(Outcome):
             "noise": self.noise,
             "gravity_noise": self.gravity_noise,
             "aim_deg": self.aim_deg,
+            # correction of the magnetometer, into axes of the instrument
             "magnetometer": self.calibration.magnetometer.as_dict(),
-            "accelerometer": self.calibration.accelerometer.as_dict(),
-            "pointing": self.calibration.pointing,
+            "accelerometer": self.calibration.accelerometer.as_dict(),  # correction of the accelerometer, likewise
+            "pointing": self.calibration.pointing,  # axis of the laser
+            # (3,): q, one over the unit of the accelerometer, which corrects g + q g² of a reading g
             "quadratic": list(self.calibration.quadratic),
-            "shots": self.shots.as_dict(),
+            "shots": self.shots.as_dict(),  # a row for each shot
             "next_directions": [direction._asdict() for direction in self.next_directions],
             "findings": [finding.as_dict() for finding in self.findings],
         }

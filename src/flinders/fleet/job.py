@@ -212,17 +212,17 @@ def _file_by_file(partition: Partition, attempts: int, do: Callable[[Partition],
 class RunSummary:
     """Summary of a fleet run: rows written, units refused, files left out, duration."""
 
-    output: str
-    files: int
-    partitions: int
-    units: int  # units, their recordings, which are the rows of the table, and readings
-    rows: int
-    readings: int
+    output: str  # the table that was written
+    files: int  # that were read
+    partitions: int  # parts that the run was cut into
+    units: int  # sensors or vehicles
+    rows: int  # recordings, which are the rows of the table
+    readings: int  # of all recordings
     failed_readings: int  # readings of recordings that failed; an unreadable one has as many as its footer says
-    verdicts: dict[str, int]  # rows of each verdict, error code, finding and unit of field
-    codes: dict[str, int]
-    findings: dict[str, int]
-    units_of_field: dict[str, int]
+    verdicts: dict[str, int]  # rows by verdict
+    codes: dict[str, int]  # rows by error code
+    findings: dict[str, int]  # rows that have each
+    units_of_field: dict[str, int]  # rows by unit of field
     # ``median``, ``p95`` and ``largest`` of the worst heading error of rows that are good or limited
     worst_deg: dict[str, float]
     rejected: list[dict[str, str]]  # unit, recording, code and finding of the first rows that are refused or failed
@@ -231,7 +231,7 @@ class RunSummary:
     workers_lost: int  # workers that died, or left the cluster
     # partitions that were run again because their worker died; a cluster reports only those that it gave up
     retried: int
-    seconds: float
+    seconds: float  # duration of the run
 
     @property
     def is_whole(self) -> bool:
@@ -241,7 +241,9 @@ class RunSummary:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""
         fields = {name: getattr(self, name) for name in self.__slots__}
+        # what a good verdict rests on
         fields["conditions"] = list(OF_A_TUMBLE) if self.verdicts.get("good") else []
+        # units calibrated in a second
         fields["units_per_s"] = self.units / self.seconds if self.seconds else None
         return fields
 

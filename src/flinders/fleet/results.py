@@ -86,7 +86,7 @@ class UnitResult:
     worst_deg: float = math.nan  #: heading error of a level vehicle at the worst heading, 1 σ, at a dip of `dip_deg`
     rms_deg: float = math.nan  #: the same over all headings
     bound_95_deg: float = math.nan  #: heading error that it stays within at all headings with a probability of 95 %
-    dip_deg: float = math.nan
+    dip_deg: float = math.nan  #: dip of the field that heading errors are for
     offset: tuple[float, ...] = _missing(3)  #: 3 float, in `unit_of_field`
     matrix: tuple[float, ...] = _missing(9)  #: 9 float: row by row
     #: 45 float: of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Fit.claimed_covariance`: its upper triangle, row by row

@@ -185,8 +185,8 @@ class PlaneEllipse:
             "centre": self.centre.tolist(),
             "eigenvalues": self.eigenvalues.tolist(),
             "semi_axes": self.semi_axes.tolist(),
-            "axis_ratio": self.ratio,
-            "skew_angle_deg": self.direction_deg,
+            "axis_ratio": self.ratio,  # long over short semi-axis
+            "skew_angle_deg": self.direction_deg,  # where the long axis points, from the first axis towards the second
             "matrix": self.matrix.tolist(),
         }
 
@@ -249,7 +249,7 @@ class Spacing:
 class Turn:
     """A turn in one plane: its points, what the recipe makes of them, and the ellipse of least squares."""
 
-    plane: Plane
+    plane: Plane  #: the plane that was turned: ``xy``, ``yz`` or ``zx``
     points: Floats  #: (N, 2): readings along the first and the second axis of the plane
     recipe: PlaneEllipse  #: from mean and scatter
     ellipse: PlaneEllipse  #: by least squares; it does not care how the points are spaced
@@ -267,7 +267,8 @@ class Turn:
         return {
             "plane": self.plane,
             "points": self.spacing.points,
-            "mean_and_scatter": self.recipe.as_dict(),
+            "mean_and_scatter": self.recipe.as_dict(),  # the ellipse of the recipe
+            # the ellipse by least squares, which does not depend on the spacing
             "least_squares": self.ellipse.as_dict(),
             "spacing": self.spacing.as_dict(),
         }

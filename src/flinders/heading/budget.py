@@ -415,4 +415,8 @@ class Budget:
         values = {key: known.get(name) for name, (_, key) in QUANTITIES.items() if name in shown}
         fields: dict[str, Any] = {"kind": self.kind, **({"position": self.position} if self.position else {}), **values}
         derived = [QUANTITIES[name][1] for name in self.derived]
-        return {**fields, "derived": derived, "formulas": [*dict.fromkeys(self.why.values())]}
+        # keys of the quantities that were solved for
+        fields["derived"] = derived
+        # those that were used
+        fields["formulas"] = [*dict.fromkeys(self.why.values())]
+        return fields

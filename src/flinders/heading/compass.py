@@ -133,7 +133,7 @@ class Compass:
 class Voyage:
     """What a stretch of headings was like, in sums that add."""
 
-    readings: int = 0
+    readings: int = 0  # how many were corrected
     without_heading: int = 0  # those without a heading
     accelerated: int = 0  # those whose acceleration was not that of gravity alone
     frames: Frames = field(default_factory=Frames)
@@ -182,5 +182,6 @@ class Voyage:
         if self.frames.readings:
             dip, scatter = self.frames.dip_deg
             plain |= {"accelerated": self.accelerated, "tilt_deg": self.tilt_deg, "is_z_up": self.is_z_up}
-            plain |= {"measured_dip_deg": dip, "measured_dip_scatter_deg": scatter}
+            plain["measured_dip_deg"] = dip  # mean over the attitudes
+            plain["measured_dip_scatter_deg"] = scatter  # 1 σ over the attitudes
         return plain

@@ -81,8 +81,10 @@ class LoggedSwing:
         current = None if self.current is None else [self.current.real, self.current.imag]
         return {
             **{name: getattr(self, name).tolist() for name in arrays},
-            "notes": list(self.notes), "current_m_s": current, "is_steady": self.is_steady,
-        }  # fmt: skip
+            "notes": list(self.notes),
+            "current_m_s": current,  # north and east by magnetic north, where it was taken out
+            "is_steady": self.is_steady,
+        }
 
 
 def legs(

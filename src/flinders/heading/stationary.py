@@ -72,8 +72,8 @@ class HalfTurn:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            "first_deg": self.first.heading_deg,
-            "second_deg": self.second.heading_deg,
+            "first_deg": self.first.heading_deg,  # heading before the turn
+            "second_deg": self.second.heading_deg,  # heading after the turn
             "error_deg": self.error_deg,
             "sigma_deg": self.sigma_deg,
         }

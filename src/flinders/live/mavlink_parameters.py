@@ -142,9 +142,10 @@ class ParameterPlan:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            "vehicle": self.vehicle.name,
+            "vehicle": self.vehicle.name,  # its name
             "compass": self.compass,
             "device_id": self.device_id,
+            # `name`, value `before` and `after` of each
             "parameters": [
                 {"name": change.new.name, "before": change.old.value, "after": change.new.value}
                 for change in self.changes

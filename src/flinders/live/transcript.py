@@ -217,20 +217,21 @@ class RecordingStatistics:
         """JSON-ready."""
         known = self.strengths > 0
         return {
-            "format": str(self.form) if self.form else None,
+            "format": str(self.form) if self.form else None,  # how the lines are written; None where that is not known
             "readings": self.readings,
             "seconds": self.seconds,
             "rate_hz": self.rate_hz or None,
+            # `mean`, `min` and `max` length of the readings, in `unit`
             "strength": {
                 "unit": self.unit or None,
                 "mean": self.strength_sum / self.strengths if known else None,
                 "min": self.weakest if known else None,
                 "max": self.strongest if known else None,
             },
-            "not_understood": self.unknown - self.accompanying,
+            "not_understood": self.unknown - self.accompanying,  # lines that were not understood
             "accompanying": self.accompanying,
-            "first_not_understood": self.first_unknown or None,
-            "bytes": self.received,
+            "first_not_understood": self.first_unknown or None,  # the first of those
+            "bytes": self.received,  # received
             "disconnections": self.disconnections,
             "datagrams_lost": self.datagrams_lost,
         }

@@ -95,7 +95,7 @@ def _heading_error(claims: Mapping[str, Any]) -> str:
 _FROM: Final = {
     "given": "as given",
     "model": "of the model",
-    "seen": "as seen",
+    "measured": "as seen",
     "assumed": "assumed",
     "calibration": "of the calibration",
 }
@@ -200,7 +200,7 @@ def _dip_notes(
         )
         yield "limits", words
         return
-    if claims["dip_from"] == "seen" and dip < 0.0:
+    if claims["dip_from"] == "measured" and dip < 0.0:
         words = (
             f"the field is seen to point up by {-dip:.0f}°. South of the magnetic equator that is right: say so with "
             f"--at LATITUDE,LONGITUDE or --dip {dip:.0f}. North of it the acceleration has the opposite sign, and "

@@ -52,18 +52,18 @@ class RecordedSensor:
     """One magnetometer of a recording."""
 
     number: int  # counted from 1, as ``--sensor`` takes it
-    name: str
+    name: str  # of the instrument or of its columns
     unit: str  # what it is written in
     unit_of_field: str  # what `lowest`, `highest` and `strength` are in
-    readings: int
+    readings: int  # how many
     seconds: float | None = None  # from the first to the last; None without a clock, as the next two
     rate_hz: float | None = None  # mean, but for the longest step
     longest_gap_s: float | None = None  # the longest step, where it is a gap
     backward_steps: int = 0  # steps of the clock that go back
     repeats: int = 0  # readings that are equal to the one before
     rails: tuple[str, ...] = ()  # ends of axes at which the sensor was at its limit
-    lowest: tuple[float, ...] = ()  # (3,)
-    highest: tuple[float, ...] = ()
+    lowest: tuple[float, ...] = ()  # (3,): smallest reading of each axis
+    highest: tuple[float, ...] = ()  # (3,): largest reading of each axis
     onboard_calibration: str = ""  # the calibration that was in force, in words
     is_as_logged: bool = False  # that was left on
     is_raw: bool = False  # readings were logged before it, so that there is nothing to remove
@@ -125,15 +125,15 @@ class RecordedSensor:
 class Contents:
     """What a file holds."""
 
-    source: str
-    format: str
-    bytes: int | None
+    source: str  # path of the file
+    format: str  # its format
+    bytes: int | None  # its size
     start: str | None  # date and time, UTC
     position: tuple[float, float, float] | None  # latitude and longitude, °, north and east positive; altitude, m
     site: SiteField | None  # what the World Magnetic Model has there
-    sensors: tuple[RecordedSensor, ...]
+    sensors: tuple[RecordedSensor, ...]  # its magnetometers
     commands: tuple[str, ...]  # what to type next
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what else to know
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, under the names of the attributes."""

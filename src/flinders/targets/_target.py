@@ -286,11 +286,11 @@ class Target:
             "formula": self.formula,
             "unit": self.unit,
             "holds": self.holds,
-            "axes": self.where,
+            "axes": self.where,  # axes that it corrects
             "storage": self.storage,
             "source": self.source,
             "unverified": self.unverified,
-            "import": self.reader is not None,
+            "import": self.reader is not None,  # whether `flinders import` reads it back
             "docs": self.docs,
         }
 
