@@ -107,6 +107,17 @@ def test_every_public_key_stands_in_its_table(request: pytest.FixtureRequest) ->
         assert shown == tables, "docs/keys.md: `uv run pytest --regenerate tests/test_docs.py`, then review the diff"
 
 
+def test_the_table_of_a_fit_has_the_keys_that_are_printed() -> None:
+    from flinders import simulate
+
+    fit = flinders.fit(simulate.tumble(seed=1, n=400).samples)
+    printed = fit.as_dict()
+    known = {key.name for key in key_tables.keys_of("fitting.result:Fit")}
+    assert printed.keys() <= known
+    assert known - printed.keys() == {"aiding", "refreshed", "disturbances", "noise_uncompensated"}
+    assert list(printed["coverage"]) == [key.name for key in key_tables.keys_of("summary.coverage:Coverage")]
+
+
 def test_sentences_of_findings_are_for_python_the_command_line_and_pages_alike() -> None:
     from flinders.findings import CATALOGUE
     from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
