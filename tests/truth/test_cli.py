@@ -614,7 +614,7 @@ def test_apply_reads_standard_input_and_reports_in_json(calibration: Calibration
     piped = Path("tumble.csv").read_bytes() + b"nan,1,2\nwhat?\n"
     ended = flinders_("apply", "calibration.json", "-", "-o", "out.csv", "--json", stdin=piped)
     assert ended.code == 3
-    assert set(ended.json) == {"rows", "strength", "spread", "skipped", "limits"}
+    assert set(ended.json) == {"readings", "strength", "spread", "skipped", "limits"}
     assert "do not suit the calibration" in ended.json["limits"][0]
     assert ended.json["readings"] == 600
     assert 0.8 < ended.json["strength"] < 1.25
