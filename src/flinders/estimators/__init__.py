@@ -92,7 +92,7 @@ METHODS: Final[Mapping[str, type[Estimator]]] = _ByName(lambda row: row.kind)
 """Every method by name, the one to try first at the top."""
 
 EMULATED: Final[dict[str, str]] = {
-    "ladder": "'auto', or 'algebraic' with normalisation='nxp'",
+    "ladder": "'auto', or 'algebraic' with the normalisation 'nxp'",
     "forgetting": "'consistent' on the latest readings",
     "sar-ls": "'auto' with the aiding sensor 'rate'",
     "sar-kf": "'auto' with the aiding sensor 'rate'",

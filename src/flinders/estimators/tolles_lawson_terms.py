@@ -73,7 +73,10 @@ class Signal:
         if samples.time is None:
             raise InputError(f"{samples.source} has no times: eddy currents and the band of manoeuvres need them")
         if samples.unit.inside != "uT":
-            raise UnitError(f"{samples.source} is in counts: give unit= or scale= of the readings")
+            raise UnitError(
+                f"{samples.source} is in counts: give the unit or the scale of the readings",
+                hint={"unit": None, "scale": None},
+            )
         length, strength = np.linalg.norm(samples.field, axis=1), scalar_of(samples)
         is_later = np.diff(np.fmax.accumulate(samples.time), prepend=-np.inf) > 0.0
         rows = np.flatnonzero(is_later & (length > 0.0) & (strength > 0.0))

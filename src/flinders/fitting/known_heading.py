@@ -147,7 +147,10 @@ def refresh_at_headings(
     refuse_unfit(previous)
     dip_deg = site.inclination_deg if dip_deg is None and site is not None else dip_deg
     if dip_deg is None:
-        raise UsageError("a pose needs the dip of the field at the place: give site= or dip_deg=")
+        raise UsageError(
+            "a pose needs the dip of the field at the place: give the dip, or the site",
+            hint={"dip_deg": None, "site": None},
+        )
     if not poses or len(poses) != len(headings_deg):
         raise UsageError(f"{len(poses)} poses and {len(headings_deg)} headings: need a heading for each pose")
     known = known_shape(previous, site)

@@ -115,7 +115,7 @@ class RecordedSensor:
     @classmethod
     def silent(cls, number: int, instrument: Instrument, error: InputError) -> Self:
         """A magnetometer without a reading."""
-        unit, notes = instrument.unit, (str(error), *instrument.notes)
+        unit, notes = instrument.unit, (error.message, *instrument.notes)
         return cls(number=number, name=instrument.name, unit=unit.name, inside=unit.inside, readings=0, notes=notes)
 
 
@@ -229,7 +229,7 @@ def _unmoved(summary: Summary, unit: str) -> str:
     try:
         require_moved(summary, unit)
     except Unmoved as refusal:
-        return str(refusal)
+        return refusal.message
     return ""
 
 
