@@ -292,7 +292,7 @@ CALIBRATION = Calibration.identity(field_strength=50.0)
 def test_an_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
     path.write_text("precious")
-    with pytest.raises(OutputExists, match="exists: give another name, or overwrite it with force=True"):
+    with pytest.raises(OutputExists, match="exists: give another name, or overwrite it"):
         CALIBRATION.save(path)
     assert path.read_text() == "precious"
     CALIBRATION.save(path, force=True)

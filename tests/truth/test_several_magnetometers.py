@@ -259,7 +259,7 @@ def test_columns_say_it_without_a_choice(two: Path) -> None:
     samples = flinders.read(two, columns="mag2_x,mag2_y,mag2_z")
     assert samples.acceleration is not None
     assert set(samples.acceleration[:, 2]) == {2.0}
-    with pytest.raises(UsageError, match="columns= and sensor= both say which magnetometer it is"):
+    with pytest.raises(UsageError, match="columns and a number both say which magnetometer it is"):
         flinders.open_recording(two, columns="mag2_x,mag2_y,mag2_z", sensor="2")
 
 
@@ -267,7 +267,7 @@ def test_one_that_there_is_not_is_refused_and_so_is_a_choice_of_one(two: Path) -
     with pytest.raises(UsageError, match=r"two.csv has no magnetometer 3: there are 1 \(mag1\), 2 \(mag2\)"):
         flinders.open_recording(two, sensor="3")
     one = write("one.csv", "mx,my,mz", field_of(0))
-    with pytest.raises(UsageError, match=r"one\.csv has one magnetometer: leave sensor= out"):
+    with pytest.raises(UsageError, match=r"one\.csv has one magnetometer: leave its number out"):
         flinders.open_recording(one, sensor="1")
 
 

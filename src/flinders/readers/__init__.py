@@ -381,7 +381,7 @@ def _opened(source: AnySource, options: _Options, *, once: bool) -> FileRecordin
         raise UsageError(f"{type(source).__name__} is no recording: give a path, an open file or a table in memory")
     for option in ("pattern", "topic", "as_logged"):
         if getattr(options, option):
-            raise UsageError(f"a table in memory has named columns and nothing else: leave {option}= out")
+            raise UsageError("a table in memory has named columns and nothing else: leave this out", hint={option: None})
     recording = open_frame(source, **{name: getattr(options, name) for name in OF_TABLES})
     recording.span = options.span
     return recording
@@ -479,7 +479,8 @@ def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
     for option in ("columns", "pattern", *(() if reader.takes_unit else ("unit",)), "scale"):
         if getattr(options, option) is not None:
             raise UsageError(
-                f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave {option}= out"
+                f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave this out",
+                hint={option: None},
             )
     disk = on_disk(file)
     assert reader.log is not None
