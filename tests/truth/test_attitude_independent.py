@@ -552,7 +552,7 @@ def test_counts_and_a_strength_in_nanotesla_have_nothing_in_common(tmp_path: Pat
     path.write_text("mx,my,mz,igrf_nT\n" + "1,2,3,44000\n" * 3, encoding="utf-8")
     assert read(path).strength is None
     ended = calibrate(str(path), "--method", "alonso-shuster")
-    assert "left out igrf_nT (in uT, the field in counts: give --unit, or --scale)" in ended.output
+    assert "left out igrf_nT (in uT, the field in counts: give its unit or scale)" in ended.output
     scaled = read(path, unit="counts", scale=0.1)
     assert scaled.strength is not None
     npt.assert_allclose(scaled.strength, 44.0)

@@ -170,7 +170,9 @@ def test_a_full_disk_is_said_and_nothing_that_is_done_is_lost(
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
-        with pytest.raises(OutputError, match=r"no space left.* 2 of 6 partitions are done, and kept: go on with "):
+        with pytest.raises(
+            OutputError, match=r"no space left.* 2 of 6 partitions are done, and kept: resume the run .resume=True"
+        ):
             run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
     assert not (tmp_path / "out.parquet").exists()
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)
@@ -343,7 +345,7 @@ def test_who_stops_a_run_is_told_what_is_kept(
         ended = CliRunner().invoke(main, words, prog_name="flinders")
     assert ended.exit_code == 130
     assert ended.output.split("\n") == [
-        "2 of 6 partitions are done, and kept: go on with --resume",
+        "2 of 6 partitions are done, and kept: resume the run",
         "",
         "interrupted",
         "",

@@ -86,9 +86,7 @@ def refuse(package: str) -> None:
 
 def test_columns_of_a_frame_are_chosen_as_those_of_a_file(samples: Samples) -> None:
     frame = pandas.DataFrame(samples.field, columns=["a", "b", "c"]).assign(d=0.0)
-    with pytest.raises(
-        NoMagnetometer, match=r"names do not tell which columns of pandas DataFrame .* columns='a,b,c'"
-    ):
+    with pytest.raises(NoMagnetometer, match=r"names do not tell which columns of pandas DataFrame .*columns='a,b,c'"):
         flinders.fit(frame)
     chosen = flinders.read(frame, columns="a,b,c", unit="uT", axes="x,-y,-z")
     np.testing.assert_array_equal(chosen.field, samples.field * [1, -1, -1])

@@ -570,7 +570,7 @@ def test_all_magnetometers_are_calibrated_in_one_run(flight: Path, tmp_path: Pat
         ("--sensor all --report-text page.txt", "--report-text is for one magnetometer"),
         ("--from 3 --to 2", "nothing lies between"),
         ("--from -1", "need seconds from the beginning"),
-        ("--unit mG", "which knows its own columns and units: leave --unit out"),
+        ("--unit mG", "which knows its own columns and units: leave this out (--unit)"),
     ],
 )
 def test_what_a_log_cannot_do_is_said(words: str, says: str, flight: Path) -> None:

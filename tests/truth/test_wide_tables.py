@@ -224,7 +224,7 @@ def test_the_only_one_that_values_leave_is_proposed_and_what_is_proposed_works(
         flinders.open_recording(path)
     ended = run(f"info {path}")
     assert ended.exit_code == 5
-    (option,) = re.findall(r"if so, add (--columns (?:'[^']*'|\S+?))(?:;|$)", ended.stderr.strip())
+    (option,) = re.findall(r"if so, name them \((--columns (?:'[^']*'|\S+?))\)$", ended.stderr.strip())
     shown = run(f"info {path} --unit uT --json {option}")
     (command,) = json.loads(shown.stdout)["commands"]
     assert run(command.removeprefix("flinders ")).exit_code in {0, 3}
@@ -242,7 +242,7 @@ def test_of_two_that_may_be_it_both_are_named_with_their_strengths(header: str) 
         "strength 480, as mG the earth's) or 5, 6, 7 (lengths 25.2 to 78.4, strength 48.0, as uT the earth's)"
         in ended.stderr
     )
-    assert "say which with --columns 2,3,4 or --columns 5,6,7" in ended.stderr
+    assert "say which, such as the first (--columns 2,3,4)" in ended.stderr
 
 
 def test_where_values_leave_none_that_is_said() -> None:
@@ -250,7 +250,7 @@ def test_where_values_leave_none_that_is_said() -> None:
     assert ended.exit_code == 5
     assert (
         "by their values none may be it, they are 1 (a clock or a counter), 2, 3, 4, 5 (a quaternion), 6, 7, 8 "
-        "(gravity in m/s²); if three are after all, say so with --columns X,Y,Z"
+        "(gravity in m/s²); if three are after all, say which (--columns X,Y,Z)"
     ) in ended.stderr
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from flinders.core.compensation import Compensator
     from flinders.core.disturbance import Disturbance
     from flinders.core.samples import Recording
-    from flinders.errors import FlindersError
+    from flinders.errors import FlindersError, Spelling
     from flinders.fitting.result import Fit
 
 T = TypeVar("T")
@@ -68,11 +68,11 @@ def print_result(
         show(page(), err=err)
 
 
-def print_fit(fit: Fit, *, err: bool = False, is_verbose: bool = False) -> None:
+def print_fit(fit: Fit, spell: Spelling = in_options, *, err: bool = False, is_verbose: bool = False) -> None:
     """Print a fit for people, and what each aiding sensor changed; on stderr where stdout is not for it."""
     from flinders.report.fit_pages import of_fit
 
-    show(of_fit(fit, in_options, is_verbose=is_verbose), err=err)
+    show(of_fit(fit, spell, is_verbose=is_verbose), err=err)
     for line in aiding_lines(fit):
         say(line)
 

@@ -30,7 +30,7 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import Field as DataclassField
 from dataclasses import dataclass, field, fields
-from functools import wraps
+from functools import partial, wraps
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, TypeVar, dataclass_transform
 
@@ -38,7 +38,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from flinders.cli._output import Output, Outputs, error_words, print_fit, print_json, say
-from flinders.cli._spelling import searched
+from flinders.cli._spelling import in_options, searched
 from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 
@@ -165,7 +165,7 @@ def print_error(
     words = error_words(error, commands)
     fit = getattr(error, "fit", None)
     if fit is not None and not as_json:
-        print_fit(fit, err=True)
+        print_fit(fit, partial(in_options, commands=commands), err=True)
     else:
         say(f"{'refused' if error.exit_code == REFUSED else 'error'}: {words}")
     if as_json:

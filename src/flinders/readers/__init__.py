@@ -381,7 +381,9 @@ def _opened(source: AnySource, options: _Options, *, once: bool) -> FileRecordin
         raise UsageError(f"{type(source).__name__} is no recording: give a path, an open file or a table in memory")
     for option in ("pattern", "topic", "as_logged"):
         if getattr(options, option):
-            raise UsageError("a table in memory has named columns and nothing else: leave this out", hint={option: None})
+            raise UsageError(
+                "a table in memory has named columns and nothing else: leave this out", hint={option: None}
+            )
     recording = open_frame(source, **{name: getattr(options, name) for name in OF_TABLES})
     recording.span = options.span
     return recording

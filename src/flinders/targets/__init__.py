@@ -95,7 +95,7 @@ def taking(name: str, *, compass: int | None = None, code_name: str | None = Non
     if compass is not None and not target.compasses:
         takes = ", ".join(each.name for each in registry().values() if each.compasses)
         raise UsageError(
-            f"the number of a compass goes with {takes}: {target.name} holds one only, leave it out",
+            f"the number of a compass goes with {takes}: {target.name} holds one compass only, leave it out",
             hint={"compass": None},
         )
     if code_name is not None and not target.named:
@@ -153,7 +153,7 @@ def read_back(
     if compass is not None and reader.which is None:
         several = dict.fromkeys(row.family for row in registry().values() if row.compasses)
         raise UsageError(
-            f"the number of a compass goes with {' and '.join(several)}: {name} holds one only, leave it out",
+            f"the number of a compass goes with {' and '.join(several)}: {name} holds one compass only, leave it out",
             hint={"compass": None},
         )
     more = {"compass": compass} if reader.which is not None else {}
