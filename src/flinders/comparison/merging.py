@@ -256,7 +256,8 @@ def _refuse_alone(part: Fit) -> None:
     if names := [disturbance.name for disturbance in part.calibration.disturbances]:
         raise UsageError(
             f"{part.name} follows {' and '.join(names)}, and a mean of offset and matrix would lose that: fit the "
-            f"recordings together, flinders calibrate ONE TWO --with {','.join(names)}"
+            "recordings together",
+            hint={"disturbances": names},
         )
     if part.calibration.linearization is not None:
         raise UsageError(
