@@ -419,7 +419,8 @@ class NeedsRecording(FitError):
     def __init__(self, what: str) -> None:
         super().__init__(
             f"the calibration file keeps no readings, and {what} are needed: give the recording too, as "
-            "flinders report CALIBRATION RECORDING does, or fit it again"
+            "flinders report CALIBRATION RECORDING does, or fit it again",
+            what=what,
         )
 
 

@@ -99,7 +99,8 @@ class Signal:
                 tuple("xyz"[axis] for axis in stuck), tuple(float(field[0, axis]) for axis in stuck), "in manoeuvres"
             )
         if np.ptp(self.strength) == 0.0:
-            raise FitError(f"the scalar magnetometer always reads {self.strength[0]:g} µT: check its column")
+            strength = float(self.strength[0])
+            raise FitError(f"the scalar magnetometer always reads {strength:g} µT: check its column", strength=strength)
         vector, scalar = float(np.median(np.linalg.norm(field, axis=1))), float(np.median(self.strength))
         if not 0.5 < vector / scalar < 2.0:
             raise UnitError(
@@ -128,7 +129,9 @@ class Signal:
         long = [run for run in whole if run.seconds >= SHORTEST_S]
         if not long:
             raise FitError(
-                f"no {SHORTEST_S:g} s without a gap of {LONGEST_GAP_S:g} s: record manoeuvres and lines in one piece"
+                f"no {SHORTEST_S:g} s without a gap of {LONGEST_GAP_S:g} s: record manoeuvres and lines in one piece",
+                found=max((run.seconds for run in whole), default=0.0),
+                needed=SHORTEST_S,
             )
         return long
 

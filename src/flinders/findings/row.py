@@ -279,15 +279,23 @@ class _Stated(dict[str, Any]):
         return entry if isinstance(entry, str) else Quantity(entry)
 
 
+def resting_on(conditions: Sequence[Condition]) -> str:
+    """What a verdict rests on; nothing where it rests on nothing.
+
+    >>> resting_on(("uniform-field", "constant-iron")), resting_on(())
+    ('holds if no iron is near and currents are constant', '')
+    """
+    *first, last = (CONDITIONS[code] for code in conditions) if conditions else ("",)
+    return f"holds if {', '.join(first)}{' and ' if first else ''}{last}" if conditions else ""
+
+
 def stated(conditions: Sequence[Condition]) -> str:
-    """What a verdict rests on, with what would show the first of it; nothing where it rests on nothing.
+    """The same, with what would show the first of it.
 
     >>> stated(("uniform-field", "constant-iron")), stated(())
     ('holds if no iron is near and currents are constant: record elsewhere too', '')
     """
-    *first, last = (CONDITIONS[code] for code in conditions) if conditions else ("",)
-    words = f"{', '.join(first)} and {last}" if first else last
-    return f"holds if {words}: {CERTAINTY[conditions[0]]}" if conditions else ""
+    return f"{resting_on(conditions)}: {CERTAINTY[conditions[0]]}" if conditions else ""
 
 
 TUMBLE_STATED: Final = stated(OF_A_TUMBLE)

@@ -411,7 +411,9 @@ def refresh_on_courses(
     if not steady:
         raise FitError(
             f"no stretch of {STRAIGHT_S:g} s at {slowest:g} m/s or more with a steady field (of {len(straight)} "
-            "straight ones): drive straight on several headings, on level ground and away from iron"
+            "straight ones): drive straight on several headings, on level ground and away from iron",
+            found=len(straight),
+            slowest=slowest,
         )
     headings = [stretch.course_deg - declination_deg for stretch in steady]
     scatter = float(np.median([stretch.scatter_deg for stretch in steady]))
