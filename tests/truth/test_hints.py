@@ -43,7 +43,7 @@ def keywords() -> set[str]:
         if word.arg == "hint"
     )
     tables = (each for hint in hints for each in ast.walk(hint) if isinstance(each, ast.Dict))
-    return {key.value for table in tables for key in table.keys if isinstance(key, ast.Constant)}
+    return {str(key.value) for table in tables for key in table.keys if isinstance(key, ast.Constant)}
 
 
 def test_each_keyword_of_a_hint_is_an_option_of_some_command() -> None:

@@ -13,7 +13,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 from rich.console import Group
@@ -366,9 +366,8 @@ def _axes_cells(together: Together, member: Member) -> tuple[str, str, str]:
 
 def _member_notes(number: int, member: Member, spell: Spelling) -> Iterator[tuple[str, str]]:
     """What limits a member: what the others show of it first, then the gravest of its own."""
-    fit = fit_of(member.fit)
-    if fit is None:
-        yield "refuses", f"{number} {member.fit}"
+    if (fit := fit_of(member.fit)) is None:
+        yield "refuses", f"{number} {cast('FlindersError', member.fit).message}"
         return
     own = [finding for finding in fit.findings if finding.severity != "note" and finding not in member.findings]
     for finding in (*(one for one in member.findings if one.code != "turned-to"), *own[:1]):
