@@ -218,7 +218,7 @@ def _advice(fitting: Sequence[Axes]) -> tuple[str, Hint]:
         advice = f"{_named(mistake)}: map its axes"
     if mistake.is_mirror and str(mistake) != OPPOSITE:
         advice += (
-            "; one of the two is left-handed, and if that is the magnetometer, map its axes and calibrate it again"
+            "; one of the two is left-handed, and if that is the magnetometer, map that one's axes and calibrate again"
         )
         hint["axes"] = None
     if others:
