@@ -338,7 +338,7 @@ def test_gravity_in_columns_without_telling_names_is_never_proposed(header: str,
     assert contents["commands"] == []
     assert contents["sensors"][0]["likeness"].endswith(" g") or "m/s²" in contents["sensors"][0]["likeness"]
     told = " ".join(run(f"info {path}").stdout.split())
-    found = re.search(r"if a magnetometer recorded them after all, add (--columns \S+)", told)
+    found = re.search(r"if a magnetometer recorded them after all, name them \((--columns \S+)\)", told)
     assert found is not None
     assert json.loads(run(f"info {path} --json {found[1]}").stdout)["commands"]
 

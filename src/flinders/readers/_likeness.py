@@ -18,14 +18,13 @@ hard iron; rates and angles near none.
 from __future__ import annotations
 
 import math
-import shlex
 from itertools import combinations, groupby
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from flinders.core.units import unit_of_the_earth
-from flinders.errors import figures
+from flinders.errors import figures, with_hint
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -225,10 +224,9 @@ def doubt(samples: Samples) -> str:
     return likeness(samples.field / samples.unit.scale)
 
 
-def looks_like(what: str, columns: str) -> str:
-    """Say what columns look like, and what to type where they are a magnetometer's after all."""
-    option = f"--columns {shlex.quote(columns)}"
-    return f"these look like {what}: if a magnetometer recorded them after all, add {option}"
+def looks_like(what: str, spelled: str) -> str:
+    """Say what columns look like, and with which argument, as an interface spells it, they are a magnetometer's."""
+    return with_hint(f"these look like {what}: if a magnetometer recorded them after all, name them", spelled)
 
 
 XYZ: Final = {"columns": "X,Y,Z"}

@@ -348,7 +348,8 @@ def _of_values(sensor: RecordedSensor) -> list[str]:
     """What is odd about the values of a sensor that was turned."""
     doubts = []
     if sensor.likeness:
-        doubts.append(looks_like(sensor.likeness, sensor.name.removeprefix("columns ").replace(", ", ",")))
+        columns = sensor.name.removeprefix("columns ").replace(", ", ",")
+        doubts.append(looks_like(sensor.likeness, f"--columns {shlex.quote(columns)}"))
     if sensor.repeats > STALE * sensor.readings:
         doubts.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
     if sensor.rails:
