@@ -124,8 +124,6 @@ def test_sentences_of_findings_are_for_python_the_command_line_and_pages_alike()
 
     sentences = [words for row in CATALOGUE.values() for words in (row.said, row.plain, row.remedy)]
     assert not [words for words in (*sentences, Z_OPEN, Z_ELSEWHERE) if re.search(r"--[a-z]|\w=\W", words)]
-    half = [row.code for row in CATALOGUE.values() if bool(row.arguments) != bool(row.options)]
-    assert not half, f"{half} name what carries them out in Python or on the command line alone"
 
 
 def test_exit_codes_are_the_same_in_readme_and_docs() -> None:

@@ -170,7 +170,9 @@ def test_a_full_disk_is_said_and_nothing_that_is_done_is_lost(
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
-        with pytest.raises(OutputError, match=r"no space left.* 2 of 6 partitions are done, and kept: go on with "):
+        with pytest.raises(
+            OutputError, match=r"no space left.* 2 of 6 partitions are done, and kept: resume the run .resume=True"
+        ):
             run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
     assert not (tmp_path / "out.parquet").exists()
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)
@@ -186,7 +188,7 @@ def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path
     wait_until(lambda: list(parts.glob("part-*.arrow")) or running.poll() is not None)
     running.kill()
     running.communicate()
-    with pytest.raises(UsageError, match="go on with resume=True"):
+    with pytest.raises(UsageError, match="resume=True, force=True"):
         run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)
     assert told.resumed > 0
@@ -343,7 +345,7 @@ def test_who_stops_a_run_is_told_what_is_kept(
         ended = CliRunner().invoke(main, words, prog_name="flinders")
     assert ended.exit_code == 130
     assert ended.output.split("\n") == [
-        "2 of 6 partitions are done, and kept: go on with --resume",
+        "2 of 6 partitions are done, and kept: resume the run",
         "",
         "interrupted",
         "",
@@ -402,7 +404,7 @@ def test_each_compass_of_a_log_is_a_unit(tmp_path: Path) -> None:
 
 
 def test_a_column_of_units_in_text_is_refused_with_advice(logs: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="unit_column= is for Parquet and Arrow tables, and there is none"):
+    with pytest.raises(UsageError, match="a column of units is for Parquet and Arrow tables, and there is none"):
         run(str(logs), tmp_path / "out.parquet", Options(unit_column="serial"), workers=0)
 
 
@@ -601,7 +603,7 @@ def test_a_scheduler_that_goes_away_is_said_and_the_run_resumed(
         def leave(*_: int | None) -> None:
             cluster.close()
 
-        with pytest.raises(LinkError, match="is gone: start it again, and go on with resume=True"):
+        with pytest.raises(LinkError, match="is gone: start it again, and resume"):
             run(str(logs), tmp_path / "out.parquet", Options(), scheduler=cluster.scheduler_address, watch=leave)
     assert "Traceback" not in capfd.readouterr().err
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)

@@ -156,8 +156,8 @@ def test_what_is_odd_is_said(field: Floats, tmp_path: Path) -> None:
         ("bench.npz --columns a,b,c", 2, "there is no column 'a'"),
         ("bench.npz --from 900", 2, "no reading of bench.npz lies from 900 s"),
         ("bench.npz --unit mG", 2, "says uT"),
-        ("bench.npz --topic x", 2, "leave --topic out"),
-        ("bench.npz --as-logged", 2, "leave --as-logged out"),
+        ("bench.npz --topic x", 2, "name none (--topic)"),
+        ("bench.npz --as-logged", 2, "leave it as it is (--as-logged)"),
         ("", 2, "Missing argument"),
     ],
 )

@@ -622,7 +622,7 @@ def test_three_planes_through_the_command_compose() -> None:
     [
         (1.0, False, False, "lies about 32.3 µT along y, which is the offset that 0.json takes off"),
         (10.9, False, True, "yz.csv goes 278 µT up and down along y, where readings with 0.json loaded go 2"),
-        (0.15, False, True, "name the unit (--unit)"),
+        (0.15, False, True, "or name the unit (--unit)"),
         (1.0, True, True, "where readings with 0.json loaded lie about 0: it was made without, or of another sensor"),
     ],
 )

@@ -30,14 +30,15 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import Field as DataclassField
 from dataclasses import dataclass, field, fields
-from functools import wraps
+from functools import partial, wraps
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, TypeVar, dataclass_transform
 
 import click
 from click.shell_completion import CompletionItem
 
-from flinders.cli._output import Output, Outputs, in_options, print_fit, print_json, say
+from flinders.cli._output import Output, Outputs, error_words, print_fit, print_json, say
+from flinders.cli._spelling import in_options, searched
 from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 
@@ -130,7 +131,7 @@ class Program(click.Group):
             say("interrupted")
             code = INTERRUPTED
         except FlindersError as error:
-            code = print_error(error, as_json=as_json)
+            code = print_error(error, as_json=as_json, commands=searched(self._named_in(words), self))
         except SystemExit as end:  # 1 is how click ends when whoever read our output has gone
             code = UNWRITABLE if end.code == 1 else end.code
         except OSError as error:
@@ -141,37 +142,51 @@ class Program(click.Group):
         code = code if isinstance(code, int) else GOOD
         return sys.exit(code) if standalone_mode else code
 
+    def _named_in(self, words: Sequence[str]) -> click.Command:
+        """The command that a command line calls."""
+        command: click.Command = self
+        for word in words:
+            if isinstance(command, click.Group):
+                command = command.commands.get(word, command)
+        return command
 
-def print_error(error: FlindersError, *, as_json: bool, more: Mapping[str, Any] | None = None) -> int:
+
+def print_error(
+    error: FlindersError,
+    *,
+    as_json: bool,
+    more: Mapping[str, Any] | None = None,
+    commands: Sequence[click.Command] | None = None,
+) -> int:
     """Print an error in a line, a refused fit as a page, and either in full as JSON where that was asked for.
 
-    `more`: what else the JSON is to hold.
+    `more`: what else the JSON is to hold. `commands`: those whose options may mend it, as `in_options` takes them.
     """
+    words = error_words(error, commands)
     fit = getattr(error, "fit", None)
     if fit is not None and not as_json:
-        print_fit(fit, err=True)
+        print_fit(fit, partial(in_options, commands=commands), err=True)
     else:
-        message = " ".join(str(error).splitlines())
-        say(f"{'refused' if error.exit_code == REFUSED else 'error'}: {message}")
+        say(f"{'refused' if error.exit_code == REFUSED else 'error'}: {words}")
     if as_json:
         with contextlib.suppress(OSError):
-            print_json({**_as_dict(error), **(more or {})})
+            print_json({**_as_dict(error, words), **(more or {})})
     return error.exit_code
 
 
-def _as_dict(error: FlindersError) -> dict[str, Any]:
+def _as_dict(error: FlindersError, words: str) -> dict[str, Any]:
     """The error as a result: a refusal has the keys of a fit, with null where there is none."""
     about: dict[str, Any] = {
         "code": error.code,  # stable name, see the table of errors
-        "message": in_options(str(error)),  # what was found, what is needed, what to do
+        "message": words,  # what was found, what is needed, what to do
         "exit_code": error.exit_code,  # of the program
+        "evidence": error.evidence,  # numbers and names of the message
     }
     if not isinstance(error, FitError):
-        evidence = getattr(error, "evidence", None)
-        return {"error": about if evidence is None else {**about, "evidence": dict(evidence)}}
+        return {"error": about}
     fit = getattr(error, "fit", None)
     fields = fit.as_dict() if fit else {**dict.fromkeys(FIT_KEYS), "verdict": "refused", "findings": []}
-    return {**fields, "error": {**about, "evidence": dict(error.evidence)}}
+    return {**fields, "error": about}
 
 
 def _misused(error: click.ClickException, *, as_json: bool) -> int:
@@ -312,11 +327,11 @@ FEW: Final = 8
 
 
 class Option(click.Option):
-    """An option that knows its heading in the help."""
+    """An option that knows its heading in the help, and the `keywords` of Python beside its name that it stands for."""
 
-    def __init__(self, *args: Any, heading: str = "", **attributes: Any) -> None:
+    def __init__(self, *args: Any, heading: str = "", keywords: Sequence[str] = (), **attributes: Any) -> None:
         super().__init__(*args, **attributes)
-        self.heading = heading
+        self.heading, self.keywords = heading, keywords
 
 
 class Command(click.Command):

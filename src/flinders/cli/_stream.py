@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.cli._inputs import in_use, open_with, read_and_left_out, refuse_calibrations, site_of
 from flinders.cli._output import bias_words, say, say_beyond
+from flinders.cli._spelling import in_options
 from flinders.errors import InputError, UsageError, counted
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ class Corrector:
             from flinders.readers._likeness import doubt, looks_like
 
             what = doubt(samples)
-            self._looks_like = what and looks_like(what, samples.nameless)
+            self._looks_like = what and looks_like(what, in_options({"columns": samples.nameless}))
 
     @property
     def is_plausible(self) -> bool:

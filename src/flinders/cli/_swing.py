@@ -410,12 +410,15 @@ def of_log(calibration: str | None, recording: str, options: SwingOptions) -> Sw
     if known is None and not halves:
         raise FitError(
             f"no turn by 180° in {recording}, {_listed(rests)}: rest on a heading, turn by 180°, rest again; or "
-            "name the known headings with --headings"
+            "name the known headings with --headings",
+            rests=len(rests),
         )
     if known is not None and len(rests) != len(known):
         raise FitError(
             f"--headings names {len(known)}, and {recording} holds {_listed(rests)}: name one for each, in order, or "
-            "change the shortest --stationary"
+            "change the shortest --stationary",
+            rests=len(rests),
+            headings=len(known),
         )
     deviation = None if known is None else _deviation(rests, known, log.site, options.known.sigma_deg)
     return Swing(deviation, log.site, rests, halves, _expected(log))

@@ -11,7 +11,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._output import Outputs, print_json, print_result, say
+from flinders.cli._output import Outputs, error_words, print_json, print_result, say
 from flinders.cli._program import GOOD, REFUSED
 from flinders.errors import UsageError, counted
 
@@ -380,7 +380,7 @@ def two_axis(options: TwoAxis) -> int:
         as_json=options.as_json,
     )
     if recovery.refusal is not None:
-        say(f"refused: this would be no calibration to use; {recovery.refusal}")
+        say(f"refused: this would be no calibration to use; {error_words(recovery.refusal)}")
         return REFUSED
     return GOOD
 

@@ -464,7 +464,8 @@ def refuse_unlike(a: Fit, b: Fit) -> None:
     if a.calibration.unit != b.calibration.unit:
         raise UnitError(
             f"{a.name} is for readings in {label(a.calibration.unit)}, {b.name} for {label(b.calibration.unit)}: "
-            "calibrate both with one unit (counts need scale=)"
+            "calibrate both with one unit, or counts with a scale",
+            hint={"unit": None, "scale": None},
         )
     for one in (a, b):
         if one.calibration.linearization is not None:
@@ -475,5 +476,8 @@ def refuse_unlike(a: Fit, b: Fit) -> None:
     for what in ("axes", "frame"):
         ours, theirs = getattr(a.calibration, what), getattr(b.calibration, what)
         if ours != theirs:
-            how = "with the same axes=" if what == "axes" else "from readings in the same axes, sensor's or vehicle's"
-            raise AxesError(f"{a.name} has {what} {ours}, {b.name} has {what} {theirs}: calibrate both {how}")
+            how = "mapped alike" if what == "axes" else "from readings in the same axes, sensor's or vehicle's"
+            raise AxesError(
+                f"{a.name} has {what} {ours}, {b.name} has {what} {theirs}: calibrate both {how}",
+                hint={"axes": None} if what == "axes" else {},
+            )

@@ -202,7 +202,8 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
     if fit.calibration.unit != truth.unit:
         raise UnitError(
             f"{fit.name} is for readings in {label(fit.calibration.unit)}, the truth is in {label(truth.unit)}: "
-            "calibrate with the unit of the recording (counts need scale=)"
+            "calibrate with the unit of the recording, or counts with a scale",
+            hint={"unit": None, "scale": None},
         )
     if fit.calibration.linearization is not None:
         raise UsageError(f"{fit.name} linearizes its axes, and those of the truth are linear: fit without linearize")

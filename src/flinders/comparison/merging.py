@@ -181,7 +181,8 @@ class _Field:
             if not known and variance > LOOSE**2:
                 raise UsageError(
                     f"{part.name} leaves the size of its ellipsoid open by {np.sqrt(variance):.0%}, and not all were "
-                    "given a field strength to bring them to one size: calibrate with field_strength=, or leave it out"
+                    "given a field strength to bring them to one size: calibrate it with that, or leave it out",
+                    hint={"field_strength": None},
                 )
         log_variance = 0.0 if known else float(np.sum(variances)) / len(parts) ** 2
         return cls(strength, known, np.mean(shapes, axis=0), log_variance)
@@ -253,7 +254,8 @@ def _refuse_alone(part: Fit) -> None:
     if names := [disturbance.name for disturbance in part.calibration.disturbances]:
         raise UsageError(
             f"{part.name} follows {' and '.join(names)}, and a mean of offset and matrix would lose that: fit the "
-            f"recordings together, flinders calibrate ONE TWO --with {','.join(names)}"
+            "recordings together",
+            hint={"disturbances": names},
         )
     if part.calibration.linearization is not None:
         raise UsageError(
@@ -267,7 +269,9 @@ def _refuse_alone(part: Fit) -> None:
         )
     gains = np.linalg.eigvalsh(part.calibration.matrix)
     if not gains[0] > 0.0:
-        raise UsageError(f"{part.name} mirrors an axis, which no fit does: calibrate again with axes=")
+        raise UsageError(
+            f"{part.name} mirrors an axis, which no fit does: map its axes, and calibrate again", hint={"axes": None}
+        )
     radius = _radius(part)
     offset, variances = float(np.abs(part.calibration.offset).max()), np.diag(_claim(part))
     largest, finest = np.sqrt([max(variances.max(), 0.0), max(variances[:3].max(), 0.0)]).tolist()

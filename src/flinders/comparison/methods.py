@@ -87,7 +87,7 @@ class Entry:
     def objections(self) -> tuple[tuple[str, str], ...]:
         """Stable name and words of each reason not to trust it on this recording, or not without limits."""
         if self.fit is None:
-            return () if self.refusal is None else ((self.refusal.code, str(self.refusal)),)
+            return () if self.refusal is None else ((self.refusal.code, self.refusal.message),)
         each = [(finding.code, finding.advice) for finding in self.fit.findings if finding.severity != "note"]
         if self.overclaims and self.validation is not None:
             shown, claimed = self.validation.heading_error_deg, self.fit.heading_error_deg

@@ -645,9 +645,9 @@ def _handed(together: Together) -> str:
     mirrored = sum(member.is_mirrored for member in turned)
     rest = len(turned) - mirrored
     if mirrored == rest:
-        return "One of the two is not right-handed: check which, and map its axes with axes="
+        return "One of the two is not right-handed: check which, and map its axes"
     fewer = [member.name for member in turned if member.is_mirrored == (mirrored < rest)]
-    return f"Most likely {' and '.join(fewer)} is not right-handed, as the others agree: map its axes with axes="
+    return f"Most likely {' and '.join(fewer)} is not right-handed, as the others agree: map its axes"
 
 
 def _of_axes(together: Together, member: Member) -> Iterator[Finding]:

@@ -36,7 +36,7 @@ from flinders.core.calibration_file import (
     read,
     write,
 )
-from flinders.core.disturbance import BY_KEY, Disturbance, checked, effect, known, named
+from flinders.core.disturbance import BY_KEY, Disturbance, at_reference, checked, effect, known, named
 from flinders.core.files import write_bytes, write_text
 from flinders.core.linearization import Linearization
 from flinders.core.notebook import correction
@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     import os
 
     from numpy.typing import ArrayLike
+
+    from flinders.errors import Hint
 
 UNSTATED: Final = Unit.of()
 AS_RECORDED: Final = Axes()
@@ -348,16 +350,17 @@ class Calibration(Value):
         """Raise `UsageError` where the offset follows a disturbance, for what only a fixed one can."""
         if self.disturbances:
             names = " and ".join(disturbance.name for disturbance in self.disturbances)
-            example = self.disturbances[0]
             raise UsageError(
-                f"a calibration that follows {names} cannot {what}: take it at fixed values first, "
-                f"calibration.at({example.name}={example.reference:g})"
+                f"a calibration that follows {names} cannot {what}: take it at fixed values first",
+                hint=at_reference(self.disturbances),
             )
 
     def _refuse_linearization(self, what: str) -> None:
         """Raise `UsageError` where axes are linearized, for what only a matrix and an offset can."""
         if self.linearization is not None:
-            raise UsageError(f"a calibration that linearizes its axes cannot {what}: fit one without linearize=True")
+            raise UsageError(
+                f"a calibration that linearizes its axes cannot {what}: fit one that does not", hint={"linearize": None}
+            )
 
     def __matmul__(self, first: Calibration) -> Calibration:
         """``(b @ a).apply(x) == b.apply(a.apply(x))``: `first` acts first.
@@ -506,7 +509,7 @@ class Calibration(Value):
                 _linearization(correction),
             )
         except (ArrayError, UnitError, AxesError, UsageError) as error:
-            raise DocumentError(f"{source}: {error}") from None
+            raise DocumentError(f"{source}: {error.message}", hint=error.hint, **error.evidence) from None
 
     def to_document(self, *, fit: Fitted | None = None, provenance: Provenance | None = None) -> Document:
         """Make the content of a calibration file, with how it was found where that is known."""
@@ -617,7 +620,7 @@ def _invertible(values: ArrayLike, rotation: Rotation) -> Floats:
     """Let through a matrix that has an inverse, and is symmetric where `rotation` says so."""
     array = matrix(values)
     if rotation == "symmetric":
-        _symmetric(array, "matrix", "; say rotation='estimated' or 'composed' if that is meant")
+        _symmetric(array, "matrix", "; say how it is turned if that is meant", {"rotation": "estimated"})
         if _is_positive(array):
             return array
     largest, _, smallest = np.linalg.svd(array, compute_uv=False)
@@ -659,12 +662,16 @@ def _scaled_inverse(factor: tuple[float, ...], scale: float) -> Floats:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _symmetric(array: Floats, name: str, advice: str = "") -> Floats:
+def _symmetric(array: Floats, name: str, advice: str = "", hint: Hint | None = None) -> Floats:
     """Let through a matrix that equals its transpose to within a millionth."""
     (_, d, e), (g, _, f), (h, i, _) = array.tolist()
     lack = max(abs(d - g), abs(e - h), abs(f - i))
     if lack and lack > 1e-6 * np.abs(array).max():
-        raise ArrayError(f"{name} is not symmetric: entries across the diagonal differ by up to {lack:.3g}{advice}")
+        raise ArrayError(
+            f"{name} is not symmetric: entries across the diagonal differ by up to {lack:.3g}{advice}",
+            hint=hint,
+            lack=lack,
+        )
     return array
 
 

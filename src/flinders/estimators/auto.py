@@ -133,7 +133,7 @@ class Auto:
     def _from_sums(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid without looking at a reading."""
         if self.prior not in (None, prior.SPREAD):
-            raise NeedsSamples(f"{self.name} with prior={self.prior:g}")
+            raise NeedsSamples(f"{self.name} with a prior of {self.prior:g}")
         from flinders.estimators.consistent import Consistent
 
         return Consistent().estimate(readings)

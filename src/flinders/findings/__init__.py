@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
+from flinders.errors import in_python, with_hint
 from flinders.findings import aiding, calibration, disturbances, fit, recording, sensors
 from flinders.findings.refusal import REFUSALS as REFUSALS
 from flinders.findings.row import CAUSES as CAUSES
@@ -32,6 +33,8 @@ from flinders.findings.row import first_causes as first_causes
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
+    from flinders.errors import Spelling
+
 CATALOGUE: Final[dict[str, CatalogueRow]] = {
     row.code: row for subject in (fit, recording, disturbances, calibration, aiding, sensors) for row in subject.ROWS
 }
@@ -41,22 +44,14 @@ OF_ONE_MAGNETOMETER: Final = (*fit.ROWS, *recording.ROWS, *calibration.ROWS)
 """Findings that a magnetometer can have by itself, for programs in other languages that calibrate one."""
 
 
-def in_python(finding: Finding) -> str:
-    """Advice with the arguments that carry it out."""
-    return _naming(finding, CATALOGUE[finding.code].arguments if finding.code in CATALOGUE else "")
+def advice(finding: Finding, spell: Spelling = in_python) -> str:
+    """Advice with the arguments that carry it out, as an interface spells them.
 
-
-def in_options(finding: Finding) -> str:
-    """Advice with the options of the command line that carry it out.
-
-    >>> in_options(Finding("unit-unknown", "note", 1.0, 0.0, "name the unit"))
-    'name the unit (--unit, --scale)'
+    >>> advice(Finding("unit-unknown", "note", 1.0, 0.0, "name the unit"))
+    'name the unit (unit=, scale=)'
     """
-    return _naming(finding, CATALOGUE[finding.code].options if finding.code in CATALOGUE else "")
-
-
-def _naming(finding: Finding, names: str) -> str:
-    return f"{finding.advice} ({names})" if names else finding.advice
+    row = CATALOGUE.get(finding.code)
+    return with_hint(finding.advice, spell(row.hint)) if row else finding.advice
 
 
 def found_in(record: Mapping[str, Any], *codes: str) -> Iterator[Finding]:

@@ -32,8 +32,7 @@ ROWS: Final = (
             "all readings lie {where_flat}: also turn the sensor about its other axes, onto its side and upside down. "
             "If it is on a vehicle that cannot be turned over, map the vertical axis to z"
         ),
-        arguments="axes=",
-        options="--axes",
+        hint={"axes": None},
         plain=(
             "All readings lie in one plane, as when a sensor is turned on a table. They tell nothing about any "
             "other attitude."
@@ -123,8 +122,7 @@ ROWS: Final = (
             "tilt the body far about two axes while recording, say how well the accelerometer is calibrated, or "
             "calibrate without aids and measure the mounting"
         ),
-        arguments="acceleration_bias=",
-        options="--accelerometer-bias",
+        hint={"acceleration_bias": None},
         plain="How the compass sits in the vehicle was found only roughly: it adds {number:.1f}° to headings.",
         remedy="Tilt the vehicle far about two axes while recording, or measure how the compass sits.",
     ),
@@ -377,8 +375,7 @@ ROWS: Final = (
             "readings follow the {unmodelled} that was recorded with them, by up to {unmodelled_deg}° of heading,"
             " which is not in the heading error: let the calibration follow the {unmodelled}, or record without"
         ),
-        arguments="disturbances=",
-        options="--with",
+        hint={"disturbances": None},
         plain=(
             "What was recorded beside the compass, such as the current of a motor, moves it by up to {angle} of "
             "heading. The calibration does not follow it."
@@ -400,8 +397,7 @@ ROWS: Final = (
             "hides in offset and soft iron: a current follows the attitude, a magnetic part is loose, or iron is close;"
             " record the current and calibrate with it, fasten the part, or record elsewhere"
         ),
-        arguments="disturbances=",
-        options="--with",
+        hint={"disturbances": None},
         plain=(
             "The compass is disturbed in step with how it is tilted, by {angle} of heading or more: by a current, by a"
             " magnetic part that moves, or by iron close by."
@@ -423,8 +419,7 @@ ROWS: Final = (
             " calibrate with the dip that it shows, which finds its bias, its gains and how it is turned against the"
             " magnetometer"
         ),
-        arguments="aiding='dip'",
-        options="--with dip",
+        hint={"aiding": "dip"},
         plain=(
             "The instrument that tells which way is down is off, and adds {angle} to a heading, however good the"
             " compass is."
@@ -453,8 +448,7 @@ ROWS: Final = (
             "{nonlinear_deg}° of heading, which the heading error allows for; check whether the sensor is near the "
             "end of its range, or near a magnet; for C or Python code the axes can be linearized"
         ),
-        arguments="linearize=True",
-        options="--linearize",
+        hint={"linearize": True},
         plain=(
             "An axis of the sensor does not answer in proportion to the field, which an offset and a matrix do not "
             "remove: {angle} of heading. The errors given here allow for it."

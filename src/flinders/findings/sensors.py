@@ -49,8 +49,7 @@ ROWS: Final = (
             "those of the best other by {best_other_deg}°: something near it changes, such as a current; steer by"
             " the other, or see whether it follows a current that was recorded"
         ),
-        arguments="disturbances=['current']",
-        options="--with current",
+        hint={"disturbances": ["current"]},
         plain=(
             "The compass is {angle} of heading off the others of its vehicle all the time: something near it "
             "keeps changing, such as a current."
@@ -88,6 +87,7 @@ ROWS: Final = (
         ),
         rule=Rule("handedness", (Grade("limits", 1.0),), comparison="<"),
         said="its axes are a mirror image of those of {reference}: as {axes} they fit. {who}",
+        hint={"axes": None},
         plain=(
             "The axes of this sensor and those of another are mirror images of each other: one of the two has an "
             "axis turned over."

@@ -554,7 +554,7 @@ def _alone(one: Samples, *, target_deg: float, dip_deg: float) -> Fit | Exceptio
 def _described(error: Exception) -> tuple[str, str, str]:
     """Verdict, code and message of a unit that gives no fit."""
     if isinstance(error, FlindersError):
-        return "refused" if isinstance(error, FitError) else "failed", error.code, str(error)
+        return "refused" if isinstance(error, FitError) else "failed", error.code, error.message
     return "failed", "internal", f"{type(error).__name__}: {error}; this is a fault in Flinders, report it"
 
 

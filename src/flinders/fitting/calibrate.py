@@ -366,10 +366,11 @@ def fit(
         instruments=_Instruments(gyro_scale, acceleration_bias, acceleration_gain),
     )
     if aiding and (method != "auto" or set(options) - {"prior"}):
-        raise UsageError("aids go with method='auto' and its prior alone: leave other methods and options out")
+        raise UsageError("aids go with the method auto and its prior alone: leave other methods and options out")
     if linearize and (aiding or disturbances or method != "auto"):
         raise UsageError(
-            "linearize=True goes with the method auto alone: leave aids, disturbances and other methods out"
+            "linearized axes go with the method auto alone: leave aids, disturbances and other methods out",
+            hint={"linearize": True},
         )
     estimator = estimator_of(method, options, {"dip_deg": request.dip_deg, "field_strength": field_strength})
     unit = Unit.of(unit) if isinstance(unit, str) else unit
@@ -443,8 +444,9 @@ def _linearized(plain: _Evidence, estimator: Estimator, request: Request, unit: 
     """
     if request.site is not None or plain.readings.parts or plain.readings.recording is None:
         raise UsageError(
-            "linearize=True takes one recording, and no field of a site, as a log may state one: calibrate recordings "
-            "one by one, and leave the site out"
+            "axes are linearized by one recording, and by no field of a site, as a log may state one: calibrate "
+            "recordings one by one, and leave the site out",
+            hint={"linearize": True, "site": None},
         )
     found, lag = _faults_of_axes(plain.estimate, plain)
     recording = plain.readings.as_read.recording

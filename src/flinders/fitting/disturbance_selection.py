@@ -117,7 +117,7 @@ def _report(
             return AidingSensor(name, is_used=False, reason=words)
         found = fit_disturbances(parts, tried, spread=spread)
     except (FitError, InputError) as refusal:
-        return AidingSensor(name, is_used=False, reason=str(refusal))
+        return AidingSensor(name, is_used=False, reason=refusal.message)
     entangled = max(one.attitude_collinearity for one in found.estimates if one.name in new)
     if entangled > ENTANGLED:
         words = f"{entangled:.1%} of what tells about it could be the attitude as well"

@@ -34,7 +34,7 @@ from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
 from flinders.errors import ArrayError, DocumentError, FitError, counted, figures
-from flinders.findings import VERDICTS, Finding, Verdict, first_causes, in_python
+from flinders.findings import VERDICTS, Finding, Verdict, advice, first_causes
 from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
 from flinders.findings.row import ANY_ANGLE_DEG, stated
 from flinders.fitting.aiding import Aiding
@@ -515,7 +515,7 @@ class Fit(Outcome):
         title = f"{SIGNS[self.verdict]} {self.verdict}: "
         title += f"{self.method}, {counted(self.samples, 'reading')}" if self.is_described else "nothing is stated"
         causes = [finding for finding in first_causes(self.findings) if finding.severity != "note"]
-        words = [f"{SIGNS[finding.severity]} {in_python(finding)}" for finding in causes]
+        words = [f"{SIGNS[finding.severity]} {advice(finding)}" for finding in causes]
         if self.verdict == "refused":
             return refusal(title, words)
         calibration = self.calibration
@@ -689,6 +689,5 @@ class Refused(FitError):
         self.fit = fit
         reasons = [finding for finding in fit.findings if finding.severity == "refuses"]
         causes = [finding for finding in first_causes(fit.findings) if finding.severity == "refuses"]
-        super().__init__(
-            "; ".join(finding.advice for finding in causes), **{finding.code: finding.number for finding in reasons}
-        )
+        super().__init__("; ".join(finding.advice for finding in causes))
+        self.evidence = {finding.code: finding.number for finding in reasons}

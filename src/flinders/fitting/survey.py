@@ -270,7 +270,8 @@ def _begun(magnetic: Floats, gravity: Floats) -> SurveyParameters:
         raise FitError(
             f"the angle between gravity and field is not the same in all shots (sin I scatters by {scatter:.2f}): the "
             "axes of accelerometer and magnetometer do not fit each other, or iron was near. Say how each sensor sits "
-            "in the instrument: axes=, acceleration_axes=",
+            "in the instrument",
+            hint={"axes": None, "acceleration_axes": None},
             scatter=scatter,
         )
     return start
@@ -281,7 +282,9 @@ def _refuse_unrolled(groups: NDArray[np.intp]) -> None:
     if len(np.unique(groups)) == len(groups):
         raise FitError(
             f"no two shots that follow each other point within {SAME_DEG:.0f}° of the same direction: the axis of the "
-            f"laser cannot be seen; {REST}, and check which axis is the laser's: pointing="
+            f"laser cannot be seen; {REST}, and check which axis is the laser's",
+            hint={"pointing": None},
+            same_deg=SAME_DEG,
         )
 
 
@@ -290,8 +293,9 @@ def _refuse_other_axis(at: SurveyParameters, pointing: str) -> None:
     off = math.degrees(math.acos(float(np.clip(at.pointing[0], -1.0, 1.0))))
     if off > SAME_DEG:
         raise FitError(
-            f"the instrument was rolled about an axis {off:.0f}° from its {pointing} axis: say which is the laser's "
-            "(pointing=), and how the sensors sit (axes=, acceleration_axes=)",
+            f"the instrument was rolled about an axis {off:.0f}° from its {pointing} axis: say which is the laser's, "
+            "and how the sensors sit",
+            hint={"pointing": None, "axes": None, "acceleration_axes": None},
             off_deg=off,
         )
 

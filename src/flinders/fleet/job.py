@@ -290,8 +290,8 @@ class Checkpoint:
         self._refuse_foreign()
         if self.done and not resume and not force:
             raise UsageError(
-                f"{self.folder} holds what an earlier run has done: go on with resume=True, or begin again with "
-                "force=True"
+                f"{self.folder} holds what an earlier run has done: resume it, or begin again",
+                hint={"resume": True, "force": True},
             )
         if not resume:
             for path in self.folder.iterdir():
@@ -320,8 +320,9 @@ class Checkpoint:
                 return
         if self.done:
             raise UsageError(
-                f"{self.folder} is of a run with other files, options or another release: name those again, or begin "
-                "again with force=True and without resume=True"
+                f"{self.folder} is of a run with other files, options or another release: name those again to resume "
+                "it, or begin again",
+                hint={"force": True},
             )
         about = {"fingerprint": plan.fingerprint, "partitions": len(plan.partitions)}
         write_text(json.dumps(about) + "\n", path, force=True)
@@ -549,7 +550,8 @@ class Progress:
             if isinstance(error, KeyboardInterrupt) and done:
                 self.notice(done)
             if isinstance(error, OutputError) and done:
-                raise OutputError(f"{error}. {done}") from None
+                hint = {**error.hint, "resume": True}
+                raise OutputError(f"{error.message}. {done}", hint=hint, **error.evidence) from None
             raise
 
     def _log_end(self, error: BaseException, done: str) -> None:
@@ -558,7 +560,7 @@ class Progress:
         if isinstance(error, KeyboardInterrupt | SystemExit):
             log_event("interrupted", message=done or "nothing is kept", **state)
         elif isinstance(error, FlindersError):
-            log_event("failed", code=error.code, message=str(error), **state)
+            log_event("failed", code=error.code, message=error.message, **state)
         else:
             log_event("failed", code="internal", message=f"{type(error).__name__}: {error}", **state)
 
@@ -570,7 +572,7 @@ class Progress:
         if not done:
             self._checkpoint.remove()
             return ""
-        return f"{done:,} of {counted(self._partitions, 'partition')} are done, and kept: go on with resume=True"
+        return f"{done:,} of {counted(self._partitions, 'partition')} are done, and kept: resume the run"
 
     def _log_unread(self, rows: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
         """Log each recording that could not be read, up to `UNREAD` of them."""

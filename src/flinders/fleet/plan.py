@@ -171,8 +171,9 @@ def plan_of(where: str, options: Options) -> Plan:
         raise UnreadableInput(f"{where}: no recordings, but {counted(len(own), 'table')} that `flinders fleet` wrote")
     if options.unit_column is not None and not tables and not any(part.error for part in logs):
         raise UsageError(
-            f"{where}: unit_column= is for Parquet and Arrow tables, and there is none: give each unit a file or "
-            "folder of its own, or convert the table (pyarrow.csv.read_csv, pyarrow.parquet.write_table)"
+            f"{where}: a column of units is for Parquet and Arrow tables, and there is none: give each unit a file or "
+            "folder of its own, or convert the table with pyarrow.csv.read_csv and pyarrow.parquet.write_table",
+            hint={"unit_column": None},
         )
     _refuse_batch(where, tables, logs, options)
     by_recording = defaultdict(list)
@@ -213,8 +214,9 @@ def _refuse_batch(where: str, tables: Sequence[_TableSlice], logs: Sequence[File
         return
     if not any(part.error or options.batch_column in in_path(part.file.name) for part in slices):
         raise UsageError(
-            f"{where}: no file has a column {options.batch_column} or lies in a folder "
-            f"{options.batch_column}=...: name another with batch_column=, or leave that out"
+            f"{where}: no file has a column {options.batch_column} or lies in a folder named after it: name another, "
+            "or leave that out",
+            hint={"batch_column": None},
         )
 
 

@@ -76,7 +76,8 @@ class LostWorker(InputError):
         self.attempts = attempts
         super().__init__(
             f"{name}: {attempts} workers died of it, one after the other: left out. Fit it by itself with flinders "
-            "calibrate, and look at the memory of the machine"
+            "calibrate, and look at the memory of the machine",
+            attempts=attempts,
         )
 
 
@@ -91,7 +92,9 @@ class NoUnit(InputError):
             f"{counted(rows, 'row')} of {where} name no unit: fitted to none; fill the column of units in, or name "
             "another column of them"
             if rows
-            else f"{where} lies in a folder of no unit: give that folder a name"
+            else f"{where} lies in a folder of no unit: give that folder a name",
+            hint={"unit_column": None} if rows else {},
+            rows=rows,
         )
 
 

@@ -102,7 +102,8 @@ class Compass:
         if samples.acceleration is None:
             raise NoAccelerometer(
                 f"no accelerometer among the columns of {samples.source}: the heading of a tilted sensor needs one; "
-                "name its columns with acceleration=, or say level=True if the sensor never tilts"
+                "name its columns, or say that the sensor never tilts",
+                hint={"acceleration": None, "level": True},
             )
         force = self._specific_force(self.acceleration_axes.apply(samples.acceleration))
         magnetic = FORMULAS[self.formula](corrected, force)

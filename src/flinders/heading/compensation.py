@@ -108,5 +108,6 @@ def _refuse_missing(apart_deg: list[float]) -> None:
     if missing:
         raise FitError(
             f"no reading within {WITHIN_DEG:.0f}° of {' and '.join(missing)}: a correction swing has one on each of "
-            "N, E, S and W by the reference"
+            "N, E, S and W by the reference",
+            missing=tuple(missing),
         )

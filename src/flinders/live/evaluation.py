@@ -155,7 +155,7 @@ def _fitted(session: LiveSession, samples: Samples) -> tuple[Fit | None, str, st
     except Refused as refused:
         return refused.fit, "", ""
     except FitError as error:
-        return None, str(error), error.code
+        return None, error.message, error.code
 
 
 def _of_refusal(code: str, words: str) -> Iterator[Reason]:
@@ -315,7 +315,7 @@ def _compared(fit: Fit | None, session: LiveSession) -> PreviousState | None:
     try:
         apart = compare(previous, replace(fit, name="this one"), dip_deg=fit.dip_deg, target_deg=session.target_deg)
     except FlindersError as error:
-        return PreviousState(previous.name, None, str(error))
+        return PreviousState(previous.name, None, error.message)
     worst = apart.heading_difference_deg.worst
     meaning = {
         "agree": "it agrees with this one: no more apart than chance explains",

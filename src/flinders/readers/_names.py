@@ -725,7 +725,7 @@ class Choice:
     >>> Choice(preferred="mag_bow").among(["mag_left", "mag_right"], "two.csv")
     Traceback (most recent call last):
     flinders.errors.UsageError: two.csv has no magnetometer mag_bow, which the calibration is for: there are 1
-        (mag_left), 2 (mag_right); say with sensor= which one it is for
+        (mag_left), 2 (mag_right); say which one it is for (sensor=)
     """
 
     sensor: str | None = None  # asked for, by its number from 1 or its name
@@ -744,7 +744,7 @@ class Choice:
             return cls(str(sensor))
         if sensor is None or isinstance(sensor, str):
             return cls(sensor)
-        raise UsageError(f"sensor={sensor!r} names no magnetometer: give its number from 1, or its name")
+        raise UsageError(f"sensor is {sensor!r}, which names no magnetometer: give its number from 1, or its name")
 
     @property
     def is_open(self) -> bool:
@@ -776,14 +776,18 @@ class Choice:
         what = f"{source} has no magnetometer {wanted.strip() or repr(wanted)}"
         if self.sensor is None:
             raise UsageError(
-                f"{what}, which the calibration is for: there {verb} {there}; say with sensor= which one it is for"
+                f"{what}, which the calibration is for: there {verb} {there}; say which one it is for",
+                hint={"sensor": None},
             )
         raise UsageError(f"{what}: there {verb} {there or 'none'}")
 
     def refuse_alone(self, source: str) -> None:
         """Refuse to choose from a table of one magnetometer."""
         if self.sensor is not None and not self.is_name:
-            raise UsageError(f"{source} has one magnetometer: leave sensor= out; its columns are chosen with columns=")
+            raise UsageError(
+                f"{source} has one magnetometer: leave its number out; it is chosen by columns",
+                hint={"sensor": None, "columns": None},
+            )
 
 
 FIRST: Final = Choice()  # Nobody says which

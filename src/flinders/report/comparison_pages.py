@@ -26,8 +26,8 @@ from rich.text import Text
 
 from flinders.comparison.comparison import CHANCE
 from flinders.core.units import label
-from flinders.errors import counted, figures, percent
-from flinders.findings import VERDICTS, in_options
+from flinders.errors import counted, figures, in_python, percent
+from flinders.findings import VERDICTS, advice
 from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.geometry.ellipsoid import upper
 from flinders.report.fit_pages import plane_rows
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from flinders.comparison.evaluation import Evaluation
     from flinders.comparison.methods import Contest, Entry
     from flinders.core.calibration import Calibration
+    from flinders.errors import Spelling
     from flinders.estimators import Method
     from flinders.findings import Severity, Verdict
     from flinders.fitting.result import Fit
@@ -94,6 +95,7 @@ WIDTH: Final = 78
 
 def of_comparison(
     comparison: Comparison,
+    spell: Spelling = in_python,
     *,
     fresh: Fit | None = None,
     strengths: tuple[Strength, Strength] | None = None,
@@ -105,9 +107,8 @@ def of_comparison(
     recording's under both. `own` names the recordings, if any, that went into the calibration: agreement with those
     proves nothing.
     """
-    limits = (
-        [] if fresh is None else [in_options(finding) for finding in fresh.findings if finding.severity == "limits"]
-    )
+    found = () if fresh is None else fresh.findings
+    limits = [advice(finding, spell) for finding in found if finding.severity == "limits"]
     said = _comparison_verdict(comparison, fresh, own, limits)
     if own:
         limits.insert(0, f"{' and '.join(own)} went into this calibration: check it on a recording made since")
@@ -117,7 +118,7 @@ def of_comparison(
     return Group(page(*blocks, said), notes(("limits", limit) for limit in limits))
 
 
-def of_untold(known: Fit, fit: Fit, strength: Strength) -> RenderableType:
+def of_untold(known: Fit, fit: Fit, strength: Strength, spell: Spelling = in_python) -> RenderableType:
     """Lay out what a recording, of which no fit can be used, tells of a known calibration, and why it is not more."""
     basis = f"{counted(fit.samples, 'reading')}; {fit.method}"
     words = (
@@ -125,7 +126,7 @@ def of_untold(known: Fit, fit: Fit, strength: Strength) -> RenderableType:
         f"{strength.mean:.3f} of the field with a spread of {strength.spread:.1%}, where {known.name} was made one of "
         f"{known.noise / known.ellipsoid.radius:.1%}:"
     )
-    reasons = ((finding.severity, in_options(finding)) for finding in shown_findings(fit))
+    reasons = ((finding.severity, advice(finding, spell)) for finding in shown_findings(fit))
     return Group(page(verdict(UNTOLD, "limited", words, basis)), notes(reasons))
 
 

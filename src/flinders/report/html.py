@@ -25,7 +25,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import msgspec
 import numpy as np
@@ -195,7 +195,8 @@ def python_of(calibration: Calibration) -> str:
 def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
     """Verdict, its title, and what it is in a sentence."""
     if fit is None:
-        return {"verdict": "refused", "title": "No calibration", "sentence": f"{str(outcome).rstrip('.')}."}
+        why = cast("FitError", outcome).message.rstrip(".")
+        return {"verdict": "refused", "title": "No calibration", "sentence": f"{why}."}
     title = TITLES[fit.verdict] if fit.states_uncertainty else "Of unknown quality"
     said = " ".join(map(as_sentence, filter(None, (sentence(fit), condition(fit)))))
     return {"verdict": fit.verdict, "title": title, "sentence": said}

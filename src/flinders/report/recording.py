@@ -115,7 +115,7 @@ class RecordedSensor:
     @classmethod
     def silent(cls, number: int, instrument: Instrument, error: InputError) -> Self:
         """A magnetometer without a reading."""
-        unit, notes = instrument.unit, (str(error), *instrument.notes)
+        unit, notes = instrument.unit, (error.message, *instrument.notes)
         return cls(
             number=number, name=instrument.name, unit=unit.name, unit_of_field=unit.inside, readings=0, notes=notes
         )
@@ -227,7 +227,7 @@ def _unmoved(summary: Summary, unit: str) -> str:
     try:
         require_moved(summary, unit)
     except Unmoved as refusal:
-        return str(refusal)
+        return refusal.message
     return ""
 
 
@@ -346,7 +346,8 @@ def _of_values(sensor: RecordedSensor) -> list[str]:
     """What is odd about the values of a sensor that was turned."""
     doubts = []
     if sensor.resembles:
-        doubts.append(looks_like(sensor.resembles, sensor.name.removeprefix("columns ").replace(", ", ",")))
+        columns = sensor.name.removeprefix("columns ").replace(", ", ",")
+        doubts.append(looks_like(sensor.resembles, f"--columns {shlex.quote(columns)}"))
     if sensor.repeats > STALE * sensor.readings:
         doubts.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
     if sensor.rails:

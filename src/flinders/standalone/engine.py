@@ -21,7 +21,7 @@ from flinders.diagnostics import axis_swap, systematic, unmoved
 from flinders.errors import Unmoved
 from flinders.estimators import auto, level, outliers
 from flinders.findings import CATALOGUE, CAUSES, OF_ONE_MAGNETOMETER, fit, limit_of
-from flinders.findings.row import OF_A_TUMBLE, TUMBLE_STATED
+from flinders.findings.row import OF_A_TUMBLE, resting_on
 from flinders.fitting import advice, calibrate, result, shrinkage, verdict
 from flinders.geometry.sphere import bisected, icosahedron
 from flinders.heading import guidance, path_planning
@@ -110,7 +110,7 @@ def data() -> dict[str, Any]:
         "causes": [cause._asdict() for cause in CAUSES],
         "numbers": NUMBERS,
         "said": {**evaluation.SAID, "unmoved": Unmoved.SAID, "every-way": Unmoved.EVERY_WAY},
-        "condition": TUMBLE_STATED.partition(":")[0],
+        "condition": resting_on(OF_A_TUMBLE),
         "conditions": OF_A_TUMBLE,
         "parameters": PARAMETERS,
         "disturbed": sorted(evaluation.DISTURBED),
