@@ -216,10 +216,8 @@ int32_t flinders_pose_towards(int32_t frame, const flinders_goal *goal, const re
     real wanted[3], down[3], turn[9], least = FL_HUGE;
     int32_t best = 0;
     fl_upright(goal->down, turn);
-    for (int i = 0; i < 3; i++) {
-        wanted[i] = direction[i];
-        if (frame == FLINDERS_VEHICLE) wanted[i] = turn[i] * direction[0] + turn[3 + i] * direction[1] + turn[6 + i] * direction[2];
-    }
+    if (frame == FLINDERS_VEHICLE) fl_multiply(direction, turn, 1, 3, 3, wanted);
+    else memcpy(wanted, direction, sizeof wanted);
     for (int32_t pose = 0;; pose++) {
         const int effort = flinders_pose(frame, pose, down);
         if (effort < 0) return best;
