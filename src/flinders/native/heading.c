@@ -191,7 +191,7 @@ static void corrected(const fl_surface *surface, const real covariance[81], real
 }
 
 /* Variance of the corrected field across its direction u, from the covariance of `corrected`, rad². */
-static real variance_across(const real c[144], const real u[3])
+static inline real variance_across(const real c[144], const real u[3])
 {
     const real w[4] = {1, u[0], u[1], u[2]};
     real squares[3][3], variance = 0;
