@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 from flinders.core.units import EARTH_UT
 from flinders.findings import CATALOGUE, OF_ONE_MAGNETOMETER
 from flinders.fitting.verdict import ENOUGH, ENOUGH_CORRELATED
-from flinders.heading.guidance import WORDS
+from flinders.heading.guidance import POSE_WORDS
 from flinders.summary.summary import FLAT, FLAT_NOISE, FLATTEST
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def source() -> str:
             "};",
             "",
             "const char *const flinders_poses[FLINDERS_SENSOR_POSES] = {",
-            *(f"    {_text(words)}," for words in WORDS["sensor"]),
+            *(f"    {_text(words)}," for words in POSE_WORDS["sensor"]),
             "};",
             "",
             "const char *const flinders_unchecked[FLINDERS_UNCHECKED] = {",

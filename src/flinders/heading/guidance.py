@@ -214,12 +214,12 @@ def _sensor_words() -> Iterator[str]:
         yield f"with the corner of its {one}, {two} and {three} sides down"
 
 
-WORDS: Final[dict[Frame, tuple[str, ...]]] = {"vehicle": tuple(_vehicle_words()), "sensor": tuple(_sensor_words())}
+POSE_WORDS: Final[dict[Frame, tuple[str, ...]]] = {"vehicle": tuple(_vehicle_words()), "sensor": tuple(_sensor_words())}
 """Names of the engine's attitudes in each frame, after "hold it"."""
 
 
 @cache
 def poses(frame: Frame) -> tuple[Pose, ...]:
     """The attitudes that advice is given in, for either frame."""
-    placed = (engine().pose(FRAMES.index(frame), number) for number in range(len(WORDS[frame])))
-    return tuple(Pose(down, words, effort) for (down, effort), words in zip(placed, WORDS[frame], strict=True))
+    placed = (engine().pose(FRAMES.index(frame), number) for number in range(len(POSE_WORDS[frame])))
+    return tuple(Pose(down, words, effort) for (down, effort), words in zip(placed, POSE_WORDS[frame], strict=True))

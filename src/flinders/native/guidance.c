@@ -40,7 +40,7 @@ int fl_are_finite(const real *numbers, int count)
     return 1;
 }
 
-/* Begin. */
+/* Fill a goal with its defaults. */
 void flinders_default_goal(flinders_goal *goal)
 {
     const flinders_goal defaults = {.dip_deg = 60, .down = {0, 0, 1}, .target_deg = 1};
@@ -74,7 +74,7 @@ static real reading_variance(const fl_surface *surface, const real covariance[81
     return median > noise * noise ? median : noise * noise;
 }
 
-/* What a fit claims. */
+/* Take what a fit claims. */
 void flinders_believe(const real centre[3], const real shape[6], const real covariance[81], real noise,
                       const real counts[CELLS], flinders_belief *belief)
 {
@@ -88,8 +88,8 @@ void flinders_believe(const real centre[3], const real shape[6], const real cova
     for (int cell = 0; cell < CELLS; cell++) belief->readings += counts[cell];
 }
 
-/* What a goal wants known: the heading of a level vehicle, or the direction of the field in each of some directions. Nonzero
- * for a goal that there is not. */
+/* Fill in what a goal wants known: the heading of a level vehicle, or the field in each of some directions. Nonzero where the
+ * dip of a level vehicle, or what is down, is none. */
 int fl_wanted_of(const fl_surface *surface, const flinders_goal *goal, const real (*directions)[3], int count,
                  fl_wanted *wanted)
 {
@@ -137,14 +137,14 @@ real fl_lever(const real covariance[81], const real jacobian[9], real variance, 
     return variance > FL_TINY ? variance : FL_TINY;
 }
 
-/* What a variance counts for: nearly the largest alone, yet not blind to the next ones. */
+/* Fourth power of a variance over the largest: its mean is nearly blind to all but the largest ones. */
 real fl_sharp(real variance, real largest)
 {
     const real square = variance / largest * (variance / largest);
     return square * square;
 }
 
-/* Fill an advice from what is wanted: look at a batch in each cell, of this variance. */
+/* Compare batches of readings in each cell, of this variance, and fill in the best. */
 static void choose(const fl_surface *surface, const real covariance[81], const fl_wanted *wanted, real variance,
                    flinders_advice *advice)
 {

@@ -21,7 +21,7 @@ typedef struct {
     signed char neighbours[NODES][NEIGHBOURS];
 } graph;
 
-/* A walk from where the field points now: what is known at its end. */
+/* A walk from where the field points now, and the covariance of the nine parameters at its end. */
 typedef struct {
     real covariance[81];
     int count;
@@ -40,7 +40,7 @@ typedef struct {
     real variance_deg; /* of the distance, of readings along a degree */
     real most;         /* largest variance before the walk */
     int wanted;
-    real weights[ENTRIES][FL_HEADINGS]; /* of entries of a covariance in each variance that is wanted */
+    real weights[ENTRIES][FL_HEADINGS]; /* of the entries of a covariance in each variance that is wanted */
     graph waypoints;
 } plan;
 
@@ -123,7 +123,7 @@ static real worst_of(const plan *way, const real covariance[81], real variances[
     return worst;
 }
 
-/* The walk that goes on by a step; `from` is NULL for the first. */
+/* Continue a walk to a waypoint; `from` is NULL for the first step. */
 static void go(const plan *way, const real now[81], const walk *from, int node, walk *out)
 {
     const real *const here = from ? way->waypoints.nodes[from->nodes[from->count - 1]] : way->start;
@@ -133,8 +133,8 @@ static void go(const plan *way, const real now[81], const walk *from, int node, 
     out->nodes[out->count++] = (signed char)node;
 }
 
-/* Look at a walk to one more waypoint. */
-static step looked_at(const plan *way, const real now[81], const walk *walks, int from, int node)
+/* Score a walk to one more waypoint. */
+static step scored(const plan *way, const real now[81], const walk *walks, int from, int node)
 {
     walk there;
     real variances[FL_HEADINGS];
@@ -151,7 +151,7 @@ static int begin(const plan *way, const real now[81], step *steps)
     int count = 0;
     for (int node = 0; node < NODES; node++) {
         const real angle = TO_DEG * angle_between(way->waypoints.nodes[node], way->start);
-        if (angle > NEAREST_DEG && angle < FARTHEST_DEG) steps[count++] = looked_at(way, now, NULL, 0, node);
+        if (angle > NEAREST_DEG && angle < FARTHEST_DEG) steps[count++] = scored(way, now, NULL, 0, node);
     }
     return count;
 }
@@ -165,13 +165,13 @@ static int extend(const plan *way, const walk *walks, int count, step *steps)
         const int here = one->nodes[one->count - 1], before = one->count > 1 ? one->nodes[one->count - 2] : -1;
         for (int slot = 0; slot < NEIGHBOURS; slot++) {
             const int node = way->waypoints.neighbours[here][slot];
-            if (node >= 0 && node != before) steps[found++] = looked_at(way, NULL, walks, i, node);
+            if (node >= 0 && node != before) steps[found++] = scored(way, NULL, walks, i, node);
         }
     }
     return found;
 }
 
-/* The first of the steps whose number is least, or is like that; −1 where all are NaN. */
+/* The step with the smallest number, of those that are alike the first; −1 where all are NaN. */
 static int least_of(const step *steps, int count, int is_worst)
 {
     int best = -1;
@@ -183,7 +183,7 @@ static int least_of(const step *steps, int count, int is_worst)
     return best;
 }
 
-/* Go the best steps; returns how many. */
+/* Take the steps with the smallest scores, at most BEAM; returns how many. */
 static int keep(const plan *way, const real now[81], const walk *walks, step *steps, int count, walk *kept)
 {
     int found = 0;
@@ -208,7 +208,7 @@ static void place(const plan *way, const walk *walks, const step *last, flinders
     route->worst_deg = TO_DEG * fl_sqrt(way->most), route->after_deg = TO_DEG * fl_sqrt(last->worst);
 }
 
-/* Search for the walk that reaches a variance soonest, or comes nearest to it; nonzero where none is a number. */
+/* Find the walk that brings the largest variance below a target soonest, or nearest to it; nonzero where all are NaN. */
 static int search(const plan *way, const real now[81], real target, flinders_route *route)
 {
     walk beams[2][BEAM], *walks = NULL;
@@ -239,7 +239,7 @@ static void spread_evenly(real directions[EVERYWHERE][3])
     }
 }
 
-/* Fill in what entries of a covariance count for in each variance; nonzero for a goal that there is not. */
+/* Fill in the weights of a goal; nonzero where its dip, or what is down, is none. */
 static int weigh(const fl_surface *surface, const flinders_goal *goal, plan *way)
 {
     fl_wanted wanted;
@@ -281,7 +281,8 @@ int flinders_path(const flinders_belief *belief, const flinders_goal *goal, cons
     return search(&way, belief->covariance, target * target, route);
 }
 
-/* Take every so manieth of the readings about their mean, in units of the farthest; that unit, 0 where all are alike. */
+/* Take up to 400 readings, evenly spaced, about their mean and in units of the farthest; returns that unit, 0 where all are
+ * alike. */
 static real thin(const real *field, size_t rows, real local[THINNED][3], int *count, real mean[3])
 {
     const size_t stride = (rows + THINNED - 1) / THINNED;
@@ -331,8 +332,8 @@ static real centre_of(const real (*places)[3], int count, real centre[3])
     return fl_sqrt(square + length);
 }
 
-/* Make places about a centre directions; the mean square of what their distances are off a radius. NaN where a place has no
- * direction, or all lie within a short arc. */
+/* Turn places into directions from a centre; returns the mean square of their distances less a radius. NaN where a place has
+ * no direction, or all lie within a short arc. */
 static real scatter_about(const real centre[3], real radius, real (*places)[3], int count)
 {
     real sum = 0, least = 1;

@@ -120,7 +120,7 @@ def data() -> dict[str, Any]:
         "at_once": sorted(evaluation.AT_ONCE),
         "informative": evaluation.INFORMATIVE,
         "other_units": evaluation.OTHER_UNITS,
-        "poses": guidance.WORDS["sensor"],
+        "poses": guidance.POSE_WORDS["sensor"],
         "bands": BANDS.tolist(),
         "turns": path_planning.TURNS["sensor"],
         "tiles": msgspec.to_builtins(tiles_view()),
