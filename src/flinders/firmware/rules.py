@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING, Final
 from flinders.core.units import EARTH_UT
 from flinders.findings import CATALOGUE, OF_ONE_MAGNETOMETER
 from flinders.fitting.verdict import ENOUGH, ENOUGH_CORRELATED
-from flinders.heading.guidance import POSES
+from flinders.heading.guidance import POSE_WORDS
 from flinders.summary.summary import FLAT, FLAT_NOISE, FLATTEST
 
 if TYPE_CHECKING:
     from flinders.findings import CatalogueRow
     from flinders.findings.row import Grade, Needs, Rule
-    from flinders.heading.guidance import Pose
 
 QUANTITIES: Final = (
     "flatness", "flatness_limit", "worst_deg", "target_deg", "hole_deg", "noise_share", "unobserved", "prior_share",
@@ -57,7 +56,7 @@ def unchecked() -> list[str]:
 
 
 def header() -> str:
-    """`flinders_rules.h`: how many rules and attitudes there are, names of quantities, and numbers of them."""
+    """`flinders_rules.h`: how many rules there are, names of quantities, and numbers of them."""
     quantities = ", ".join(map(_quantity, QUANTITIES))
     rules = ", ".join(f"FLINDERS_RULE_{row.code.upper().replace('-', '_')}" for row in on_board())
     return "\n".join(
@@ -68,7 +67,7 @@ def header() -> str:
             "",
             f"enum {{ {quantities}, FLINDERS_QUANTITIES }};",
             f"enum {{ {rules}, FLINDERS_RULES }};",
-            f"enum {{ FLINDERS_POSES = {len(POSES['sensor'])}, FLINDERS_UNCHECKED = {len(unchecked())} }};",
+            f"enum {{ FLINDERS_UNCHECKED = {len(unchecked())} }};",
             "",
             *(f"#define FLINDERS_{name} {_number(value)}" for name, value in CONSTANTS.items()),
             "#endif",
@@ -88,8 +87,8 @@ def source() -> str:
             *(_rule(row) for row in on_board()),
             "};",
             "",
-            "const flinders_pose flinders_poses[FLINDERS_POSES] = {",
-            *map(_pose, POSES["sensor"]),
+            "const char *const flinders_poses[FLINDERS_SENSOR_POSES] = {",
+            *(f"    {_text(words)}," for words in POSE_WORDS["sensor"]),
             "};",
             "",
             "const char *const flinders_unchecked[FLINDERS_UNCHECKED] = {",
@@ -128,11 +127,6 @@ def _limit(limit: Grade | Needs) -> str:
 
 def _quantity(name: str) -> str:
     return f"FLINDERS_Q_{name.upper()}"
-
-
-def _pose(pose: Pose) -> str:
-    down = ", ".join(_number(value) for value in pose.down.tolist())
-    return f"    {{{{{down}}}, {_text(pose.words)}, {pose.effort}}},"
 
 
 def _number(value: float) -> str:

@@ -298,10 +298,7 @@ def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: F
     >>> direction_errors_deg(sphere, along_x, np.eye(3)).round(2)
     array([0.  , 1.15, 1.15])
     """
-    gradients = direction_gradients(ellipsoid, directions)
-    variance = np.sum(gradients @ covariance * gradients, axis=(1, 2)).clip(min=0.0)
-    errors: Floats = np.rad2deg(np.sqrt(variance))
-    return errors
+    return engine().direction_errors(ellipsoid.shape, covariance, directions)
 
 
 def direction_gradients(ellipsoid: Ellipsoid, directions: Floats) -> Floats:
@@ -417,8 +414,7 @@ def level_turn(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floa
 @lru_cache(maxsize=16)
 def _turn_at(dip_deg: float) -> tuple[Floats, Floats, Floats]:
     """(72,) headings, (3, 72) fields and (3, 72) what a heading errs by for an error across, read-only."""
-    if not abs(dip_deg) <= STEEPEST_DIP_DEG:
-        raise UsageError(f"dip is {dip_deg:g}°: need −{STEEPEST_DIP_DEG:g}° to {STEEPEST_DIP_DEG:g}°")
+    require_headings(dip_deg)
     dip = np.deg2rad(dip_deg)
     heading = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
     level, zeros = np.cos(dip), np.zeros(HEADINGS)
@@ -427,6 +423,12 @@ def _turn_at(dip_deg: float) -> tuple[Floats, Floats, Floats]:
     for array in (heading, fields, across):
         array.flags.writeable = False
     return heading, fields, across
+
+
+def require_headings(dip_deg: float) -> None:
+    """Raise `UsageError` within a degree of the magnetic poles, where there is no heading."""
+    if not abs(dip_deg) <= STEEPEST_DIP_DEG:
+        raise UsageError(f"dip is {dip_deg:g}°: need −{STEEPEST_DIP_DEG:g}° to {STEEPEST_DIP_DEG:g}°")
 
 
 def upright(down: Floats) -> Floats:

@@ -365,7 +365,7 @@ def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", fr
         down=np.array([0.0, 0.0, -1.0]) if is_seen_from_below else None,
         readings_per_deg=_readings_per_deg(samples),
     )
-    if path.worst_deg <= fit.target_deg and not belief.is_rough:
+    if not len(path.waypoints) or (path.worst_deg <= fit.target_deg and not belief.is_rough):
         return view
     words = f"follow the arrow: {path.words(frame)}"
     leads = GuidanceView(triple(path.waypoints[0]), words, path.worst_deg, path.after_deg, goal, frame)

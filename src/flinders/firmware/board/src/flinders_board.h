@@ -56,15 +56,8 @@ typedef struct flinders_rule {
     } need[2];
 } flinders_rule;
 
-/* An attitude but for its heading: what points down, in words after "hold it", and the angles to judge by eye. */
-typedef struct flinders_pose {
-    flinders_real down[3];
-    const char *words;
-    uint8_t effort;
-} flinders_pose;
-
 extern const flinders_rule flinders_rules[FLINDERS_RULES];
-extern const flinders_pose flinders_poses[FLINDERS_POSES];
+extern const char *const flinders_poses[FLINDERS_SENSOR_POSES]; /* attitudes of the sensor, in words after "hold it" */
 extern const char *const flinders_unchecked[FLINDERS_UNCHECKED]; /* codes of findings that only the library makes */
 
 typedef struct flinders_answer {
