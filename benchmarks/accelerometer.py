@@ -146,7 +146,7 @@ def tried(case: tuple[str, str, int]) -> Trial | None:
     return Trial(
         (claimed, float(np.abs(headings(own)).max())),
         (np.hypot(claimed, fit.alignment_error_deg or 0.0), float(np.abs(headings(fit.calibration.apply(raw))).max())),
-        is_used=aiding is not None and any(sensor.kept for sensor in aiding.each),
+        is_used=aiding is not None and any(sensor.is_used for sensor in aiding.sensors),
         is_good=fit.verdict == "good",
     )
 

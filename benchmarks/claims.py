@@ -472,7 +472,7 @@ def doubt(pool: Executor, trials: int) -> Iterator[str]:
 def _reach(samples: Samples) -> list[float]:
     """How far runs of more than one rejected reading reach, in limits."""
     estimate = Auto().estimate(Readings.of(samples))
-    return [run.farthest / estimate.rejected_beyond for run in estimate.outliers if run.rows > 1]
+    return [run.max_distance / estimate.rejected_beyond for run in estimate.outliers if run.readings > 1]
 
 
 def halves(pool: Executor, trials: int) -> Iterator[str]:
@@ -495,10 +495,10 @@ def halves(pool: Executor, trials: int) -> Iterator[str]:
             continue
         if parted.repeats is not None:
             half = parted.repeats.parts[0]
-            ratios.append(half.off_deg / half.off_sigma_deg)
+            ratios.append(half.difference_deg / half.difference_sigma_deg)
             yield _row(
-                str(path.relative_to(FOLDER)), f"{whole.heading_error_deg.worst:.2f}°", f"{half.off_deg:.2f}°",
-                f"{half.off_sigma_deg:.2f}°", f"{ratios[-1]:.1f}",
+                str(path.relative_to(FOLDER)), f"{whole.heading_error_deg.worst:.2f}°", f"{half.difference_deg:.2f}°",
+                f"{half.difference_sigma_deg:.2f}°", f"{ratios[-1]:.1f}",
             )  # fmt: skip
     yield _row("median", "", "", "", f"{np.median(ratios):.1f}" if ratios else "no recordings: set FLINDERS_DATA")
 

@@ -137,10 +137,11 @@ def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats
         names = [f"run {number}" for number in range(fleet.recordings)] * fleet.units
     return UnitResults(
         unit=objects(unit.tolist()), recording=objects(names), start_s=start, end_s=none,
-        readings=np.full(rows, 500), used=np.full(rows, 500), verdict=texts("good"), code=texts(""), message=texts(""),
-        method=texts("likelihood"), worst_deg=none, rms_deg=none, bound_deg=none, dip_deg=np.full(rows, 60.0),
+        readings=np.full(rows, 500), samples=np.full(rows, 500), verdict=texts("good"), code=texts(""),
+        message=texts(""), method=texts("likelihood"), worst_deg=none, rms_deg=none, bound_95_deg=none,
+        dip_deg=np.full(rows, 60.0),
         offset=offset + errors[:, :3], matrix=(radius[:, None, None] * np.linalg.inv(shape)).reshape(-1, 9),
-        covariance=covariance, noise=none, radius=radius, coverage=none, findings=objects([()] * rows),
+        covariance=covariance, noise=none, field_strength=radius, coverage=none, findings=objects([()] * rows),
         unit_of_field=texts("uT"), batch=texts(""),
     )  # fmt: skip
 
@@ -171,8 +172,8 @@ def line(name: str, fleet: Fleet, seed: int = 1) -> str:
     recall = f"{len(urgent & far) / len(far):.3f}" if far else "–"
     return (
         f"| {name} | {fleet.recordings} | {steps} | {len(reported - stepped)} | {recall} | {len(urgent & near)} | "
-        f"{(drift.session if fleet.is_dated else drift.undated.session) ** 0.5:.2f} | "
-        f"{f'{drift.walk_deg:.2f}°' if fleet.is_dated else '–'} |"
+        f"{(drift.variance_factor if fleet.is_dated else drift.undated.variance_factor) ** 0.5:.2f} | "
+        f"{f'{drift.random_walk_deg_per_root_year:.2f}°' if fleet.is_dated else '–'} |"
     )
 
 
@@ -225,7 +226,7 @@ def of_recordings(units: int = 300, count: int = 4, seed: int = 1) -> str:
     return (
         f"{units} units of {count} recordings, {len(stepped)} with a step of 2 µT: found {len(reported & stepped)}, "
         f"beside them {len(reported - stepped)}; to recalibrate {len(urgent & stepped)}, beside them "
-        f"{len(urgent - stepped)}; claims are to be widened {drift.session**0.5:.2f} times"
+        f"{len(urgent - stepped)}; claims are to be widened {drift.variance_factor**0.5:.2f} times"
     )
 
 

@@ -96,7 +96,7 @@ def job(path: str) -> dict[str, Any]:
     long = rows.row(int(np.argmax(rows.readings)))
     off = float(np.abs(np.asarray(long.offset) - OFFSET).max())
     peak = int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0])
-    own = {"units": told.units, "method": long.method, "verdict": long.verdict, "used": long.used, "off": off}
+    own = {"units": told.units, "method": long.method, "verdict": long.verdict, "samples": long.samples, "off": off}
     return {"seconds": seconds, "mb": peak / 1024.0, **own}
 
 
@@ -122,7 +122,7 @@ def main() -> None:
             print(
                 f"| {readings:,} | {outliers:.0%} | {size / 1e6:.0f} | {took['seconds']:.0f} | "
                 f"{took['seconds'] / readings * 1e6:.2f} | {took['mb']:.0f} | {took['method']}, {took['verdict']} | "
-                f"{took['used']:,} | {took['off']:.2g} |",
+                f"{took['samples']:,} | {took['off']:.2g} |",
                 flush=True,
             )
 

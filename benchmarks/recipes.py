@@ -135,7 +135,7 @@ def _cell(entry: Entry) -> str:
     if entry.fit is None:
         return "none"
     shown = "–" if entry.validation is None else _angle(entry.validation.heading_error_deg.rms)
-    apart = "" if entry.apart_deg is None else f" ({_angle(entry.apart_deg.rms)})"
+    apart = "" if entry.difference_deg is None else f" ({_angle(entry.difference_deg.rms)})"
     return f"{shown}{apart}"
 
 

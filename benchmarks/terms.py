@@ -531,7 +531,7 @@ def drive_trial(title: str, number: int) -> tuple[float, float, bool, bool]:
     recording, samples = short_drive(disturbed, number)
     alone, aided = (_judged(samples, each) for each in ((), aiding))
     ratios = [math.nan if fit is None else _heading_ratio(fit, recording) for fit in (alone, aided)]
-    is_used = aided is not None and aided.aiding is not None and any(aid.kept for aid in aided.aiding.each)
+    is_used = aided is not None and aided.aiding is not None and any(aid.is_used for aid in aided.aiding.sensors)
     return ratios[0], ratios[1], is_used, alone is not None and bool(alone.plane)
 
 

@@ -1,10 +1,10 @@
 """What several magnetometers of one body are worth together: tables as Markdown.
 
-    python -m benchmarks.together [--tables nees,gain,departures,real,time] [--trials 200]
+    python -m benchmarks.together [--tables nees,gain,disagreements,real,time] [--trials 200]
 
 nees        Squared error over claimed covariance of offsets, shapes and rotations, mean over trials: 1 is true.
 gain        Level heading error (rms over trials, after its mean) of each sensor alone and together.
-departures  A disturbance of four seconds: how often it is found, and laid to the right sensor; and how often in
+disagreements  A disturbance of four seconds: how often it is found, and laid to the right sensor; and how often in
             an undisturbed minute something is found.
 real        `dronekit_log171` and `leiria_robot`, where `FLINDERS_DATA` names the folder.
 time        CPU seconds.
@@ -24,7 +24,7 @@ import numpy as np
 
 from benchmarks.datasets import heading_error_deg
 from flinders import open_log, read, simulate
-from flinders.comparison.agreement import departures
+from flinders.comparison.agreement import disagreements
 from flinders.comparison.multi_sensor import fit_multi
 from flinders.estimators import Readings
 from flinders.estimators.auto import Auto
@@ -143,7 +143,7 @@ def gain_table(trials: int) -> Iterator[str]:
             yield f"| {name} | {noise} | {cells} |"
 
 
-def departures_table(trials: int) -> Iterator[str]:
+def disagreements_table(trials: int) -> Iterator[str]:
     """Yield how often a disturbance of four seconds in half a minute is found."""
     yield "| disturbance, µT | sensors | found | attributed to the right one | runs with a false one |"
     yield "|---:|---:|---:|---:|---:|"
@@ -159,7 +159,7 @@ def departures_table(trials: int) -> Iterator[str]:
                 fields[1] += np.outer(during, strength * direction / np.linalg.norm(direction))
                 found = solve(fields)
                 seen = np.stack([found.corrected(i, field) for i, field in enumerate(fields)])
-                runs = departures(seen, moments)
+                runs = disagreements(seen, moments)
                 hits = [run for run in runs if run.start_s < 16.0 and run.end_s > 12.0] if strength else []
                 seen_runs += bool(hits)
                 right += any(run.sensor == 1 for run in hits)
@@ -192,7 +192,7 @@ def _rows(found: Together) -> Iterator[str]:
             worst.append(f"{fit.heading_error_deg.worst:.2g}" if isinstance(fit, Fit) else "–")
         sigma = 0.0 if member.rotation_sigma_deg is None else float(member.rotation_sigma_deg.max())
         yield (
-            f"| {member.name} | {' | '.join(worst)} | {member.axes} | {member.off_axes_deg:.1f} | {sigma:.1f} | "
+            f"| {member.name} | {' | '.join(worst)} | {member.axes} | {member.misalignment_deg:.1f} | {sigma:.1f} | "
             f"{member.scatter_deg:.2f} | {1e3 * member.delay_s:.0f} |"
         )
 
@@ -213,13 +213,13 @@ def time_table() -> Iterator[str]:
 def main() -> None:
     """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tables", default="nees,gain,departures,real,time")
+    parser.add_argument("--tables", default="nees,gain,disagreements,real,time")
     parser.add_argument("--trials", type=int, default=200)
     asked = parser.parse_args()
     tables = {
         "nees": lambda: nees_table(asked.trials),
         "gain": lambda: gain_table(asked.trials),
-        "departures": lambda: departures_table(asked.trials),
+        "disagreements": lambda: disagreements_table(asked.trials),
         "real": real_table,
         "time": time_table,
     }

@@ -52,7 +52,7 @@ class Trial:
 
     verdict: str
     before: float  # nT, on the calibration flight
-    held_out: float
+    cross_validated: float
     as_flown: float  # error over claim
     between: float
     merit: float  # nT, figure of merit before
@@ -96,7 +96,7 @@ def trial(seed: int, iron: float, **different: Any) -> Trial:
     return Trial(
         fit.verdict,
         fit.before,
-        fit.held_out,
+        fit.cross_validated,
         in_band(again, again.interference - fit.interference(again.samples)) / fit.as_flown,
         in_band(between, between.interference - fit.interference(between.samples)) / fit.on_any_heading,
         merit,
@@ -142,7 +142,7 @@ def _row(trials: Sequence[Trial]) -> str:
         name: np.array([getattr(each, name) for each in usable]) for name in Trial.__slots__ if name != "verdict"
     }
     numbers: dict[str, Callable[[Floats], float]] = {
-        "before": np.median, "held_out": np.median, "as_flown": _rms, "between": _rms, "merit": np.median,
+        "before": np.median, "cross_validated": np.median, "as_flown": _rms, "between": _rms, "merit": np.median,
         "left": np.median, "of_optimum": np.median,
     }  # fmt: skip
     cells = [float(number(columns[name])) for name, number in numbers.items()]

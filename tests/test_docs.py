@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 import pytest
+from tests import key_tables
 
 import flinders
 from flinders.errors import FlindersError
@@ -93,14 +94,36 @@ def test_every_finding_is_documented() -> None:
     assert not missing, f"docs/findings.md lacks rows for {missing}"
 
 
+def test_every_public_key_stands_in_its_table(request: pytest.FixtureRequest) -> None:
+    tables = key_tables.page()
+    lacking = [line for line in tables.splitlines() if line.endswith("|  |")]
+    assert not lacking, f"no comment in the code says what these keys mean: {lacking}"
+    before, rest = page("keys.md").split("<!-- keys -->\n")
+    shown, after = rest.split("<!-- end of keys -->\n")
+    if request.config.getoption("--regenerate", default=False):
+        text = f"{before}<!-- keys -->\n{tables}<!-- end of keys -->\n{after}"
+        (DOCS / "keys.md").write_text(text, encoding="utf-8")
+    else:
+        assert shown == tables, "docs/keys.md: `uv run pytest --regenerate tests/test_docs.py`, then review the diff"
+
+
+def test_the_table_of_a_fit_has_the_keys_that_are_printed() -> None:
+    from flinders import simulate
+
+    fit = flinders.fit(simulate.tumble(seed=1, n=400).samples)
+    printed = fit.as_dict()
+    known = {key.name for key in key_tables.keys_of("fitting.result:Fit")}
+    assert printed.keys() <= known
+    assert known - printed.keys() == {"aiding", "refreshed", "disturbances", "noise_uncompensated"}
+    assert list(printed["coverage"]) == [key.name for key in key_tables.keys_of("summary.coverage:Coverage")]
+
+
 def test_sentences_of_findings_are_for_python_the_command_line_and_pages_alike() -> None:
     from flinders.findings import CATALOGUE
     from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
 
     sentences = [words for row in CATALOGUE.values() for words in (row.said, row.plain, row.remedy)]
     assert not [words for words in (*sentences, Z_OPEN, Z_ELSEWHERE) if re.search(r"--[a-z]|\w=\W", words)]
-    half = [row.code for row in CATALOGUE.values() if bool(row.arguments) != bool(row.options)]
-    assert not half, f"{half} name what carries them out in Python or on the command line alone"
 
 
 def test_exit_codes_are_the_same_in_readme_and_docs() -> None:

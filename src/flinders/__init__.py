@@ -75,15 +75,6 @@ _HOMES: Final = {
 }
 """Public names and the module each lives in; a module of that name is the thing itself."""
 
-_RENAMED: Final = {"fit_together": "fit_multi", "Judged": "Fit"}
-"""Old names, which work for one release."""
-
-_RENAMED_KEYWORDS: Final = {
-    "fit": {"drivers": "disturbances", "aids": "aiding"},
-    "fit_multi": {"aids": "aiding"},
-}
-"""Old keywords of functions, and the new ones."""
-
 __version__: Final = "0.1.0"
 """That of pyproject.toml; ``importlib.metadata``, which knows it too, takes longer to load than a fit."""
 
@@ -91,21 +82,11 @@ __all__ = sorted([*_HOMES, "__version__"])  # noqa: PLE0605
 
 
 def __getattr__(name: str) -> object:
-    if name in _RENAMED:
-        from flinders.deprecation import warn
-
-        warn(f"flinders.{name} is called {_RENAMED[name]!r} now: the old name goes with the next release")
-        return __getattr__(_RENAMED[name])
     if name not in _HOMES:
         raise AttributeError(f"module 'flinders' has no attribute {name!r}")
     home = _HOMES[name]
     module = import_module(f"flinders.{home}")
     attribute: Any = module if home.rpartition(".")[2] == name else getattr(module, name)
-    if name in _RENAMED_KEYWORDS:
-        from flinders.deprecation import renamed_keywords
-
-        attribute = renamed_keywords(**_RENAMED_KEYWORDS[name])(attribute)
-        attribute.__module__ = __name__  # for pickle
     globals()[name] = attribute  # looked up once
     return attribute
 

@@ -37,15 +37,23 @@
         ├── OutputExists             output-exists     6    a file is there already
         └── NotConfirmed             not-confirmed     6    sent, and the other end did not confirm it
 
-Every error has a stable `code`, the `exit_code` with which the command line ends, and the numbers
-it speaks of as attributes. `FitError` carries `evidence`, a mapping of those numbers, so that a
-batch can store a refusal as a row.
+Every error has a stable `code`, the `exit_code` with which the command line ends, a `message`, and as `evidence` the
+numbers that the message states, by name.
 
 >>> error = TooFewSamples(found=5, needed=10, method="likelihood")
 >>> error.code, error.exit_code, error.evidence["found"]
 ('too-few-samples', 4, 5)
 >>> print(error)
 5 usable readings, 'likelihood' needs at least 10: record for longer while turning the sensor through all directions
+
+A message names no argument. The arguments that mend an error are its `hint`, values by keyword, which each interface
+spells: Python in the text of the error, the command line as options.
+
+>>> error = OutputExists("log.csv")
+>>> error.message, error.hint
+('log.csv exists: give another name, or overwrite it', {'force': True})
+>>> print(error)
+log.csv exists: give another name, or overwrite it (force=True)
 
 Messages of all modules write counts, numbers and shares with `counted`, `figures` and `percent`. What other packages
 raise becomes one of these errors in `needs` and `reading`.
@@ -60,17 +68,26 @@ flinders.errors.MissingExtra: a PX4 ULog needs no_such_package, which is not ins
 from __future__ import annotations
 
 import math
+import os
 import struct
 import zlib
+from collections.abc import Mapping
 from contextlib import contextmanager
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator
+
+Hint: TypeAlias = Mapping[str, object]
+"""Arguments that carry out a remedy: values by keyword of the Python interface, None for any value. The value of a
+method's name is a mapping of its arguments."""
 
 LONGEST: Final = 120
 """Characters of another package's message that are passed on."""
+
+Spelling: TypeAlias = "Callable[[Hint], str]"
+"""How an interface spells a hint, such as `in_python`."""
 
 
 def counted(number: float, noun: str) -> str:
@@ -118,11 +135,47 @@ def percent(count: float, total: float) -> str:
     return "< 0.1%" if written == "0.0%" and count else written
 
 
+def in_python(hint: Hint) -> str:
+    """Spell a hint as arguments of Python.
+
+    >>> in_python({"force": True, "columns": "4,5,6", "unit": None, "at": {"current": 0.0}})
+    "force=True, columns='4,5,6', unit=, at(current=0.0)"
+    """
+    return ", ".join(_argument(keyword, value) for keyword, value in hint.items())
+
+
+def _argument(keyword: str, value: object) -> str:
+    if isinstance(value, Mapping):
+        return f"{keyword}({in_python(value)})"
+    return f"{keyword}={'' if value is None else repr(value)}"
+
+
+def with_hint(sentence: str, spelled: str) -> str:
+    """Add a spelled hint to a sentence; an empty one adds nothing.
+
+    >>> with_hint("name the unit", "--unit, --scale"), with_hint("name the unit", "")
+    ('name the unit (--unit, --scale)', 'name the unit')
+    """
+    return f"{sentence} ({spelled})" if spelled else sentence
+
+
 class FlindersError(Exception):
-    """The root of the tree: catching it catches all that this package raises on purpose."""
+    """The root of the tree: catching it catches all that this package raises on purpose.
+
+    `message` says what was found and what is needed, `hint` has the arguments that mend it, and `evidence` the numbers
+    of the message by name.
+    """
 
     code: ClassVar[str] = "flinders"
     exit_code: ClassVar[int] = 70
+
+    def __init__(self, message: str = "", *, hint: Hint | None = None, **evidence: object) -> None:
+        self.message, self.hint, self.evidence = message, dict(hint or {}), dict(evidence)
+        super().__init__(message)
+
+    def __str__(self) -> str:
+        """The message, with the hint as Python spells it."""
+        return with_hint(self.message, in_python(self.hint))
 
 
 class UsageError(FlindersError):
@@ -180,7 +233,11 @@ class MissingExtra(InputError):
 
     def __init__(self, package: str, extra: str, what: str) -> None:
         self.package, self.extra = package, extra
-        super().__init__(f"{what} needs {package}, which is not installed: pip install 'flinders[{extra}]'")
+        super().__init__(
+            f"{what} needs {package}, which is not installed: pip install 'flinders[{extra}]'",
+            package=package,
+            extra=extra,
+        )
 
 
 class LinkError(InputError):
@@ -199,10 +256,6 @@ class FitError(FlindersError):
     """No calibration can be given from this recording; `evidence` holds the numbers that say why."""
 
     code, exit_code = "fit", 4
-
-    def __init__(self, message: str, **evidence: object) -> None:
-        self.evidence: Mapping[str, object] = evidence
-        super().__init__(message)
 
 
 class TooFewSamples(FitError):
@@ -291,8 +344,9 @@ class NotTurned(FitError):
         self.left, self.disturbances = left, disturbances
         super().__init__(
             f"the sensor was not turned: its readings follow {disturbances} and hardly anything else ({figures(left)} "
-            "of their unit is left, 1 σ). That tells what the disturbance does, and no offset or matrix: give the "
-            "calibration that it belongs to with previous=, or turn the sensor while recording",
+            "of their unit is left, 1 σ). That tells what the disturbance does, and no offset or matrix: turn the "
+            "sensor while recording, or give the calibration that it belongs to",
+            hint={"previous": None},
             left=left,
             disturbances=disturbances,
         )
@@ -365,7 +419,8 @@ class NeedsRecording(FitError):
     def __init__(self, what: str) -> None:
         super().__init__(
             f"the calibration file keeps no readings, and {what} are needed: give the recording too, as "
-            "flinders report CALIBRATION RECORDING does, or fit it again"
+            "flinders report CALIBRATION RECORDING does, or fit it again",
+            what=what,
         )
 
 
@@ -374,10 +429,9 @@ class NotExportable(FlindersError):
 
     code, exit_code = "not-exportable", 4
 
-    def __init__(self, message: str, *, beyond: Iterable[str], **evidence: object) -> None:
+    def __init__(self, message: str, *, beyond: Iterable[str], hint: Hint | None = None, **evidence: object) -> None:
         self.beyond = tuple(beyond)
-        self.evidence: Mapping[str, object] = {"beyond": self.beyond, **evidence}
-        super().__init__(message)
+        super().__init__(message, hint=hint, beyond=self.beyond, **evidence)
 
 
 class NotSent(FlindersError):
@@ -393,7 +447,9 @@ class PluginError(FlindersError):
 
     def __init__(self, package: str, problem: str) -> None:
         self.package, self.problem = package, problem
-        super().__init__(f"the plugin {package}: {problem}; update it, or uninstall it")
+        super().__init__(
+            f"the plugin {package}: {problem}; update it, or uninstall it", package=package, problem=problem
+        )
 
 
 class NoEngine(FlindersError):
@@ -413,9 +469,11 @@ class OutputExists(OutputError):
 
     code = "output-exists"
 
-    def __init__(self, path: object) -> None:
+    def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = path
-        super().__init__(f"{path} exists: give another name, or overwrite it with force=True")
+        super().__init__(
+            f"{path} exists: give another name, or overwrite it", hint={"force": True}, path=os.fspath(path)
+        )
 
 
 class NotConfirmed(OutputError):

@@ -241,6 +241,71 @@ static int judge(void)
     return status == 0 && judgement.verdict < FLINDERS_REFUSES;
 }
 
+/* A belief of anything, or what a fit of few readings claims, some of whose directions nobody saw. */
+static flinders_belief some_belief(void)
+{
+    flinders_belief belief;
+    flinders_real counts[100], covariance[81] = {0}, shape[6], noise = (flinders_real)uniform();
+    for (int i = 0; i < 6; i++) shape[i] = (flinders_real)(i < 3 ? 50 : uniform());
+    for (int i = 0; i < 100; i++) counts[i] = (flinders_real)below(5);
+    const size_t rank = below(10);
+    for (size_t k = 0; k < rank; k++) {
+        flinders_real root[9];
+        for (int i = 0; i < 9; i++) root[i] = (flinders_real)(uniform() - 0.5);
+        for (int i = 0; i < 81; i++) covariance[i] += root[i / 9] * root[i % 9];
+    }
+    const double kind = uniform();
+    if (kind < 0.1) fill_with_anything(covariance, 81);
+    else if (kind < 0.2) covariance[below(81)] = anything();
+    else if (kind < 0.3) fill_with_anything(counts, 100);
+    else if (kind < 0.4) fill_with_anything(shape, 6);
+    else if (kind < 0.5) noise = anything();
+    flinders_believe(shape, shape, covariance, noise, counts, &belief);
+    if (uniform() < 0.1) belief.variance = anything();
+    if (uniform() < 0.1) belief.readings = anything();
+    return belief;
+}
+
+/* Whether an advice or a route is one: numbers where its status is FLINDERS_OK. */
+static int is_answer(int status, flinders_real before, flinders_real after)
+{
+    return status >= 0 && status <= 9 && (status || (before >= 0 && after >= 0));
+}
+
+/* Ask for guidance, attitudes and a path. */
+static void lead(void)
+{
+    flinders_belief belief = some_belief();
+    flinders_goal goal;
+    flinders_advice advice;
+    flinders_route route;
+    flinders_real down[3], at[3] = {(flinders_real)uniform(), 0, 1}, errors[3], *field;
+    const size_t rows = below(900);
+    flinders_default_goal(&goal);
+    goal.is_attitude = (int32_t)below(2), goal.target_deg = (flinders_real)(10 * uniform());
+    if (uniform() < 0.2) goal.dip_deg = anything(), goal.target_deg = anything();
+    if (uniform() < 0.2) fill_with_anything(goal.down, 3);
+    if (uniform() < 0.1) fill_with_anything(at, 3);
+    if (uniform() < 0.3) {
+        field = need(3 * rows * sizeof *field);
+        if (rows) fill(field, rows);
+        const int status = flinders_rough(field, rows, &belief);
+        REQUIRE(status >= 0 && status <= 9 && (status || (isfinite(belief.variance) && belief.shape[0] > 0)));
+        free(field);
+    }
+    int status = flinders_guidance(&belief, &goal, uniform() < 0.8 ? 0 : anything(), &advice);
+    REQUIRE(is_answer(status, advice.worst_deg, advice.after_deg));
+    status = flinders_path(&belief, &goal, at, uniform() < 0.8 ? 1 : anything(), &route);
+    REQUIRE(is_answer(status, route.worst_deg, route.after_deg));
+    REQUIRE(status ? route.count == 0 : route.count >= 1 && route.count <= 6);
+    flinders_direction_errors(belief.shape, belief.covariance, at, 1, errors);
+    for (int32_t frame = -1; frame < 3; frame++) {
+        const int32_t pose = flinders_pose_towards(frame, &goal, advice.direction);
+        REQUIRE(frame < 0 || frame > 1 || flinders_pose(frame, pose, down) >= 0);
+    }
+    REQUIRE(flinders_pose((int32_t)below(4), INT32_MIN + (int32_t)below(9), down) == -1);
+}
+
 int main(int count, char **arguments)
 {
     const long calls = count > 1 ? atol(arguments[1]) : 1000;
@@ -251,8 +316,9 @@ int main(int count, char **arguments)
         if (kind < 0.6) fitted += fit(1);
         else if (kind < 0.7) fitted += fit(1 + below(4));
         else if (kind < 0.8) fitted += sum();
-        else if (kind < 0.95) judge();
-        else ask();
+        else if (kind < 0.88) judge();
+        else if (kind < 0.94) ask();
+        else lead();
     }
     printf("%ld calls, %ld fitted\n", calls, fitted);
     return 0;

@@ -151,13 +151,13 @@ def alone(one: Samples, target_deg: float) -> Fit:
 
 def assert_alike(found: BatchColumns, place: int, fit: Fit) -> None:
     calibration = fit.calibration
-    told = (found.verdict[place], found.method[place], found.used[place], found.findings[place])
+    told = (found.verdict[place], found.method[place], found.samples[place], found.findings[place])
     assert told == (fit.verdict, fit.method, fit.samples, tuple(finding.code for finding in fit.findings)), place
     radius = calibration.field_strength
     assert np.abs(found.offset[place] - calibration.offset).max() < AGREED * radius
     for name, expected in (
         ("matrix", calibration.matrix.ravel()), ("covariance", fit.covariance.ravel()[UPPER]), ("noise", fit.noise),
-        ("radius", radius), ("coverage", fit.coverage.fraction), ("worst_deg", fit.heading_error_deg.worst),
+        ("field_strength", radius), ("coverage", fit.coverage.fraction), ("worst_deg", fit.heading_error_deg.worst),
         ("rms_deg", fit.heading_error_deg.rms), ("dip_deg", fit.heading_error_deg.dip_deg),
     ):  # fmt: skip
         numbers = getattr(found, name)[place]

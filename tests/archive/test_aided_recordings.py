@@ -98,7 +98,7 @@ def test_auto_keeps_the_rotation_of_a_tumble_with_an_accelerometer(
     samples = real.read(name)
     found, aiding = aided_by(samples[:: 1 + len(samples) // 4000], "auto")
     assert found.aiding == ()
-    assert [aid.kept for aid in aiding.each] == [True]
+    assert [aid.is_used for aid in aiding.sensors] == [True]
     assert aiding.rotation is not None
     turned = np.degrees(np.arccos(np.clip((np.trace(aiding.rotation) - 1.0) / 2.0, -1.0, 1.0)))
     assert turned == pytest.approx(angle_deg, abs=0.8)
@@ -110,7 +110,7 @@ def test_auto_follows_the_current_of_a_flight(recordings: Callable[[str], Path])
     flight = replace(flinders.read(recordings("dronekit_log171_3mags/log171.bin")), temperature=None)
     names, told = earned(flight)
     assert names == ("current",)
-    assert told[0].changed_deg == pytest.approx(4.0, abs=0.6)
+    assert told[0].heading_change_deg == pytest.approx(4.0, abs=0.6)
 
 
 @pytest.mark.nightly

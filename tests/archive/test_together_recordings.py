@@ -43,7 +43,7 @@ def test_the_compasses_inside_sit_as_the_one_outside_and_hear_the_current(flight
     assert [one.code for one in found.findings if one.severity == "limits"] == ["disturbance-unmodelled"]
     for member in inside:
         assert member.axes == "x,y,z"
-        assert member.off_axes_deg < 10.0
+        assert member.misalignment_deg < 10.0
         assert member.scatter_deg > 10.0 * outside.scatter_deg
         assert "sensor-deviates-throughout" in {finding.code for finding in member.findings}
 

@@ -87,7 +87,7 @@ def crowded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     known: dict[str, Any] = {
         "method": "robust",
         "offset": (1.0, 2.0, 3.0),
-        "radius": 50.0,
+        "field_strength": 50.0,
         "noise": 0.4,
         "unit_of_field": "uT",
     }

@@ -47,7 +47,7 @@ def test_as_json(golden: Golden) -> None:
     line = "calibrate boat.csv --sensor all --joint --reference 2 --json"
     ended = CliRunner().invoke(main, line.split())
     found = json.loads(ended.stdout)
-    kept = ("sensor", "verdict", "together")
+    kept = ("sensor", "verdict", "joint")
     told = {**found, "sensors": [{key: row[key] for key in kept} for row in found["sensors"]]}
     golden("cli/together.json", json.dumps(coarse(told), indent=1, ensure_ascii=False) + "\n")
 

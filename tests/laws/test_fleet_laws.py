@@ -28,7 +28,18 @@ from pyarrow import feather, parquet  # noqa: E402 - after it is known to be the
 
 UNITS = 5
 SAMPLES = {f"U{seed}": simulate.tumble(seed=seed, n=120 + 10 * seed, motion="uniform").samples for seed in range(UNITS)}
-NUMBERS = ("start_s", "end_s", "worst_deg", "rms_deg", "offset", "matrix", "covariance", "noise", "radius", "coverage")
+NUMBERS = (
+    "start_s",
+    "end_s",
+    "worst_deg",
+    "rms_deg",
+    "offset",
+    "matrix",
+    "covariance",
+    "noise",
+    "field_strength",
+    "coverage",
+)
 
 
 def columns(unit: str) -> dict[str, Any]:
@@ -130,7 +141,7 @@ def test_any_way_to_write_it_gives_the_table_of_single_fits(
     written(tmp_path / "in")
     run(str(tmp_path / "in"), tmp_path / "out.parquet", Options(), workers=0)
     rows = UnitResults.read(tmp_path / "out.parquet")
-    for name in ("unit", "recording", "readings", "used", "verdict", "code", "findings", "unit_of_field", "method"):
+    for name in ("unit", "recording", "readings", "samples", "verdict", "code", "findings", "unit_of_field", "method"):
         assert getattr(rows, name).tolist() == getattr(alone, name).tolist(), name
     for name in NUMBERS:
         expected = getattr(alone, name)

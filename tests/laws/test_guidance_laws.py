@@ -15,7 +15,7 @@ from flinders import simulate
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading.error_propagation import direction_errors_deg, direction_gradients, level_error, level_gradients
-from flinders.heading.guidance import BATCH_SHARE, SHARPNESS, guide, reading_variance
+from flinders.heading.guidance import guide, reading_variance
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import CELLS, Coverage
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 MAPPINGS: Final = [
     np.diag(signs)[list(order)] for order in permutations(range(3)) for signs in product((1, -1), repeat=3)
 ]
+SHARPNESS, BATCH_SHARE = 4, 0.01
 GOALS: Final[tuple[Goal, ...]] = ("heading", "attitude")
 seeds = st.integers(0, 10_000)
 
@@ -54,7 +55,7 @@ def test_no_other_cell_is_better_than_the_advice(seed: int, goal: Goal, dip_deg:
     noise = 0.01 * ellipsoid.radius
     advice = guide(ellipsoid, covariance, noise=noise, coverage=coverage, dip_deg=dip_deg, goal=goal)
     jacobian = magnitude.information(CELLS, ellipsoid)
-    variance = reading_variance(jacobian, covariance, noise, coverage.counts) / (BATCH_SHARE * coverage.readings)
+    variance = reading_variance(ellipsoid, covariance, noise, coverage.counts) / (BATCH_SHARE * coverage.readings)
     after = []
     for row in jacobian:
         gain = covariance @ row
@@ -70,7 +71,7 @@ def test_the_batch_is_what_an_inverse_of_the_information_gives(seed: int) -> Non
     advice = guide(ellipsoid, covariance, noise=0.0, coverage=coverage, batch=7)
     jacobian = magnitude.information(CELLS, ellipsoid)
     row = jacobian[int(np.argmax(CELLS @ advice.direction))]
-    variance = reading_variance(jacobian, covariance, 0.0, coverage.counts)
+    variance = reading_variance(ellipsoid, covariance, 0.0, coverage.counts)
     after = np.linalg.inv(np.linalg.inv(covariance) + 7.0 / variance * np.outer(row, row))
     assert advice.after_deg == pytest.approx(level_error(ellipsoid, after).worst, rel=1e-4)
 
@@ -123,7 +124,7 @@ def criterion_after(
     jacobian = magnitude.information(CELLS, ellipsoid)
     row = jacobian[int(np.argmax(CELLS @ advice.direction))]
     gain = covariance @ row
-    variance = reading_variance(jacobian, covariance, noise, coverage.counts) / batch
+    variance = reading_variance(ellipsoid, covariance, noise, coverage.counts) / batch
     return criterion(ellipsoid, covariance - np.outer(gain, gain) / (variance + row @ gain), goal, 60.0)
 
 

@@ -127,9 +127,9 @@ def test_however_far_one_is_off_it_is_never_averaged_silently(x: float, y: float
     except NotMerged as refusal:
         found = refusal.fit
     between = repeats(found).farthest
-    if between.off_deg > 2.0 + 4.0 * between.off_sigma_deg:
+    if between.difference_deg > 2.0 + 4.0 * between.difference_sigma_deg:
         assert found.verdict == "refused"
-    elif between.off_deg > 1.0 + 4.0 * between.off_sigma_deg:
+    elif between.difference_deg > 1.0 + 4.0 * between.difference_sigma_deg:
         assert found.verdict != "good"
 
 

@@ -83,7 +83,7 @@ def test_what_is_left_out_does_not_depend_on_blocks(far: NDArray[np.bool_], size
     assert [str(outlier) for outlier in listed] == [
         str(outlier) for outlier in outliers_of([samples], SPHERE, LIMIT, dense)
     ]
-    assert sum(outlier.rows for outlier in listed) == np.count_nonzero(whole)
+    assert sum(outlier.readings for outlier in listed) == np.count_nonzero(whole)
     for outlier in listed:
         assert whole[outlier.first - 1]
         assert whole[outlier.last - 1]
@@ -115,8 +115,13 @@ def test_strays_are_the_same_over_any_split_into_blocks(lengths: Floats, cuts: l
     whole, parts = outliers_of([samples], SPHERE, LIMIT), outliers_of(blocks, SPHERE, LIMIT)
     assert [str(outlier) for outlier in parts] == [str(outlier) for outlier in whole]
     for one, other in zip(whole, parts, strict=True):
-        assert (one.first, one.last, one.rows, one.farthest) == (other.first, other.last, other.rows, other.farthest)
-        npt.assert_array_equal([one.start, one.end], [other.start, other.end])
+        assert (one.first, one.last, one.readings, one.max_distance) == (
+            other.first,
+            other.last,
+            other.readings,
+            other.max_distance,
+        )
+        npt.assert_array_equal([one.start_s, one.end_s], [other.start_s, other.end_s])
 
 
 @given(lengths=arrays(np.float64, st.integers(1, 120), elements=st.sampled_from([50.0, 50.2, 53.0, 80.0])))
@@ -124,7 +129,7 @@ def test_every_far_reading_is_in_one_run_and_no_run_is_empty(lengths: Floats) ->
     field = np.outer(lengths, [0.6, 0.0, 0.8])
     far = np.flatnonzero(np.abs(magnitude.distances(field, SPHERE)) > LIMIT) + 1
     runs = outliers_of([Samples(field)], SPHERE, LIMIT)
-    assert sum(run.rows for run in runs) == len(far)
+    assert sum(run.readings for run in runs) == len(far)
     inside = [row for run in runs for row in far if run.first <= row <= run.last]
     assert inside == far.tolist()
     assert all(later.first > run.last for run, later in pairwise(runs))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from hypothesis import given
@@ -11,7 +12,9 @@ from numpy.testing import assert_allclose
 from tests.trials import examples
 
 from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.geometry.sphere import fibonacci
 from flinders.heading import path_planning
+from flinders.heading.error_propagation import direction_errors_deg
 from flinders.likelihood import magnitude
 
 
@@ -44,10 +47,27 @@ def test_the_unit_does_not_matter(seed: int, scale: float) -> None:
 def test_waypoints_are_directions_and_the_way_helps(seed: int) -> None:
     way = path_planning.plan(belief(seed), np.random.default_rng(seed).standard_normal(3), goal="attitude")
     assert_allclose(np.linalg.norm(way.waypoints, axis=1), 1.0)
-    assert 1 <= len(way.waypoints) <= path_planning.STEPS
+    assert 1 <= len(way.waypoints) <= 6
     assert way.after_deg <= way.worst_deg * (1.0 + 1e-9)
     assert way.words("vehicle")
     assert way.words("sensor")
+
+
+@examples(20)
+@given(seeds)
+def test_the_end_of_a_way_is_what_the_inverse_of_the_information_gives(seed: int) -> None:
+    known = belief(seed)
+    way = path_planning.plan(known, [0.0, 0.6, 0.8], goal="attitude")
+    information = np.linalg.inv(known.covariance)
+    for here, there in pairwise([way.start, *way.waypoints]):
+        angle = np.arccos(here @ there)
+        share = np.array([[0.125], [0.375], [0.625], [0.875]])
+        places = (np.sin((1.0 - share) * angle) * here + np.sin(share * angle) * there) / np.sin(angle)
+        jacobian = magnitude.information(places, known.ellipsoid)
+        readings = path_planning.READINGS_PER_DEG * np.degrees(angle)
+        information += jacobian.T @ jacobian * readings / 4.0 / known.variance
+    errors = direction_errors_deg(known.ellipsoid, np.linalg.inv(information), fibonacci(50))
+    assert_allclose(way.after_deg, errors.max(), rtol=1e-9)
 
 
 @examples(20)

@@ -117,7 +117,7 @@ def test_quantised_readings_are_multiples_of_the_resolution(field: Floats, resol
 
 @given(fields, st.floats(1.0, 300.0), seeds)
 def test_saturated_readings_stay_within_the_limit(field: Floats, limit: float, seed: int) -> None:
-    read = Sensor(noise=1.0, limit=limit).read(field, np.random.default_rng(seed))
+    read = Sensor(noise=1.0, saturation=limit).read(field, np.random.default_rng(seed))
     free = Sensor(noise=1.0).read(field, np.random.default_rng(seed))
     npt.assert_array_equal(read, np.clip(free, -limit, limit))
 

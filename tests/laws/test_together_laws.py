@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.trials import examples
 
 from flinders import simulate
-from flinders.comparison.agreement import departures
+from flinders.comparison.agreement import disagreements
 from flinders.core.time_alignment import between
 from flinders.estimators.multi_sensor import mirror_or_rotation, solve
 from flinders.geometry.rotation import rotations
@@ -102,12 +102,12 @@ def test_departures_go_with_the_sensor_and_not_with_its_place(seed: int, order: 
     seen = np.stack([q + rng.normal(scale=0.005, size=q.shape) for _ in range(3)])
     seen[0, 200:300] += rng.normal(size=3)
     time = np.arange(500) / 50.0
-    plain = [replace(run, sensor=None) for run in departures(seen, time)]
-    moved = departures(seen[order], time)
+    plain = [replace(run, sensor=None) for run in disagreements(seen, time)]
+    moved = disagreements(seen[order], time)
     assert [replace(run, sensor=None) for run in moved] == plain
     assert {run.sensor for run in moved} == {order.index(0)}
 
 
 def test_sensors_that_agree_to_the_bit_do_not_depart() -> None:
     q = np.random.default_rng(1).normal(size=(100, 3))
-    assert departures(np.stack([q, q, q]), np.arange(100.0)) == ()
+    assert disagreements(np.stack([q, q, q]), np.arange(100.0)) == ()

@@ -174,7 +174,7 @@ def test_the_last_value_that_fits_and_the_first_that_does_not() -> None:
 
 def test_a_scale_that_is_all_that_saturates_is_advised_to_be_left_open() -> None:
     large = calibration(np.diag([2.6, 2.5, 2.4]), field_strength_known=True)
-    with pytest.raises(NotExportable, match="without field_strength= it fits"):
+    with pytest.raises(NotExportable, match="without the field strength it fits"):
         Registers.of(large)
     with pytest.raises(NotExportable, match="Take away or demagnetise"):
         Registers.of(calibration(np.diag([2.6, 2.5, 0.1]), field_strength_known=True))

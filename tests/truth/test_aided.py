@@ -270,11 +270,11 @@ def test_fit_takes_aids_and_says_what_each_changed() -> None:
     assert fit.heading_error_deg.worst < plain.heading_error_deg.worst
     assert fit.calibration.rotation == "estimated"
     assert fit.aiding is not None
-    assert [aid.name for aid in fit.aiding.each if aid.kept] == ["rate", "dip"]
+    assert [aid.name for aid in fit.aiding.sensors if aid.is_used] == ["rate", "dip"]
     assert fit.aiding.dip_deg == pytest.approx(DIP_DEG, abs=3.0 * (fit.aiding.dip_sigma_deg or 0.0))
     assert fit.aiding.acceleration_bias == pytest.approx(0.0, abs=0.3)
     assert "rotation-unknown" not in {finding.code for finding in fit.findings}
-    assert fit.as_dict()["aids"]["each"][0]["name"] == "rate"
+    assert fit.as_dict()["aiding"]["sensors"][0]["name"] == "rate"
     again = flinders.Calibration.from_document(fit.to_document())
     assert again.isclose(fit.calibration)
 

@@ -90,13 +90,13 @@ def test_an_aid_that_helps_is_kept(spoilt: Callable[[Samples], Samples], kept: t
     found, aiding = aided_by(samples, "auto", acceleration_bias=0.0)
     assert found.aiding == kept
     assert heading_error_deg(found, true) < 0.5 * heading_error_deg(solve(samples, ()), true)
-    assert all(aid.after_deg < aid.before_deg for aid in aiding.each if aid.kept)
+    assert all(aid.after_deg < aid.before_deg for aid in aiding.sensors if aid.is_used)
 
 
 def test_an_accelerometer_of_unknown_bias_adds_nothing_to_a_gyro() -> None:
     _, aiding = aided_by(swayed(2).samples, "auto")
-    assert [aid.name for aid in aiding.each if aid.kept] == ["rate"]
-    assert aiding.each[1].words.startswith("claims no less")
+    assert [aid.name for aid in aiding.sensors if aid.is_used] == ["rate"]
+    assert aiding.sensors[1].reason.startswith("claims no less")
 
 
 def test_the_scales_of_the_gyro_are_found() -> None:
@@ -117,7 +117,7 @@ def test_a_gyro_that_knows_nothing_of_the_motion_is_left_out() -> None:
     mixed = replace(true.samples, rate=true.samples.rate[np.random.default_rng(1).permutation(1500)])
     found, aiding = aided_by(mixed, "auto")
     assert "rate" not in found.aiding
-    assert aiding.each[0].words
+    assert aiding.sensors[0].reason
 
 
 @pytest.mark.nightly
@@ -125,7 +125,7 @@ def test_a_gyro_a_fifth_too_strong_is_left_out() -> None:
     true = swayed(2)
     assert true.samples.rate is not None
     _, aiding = aided_by(replace(true.samples, rate=1.2 * true.samples.rate), "auto")
-    assert [aid.name for aid in aiding.each if aid.kept] == ["dip"]
+    assert [aid.name for aid in aiding.sensors if aid.is_used] == ["dip"]
 
 
 def test_an_accelerometer_that_points_anywhere_is_left_out() -> None:
@@ -134,14 +134,14 @@ def test_an_accelerometer_that_points_anywhere_is_left_out() -> None:
     mixed = replace(true.samples, acceleration=true.samples.acceleration[np.random.default_rng(1).permutation(1500)])
     found, aiding = aided_by(mixed, "auto")
     assert found.aiding == ("rate",)
-    assert [aid.name for aid in aiding.each if not aid.kept] == ["dip"]
+    assert [aid.name for aid in aiding.sensors if not aid.is_used] == ["dip"]
 
 
 @pytest.mark.nightly
 def test_an_accelerometer_in_coordinated_turns_is_left_out() -> None:
     flight = simulate.tumble(seed=1, motion="flight", n=1500, imu=IMU)
     _, aiding = aided_by(flight.samples, "auto")
-    assert [aid.name for aid in aiding.each if aid.kept] == ["rate"]
+    assert [aid.name for aid in aiding.sensors if aid.is_used] == ["rate"]
 
 
 def test_a_rotation_is_kept_where_the_ellipsoid_needs_no_help() -> None:
@@ -149,7 +149,7 @@ def test_a_rotation_is_kept_where_the_ellipsoid_needs_no_help() -> None:
     true = simulate.tumble(seed=3, n=1500, imu=simulate.Imu(acceleration_noise=0.5))
     fit = flinders.fit(replace(with_another_mounting(true.samples), rate=None), aiding="auto")
     assert fit.aiding is not None
-    assert [aid.kept for aid in fit.aiding.each] == [True]
+    assert [aid.is_used for aid in fit.aiding.sensors] == [True]
     assert fit.calibration.rotation == "estimated"
     assert fit.aiding.rotation is not None
     npt.assert_allclose(fit.aiding.rotation, MOUNTING, atol=0.02)
@@ -161,8 +161,8 @@ def test_a_current_that_moves_the_offset_is_followed_and_says_what_it_takes_away
     fit = flinders.fit(flown, aiding="auto")
     assert [disturbance.name for disturbance in fit.calibration.disturbances] == ["current"]
     assert fit.aiding is not None
-    assert fit.aiding.each[0].name == "current"
-    assert fit.aiding.each[0].changed_deg > 10.0
+    assert fit.aiding.sensors[0].name == "current"
+    assert fit.aiding.sensors[0].heading_change_deg > 10.0
 
 
 def test_a_current_that_does_nothing_is_left_out() -> None:
@@ -171,8 +171,8 @@ def test_a_current_that_does_nothing_is_left_out() -> None:
     warm = replace(quiet, current=current, temperature=np.full(1500, 21.0))
     names, told = earned(warm)
     assert names == ()
-    assert [(aid.name, aid.kept) for aid in told] == [("current", False), ("temperature", False)]
-    assert "hardly changed" in told[1].words
+    assert [(aid.name, aid.is_used) for aid in told] == [("current", False), ("temperature", False)]
+    assert "hardly changed" in told[1].reason
 
 
 def test_a_short_drive_that_leans_uses_its_attitude_and_a_level_turn_does_not() -> None:
@@ -180,7 +180,7 @@ def test_a_short_drive_that_leans_uses_its_attitude_and_a_level_turn_does_not() 
     drive, turn = (_with_attitude(motion, seed=1002) for motion in ("drive", "level"))
     leaning, level = (flinders.fit(each.samples, aiding="attitude", target_deg=10.0) for each in (drive, turn))
     assert (leaning.plane, level.plane) == (None, "xy")
-    assert [[aid.kept for aid in fit.aiding.each] for fit in (leaning, level) if fit.aiding] == [[True], [False]]
+    assert [[aid.is_used for aid in fit.aiding.sensors] for fit in (leaning, level) if fit.aiding] == [[True], [False]]
     off = np.abs(leaning.calibration.offset - drive.sensor.offset)
     npt.assert_array_less(off, 3.0 * np.sqrt(np.diag(leaning.covariance)[:3]))
 

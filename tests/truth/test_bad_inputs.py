@@ -111,7 +111,7 @@ ODD: dict[str, Odd] = {
     "a calibration as recording": Odd(UNREADABLE, "calibration", words="calibrate calibration.json"),
     # other columns
     "two columns": Odd(UNREADABLE, "fewer than three numbers a line", rows(GAUSS[:, :2])),
-    "six columns without a header": Odd(UNREADABLE, "with --columns X,Y,Z", rows(np.hstack([GAUSS, GAUSS]))),
+    "six columns without a header": Odd(UNREADABLE, "(--columns X,Y,Z)", rows(np.hstack([GAUSS, GAUSS]))),
     "other sensors only": Odd(UNREADABLE, "no magnetometer among the columns", "ax,ay,az\n" + TEXT),
     "a column that is not there": Odd(USAGE, "there is no column '9'", words="calibrate odd.csv --columns 1,2,9"),
     "column nought": Odd(USAGE, "there is no column '0'", words="calibrate odd.csv --columns 0,1,2"),
@@ -174,7 +174,7 @@ ODD: dict[str, Odd] = {
     "no recording": Odd(USAGE, "Missing argument 'RECORDING...'", words="calibrate"),
     "the same recording twice": Odd(USAGE, "given twice", words="calibrate odd.csv folder/../odd.csv"),
     "standard input twice": Odd(USAGE, "given twice", words="calibrate - -", stdin=TEXT),
-    "recordings in two units": Odd(USAGE, "say which with --unit", words="calibrate odd.csv good.csv"),
+    "recordings in two units": Odd(USAGE, "say which (--unit)", words="calibrate odd.csv good.csv"),
     # output
     "no such folder": Odd(UNWRITABLE, "no such folder: create it", words="calibrate odd.csv -o nix/c.json"),
     "a folder for a file": Odd(UNWRITABLE, "give the name of a file", words="calibrate odd.csv -o folder"),

@@ -186,7 +186,7 @@ def test_how_far_the_cable_must_be() -> None:
     told = found("wire", "--current", "0.2A", "--field", "150mG", "--error", "1deg")
     assert told["stray_uT"] == pytest.approx(0.262, abs=5e-4)
     assert told["distance_m"] == pytest.approx(0.2 * 0.2 / told["stray_uT"])
-    assert told["found"] == ["stray_uT", "distance_m"]
+    assert told["derived"] == ["stray_uT", "distance_m"]
 
 
 def test_each_unknown_of_a_pair_comes_back() -> None:
@@ -198,7 +198,7 @@ def test_each_unknown_of_a_pair_comes_back() -> None:
         told = found("pair", *others, "--stray", f"{stray!r}uT")
         kind: Any = "current" if name == "current" else "length"
         assert told[keys[name]] == pytest.approx(parse(kind, text), rel=1e-12)
-        assert told["found"] == [keys[name]]
+        assert told["derived"] == [keys[name]]
 
 
 def test_a_source_and_the_field_give_the_heading_error_and_with_the_error_the_field() -> None:

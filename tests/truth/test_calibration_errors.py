@@ -107,7 +107,7 @@ MALFORMED: dict[str, tuple[bytes, str]] = {
     "a zero matrix": (changed("calibration.matrix", [[0, 0, 0]] * 3), "matrix is singular"),
     "a matrix that is not symmetric": (
         changed("calibration.matrix", [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]),
-        "matrix is not symmetric: .* 0.1; say rotation",
+        "matrix is not symmetric: .* 0.1; say how it is turned",
     ),
     "negative strength": (changed("calibration.field_strength", -49.8), "field_strength: expected float > 0"),
     "zero strength": (changed("calibration.field_strength", 0), "field_strength: expected .* > 0"),
@@ -292,7 +292,7 @@ CALIBRATION = Calibration.identity(field_strength=50.0)
 def test_an_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
     path.write_text("precious")
-    with pytest.raises(OutputExists, match="exists: give another name, or overwrite it with force=True"):
+    with pytest.raises(OutputExists, match="exists: give another name, or overwrite it"):
         CALIBRATION.save(path)
     assert path.read_text() == "precious"
     CALIBRATION.save(path, force=True)

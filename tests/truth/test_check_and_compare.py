@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
 HEADER = "mx_uT,my_uT,mz_uT"
 KEYS = [
-    "verdict", "telling", "heading_difference_deg", "claimed_deg", "ratio", "chi_square", "freedom", "p_value",
+    "verdict", "is_conclusive", "heading_difference_deg", "claimed_deg", "ratio", "chi_square", "freedom", "p_value",
     "direction_difference_deg", "offset_difference", "offset_sigma", "offset_share", "unit", "scale_difference",
-    "scale_known",
+    "is_scale_known",
 ]  # fmt: skip
 
 
@@ -94,7 +94,7 @@ def test_compare_prints_the_fields_of_the_python_object() -> None:
 def test_calibrations_too_vague_to_tell_end_with_3() -> None:
     ended = flinders_("compare", "monday.json", "tuesday.json", "--target", "0.1", "--json")
     assert ended.json["verdict"] == "agree"
-    assert (ended.code, ended.json["telling"]) == (3, False)
+    assert (ended.code, ended.json["is_conclusive"]) == (3, False)
     assert "too little to tell 0.1°" in flinders_("compare", "monday.json", "tuesday.json", "--target", "0.1").out
 
 
@@ -337,8 +337,8 @@ def test_a_drift_that_no_fit_survives_is_followed_by_the_calibration(tmp_path: P
     assert "drift under the calibration: the offset moved by up to" in ended.output
     told = json.loads(runner.invoke(main, ["check", known, moving, "--drift", "--json"]).stdout)
     assert told["verdict"] == told["fresh"]["verdict"] == "refused"
-    assert told["drift"]["proven"]
-    assert told["drift"]["moved"] == pytest.approx(5.0, abs=0.7)
+    assert told["drift"]["is_proven"]
+    assert told["drift"]["offset_change"] == pytest.approx(5.0, abs=0.7)
     assert np.array(told["drift"]["path"])[-1] - np.array(told["drift"]["path"])[0] == pytest.approx([5, 0, 0], abs=0.7)
 
 
@@ -349,7 +349,7 @@ def test_an_aided_calibration_is_checked_without_its_rotation(tmp_path: Path) ->
     told = json.loads(CliRunner().invoke(main, ["check", calibration, str(tmp_path / "later.csv"), "--json"]).stdout)
     assert told["verdict"] == "agree"
     assert told["heading_difference_deg"]["worst"] < 4.0 * told["claimed_deg"]["worst"]
-    assert told["rotation_left_out_deg"] == pytest.approx(12.0)
+    assert told["omitted_rotation_deg"] == pytest.approx(12.0)
 
 
 def write_tumble(path: Path, *, seed: int) -> None:

@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -18,8 +17,6 @@ import click
 import numpy as np
 import numpy.testing as npt
 import pytest
-from benchmarks.emulations import EMULATIONS
-from click.testing import CliRunner
 from tests.program import flinders_
 from tests.trials import daily
 from tests.waiting import wait_until
@@ -30,8 +27,6 @@ from flinders.cli import _output, main
 from flinders.cli._program import ENDING, EXIT_CODES, handled, interrupt
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
-from flinders.errors import UsageError
-from flinders.estimators import EMULATED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -167,8 +162,8 @@ def test_json_has_the_promised_keys(home: Path) -> None:
     assert [key for key in found if key in promised] == promised
     assert set(found) - set(promised) == {
         "uncorrected_heading_error_deg", "textbook_heading_error_deg", "alignment_error_deg", "direction_error_deg",
-        "bias_deg", "held", "unseen", "samples", "independent_samples", "strays", "distortion", "drift",
-        "nonlinearity", "axis_lag", "conditions", "repeats",
+        "bias_deg", "prior_influence", "unobserved", "samples", "independent_samples", "outliers", "distortion",
+        "drift", "nonlinearity", "axis_lag", "conditions", "repeats",
         "covariance", "tilted_heading_error_deg", "attitude_limit_deg", "autocorrelation",
     }  # fmt: skip
     assert {"offset", "matrix", "field_strength", "unit"} <= set(found["calibration"])
@@ -619,9 +614,9 @@ def test_apply_reads_standard_input_and_reports_in_json(calibration: Calibration
     piped = Path("tumble.csv").read_bytes() + b"nan,1,2\nwhat?\n"
     ended = flinders_("apply", "calibration.json", "-", "-o", "out.csv", "--json", stdin=piped)
     assert ended.code == 3
-    assert set(ended.json) == {"rows", "strength", "spread", "skipped", "limits"}
+    assert set(ended.json) == {"readings", "strength", "spread", "skipped", "limits"}
     assert "do not suit the calibration" in ended.json["limits"][0]
-    assert ended.json["rows"] == 600
+    assert ended.json["readings"] == 600
     assert 0.8 < ended.json["strength"] < 1.25
     assert len(ended.json["skipped"]) == 2
     lines = Path("out.csv").read_text(encoding="utf-8").splitlines()
@@ -885,21 +880,6 @@ def test_a_letter_that_the_terminal_lacks_is_no_fault(home: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "????\nbefore" in done.stdout.decode("latin-1")  # the rule below the head of a table
-
-
-@pytest.mark.parametrize("name", sorted(EMULATED))
-def test_an_algorithm_of_another_project_is_refused_with_what_to_use(name: str, tmp_path: Path) -> None:
-    """Each has its emulation where the message says; the program, the library and the comparison say the same."""
-    assert set(EMULATED) == set(EMULATIONS)
-    path = tmp_path / "tumble.csv"
-    simulate.write_csv(simulate.tumble(seed=1, n=200).samples, path)
-    ended = CliRunner().invoke(main, ["calibrate", str(path), "--method", name])
-    said = " ".join(ended.output.split())
-    assert ended.exit_code == 2
-    assert f"use {EMULATED[name]}; its emulation is in benchmarks/emulations of the source repository" in said
-    for call in (partial(flinders.fit, method=name), partial(flinders.compare_methods, methods=[name])):
-        with pytest.raises(UsageError, match=f"method '{name}' is another project's algorithm: use '"):
-            call(simulate.tumble(seed=1, n=200).samples)
 
 
 def test_the_address_of_the_page_is_drawn_for_a_phone() -> None:

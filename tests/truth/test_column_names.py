@@ -122,13 +122,13 @@ def test_gravity_is_known_by_its_length_and_a_magnetometer_is_not() -> None:
     assert likeness(np.tile([[10.0, -20.0, 40.0]], (20, 1))) == ""
 
 
-def test_advice_names_the_option_for_the_columns_that_may_be_a_magnetometer() -> None:
+def test_advice_has_a_hint_for_the_columns_that_may_be_a_magnetometer() -> None:
     judged = [
         ColumnGroup(("1", "2", "3"), "a direction"),
         ColumnGroup(("4", "5", "6"), "strength 48.0", is_candidate=True),
     ]
-    may_be = "by their values 4, 5, 6 (strength 48.0) may be it: if so, add columns='4,5,6'"
-    assert advice(judged) == f"{may_be}; others are 1, 2, 3 (a direction)"
+    words = "by their values 4, 5, 6 (strength 48.0) may be it, others are 1, 2, 3 (a direction): if so, name them"
+    assert advice(judged) == (words, {"columns": "4,5,6"})
 
 
 def test_lines_with_the_same_gaps_have_their_numbers_found_at_once() -> None:

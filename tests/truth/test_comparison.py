@@ -115,7 +115,7 @@ def test_a_rotation_that_one_alone_knows_is_left_out(angles: tuple[float, float,
     assert found.heading_difference_deg.worst == pytest.approx(0.0, abs=1e-9)
     assert found.direction_difference_deg == pytest.approx(0.0, abs=1e-5)
     cosine = (np.trace(turn) - 1.0) / 2.0
-    assert found.left_out_deg == pytest.approx(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))), abs=1e-6)
+    assert found.omitted_rotation_deg == pytest.approx(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))), abs=1e-6)
 
 
 def test_two_rotations_that_differ_are_said_to_and_are_no_verdict_on_the_ellipsoids() -> None:
@@ -206,14 +206,14 @@ def test_a_calibration_without_a_covariance_is_exact() -> None:
     assert half.chi_square is not None
     assert half.chi_square > both.chi_square
     assert (none.chi_square, none.p_value, none.claimed_deg, none.ratio) == (None, None, None, None)
-    assert (none.verdict, none.is_telling) == ("differ", True)
+    assert (none.verdict, none.is_conclusive) == ("differ", True)
     assert compare(*bare, target_deg=0.001).verdict == "contradict"
 
 
 def test_calibrations_that_claim_little_agree_and_do_not_tell() -> None:
     first, second = (replace(one, covariance=1e4 * np.asarray(one.covariance)) for one in (judged(0), judged(1)))
     found = compare(first, second)
-    assert (found.verdict, found.is_telling) == ("agree", False)
+    assert (found.verdict, found.is_conclusive) == ("agree", False)
 
 
 def test_what_both_methods_hold_is_no_degree_of_freedom() -> None:
@@ -231,7 +231,7 @@ def test_a_file_says_what_the_fit_did(tmp_path: Path) -> None:
     loaded, kept = Fit.load(tmp_path / "a.json"), fit
     npt.assert_array_equal(loaded.covariance, kept.covariance)
     ours, theirs = compare(kept, judged(0)), compare(loaded, judged(0))
-    assert (theirs.verdict, theirs.freedom, theirs.is_telling) == (ours.verdict, ours.freedom, ours.is_telling)
+    assert (theirs.verdict, theirs.freedom, theirs.is_conclusive) == (ours.verdict, ours.freedom, ours.is_conclusive)
     for name in ("chi_square", "p_value", "ratio", "direction_difference_deg"):
         assert getattr(theirs, name) == pytest.approx(getattr(ours, name), rel=1e-9), name
 
@@ -308,7 +308,7 @@ def test_a_level_turn_is_held_against_a_calibration_in_the_plane_that_it_knows(t
     ratios = [one.ratio for one in found if one.ratio is not None]
     low, high = claim.ratios(0.7, 1.3)
     assert low < float(np.sqrt(np.mean(np.square(ratios)))) < high
-    assert all(one.is_telling for one in found)
+    assert all(one.is_conclusive for one in found)
 
 
 @pytest.mark.parametrize("axes", ["x,y,z", "x,-y,-z"])

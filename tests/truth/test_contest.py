@@ -60,7 +60,7 @@ def test_whoever_is_said_to_be_good_is_right(everything: Contest) -> None:
 
 
 def test_the_simple_recipes_are_told_what_they_cost(everything: Contest) -> None:
-    cost = {entry.method: entry.apart_deg.rms for entry in everything.entries if entry.apart_deg is not None}
+    cost = {entry.method: entry.difference_deg.rms for entry in everything.entries if entry.difference_deg is not None}
     assert "auto" not in cost
     assert cost["likelihood"] < 1e-6
     assert min(cost["sphere"], cost["minmax"], cost["axes"]) > 2.0
@@ -121,8 +121,8 @@ def test_json_has_what_the_page_has(tumble: str) -> None:
     told: dict[str, Any] = json.loads(out)
     assert code == 0
     first, second = told["methods"]
-    assert first["apart_deg"] is None
-    assert second["apart_deg"]["rms"] > 1.0
+    assert first["difference_deg"] is None
+    assert second["difference_deg"]["rms"] > 1.0
     assert set(first) == set(second)
     np.testing.assert_allclose(first["offset"], TUMBLE.sensor.offset, atol=0.3)
 

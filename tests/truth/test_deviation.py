@@ -264,7 +264,7 @@ def test_soft_iron_alone_passes_the_half_turn_test() -> None:
     soft = fit(POINTS, 1.0 + 3.0 * np.sin(2.0 * np.deg2rad(POINTS)))
     halves = half_turns(rests(stream(soft.compass(POINTS).tolist(), noise=0.1)))
     assert len(halves) == 4
-    assert max(abs(half.off_deg) for half in halves) < 0.2
+    assert max(abs(half.error_deg) for half in halves) < 0.2
 
 
 def test_angles_are_shown_as_navigators_write_them() -> None:

@@ -92,7 +92,7 @@ def test_a_fit_that_follows_motors_is_as_good_as_without_them() -> None:
     assert "disturbance" in code
     disturbance = fit.calibration.disturbances[0]
     across = disturbance.highest * np.linalg.norm(PER_AMPERE) / (50.0 * np.cos(np.deg2rad(60.0)))
-    assert fit.disturbances[0].taken_deg == pytest.approx(np.rad2deg(np.arcsin(across)), rel=0.03)  # 27° at 19.6 A
+    assert fit.disturbances[0].removed_deg == pytest.approx(np.rad2deg(np.arcsin(across)), rel=0.03)  # 27° at 19.6 A
 
 
 def test_the_file_of_such_a_fit_holds_what_it_claims_of_the_driver() -> None:
@@ -499,7 +499,7 @@ def test_motors_that_go_together_are_named_and_what_they_do_together_is_known() 
     sigma = np.sqrt(np.diag(together @ covariance @ together.T))
     assert np.all(np.abs(total - ARMS.sum(axis=0)) < 4.0 * sigma)
     assert np.all(np.sqrt(np.diag(covariance)) > 5.0 * np.tile(sigma, 4) / 4.0)
-    assert max(driven.left_deg for driven in fit.disturbances) < 0.5  # where they go along as in the recording
+    assert max(driven.remaining_deg for driven in fit.disturbances) < 0.5  # where they go along as in the recording
 
 
 def test_the_battery_of_four_motors_leaves_what_they_do_apart() -> None:
@@ -515,7 +515,7 @@ def test_motors_earn_their_place_one_by_one_where_they_make_fields_of_their_own(
     samples = flown_by_four(6, 0.2, n=800)
     names, reports = earned(samples)
     assert names == ("current1", "current2", "current3", "current4")
-    assert [(one.name, one.kept) for one in reports] == [("current", False), ("currents", True)]
+    assert [(one.name, one.is_used) for one in reports] == [("current", False), ("currents", True)]
     alike = simulate.Motors(np.tile(ARMS[0], (4, 1)), apart=0.2)
     names, _ = earned(simulate.tumble(seed=6, n=800, sensor=OFFSET_SENSOR, disturbances=[alike]).samples)
     assert names == ("current",)
@@ -555,7 +555,7 @@ def test_four_motors_go_through_table_calibration_file_and_command(tmp_path: Pat
     }
     npt.assert_array_equal(judged.calibration.apply(samples.field, **one_by_one), corrected)
     told = CliRunner().invoke(main, ["info", str(tmp_path / "flight.csv"), "--json"])
-    assert json.loads(told.output)["sensors"][0]["beside"][-4:] == ["current1", "current2", "current3", "current4"]
+    assert json.loads(told.output)["sensors"][0]["auxiliary"][-4:] == ["current1", "current2", "current3", "current4"]
     refused = CliRunner().invoke(main, ["apply", saved, three])
     assert refused.exit_code == InputError.exit_code
     assert "has no current4, which the calibration corrects for" in refused.output

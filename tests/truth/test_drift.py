@@ -113,7 +113,7 @@ def test_the_verdict_tells_it_by_the_heading_that_it_costs(size: float, severity
         finding = next(finding for finding in fit.findings if finding.code == "field-changed")
         assert fit.drift is not None
         assert finding.number == fit.drift.heading_deg == pytest.approx(2.1 * size, rel=0.3, abs=0.15)
-        contradicts = (fit.drift.halves_apart or 0.0) > 3.0
+        contradicts = (fit.drift.halves_ratio or 0.0) > 3.0
         assert finding.severity == ("limits" if contradicts and severity == "note" else severity)
         assert "currents and everything magnetic stay as they are" in finding.advice
 
@@ -127,7 +127,7 @@ def test_a_small_change_limits_where_halves_of_the_recording_contradict_each_oth
     finding = next(one for one in fit.findings if one.code == "field-changed")
     assert fit.drift is not None
     assert fit.drift.heading_deg < fit.target_deg
-    assert (fit.drift.halves_apart or 0.0) > 3.0
+    assert (fit.drift.halves_ratio or 0.0) > 3.0
     assert (finding.severity, fit.verdict) == ("limits", "limited")
     assert "halves differ by" in finding.advice
 

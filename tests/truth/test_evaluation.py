@@ -66,7 +66,7 @@ def test_a_rotation_is_told_apart_from_soft_iron() -> None:
     assert told.heading_mean_deg == pytest.approx(0.0, abs=1e-7)
     assert told.matrix_error == pytest.approx(0.0, abs=1e-12)
     assert told.heading_error_deg.worst == pytest.approx(0.0, abs=1e-7)
-    assert told.freed_direction_error_deg[1] == pytest.approx(0.0, abs=1e-6)
+    assert told.unrotated_direction_error_deg[1] == pytest.approx(0.0, abs=1e-6)
     assert told.direction_error_deg[1] == pytest.approx(3.0, rel=1e-3)
 
 
@@ -128,7 +128,7 @@ def test_a_misaligned_sensor_is_as_wrong_as_it_claims_by_the_magnetometer_alone(
     assert (found.verdict, found.is_on_target) == ("as claimed", True)
     assert found.rotation_deg == pytest.approx(3.0, abs=0.2)
     assert found.body_heading_error_deg is None
-    assert found.direction_error_deg.worst > 2.0 > 10 * found.freed_direction_error_deg.rms
+    assert found.direction_error_deg.worst > 2.0 > 10 * found.unrotated_direction_error_deg.rms
 
 
 @pytest.mark.parametrize("aid", ["dip", "rate"])
@@ -182,7 +182,7 @@ def test_mapped_axes_are_held_against_the_mapped_truth() -> None:
     samples = Samples.of(RECORDING.samples.field, unit="uT", axes="x,-y,-z")
     over = evaluate(calibrate.fit(samples), TRUTH, dip_deg=-60)
     npt.assert_allclose(over.offset_error, np.array([1, -1, -1]) * plain.offset_error, atol=1e-6)
-    assert over.freed_direction_error_deg[0] == pytest.approx(plain.freed_direction_error_deg[0], rel=1e-3)
+    assert over.unrotated_direction_error_deg[0] == pytest.approx(plain.unrotated_direction_error_deg[0], rel=1e-3)
     assert over.heading_error_deg.rms == pytest.approx(plain.heading_error_deg.rms, rel=1e-3)
 
 

@@ -97,7 +97,7 @@ def test_a_file_is_written_and_never_written_over_unasked() -> None:
     assert written == export(*TO, "calibration.json").stdout
     again = export(*TO, "calibration.json", "-o", "registers.txt")
     assert again.exit_code == 6
-    assert "registers.txt exists: give another name, or overwrite it with --force" in again.stderr
+    assert "registers.txt exists: give another name, or overwrite it (--force)" in again.stderr
     assert export(*TO, "calibration.json", "-o", "registers.txt", "--force").exit_code == 0
     over = export(*TO, "calibration.json", "-o", "calibration.json", "--force")
     assert over.exit_code == 2
@@ -152,7 +152,7 @@ def test_saturation_ends_with_4_writes_nothing_and_says_what_would_be_lost() -> 
     assert ended.stderr.startswith(
         "refused: SOFT_IRON_S11 would be +150.00% and holds -100% to +99.997%, 50.0% are lost;"
     )
-    assert "without --field-strength it fits" in ended.stderr
+    assert "without the field strength it fits" in ended.stderr
     assert not Path("registers.txt").exists()
     told = json.loads(export(*TO, "large.json", "--json").stdout)["error"]
     assert told["code"] == "not-exportable"

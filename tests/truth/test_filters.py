@@ -334,7 +334,7 @@ def test_a_filter_does_not_invent_what_single_readings_never_did(tmp_path: Path)
 
 
 def test_a_filter_does_not_hide_a_sensor_at_its_limit(tmp_path: Path) -> None:
-    sensor = simulate.Sensor(offset=np.array([20.0, 10.0, 5.0]), noise=0.3, limit=60.0)
+    sensor = simulate.Sensor(offset=np.array([20.0, 10.0, 5.0]), noise=0.3, saturation=60.0)
     made = simulate.tumble(seed=5, motion="hand", n=6000, rate_hz=200.0, sensor=sensor)
     path = written(tmp_path / "railed.csv", made.samples.field)
     plain, smooth = (

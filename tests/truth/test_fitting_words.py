@@ -14,7 +14,7 @@ from tests.worlds import TUMBLED_SENSOR, write_field
 import flinders
 from flinders import simulate
 from flinders.cli import main
-from flinders.comparison.agreement import Departure
+from flinders.comparison.agreement import Disagreement
 from flinders.estimators.outliers import Outlier
 from flinders.report.formatting import summary
 
@@ -96,7 +96,7 @@ def test_a_calibration_that_makes_headings_no_better_is_not_said_to_be_usable(se
 def test_no_interval_ends_before_it_begins(start: float, end: float, words: str) -> None:
     assert str(Outlier(120, 160, 31, start, end, 5.0)) == words
     if start > end:
-        assert str(Departure(0, False, 119, 159, start, end, 3.0, 4.0, 0.1)) == "readings 120–160"
+        assert str(Disagreement(0, False, 119, 159, start, end, 3.0, 4.0, 0.1)) == "readings 120–160"
 
 
 @pytest.mark.parametrize("change", [simulate.Step(3.0), simulate.Step(5.0, at=0.3), simulate.ThermalDrift(3.0)])

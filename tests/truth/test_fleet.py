@@ -71,7 +71,7 @@ def test_a_row_has_the_numbers_of_the_single_command(logs: Path, tmp_path: Path)
     for place in range(6):
         fit = flinders.fit(flinders.open_recording(logs / f"U{place}" / "monday.csv"))
         row = rows.row(place)
-        assert (row.verdict, row.readings, row.used, row.recording) == ("good", 150, fit.samples, "monday.csv")
+        assert (row.verdict, row.readings, row.samples, row.recording) == ("good", 150, fit.samples, "monday.csv")
         np.testing.assert_allclose(row.offset, fit.calibration.offset, rtol=1e-9)
         np.testing.assert_allclose(row.matrix, fit.calibration.matrix.ravel(), rtol=1e-9)
         np.testing.assert_allclose(row.covariance, fit.covariance[np.triu_indices(9)], rtol=1e-9)
@@ -97,7 +97,7 @@ def test_what_is_wrong_with_a_file_is_a_row(logs: Path, tmp_path: Path) -> None:
         "U6": "too-few-samples", "U8": "unreadable", "U9": "unreadable", "UA": "no-magnetometer",
     }  # fmt: skip
     assert told.units_of_field == {"uT": 7, "counts": 1}
-    assert told.left_out == {".md": 1}
+    assert told.other_files == {".md": 1}
     assert not told.is_whole
     failed = rows[rows.verdict == "failed"]
     assert np.isnan(failed.offset).all()
@@ -170,7 +170,9 @@ def test_a_full_disk_is_said_and_nothing_that_is_done_is_lost(
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
-        with pytest.raises(OutputError, match=r"no space left.* 2 of 6 partitions are done, and kept: go on with "):
+        with pytest.raises(
+            OutputError, match=r"no space left.* 2 of 6 partitions are done, and kept: resume the run .resume=True"
+        ):
             run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
     assert not (tmp_path / "out.parquet").exists()
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)
@@ -186,7 +188,7 @@ def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path
     wait_until(lambda: list(parts.glob("part-*.arrow")) or running.poll() is not None)
     running.kill()
     running.communicate()
-    with pytest.raises(UsageError, match="go on with resume=True"):
+    with pytest.raises(UsageError, match="resume=True, force=True"):
         run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)
     assert told.resumed > 0
@@ -343,7 +345,7 @@ def test_who_stops_a_run_is_told_what_is_kept(
         ended = CliRunner().invoke(main, words, prog_name="flinders")
     assert ended.exit_code == 130
     assert ended.output.split("\n") == [
-        "2 of 6 partitions are done, and kept: go on with --resume",
+        "2 of 6 partitions are done, and kept: resume the run",
         "",
         "interrupted",
         "",
@@ -402,7 +404,7 @@ def test_each_compass_of_a_log_is_a_unit(tmp_path: Path) -> None:
 
 
 def test_a_column_of_units_in_text_is_refused_with_advice(logs: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="unit_column= is for Parquet and Arrow tables, and there is none"):
+    with pytest.raises(UsageError, match="a column of units is for Parquet and Arrow tables, and there is none"):
         run(str(logs), tmp_path / "out.parquet", Options(unit_column="serial"), workers=0)
 
 
@@ -524,14 +526,6 @@ def test_what_was_left_out_is_told_in_words(logs: Path, tmp_path: Path) -> None:
     assert "left out files that are no recordings: 1 .md, 1 without an ending" in ended.stdout
 
 
-def test_an_option_that_does_nothing_any_more_says_so(logs: Path, tmp_path: Path) -> None:
-    words = ["fleet", str(logs), "--out", str(tmp_path / "out.parquet"), "--workers", "0", "--moments-only"]
-    ended = CliRunner().invoke(main, words, prog_name="flinders")
-    assert ended.exit_code == 0, ended.output
-    assert "--moments-only does nothing any more" in ended.stderr
-    assert "consistent" not in UnitResults.read(tmp_path / "out.parquet").method.tolist()
-
-
 def test_recordings_in_a_store_are_read_as_those_on_the_disk(logs: Path, tmp_path: Path) -> None:
     pytest.importorskip("obstore")
     (tmp_path / "tables").mkdir()
@@ -609,7 +603,7 @@ def test_a_scheduler_that_goes_away_is_said_and_the_run_resumed(
         def leave(*_: int | None) -> None:
             cluster.close()
 
-        with pytest.raises(LinkError, match="is gone: start it again, and go on with resume=True"):
+        with pytest.raises(LinkError, match="is gone: start it again, and resume"):
             run(str(logs), tmp_path / "out.parquet", Options(), scheduler=cluster.scheduler_address, watch=leave)
     assert "Traceback" not in capfd.readouterr().err
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)

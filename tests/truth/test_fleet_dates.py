@@ -154,13 +154,13 @@ def test_without_dates_names_tell_the_order_and_a_step_is_told_by_them(tmp_path:
     assert to_recalibrate(units) == stepped
     assert {step.unit for step in drift.steps} == stepped
     assert all(step.before.startswith("run ") and np.isnan(step.before_s) for step in drift.steps)
-    assert (drift.undated.units, drift.pairs, drift.walk_deg) == (120, 0, 0.0)
+    assert (drift.undated.units, drift.pairs, drift.random_walk_deg_per_root_year) == (120, 0, 0.0)
     told = CliRunner().invoke(main, ["drift", str(tmp_path / "fleet.parquet")])
     assert "no dates are known of 120 units" in " ".join(told.stdout.split())
     assert "year" not in told.stdout
     fields = json.loads(CliRunner().invoke(main, ["drift", str(tmp_path / "fleet.parquet"), "--json"]).stdout)
     assert fields["undated"]["units"] == 120
-    assert fields["steps"]["largest"][0]["before_s"] is None
+    assert fields["steps"][0]["before_s"] is None
     assert "No dates are known of 120 units" in page(overview_of([tmp_path / "fleet.parquet"]), drift)
 
 
@@ -169,7 +169,7 @@ def test_nothing_is_reported_of_undated_fleets_in_which_nothing_moved(tmp_path: 
     rows, _ = fleet(is_dated=False, claimed=claimed)
     drift, _ = drifts(written(tmp_path / "t", rows))
     assert drift.step_count == drift.states["recalibrate"] == drift.states["changed"] == 0
-    assert drift.undated.session == pytest.approx(claimed**-2, rel=0.3)
+    assert drift.undated.variance_factor == pytest.approx(claimed**-2, rel=0.3)
 
 
 def test_a_few_units_without_dates_are_held_against_how_the_others_scatter(tmp_path: Path) -> None:
@@ -177,8 +177,8 @@ def test_a_few_units_without_dates_are_held_against_how_the_others_scatter(tmp_p
     start = rows.start_s.copy()
     start[:15] = np.tile([900.0, 700.0, 400.0, 20.0, 3.0], 3)
     drift, _ = drifts(written(tmp_path / "t", with_starts(rows, ["a1", "a2", "a3", "a4", "a5"], start)))
-    assert (drift.undated.units, drift.undated.session) == (3, drift.session)
-    assert drift.session > 2.5
+    assert (drift.undated.units, drift.undated.variance_factor) == (3, drift.variance_factor)
+    assert drift.variance_factor > 2.5
     assert drift.step_count == drift.states["recalibrate"] == 0
 
 
@@ -201,8 +201,8 @@ def test_a_table_named_twice_over_changes_nothing(tmp_path: Path, is_dated: bool
     for against in ("first", "previous"):
         alone = drift_of([two], against=against).as_dict()
         both = drift_of([one, two], against=against).as_dict()
-        assert both.pop("passed_over") == len(early)
-        assert alone.pop("passed_over") == 0
+        assert both.pop("duplicates") == len(early)
+        assert alone.pop("duplicates") == 0
         assert str(both) == str(alone)  # NaN is no number, not even its own
     assert overview_of([one, two]).rows == len(rows)
 
@@ -223,7 +223,7 @@ def test_unnamed_recordings_that_begin_at_zero_are_one_only_if_their_calibration
     ]
     assert drift_of(tables).states["steady"] + drift_of(tables).states["unsure"] == 120
     again = written(tmp_path / "again", zero[np.flatnonzero(np.arange(len(rows)) % 5 == 1)])
-    assert drift_of([*tables, again]).passed_over == 120
+    assert drift_of([*tables, again]).duplicates == 120
 
 
 def test_batches_are_told_in_text_and_json_and_one_in_which_all_steps_are_stands_out(tmp_path: Path) -> None:
@@ -240,9 +240,9 @@ def test_batches_are_told_in_text_and_json_and_one_in_which_all_steps_are_stands
     run = CliRunner().invoke(main, ["drift", str(path)])
     assert run.exit_code == 3
     assert "changes, steps" in run.stdout
-    fields = json.loads(CliRunner().invoke(main, ["drift", str(path), "--json"]).stdout)["batches"]
-    assert fields["told_by"] == "the column batch"
-    assert fields["each"][2]["states"] == {"recalibrate": len(stepped)}
+    fields = json.loads(CliRunner().invoke(main, ["drift", str(path), "--json"]).stdout)
+    assert fields["batch_source"] == "the column batch"
+    assert fields["batches"][2]["states"] == {"recalibrate": len(stepped)}
     text = page(overview_of([path]), drift)
     assert "Units, by how they changed" in text
     assert f"lot 2 ({len(stepped)} changed, {len(stepped)} with a step" in text

@@ -61,7 +61,7 @@ def test_a_pair_of_a_fleet_has_the_numbers_of_compare() -> None:
         sensor = simulate.Sensor(noise=0.5, offset=np.array([20.0, -10.0, 5.0 + seed]))
         fits.append(flinders.fit(simulate.tumble(seed=seed, n=300, motion="uniform", sensor=sensor).samples))
     rows = UnitResults.of([UnitResult(unit="A").with_fit(fit) for fit in fits])
-    all_of_them = EllipsoidPairs.of_columns(rows.offset, rows.matrix, rows.covariance, rows.radius)
+    all_of_them = EllipsoidPairs.of_columns(rows.offset, rows.matrix, rows.covariance, rows.field_strength)
     found = differences(all_of_them[:-1], all_of_them[1:], dip_deg=-40.0)
     for place, (one, two) in enumerate(pairwise(fits)):
         alone = compare(one, two, dip_deg=-40.0)
@@ -129,7 +129,7 @@ def test_nothing_is_reported_of_fleets_in_which_nothing_moved(tmp_path: Path) ->
 
 def test_claims_that_are_too_small_are_widened_and_make_no_alarm(tmp_path: Path) -> None:
     drift = drift_of([written(tmp_path, fleet(claimed=0.5)[0])])
-    assert drift.session == pytest.approx(4.0, rel=0.25)
+    assert drift.variance_factor == pytest.approx(4.0, rel=0.25)
     assert drift.step_count == drift.states["recalibrate"] == 0
 
 
@@ -194,7 +194,7 @@ def test_rows_without_a_calibration_or_a_time_are_no_reason_to_fail(tmp_path: Pa
     ]
     more = UnitResults.joined([replace(rows, start_s=start), UnitResults.of(lost)])
     drift = drift_of([written(tmp_path, more)])
-    assert (drift.left_out, drift.states["none"], drift.units) == (2, 2, 302)
+    assert (drift.without_calibration, drift.states["none"], drift.units) == (2, 2, 302)
 
 
 def test_what_is_no_sorted_table_of_a_fleet_is_refused(tmp_path: Path) -> None:
@@ -266,7 +266,7 @@ def test_rows_of_no_unit_are_left_out_and_tell_no_batch(tmp_path: Path) -> None:
     path = written(tmp_path, UnitResults.joined([rows, UnitResults.of(lost)]).sorted())
     for batch in (None, "unit_of_field", "^[^-]+"):
         drift, overview = drift_of([path], batch=batch), overview_of([path], batch=batch)
-        assert (drift.units, overview.units, drift.left_out, drift.states["none"]) == (40, 40, 4, 0)
+        assert (drift.units, overview.units, drift.without_calibration, drift.states["none"]) == (40, 40, 4, 0)
         assert sum(lot.units for lot in drift.batches) == 40
         assert {lot.batch: lot.verdicts for lot in drift.batches} == overview.batches
         assert sum(sum(lot.verdicts.values()) for lot in drift.batches) == 200
@@ -316,6 +316,6 @@ def test_a_table_without_a_calibration_or_without_a_row_has_a_report(tmp_path: P
     for rows in ([UnitResult(unit="A", verdict="failed", code="unreadable", message="cut short")], []):
         path = written(tmp_path, UnitResults.of(rows))
         drift = drift_of([path])
-        assert (drift.units, drift.gaps, drift.step_count) == (len(rows), 0, 0)
+        assert (drift.units, drift.intervals, drift.step_count) == (len(rows), 0, 0)
         assert "None to recalibrate" in page(overview_of([path]), drift)
         assert "0.0% calibrated" in page(overview_of([path]))

@@ -28,7 +28,7 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 def good(unit: str, **fields: Any) -> UnitResult:
     values: dict[str, Any] = {
-        "verdict": "good", "method": "likelihood", "worst_deg": 0.4, "offset": (1.0, 2.0, 3.0), "radius": 50.0,
+        "verdict": "good", "method": "likelihood", "worst_deg": 0.4, "offset": (1.0, 2.0, 3.0), "field_strength": 50.0,
         "noise": 0.3, "findings": ("scale-unknown",), "unit_of_field": "uT",
     }  # fmt: skip
     return UnitResult(unit=unit, **{**values, **fields})
@@ -54,7 +54,7 @@ def test_one_that_could_not_be_read_of_thousands_is_in_the_headline(tmp_path: Pa
 
 
 def test_field_strengths_are_told_apart_by_their_unit(tmp_path: Path) -> None:
-    text = told(tmp_path, [good("A"), good("B", unit_of_field="counts", radius=400.0)])
+    text = told(tmp_path, [good("A"), good("B", unit_of_field="counts", field_strength=400.0)])
     assert "Field strength, counts" in text
     assert "Field strength, µT" in text
 

@@ -300,11 +300,6 @@ def test_the_batch_of_hardware_stands_in_the_table(folder: Path, column: str) ->
     assert fit_many(table(0, names=["A"], firmware=[3] * READINGS), batch_column="firmware").batch.tolist() == ["3"]
 
 
-def test_a_table_of_an_earlier_release_has_no_batches() -> None:
-    old = UnitResults.of([]).to_arrow().drop_columns(["batch"])
-    assert UnitResults.from_arrow(old).batch.tolist() == []
-
-
 def test_one_of_several_magnetometers_is_chosen_as_by_the_single_command(folder: Path) -> None:
     left, right = table(0), table(1)
     both = left.select(["unit", "time_s"])
@@ -377,7 +372,7 @@ def test_what_a_run_wrote_is_no_recording(folder: Path) -> None:
     (folder / "other.parquet.parts").mkdir()
     (folder / "other.parquet.parts" / "part-0000000-1-00000000.arrow").write_bytes(parts)
     again = run(str(folder), out, Options(), workers=0, force=True)
-    assert (first.left_out, again.left_out) == ({}, {"tables of fleets": 1})
+    assert (first.other_files, again.other_files) == ({}, {"tables of fleets": 1})
     assert (again.verdicts, again.files) == ({"good": 2}, 1)
     (folder / "a.parquet").unlink()
     with pytest.raises(UnreadableInput, match="no recordings, but 1 table that `flinders fleet` wrote"):
@@ -391,7 +386,7 @@ def test_a_link_to_nothing_is_a_row_and_a_pipe_is_left_alone(folder: Path) -> No
     os.mkfifo(folder / "U2.csv")
     ended = run(str(folder), folder.parent / "out.parquet", Options(), workers=0)
     assert told(UnitResults.read(folder.parent / "out.parquet")) == {"U0": GOOD, "U1": (0, "unreadable")}
-    assert ended.left_out == {"pipe": 1}
+    assert ended.other_files == {"pipe": 1}
 
 
 def test_a_nested_column_is_no_batch(folder: Path) -> None:

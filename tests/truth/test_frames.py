@@ -128,7 +128,7 @@ def test_a_calibration_of_two_compasses_together_goes_to_neither_unasked() -> No
     Path("both.json").write_text(json.dumps(files[0]), encoding="utf-8")
     ended = run("export", "--to", "ardupilot", "both.json")
     assert (ended.exit_code, ended.stdout) == (2, "")
-    assert "was made from compass 1 and 2: say with --compass which one it is for" in ended.stderr
+    assert "was made from compass 1 and 2: say which one it is for" in ended.stderr
     asked = run("export", "--to", "ardupilot", "--compass", "2", "both.json")
     assert asked.exit_code == 0
     assert "! for compass 2, as asked; it was made from compass 1 and 2" in asked.stderr

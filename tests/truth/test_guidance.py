@@ -16,7 +16,7 @@ from flinders import simulate
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import direction_errors_deg, level_turn
-from flinders.heading.guidance import POSES, Guidance, guide
+from flinders.heading.guidance import Guidance, guide, poses
 from flinders.simulate import Sensor
 from flinders.summary.coverage import CELLS
 
@@ -269,10 +269,10 @@ def test_whoever_does_what_the_words_say_meets_the_field_where_it_was_wanted(fra
 
 @pytest.mark.parametrize("frame", ["vehicle", "sensor"])
 def test_each_attitude_is_named_once_and_its_name_is_right(frame: Frame) -> None:
-    for pose in POSES[frame]:
+    for pose in poses(frame):
         down = attitude_of(pose.words)[2] if frame == "vehicle" else down_of(pose.words)
         np.testing.assert_allclose(pose.down, down, atol=1e-12)
-    assert len({pose.words for pose in POSES[frame]}) == len(POSES[frame])
+    assert len({pose.words for pose in poses(frame)}) == len(poses(frame))
 
 
 @pytest.mark.parametrize(

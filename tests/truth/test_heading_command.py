@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -16,7 +17,7 @@ from tests.waiting import PATIENCE_S
 
 from flinders import simulate
 from flinders.core.calibration import Calibration
-from flinders.core.calibration_file import Fitted, beside_record
+from flinders.core.calibration_file import Fitted, aiding_record
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.fitting.aiding import Aiding
@@ -139,8 +140,8 @@ def test_true_headings_are_the_declination_further_on(home: Path) -> None:
     )
     assert 3.0 < told["declination_deg"] < 4.0
     assert (columns["true_heading_deg"] < 360.0).all()
-    assert told["rows"] == 600
-    assert told["dip_seen_deg"] == pytest.approx(60.0, abs=1e-3)
+    assert told["readings"] == 600
+    assert told["measured_dip_deg"] == pytest.approx(60.0, abs=1e-3)
     assert "declination 3." in ended.err
 
 
@@ -228,7 +229,7 @@ def test_columns_of_the_accelerometer_can_be_named(home: Path) -> None:
     write("odd.csv", log, "t_s,mx_uT,my_uT,mz_uT,one,two,three")
     refused = flinders_("heading", "calibration.json", "odd.csv")
     assert refused.code == 5
-    assert "name its columns with --acceleration, or say --level" in refused.err
+    assert "(--acceleration, --level)" in refused.err
     for columns in ("one,two,three", "5,6,7"):
         ended = flinders_("heading", "calibration.json", "odd.csv", "--acceleration", columns)
         assert_headings(ended, tumbling()[0])
@@ -259,11 +260,14 @@ def test_a_stream_is_answered_line_by_line(home: Path) -> None:
 @pytest.mark.parametrize(
     ("columns", "named"),
     [
-        ("-ax,-ay,-az", "opposite sign (gravity, not specific force): give --acceleration-axes=-x,-y,-z"),
-        ("ay,ax,-az", "its x and y are swapped, and its z has the wrong sign: give --acceleration-axes=y,x,-z"),
-        ("-ax,-ay,az", "its x and y have the wrong sign: give --acceleration-axes=-x,-y,z"),
+        ("-ax,-ay,-az", "opposite sign (gravity, not specific force): map its axes (--acceleration-axes=-x,-y,-z"),
+        (
+            "ay,ax,-az",
+            "its x and y are swapped, and its z has the wrong sign: map its axes (--acceleration-axes y,x,-z",
+        ),
+        ("-ax,-ay,az", "its x and y have the wrong sign: map its axes (--acceleration-axes=-x,-y,z"),
         ("ax,ay,-az", "one of the two is left-handed"),
-        ("ay,az,ax", "its x, y and z go round: give --acceleration-axes=z,x,y"),
+        ("ay,az,ax", "its x, y and z go round: map its axes (--acceleration-axes z,x,y"),
     ],
 )
 def test_a_mistaken_axis_is_named_and_its_remedy_works(home: Path, columns: str, named: str) -> None:
@@ -274,8 +278,8 @@ def test_a_mistaken_axis_is_named_and_its_remedy_works(home: Path, columns: str,
     assert ended.code == 5
     assert named in ended.said
     assert not (home / "out.csv").exists()
-    remedy = next(word for word in ended.err.replace(";", " ").split() if word.startswith("--acceleration-axes="))
-    again = flinders_("heading", "calibration.json", "odd.csv", *ZURICH, remedy)
+    (axes,) = re.findall(r"--acceleration-axes[= ]([-xyz,]+[xyz])", ended.err)
+    again = flinders_("heading", "calibration.json", "odd.csv", *ZURICH, f"--acceleration-axes={axes}")
     assert again.code == 3  # the dip is 3.4° less than in Zürich
     assert np.abs(folded(again.columns["heading_deg"] - tumbling()[0])).mean() < 3.0
 
@@ -293,7 +297,7 @@ def test_without_a_site_a_dip_upwards_is_mentioned(home: Path) -> None:
     assert "headings run backwards: leave --acceleration-axes out" in back.said
     mirrored = flinders_("heading", "calibration.json", "log.csv", "--acceleration-axes=x,y,-z")
     assert mirrored.code == 5
-    assert "as they were recorded they do: leave --acceleration-axes out" in mirrored.said
+    assert "as they were recorded they do: leave their mapping out (--acceleration-axes)" in mirrored.said
     assert "; or" not in mirrored.said
     assert flinders_("heading", "calibration.json", "odd.csv", "--dip", "-60").code == 0
     assert flinders_("heading", "calibration.json", "odd.csv", "--dip", "60").code == 5
@@ -319,7 +323,7 @@ ODD: dict[str, tuple[str, int, str]] = {
     "a formula that is none": ("calibration.json log.csv --formula best", 2, "an4248"),
     "two results to one place": ("calibration.json log.csv --json", 2, "name a file with -o"),
     "over the recording": ("calibration.json log.csv -o log.csv --force", 2, "would be written over"),
-    "over a file": ("calibration.json log.csv -o there.csv", 6, "overwrite it with --force"),
+    "over a file": ("calibration.json log.csv -o there.csv", 6, "overwrite it (--force)"),
     "into nowhere": ("calibration.json log.csv -o nix/out.csv", 6, "no such folder"),
 }  # fmt: skip
 
@@ -513,7 +517,7 @@ def test_a_swing_says_what_its_calibration_claims_and_whether_that_holds(home: P
     told = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json").json["calibration"]
     claimed = deviation_covariance(judged.ellipsoid, judged.covariance, dip_deg=told["dip_deg"])
     npt.assert_allclose(list(told["sigma_deg"].values()), np.sqrt(np.diag(claimed)), rtol=1e-3)
-    assert told["dip_from"] == "seen"
+    assert told["dip_from"] == "measured"
     assert told["p_value"] > 0.01
     page = flinders_("swing", "calibration.json", "log.csv", *KNOWN).out
     assert "claimed" in page
@@ -644,13 +648,13 @@ def test_an_accelerometer_that_reads_gravity_is_found_out(home: Path, recordings
     assert flinders_("calibrate", sphere, "--unit", "G", "-o", "board.json").code in {0, 3}
     refused = flinders_("heading", "board.json", sphere, "-o", "out.csv", "--dip", "67")
     assert refused.code == 5
-    assert "give --acceleration-axes=-x,-y,-z" in refused.err
+    assert "map its axes (--acceleration-axes=-x,-y,-z)" in refused.err
     ended = flinders_(
         "heading", "board.json", sphere, "-o", "out.csv", "--dip", "67", "--acceleration-axes=-x,-y,-z", "--json"
     )
     assert ended.code == 0
-    assert ended.json["dip_seen_deg"] == pytest.approx(66.0, abs=2.0)
-    assert ended.json["dip_scatter_deg"] < 4.0
+    assert ended.json["measured_dip_deg"] == pytest.approx(66.0, abs=2.0)
+    assert ended.json["measured_dip_scatter_deg"] < 4.0
 
 
 def test_a_swapped_accelerometer_of_a_real_board_is_named(home: Path, recordings: Callable[[str], Path]) -> None:
@@ -659,7 +663,7 @@ def test_a_swapped_accelerometer_of_a_real_board_is_named(home: Path, recordings
     assert flinders_("heading", "board.json", path, "-o", "out.csv").code == 3  # a dip upwards
     refused = flinders_("heading", "board.json", path, "-o", "odd.csv", "--acceleration", "ay,ax,az", "--dip", "-18")
     assert refused.code == 5
-    assert "its x and y are swapped: give --acceleration-axes=y,x,z" in refused.err
+    assert "its x and y are swapped: map its axes; one of the two" in refused.err
 
 
 def test_a_magnetometer_that_is_turned_over_in_its_chip_is_found_out(
@@ -670,13 +674,13 @@ def test_a_magnetometer_that_is_turned_over_in_its_chip_is_found_out(
     assert flinders_("calibrate", path, "--target", "8", "-o", "board.json").code in {0, 3}
     refused = flinders_("heading", "board.json", path, "-o", "out.csv")
     assert refused.code == 5
-    assert "its y and z have the wrong sign: give --acceleration-axes=x,-y,-z" in refused.err
+    assert "its y and z have the wrong sign: map its axes (--acceleration-axes x,-y,-z" in refused.err
     ended = flinders_("heading", "board.json", path, "-o", "out.csv", "--acceleration-axes=x,-y,-z", "--json")
     assert ended.code == 3  # a dip upwards, without a site
-    assert ended.json["dip_scatter_deg"] < 8.0
-    assert ended.json["dip_seen_deg"] < -40.0
+    assert ended.json["measured_dip_scatter_deg"] < 8.0
+    assert ended.json["measured_dip_deg"] < -40.0
     refused = flinders_("heading", "board.json", path, "-o", "other.csv", "--dip", "50")
-    assert "its x has the wrong sign: give --acceleration-axes=-x,y,z; one of the two is left-handed" in refused.err
+    assert "its x has the wrong sign: map its axes; one of the two is left-handed" in refused.err
 
 
 def test_the_command_gives_what_the_library_gives(home: Path) -> None:
@@ -710,8 +714,8 @@ def test_what_the_calibration_found_wrong_with_the_accelerometer_is_taken_off(ho
     body = turned(headings, 6.0, -12.0)
     bias, gains = np.array([0.3, -0.2, 0.1]), np.array([[1.02, 0.01, 0.0], [0.01, 0.98, 0.0], [0.0, 0.0, 1.0]])
     calibration = Calibration(np.eye(3), np.zeros(3), 50.0, raw=Unit.of("uT"))
-    beside = beside_record(acceleration_bias=bias, acceleration_matrix=np.linalg.inv(gains))
-    fitted = Fitted(method="likelihood", samples=360, beside=beside)
+    record = aiding_record(acceleration_bias=bias, acceleration_matrix=np.linalg.inv(gains))
+    fitted = Fitted(method="likelihood", samples=360, aiding=record)
     for gravity in (9.80665, 1.0):
         force = body @ np.array([0.0, 0.0, -gravity]) @ gains
         samples = Samples.of(body @ FIELD, unit="uT", acceleration=force + bias * gravity / 9.80665)

@@ -198,7 +198,7 @@ def test_a_name_for_code_of_two_sensors() -> None:
     ended = run("export", "--to", "yaml", "--name", "mast", "calibration.json")
     assert (ended.exit_code, len(ended.stderr.splitlines())) == (2, 1)
     takes = ", ".join(row.name for row in registry().values() if row.named)
-    assert f"--name goes with {takes}: yaml has no names to choose" in ended.stderr
+    assert f"a name goes with {takes}: yaml has no names to choose" in ended.stderr
     assert run("export", "--to", "c", "--name", "", "calibration.json").exit_code == 2
 
 
@@ -281,7 +281,7 @@ def test_to_standard_output_the_page_goes_beside_it() -> None:
         ("tumble.csv --export json:- --export c:-", 2, "the export to json and the export to c would both go"),
         ("tumble.csv --export c --export px5", 2, "target 'px5' is not known"),
         ("tumble.csv --export json:tumble.csv --force", 2, "would be written over"),
-        ("tumble.csv --export betaflight", 2, "calibrate again with --unit counts"),
+        ("tumble.csv --export betaflight", 2, "calibrate again (--unit counts)"),
         ("--minmax=-1,2,-1,2,-1,2 --export c", 2, "--export does not go with --minmax"),
     ],
 )

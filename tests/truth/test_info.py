@@ -57,7 +57,7 @@ def test_the_numbers_are_those_of_the_recording(bench: Path, field: Floats) -> N
     assert sensor["seconds"] == pytest.approx(len(field) / 50 + 2.98)
     np.testing.assert_allclose(sensor["lowest"], field.min(axis=0))
     np.testing.assert_allclose(sensor["highest"], field.max(axis=0))
-    assert sensor["beside"] == ["time", "acceleration"]
+    assert sensor["auxiliary"] == ["time", "acceleration"]
     assert sensor["coverage"] > 0.95
     assert found["bytes"] == bench.stat().st_size
 
@@ -79,7 +79,7 @@ def test_the_day_may_come_from_the_clock_of_a_table(field: Floats, tmp_path: Pat
     body = "".join(f"{1_780_000_000_000 + 20 * n}{row}\n" for n, row in enumerate(rows))
     path.write_text(f"timestamp,mag_x_uT,mag_y_uT,mag_z_uT\n{body}")
     found = info(str(path), "--at", "43.77,11.26")
-    assert found["begun"] == "2026-05-28 20:26:40"
+    assert found["start"] == "2026-05-28 20:26:40"
     assert found["site"]["year"] == pytest.approx(2026 + 147 / 365)
 
 
@@ -156,8 +156,8 @@ def test_what_is_odd_is_said(field: Floats, tmp_path: Path) -> None:
         ("bench.npz --columns a,b,c", 2, "there is no column 'a'"),
         ("bench.npz --from 900", 2, "no reading of bench.npz lies from 900 s"),
         ("bench.npz --unit mG", 2, "says uT"),
-        ("bench.npz --topic x", 2, "leave --topic out"),
-        ("bench.npz --as-logged", 2, "leave --as-logged out"),
+        ("bench.npz --topic x", 2, "name none (--topic)"),
+        ("bench.npz --as-logged", 2, "leave it as it is (--as-logged)"),
         ("", 2, "Missing argument"),
     ],
 )
@@ -175,6 +175,6 @@ def test_a_log_of_three_compasses(recordings: Callable[[str], Path]) -> None:
     """Counts, place and stored offsets as the description of the data set has them."""
     found = info(str(recordings("dronekit_log171_3mags/log171.bin")))
     assert [sensor["readings"] for sensor in found["sensors"]] == [2384, 2384, 2383]
-    assert found["sensors"][0]["stored"].startswith("COMPASS_OFS -97.7916, 118.11, 213.18 mG")
+    assert found["sensors"][0]["onboard_calibration"].startswith("COMPASS_OFS -97.7916, 118.11, 213.18 mG")
     assert found["position"][:2] == pytest.approx([-35.362, 149.165], abs=1e-3)
     assert found["site"]["model"].startswith("WMM-2015")

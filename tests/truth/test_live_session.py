@@ -156,7 +156,7 @@ def test_a_sensor_that_stops_measuring_is_stale() -> None:
 
 def test_a_sensor_at_its_limit_is_saturated() -> None:
     samples = simulate.tumble(
-        seed=1, sensor=simulate.Sensor(offset=np.array([30.0, 0.0, 0.0]), noise=0.3, limit=60.0)
+        seed=1, sensor=simulate.Sensor(offset=np.array([30.0, 0.0, 0.0]), noise=0.3, saturation=60.0)
     ).samples
     shown = session_state(after(samples))
     assert (shown.phase, codes(shown)) == ("wrong", ["saturated"])

@@ -152,9 +152,9 @@ def test_a_moved_battery_is_refused_by_name() -> None:
     merged = caught.value.fit
     assert merged.verdict == "refused"
     assert repeats(merged).farthest.source == "moved"
-    assert repeats(merged).farthest.off_deg == pytest.approx(np.rad2deg(3.0 / 25.0), rel=0.15)
+    assert repeats(merged).farthest.difference_deg == pytest.approx(np.rad2deg(3.0 / 25.0), rel=0.15)
     assert merged.as_dict()["calibration"] is None
-    assert caught.value.evidence["recordings-differ"] == pytest.approx(repeats(merged).farthest.off_deg)
+    assert caught.value.evidence["recordings-differ"] == pytest.approx(repeats(merged).farthest.difference_deg)
     with pytest.raises(NotMerged, match=r"moved and monday are 6\.\d° of heading apart"):
         merge([parts[2], parts[0]])
 
@@ -176,7 +176,7 @@ def test_by_how_much_they_differ_makes_the_verdict() -> None:
 def test_what_they_differ_by_is_in_the_heading_error() -> None:
     one, far = judged(1, "monday", n=8000), judged(2, "tuesday", n=8000, by=0.7)
     error = merge([one, far]).heading_error_deg.worst
-    apart = repeats(merge([one, far])).farthest.off_deg
+    apart = repeats(merge([one, far])).farthest.difference_deg
     assert 0.5 * apart < error < 1.5 * apart
 
 

@@ -215,8 +215,8 @@ def test_trimming_takes_off_what_spoils_the_extremes() -> None:
     assert np.abs(plain.ellipsoid.centre - HARD_IRON).min() > 20.0
     npt.assert_allclose(trimmed.ellipsoid.centre, HARD_IRON, atol=1.5)
     npt.assert_allclose(trimmed.ellipsoid.shape, 50.0 * IRON["gains"], atol=3.0)
-    assert trimmed.used + sum(outlier.rows for outlier in trimmed.outliers) == len(spoilt())
-    assert sum(outlier.rows for outlier in trimmed.outliers) >= 253
+    assert trimmed.used + sum(outlier.readings for outlier in trimmed.outliers) == len(spoilt())
+    assert sum(outlier.readings for outlier in trimmed.outliers) >= 253
 
 
 def test_trimming_tells_what_it_left_out() -> None:

@@ -198,7 +198,7 @@ def test_a_vertical_that_leans_in_turns_is_left_out() -> None:
     fit = fitted_anyway(simulate.tumble(seed=1, motion="flight", n=1500).samples)
     assert "leans-in-turns" in [finding.code for finding in fit.findings]
     assert fit.aiding is not None
-    assert not any(sensor.kept for sensor in fit.aiding.each)
+    assert not any(sensor.is_used for sensor in fit.aiding.sensors)
 
 
 def fitted_anyway(samples: Samples) -> Fit:

@@ -160,7 +160,7 @@ def test_a_fleet_states_it(change: Callable[[Floats], Floats]) -> None:
     fit, columns = judged(samples), fit_batch([samples])
     assert columns.by_record.all() or fit.verdict == "refused"
     assert columns.worst_deg[0] == pytest.approx(fit.heading_error_deg.worst, rel=1e-9)
-    assert fit.verdict == "refused" or columns.bound_deg[0] == pytest.approx(fit.heading_bound_deg, rel=1e-3)
+    assert fit.verdict == "refused" or columns.bound_95_deg[0] == pytest.approx(fit.heading_bound_deg, rel=1e-3)
 
 
 def test_what_the_mounting_adds_is_said_wherever_the_rotation_was_seen() -> None:

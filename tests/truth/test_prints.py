@@ -36,10 +36,10 @@ REFUSED: Final = {
     "acceleration": ("aX: {ax:.2f} aY: {ay:.2f} aZ: {az:.2f}", "tell of acceleration and of no magnetometer"),
     "many numbers without labels": (
         "{ax:.2f},{ay:.2f},{az:.2f},{gx:.2f},{gy:.2f},{gz:.2f},{mx:.2f},{my:.2f},{mz:.2f}",
-        "may be it: if so, add columns='7,8,9'; others are 1, 2, 3 (gravity in m/s²)",
+        "may be it, others are 1, 2, 3 (gravity in m/s²)",
     ),
     "an index between name and value": (
-        "channel type=8(magn_x) index=0 shift=1 num_samples=1 value={t}ns ({mx:.6f})", "or pattern=, which says how"
+        "channel type=8(magn_x) index=0 shift=1 num_samples=1 value={t}ns ({mx:.6f})", "or how a line is printed"
     ),
 }  # fmt: skip
 """The line of a reading, and what the message says of it."""

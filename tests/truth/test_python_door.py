@@ -86,13 +86,11 @@ def refuse(package: str) -> None:
 
 def test_columns_of_a_frame_are_chosen_as_those_of_a_file(samples: Samples) -> None:
     frame = pandas.DataFrame(samples.field, columns=["a", "b", "c"]).assign(d=0.0)
-    with pytest.raises(
-        NoMagnetometer, match=r"names do not tell which columns of pandas DataFrame .* add columns='a,b,c'"
-    ):
+    with pytest.raises(NoMagnetometer, match=r"names do not tell which columns of pandas DataFrame .*columns='a,b,c'"):
         flinders.fit(frame)
     chosen = flinders.read(frame, columns="a,b,c", unit="uT", axes="x,-y,-z")
     np.testing.assert_array_equal(chosen.field, samples.field * [1, -1, -1])
-    with pytest.raises(UsageError, match="leave topic= out"):
+    with pytest.raises(UsageError, match="topic="):
         flinders.read(frame, topic="mag")
 
 
@@ -156,11 +154,11 @@ def test_a_calibration_writes_itself_for_a_target(samples: Samples, tmp_path: Pa
     text = calibration.export("arduino", tmp_path / "mag.ino", name="mast")
     assert (tmp_path / "mag.ino").read_text() == text
     assert "mast" in text
-    with pytest.raises(OutputExists, match="overwrite it with force=True"):
+    with pytest.raises(OutputExists, match="force=True"):
         calibration.export("arduino", tmp_path / "mag.ino")
     calibration.export("adafruit-eeprom", tmp_path / "mag.ino", force=True)
     assert len((tmp_path / "mag.ino").read_bytes()) == 68
-    with pytest.raises(UsageError, match="compass= goes with ardupilot"):
+    with pytest.raises(UsageError, match="goes with ardupilot"):
         calibration.export("c", compass=1)
 
 

@@ -360,7 +360,7 @@ def test_what_is_empty_or_without_numbers_is_said(tmp_path: Path) -> None:
 
 def test_an_array_of_many_columns_shows_their_ranges(tmp_path: Path) -> None:
     np.save(tmp_path / "wide.npy", np.arange(40.0).reshape(8, 5) - 10)
-    with pytest.raises(NoMagnetometer, match=r"with columns='X,Y,Z', by number; they go from 1: -10\.0 to 25\.0, 2: "):
+    with pytest.raises(NoMagnetometer, match=r"they go from 1: -10\.0 to 25\.0, 2: .*columns='X,Y,Z'"):
         flinders.read(tmp_path / "wide.npy")
 
 
@@ -534,15 +534,15 @@ def test_the_beginning_of_a_log_is_the_same_for_all_its_magnetometers(flight: Pa
 @pytest.mark.parametrize("option", ["columns", "unit", "scale"])
 def test_a_log_knows_its_columns_and_units(option: str, flight: Path) -> None:
     value: Any = 0.1 if option == "scale" else "1,2,3" if option == "columns" else "uT"
-    with pytest.raises(UsageError, match=f"which knows its own columns and units: leave {option}= out"):
+    with pytest.raises(UsageError, match=f"which knows its own columns and units: leave this out .{option}="):
         flinders.open_recording(flight, **{option: value})
 
 
 def test_a_table_has_one_magnetometer(tmp_path: Path, tumble: Floats) -> None:
     path = written("npz", tmp_path, tumble)
-    with pytest.raises(UsageError, match="has one magnetometer: leave sensor= out"):
+    with pytest.raises(UsageError, match="has one magnetometer: leave its number out"):
         flinders.open_recording(path, sensor="2")
-    with pytest.raises(UsageError, match="leave as_logged= out"):
+    with pytest.raises(UsageError, match="as_logged="):
         flinders.open_recording(path, as_logged=True)
     (alone,) = flinders.open_log(path).instruments
     np.testing.assert_allclose(next(alone.blocks()).field, tumble[:, 1:4] / 10.0, rtol=1e-15)
@@ -570,7 +570,7 @@ def test_all_magnetometers_are_calibrated_in_one_run(flight: Path, tmp_path: Pat
         ("--sensor all --report-text page.txt", "--report-text is for one magnetometer"),
         ("--from 3 --to 2", "nothing lies between"),
         ("--from -1", "need seconds from the beginning"),
-        ("--unit mG", "which knows its own columns and units: leave --unit out"),
+        ("--unit mG", "which knows its own columns and units: leave this out (--unit)"),
     ],
 )
 def test_what_a_log_cannot_do_is_said(words: str, says: str, flight: Path) -> None:

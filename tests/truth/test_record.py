@@ -342,7 +342,7 @@ def test_an_unplugged_board_is_waited_for() -> None:
     assert running.returncode == 0, err
     assert "is back" in err
     told = json.loads(out)
-    assert (told["readings"], told["losses"]) == (80, 1)
+    assert (told["readings"], told["disconnections"]) == (80, 1)
     text = Path("out.csv").read_text(encoding="utf-8")
     assert "# cut off: Raw:0,0,81\n" in text
     assert "# lost at " in text
@@ -388,7 +388,7 @@ def test_tcp_is_heard_until_the_other_end_closes() -> None:
             told = Recorder(source, sink, seconds=0.5, say=said.append).run()
     source.close()
     assert told.readings == 40
-    assert told.losses >= 1
+    assert told.disconnections >= 1
     assert any("has closed the connection" in line for line in said)
 
 

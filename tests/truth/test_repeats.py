@@ -72,9 +72,9 @@ def test_the_difference_of_two_clean_recordings_is_that_of_their_fits_and_as_cla
         assert fit.repeats is not None
         first = fit.repeats.parts[0]
         apart = float(np.linalg.norm(one.calibration.offset - other.calibration.offset))
-        assert first.offset == pytest.approx(apart, rel=1e-6)
+        assert first.offset_difference == pytest.approx(apart, rel=1e-6)
         assert first.claimed_deg == pytest.approx(one.heading_error_deg.worst, rel=1e-6)
-        weighed.append(first.off_deg / first.off_sigma_deg)
+        weighed.append(first.difference_deg / first.difference_sigma_deg)
     low, high = claim.ratios(0.4, 2.0)
     assert low < float(np.sqrt(np.mean(np.square(weighed)))) < high
 
@@ -89,7 +89,7 @@ def test_an_offset_that_moved_by_3_microtesla_is_refused_naming_both(trials: Cho
         assert (finding.severity, finding.limit) == ("refuses", 1.0)
         assert finding.number > 2.0
         assert caught.value.fit.repeats is not None
-        assert caught.value.fit.repeats.farthest.offset == pytest.approx(3.0, abs=0.3)
+        assert caught.value.fit.repeats.farthest.offset_difference == pytest.approx(3.0, abs=0.3)
         assert caught.value.evidence["recordings-differ"] == finding.number
 
 
@@ -186,7 +186,9 @@ def test_what_scatters_is_in_the_covariance_and_in_json() -> None:
     fields = json.loads(json.dumps(fit.as_dict()))["repeats"]
     assert fields["scatter_deg"] == fit.repeats.scatter_deg
     assert [part["source"] for part in fields["parts"]] == ["0", "1", "2"]
-    npt.assert_allclose([part["off_deg"] for part in fields["parts"]], [p.off_deg for p in fit.repeats.parts])
+    npt.assert_allclose(
+        [part["difference_deg"] for part in fields["parts"]], [p.difference_deg for p in fit.repeats.parts]
+    )
 
 
 def write(path: str, recorded: Simulated) -> None:

@@ -80,8 +80,8 @@ def test_a_pose_that_does_not_fit_is_left_out_with_its_time() -> None:
     samples = timed(of.sensor.read(np.repeat(strength * simulate.uniform(rng, 60), 50, axis=0), rng))
     fit = judged(samples)
     (pose,) = fit.outliers
-    npt.assert_allclose([pose.start, pose.end], [12.0, 12.98], atol=0.1)
-    npt.assert_allclose([pose.rows, pose.fitted], [50, 1], atol=4)
+    npt.assert_allclose([pose.start_s, pose.end_s], [12.0, 12.98], atol=0.1)
+    npt.assert_allclose([pose.readings, pose.independent], [50, 1], atol=4)
     assert str(pose).endswith("readings at rest")
 
 
@@ -178,7 +178,7 @@ def test_outliers_of_several_recordings_have_the_rows_that_were_read() -> None:
     each = [np.concatenate([still(of, 4.0, 0.03), half]) for half in np.split(of.samples.field, 2)]
     each[1][775] *= 1.5
     fit = judged(Joined(tuple(map(timed, each))), method="level")
-    assert [(run.first, run.last) for run in fit.outliers if run.rows == 1] == [(1976, 1976)]
+    assert [(run.first, run.last) for run in fit.outliers if run.readings == 1] == [(1976, 1976)]
 
 
 def test_a_closed_form_claims_what_its_readings_tell() -> None:
@@ -240,7 +240,7 @@ def test_a_fleet_counts_rests_as_a_fit_does() -> None:
     columns = fit_batch(samples)
     for place, one in enumerate(samples):
         fit = flinders.fit(one)
-        assert (columns.verdict[place], columns.used[place]) == (fit.verdict, fit.samples)
+        assert (columns.verdict[place], columns.samples[place]) == (fit.verdict, fit.samples)
         assert columns.worst_deg[place] == pytest.approx(fit.heading_error_deg.worst, rel=1e-6)
 
 

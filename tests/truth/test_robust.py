@@ -93,17 +93,17 @@ def test_a_magnet_that_passes_is_told_with_its_rows_its_time_and_how_far_it_pull
     fit = flinders.fit(samples, field_strength=50.0)
     assert fit.method == "robust"
     assert np.linalg.norm(fit.calibration.offset - truth.sensor.offset) < 0.2
-    largest = max(fit.outliers, key=lambda outlier: outlier.rows)
-    assert largest.rows > 60
+    largest = max(fit.outliers, key=lambda outlier: outlier.readings)
+    assert largest.readings > 60
     assert PASSED.start - 25 < largest.first <= largest.last <= PASSED.stop + 25
     assert samples.time is not None
-    assert largest.start == samples.time[largest.first - 1]
-    assert largest.end == samples.time[largest.last - 1]
-    assert 10.0 < largest.farthest < 60.0
+    assert largest.start_s == samples.time[largest.first - 1]
+    assert largest.end_s == samples.time[largest.last - 1]
+    assert 10.0 < largest.max_distance < 60.0
     finding = next(finding for finding in fit.findings if finding.code == "outliers")
     assert finding.severity == "note"
     assert finding.number < 0.08
-    assert f"{largest.start:.1f}–{largest.end:.1f} s" in finding.advice
+    assert f"{largest.start_s:.1f}–{largest.end_s:.1f} s" in finding.advice
 
 
 @pytest.mark.parametrize("rows", [None, 97, 1000])
@@ -113,11 +113,11 @@ def test_what_is_listed_is_what_was_left_out(rows: int | None, monkeypatch: pyte
     if rows is not None:
         monkeypatch.setattr(data, "HELD", 2500)
     found = Robust().estimate(Readings.of(samples if rows is None else Streamed(samples, rows)))
-    rejected = sum(outlier.rows for outlier in found.outliers)
+    rejected = sum(outlier.readings for outlier in found.outliers)
     left_out = len(samples) - rejected - found.used * (1 if rows is None else 2)
     assert left_out == 0 if rows is None else 0 <= left_out <= 4 * MARGIN, "around a run of every second reading"
-    run = max(found.outliers, key=lambda outlier: outlier.rows)
-    assert run.rows == run.last - run.first + 1 > 120
+    run = max(found.outliers, key=lambda outlier: outlier.readings)
+    assert run.readings == run.last - run.first + 1 > 120
 
 
 def test_the_rows_of_a_stray_are_those_of_the_recording() -> None:
@@ -125,13 +125,13 @@ def test_the_rows_of_a_stray_are_those_of_the_recording() -> None:
     for row in (0, 99, 599):
         field[row] = SENSOR.offset + np.array([200.0, 0.0, 0.0])
     fit = flinders.fit(field)
-    assert [(outlier.first, outlier.last, outlier.rows) for outlier in fit.outliers] == [
+    assert [(outlier.first, outlier.last, outlier.readings) for outlier in fit.outliers] == [
         (1, 1, 1),
         (100, 100, 1),
         (600, 600, 1),
     ]
     assert [str(outlier) for outlier in fit.outliers][1] == "reading 100"
-    assert all(np.isnan(outlier.start) for outlier in fit.outliers)
+    assert all(np.isnan(outlier.start_s) for outlier in fit.outliers)
     assert fit.samples == 597
 
 
@@ -144,7 +144,7 @@ def test_a_stream_too_long_to_hold_lists_the_same_strays(monkeypatch: pytest.Mon
     apart = np.abs(streamed.calibration.offset - whole.calibration.offset)
     assert (apart < 3.0 * streamed.offset_sigma).all()
     for one, other in zip(whole.outliers, streamed.outliers, strict=True):
-        assert (one.first, one.last, one.start, one.end) == (other.first, other.last, other.start, other.end)
+        assert (one.first, one.last, one.start_s, one.end_s) == (other.first, other.last, other.start_s, other.end_s)
 
 
 @pytest.mark.parametrize("motion", ["uniform", "hand", "tilted", "hemisphere", "clumped"])
@@ -184,7 +184,7 @@ def test_a_sensor_that_lies_still_most_of_the_time_is_not_rejected(method: str) 
         truth = tumble(seed=seed, motion="clumped", n=1250, sensor=SENSOR)
         for field in (truth.samples.field, truth.samples.field[::-1]):
             fit = flinders.fit(field, method=method)
-            assert sum(outlier.rows for outlier in fit.outliers) <= 2
+            assert sum(outlier.readings for outlier in fit.outliers) <= 2
             assert np.linalg.norm(fit.calibration.offset - SENSOR.offset) < 0.3
 
 
@@ -229,7 +229,7 @@ def test_rejected_runs_that_may_be_noise_do_not_sharpen_the_claim() -> None:
         sensor, path = (adversary.stream(seed, what) for what in ("sensor", "path 0"))
         samples = adversary.recorded(seed, adversary.sensor(sensor), near_steel, adversary.tumble(path))
         estimate, plain = (method.estimate(Readings.of(samples)) for method in (Auto(), Likelihood()))
-        reach = max((run.farthest for run in estimate.outliers), default=np.inf)
+        reach = max((run.max_distance for run in estimate.outliers), default=np.inf)
         if reach < 2.5 * estimate.rejected_beyond:
             wider += 1
             claim, of_all = (level_error(one.ellipsoid, one.covariance).worst for one in (estimate, plain))

@@ -52,7 +52,7 @@ def test_the_way_is_no_worse_than_standing_still_and_beats_any_single_direction(
     belief = path_planning.Belief.of_fit(fit)
     way = path_planning.plan(belief, [0.0, 0.0, 1.0], goal="attitude", target_deg=1e-3)
     assert way.after_deg < way.worst_deg
-    taken = path_planning.READINGS_PER_DEG * 35.0 * path_planning.STEPS
+    taken = path_planning.READINGS_PER_DEG * 35.0 * 6
     one = guide(fit.ellipsoid, fit.covariance, noise=fit.noise, coverage=fit.coverage, goal="attitude", batch=taken)
     assert way.after_deg < one.after_deg
 
@@ -61,7 +61,7 @@ def test_the_way_ends_where_the_target_is_reached() -> None:
     belief = partly_known()
     short = path_planning.plan(belief, [0.0, 0.0, 1.0], goal="attitude", target_deg=1.5)
     long = path_planning.plan(belief, [0.0, 0.0, 1.0], goal="attitude", target_deg=0.3)
-    assert len(short.waypoints) < len(long.waypoints) <= path_planning.STEPS
+    assert len(short.waypoints) < len(long.waypoints) <= 6
     assert short.after_deg <= 1.5
 
 

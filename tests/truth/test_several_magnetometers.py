@@ -259,7 +259,7 @@ def test_columns_say_it_without_a_choice(two: Path) -> None:
     samples = flinders.read(two, columns="mag2_x,mag2_y,mag2_z")
     assert samples.acceleration is not None
     assert set(samples.acceleration[:, 2]) == {2.0}
-    with pytest.raises(UsageError, match="columns= and sensor= both say which magnetometer it is"):
+    with pytest.raises(UsageError, match="columns and a number both say which magnetometer it is"):
         flinders.open_recording(two, columns="mag2_x,mag2_y,mag2_z", sensor="2")
 
 
@@ -267,7 +267,7 @@ def test_one_that_there_is_not_is_refused_and_so_is_a_choice_of_one(two: Path) -
     with pytest.raises(UsageError, match=r"two.csv has no magnetometer 3: there are 1 \(mag1\), 2 \(mag2\)"):
         flinders.open_recording(two, sensor="3")
     one = write("one.csv", "mx,my,mz", field_of(0))
-    with pytest.raises(UsageError, match=r"one\.csv has one magnetometer: leave sensor= out"):
+    with pytest.raises(UsageError, match=r"one\.csv has one magnetometer: leave its number out"):
         flinders.open_recording(one, sensor="1")
 
 
@@ -364,8 +364,8 @@ def test_info_counts_each_of_them(two: Path) -> None:
         ("two.csv one.csv --sensor all", "--sensor all goes with one file of several magnetometers"),
         ("two.csv one.csv --sensor 2", "one.csv has just one: calibrate them one by one"),
         ("two.csv --sensor all --columns 2,3,4", "--columns says which one it is: leave one of them out"),
-        ("two.csv --sensor all --topic mag", "two.csv has no topics and no members: leave --topic out"),
-        ("two.csv --sensor all --as-logged", "leave --as-logged out"),
+        ("two.csv --sensor all --topic mag", "two.csv has no topics and no members: name none (--topic)"),
+        ("two.csv --sensor all --as-logged", "leave it as it is (--as-logged)"),
     ],
 )
 def test_what_cannot_be_chosen_is_said(words: str, says: str, two: Path) -> None:
@@ -410,9 +410,12 @@ def test_columns_of_a_copy_are_taken_where_they_were_asked_for() -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ("--columns mag2_x,mag2_y,mag2_z --sensor mag1", "is mag2 in two.csv, and --sensor mag1 says mag1"),
-        ("--columns mag2_x,mag2_y,mag2_z --sensor 1", "is mag2 in two.csv, and --sensor 1 says mag1"),
-        ("--columns mag1_x,mag1_y,mag2_z --sensor mag1", "is none of its magnetometers in two.csv, and --sensor mag1"),
+        ("--columns mag2_x,mag2_y,mag2_z --sensor mag1", "are mag2 in two.csv, and the name 'mag1' is of mag1"),
+        ("--columns mag2_x,mag2_y,mag2_z --sensor 1", "are mag2 in two.csv, and the name '1' is of mag1"),
+        (
+            "--columns mag1_x,mag1_y,mag2_z --sensor mag1",
+            "are none of its magnetometers in two.csv, and the name 'mag1'",
+        ),
         ("swapped.csv --columns 2,3,4", "is not one magnetometer: mag1 in two.csv, mag2 in swapped.csv"),
     ],
 )
@@ -454,7 +457,7 @@ def test_a_table_without_it_is_refused_and_says_what_there_is(command: str, seco
     ended = run(f"{command} {second} other.csv", code=2)
     assert (
         "other.csv has no magnetometer mag2, which the calibration is for: there are 1 (mag_left), 2 (mag_right); "
-        "say with --sensor which one it is for"
+        "say which one it is for (--sensor)"
     ) in ended.stderr
 
 

@@ -145,13 +145,13 @@ def test_a_magnet_at_the_end_of_one_recording_leaves_the_next_alone() -> None:
     field[-60:] += np.array([60.0, 30.0, 0.0])
     struck = Samples(field, unit=first.unit, time=first.time)
     found = Robust().estimate(Readings.of(Joined((struck, second))))
-    run = max(found.outliers, key=lambda outlier: outlier.rows)
+    run = max(found.outliers, key=lambda outlier: outlier.readings)
     assert 2941 - 60 <= run.first <= 2941  # margins of readings, some of which are rests
     assert run.last == 3000
-    assert run.end == first.time[-1] if first.time is not None else False
-    assert all(outlier.rows < 4 for outlier in found.outliers if outlier.first > 3000)
+    assert run.end_s == first.time[-1] if first.time is not None else False
+    assert all(outlier.readings < 4 for outlier in found.outliers if outlier.first > 3000)
     fitted = Readings.of(Joined((struck, second))).fitted().statistics.fitted
-    assert found.used + sum(outlier.fitted for outlier in found.outliers) == fitted
+    assert found.used + sum(outlier.independent for outlier in found.outliers) == fitted
 
 
 def test_rows_of_strays_are_counted_over_all_recordings() -> None:
@@ -159,7 +159,7 @@ def test_rows_of_strays_are_counted_over_all_recordings() -> None:
     field = second.field.copy()
     field[[99, 199]] += 200.0
     found = Robust().estimate(Readings.of(Joined((first, Samples(field, unit=second.unit, time=second.time)))))
-    far = [outlier for outlier in found.outliers if outlier.farthest > 50.0]
-    assert [(outlier.first, outlier.rows) for outlier in far] == [(3100, 1), (3200, 1)]
+    far = [outlier for outlier in found.outliers if outlier.max_distance > 50.0]
+    assert [(outlier.first, outlier.readings) for outlier in far] == [(3100, 1), (3200, 1)]
     assert second.time is not None
-    assert far[0].start == second.time[99]
+    assert far[0].start_s == second.time[99]

@@ -171,7 +171,7 @@ def test_impossible_recordings_are_refused_with_the_number_that_is_wrong(options
     ("options", "message"),
     [
         ({"resolution": 0.0}, "resolution is 0 µT"),
-        ({"limit": float("nan")}, "limit is nan µT"),
+        ({"saturation": float("nan")}, "saturation is nan µT"),
         ({"matrix": np.diag([1.0, 1.0, -1.0])}, "determinant -1: need a positive one"),
         ({"matrix": np.eye(2)}, r"matrix has shape \(2, 2\)"),
         ({"offset": np.zeros(2)}, "offset has shape"),

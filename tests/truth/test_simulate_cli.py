@@ -73,7 +73,7 @@ def test_all_options_arrive() -> None:
     found = flinders_("simulate", "three-axis", "-o", "all.csv", "--json", *words.split()).json
     assert found["sensor"]["matrix"] == np.eye(3).tolist()
     assert found["sensor"]["offset"] == [0.0, 0.0, 0.0]
-    assert (found["sensor"]["noise"], found["sensor"]["resolution"], found["sensor"]["limit"]) == (0.0, 0.5, 90.0)
+    assert (found["sensor"]["noise"], found["sensor"]["resolution"], found["sensor"]["saturation"]) == (0.0, 0.5, 90.0)
     assert (found["field"]["strength"], found["field"]["dip_deg"]) == (48.0, -65.0)
     assert found["recording"]["disturbances"] == ["motor", "drift", "step", "magnet"]
     assert found["recording"]["gyro_bias"] == [0.01, 0.0, -0.02]
@@ -185,7 +185,7 @@ def test_a_compass_is_recovered_within_its_noise() -> None:
         "offset_y": 0.3,
         "skew_deg": 1.0,
     }.items():
-        assert recovery[name]["found"] == pytest.approx(recovery[name]["true"], abs=tolerance)
+        assert recovery[name]["estimate"] == pytest.approx(recovery[name]["true"], abs=tolerance)
     assert found["polar"]["heading_deg"] == [10.0 * step for step in range(36)]
     assert max(map(abs, found["polar"]["corrected_error_deg"])) < max(map(abs, found["polar"]["raw_error_deg"])) / 8
 
@@ -194,9 +194,9 @@ def test_without_noise_the_recovery_is_exact() -> None:
     words = "simulate two-axis --noise 0 --scale 1.3,0.7 --offset=-20,40 --skew -9 --dip 30 --json"
     for name, pair in flinders_(*words.split()).json["recovery"].items():
         if not name.startswith("scale"):
-            assert pair["found"] == pytest.approx(pair["true"], abs=1e-6), name
+            assert pair["estimate"] == pytest.approx(pair["true"], abs=1e-6), name
     recovery = flinders_(*words.split()).json["recovery"]
-    assert recovery["scale_x"]["found"] / recovery["scale_y"]["found"] == pytest.approx(1.3 / 0.7)
+    assert recovery["scale_x"]["estimate"] / recovery["scale_y"]["estimate"] == pytest.approx(1.3 / 0.7)
 
 
 def test_a_hopeless_swing_is_shown_written_and_refused() -> None:
@@ -228,7 +228,7 @@ def test_a_good_calibration_is_as_claimed() -> None:
     assert all(len(line) <= 80 for line in told.out.splitlines())
     found = flinders_("evaluate", "calibration.json", "tumble.truth.json", "--json").json
     assert found["verdict"] == "as claimed"
-    assert found["on_target"] is True
+    assert found["is_on_target"] is True
     assert found["scale_error"] is None
 
 

@@ -268,7 +268,7 @@ def test_currents_of_several_motors_add_in_one_meter() -> None:
 
 
 def test_saturation_comes_after_all_that_moves_the_reading() -> None:
-    recording, _ = moved(Step(500.0), sensor=Sensor(limit=100.0, resolution=0.5))
+    recording, _ = moved(Step(500.0), sensor=Sensor(saturation=100.0, resolution=0.5))
     assert np.abs(recording.samples.field).max() == 100.0
     assert np.all(recording.samples.field[:, 0] % 0.5 == 0.0)
 
@@ -320,7 +320,7 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_the_truth_is_read_back_to_the_bit_and_its_sensor_records_again(tmp_path: Path) -> None:
-    recording = tumble(11, sensor=Sensor.random(np.random.default_rng(1), resolution=0.3, limit=500.0))
+    recording = tumble(11, sensor=Sensor.random(np.random.default_rng(1), resolution=0.3, saturation=500.0))
     truth.write(truth.Truth.of(recording), tmp_path / "truth.json")
     sensor = truth.read(tmp_path / "truth.json").as_sensor()
     npt.assert_array_equal(sensor.matrix, recording.sensor.matrix)

@@ -142,7 +142,7 @@ def test_aids_of_a_level_turn_are_left_out_and_named(aiding: str | tuple[str, ..
     fit = flinders.fit(truth.samples, aiding=aiding, site=site)
     assert fit.method == "level"
     assert fit.aiding is not None
-    assert all(not aid.kept and "one plane" in aid.words for aid in fit.aiding.each)
+    assert all(not aid.is_used and "one plane" in aid.reason for aid in fit.aiding.sensors)
     npt.assert_array_equal(fit.calibration.matrix, flinders.fit(truth.samples, site=site).calibration.matrix)
 
 

@@ -93,7 +93,7 @@ def test_a_shot_that_contradicts_the_others_is_left_out_and_named() -> None:
     magnetic = simulated().shots.magnetic.copy()
     magnetic[9] += [0.05, -0.04, 0.03]
     fit = fit_survey(replace(simulated().shots, magnetic=magnetic))
-    assert np.flatnonzero(fit.shots.left_out).tolist() == [9]
+    assert np.flatnonzero(fit.shots.excluded).tolist() == [9]
     (finding,) = [finding for finding in fit.findings if finding.code == "shots-contradict"]
     assert finding.severity == "note"
     assert finding.number == pytest.approx(1 / 24)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 def curve_of(swing: LoggedSwing) -> Deviation:
     """As the command fits it."""
-    return fit(swing.compass_deg, swing.deviation_deg, sigma_deg=swing.sigma_deg).widened(swing.common)
+    return fit(swing.compass_deg, swing.deviation_deg, sigma_deg=swing.sigma_deg).widened(swing.common_covariance)
 
 
 def scores(curve: Deviation) -> Floats:

@@ -328,7 +328,7 @@ def test_what_is_offered_is_the_magnetometer_wherever_it_starts(before: Sequence
 def test_an_offer_shows_the_first_line_with_its_columns_numbered() -> None:
     path = written("{t},{n},7,{body}")
     told = said("info", str(path))
-    assert "add --columns 4,5,6" in told
+    assert "(--columns 4,5,6)" in told
     x, y, z = FIELD[0].tolist()
     assert f"1: 0.0, 2: 0, 3: 7, 4: {x}, 5: {y}, 6: {z}" in told
 

@@ -603,7 +603,7 @@ def test_every_flipped_bit_of_a_packet_is_noticed() -> None:
 
 def test_a_vehicle_with_several_compasses_asks_which() -> None:
     both = "\n".join(rendered("ardupilot", sensor(n), compass=n).text for n in (1, 2)).encode()
-    with pytest.raises(DocumentError, match="holds compass 1 and 2: say which one with compass="):
+    with pytest.raises(DocumentError, match="holds compass 1 and 2: say which one"):
         read_back(both, "vehicle.param")
     _, second = read_back(both, "vehicle.param", compass=2)
     npt.assert_allclose(second.offset, sensor(2).offset, atol=1e-4)
@@ -660,7 +660,7 @@ AIRFRAME = b"".join(b'<define name="MAG_%c_%b" value="%b"/>' % (axis, kind, numb
         (b"set mag_calibration = 1,2,0.5\n", "mag_calibration z is 0.5: need a whole number, -32768 to 32767"),
         (b"set mag_calibration = 1,2,40000\n", "mag_calibration z is 40000: need a whole number"),
         (b"set mag_calibration = 1,2,3\nset mag_calibration = 1,2,4\n", "is 1,2,3 and again 1,2,4: keep one"),
-        (b"set mag_calibration = 1,2,3\n", "nothing tells how long readings are: give strength= in counts"),
+        (b"set mag_calibration = 1,2,3\n", "nothing tells how long readings are: give that in counts"),
         (b"set magzero_x = 1\nset magzero_y = 1\nset magzero_z = 1\n", "no maggain_x, maggain_y, maggain_z"),
         (INAV.replace(b"1024", b"0"), "maggain_x is 0: need a whole number, 1 to 32767"),
         (AIRFRAME.replace(b'"4.0"', b'"-4.0"'), "must be above 0"),

@@ -14,7 +14,7 @@ from tests.worlds import TURNED, body
 
 import flinders
 from flinders import simulate
-from flinders.comparison.agreement import departures, heading_deg
+from flinders.comparison.agreement import disagreements, heading_deg
 from flinders.comparison.multi_sensor import Member, fit_multi, nearest_axes
 from flinders.core.samples import Samples
 from flinders.core.time_alignment import between, paired
@@ -146,7 +146,7 @@ def test_different_rates_meet_at_the_slower_ones_moments() -> None:
     recordings, sensors, _ = body(7, n=3000)
     slow = recordings["b"][::5]
     found = fit_multi({"a": recordings["a"], "b": slow})
-    assert found.agreement.moments == len(slow)
+    assert found.agreement.instants == len(slow)
     npt.assert_allclose(fit_of(found["b"]).calibration.offset, sensors[1].offset, atol=0.3)
 
 
@@ -202,7 +202,7 @@ def test_exchanged_axes_are_named() -> None:
     swapped = changed(recordings["b"], field=recordings["b"].field[:, [1, 0, 2]] * [1.0, -1.0, 1.0])
     found = fit_multi({"a": recordings["a"], "b": swapped})["b"]
     assert (found.axes, found.is_mirrored) == ("-y,x,z", False)
-    assert found.off_axes_deg < 1.0
+    assert found.misalignment_deg < 1.0
     [turned] = [finding for finding in found.findings if finding.code == "turned-to"]
     assert 0.0 < turned.number < 0.5
     assert "-y,x,z" in turned.advice
@@ -233,7 +233,7 @@ def test_another_unit_is_named() -> None:
     recordings, _, _ = body(13)
     found = fit_multi({"a": recordings["a"], "b": changed(recordings["b"], field=recordings["b"].field * 10.0)})
     assert "unlike-units" in codes(found["b"])
-    assert found["b"].size == pytest.approx(10.0, rel=0.3)  # scales of either are off by up to a quarter
+    assert found["b"].length_ratio == pytest.approx(10.0, rel=0.3)  # scales of either are off by up to a quarter
 
 
 def test_a_copy_is_no_second_witness() -> None:
@@ -262,7 +262,7 @@ def test_a_sensor_that_departs_for_a_while_is_told_by_the_others() -> None:
     assert time is not None
     disturbed = recordings["b"].field + np.outer((time > 10.0) & (time < 14.0), [6.0, -3.0, 2.0])
     found = fit_multi({**recordings, "b": changed(recordings["b"], field=disturbed)})
-    runs = found.agreement.departures
+    runs = found.agreement.disagreements
     assert [run.sensor for run in runs] == [1]
     assert runs[0].start_s == pytest.approx(10.0, abs=1.1)
     assert runs[0].end_s == pytest.approx(14.0, abs=1.1)
@@ -279,10 +279,10 @@ def test_of_two_it_is_not_told_which_unless_a_length_changes() -> None:
     time = np.arange(1500) / 50.0
     across = seen.copy()
     across[1, 500:700] = seen[1, 500:700] @ rotations(np.array([[0.0, 0.0, 0.2]]))[0].T
-    assert {run.sensor for run in departures(across, time)} == {None}
+    assert {run.sensor for run in disagreements(across, time)} == {None}
     longer = seen.copy()
     longer[1, 500:700] *= 1.2
-    assert [(run.sensor, run.by_length) for run in departures(longer, time)] == [(1, True)]
+    assert [(run.sensor, run.is_by_length) for run in disagreements(longer, time)] == [(1, True)]
 
 
 def test_two_that_disagree_say_so_both() -> None:
@@ -314,7 +314,7 @@ def test_of_two_that_disagree_all_the_time_neither_is_blamed_nor_bent(name: str)
     swinging = loose(recordings, sensors, directions, name)
     found = fit_multi({**recordings, name: swinging})
     assert not found.is_joint
-    assert found.agreement.departures == ()
+    assert found.agreement.disagreements == ()
     for member, sensor in zip(found.members, sensors, strict=True):
         [told] = member.findings
         assert (told.code, told.severity) == ("disagree", "limits")
@@ -373,7 +373,7 @@ def test_two_that_are_disturbed_alike_are_no_majority(noises: tuple[float, ...])
         disturbed = recordings[name].field + np.outer((time > 8.0) & (time < 13.0), pushed)
         recordings[name] = changed(recordings[name], field=disturbed)
     found = fit_multi(recordings)
-    assert {run.sensor for run in found.agreement.departures} == {1, 2}
+    assert {run.sensor for run in found.agreement.disagreements} == {1, 2}
     assert not codes(found["a"]) & {"sensor-deviates", "sensor-deviates-throughout", "disagree"}
     for place, name in ((1, "b"), (2, "c")):
         assert "sensor-deviates" in codes(found[name])
@@ -390,15 +390,15 @@ def test_lengths_tell_against_a_majority_only_where_all_of_it_changed() -> None:
     both[1:, 500:700] = 1.2 * (seen[1:, 500:700] @ rotations(np.array([[0.0, 0.0, 0.3]]))[0].T)
     one[0, 500:700] = seen[0, 500:700] @ rotations(np.array([[0.0, 0.0, 0.3]]))[0].T
     one[1, 500:700] *= 1.006
-    assert {(run.sensor, run.by_length) for run in departures(both, time)} == {(1, True), (2, True)}
-    assert {(run.sensor, run.by_length) for run in departures(one, time)} == {(0, False)}
+    assert {(run.sensor, run.is_by_length) for run in disagreements(both, time)} == {(1, True), (2, True)}
+    assert {(run.sensor, run.is_by_length) for run in disagreements(one, time)} == {(0, False)}
 
 
 @pytest.mark.nightly
 def test_no_departure_where_there_is_none(trials: Choose) -> None:
     for seed in trials(3, 1).seeds:
         recordings, _, _ = body(30 + seed, n=1000, noises=(0.5, 1.0, 0.5))
-        assert fit_multi(recordings).agreement.departures == ()
+        assert fit_multi(recordings).agreement.disagreements == ()
 
 
 def test_a_sensor_beside_a_motor_is_told_from_one_that_is_only_noisy() -> None:

@@ -106,7 +106,7 @@ def test_a_misaligned_vector_magnetometer_compensates_as_well() -> None:
 def test_the_axes_of_the_vector_magnetometer_do_not_matter(axes: str) -> None:
     turned = replace(FLIGHT.samples, field=Axes.of(axes).apply(FLIGHT.samples.field))
     fit = fitted(turned)
-    npt.assert_allclose(fit.held_out, FIT.held_out, rtol=0.02)
+    npt.assert_allclose(fit.cross_validated, FIT.cross_validated, rtol=0.02)
     npt.assert_allclose(fit.before, FIT.before, rtol=1e-9)
 
 
@@ -122,7 +122,7 @@ def test_coefficients_turn_with_the_aircraft() -> None:
 def test_one_heading_alone_names_what_it_does_not_show() -> None:
     fit = fitted(calibration_flight(1, headings_deg=(0.0,) * 4).samples)
     assert fit.verdict == "refused"
-    assert {"permanent x", "permanent z"} <= set(fit.unseen) < set(NAMES)
+    assert {"permanent x", "permanent z"} <= set(fit.unobserved) < set(NAMES)
     assert "four headings" in fit.limits[0]
 
 
@@ -260,7 +260,7 @@ def test_a_flight_is_fitted_and_another_one_compensated(home: Path) -> None:
 def test_the_scalar_column_is_taken_by_name_or_number(column: str, home: Path) -> None:
     renamed("tmi" if column == "5" else column)
     ended = flinders_("tolles-lawson", "box.csv", "--scalar", column, "--json")
-    assert ended.json["held_out"] == pytest.approx(FIT.held_out, rel=0.02)
+    assert ended.json["cross_validated"] == pytest.approx(FIT.cross_validated, rel=0.02)
     assert "scalar magnetometer: " in ended.err
 
 
@@ -270,7 +270,7 @@ def test_a_scalar_column_in_another_unit_is_converted(home: Path) -> None:
     rows = np.column_stack(list(columns.values()))
     np.savetxt("box.csv", rows, delimiter=",", header=",".join(columns), comments="", fmt="%.4f")
     ended = flinders_("tolles-lawson", "box.csv", "--scalar", "scalar_nT", "--json")
-    assert ended.json["held_out"] == pytest.approx(FIT.held_out, rel=0.02)
+    assert ended.json["cross_validated"] == pytest.approx(FIT.cross_validated, rel=0.02)
 
 
 @pytest.mark.parametrize(

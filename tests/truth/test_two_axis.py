@@ -267,7 +267,7 @@ def test_a_stray_reading_spoils_the_mean_and_not_the_ellipse() -> None:
     mean, ellipse = (judged(field, method=method, target_deg=50.0) for method in METHODS)
     assert np.abs(off_deg(mean.calibration)).max() > 10.0
     assert np.abs(off_deg(ellipse.calibration)).max() < 1.0
-    assert sum(outlier.rows for outlier in ellipse.outliers) == 6
+    assert sum(outlier.readings for outlier in ellipse.outliers) == 6
 
 
 def test_a_vehicle_turned_by_hand_is_not_evenly_spaced(recordings: Callable[[str], Path]) -> None:
@@ -590,7 +590,7 @@ def test_the_command_prints_the_recipe_and_writes_the_calibration() -> None:
     plain = flinders.fit(flinders.read("turn.csv"), method="two-axis")
     npt.assert_allclose(told["turn"]["mean_and_scatter"]["centre"], plain.calibration.offset[:2])
     npt.assert_allclose(told["turn"]["mean_and_scatter"]["matrix"], plain.calibration.matrix[:2, :2])
-    assert told["turn"]["mean_is_trusted"] is True
+    assert told["turn"]["is_mean_trusted"] is True
     assert told["composed"] is None
     assert flinders.Calibration.load("c.json").isclose(plain.calibration)
     assert Path("rose.svg").read_text(encoding="utf-8").startswith("<svg")
@@ -622,7 +622,7 @@ def test_three_planes_through_the_command_compose() -> None:
     [
         (1.0, False, False, "lies about 32.3 µT along y, which is the offset that 0.json takes off"),
         (10.9, False, True, "yz.csv goes 278 µT up and down along y, where readings with 0.json loaded go 2"),
-        (0.15, False, True, "name the unit (--unit)"),
+        (0.15, False, True, "or name the unit (--unit)"),
         (1.0, True, True, "where readings with 0.json loaded lie about 0: it was made without, or of another sensor"),
     ],
 )

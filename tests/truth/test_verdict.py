@@ -181,7 +181,7 @@ def many_strays() -> Fit:
 
 
 def at_the_rails() -> Fit:
-    return judged(plain(2000, sensor=Sensor(np.eye(3), np.array([20.0, -30.0, 10.0]), 0.2, limit=60.0)))
+    return judged(plain(2000, sensor=Sensor(np.eye(3), np.array([20.0, -30.0, 10.0]), 0.2, saturation=60.0)))
 
 
 def in_steps() -> Fit:
@@ -446,7 +446,7 @@ def test_of_flat_readings_nothing_is_told_that_rests_on_a_surface() -> None:
     fields = fit.as_dict()
     told = {key for key, value in fields.items() if value is not None}
     assert fit.is_flat
-    assert {"findings", "covariance", "noise", "samples", "unseen", "held"} <= told
+    assert {"findings", "covariance", "noise", "samples", "unobserved", "prior_influence"} <= told
     assert not told & {"calibration", "coverage", "heading_error_deg", "direction_error_deg", "bias_deg"}
 
 
@@ -455,7 +455,11 @@ def test_the_fit_has_what_its_json_has() -> None:
     fields = fit.as_dict()
     assert fields["direction_error_deg"] == fit.direction_error_deg._asdict()
     assert 0.0 < fit.direction_error_deg.rms < fit.direction_error_deg.worst
-    assert (fields["held"], fields["unseen"], fields["bias_deg"]) == (fit.prior_influence, fit.unobserved, fit.bias_deg)
+    assert (fields["prior_influence"], fields["unobserved"], fields["bias_deg"]) == (
+        fit.prior_influence,
+        fit.unobserved,
+        fit.bias_deg,
+    )
     assert fit.prior_influence > 0.1
 
 

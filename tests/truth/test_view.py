@@ -166,7 +166,7 @@ def test_good_readings_between_strays_are_counted_as_the_fit_counts_them() -> No
     field[710, 1] = rail
     samples = Samples(field, unit=Unit.of("uT"))
     fit = fitted(samples)
-    assert sum(outlier.last - outlier.first + 1 - outlier.rows for outlier in fit.outliers) > 5
+    assert sum(outlier.last - outlier.first + 1 - outlier.readings for outlier in fit.outliers) > 5
     seen = view(fit, samples)
     assert seen.residuals is not None
     assert sum(seen.tiles_seen) == sum(seen.residuals.counts) == seen.samples == fit.samples

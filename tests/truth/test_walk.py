@@ -44,7 +44,7 @@ def test_a_walk_is_found_with_a_path_that_is_as_good_as_claimed() -> None:
         assert walk.is_proven
         true = np.stack([np.interp(walk.time, time, axis) for axis in moved.T], axis=1)
         nees.append(np.mean(((walk.path - true) / walk.sigma) ** 2))
-        sizes.append(walk.per_root_second)
+        sizes.append(walk.random_walk_per_root_s)
     assert 0.5 < np.mean(nees) < 1.7
     assert np.median(sizes) == pytest.approx(0.02 * np.sqrt(50.0), rel=0.3)
 
@@ -63,9 +63,9 @@ def test_a_step_shows_when_it_came_and_how_far() -> None:
     simulated = simulate.tumble(seed=3, disturbances=[simulate.Step([3.0, 0.0, -2.0], at=0.5)])
     walk = walk_through(simulated.samples, settled(simulated.samples))
     assert walk.is_proven
-    assert walk.moved == pytest.approx(np.hypot(3.0, 2.0), abs=0.5)
+    assert walk.offset_change == pytest.approx(np.hypot(3.0, 2.0), abs=0.5)
     far = np.linalg.norm(walk.path - walk.path[0], axis=1)
-    halfway = walk.time[np.argmax(far > walk.moved / 2.0)]
+    halfway = walk.time[np.argmax(far > walk.offset_change / 2.0)]
     assert halfway == pytest.approx(30.0, abs=6.0)
     bars = walk.drawn(20)
     assert bars[0] == "▁"
@@ -76,7 +76,7 @@ def test_a_calibration_is_valid_for_longer_at_a_coarser_level() -> None:
     simulated = simulate.tumble(seed=3, disturbances=[simulate.ThermalDrift([0.2, 0.0, -0.1])])
     walk = walk_through(simulated.samples, settled(simulated.samples))
     assert walk.valid_for_s(2.0) == pytest.approx(4.0 * walk.valid_for_s(1.0), rel=0.01)
-    assert walk.as_dict()["proven"] is True
+    assert walk.as_dict()["is_proven"] is True
 
 
 def test_what_motors_do_is_no_drift_once_modelled_and_a_drift_is_still_seen() -> None:
@@ -119,7 +119,7 @@ def test_where_nothing_is_proven_the_band_is_as_wide_as_what_was_not_seen() -> N
         assert time is not None
         walk = random_walk_of(simulated.samples.field + moved, time, settled(simulated.samples))
         assert not walk.is_proven
-        assert walk.moved == 0.0
+        assert walk.offset_change == 0.0
         true = np.stack([np.interp(walk.time, time, axis) for axis in moved.T], axis=1)
         nees.append(np.mean(((walk.path - true) / walk.sigma) ** 2))
     assert 0.1 < np.mean(nees) < 1.3
@@ -163,5 +163,5 @@ def test_where_a_large_walk_would_not_show_it_is_not_said_that_the_offset_stayed
     assert (within.is_determined(1.0), beyond.is_determined(1.0), beyond.is_determined(2.0)) == (True, False, True)
     assert "stayed where it was" in within.words("µT")
     assert beyond.words("µT").startswith("cannot tell whether the offset stayed where it was: 0.60 µT over")
-    assert beyond.as_dict()["told"] is False
+    assert beyond.as_dict()["is_determined"] is False
     assert RandomWalk(0.1, 0.2, 9.0, time, path, path, 50.0).is_determined(1.0)

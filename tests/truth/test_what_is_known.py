@@ -198,5 +198,5 @@ def test_the_half_turn_test_takes_the_headings_of_a_table() -> None:
     swing = json.loads(run("swing swing.csv --json", 0).stdout)
     assert len(swing["half_turns"]) == 4
     north = swing["half_turns"][0]
-    assert north["off_deg"] == pytest.approx(6.0, abs=0.01)
+    assert north["error_deg"] == pytest.approx(6.0, abs=0.01)
     assert swing["half_turns_pass"] is False

@@ -238,7 +238,7 @@ def open_with(fit: Fit, recording: str, *, sensor: str | None = None, **reading:
 
     calibration = fit.calibration
     known = (file.columns for file in reversed(fit.files) if file.columns)
-    forms = tuple(Form(each.field, each.width, each.names, each.rising) for each in known)
+    forms = tuple(Form(each.field, each.width, each.names, each.increasing) for each in known)
     choice = Choice(sensor, calibration.sensor, forms=forms)
     opened = open_recording(recording, axes=str(calibration.axes), sensor=choice, **reading)
     agree(calibration, opened)

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 from flinders.cli._inputs import fitted, provenance, saying_what_was_read
-from flinders.cli._output import Outputs, print_result, progress, say
+from flinders.cli._output import Outputs, error_words, print_result, progress, say
 from flinders.cli._program import EXITS
+from flinders.cli._spelling import in_options
 from flinders.errors import FitError, FlindersError, InputError, UsageError
 
 if TYPE_CHECKING:
@@ -146,9 +147,9 @@ def _page(outcomes: Sequence[tuple[str, Outcome]], multi: Together | None, targe
     from flinders.report.fit_pages import of_sensors, of_several
 
     if multi is not None:
-        return of_several(multi, target_deg)
+        return of_several(multi, target_deg, in_options)
     rows = [
-        (name, FitError(str(outcome)) if isinstance(outcome, InputError) else outcome) for name, outcome in outcomes
+        (name, FitError(outcome.message) if isinstance(outcome, InputError) else outcome) for name, outcome in outcomes
     ]
     return of_sensors(cast("list[tuple[str, Fit | FitError]]", rows), target_deg)
 
@@ -160,7 +161,7 @@ def _as_dict(
     rows = [_row(*outcome, path) for outcome, path in zip(outcomes, paths, strict=True)]
     if multi is None:
         return {"sensors": rows}
-    joint = [{**row, "together": member.as_dict()} for row, member in zip(rows, multi.members, strict=True)]
+    joint = [{**row, "joint": member.as_dict()} for row, member in zip(rows, multi.members, strict=True)]
     return {**multi.as_dict(), "sensors": joint}
 
 
@@ -169,7 +170,7 @@ def _row(name: str, outcome: Outcome, path: str | None) -> dict[str, Any]:
     if not isinstance(outcome, FlindersError):
         return {"sensor": name, "written": path, **outcome.as_dict()}
     fit = getattr(outcome, "fit", None)
-    error = {"code": outcome.code, "message": str(outcome), "evidence": dict(getattr(outcome, "evidence", {}))}
+    error = {"code": outcome.code, "message": error_words(outcome), "evidence": outcome.evidence}
     return {"sensor": name, "written": None, "verdict": "refused", **(fit.as_dict() if fit else {}), "error": error}
 
 

@@ -114,7 +114,7 @@ def tcp() -> Field:
 def fixed() -> Field:
     """``--fix``."""
     return member(
-        "--fix", heading=AIDING, multiple=True, metavar="NAME=VALUE",
+        "--fix", heading=AIDING, multiple=True, metavar="NAME=VALUE", keywords=("at",),
         help="Take the calibration at a fixed current (A), throttle (0 to 1) or temperature (°C).",
     )  # fmt: skip
 
@@ -134,7 +134,7 @@ def _filter(value: str) -> Filter:
     try:
         return Filter.of(value)
     except UsageError as error:
-        raise click.BadParameter(str(error)) from None
+        raise click.BadParameter(error.message) from None
 
 
 class Judgement(Group):
@@ -196,7 +196,7 @@ class Place(Group, heading=SITE):
     """Where and when, for the declination."""
 
     place: str | None = member(
-        "--at", metavar="LAT,LON[,ALT]",
+        "--at", metavar="LAT,LON[,ALT]", keywords=("site",),
         help="Site: degrees, north and east positive, and metres; gives true headings (World Magnetic Model).",
     )  # fmt: skip
     date: str | None = member(
@@ -213,7 +213,7 @@ class Place(Group, heading=SITE):
 class Accelerometer(Group, heading=AIDING):
     """Whether tilt is removed, and by which columns."""
 
-    is_level: bool = flag("--level", "Use x and y alone: the sensor is never tilted.")
+    is_level: bool = flag("--level", "Use x and y alone: the sensor is never tilted.", keywords=("level",))
     acceleration: str | None = member(
         "--acceleration", metavar="X,Y,Z",
         help="The accelerometer's columns: three names, or numbers counted from 1.",

@@ -5,13 +5,10 @@ Colours and bars are for terminals only, and there for those who have not set NO
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import io
 import math
 import os
-import re
-import shlex
 import stat
 import sys
 from dataclasses import dataclass, replace
@@ -20,10 +17,11 @@ from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 import click
 
-from flinders.errors import NotExportable, UsageError, figures
+from flinders.cli._spelling import in_options
+from flinders.errors import NotExportable, UsageError, figures, with_hint
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from rich.console import Console, RenderableType
 
@@ -31,6 +29,7 @@ if TYPE_CHECKING:
     from flinders.core.compensation import Compensator
     from flinders.core.disturbance import Disturbance
     from flinders.core.samples import Recording
+    from flinders.errors import FlindersError, Spelling
     from flinders.fitting.result import Fit
 
 T = TypeVar("T")
@@ -42,9 +41,14 @@ lines are hard to read."""
 
 
 def say(message: str) -> None:
-    """Say something in passing, in words of the command line; whoever closed stderr does not want to hear it."""
+    """Say something in passing; whoever closed stderr does not want to hear it."""
     with contextlib.suppress(OSError, ValueError):
-        click.echo(in_options(message), err=True)
+        click.echo(message, err=True)
+
+
+def error_words(error: FlindersError, commands: Sequence[click.Command] | None = None) -> str:
+    """An error in a line, with the options that mend it; `commands` as `in_options` takes them."""
+    return " ".join(with_hint(error.message, in_options(error.hint, commands)).splitlines())
 
 
 def print_json(fields: dict[str, Any]) -> None:
@@ -64,11 +68,11 @@ def print_result(
         show(page(), err=err)
 
 
-def print_fit(fit: Fit, *, err: bool = False, is_verbose: bool = False) -> None:
+def print_fit(fit: Fit, spell: Spelling = in_options, *, err: bool = False, is_verbose: bool = False) -> None:
     """Print a fit for people, and what each aiding sensor changed; on stderr where stdout is not for it."""
     from flinders.report.fit_pages import of_fit
 
-    show(of_fit(fit, is_verbose=is_verbose), err=err)
+    show(of_fit(fit, spell, is_verbose=is_verbose), err=err)
     for line in aiding_lines(fit):
         say(line)
 
@@ -308,7 +312,7 @@ def aiding_lines(fit: Fit) -> list[str]:
     >>> from types import SimpleNamespace
     >>> from flinders.fitting.aiding import Aiding, AidingSensor
     >>> rate = AidingSensor("rate", True, 0.4, 2.0, 0.5)
-    >>> dip = AidingSensor("dip", False, words="claims no less: 0.60° with it, 0.50° without")
+    >>> dip = AidingSensor("dip", False, reason="claims no less: 0.60° with it, 0.50° without")
     >>> print(*aiding_lines(SimpleNamespace(aiding=Aiding((rate, dip)), findings=())), sep="\n")
     rate changed the heading by 0.40°: worst error 2.00° without it, 0.50° with it
     dip was left out: claims no less: 0.60° with it, 0.50° without
@@ -316,12 +320,12 @@ def aiding_lines(fit: Fit) -> list[str]:
     if fit.aiding is None:
         return []
     lines, said = [], [finding.advice for finding in fit.findings]
-    for aid in fit.aiding.each:
-        claims = aid.words or f"worst error {aid.before_deg:.2f}° without it, {aid.after_deg:.2f}° with it"
+    for aid in fit.aiding.sensors:
+        claims = aid.reason or f"worst error {aid.before_deg:.2f}° without it, {aid.after_deg:.2f}° with it"
         lines.append(
-            f"{aid.name} changed the heading by {aid.changed_deg:.2f}°: {claims}"
-            if aid.kept
-            else f"{aid.name} was left out{', as said above' if aid.words in said else f': {aid.words}'}"
+            f"{aid.name} changed the heading by {aid.heading_change_deg:.2f}°: {claims}"
+            if aid.is_used
+            else f"{aid.name} was left out{', as said above' if aid.reason in said else f': {aid.reason}'}"
         )
     if fit.aiding.acceleration_bias is not None and fit.aiding.acceleration_bias_sigma is not None:
         x, y, z = (f"{value:.3f}" for value in fit.aiding.acceleration_bias_sigma)
@@ -418,56 +422,7 @@ def lossy_if_agreed(attempt: Callable[[bool], T], *, lossy: bool) -> T:
     except NotExportable as refused:
         if lossy or "heading_deg" not in refused.evidence or not is_asked():
             raise
-        say(f"! {in_options(str(refused))}")
+        say(f"! {error_words(refused)}")
         if not click.confirm("Do it all the same?", err=True):
             raise
     return attempt(True)
-
-
-SAME: Final = (
-    "acceleration", "acceleration_axes", "add", "as_logged", "axes", "batch_column", "columns", "compass",
-    "field_strength", "force", "level", "linearize", "lossy", "mounting", "name", "pattern", "pointing", "previous",
-    "resume", "scale", "scheduler", "sensor", "topic", "unit", "unit_column",
-)  # fmt: skip
-"""Keywords of Python that are options with the same name."""
-
-OPTIONS: Final = {
-    **{name: f"--{name.replace('_', '-')}" for name in SAME},
-    "end": "--to",
-    "start": "--from",
-    "strength": "--field-strength",
-    "target": "--from",
-}
-"""Options by the keywords of Python that the library's messages name."""
-
-QUOTED: Final = r"""'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*\""""
-KEYWORD: Final = re.compile(rf"(?<![-\w])({'|'.join(OPTIONS)})=({QUOTED}|True|(?<=scale=)[\d.]*\d)?(?=[\s,;:.)]|$)")
-"""A keyword with a value behind it, or none."""
-
-FIXED: Final = re.compile(r"calibration\.at\((.*?)\)")
-"""Values of disturbances."""
-
-
-def in_options(message: str) -> str:
-    """Write the keywords of Python in a message of the library as options.
-
-    >>> in_options("give unit='mG', or scale= for counts; or write it with force=True")
-    'give --unit mG, or --scale for counts; or write it with --force'
-    >>> in_options("map them with axes='-x,y,z'"), in_options("give --acceleration-axes=-x,y,z")
-    ('map them with --axes=-x,y,z', 'give --acceleration-axes=-x,y,z')
-    >>> in_options("no reading in fleet/unit=A17/log.parquet")                            # a name of a folder
-    'no reading in fleet/unit=A17/log.parquet'
-    >>> in_options("take it at one value with calibration.at(current=0, temperature=20)")
-    'take it at one value with --fix current=0 --fix temperature=20'
-    """
-    message = FIXED.sub(lambda match: " ".join(f"--fix {value}" for value in match[1].split(", ")), message)
-    return KEYWORD.sub(_option, message)
-
-
-def _option(match: re.Match[str]) -> str:
-    """Write one keyword as an option, with its value where it takes one."""
-    option, value = OPTIONS[match[1]], match[2]
-    if value in (None, "True"):
-        return option
-    written = shlex.quote(str(ast.literal_eval(value)))
-    return f"{option}{'=' if option.endswith('axes') else ' '}{written}"  # which may begin with a minus

@@ -30,14 +30,15 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import Field as DataclassField
 from dataclasses import dataclass, field, fields
-from functools import wraps
+from functools import partial, wraps
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, TypeVar, dataclass_transform
 
 import click
 from click.shell_completion import CompletionItem
 
-from flinders.cli._output import Output, Outputs, in_options, print_fit, print_json, say
+from flinders.cli._output import Output, Outputs, error_words, print_fit, print_json, say
+from flinders.cli._spelling import in_options, searched
 from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 
@@ -130,7 +131,7 @@ class Program(click.Group):
             say("interrupted")
             code = INTERRUPTED
         except FlindersError as error:
-            code = print_error(error, as_json=as_json)
+            code = print_error(error, as_json=as_json, commands=searched(self._named_in(words), self))
         except SystemExit as end:  # 1 is how click ends when whoever read our output has gone
             code = UNWRITABLE if end.code == 1 else end.code
         except OSError as error:
@@ -141,33 +142,51 @@ class Program(click.Group):
         code = code if isinstance(code, int) else GOOD
         return sys.exit(code) if standalone_mode else code
 
+    def _named_in(self, words: Sequence[str]) -> click.Command:
+        """The command that a command line calls."""
+        command: click.Command = self
+        for word in words:
+            if isinstance(command, click.Group):
+                command = command.commands.get(word, command)
+        return command
 
-def print_error(error: FlindersError, *, as_json: bool, more: Mapping[str, Any] | None = None) -> int:
+
+def print_error(
+    error: FlindersError,
+    *,
+    as_json: bool,
+    more: Mapping[str, Any] | None = None,
+    commands: Sequence[click.Command] | None = None,
+) -> int:
     """Print an error in a line, a refused fit as a page, and either in full as JSON where that was asked for.
 
-    `more`: what else the JSON is to hold.
+    `more`: what else the JSON is to hold. `commands`: those whose options may mend it, as `in_options` takes them.
     """
+    words = error_words(error, commands)
     fit = getattr(error, "fit", None)
     if fit is not None and not as_json:
-        print_fit(fit, err=True)
+        print_fit(fit, partial(in_options, commands=commands), err=True)
     else:
-        message = " ".join(str(error).splitlines())
-        say(f"{'refused' if error.exit_code == REFUSED else 'error'}: {message}")
+        say(f"{'refused' if error.exit_code == REFUSED else 'error'}: {words}")
     if as_json:
         with contextlib.suppress(OSError):
-            print_json({**_as_dict(error), **(more or {})})
+            print_json({**_as_dict(error, words), **(more or {})})
     return error.exit_code
 
 
-def _as_dict(error: FlindersError) -> dict[str, Any]:
+def _as_dict(error: FlindersError, words: str) -> dict[str, Any]:
     """The error as a result: a refusal has the keys of a fit, with null where there is none."""
-    about: dict[str, Any] = {"code": error.code, "message": in_options(str(error)), "exit_code": error.exit_code}
+    about: dict[str, Any] = {
+        "code": error.code,  # stable name, see the table of errors
+        "message": words,  # what was found, what is needed, what to do
+        "exit_code": error.exit_code,  # of the program
+        "evidence": error.evidence,  # numbers and names of the message
+    }
     if not isinstance(error, FitError):
-        evidence = getattr(error, "evidence", None)
-        return {"error": about if evidence is None else {**about, "evidence": dict(evidence)}}
+        return {"error": about}
     fit = getattr(error, "fit", None)
     fields = fit.as_dict() if fit else {**dict.fromkeys(FIT_KEYS), "verdict": "refused", "findings": []}
-    return {**fields, "error": {**about, "evidence": dict(error.evidence)}}
+    return {**fields, "error": about}
 
 
 def _misused(error: click.ClickException, *, as_json: bool) -> int:
@@ -306,24 +325,13 @@ RECORDING, SITE, AIDING, METHOD, OUTPUT = HEADINGS = (
 FEW: Final = 8
 """So many options of a command need no headings."""
 
-RENAMED: Final[Mapping[str, Mapping[str, str]]] = {
-    "apply": {"--hold": "--fix"},
-    "calibrate": {"--together": "--joint"},
-    "check": {"--hold": "--fix"},
-    "drift": {"--most": "--limit"},
-    "heading": {"--hold": "--fix"},
-    "swing": {"--rest": "--stationary"},
-    "three-axis": {"--held": "--stationary", "--limit": "--saturation"},
-}
-"""Options by command that had another spelling in the last release, which still works for this one."""
-
 
 class Option(click.Option):
-    """An option that knows its heading in the help."""
+    """An option that knows its heading in the help, and the `keywords` of Python beside its name that it stands for."""
 
-    def __init__(self, *args: Any, heading: str = "", **attributes: Any) -> None:
+    def __init__(self, *args: Any, heading: str = "", keywords: Sequence[str] = (), **attributes: Any) -> None:
         super().__init__(*args, **attributes)
-        self.heading = heading
+        self.heading, self.keywords = heading, keywords
 
 
 class Command(click.Command):
@@ -338,10 +346,6 @@ class Command(click.Command):
     ) -> None:  # fmt: skip
         super().__init__(*args, **attributes)
         self.common, self.headings = tuple(common), headings or {}
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Read a command line, in which options may have their earlier spelling."""
-        return super().parse_args(ctx, list(_respelled(args, RENAMED.get(self.name or "", {}))))
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options under their headings."""
@@ -365,18 +369,6 @@ class Command(click.Command):
     def _place(self, param: click.Parameter) -> int:
         """Where an option stands: the common ones as they are listed, then all others as they were declared."""
         return self.common.index(param.name) if param.name in self.common else len(self.common)
-
-
-def _respelled(args: Iterable[str], renamed: Mapping[str, str]) -> Iterator[str]:
-    """Put the new spelling of an option in the place of an earlier one, and say so."""
-    words = iter(args)
-    for word in words:
-        name, equals, value = word.partition("=")
-        if name in renamed:
-            say(f"! {name} is deprecated: use {renamed[name]}")
-        yield f"{renamed.get(name, name)}{equals}{value}"
-        if word == "--":
-            yield from words
 
 
 @dataclass_transform(frozen_default=True)

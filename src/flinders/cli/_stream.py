@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.cli._inputs import in_use, open_with, read_and_left_out, refuse_calibrations, site_of
 from flinders.cli._output import bias_words, say, say_beyond
+from flinders.cli._spelling import in_options
 from flinders.errors import InputError, UsageError, counted
 
 if TYPE_CHECKING:
@@ -53,11 +54,11 @@ class Smoother:
     def as_dict(self) -> dict[str, str | int | float]:
         """JSON-ready."""
         return {
-            "name": self._by.name,
-            "width": self._by.width,
-            "lag_readings": self._by.lag,
-            "spikes": self._stream.dropped,
-            "restarts": self._stream.restarts,
+            "name": self._by.name,  # of the filter
+            "width": self._by.width,  # readings that it takes
+            "lag_readings": self._by.lag,  # readings by which its output is late
+            "spikes": self._stream.dropped,  # readings that it replaced
+            "restarts": self._stream.restarts,  # how often it began anew, at a gap
         }
 
     def __str__(self) -> str:
@@ -140,7 +141,7 @@ class Corrector:
             from flinders.readers._likeness import doubt, looks_like
 
             what = doubt(samples)
-            self._looks_like = what and looks_like(what, samples.nameless)
+            self._looks_like = what and looks_like(what, in_options({"columns": samples.nameless}))
 
     @property
     def is_plausible(self) -> bool:
@@ -276,7 +277,7 @@ class HeadingLog:
             "given": self.dip_deg,
             "calibration": own if is_level and self.fit.plane == "xy" else None,
             "model": self.site.inclination_deg if self.site else None,
-            "seen": self.voyage.frames.dip_deg[0] if is_seen else None,
+            "measured": self.voyage.frames.dip_deg[0] if is_seen else None,
         }
         finite = ((source, dip) for source, dip in known.items() if dip is not None and math.isfinite(dip))
         source, dip = next(finite, ("assumed", 60.0))

@@ -214,24 +214,28 @@ class Swing:
         deviation, halves = self.deviation, self.halves
         return {
             "deviation": None if deviation is None else deviation.as_dict(),
+            # what limits the card, in words
             "limits": [] if deviation is None else list(limits(deviation, target_deg)),
+            # what the calibration lets expect of a swing
             "calibration": None if self.expected is None else self.expected.as_dict(deviation),
             "site": None if self.site is None else self.site.as_dict(),
             "conformity": None if self.conformity is None else self.conformity.as_dict(),
             "before": None if self.before is None else self.before.as_dict(),
             "logged": None if self.logged is None else self.logged.as_dict(),
-            "rests": [rest.as_dict() for rest in self.rests],
-            "half_turns": [half.as_dict() for half in halves],
+            "rests": [rest.as_dict() for rest in self.rests],  # stretches of one heading
+            "half_turns": [half.as_dict() for half in halves],  # pairs of them, half a turn apart
+            # B and C that half turns show
             "hard_iron_deg": None if (iron := hard_iron(halves)) is None else {"B": iron[0], "C": iron[1]},
-            "half_turns_pass": all(abs(half.off_deg) <= target_deg for half in halves) if halves else None,
-            "target_deg": target_deg,
+            # whether all half turns are within `target_deg`
+            "half_turns_pass": all(abs(half.error_deg) <= target_deg for half in halves) if halves else None,
+            "target_deg": target_deg,  # deviation asked for
         }
 
     def exit_code(self, target_deg: float) -> int:
         """How the command ends."""
         from flinders.report.swing_pages import limits
 
-        missed = bool(self.rests) and any(abs(half.off_deg) > target_deg for half in self.halves)
+        missed = bool(self.rests) and any(abs(half.error_deg) > target_deg for half in self.halves)
         if self.deviation is None:
             return REFUSED if missed else GOOD
         is_open = self.conformity is not None and self.conformity.verdict != "within"
@@ -354,7 +358,7 @@ def of_boat(path: str, options: SwingOptions) -> Swing:
     say(f"{log.source}: {log.words}")
     site = _site_of_boat(log, options.place)
     logged = _logged(log, wrapped(log.reference_deg - site.declination_deg), options)
-    curve = fit(logged.compass_deg, logged.deviation_deg, sigma_deg=logged.sigma_deg).widened(logged.common)
+    curve = fit(logged.compass_deg, logged.deviation_deg, sigma_deg=logged.sigma_deg).widened(logged.common_covariance)
     magnetic = logged.compass_deg + logged.deviation_deg
     has_headings = logged.is_steady and not log.is_course
     halves = _half_turns(logged.compass_deg, magnetic, logged.sigma_deg) if has_headings else ()
@@ -406,12 +410,15 @@ def of_log(calibration: str | None, recording: str, options: SwingOptions) -> Sw
     if known is None and not halves:
         raise FitError(
             f"no turn by 180° in {recording}, {_listed(rests)}: rest on a heading, turn by 180°, rest again; or "
-            "name the known headings with --headings"
+            "name the known headings with --headings",
+            rests=len(rests),
         )
     if known is not None and len(rests) != len(known):
         raise FitError(
             f"--headings names {len(known)}, and {recording} holds {_listed(rests)}: name one for each, in order, or "
-            "change the shortest --stationary"
+            "change the shortest --stationary",
+            rests=len(rests),
+            headings=len(known),
         )
     deviation = None if known is None else _deviation(rests, known, log.site, options.known.sigma_deg)
     return Swing(deviation, log.site, rests, halves, _expected(log))

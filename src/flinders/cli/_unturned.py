@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from flinders.cli._inputs import load, provenance
 from flinders.cli._output import Outputs, cost_words, print_json, say
 from flinders.cli._program import GOOD, LIMITED, numbers_of
+from flinders.cli._spelling import in_options
 from flinders.errors import UsageError, figures
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def typed(
     unit = Unit.of(reading.unit or "counts", reading.scale)
     extremes = from_extremes(values, unit=unit, axes=Axes.of(reading.axes), **asked, **own)
     outputs.write(dumps(extremes.to_document(provenance())), outputs.files[0].path)
-    outputs.print(extremes.as_dict, lambda: of_extremes(extremes))
+    outputs.print(extremes.as_dict, lambda: of_extremes(extremes, in_options))
     outputs.say_written("nothing was written: name a file with -o calibration.json")
     return LIMITED
 
@@ -75,7 +76,7 @@ def bench(parts: Sequence[Recording], disturbances: tuple[str, ...], previous: s
                 "calibration": calibration.as_dict(),
                 "noise": result.noise,
                 "turned": False,
-                "driven": [estimate.as_dict() for estimate in result.estimates],
+                "disturbances": [estimate.as_dict() for estimate in result.estimates],
                 "findings": [finding.as_dict() for finding in findings],
             }
         )

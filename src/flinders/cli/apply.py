@@ -83,7 +83,9 @@ def command(options: Apply) -> int:
         strength = corrector.strength
         skipped = [str(skipped) for skipped in getattr(source, "skipped", ())]
         limits = [corrector.doubt] if corrector.doubt else []
-        print_json({"rows": strength.readings, **strength.as_dict(), "skipped": skipped, "limits": limits, **prepared})
+        print_json(
+            {"readings": strength.readings, **strength.as_dict(), "skipped": skipped, "limits": limits, **prepared}
+        )
     return LIMITED if corrector.doubt else GOOD
 
 

@@ -178,11 +178,8 @@ def _read(options: program.Group) -> dict[str, UnitValue]:
     for name, text in options.typed().items():
         if not isinstance(text, str):
             continue
-        kind = QUANTITIES[name.removeprefix("--")][0]
-        try:
-            given[name.removeprefix("--")] = UnitValue.of(kind, text)
-        except UsageError as error:
-            raise type(error)(f"{name} {str(error).removeprefix(kind).strip()}") from None
+        quantity = name.removeprefix("--")
+        given[quantity] = UnitValue.of(QUANTITIES[quantity][0], text, name)
     return given
 
 

@@ -282,7 +282,7 @@ class AidingOptions(program.Group, heading=program.AIDING):
     """What else was recorded and counts: aiding sensors, and disturbances that the offset follows."""
 
     names: tuple[str, ...] = program.member(
-        "--with", multiple=True, metavar="NAME,…",
+        "--with", multiple=True, metavar="NAME,…", keywords=("aiding", "disturbances"),
         help="What else was recorded and shall count: current, throttle, temperature, which the offset then follows "
         "(currents, throttles: of each motor; current2: of one); rate, dip, tilt, attitude, or auto.",
     )  # fmt: skip

@@ -14,6 +14,7 @@ from flinders.cli import _program as program
 from flinders.cli._inputs import in_use, made_from, open_all_with, say_exact, saying_what_was_read, stated_site
 from flinders.cli._output import can_show, print_json, progress, say_beyond, show
 from flinders.cli._program import GOOD, LIMITED, REFUSED, print_error
+from flinders.cli._spelling import in_options
 from flinders.errors import NeedsSamples, TooFewSamples
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ def command(options: Check) -> int:
     _print(comparison, fresh, strengths, own, walk, extrapolated, options)
     if comparison.verdict == "contradict":
         return REFUSED
-    holds = comparison.verdict == "agree" and comparison.is_telling and fresh.verdict == "good" and not own
+    holds = comparison.verdict == "agree" and comparison.is_conclusive and fresh.verdict == "good" and not own
     return GOOD if holds else LIMITED
 
 
@@ -151,7 +152,7 @@ def _print(
 
     target_deg = options.target_deg
     if not options.as_json:
-        show(of_comparison(comparison, fresh=fresh, strengths=strengths, own=own))
+        show(of_comparison(comparison, in_options, fresh=fresh, strengths=strengths, own=own))
         if walk is not None:
             click.echo(_drift_words(walk, fresh, target_deg=target_deg, dip_deg=fresh.heading_error_deg.dip_deg))
         return
@@ -183,7 +184,7 @@ def _refused(
         fields: dict[str, Any] = {"residual": {"calibration": strength.as_dict()}, "fresh": refused.fit.as_dict()}
         drift = {} if walk is None else {"drift": walk.as_dict(level_deg=target_deg, dip_deg=abs(dip_deg))}
         return print_error(refused, as_json=True, more=fields | drift)
-    show(of_untold(known, refused.fit, strength), err=True)
+    show(of_untold(known, refused.fit, strength, in_options), err=True)
     if walk is not None:
         words = _drift_words(walk, refused.fit, target_deg=target_deg, dip_deg=dip_deg, under=" under the calibration")
         click.echo(words)
@@ -196,7 +197,11 @@ def _drift_words(walk: RandomWalk, fit: Fit, *, target_deg: float, dip_deg: floa
     from flinders.diagnostics.random_walk import BARS
 
     words = walk.words(label(fit.calibration.unit), level_deg=target_deg, dip_deg=abs(dip_deg))
-    bars = f"\n{walk.drawn()}  0 to {walk.moved:.2g}" if walk.is_proven and can_show(sys.stdout.encoding, BARS) else ""
+    bars = (
+        f"\n{walk.drawn()}  0 to {walk.offset_change:.2g}"
+        if walk.is_proven and can_show(sys.stdout.encoding, BARS)
+        else ""
+    )
     return f"drift{under}: {words}{bars}"
 
 

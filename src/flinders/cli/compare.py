@@ -9,6 +9,7 @@ from flinders.cli import _program as program
 from flinders.cli._inputs import is_calibration, is_recording, refuse_recording, say_exact
 from flinders.cli._output import print_result, say, say_difference
 from flinders.cli._program import GOOD, LIMITED, REFUSED
+from flinders.cli._spelling import in_options
 from flinders.errors import DocumentError, UsageError
 
 if TYPE_CHECKING:
@@ -59,10 +60,10 @@ def command(options: Compare) -> int:
     say_difference(a, b)
     if None not in (names := {a.calibration.sensor, b.calibration.sensor}) and len(names) > 1:
         say(f"{first} is for sensor {a.calibration.sensor!r}, {second} for {b.calibration.sensor!r}")
-    print_result(comparison.as_dict, lambda: of_comparison(comparison), as_json=options.as_json)
+    print_result(comparison.as_dict, lambda: of_comparison(comparison, in_options), as_json=options.as_json)
     if comparison.verdict == "contradict":
         return REFUSED
-    is_firm = comparison.is_telling and not comparison.is_turned
+    is_firm = comparison.is_conclusive and not comparison.is_turned
     return GOOD if comparison.verdict == "agree" and is_firm else LIMITED
 
 

@@ -10,7 +10,7 @@ import click
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import for_use, provenance
-from flinders.cli._output import Outputs, lossy_if_agreed, print_json, say
+from flinders.cli._output import Outputs, error_words, lossy_if_agreed, print_json, say
 from flinders.cli.targets import NamingTargets, print_targets
 from flinders.errors import FlindersError, UsageError
 
@@ -140,7 +140,7 @@ def write_exports(
     gravest = max(failed, key=lambda error: error.exit_code, default=None)
     for each in failed:
         if each is not gravest:
-            say(f"! {each}")
+            say(f"! {error_words(each)}")
     if gravest is not None:
         raise gravest
 

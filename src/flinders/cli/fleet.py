@@ -66,7 +66,6 @@ class Fleet(program.Group):
         "--scheduler", heading=program.METHOD, metavar="tcp://…", help="Work on this Dask cluster instead."
     )
     resume: bool = program.member("--resume", is_flag=True, help="Go on with what a run that was stopped has left.")
-    moments_only: bool = program.member("--moments-only", is_flag=True, hidden=True)
     log_file: str | None = program.member(
         "--log", heading=program.OUTPUT, metavar="FILE",
         help="Add a line of JSON for each thing that happens to this file.",
@@ -90,8 +89,6 @@ class Fleet(program.Group):
             raise UsageError("--out, --report and --log are files of their own: give each another name")
         if self.report is not None:
             refuse_existing(self.report, force=self.force)
-        if self.moments_only:
-            say("--moments-only does nothing any more, as fits of all readings take less time now: leave it out")
 
 
 @program.command_of(
@@ -233,8 +230,8 @@ def _remarks(summary: RunSummary) -> list[str]:
     if len(summary.units_of_field) > 1:
         units = ", ".join(f"{count:,} in {unit}" for unit, count in summary.units_of_field.items())
         lines.append(f"units of field differ: {units}; offsets are in the unit of their row")
-    if summary.left_out:
-        kinds = ", ".join(f"{count:,} {SUFFIXES.get(kind, kind)}" for kind, count in summary.left_out.items())
+    if summary.other_files:
+        kinds = ", ".join(f"{count:,} {SUFFIXES.get(kind, kind)}" for kind, count in summary.other_files.items())
         lines.append(f"left out files that are no recordings: {kinds}")
     if summary.resumed:
         lines.append(f"{summary.resumed:,} of {counted(summary.partitions, 'partition')} were done before")

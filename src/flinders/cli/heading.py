@@ -172,16 +172,18 @@ def summary(log: HeadingLog, claimed: dict[str, Any]) -> dict[str, Any]:
     """JSON-ready."""
     return {
         **log.voyage.as_dict(),
-        "formula": log.compass.formula,
+        "formula": log.compass.formula,  # how tilt is taken out
+        # to expect of a level vehicle, with the dip that it holds for
         "heading_error_deg": _error(claimed["level"], bound_95=claimed["bound"]),
+        # to expect at the tilt that 95 of 100 readings stay within
         "tilted_heading_error_deg": _error(claimed["tilted"]),
-        "tilt_error_deg": claimed["tilt_error_deg"],
-        "mounting_error_deg": claimed["mounting_error_deg"],
-        "dip_from": claimed["dip_from"],
-        "declination_deg": log.compass.declination_deg,
-        "site": None if log.site is None else log.site.as_dict(),
+        "tilt_error_deg": claimed["tilt_error_deg"],  # 1 σ that the accelerometer adds
+        "mounting_error_deg": claimed["mounting_error_deg"],  # 1 σ of the mounting; null where nobody stated one
+        "dip_from": claimed["dip_from"],  # ``given``, ``calibration``, ``model``, ``measured`` or ``assumed``
+        "declination_deg": log.compass.declination_deg,  # from magnetic to true headings; null where they are magnetic
+        "site": None if log.site is None else log.site.as_dict(),  # the field there; null without a place
         **log.corrector.strength.as_dict(),
-        "skipped": [str(entry) for entry in getattr(log.recording, "skipped", ())],
+        "skipped": [str(entry) for entry in getattr(log.recording, "skipped", ())],  # lines that were not understood
     }
 
 

@@ -33,6 +33,7 @@ class Import(program.Group):
     field_strength: float | None = option.field_strength(
         "Strength of the field at the site, where the file does not hold it: in µT, in counts for files in counts.",
         heading="",
+        keywords=("strength",),
     )
     output: str = option.output("the calibration", "Calibration file to write [default: standard output].", default="-")
     force: bool = option.force()
@@ -72,7 +73,7 @@ def command(options: Import) -> None:
             content, file, target=options.target, strength=options.field_strength, compass=options.compass
         )
     except ArrayError as error:
-        raise DocumentError(f"{file}: {error}") from None
+        raise DocumentError(f"{file}: {error.message}", hint=error.hint, **error.evidence) from None
     outputs.write(
         dumps(calibration.to_document(provenance=_provenance(content, file, name, options.compass))), options.output
     )

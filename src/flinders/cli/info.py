@@ -63,7 +63,7 @@ def _contents(log: Log, options: Info) -> Contents:
         source=log.source,
         format=log.format,
         bytes=None if file is None else file.size,
-        begun=None if log.begun is None else log.begun.strftime("%Y-%m-%d %H:%M:%S"),
+        start=None if log.begun is None else log.begun.strftime("%Y-%m-%d %H:%M:%S"),
         position=None if position is None else (position.latitude_deg, position.longitude_deg, position.altitude_m),
         site=site,
         sensors=sensors,

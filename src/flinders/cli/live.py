@@ -260,11 +260,11 @@ def _as_dict(session: LiveSession, recording: str | None) -> dict[str, Any]:
 
     fit, shown = session.shown.evaluated.fit, session_state(session)
     return {
-        "recording": recording,
-        "readings": shown.readings,
-        "phase": shown.phase,
-        "words": shown.words,
-        "fit": None if fit is None else fit.as_dict(),
+        "recording": recording,  # file that was written
+        "readings": shown.readings,  # received
+        "phase": shown.phase,  # state of the session when the page was closed
+        "words": shown.words,  # the same in a sentence
+        "fit": None if fit is None else fit.as_dict(),  # the last fit; null where there was none
     }
 
 

@@ -6,6 +6,7 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import load, provenance
 from flinders.cli._program import EXITS
+from flinders.cli._spelling import in_options
 from flinders.errors import UsageError
 
 
@@ -55,6 +56,6 @@ def command(options: Merge) -> int:
     parts = [load("merge", path) for path in options.calibrations]
     merged = merge(parts, target_deg=options.target_deg, dip_deg=options.dip_deg)
     outputs.write(dumps(merged.to_document(provenance(files=source_files(parts)))), options.output)
-    outputs.print(merged.as_dict, lambda: of_fit(merged))
+    outputs.print(merged.as_dict, lambda: of_fit(merged, in_options))
     outputs.say_written("nothing was written: name a file with -o merged.json")
     return EXITS[merged.verdict]

@@ -18,6 +18,7 @@ from flinders.cli._inputs import (
 )
 from flinders.cli._output import refuse_twice, say
 from flinders.cli._program import EXITS
+from flinders.cli._spelling import in_options
 from flinders.cli.calibrate import SiteOptions, recorded
 from flinders.errors import UsageError
 
@@ -40,7 +41,7 @@ class Refresh(program.Group):
     reading: option.PartOfColumns = program.group(option.PartOfColumns)
     sensor: str | None = option.sensor_of_calibration()
     names: tuple[str, ...] = program.member(
-        "--with", heading=program.AIDING, multiple=True, metavar="NAME,…",
+        "--with", heading=program.AIDING, multiple=True, metavar="NAME,…", keywords=("aiding", "disturbances"),
         help="What else was recorded and shall count: rate, dip, tilt, attitude.",
     )  # fmt: skip
     soft_iron_sigma: float = program.member(
@@ -123,7 +124,7 @@ def command(options: Refresh) -> int:
     with saying_what_was_read(opened):
         fit = _refreshed(opened, previous, options)
     outputs.write(dumps(fit.to_document(provenance(opened, files=previous.files))), options.output)
-    outputs.print(fit.as_dict, lambda: of_fit(fit))
+    outputs.print(fit.as_dict, lambda: of_fit(fit, in_options))
     outputs.say_written("nothing was written: name a file with -o refreshed.json")
     return EXITS[fit.verdict]
 

@@ -212,9 +212,9 @@ def _plan(fit: Fit, vehicle: Vehicle, options: Send) -> ParameterPlan:
     compass, device_id = options.compass, options.device_id
     if device_id is None:
         known = known_numbers(fit, target, "device_id")
-        device_id = only_number(fit, known, "the compasses with device id", "--device-id")
+        device_id = only_number(fit, known, "the compasses with device id", "device_id")
     if device_id is None and compass is None:
-        compass = only_number(fit, known_numbers(fit, target, "compass"), "compass", "--compass")
+        compass = only_number(fit, known_numbers(fit, target, "compass"), "compass", "compass")
     plan = lossy_if_agreed(
         lambda lossy: ParameterPlan.of(
             vehicle, fit.calibration, compass=compass, device_id=device_id, mounting=mounting, lossy=lossy
@@ -246,7 +246,7 @@ def _carry_out(plan: ParameterPlan, path: str) -> None:
         try:
             plan.carry_out(stopped=stopped, say=say)
         except NotConfirmed as error:
-            message = f"{error}. The values from before are in {path}"
+            message = f"{error.message}. The values from before are in {path}"
             if not stopped():
                 raise NotConfirmed(message) from None
             say(f"error: {message}")

@@ -6,6 +6,7 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import likely_target, load
 from flinders.cli._output import say, show
+from flinders.cli._spelling import in_options
 
 
 class Show(program.Group):
@@ -40,6 +41,6 @@ def command(options: Show) -> None:
     if options.as_json:
         click.echo(dumps(fit.to_document()), nl=False)
         return
-    show(of_file(fit, is_verbose=options.verbose))
+    show(of_file(fit, in_options, is_verbose=options.verbose))
     path, target = options.calibration, likely_target(fit.files)
     say(f"use it: flinders apply {path} raw.csv; flinders export --to {target} {path}")

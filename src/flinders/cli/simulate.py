@@ -11,7 +11,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._output import Outputs, print_json, print_result, say
+from flinders.cli._output import Outputs, error_words, print_json, print_result, say
 from flinders.cli._program import GOOD, REFUSED
 from flinders.errors import UsageError, counted
 
@@ -159,7 +159,7 @@ class ThreeAxis(Simulation):
     resolution: float | None = program.member(
         "--resolution", type=program.positive, metavar="UT", help="Step of the converter in µT."
     )
-    limit: float | None = program.member(
+    saturation: float | None = program.member(
         "--saturation", type=program.positive, metavar="UT", help="Where each axis saturates, in µT."
     )
     outliers: float = _share("--outliers", "Share of readings that are outliers.")
@@ -216,7 +216,7 @@ class ThreeAxis(Simulation):
         from flinders.simulate.truth import read
 
         iron = {"--soft-iron": self.soft_iron, "--hard-iron": self.hard_iron}
-        given = {"noise": self.noise, "resolution": self.resolution, "limit": self.limit}
+        given = {"noise": self.noise, "resolution": self.resolution, "saturation": self.saturation}
         typed: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
         if self.sensor is not None:
             if drawn := [word for word, value in iron.items() if value is not None]:
@@ -306,7 +306,7 @@ def command() -> None:
     common=("output", "motion", "n", "noise", "seed"),
     headings={
         "Motion": ("rate_hz", "tilt_deg", "stationary"),
-        "Sensor": ("sensor", "soft_iron", "hard_iron", "resolution", "limit", "gyro_bias", "magnetometer_only"),
+        "Sensor": ("sensor", "soft_iron", "hard_iron", "resolution", "saturation", "gyro_bias", "magnetometer_only"),
         "Disturbances": ("outliers", "motor", "drift", "step", "field_step", "magnet"),
     },
     short_help="A three-axis sensor in motion.",
@@ -380,7 +380,7 @@ def two_axis(options: TwoAxis) -> int:
         as_json=options.as_json,
     )
     if recovery.refusal is not None:
-        say(f"refused: this would be no calibration to use; {recovery.refusal}")
+        say(f"refused: this would be no calibration to use; {error_words(recovery.refusal)}")
         return REFUSED
     return GOOD
 

@@ -147,7 +147,7 @@ def _loaded(path: str) -> SurveyCalibration:
     try:
         return of_mag_cal(content) if content.lstrip().startswith(b"{") else of_distox(content)
     except DocumentError as error:
-        raise DocumentError(f"{path}: {error}") from None
+        raise DocumentError(f"{path}: {error.message}", hint=error.hint, **error.evidence) from None
 
 
 def _instrument_files(fit: SurveyFit, options: Survey) -> dict[str, str | bytes]:

@@ -14,6 +14,7 @@ from flinders.cli import _program as program
 from flinders.cli._inputs import agree, load, made_from, provenance, refuse_calibration, saying_what_was_read
 from flinders.cli._output import progress, say
 from flinders.cli._program import LIMITED
+from flinders.cli._spelling import in_options
 from flinders.errors import FitError, UnitError, UsageError
 
 if TYPE_CHECKING:
@@ -269,7 +270,10 @@ def _show(fit: Fit, turn: Turn, both: Fit | None, options: TwoAxis) -> None:
     from flinders.report.fit_pages import of_turn
 
     outputs = options.outputs
-    outputs.print(lambda: _as_dict(fit, turn, both), lambda: of_turn(fit, turn, composed=both, after=options.after))
+    outputs.print(
+        lambda: _as_dict(fit, turn, both),
+        lambda: of_turn(fit, turn, in_options, composed=both, after=options.after),
+    )
     outputs.say_written()
     if options.output is None:
         say("no calibration was written: name a file with -o calibration.json")
@@ -282,6 +286,6 @@ def _as_dict(fit: Fit, turn: Turn, both: Fit | None) -> dict[str, Any]:
     even = turn.spacing.is_even(within_deg=fit.target_deg)
     return {
         **fit.as_dict(),
-        "turn": {**turn.as_dict(), "mean_is_trusted": even},
+        "turn": {**turn.as_dict(), "is_mean_trusted": even},
         "composed": None if both is None else as_dict(both),
     }

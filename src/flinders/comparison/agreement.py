@@ -15,13 +15,13 @@ dip.
 >>> seen = np.stack([q + rng.normal(scale=0.01, size=q.shape) for _ in range(3)])
 >>> seen[1, 200:300] += [0.1, 0.0, 0.0]                     # a phone lies beside the second from 10 to 15 s
 >>> time = np.arange(600) / 20.0
->>> [(run.sensor, round(run.start_s), round(run.end_s), round(run.heading_deg)) for run in departures(seen, time)]
+>>> [(run.sensor, round(run.start_s), round(run.end_s), round(run.heading_deg)) for run in disagreements(seen, time)]
 [(1, 10, 15, 12)]
->>> [(run.sensor, run.by_length) for run in departures(seen[:2], time, limit_deg=3.0)]       # of two the length tells
+>>> [(run.sensor, run.is_by_length) for run in disagreements(seen[:2], time, limit_deg=3.0)]  # by the length
 [(1, True)]
 >>> seen[1, 200:300] -= [0.1, 0.0, 0.0]
 >>> seen[1, 200:300] += 0.15 * np.cross(q[200:300], [0.0, 0.0, 1.0])                         # across: no longer
->>> [run.sensor for run in departures(seen[:2], time, limit_deg=3.0)]
+>>> [run.sensor for run in disagreements(seen[:2], time, limit_deg=3.0)]
 [None]
 """
 
@@ -60,18 +60,19 @@ MEDIAN_CHANGE: Final = 0.6745
 
 
 @dataclass(frozen=True, slots=True)
-class Departure:
+class Disagreement:
     """A stretch of time in which a sensor does not agree with the others."""
 
     sensor: int | None  #: which one, counted from 0; None where that cannot be told
-    by_length: bool  #: the length of its readings told it, not the others
+    is_by_length: bool  #: the length of its readings told it, not the others
     first: int  #: moment, counted from 0
-    last: int
-    start_s: float
-    end_s: float
+    last: int  #: the last one
+    start_s: float  #: time of the first
+    end_s: float  #: time of the last
     angle_deg: float  #: largest angle between its direction and that of the others, averaged over a second
     heading_deg: float  #: what it may turn a level heading by
-    length: float  #: by how much its readings are too long, as a share of the field, where that is farthest from none
+    #: by how much its readings are too long, as a share of the field, where that is farthest from none
+    length_error: float
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -96,7 +97,9 @@ def heading_deg(difference: float, dip_deg: float) -> float:
     return deflection_deg(difference / np.cos(np.deg2rad(dip_deg)))
 
 
-def departures(seen: Floats, time: Floats, *, limit_deg: float = 1.0, dip_deg: float = 60.0) -> tuple[Departure, ...]:
+def disagreements(
+    seen: Floats, time: Floats, *, limit_deg: float = 1.0, dip_deg: float = 60.0
+) -> tuple[Disagreement, ...]:
     """Find the stretches in which sensors disagree.
 
     Parameters
@@ -131,7 +134,7 @@ def scatter(seen: Floats, directions: Floats, time: Floats) -> Floats:
     Parameters
     ----------
     seen : (m, N, 3) float
-        As for `departures`.
+        As for `disagreements`.
     directions : (N, 3) float
         That all of them agree on best.
     time : (N,) float, s
@@ -149,7 +152,7 @@ def length_scatter(seen: Floats, time: Floats) -> Floats:
     Parameters
     ----------
     seen : (m, N, 3) float
-        As for `departures`.
+        As for `disagreements`.
     time : (N,) float, s
 
     Examples
@@ -248,20 +251,20 @@ def _runs(
     apart: Floats,
     lengths: Floats,
     dip_deg: float,
-) -> Iterator[Departure]:
+) -> Iterator[Disagreement]:
     """Put blocks of one sensor that follow each other together."""
     who = sorted(
         {each for block in blamed for each in block}, key=lambda each: (each[0] is None, each[0] or 0, each[1])
     )
     for each in who:
-        sensor, by_length = each
+        sensor, is_by_length = each
         for run in runs([each in those for those in blamed]):
             first, last = int(edges[run.start]), int(edges[run.stop]) - 1
             farthest = float(np.nanmax(_off(apart[..., run], sensor)))
             length = lengths[:, run] if sensor is None else lengths[sensor, run]
             angle = 2.0 * np.rad2deg(np.arcsin(min(farthest / 2.0, 1.0)))
-            yield Departure(
-                sensor, by_length, first, last, float(time[first]), float(time[last]), float(angle),
+            yield Disagreement(
+                sensor, is_by_length, first, last, float(time[first]), float(time[last]), float(angle),
                 heading_deg(farthest, dip_deg), float(length.ravel()[np.nanargmax(np.abs(length))]),
             )  # fmt: skip
 

@@ -167,10 +167,10 @@ class Comparison:
     #: its degrees of freedom: the rank of that sum, 9, or 8 without the scale, less what both methods hold
     freedom: int
     target_deg: float  #: the worst heading difference that is good enough
-    unit: str
+    unit: str  #: of offsets: ``uT`` or ``counts``
     #: how far the rotations into the body are apart, where both know one. They are in none of the other numbers.
     rotation: RotationDifference | None = None
-    left_out_deg: float | None = None  #: angle of the rotation, where one of both alone knows one
+    omitted_rotation_deg: float | None = None  #: angle of the rotation, where one of both alone knows one
 
     @property
     def offset_share(self) -> float:
@@ -190,7 +190,7 @@ class Comparison:
 
     @property
     def verdict(self) -> Opinion:
-        """Say in a word what to make of it.
+        """``agree``, ``differ`` or ``contradict``: what to make of the difference.
 
         ``agree``: no more than chance explains. ``differ``: more, but no heading by more than the target.
         ``contradict``: more, and above it. Without any covariance nothing is left to chance.
@@ -221,7 +221,7 @@ class Comparison:
         return worst + self.rotation.heading_deg(self.heading_difference_deg.dip_deg)
 
     @property
-    def is_telling(self) -> bool:
+    def is_conclusive(self) -> bool:
         """A difference as large as the target would not have passed for chance."""
         return self.claimed_deg is None or self.claimed_deg.worst <= self.target_deg
 
@@ -237,16 +237,16 @@ class Comparison:
         heading = self.heading_difference_deg
         return {
             "verdict": self.verdict,
-            "telling": self.is_telling,
+            "is_conclusive": self.is_conclusive,
             "heading_difference_deg": heading.as_dict(
                 mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
             ),
             "claimed_deg": with_bound(self.claimed_deg, self.claimed_bound_deg),
             **printed(self, "ratio", "chi_square", "freedom", "p_value", "direction_difference_deg"),
             **printed(self, "offset_difference", "offset_sigma", "offset_share", "unit", "scale_difference"),
-            "scale_known": self.is_scale_known,
+            "is_scale_known": self.is_scale_known,
             **({} if self.rotation is None else printed(self, "rotation")),
-            **({} if self.left_out_deg is None else {"rotation_left_out_deg": self.left_out_deg}),
+            **({} if self.omitted_rotation_deg is None else {"omitted_rotation_deg": self.omitted_rotation_deg}),
         }
 
     def __repr__(self) -> str:
@@ -297,7 +297,10 @@ class Strength:
 
     def as_dict(self) -> dict[str, float]:
         """JSON-ready."""
-        return {"strength": self.mean, "spread": self.spread}
+        return {
+            "strength": self.mean,  # mean length of corrected readings over the field strength
+            "spread": self.spread,
+        }
 
     def __add__(self, other: Strength) -> Strength:
         return Strength(self.readings + other.readings, self.total + other.total, self.squares + other.squares)
@@ -350,7 +353,7 @@ def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float =
         comparison = compare_level(_level(a, dip_deg), _level(b, dip_deg), dip_deg=dip_deg, target_deg=target_deg)
     else:
         comparison = _compared(a, b, dip_deg=dip_deg, target_deg=target_deg, is_flat=False)
-    return replace(comparison, rotation=RotationDifference.of(a, b), left_out_deg=_left_out_deg(a, b))
+    return replace(comparison, rotation=RotationDifference.of(a, b), omitted_rotation_deg=_left_out_deg(a, b))
 
 
 def judged_at(*fits: Fit) -> float:
@@ -461,7 +464,8 @@ def refuse_unlike(a: Fit, b: Fit) -> None:
     if a.calibration.unit != b.calibration.unit:
         raise UnitError(
             f"{a.name} is for readings in {label(a.calibration.unit)}, {b.name} for {label(b.calibration.unit)}: "
-            "calibrate both with one unit (counts need scale=)"
+            "calibrate both with one unit, or counts with a scale",
+            hint={"unit": None, "scale": None},
         )
     for one in (a, b):
         if one.calibration.linearization is not None:
@@ -472,5 +476,8 @@ def refuse_unlike(a: Fit, b: Fit) -> None:
     for what in ("axes", "frame"):
         ours, theirs = getattr(a.calibration, what), getattr(b.calibration, what)
         if ours != theirs:
-            how = "with the same axes=" if what == "axes" else "from readings in the same axes, sensor's or vehicle's"
-            raise AxesError(f"{a.name} has {what} {ours}, {b.name} has {what} {theirs}: calibrate both {how}")
+            how = "mapped alike" if what == "axes" else "from readings in the same axes, sensor's or vehicle's"
+            raise AxesError(
+                f"{a.name} has {what} {ours}, {b.name} has {what} {theirs}: calibrate both {how}",
+                hint={"axes": None} if what == "axes" else {},
+            )

@@ -150,7 +150,8 @@ def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> N
         raise UsageError(
             f"{source} goes {figures(farthest)} {unit} up and down along {named}, where readings with {first.name} "
             f"loaded go {figures(level)} (level field, dip {dip_deg:g}°): it is in another unit, or was made without; "
-            f"name the unit (unit=), {again}"
+            f"{again}, or name the unit",
+            hint={"unit": None},
         )
     centre = turn.ellipse.centre[seen]
     offset = first.calibration.offset[list(order_of(turn.plane))[:2]][seen]

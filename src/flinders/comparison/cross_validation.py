@@ -73,7 +73,7 @@ class NotValidated(FitError):
     code = "not-validated"
 
     @classmethod
-    def without(cls, block: int, blocks: int, reason: object) -> NotValidated:
+    def without(cls, block: int, blocks: int, reason: str) -> NotValidated:
         """It gives nothing comparable when one block of time is missing."""
         return cls(
             f"not cross-validated, as it fails without block {block} of {blocks}: {reason}", block=block, blocks=blocks
@@ -159,7 +159,7 @@ def _fitted_folds(
         try:
             estimate = estimator.estimate(Readings.of(rest))
         except FitError as error:
-            raise NotValidated.without(number, blocks, error) from error
+            raise NotValidated.without(number, blocks, error.message) from error
         planes.add(estimate.plane)
         if len(planes) > 1:
             raise NotValidated.without(number, blocks, "it takes an ellipse for an ellipsoid, or the other way round")

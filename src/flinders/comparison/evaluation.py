@@ -76,7 +76,7 @@ class Evaluation:
     heading_mean_deg: float  #: that mean
     #: (rms, worst): angle between the corrected and the true field over 400 directions, with the rotation in it
     direction_error_deg: DirectionError
-    freed_direction_error_deg: DirectionError  #: (rms, worst): the same in the magnetometer's own axes
+    unrotated_direction_error_deg: DirectionError  #: (rms, worst): the same in the magnetometer's own axes
     #: from the true rotation into the body to that of the calibration; with a covariance where one is claimed
     rotation: RotationDifference
     offset_error: Floats  #: (3,), in `unit`: offset less the true one
@@ -87,7 +87,7 @@ class Evaluation:
     scale_error: float | None
     field_strength: float  #: in `unit`: the true one
     target_deg: float
-    unit: str
+    unit: str  #: of offsets: ``uT`` or ``counts``
     #: 1 σ that the calibration's covariance gives at the same dip; None where it states none
     claimed_heading_deg: HeadingError | None = None
     claimed_bound_deg: float | None = None  #: what no heading exceeds with a probability of 95 %, as claimed
@@ -97,7 +97,7 @@ class Evaluation:
     freedom: int = 0  # two for a circle, two for a figure of eight around the compass, three for a rotation
     #: of the level body, with the rotation and nothing removed: true error, and 1 σ; None where no rotation is claimed
     body_heading_error_deg: HeadingError | None = None
-    claimed_body_heading_deg: HeadingError | None = None
+    claimed_body_heading_deg: HeadingError | None = None  #: what is claimed of that
 
     @property
     def p_value(self) -> float | None:
@@ -120,7 +120,7 @@ class Evaluation:
     def direction_ratio(self) -> float | None:
         """True direction error in the magnetometer's own axes over the claimed one, rms."""
         claimed = self.claimed_direction_deg
-        return None if claimed is None else _ratio(self.freed_direction_error_deg.rms, claimed.rms)
+        return None if claimed is None else _ratio(self.unrotated_direction_error_deg.rms, claimed.rms)
 
     @property
     def offset_ratio(self) -> float | None:
@@ -155,12 +155,12 @@ class Evaluation:
         heading = self.heading_error_deg
         return {
             "verdict": self.verdict,
-            "on_target": self.is_on_target,
+            "is_on_target": self.is_on_target,
             "heading_error_deg": heading.as_dict(
                 mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
             ),
             "claimed_heading_deg": with_bound(self.claimed_heading_deg, self.claimed_bound_deg),
-            **printed(self, "heading_ratio", "direction_error_deg", "freed_direction_error_deg"),
+            **printed(self, "heading_ratio", "direction_error_deg", "unrotated_direction_error_deg"),
             **printed(self, "claimed_direction_deg", "direction_ratio", "rotation_deg", "offset_error", "offset_sigma"),
             **printed(self, "offset_ratio", "offset_share", "matrix_error", "scale_error"),
             **self._body_as_dict(),
@@ -202,7 +202,8 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
     if fit.calibration.unit != truth.unit:
         raise UnitError(
             f"{fit.name} is for readings in {label(fit.calibration.unit)}, the truth is in {label(truth.unit)}: "
-            "calibrate with the unit of the recording (counts need scale=)"
+            "calibrate with the unit of the recording, or counts with a scale",
+            hint={"unit": None, "scale": None},
         )
     if fit.calibration.linearization is not None:
         raise UsageError(f"{fit.name} linearizes its axes, and those of the truth are linear: fit without linearize")
@@ -219,7 +220,7 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
         heading_error_deg=HeadingError(*DirectionError.of(np.rad2deg(errors)), float(dip_deg)),
         heading_mean_deg=math.degrees(mean),
         direction_error_deg=_angles_deg(seen),
-        freed_direction_error_deg=_angles_deg(_corrected(fit, true, DIRECTIONS)),
+        unrotated_direction_error_deg=_angles_deg(_corrected(fit, true, DIRECTIONS)),
         rotation=rotation,
         offset_error=np.asarray(fit.calibration.offset - true.offset),
         matrix_error=float(np.linalg.norm(values / scale - 1.0)),
@@ -331,20 +332,20 @@ class Recovery:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         numbers = {
-            "scale_x": (self.true.scale[0], self.estimate.scale[0]),
-            "scale_y": (self.true.scale[1], self.estimate.scale[1]),
-            "offset_x": (self.true.offset[0], self.estimate.offset[0]),
-            "offset_y": (self.true.offset[1], self.estimate.offset[1]),
-            "skew_deg": (self.true.skew_deg, self.estimate.skew_deg),
-            "noise": (self.true.noise, self.estimate.noise),
+            "scale_x": (self.true.scale[0], self.estimate.scale[0]),  # gain of the axis
+            "scale_y": (self.true.scale[1], self.estimate.scale[1]),  # gain of the axis
+            "offset_x": (self.true.offset[0], self.estimate.offset[0]),  # hard iron along the axis
+            "offset_y": (self.true.offset[1], self.estimate.offset[1]),  # hard iron along the axis
+            "skew_deg": (self.true.skew_deg, self.estimate.skew_deg),  # angle by which the axes are not square
+            "noise": (self.true.noise, self.estimate.noise),  # standard deviation of one axis of a reading
         }
-        pairs = {name: {"true": true, "found": estimate} for name, (true, estimate) in numbers.items()}
+        pairs = {name: {"true": true, "estimate": estimate} for name, (true, estimate) in numbers.items()}
         return {
             "verdict": self.verdict,
-            "recovery": pairs,
+            "recovery": pairs,  # of each quantity of the compass its `true` value and the `estimate`
             "turn": self.turn.as_dict(),
             "polar": self.polar.as_dict(),
-            "unit": "uT",
+            "unit": "uT",  # of scales, offsets and noise
         }
 
 

@@ -36,7 +36,6 @@ from flinders.comparison.comparison import refuse_unlike
 from flinders.comparison.pairs import rescaled, trace_with, without_scale
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit, label
-from flinders.deprecation import renamed_attribute
 from flinders.diagnostics.repeatability import RecordingFit, compared
 from flinders.errors import UsageError, counted, figures
 from flinders.findings import by_severity
@@ -85,7 +84,6 @@ class NotMerged(Refused):
     """Calibrations that contradict each other, or leave too much open: `fit` holds what they say together."""
 
     code: ClassVar[str] = "not-merged"
-    merged = renamed_attribute("merged", "fit")
 
 
 def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | None = None) -> Fit:
@@ -191,7 +189,8 @@ class _Field:
             if not known and variance > LOOSE**2:
                 raise UsageError(
                     f"{part.name} leaves the size of its ellipsoid open by {np.sqrt(variance):.0%}, and not all were "
-                    "given a field strength to bring them to one size: calibrate with field_strength=, or leave it out"
+                    "given a field strength to bring them to one size: calibrate it with that, or leave it out",
+                    hint={"field_strength": None},
                 )
         log_variance = 0.0 if known else float(np.sum(variances)) / len(parts) ** 2
         return cls(strength, known, np.mean(shapes, axis=0), log_variance)
@@ -263,7 +262,8 @@ def _refuse_alone(part: Fit) -> None:
     if names := [disturbance.name for disturbance in part.calibration.disturbances]:
         raise UsageError(
             f"{part.name} follows {' and '.join(names)}, and a mean of offset and matrix would lose that: fit the "
-            f"recordings together, flinders calibrate ONE TWO --with {','.join(names)}"
+            "recordings together",
+            hint={"disturbances": names},
         )
     if part.calibration.linearization is not None:
         raise UsageError(
@@ -277,7 +277,9 @@ def _refuse_alone(part: Fit) -> None:
         )
     gains = np.linalg.eigvalsh(part.calibration.matrix)
     if not gains[0] > 0.0:
-        raise UsageError(f"{part.name} mirrors an axis, which no fit does: calibrate again with axes=")
+        raise UsageError(
+            f"{part.name} mirrors an axis, which no fit does: map its axes, and calibrate again", hint={"axes": None}
+        )
     radius = _radius(part)
     offset, variances = float(np.abs(part.calibration.offset).max()), np.diag(_claim(part))
     largest, finest = np.sqrt([max(variances.max(), 0.0), max(variances[:3].max(), 0.0)]).tolist()
@@ -392,8 +394,8 @@ def _judged(merged: Fit, repeats: Repeats, parts: Sequence[Fit]) -> tuple[Findin
                 "remedy": lambda _: MERGE_OTHERS,
             },
             level_worst_deg=worst_deg,
-            apart_deg=part.off_deg,
-            apart_sigma_deg=part.off_sigma_deg,
+            apart_deg=part.difference_deg,
+            apart_sigma_deg=part.difference_sigma_deg,
             apart_by_chance=part.p_value,
         )
     )

@@ -2,7 +2,7 @@
 
 >>> from flinders import simulate
 >>> contest = compare_methods(simulate.tumble(seed=1).samples, methods=["auto", "minmax"])
->>> [(entry.method, entry.fit.verdict, entry.apart_deg is None) for entry in contest.entries]
+>>> [(entry.method, entry.fit.verdict, entry.difference_deg is None) for entry in contest.entries]
 [('auto', 'good', True), ('minmax', 'refused', False)]
 >>> contest.entries[1].validation.heading_error_deg.rms > 20 * contest.entries[0].validation.heading_error_deg.rms
 True
@@ -62,7 +62,7 @@ class Entry:
     #: None where one block of time less leaves nothing to fit, or the readings are too few
     validation: Validation | None = None
     #: heading difference from the first method that was compared; None for that one
-    apart_deg: HeadingError | None = None
+    difference_deg: HeadingError | None = None
     refusal: FitError | None = None  #: why there is no fit
     unvalidated: FitError | None = None  #: why there is no validation
     #: how much larger an error may come out of the readings that were cross-validated, which are not all
@@ -87,7 +87,7 @@ class Entry:
     def objections(self) -> tuple[tuple[str, str], ...]:
         """Stable name and words of each reason not to trust it on this recording, or not without limits."""
         if self.fit is None:
-            return () if self.refusal is None else ((self.refusal.code, str(self.refusal)),)
+            return () if self.refusal is None else ((self.refusal.code, self.refusal.message),)
         each = [(finding.code, finding.advice) for finding in self.fit.findings if finding.severity != "note"]
         if self.overclaims and self.validation is not None:
             shown, claimed = self.validation.heading_error_deg, self.fit.heading_error_deg
@@ -112,16 +112,20 @@ class Entry:
         fitted, checked = self.fit, self.validation
         return {
             "method": self.method,
-            "run": None if fitted is None else fitted.method,
+            "method_run": None if fitted is None else fitted.method,  # the method that was run in the end
             "verdict": self.verdict,
             **dict.fromkeys(("offset", "matrix", "field_strength", "heading_error_deg")),
             **({} if fitted is None else printed(fitted.calibration, "offset", "matrix", "field_strength")),
             **({} if fitted is None else printed(fitted, "heading_error_deg")),
+            # `rms` and `worst` that blocks of time kept out of the fit show
             "validated_heading_error_deg": None if checked is None else checked.heading_error_deg.as_dict(),
+            # the part of it that is the same for all blocks
             "validated_bias_deg": None if checked is None else checked.bias_deg,
+            # the part of it that differs from block to block
             "validated_scatter_deg": None if checked is None else checked.scatter_deg,
+            # residuals of the blocks kept out over those of the fit
             "misfit": None if checked is None else checked.misfit,
-            **printed(self, "apart_deg", "seconds", "codes", "reasons"),
+            **printed(self, "difference_deg", "seconds", "codes", "reasons"),
         }
 
 
@@ -130,7 +134,7 @@ class Contest:
     """All methods on one recording."""
 
     entries: tuple[Entry, ...]  #: in the order of `flinders.estimators.METHODS`, or as they were named
-    readings: int
+    readings: int  #: of the recording
     blocks: int  #: of time, for cross-validation; 0 where the readings were too few
     stride: int = 1  #: every how many of the readings were cross-validated
 
@@ -148,7 +152,7 @@ class Contest:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints."""
         known = printed(self, "verdict", "reference", "readings", "blocks", "stride")
-        return known | {"methods": [entry.as_dict() for entry in self.entries]}
+        return known | {"methods": [entry.as_dict() for entry in self.entries]}  # what each makes of the recording
 
 
 def compare_methods(
@@ -209,7 +213,7 @@ def compare_methods(
         reference = next((other.fit for other in entries if other.fit is not None), None)
         if entry.fit is not None and reference is not None:
             apart = compare(reference, entry.fit, dip_deg=facing)
-            entry = replace(entry, apart_deg=apart.heading_difference_deg)
+            entry = replace(entry, difference_deg=apart.heading_difference_deg)
         entries.append(entry)
     if all(entry.fit is None for entry in entries) and entries[0].refusal is not None:
         raise entries[0].refusal

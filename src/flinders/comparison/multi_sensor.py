@@ -13,7 +13,7 @@ rests on all of them; and it is told which of them departs from the others, when
 >>> inside = together["inside"]
 >>> inside.fit.verdict, inside.axes, inside.fit.heading_error_deg.worst < inside.alone.heading_error_deg.worst
 ('good', '-y,x,z', True)
->>> together.agreement.departures
+>>> together.agreement.disagreements
 ()
 """
 
@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, cast
 
 import numpy as np
 
-from flinders.comparison.agreement import Departure, departures, heading_deg, length_scatter, scatter
+from flinders.comparison.agreement import Disagreement, disagreements, heading_deg, length_scatter, scatter
 from flinders.comparison.comparison import printed
 from flinders.core.axes import EXCHANGES
 from flinders.core.geomag import ASSUMED_DIP_DEG
@@ -87,8 +87,8 @@ class Member:
     rotation: Floats | None = None
     rotation_sigma_deg: Floats | None = None  #: (3,): standard deviation of that about the axes of the reference
     axes: str = "x,y,z"  #: the nearest way to exchange axes: where each axis of the reference comes from
-    off_axes_deg: float = 0.0  #: how far the rotation is from that
-    size: float = 1.0  #: length of its readings over that of the reference's
+    misalignment_deg: float = 0.0  #: how far the rotation is from that
+    length_ratio: float = 1.0  #: length of its readings over that of the reference's
     #: what its readings, averaged over a second, are usually off, in degrees of a level heading
     scatter_deg: float = 0.0
     delay_s: float = 0.0  #: by how much its clock is behind that of the reference, where that is proven
@@ -107,8 +107,11 @@ class Member:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            **printed(self, "rotation", "rotation_sigma_deg", "axes", "off_axes_deg", "size", "scatter_deg"),
+            **printed(
+                self, "rotation", "rotation_sigma_deg", "axes", "misalignment_deg", "length_ratio", "scatter_deg"
+            ),
             **printed(self, "delay_s", "copy_of"),
+            # worst heading error that it claims by itself
             "alone_heading_error_deg": self.alone.heading_error_deg.worst if isinstance(self.alone, Fit) else None,
             **printed(self, "findings"),
         }
@@ -118,9 +121,9 @@ class Member:
 class Agreement:
     """How well the magnetometers agree."""
 
-    moments: int  #: at which two or more were read
+    instants: int  #: at which two or more were read
     seconds: float  #: from the first of those to the last
-    departures: tuple[Departure, ...] = ()  #: stretches in which they do not, in the order of time
+    disagreements: tuple[Disagreement, ...] = ()  #: stretches in which they do not, in the order of time
     #: of two: how far apart they are all the time, in degrees of heading, 1 σ, where nothing tells which is off; else 0
     apart_deg: float = 0.0
 
@@ -147,10 +150,10 @@ class Together:
         names = [member.name for member in self.members]
         runs = [
             {**run.as_dict(), "sensor": None if run.sensor is None else names[run.sensor]}
-            for run in self.agreement.departures
+            for run in self.agreement.disagreements
         ]
-        known = printed(self, "reference", "is_joint", "in_body") | printed(self.agreement, "moments", "seconds")
-        return {**known, "departures": runs}
+        known = printed(self, "reference", "is_joint", "in_body") | printed(self.agreement, "instants", "seconds")
+        return {**known, "disagreements": runs}  # stretches of time, in their order
 
 
 def fit_multi(
@@ -219,8 +222,8 @@ def fit_multi(
     order = {member.name: member for member in together.members}
     members = [order.get(name) or Member(name, silent[name], silent[name]) for name in sources]
     places = {place: list(sources).index(member.name) for place, member in enumerate(together.members)}
-    runs = tuple(run.of_sensor(places) for run in together.agreement.departures)
-    return replace(together, members=tuple(members), agreement=replace(together.agreement, departures=runs))
+    runs = tuple(run.of_sensor(places) for run in together.agreement.disagreements)
+    return replace(together, members=tuple(members), agreement=replace(together.agreement, disagreements=runs))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -286,7 +289,7 @@ class _Body:
         target_deg = self.options["target_deg"]
         return replace(together, members=tuple(_judged(together, place, target_deg) for place in range(len(members))))
 
-    def joint_fit(self) -> tuple[Several | None, tuple[Departure, ...]]:
+    def joint_fit(self) -> tuple[Several | None, tuple[Disagreement, ...]]:
         """Fit jointly, and again without the segments in which a sensor departs; and those, by their place.
 
         What most sensors by themselves show to be outliers does not count from the start, so that two of three which
@@ -296,7 +299,7 @@ class _Body:
         if len(self.own) < 2 or not any(start is not None and is_sound(start) for start in self.starts):
             return None, ()
         fields: Floats = self.common.fields[self.own]
-        runs: tuple[Departure, ...] = ()
+        runs: tuple[Disagreement, ...] = ()
         several: Several | None = None
         begins = [self.starts[place] for place in self.own]
         outliers = _own_outliers(fields, begins)
@@ -315,7 +318,7 @@ class _Body:
             if several.unobserved:
                 return None, ()
             limits = {"limit_deg": self.options["target_deg"], "dip_deg": self.dip_deg}
-            before, runs = runs, departures(_corrected(several, fields), self.common.time, **limits)
+            before, runs = runs, disagreements(_corrected(several, fields), self.common.time, **limits)
             if _segments(runs) == _segments(before):
                 break
         placed = [run.of_sensor(dict(enumerate(self.own))) for run in runs]
@@ -373,7 +376,7 @@ class _Body:
         both = np.isfinite(own).all(axis=1) & np.isfinite(into).all(axis=1)
         rotation = mirror_or_rotation(_unit(own[both]), _unit(into[both]))
         axes, off = nearest_axes(rotation)
-        return replace(member, rotation=rotation, axes=axes, off_axes_deg=off)
+        return replace(member, rotation=rotation, axes=axes, misalignment_deg=off)
 
     def joined(self, member: Member, place: int, several: Several) -> Member:
         """A member with what the joint fit finds of it."""
@@ -393,8 +396,8 @@ class _Body:
         axes, off = nearest_axes(rotation)
         sigma = np.rad2deg(np.sqrt(np.diag(covariance)))
         return replace(
-            member, fit=judged, rotation=rotation, rotation_sigma_deg=sigma, axes=axes, off_axes_deg=off,
-            size=radii[index] / radii[several.reference],
+            member, fit=judged, rotation=rotation, rotation_sigma_deg=sigma, axes=axes, misalignment_deg=off,
+            length_ratio=radii[index] / radii[several.reference],
         )  # fmt: skip
 
     def outliers(self, member: Member, place: int, is_inlier: NDArray[np.bool_]) -> tuple[Outlier, ...]:
@@ -441,7 +444,7 @@ def _better(member: Member) -> Member:
     if worst <= WORSE * alone.heading_error_deg.worst:
         return member
     return replace(
-        member, fit=member.alone, rotation=None, rotation_sigma_deg=None, axes="x,y,z", off_axes_deg=0.0,
+        member, fit=member.alone, rotation=None, rotation_sigma_deg=None, axes="x,y,z", misalignment_deg=0.0,
         is_kept=True, joint_deg=worst,
     )  # fmt: skip
 
@@ -541,7 +544,7 @@ def _own_outliers(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[
     return outliers
 
 
-def _segments(runs: Sequence[Departure]) -> set[tuple[int | None, int, int]]:
+def _segments(runs: Sequence[Disagreement]) -> set[tuple[int | None, int, int]]:
     """What tells the segments of two rounds apart."""
     return {(run.sensor, run.first, run.last) for run in runs if run.sensor is not None}
 
@@ -609,7 +612,7 @@ def _findings(together: Together, place: int, target_deg: float) -> Iterator[Fin
     others = [other.scatter_deg for other in together.members if other is not member and not other.copy_of]
     numbers = {"scatter_deg": member.scatter_deg, "best_other_deg": min(others, default=math.inf)}
     yield from found_in(Record({**numbers, "target_deg": target_deg}), "sensor-deviates-throughout")
-    yield from _of_departures(together, place, target_deg)
+    yield from _of_disagreements(together, place, target_deg)
 
 
 def _certain(code: str, numbers: dict[str, float], **words: str) -> Finding:
@@ -642,9 +645,9 @@ def _handed(together: Together) -> str:
     mirrored = sum(member.is_mirrored for member in turned)
     rest = len(turned) - mirrored
     if mirrored == rest:
-        return "One of the two is not right-handed: check which, and map its axes with axes="
+        return "One of the two is not right-handed: check which, and map its axes"
     fewer = [member.name for member in turned if member.is_mirrored == (mirrored < rest)]
-    return f"Most likely {' and '.join(fewer)} is not right-handed, as the others agree: map its axes with axes="
+    return f"Most likely {' and '.join(fewer)} is not right-handed, as the others agree: map its axes"
 
 
 def _of_axes(together: Together, member: Member) -> Iterator[Finding]:
@@ -657,11 +660,11 @@ def _of_axes(together: Together, member: Member) -> Iterator[Finding]:
         yield _certain("mirrored-sensor", {"handedness": -1.0}, **words, who=_handed(together))
     worst = float(member.rotation_sigma_deg.max())
     where = "" if together.in_body else "; their mounting in the vehicle is not known"
-    turned = {"is_turned": 1.0, "rotation_sigma_deg": worst, "off_axes_deg": member.off_axes_deg}
+    turned = {"is_turned": 1.0, "rotation_sigma_deg": worst, "misalignment_deg": member.misalignment_deg}
     yield _certain("turned-to", turned, **words, where=where)
-    decades = round(math.log10(member.size))
-    if decades and abs(math.log10(member.size) - decades) < DECADE * 0.5:
-        numbers = {"is_decades_off": 1.0, "times_as_long": member.size, "decade": 10.0**decades}
+    decades = round(math.log10(member.length_ratio))
+    if decades and abs(math.log10(member.length_ratio) - decades) < DECADE * 0.5:
+        numbers = {"is_decades_off": 1.0, "times_as_long": member.length_ratio, "decade": 10.0**decades}
         yield _certain("unlike-units", numbers, reference=reference)
 
 
@@ -679,9 +682,9 @@ def _of_clock(member: Member, reference: str) -> Iterator[Finding]:
         )
 
 
-def _of_departures(together: Together, place: int, target_deg: float) -> Iterator[Finding]:
+def _of_disagreements(together: Together, place: int, target_deg: float) -> Iterator[Finding]:
     """When it deviates from the others, or one of two does of which it may be the one."""
-    runs = [run for run in together.agreement.departures if run.sensor == place]
+    runs = [run for run in together.agreement.disagreements if run.sensor == place]
     if runs:
         numbers = {
             "departs_share": _share(runs, together),
@@ -692,10 +695,10 @@ def _of_departures(together: Together, place: int, target_deg: float) -> Iterato
             "sensor-deviates",
             numbers,
             when=_when(runs),
-            why="the length of its readings changes" if all(run.by_length for run in runs) else "the others agree",
+            why="the length of its readings changes" if all(run.is_by_length for run in runs) else "the others agree",
             rests="" if together.members[place].is_kept else ". The calibration does not rest on that",
         )
-    unsettled = [run for run in together.agreement.departures if run.sensor is None]
+    unsettled = [run for run in together.agreement.disagreements if run.sensor is None]
     if unsettled and (len(together.members) == 2 or together.members[place].name == together.reference):
         worst, share = max(run.heading_deg for run in unsettled), _share(unsettled, together)
         disagreement = (
@@ -706,15 +709,15 @@ def _of_departures(together: Together, place: int, target_deg: float) -> Iterato
         yield _certain("disagree", numbers, disagreement=disagreement, alone="")
 
 
-def _share(runs: Sequence[Departure], together: Together) -> float:
+def _share(runs: Sequence[Disagreement], together: Together) -> float:
     """Of all moments, those of some stretches."""
-    return sum(run.last - run.first + 1 for run in runs) / max(together.agreement.moments, 1)
+    return sum(run.last - run.first + 1 for run in runs) / max(together.agreement.instants, 1)
 
 
-def _when(runs: Sequence[Departure]) -> str:
+def _when(runs: Sequence[Disagreement]) -> str:
     """The three that cost most heading, in the order of time.
 
-    >>> _when([Departure(0, False, 0, 9, 1.0, 2.0, 3.0, 6.0, 0.0)])
+    >>> _when([Disagreement(0, False, 0, 9, 1.0, 2.0, 3.0, 6.0, 0.0)])
     '1.0–2.0 s'
     """
     chosen = sorted(runs, key=lambda run: -run.heading_deg)[:3]

@@ -168,7 +168,7 @@ class Differences:
     offset_sigma_deg: Floats
     matrix_deg: Floats  # at the worst heading, of the difference of the matrix alone
     matrix_sigma_deg: Floats
-    moved: Floats  # distance of the offsets
+    offset_change: Floats  # distance of the offsets
     scale: Floats  # radius of the second over that of the first, less one: the sensor's scale or the place's field
     chi_square: Floats  # of the difference in offset and shape, the scale left out, against the sum of the covariances
     freedom: Floats
@@ -269,7 +269,7 @@ def _differences(pairs: Pairs, dip_deg: float) -> Differences:
         offset_sigma_deg=sigmas[2],
         matrix_deg=replace(pairs, moved=np.zeros_like(pairs.moved)).heading_deg(dip_deg)[1],
         matrix_sigma_deg=sigmas[3],
-        moved=np.linalg.norm(pairs.moved, axis=1),
+        offset_change=np.linalg.norm(pairs.moved, axis=1),
         scale=pairs.scale,
         chi_square=chi_square,
         freedom=freedom,

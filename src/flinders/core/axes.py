@@ -41,7 +41,9 @@ class Axes:
         Raises `AxesError` unless each of x, y and z is named once.
         """
         if not isinstance(text, str):
-            raise AxesError(f"axes={text!r} is no text: name where each new axis comes from, such as 'x,-y,z'")
+            raise AxesError(
+                f"axes are {text!r}, which is no text: name where each new axis comes from", hint={"axes": "x,-y,z"}
+            )
         return _parsed(text)
 
     @property

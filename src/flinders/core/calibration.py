@@ -36,12 +36,11 @@ from flinders.core.calibration_file import (
     read,
     write,
 )
-from flinders.core.disturbance import BY_KEY, Disturbance, checked, effect, known, named
+from flinders.core.disturbance import BY_KEY, Disturbance, at_reference, checked, effect, known, named
 from flinders.core.files import write_bytes, write_text
 from flinders.core.linearization import Linearization
 from flinders.core.notebook import correction
 from flinders.core.units import COUNTS, MICROTESLA, Unit, label
-from flinders.deprecation import renamed_attribute
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
 from flinders.geometry.angles import deflection_deg
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -50,6 +49,8 @@ if TYPE_CHECKING:
     import os
 
     from numpy.typing import ArrayLike
+
+    from flinders.errors import Hint
 
 UNSTATED: Final = Unit.of()
 AS_RECORDED: Final = Axes()
@@ -88,8 +89,6 @@ class Calibration(Value):
     disturbances: tuple[Disturbance, ...] = ()
     #: of axes that are not linear: with it ``raw - offset`` becomes ``linearization.apply(raw - offset)``
     linearization: Linearization | None = None
-
-    drivers = renamed_attribute("drivers", "disturbances")
 
     def __post_init__(self) -> None:
         """Check the numbers and keep read-only copies of them."""
@@ -351,16 +350,17 @@ class Calibration(Value):
         """Raise `UsageError` where the offset follows a disturbance, for what only a fixed one can."""
         if self.disturbances:
             names = " and ".join(disturbance.name for disturbance in self.disturbances)
-            example = self.disturbances[0]
             raise UsageError(
-                f"a calibration that follows {names} cannot {what}: take it at fixed values first, "
-                f"calibration.at({example.name}={example.reference:g})"
+                f"a calibration that follows {names} cannot {what}: take it at fixed values first",
+                hint=at_reference(self.disturbances),
             )
 
     def _refuse_linearization(self, what: str) -> None:
         """Raise `UsageError` where axes are linearized, for what only a matrix and an offset can."""
         if self.linearization is not None:
-            raise UsageError(f"a calibration that linearizes its axes cannot {what}: fit one without linearize=True")
+            raise UsageError(
+                f"a calibration that linearizes its axes cannot {what}: fit one that does not", hint={"linearize": None}
+            )
 
     def __matmul__(self, first: Calibration) -> Calibration:
         """``(b @ a).apply(x) == b.apply(a.apply(x))``: `first` acts first.
@@ -509,13 +509,13 @@ class Calibration(Value):
                 _linearization(correction),
             )
         except (ArrayError, UnitError, AxesError, UsageError) as error:
-            raise DocumentError(f"{source}: {error}") from None
+            raise DocumentError(f"{source}: {error.message}", hint=error.hint, **error.evidence) from None
 
     def to_document(self, *, fit: Fitted | None = None, provenance: Provenance | None = None) -> Document:
         """Make the content of a calibration file, with how it was found where that is known."""
         rows, offset = map(tuple, self.matrix.tolist()), self.offset.tolist()
         content: dict[str, Any] = {**self.as_dict(), "matrix": tuple(rows), "offset": tuple(offset)}
-        if content.pop("drivers", None):  # which the struct translates
+        if content.pop("disturbances", None):
             content["disturbances"] = {disturbance.kind.key: _record(disturbance) for disturbance in self.disturbances}
         if terms := content.pop("linearization", None):
             content["linearization"] = LinearizationRecord(**{name: tuple(term) for name, term in terms.items()})
@@ -538,7 +538,7 @@ class Calibration(Value):
             "field_strength_known": self.field_strength_known,
             "unit": self.unit,
             "rotation": self.rotation,
-            **({"drivers": follows} if follows else {}),  # their name in files
+            **({"disturbances": follows} if follows else {}),
             **({"linearization": terms} if terms else {}),
         }
 
@@ -570,7 +570,7 @@ def _record(disturbance: Disturbance) -> DisturbanceRecord:
     return DisturbanceRecord(
         offset_per_unit=(x, y, z),
         reference=disturbance.reference,
-        recorded=(disturbance.lowest, disturbance.highest),
+        recorded_range=(disturbance.lowest, disturbance.highest),
         lag_s=disturbance.lag_s,
         scale_per_unit=disturbance.gain_per_unit,
     )
@@ -580,7 +580,12 @@ def _disturbances(correction: Correction) -> tuple[Disturbance, ...]:
     """The disturbances that stand in a file."""
     return tuple(
         Disturbance(
-            BY_KEY[key], np.array(one.offset_per_unit), one.reference, *one.recorded, one.lag_s, one.scale_per_unit
+            BY_KEY[key],
+            np.array(one.offset_per_unit),
+            one.reference,
+            *one.recorded_range,
+            one.lag_s,
+            one.scale_per_unit,
         )
         for key, one in (correction.disturbances or {}).items()
     )
@@ -615,7 +620,7 @@ def _invertible(values: ArrayLike, rotation: Rotation) -> Floats:
     """Let through a matrix that has an inverse, and is symmetric where `rotation` says so."""
     array = matrix(values)
     if rotation == "symmetric":
-        _symmetric(array, "matrix", "; say rotation='estimated' or 'composed' if that is meant")
+        _symmetric(array, "matrix", "; say how it is turned if that is meant", {"rotation": "estimated"})
         if _is_positive(array):
             return array
     largest, _, smallest = np.linalg.svd(array, compute_uv=False)
@@ -657,12 +662,16 @@ def _scaled_inverse(factor: tuple[float, ...], scale: float) -> Floats:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _symmetric(array: Floats, name: str, advice: str = "") -> Floats:
+def _symmetric(array: Floats, name: str, advice: str = "", hint: Hint | None = None) -> Floats:
     """Let through a matrix that equals its transpose to within a millionth."""
     (_, d, e), (g, _, f), (h, i, _) = array.tolist()
     lack = max(abs(d - g), abs(e - h), abs(f - i))
     if lack and lack > 1e-6 * np.abs(array).max():
-        raise ArrayError(f"{name} is not symmetric: entries across the diagonal differ by up to {lack:.3g}{advice}")
+        raise ArrayError(
+            f"{name} is not symmetric: entries across the diagonal differ by up to {lack:.3g}{advice}",
+            hint=hint,
+            lack=lack,
+        )
     return array
 
 

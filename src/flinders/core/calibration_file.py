@@ -43,7 +43,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, TypeGuard, TypeVar
 
 import msgspec
-from msgspec import UNSET, Meta, Struct, UnsetType, field
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 from flinders.core.files import read_bytes, write_text
 from flinders.errors import DocumentError
@@ -85,7 +85,7 @@ class DisturbanceRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     offset_per_unit: Triple  #: (3,) in the calibration's unit: for each A, at full throttle, or for each °C
     reference: float = 0.0  #: where the calibration's offset holds
-    recorded: tuple[float, float]  #: (2,): lowest and highest value that it was found at
+    recorded_range: tuple[float, float]  #: (2,): lowest and highest value that it was found at
     lag_s: float = 0.0  #: s: readings follow so much later
     scale_per_unit: float = 0.0  #: by which share the earth's part of a reading grows with each °C
 
@@ -112,7 +112,7 @@ class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     rotation: Rotation = "symmetric"
     #: name to DisturbanceRecord: what the offset follows: ``current_A``, ``throttle`` (0 to 1), ``temperature_C``; of
     #: motor 1 by itself ``current1_A``, ``throttle1``
-    disturbances: dict[DisturbanceKey, DisturbanceRecord] | UnsetType = field(name="drivers", default=UNSET)
+    disturbances: dict[DisturbanceKey, DisturbanceRecord] | UnsetType = UNSET
     linearization: LinearizationRecord | UnsetType = UNSET  #: where axes are linearized before the matrix
 
 
@@ -130,9 +130,9 @@ class Recorded(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class HeadingErrorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The heading error to expect, in degrees."""
 
-    rms: NotNegative  #: 1 σ over all directions
-    worst: NotNegative  #: 1 σ in the worst one
-    bound_95: NotNegative | None = None  #: that all stay within with a probability of 95 %
+    rms: NotNegative  #: degrees: 1 σ over all headings
+    worst: NotNegative  #: degrees: 1 σ at the worst one
+    bound_95: NotNegative | None = None  #: degrees: that all stay within with a probability of 95 %
     dip_deg: Annotated[float, Meta(ge=-90, le=90)] | None = None  #: dip of the field it holds for
     dip_assumed: bool = False  #: nobody said where the readings were taken, and the dip is a guess
     target_deg: Positive | None = None  #: what was asked for
@@ -142,55 +142,56 @@ class HeadingErrorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_field
 class FindingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Something to know about a fit: its number, the limit it is compared with, what to do."""
 
-    code: str
-    severity: str
-    number: float | None = None
-    limit: float | None = None
-    advice: str = ""
+    code: str  #: stable name, see the table of findings
+    severity: str  #: ``note``, ``limits`` or ``refuses``
+    number: float | None = None  #: what was found; its meaning and unit belong to the code
+    limit: float | None = None  #: what it was compared with
+    advice: str = ""  #: what was found, and what to do, in a sentence
 
 
-class BesideRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+class AidingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """What the fit found of the instruments beside the magnetometer."""
 
     #: (3, 3), rad²: of the rotation from the magnetometer's axes to those of the body, about the axes of the body
     rotation_covariance: tuple[Triple, Triple, Triple] | UnsetType = UNSET
-    acceleration_bias: Triple | UnsetType = UNSET  #: (3,), m/s²: what the accelerometer reads too much, and 1 σ of that
-    acceleration_bias_sigma: Triple | UnsetType = UNSET  #: (3,), m/s²
+    acceleration_bias: Triple | UnsetType = UNSET  #: (3,), m/s²: what the accelerometer reads too much
+    acceleration_bias_sigma: Triple | UnsetType = UNSET  #: (3,), m/s²: 1 σ of that
     #: (3, 3): the specific force is this times what the accelerometer reads, less its bias
     acceleration_matrix: tuple[Triple, Triple, Triple] | UnsetType = UNSET
-    dip_deg: float | UnsetType = UNSET  #: dip of the field against the vertical that was recorded, and 1 σ of that
-    dip_sigma_deg: NotNegative | UnsetType = UNSET
+    dip_deg: float | UnsetType = UNSET  #: dip of the field against the vertical that was recorded
+    dip_sigma_deg: NotNegative | UnsetType = UNSET  #: 1 σ of the dip
 
 
-def beside_record(**columns: Floats | float | None) -> BesideRecord | UnsetType:
-    """Keep what was found, by the names of `BesideRecord`; nothing where nothing was, or no number came out."""
+def aiding_record(**columns: Floats | float | None) -> AidingRecord | UnsetType:
+    """Keep what was found, by the names of `AidingRecord`; nothing where nothing was, or no number came out."""
     given = {name: value for name, value in columns.items() if value is not None}
     known = {name: value if isinstance(value, float) else value.tolist() for name, value in given.items()}
     finite = {name: value for name, value in known.items() if not any(gaps(value))}
-    return msgspec.convert(finite, BesideRecord) if finite else UNSET
+    return msgspec.convert(finite, AidingRecord) if finite else UNSET
 
 
 class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How the calibration was found, and how far to trust it."""
 
-    method: str
+    method: str  #: what was run in the end, as `likelihood`
     samples: Count  #: readings used
     noise: NotNegative | None = None  #: in the calibration's unit: standard deviation of one axis of one reading
-    covariance_of: tuple[str, ...] = PARAMETERS  #: (K,): what the rows of `covariance` stand for, as `PARAMETERS`
+    #: (K,): what the rows of `covariance` stand for, as ``offset_x``, ``shape_xy``
+    covariance_of: tuple[str, ...] = PARAMETERS
     #: (K, K) or None: symmetric, in squares and products of the calibration's unit
     covariance: tuple[tuple[float, ...], ...] | None = None
     #: ``good``, ``limited`` or ``refused``; None where it was not judged
     verdict: Literal["good", "limited", "refused"] | None = None
-    heading_error_deg: HeadingErrorRecord | None = None
-    coverage: dict[str, float] = {}  #: name to number
-    findings: tuple[FindingRecord, ...] = ()
+    heading_error_deg: HeadingErrorRecord | None = None  #: to expect of a level vehicle
+    coverage: dict[str, float] = {}  #: directions recorded: the keys of `coverage` of a fit
+    findings: tuple[FindingRecord, ...] = ()  #: what to know about it, the most severe first
     #: what a good verdict rests on: ``same-soft-iron``, ``uniform-field``, ``constant-iron``
     conditions: tuple[Literal["same-soft-iron", "uniform-field", "constant-iron"], ...] | UnsetType = UNSET
     #: ``xy``, ``yz`` or ``zx``: plane of the one turn that the fit rests on
     plane: Literal["xy", "yz", "zx"] | UnsetType = UNSET
     #: at such a turn, whether z points down; None where nothing shows it
     z_down: bool | UnsetType | None = UNSET
-    beside: BesideRecord | UnsetType = UNSET  #: where something beside the magnetometer was used
+    aiding: AidingRecord | UnsetType = UNSET  #: what gyro, accelerometer or attitude told
 
     def __post_init__(self) -> None:
         """Refuse a covariance that does not belong to its names; called when a file is read."""
@@ -210,16 +211,16 @@ class ColumnsRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     field: tuple[str, ...]  #: x, y and z as they were asked for: names, or numbers from 1
     width: Annotated[int, Meta(ge=1)]  #: columns of a line; a table of another number has another form
     names: tuple[str, ...] = ()  #: its header, which one of the same form has too; none where it has no header
-    rising: tuple[int, ...] = ()  #: without a header: numbers of the columns that only rise, as a clock does
+    increasing: tuple[int, ...] = ()  #: without a header: numbers of the columns that only rise, as a clock does
 
 
 class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """One recording that a calibration came from."""
 
-    name: str
-    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
-    bytes: Count
-    rows: Count
+    name: str  #: of the file
+    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]  #: digest of its bytes
+    bytes: Count  #: its size
+    rows: Count  #: its readings
     #: the calibration that was in force on board was left on its readings: this one comes on top of that
     as_logged: bool = False
     autopilot: Literal["ardupilot", "px4"] | None = None  #: whose compass it was
@@ -233,9 +234,9 @@ class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, 
 class Provenance(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Which release made a calibration, when, and from which recordings."""
 
-    flinders: str  #: version
-    date: Annotated[datetime, Meta(tz=True)]  #: with a time zone
-    files: tuple[SourceFile, ...] = ()
+    flinders: str  #: version of the release
+    date: Annotated[datetime, Meta(tz=True)]  #: date and time, with a time zone
+    files: tuple[SourceFile, ...] = ()  #: the recordings
 
 
 class SurveyRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -253,11 +254,11 @@ class Document(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
     """A calibration file of Flinders."""
 
     schema: Literal[1] = 1  #: version of this layout
-    calibration: Correction
-    raw: Recorded
-    fit: Fitted | None = None
-    provenance: Provenance | None = None
-    survey: SurveyRecord | UnsetType = UNSET  #: where it is a survey instrument's
+    calibration: Correction  #: the correction
+    raw: Recorded  #: how the readings that it corrects are recorded
+    fit: Fitted | None = None  #: how it was found, and how far to trust it; null where nothing is known
+    provenance: Provenance | None = None  #: which release made it, when, and from what
+    survey: SurveyRecord | UnsetType = UNSET  #: what a survey instrument has besides
 
 
 def read(path: str | os.PathLike[str]) -> Document:

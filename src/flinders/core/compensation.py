@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from flinders.core.disturbance import effect, lagged
+from flinders.core.disturbance import at_reference, effect, lagged
 from flinders.core.samples import Joined, Recording, Samples, Wrapped
 from flinders.errors import InputError, figures
 
@@ -51,7 +51,7 @@ class Compensator:
         if self.calibration.is_affine or not len(samples):
             return samples
         if lacking := [disturbance for disturbance in disturbances if not _is_recorded(samples, disturbance)]:
-            raise InputError(lacking_words(self.calibration, lacking, samples.source))
+            raise InputError(lacking_words(self.calibration, lacking, samples.source), hint=at_reference(lacking))
         values = {disturbance.name: self._values(disturbance, samples) for disturbance in disturbances}
         shift, gain = effect(disturbances, values)
         offset, linearization = self.calibration.offset, self.calibration.linearization
@@ -123,11 +123,10 @@ def lacking_words(calibration: Calibration, lacking: Sequence[Disturbance], sour
     cost = figures(min(calibration.disturbance_deg(worst), 180.0))
     names, one = " and ".join(disturbance.name for disturbance in lacking), len(lacking) == 1
     at = worst.amount(worst.farthest) + ("" if one else f" of {worst.name}")
-    options = ", ".join(f"{disturbance.name}={disturbance.reference:g}" for disturbance in lacking)
     return (
         f"{source} has no {names}, which the calibration corrects for: without {'it' if one else 'them'} headings are "
         f"off by up to {cost}° at {at} (dip 60°). Record {'it' if one else 'them'} beside the readings, or take the "
-        f"calibration at one value with calibration.at({options})"
+        "calibration at one value"
     )
 
 

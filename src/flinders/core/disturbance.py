@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+    from flinders.errors import Hint
+
 
 class Kind(NamedTuple):
     """What can drive an offset."""
@@ -277,13 +279,18 @@ def effect(disturbances: Sequence[Disturbance], values: Mapping[str, ArrayLike |
         given = values.get(disturbance.name)
         if given is None:
             raise UsageError(
-                f"the calibration corrects for {disturbance.name}, which was not given: give "
-                f"{disturbance.name}=… for each reading, or take it at a fixed one with "
-                f"calibration.at({disturbance.name}={disturbance.reference:g})"
+                f"the calibration corrects for {disturbance.name}, which was not given: give it for each reading, or "
+                "take the calibration at a fixed one",
+                hint={disturbance.name: None, **at_reference([disturbance])},
             )
         shift = shift + disturbance.shift(given)
         gain = gain * disturbance.gain(given)
     return shift, gain
+
+
+def at_reference(disturbances: Iterable[Disturbance]) -> Hint:
+    """Hint that takes a calibration at the reference values of disturbances."""
+    return {"at": {disturbance.name: disturbance.reference for disturbance in disturbances}}
 
 
 def lagged(values: Floats, time: Floats | None, lag_s: float) -> Floats:

@@ -47,20 +47,20 @@ class SiteField:
 
     model: str  #: its name, such as ``WMM-2025``
     latitude_deg: float  #: geodetic; north and east positive
-    longitude_deg: float
-    altitude_m: float
+    longitude_deg: float  #: east positive
+    altitude_m: float  #: above the ellipsoid of WGS 84
     year: float  #: with its fraction
-    north: float  #: µT: components along true north, east and down
-    east: float  #: µT
-    down: float  #: µT
+    north: float  #: µT: component along true north
+    east: float  #: µT: component along true east
+    down: float  #: µT: component along the vertical
     declination_deg: float  #: from true to magnetic north, east positive, in (−180, 180]
     inclination_deg: float  #: dip below the horizon, negative in the south
-    horizontal: float  #: µT
-    strength: float  #: µT
+    horizontal: float  #: µT: length of the horizontal component
+    strength: float  #: µT: length of the field
     #: the model's published uncertainty, 1 σ, crust and all, in degrees and µT; None for WMM-2010
     declination_sigma_deg: float | None = None
-    inclination_sigma_deg: float | None = None
-    strength_sigma: float | None = None
+    inclination_sigma_deg: float | None = None  #: 1 σ of the model
+    strength_sigma: float | None = None  #: µT: 1 σ of the model
 
     @property
     def is_blackout(self) -> bool:

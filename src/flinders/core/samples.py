@@ -421,7 +421,8 @@ class Joined:
             if other.unit.inside != first.unit.inside:
                 raise UnitError(
                     f"{other.source} is in {other.unit.inside}, {first.source} in {first.unit.inside}: "
-                    "give unit= (and scale= for counts) so that all are in one unit"
+                    "name one unit for all, or the scale of counts",
+                    hint={"unit": None, "scale": None},
                 )
             if frame_of(other) != frame_of(first):
                 raise AxesError(
@@ -562,7 +563,10 @@ class SpanClock:
         if self._span.is_all:
             return np.ones(len(samples), dtype=np.bool_)
         if samples.time is None:
-            raise UsageError(f"{self._source} has no time: leave start= and end= out, or cut it with a text editor")
+            raise UsageError(
+                f"{self._source} has no time: leave beginning and end out, or cut it with a text editor",
+                hint={"start": None, "end": None},
+            )
         known = samples.time[np.isfinite(samples.time)]
         if len(known):
             self._beginning = known[0] if np.isnan(self._beginning) else self._beginning

@@ -76,7 +76,7 @@ class Unit:
         if known == COUNTS:
             return cls(COUNTS, 1.0, COUNTS) if scale is None else cls(COUNTS, float(scale), MICROTESLA)
         if scale is not None:
-            raise UnitError(f"{known} has a scale of its own: give scale= only with counts")
+            raise UnitError(f"{known} has a scale of its own: give one only with counts", hint={"scale": None})
         return cls(known, PER_UNIT[known], MICROTESLA)
 
 

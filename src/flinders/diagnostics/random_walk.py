@@ -28,7 +28,7 @@ Harvey, "Forecasting, Structural Time Series Models and the Kalman Filter" (1989
 >>> seconds = np.arange(6000) / 50.0
 >>> random_walk_of(still, seconds, sphere).is_proven, random_walk_of(still + moved, seconds, sphere).is_proven
 (False, True)
->>> bool(0.1 < random_walk_of(still + moved, seconds, sphere).per_root_second < 0.2)       # 0.02 · √50 = 0.14
+>>> bool(0.1 < random_walk_of(still + moved, seconds, sphere).random_walk_per_root_s < 0.2)       # 0.02 · √50 = 0.14
 True
 """
 
@@ -76,9 +76,9 @@ BARS: Final = "▁▂▃▄▅▆▇█"
 class RandomWalk:
     """How the offset moved over a recording."""
 
-    per_root_second: float  #: q, in the unit of the readings; the most likely one, 0 for a constant offset
-    at_most: float  #: what q could be with nineteen chances of twenty
-    gain: float  #: twice the logarithm of how much likelier the walk is than a constant offset
+    random_walk_per_root_s: float  #: q, in the unit of the readings; the most likely one, 0 for a constant offset
+    random_walk_upper_bound: float  #: what q could be with nineteen chances of twenty
+    log_likelihood_gain: float  #: twice the logarithm of how much likelier the walk is than a constant offset
     time: Floats  #: (K,), s: middle of each span
     path: Floats  #: (K, 3): offset there, less that of the fit; where no walk is proven, one and the same all along
     #: (K, 3): its standard deviation; where no walk is proven, how far from `path` the largest that it could be may
@@ -89,10 +89,10 @@ class RandomWalk:
     @property
     def is_proven(self) -> bool:
         """It is no chance that the offset moved."""
-        return self.gain > PROVEN
+        return self.log_likelihood_gain > PROVEN
 
     @property
-    def moved(self) -> float:
+    def offset_change(self) -> float:
         """How far the offset went at the most from where it began, in the unit of the readings."""
         return float(np.linalg.norm(self.path - self.path[0], axis=1).max())
 
@@ -110,14 +110,14 @@ class RandomWalk:
         >>> round(walk.valid_for_s(1.0) / 60.0)
         32
         """
-        q = self.per_root_second if self.is_proven else self.at_most
+        q = self.random_walk_per_root_s if self.is_proven else self.random_walk_upper_bound
         level = np.deg2rad(level_deg) * self.field * np.cos(np.deg2rad(dip_deg))
         return float((level / q) ** 2) if q > 0.0 else np.inf
 
     @property
     def at_most_moved(self) -> float:
         """How far (1 σ) the largest walk that it could be goes over the recording, in the unit of the readings."""
-        return float(self.at_most * np.sqrt(self.seconds))
+        return float(self.random_walk_upper_bound * np.sqrt(self.seconds))
 
     def is_determined(self, level_deg: float, *, dip_deg: float = 60.0) -> bool:
         """Whether the recording tells if the offset stayed: a walk that goes beyond this level in it would show."""
@@ -141,8 +141,8 @@ class RandomWalk:
         if not self.is_proven:
             return f"the offset stayed where it was over {over}, as far as this recording tells"
         return (
-            f"the offset moved by up to {figures(self.moved)} {unit} over {over}, as in a "
-            f"random walk of {figures(self.per_root_second)} {unit}/√s"
+            f"the offset moved by up to {figures(self.offset_change)} {unit} over {over}, as in a "
+            f"random walk of {figures(self.random_walk_per_root_s)} {unit}/√s"
         )
 
     def drawn(self, width: int = 60) -> str:
@@ -159,19 +159,19 @@ class RandomWalk:
         return "".join(BARS[round(float(height / most) * (len(BARS) - 1))] for height in heights)
 
     def as_dict(self, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> dict[str, Any]:
-        """JSON-ready; `valid_for_s` is None for any time, `told` as `is_determined`."""
+        """JSON-ready; `valid_for_s` is None for any time, ."""
         valid_for_s = self.valid_for_s(level_deg, dip_deg=dip_deg)
         return {
-            "level_deg": level_deg,
+            "limit_deg": level_deg,  # heading error (1 σ) that `valid_for_s` is for
             "valid_for_s": valid_for_s if np.isfinite(valid_for_s) else None,
-            "per_root_second": self.per_root_second,
-            "at_most": self.at_most,
-            "gain": self.gain,
-            "proven": self.is_proven,
-            "told": self.is_determined(level_deg, dip_deg=dip_deg),
-            "moved": self.moved,
+            "random_walk_per_root_s": self.random_walk_per_root_s,
+            "random_walk_upper_bound": self.random_walk_upper_bound,
+            "log_likelihood_gain": self.log_likelihood_gain,
+            "is_proven": self.is_proven,
+            "is_determined": self.is_determined(level_deg, dip_deg=dip_deg),
+            "offset_change": self.offset_change,
             "seconds": self.seconds,
-            "time_s": self.time.tolist(),
+            "time_s": self.time.tolist(),  # (K,): middle of each span
             "path": self.path.tolist(),
             "sigma": self.sigma.tolist(),
         }

@@ -9,7 +9,7 @@ residuals hardly show it.
 >>> claimed = np.diag([0.01] * 9)
 >>> days = RecordingFit("monday", 500, sphere, claimed), RecordingFit("tuesday", 500, moved, claimed)
 >>> repeats = compared(days, dip_deg=60.0)
->>> repeats.farthest.source, round(repeats.farthest.off_deg), repeats.p_value < 1e-6
+>>> repeats.farthest.source, round(repeats.farthest.difference_deg), repeats.p_value < 1e-6
 ('monday', 7, True)
 """
 
@@ -50,12 +50,12 @@ class RecordingFit:
 class Repeat:
     """How one recording stands to the others."""
 
-    source: str
-    samples: int
+    source: str  #: name of the recording
+    samples: int  #: readings used
     claimed_deg: float  #: worst level heading error that it claims on its own, 1 σ
-    off_deg: float  #: worst level heading difference from the others
-    off_sigma_deg: float  #: what both claim of that difference, 1 σ
-    offset: float  #: distance of its offset from theirs, in the unit of the readings
+    difference_deg: float  #: worst level heading difference from the others
+    difference_sigma_deg: float  #: what both claim of that difference, 1 σ
+    offset_difference: float  #: distance of its offset from theirs, in the unit of the readings
     p_value: float  #: how often chance alone makes one recording of so many differ as much, over all nine parameters
 
 
@@ -71,7 +71,7 @@ class Repeats:
     @property
     def farthest(self) -> Repeat:
         """The recording that chance explains least."""
-        return min(self.parts, key=lambda part: (part.p_value, -part.off_deg))
+        return min(self.parts, key=lambda part: (part.p_value, -part.difference_deg))
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -95,9 +95,9 @@ def compared(parts: Sequence[RecordingFit], *, dip_deg: float) -> Repeats:
                 source=part.source,
                 samples=part.samples,
                 claimed_deg=level_error(part.ellipsoid, part.covariance, dip_deg=dip_deg).worst,
-                off_deg=level_error(part.ellipsoid, np.outer(off, off), dip_deg=dip_deg).worst,
-                off_sigma_deg=level_error(part.ellipsoid, covariance, dip_deg=dip_deg).worst,
-                offset=float(np.linalg.norm(off[:3])),
+                difference_deg=level_error(part.ellipsoid, np.outer(off, off), dip_deg=dip_deg).worst,
+                difference_sigma_deg=level_error(part.ellipsoid, covariance, dip_deg=dip_deg).worst,
+                offset_difference=float(np.linalg.norm(off[:3])),
                 p_value=min(1.0, alone * len(parts)),
             )
         )

@@ -40,7 +40,7 @@ class Refreshed:
     offset_change: Floats  # (3,): from its offset to that of the fit, in the unit of the calibration
     # heading error at the worst heading of a level vehicle that goes on with the earlier calibration
     heading_change_deg: float
-    soft_iron_by_chance: float  # how often chance alone makes as much of a change of the soft iron as the readings show
+    soft_iron_p_value: float  # how often chance alone makes as much of a change of the soft iron as the readings show
     distortion: float = 0.0  # `Fit.distortion` of the earlier calibration: it belongs to the sensor
 
     def as_dict(self) -> dict[str, Any]:
@@ -49,7 +49,7 @@ class Refreshed:
             "previous": self.previous,
             "offset_change": self.offset_change.tolist(),
             "heading_change_deg": self.heading_change_deg,
-            "soft_iron_by_chance": self.soft_iron_by_chance,
+            "soft_iron_p_value": self.soft_iron_p_value,
         }
 
 

@@ -70,7 +70,7 @@ class Drift:
     p_value: float  # how often chance alone makes as much
     # how far the halves of the recording are apart at the worst heading, over what both claim; looked for where the
     # change is proven and below the target
-    halves_apart: float | None = None
+    halves_ratio: float | None = None
 
 
 def drift_of(readings: Floats, ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Drift | None:
@@ -96,7 +96,7 @@ class Nonlinearity:
 
     # (3,): what an axis reads too much where the field lies along it, as a fraction of the field
     quadratic: tuple[float, float, float]
-    cubic: tuple[float, float, float]
+    cubic: tuple[float, float, float]  # (3,): the same of the third power
     heading_deg: float  # what they do to a level heading, at the worst heading; of corrected ones what is left, 1 σ
     p_value: float  # how often chance alone makes as much
     is_corrected: bool = False  # the calibration linearizes the axes

@@ -91,27 +91,12 @@ ROWS: Final[Mapping[str, Method]] = _ByName(lambda row: row)
 METHODS: Final[Mapping[str, type[Estimator]]] = _ByName(lambda row: row.kind)
 """Every method by name, the one to try first at the top."""
 
-EMULATED: Final[dict[str, str]] = {
-    "ladder": "'auto', or 'algebraic' with normalisation='nxp'",
-    "forgetting": "'consistent' on the latest readings",
-    "sar-ls": "'auto' with the aiding sensor 'rate'",
-    "sar-kf": "'auto' with the aiding sensor 'rate'",
-    "px4-observer": "'auto' with the aiding sensor 'rate'",
-    "magyc-ls": "'auto' with the aiding sensor 'rate'",
-}
-"""Algorithms of other projects that were methods once, and what to use instead."""
-
 
 def method_of(name: str) -> type[Estimator]:
     """Look a method up.
 
     Raises `UsageError` for a name that does not exist.
     """
-    if name in EMULATED:
-        raise UsageError(
-            f"method {name!r} is another project's algorithm: use {EMULATED[name]}; its emulation is in "
-            "benchmarks/emulations of the source repository"
-        )
     if name not in METHODS:
         raise UsageError(f"method {name!r} is not known{did_you_mean(name, METHODS)}: use one of {', '.join(METHODS)}")
     return METHODS[name]
@@ -135,7 +120,6 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401
 
 
 __all__ = [
-    "EMULATED",
     "METHODS",
     "ROWS",
     "Estimate",

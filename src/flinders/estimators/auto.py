@@ -112,7 +112,7 @@ class Auto:
         if not any(is_level(one, THICK) for one in covariances):
             return estimate
         turned = level.estimate(readings)
-        if sum(run.fitted for run in turned.outliers) > MAX_TILTED_SHARE * len(readings):
+        if sum(run.independent for run in turned.outliers) > MAX_TILTED_SHARE * len(readings):
             return estimate
         is_turn = any(is_level(one, estimate.noise) for one in covariances)
         nearly = estimate.unobserved > 0 or any(
@@ -133,7 +133,7 @@ class Auto:
     def _from_sums(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid without looking at a reading."""
         if self.prior not in (None, prior.SPREAD):
-            raise NeedsSamples(f"{self.name} with prior={self.prior:g}")
+            raise NeedsSamples(f"{self.name} with a prior of {self.prior:g}")
         from flinders.estimators.consistent import Consistent
 
         return Consistent().estimate(readings)

@@ -10,8 +10,9 @@ the lag of motors, s being the Sampson distance. `flinders.estimators.regressors
 keeps those that readings prove, and `flinders.estimators.regressor_quality` says whether a column is fit to be used.
 
 Use it where a current, a throttle or a temperature was recorded beside the readings and changed while the sensor was
-turned. Not where the disturbance only changed in step with the attitude (see `DisturbanceEstimate.shared`), nor for a
-sensor that was not turned: for that there is `flinders.estimators.static_bench`.
+turned. Not where the disturbance only changed in step with the attitude (see
+`DisturbanceEstimate.attitude_collinearity`), nor for a sensor that was not turned: for that there is
+`flinders.estimators.static_bench`.
 
 The ellipsoid itself is then fitted to the settled readings by whatever method is asked for. What is not known of P is
 carried over to b and S by `DisturbanceFit.carried`, so that their covariance is that of the joint fit:
@@ -278,12 +279,12 @@ def _estimate(
     return DisturbanceEstimate(
         found.name,
         found,
-        shared=shared(solved.jacobian[used, :9], coefficients),
+        attitude_collinearity=shared(solved.jacobian[used, :9], coefficients),
         monotonicity=monotonicity(values),
         attenuation=attenuation(values, solved.distances[used], normals @ found.per_unit),
         lag_sigma_s=np.nan if lag is None else lag.used_sigma_s,
         chi_square=float(found.per_unit @ np.linalg.solve(inverse[rows, rows], found.per_unit)),
-        lag_is_beyond=lag is not None and lag.is_beyond,
+        is_lag_at_limit=lag is not None and lag.is_beyond,
         curvature=curvature(values, residuals_of(solved), normals, found.per_unit),
         collinearity=collinearity(values, np.delete(problem.departures[used], place, axis=1)),
     )

@@ -78,7 +78,7 @@ class Ellipse:
         order_of(self.plane)
         check_prior(self.prior)
         if self.prior is None:
-            raise UsageError("ellipse needs a prior for what lies across the plane: leave prior=None out")
+            raise UsageError("ellipse needs a prior across the plane: give one", hint={"prior": prior.SPREAD})
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipse to the readings of the plane.

@@ -75,7 +75,7 @@ class Level:
         """
         check_prior(self.prior)
         if self.prior is None:
-            raise UsageError("level needs a prior for what lies across the plane: leave prior=None out")
+            raise UsageError("level needs a prior across the plane: give one", hint={"prior": prior.SPREAD})
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipse to x and y.

@@ -9,7 +9,7 @@ so a run is where more of eleven readings are far than chance would put there.
 >>> field = np.array([[50.0, 0, 0], [0, 90.0, 0], [0, 80.0, 0], [0, 0, 50.0]])
 >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
 >>> outliers_of([Samples(field, time=np.arange(4.0))], sphere, 5.0)
-[Outlier(first=2, last=3, rows=2, start=1.0, end=2.0, farthest=40.0, fitted=2)]
+[Outlier(first=2, last=3, readings=2, start_s=1.0, end_s=2.0, max_distance=40.0, independent=2)]
 """
 
 from __future__ import annotations
@@ -69,12 +69,12 @@ class Outlier:
     """A run of readings that do not belong to the rest."""
 
     first: int  # usable reading, counted from 1 over all recordings
-    last: int
-    rows: int  # outliers among them
-    start: float  # s: time of the first; NaN without time
-    end: float  # s: time of the last
-    farthest: float  # largest distance from the ellipsoid, in the unit of the readings
-    fitted: int = 0  # outliers that a fit would have gone by, each rest as one or none
+    last: int  # the last of the run
+    readings: int  # outliers among them
+    start_s: float  # s: time of the first; NaN without time
+    end_s: float  # s: time of the last
+    max_distance: float  # largest distance from the ellipsoid, in the unit of the readings
+    independent: int = 0  # outliers that a fit would have gone by, each rest as one or none
 
     def as_dict(self) -> dict[str, int | float | None]:
         """JSON-ready fields; a time that is not known is None."""
@@ -82,13 +82,15 @@ class Outlier:
         return {name: None if value != value else value for name, value in fields.items()}  # noqa: PLR0124
 
     def __str__(self) -> str:
-        rows = f"{self.rows:,} readings" if self.rows > 1 else "a reading"
-        rows += " at rest" if self.rows > 1 == self.fitted else ""
-        if not self.start <= self.end:  # no time, or a clock that stepped back
+        rows = f"{self.readings:,} readings" if self.readings > 1 else "a reading"
+        rows += " at rest" if self.readings > 1 == self.independent else ""
+        if not self.start_s <= self.end_s:  # no time, or a clock that stepped back
             if self.first == self.last:
                 return f"reading {self.first}"
             return f"readings {self.first}–{self.last}: {rows}"
-        return f"{self.start:.1f} s: {rows}" if self.rows == 1 else f"{self.start:.1f}–{self.end:.1f} s: {rows}"
+        return (
+            f"{self.start_s:.1f} s: {rows}" if self.readings == 1 else f"{self.start_s:.1f}–{self.end_s:.1f} s: {rows}"
+        )
 
 
 def outliers_among(readings: Readings, ellipsoid: Ellipsoid, limit: float, dense: int) -> tuple[Outlier, ...]:
@@ -160,8 +162,12 @@ def _append(runs: list[Outlier], new: Outlier) -> None:
     """Add a run, or lengthen the one before where it goes on from block to block or the list is full."""
     if runs and (new.first - runs[-1].last <= TOGETHER or len(runs) >= LISTED):
         old = runs.pop()
-        farthest, rows, fitted = max(old.farthest, new.farthest), old.rows + new.rows, old.fitted + new.fitted
-        new = Outlier(old.first, new.last, rows, old.start, new.end, farthest, fitted)
+        farthest, rows, fitted = (
+            max(old.max_distance, new.max_distance),
+            old.readings + new.readings,
+            old.independent + new.independent,
+        )
+        new = Outlier(old.first, new.last, rows, old.start_s, new.end_s, farthest, fitted)
     runs.append(new)
 
 

@@ -37,7 +37,6 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders.core.disturbance import MOTORS, Disturbance, known, lagged, place_of
-from flinders.deprecation import renamed_attribute
 from flinders.errors import InputError, TooFewSamples
 
 if TYPE_CHECKING:
@@ -86,9 +85,6 @@ MOST: Final = 20_000
 FEWEST: Final = 30
 """Readings below which nothing is said of a disturbance."""
 
-KEYS: Final = {"monotonicity": "one_way", "collinearity": "alike"}
-"""Attributes of an estimate whose key in JSON is another: what other programs read keeps its name."""
-
 
 @dataclass(frozen=True, slots=True)
 class DisturbanceEstimate:
@@ -97,28 +93,25 @@ class DisturbanceEstimate:
     name: str  #: ``current``, ``throttle`` or ``temperature``; of one motor ``current1`` or ``throttle1``
     disturbance: Disturbance | None = None  #: None where it hardly changed, and nothing was found
     #: heading error that following it takes away, at the far end of its recorded range, at the worst attitude
-    taken_deg: float = 0.0
+    removed_deg: float = 0.0
     #: heading error (1 σ) that its own uncertainty leaves there, at the worst heading; of motors of which each has a
     #: disturbance of its own, with the others as they usually were then
-    left_deg: float = 0.0
-    shared: float = 0.0  #: share of what tells about it that the attitude could explain as well, 0 to 1
+    remaining_deg: float = 0.0
+    attitude_collinearity: float = 0.0  #: share of what tells about it that the attitude could explain as well, 0 to 1
     chi_square: float = 0.0  #: what it takes off the sum of squares, in the noise that is left
     lag_sigma_s: float = np.nan  #: s: of its lag; NaN where none was looked for
-    lag_is_beyond: bool = False  #: the end of the search for a lag is best
+    is_lag_at_limit: bool = False  #: the end of the search for a lag is best
     monotonicity: float = 0.0  #: share of its course that a monotone function of time explains, 0 to 1
     attenuation: float = 0.0  #: by which share its offset per unit is too small, as its meter is noisy
     #: how far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance
     curvature: float = 0.0
     collinearity: float = 0.0  #: share of its course that the other disturbances explain, 0 to 1
 
-    one_way = renamed_attribute("one_way", "monotonicity")
-    alike = renamed_attribute("alike", "collinearity")
-
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        fields = {KEYS.get(name, name): getattr(self, name) for name in self.__slots__ if name != "disturbance"}
+        fields = {name: getattr(self, name) for name in self.__slots__ if name != "disturbance"}
         finite = {key: value if isinstance(value, str) or np.isfinite(value) else None for key, value in fields.items()}
-        return {**finite, "found": self.disturbance is not None}
+        return {**finite, "found": self.disturbance is not None}  # whether the offset follows it
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -267,7 +267,7 @@ def _estimate(
         monotonicity=monotonicity(departures),
         attenuation=attenuation(departures, *_along(disturbance, left)),
         lag_sigma_s=np.nan if lag is None else lag.used_sigma_s,
-        lag_is_beyond=lag is not None and lag.is_beyond,
+        is_lag_at_limit=lag is not None and lag.is_beyond,
         curvature=_curvature(disturbance, departures, left, design),
         collinearity=collinearity(departures, np.delete(disturbances, place, axis=1)),
     )

@@ -21,7 +21,7 @@ chosen by cross-validation over half minutes, holds what the manoeuvres hardly s
 >>> from flinders.simulate import calibration_flight
 >>> flight = calibration_flight(seed=1)
 >>> fit = fitted(flight.samples)
->>> bool(fit.improvement > 10.0), fit.unseen
+>>> bool(fit.improvement > 10.0), fit.unobserved
 (True, ())
 >>> left = flight.interference - fit.interference(flight.samples)
 >>> bool(left.std() < 0.05 * flight.interference.std())
@@ -68,7 +68,7 @@ LEAST_IMPROVEMENT: Final = 1.2
 """Ratio from which on a compensation is worth its while."""
 
 OPEN: Final = 0.25
-"""Of the standard deviation before compensation: coefficients that are less certain leave terms unseen."""
+"""Of the standard deviation before compensation: coefficients that are less certain leave terms unobserved."""
 
 ROUNDS: Final = 2
 """Of the second order, which is a hundredth of the first where the aircraft has one percent of the field."""
@@ -83,17 +83,17 @@ Quality = Literal["good", "limited", "refused"]
 class TollesLawson(Value):
     """Coefficients of an aircraft, with what a compensation by them leaves; standard deviations from 0.1 to 0.9 Hz."""
 
-    coefficients: Floats  #: (16,) as `NAMES`
+    coefficients: Floats  #: (16,) of the terms
     covariance: Floats  #: (16, 16)
     ridge: float  #: share of the sum of squares of each term
     before: float  #: nT: of the strength as recorded
     after: float  #: nT: of the strength compensated, as noise and ground would leave with coefficients that are known
-    held_out: float  #: nT: of each fifth of the half minutes, compensated by coefficients of the others
+    cross_validated: float  #: nT: of each fifth of the half minutes, compensated by coefficients of the others
     as_flown: float  #: nT, 1 σ: of the compensation by these coefficients, in manoeuvres as flown
     on_any_heading: float  #: nT, 1 σ: the same in these manoeuvres about z, on headings all around
-    unseen: tuple[str, ...] = ()  #: of `NAMES`: what the manoeuvres do not show
-    readings: int = 0
-    seconds: float = 0.0
+    unobserved: tuple[str, ...] = ()  #: names of the terms that the manoeuvres do not show
+    readings: int = 0  #: how many
+    seconds: float = 0.0  #: duration of the recording
 
     def __post_init__(self) -> None:
         """Keep read-only copies."""
@@ -108,22 +108,22 @@ class TollesLawson(Value):
     @property
     def improvement(self) -> float:
         """Improvement ratio: standard deviation before over that of held-out half minutes after."""
-        return self.before / self.held_out
+        return self.before / self.cross_validated
 
     @property
     def verdict(self) -> Quality:
-        """``refused`` where terms are unseen, ``limited`` by `limits`, else ``good``."""
-        return "refused" if self.unseen else "limited" if self.limits else "good"
+        """``refused`` where terms are unobserved, ``limited`` by `limits`, else ``good``."""
+        return "refused" if self.unobserved else "limited" if self.limits else "good"
 
     @property
     def limits(self) -> tuple[str, ...]:
         """What the coefficients are not good for, in words."""
         said = []
-        if self.unseen:
+        if self.unobserved:
             said.append(
-                f"the manoeuvres do not show {', '.join(self.unseen)}: fly rolls, pitches and yaws on four headings"
+                f"the manoeuvres do not show {', '.join(self.unobserved)}: fly rolls, pitches and yaws on four headings"
             )
-        elif self.on_any_heading > self.held_out:
+        elif self.on_any_heading > self.cross_validated:
             said.append(
                 f"on other headings the compensation is off by {figures(self.on_any_heading)} nT, more than what is "
                 "left on those that were flown: keep to these, or fly four headings"
@@ -162,8 +162,8 @@ class TollesLawson(Value):
 class Compensated:
     """What coefficients leave of a recording: standard deviations from 0.1 to 0.9 Hz, in nT."""
 
-    before: float
-    after: float
+    before: float  #: without the coefficients
+    after: float  #: with them
     claimed: float  #: 1 σ of the compensation in these readings
     noise: float  #: of noise and ground, as on the calibration flight
 
@@ -175,9 +175,12 @@ class Compensated:
     def as_dict(self) -> dict[str, float]:
         """JSON-ready."""
         return {
-            "before": self.before, "after": self.after, "improvement": self.before / self.after,
-            "claimed": self.claimed, "expected": self.expected,
-        }  # fmt: skip
+            "before": self.before,
+            "after": self.after,
+            "improvement": self.before / self.after,  # the first over the second
+            "claimed": self.claimed,
+            "expected": self.expected,
+        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -282,11 +285,11 @@ def fitted(samples: Samples) -> TollesLawson:
         )
     recorded = Equations.of(flown)
     around = _around(recorded.gram)
-    unseen = _unseen(around, recorded)
-    equations = recorded if unseen else _first_order(recorded)
+    unobserved = _unseen(around, recorded)
+    equations = recorded if unobserved else _first_order(recorded)
     products = equations.products()
-    held_out = [_held_out(products, ridge) for ridge in RIDGES]
-    best = int(np.argmin(held_out))
+    cross_validated = [_held_out(products, ridge) for ridge in RIDGES]
+    best = int(np.argmin(cross_validated))
     coefficients, covariance, noise = _solved(equations, RIDGES[best])
     return TollesLawson(
         coefficients,
@@ -294,10 +297,10 @@ def fitted(samples: Samples) -> TollesLawson:
         ridge=float(RIDGES[best]),
         before=recorded.before,
         after=noise * math.sqrt(len(equations.values) / equations.readings),
-        held_out=math.sqrt(held_out[best] / equations.readings),
+        cross_validated=math.sqrt(cross_validated[best] / equations.readings),
         as_flown=_claimed(equations.gram, covariance),
         on_any_heading=_claimed(around, covariance),
-        unseen=unseen,
+        unobserved=unobserved,
         readings=equations.readings,
         seconds=seconds,
     )

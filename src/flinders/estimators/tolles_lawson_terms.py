@@ -73,7 +73,10 @@ class Signal:
         if samples.time is None:
             raise InputError(f"{samples.source} has no times: eddy currents and the band of manoeuvres need them")
         if samples.unit.inside != "uT":
-            raise UnitError(f"{samples.source} is in counts: give unit= or scale= of the readings")
+            raise UnitError(
+                f"{samples.source} is in counts: give the unit or the scale of the readings",
+                hint={"unit": None, "scale": None},
+            )
         length, strength = np.linalg.norm(samples.field, axis=1), scalar_of(samples)
         is_later = np.diff(np.fmax.accumulate(samples.time), prepend=-np.inf) > 0.0
         rows = np.flatnonzero(is_later & (length > 0.0) & (strength > 0.0))
@@ -96,7 +99,8 @@ class Signal:
                 tuple("xyz"[axis] for axis in stuck), tuple(float(field[0, axis]) for axis in stuck), "in manoeuvres"
             )
         if np.ptp(self.strength) == 0.0:
-            raise FitError(f"the scalar magnetometer always reads {self.strength[0]:g} µT: check its column")
+            strength = float(self.strength[0])
+            raise FitError(f"the scalar magnetometer always reads {strength:g} µT: check its column", strength=strength)
         vector, scalar = float(np.median(np.linalg.norm(field, axis=1))), float(np.median(self.strength))
         if not 0.5 < vector / scalar < 2.0:
             raise UnitError(
@@ -125,7 +129,9 @@ class Signal:
         long = [run for run in whole if run.seconds >= SHORTEST_S]
         if not long:
             raise FitError(
-                f"no {SHORTEST_S:g} s without a gap of {LONGEST_GAP_S:g} s: record manoeuvres and lines in one piece"
+                f"no {SHORTEST_S:g} s without a gap of {LONGEST_GAP_S:g} s: record manoeuvres and lines in one piece",
+                found=max((run.seconds for run in whole), default=0.0),
+                needed=SHORTEST_S,
             )
         return long
 

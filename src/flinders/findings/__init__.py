@@ -8,8 +8,9 @@ have yet is made where the engine makes the others (``judge.c``), or of other se
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING
 
+from flinders.errors import in_python, with_hint
 from flinders.findings.catalogue import CATALOGUE as CATALOGUE
 from flinders.findings.catalogue import OF_ONE_MAGNETOMETER as OF_ONE_MAGNETOMETER
 from flinders.findings.refusal import REFUSALS as REFUSALS
@@ -29,30 +30,18 @@ from flinders.findings.rules import first_causes as first_causes
 from flinders.findings.rules import found_in as found_in
 from flinders.findings.rules import limit_of as limit_of
 
-RENAMED: Final = {row.former: row.code for row in CATALOGUE.values() if row.former}
-"""The code of today for one that a file or a table of an earlier release may hold.
-
->>> RENAMED["driver-curved"]
-'disturbance-nonlinear'
-"""
+if TYPE_CHECKING:
+    from flinders.errors import Spelling
 
 
-def in_python(finding: Finding) -> str:
-    """Advice with the arguments that carry it out."""
-    return _naming(finding, CATALOGUE[finding.code].arguments if finding.code in CATALOGUE else "")
+def advice(finding: Finding, spell: Spelling = in_python) -> str:
+    """Advice with the arguments that carry it out, as an interface spells them.
 
-
-def in_options(finding: Finding) -> str:
-    """Advice with the options of the command line that carry it out.
-
-    >>> in_options(Finding("unit-unknown", "note", 1.0, 0.0, "name the unit"))
-    'name the unit (--unit, --scale)'
+    >>> advice(Finding("unit-unknown", "note", 1.0, 0.0, "name the unit"))
+    'name the unit (unit=, scale=)'
     """
-    return _naming(finding, CATALOGUE[finding.code].options if finding.code in CATALOGUE else "")
-
-
-def _naming(finding: Finding, names: str) -> str:
-    return f"{finding.advice} ({names})" if names else finding.advice
+    row = CATALOGUE.get(finding.code)
+    return with_hint(finding.advice, spell(row.hint)) if row else finding.advice
 
 
 def action(code: str) -> str:

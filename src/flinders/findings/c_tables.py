@@ -112,7 +112,9 @@ class _Tables:
         for code in codes:
             row = CATALOGUE[code]
             rule, first = row.rule, len(self.comparisons)
-            self.comparisons += [_comparison(rule.quantity, rule.comparison, each, each.severity) for each in rule.grades]
+            self.comparisons += [
+                _comparison(rule.quantity, rule.comparison, each, each.severity) for each in rule.grades
+            ]
             self.comparisons += [_comparison(need.quantity, need.comparison, need) for need in rule.needs]
             self.comparisons.append(_comparison(rule.number or rule.quantity, ">", rule.stated_limit))
             words = f"{_text(row.code)}, {_text(row.fleet_action or row.action)}"
@@ -121,7 +123,10 @@ class _Tables:
 
 def _comparison(quantity: str, comparison: str, limit: Grade | Needs | Limit, severity: str = "nothing") -> str:
     """A comparison as an initialiser, `g` for at least."""
-    factor, times = f"(flinders_real){limit.factor:.17g}", _quantity(limit.times) if limit.times else "FLINDERS_QUANTITIES"
+    factor, times = (
+        f"(flinders_real){limit.factor:.17g}",
+        _quantity(limit.times) if limit.times else "FLINDERS_QUANTITIES",
+    )
     sign = "'g'" if comparison == ">=" else f"'{comparison}'"
     return f"    {{{factor}, {times}, {_quantity(quantity)}, FLINDERS_{severity.upper()}, {sign}}},"
 

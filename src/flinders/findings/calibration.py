@@ -45,8 +45,7 @@ ROWS: Final = (
             "the axes mapping {axes} is a mirror image, right only for a left-handed sensor: else change the sign"
             " of one axis"
         ),
-        arguments="axes=",
-        options="--axes",
+        hint={"axes": None},
         plain="The axes were mapped to a mirror image, which is right only for a left-handed sensor.",
         remedy="Check the axes mapping.",
     ),
@@ -60,8 +59,7 @@ ROWS: Final = (
         ),
         rule=Rule("is_in_counts", (Grade("note", 0.0),), number="field_strength", limit=Limit(0.0)),
         said="no unit known, so all is in counts: name it, or what one count is in µT",
-        arguments="unit=, scale=",
-        options="--unit, --scale",
+        hint={"unit": None, "scale": None},
         plain="The unit of the readings is not known: they are in counts. Headings do not depend on it.",
     ),
     CatalogueRow(

@@ -9,7 +9,6 @@ from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 ROWS: Final = (
     CatalogueRow(
         code="disturbances-collinear",
-        former="driver-alike",
         number=(
             "largest share of the course of one disturbance that follows from the others, such as motors of which each"
             " is followed by itself"
@@ -31,7 +30,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-noisy",
-        former="driver-noisy",
         number=(
             "largest share by which the offset per unit of one is too small by its own course, as readings do not"
             " follow its fast changes; one finding for all of them"
@@ -50,7 +48,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-constant",
-        former="driver-constant",
         number="0: what was asked for hardly changed",
         limit="least range that tells anything: 0.1 A, 2 % of the throttle, 0.3 °C",
         action="vary it over its whole range while turning the sensor; or leave it out",
@@ -67,29 +64,27 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance",
-        former="driver",
         number=(
             "heading error that [following](disturbances.md) a current, a throttle or a temperature takes away at the "
             "far end of its recorded range, degrees, at the worst attitude"
         ),
         action="nothing; log that column wherever the calibration is used",
-        rule=Rule("taken_deg", (Grade("note", -1.0),), limit=Limit(0.0)),
+        rule=Rule("removed_deg", (Grade("note", -1.0),), limit=Limit(0.0)),
         said=(
-            "the offset follows {disturbance} ({unit}): that takes away up to {taken_deg}° of heading {at_end}, "
-            "{left_deg}° of it left (1 σ{running}){without}"
+            "the offset follows {disturbance} ({unit}): that takes away up to {removed_deg}° of heading {at_end}, "
+            "{remaining_deg}° of it left (1 σ{running}){without}"
         ),
         plain="The compass was made to follow what disturbs it. Without that, headings would be off by up to {angle}.",
         remedy="Use the correction only where what it follows is measured as in the recording.",
     ),
     CatalogueRow(
         code="disturbance-uncertain",
-        former="driver-uncertain",
         number=(
             "heading error (1 σ) that its own uncertainty leaves at the far end of its recorded range, degrees, "
             "at the worst heading"
         ),
         action="vary it while turning the sensor through all directions",
-        rule=Rule("left_deg", (Grade("limits", 1.0, "target_deg"),)),
+        rule=Rule("remaining_deg", (Grade("limits", 1.0, "target_deg"),)),
         said=(
             "{at_end} the heading may be off by {left_at_most_deg}° (1 σ; the target is {target_deg:g}°) from "
             "what is not known of {name}: vary it while turning the sensor through all directions"
@@ -99,13 +94,12 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-collinear-attitude",
-        former="driver-entangled",
         number="share of what tells about it that the attitude could explain as well",
         action="vary it in each attitude, not in step with the turning",
-        rule=Rule("shared", (Grade("limits", 0.95),)),
+        rule=Rule("attitude_collinearity", (Grade("limits", 0.95),)),
         said=(
-            "{shared:.1%} of what tells about {name} could be the attitude as well: vary it in each attitude, not"
-            " in step with the turning"
+            "{attitude_collinearity:.1%} of what tells about {name} could be the attitude as well: vary it in each "
+            "attitude, not in step with the turning"
         ),
         plain=(
             "What the compass follows changed together with the way it was turned ({number:.0%} of it), so that "
@@ -115,7 +109,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-monotone",
-        former="driver-one-way",
         number="share of its course that a function of time explains which only rises, or only falls",
         action=(
             "let it go up and down again while recording: a drift of the offset, or a sensor that moved, would "
@@ -134,10 +127,9 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-lag",
-        former="driver-lag",
         number="lag at which least is left, seconds: the end of the search",
         action="check the times of its column: another clock, or not what moves the readings",
-        rule=Rule("lag_is_beyond", (Grade("limits", 0.0),), number="lag_s", limit=Limit(1.0)),
+        rule=Rule("is_lag_at_limit", (Grade("limits", 0.0),), number="lag_s", limit=Limit(1.0)),
         said=(
             "readings follow {name} best at the end of the search for a lag ({lag_s:+.2g} s): its clock is off by"
             " more than a second, or it is not what moves the readings; check the times of the column {name}"
@@ -150,7 +142,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-nonlinear",
-        former="driver-curved",
         grades="limits; told of a turned sensor where it costs more than half the target",
         number=(
             "how far what a disturbance makes is off a straight line, over its range and at its reference, as a share "
@@ -174,7 +165,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-range",
-        former="driver-range",
         number=(
             "value that was recorded farthest from 0: beyond what the unit allows (1,000 A, −80 to 150 °C), or a "
             "current that counts negative"
@@ -191,7 +181,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-reference",
-        former="driver-reference",
         grades="limits; note for a current, which a field is in proportion to",
         number=(
             "how far the reference, no throttle or no current, lies outside the range that was recorded, as a "
@@ -218,7 +207,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-beyond",
-        former="driver-beyond",
         number=(
             "how far it goes beyond the range at which the calibration was made, as a share of that range; in "
             "`--json` of `apply`, `heading` and `check`"

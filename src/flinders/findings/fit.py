@@ -32,8 +32,7 @@ ROWS: Final = (
             "all readings lie {where_flat}: also turn the sensor about its other axes, onto its side and upside down. "
             "If it is on a vehicle that cannot be turned over, map the vertical axis to z"
         ),
-        arguments="axes=",
-        options="--axes",
+        hint={"axes": None},
         plain=(
             "All readings lie in one plane, as when a sensor is turned on a table. They tell nothing about any "
             "other attitude."
@@ -86,9 +85,9 @@ ROWS: Final = (
         code="soft-iron-changed",
         number="how often chance alone makes the readings contradict the soft iron of the earlier calibration as much",
         action="tumble the sensor again and calibrate: what was renewed allows the soft iron a change of 5 %",
-        rule=Rule("soft_iron_by_chance", (Grade("limits", 0.001),), comparison="<"),
+        rule=Rule("soft_iron_p_value", (Grade("limits", 0.001),), comparison="<"),
         said=(
-            "the soft iron of {previous} no longer fits the readings (chance: {soft_iron_by_chance:.1g}), so that it "
+            "the soft iron of {previous} no longer fits the readings (chance: {soft_iron_p_value:.1g}), so that it "
             "was allowed to have changed by 5 %: tumble the sensor again, and calibrate afresh"
         ),
         plain="The soft iron is not as it was at the earlier calibration.",
@@ -123,8 +122,7 @@ ROWS: Final = (
             "tilt the body far about two axes while recording, say how well the accelerometer is calibrated, or "
             "calibrate without aids and measure the mounting"
         ),
-        arguments="acceleration_bias=",
-        options="--accelerometer-bias",
+        hint={"acceleration_bias": None},
         plain="How the compass sits in the vehicle was found only roughly: it adds {number:.1f}° to headings.",
         remedy="Tilt the vehicle far about two axes while recording, or measure how the compass sits.",
     ),
@@ -182,7 +180,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="unobservable-parameters",
-        former="rings",
         number="of nine parameters, how many the readings say nothing of",
         action=(
             "as where all readings lie on one ring or on two: turn the sensor about another axis too; until then "
@@ -349,7 +346,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="axis-swap",
-        former="slipped-axes",
         number=(
             "how many times closer to an ellipsoid the readings lie once the sign of an axis, or two axes, are "
             "put right from some reading on; told where they then fit as those of a usable recording do"
@@ -369,7 +365,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="disturbance-unmodelled",
-        former="driver-unfollowed",
         number=(
             "what a [disturbance](disturbances.md) that was recorded and not asked for makes of a level heading at the "
             "far end of its range, degrees"
@@ -380,8 +375,7 @@ ROWS: Final = (
             "readings follow the {unmodelled} that was recorded with them, by up to {unmodelled_deg}° of heading,"
             " which is not in the heading error: let the calibration follow the {unmodelled}, or record without"
         ),
-        arguments="disturbances=",
-        options="--with",
+        hint={"disturbances": None},
         plain=(
             "What was recorded beside the compass, such as the current of a motor, moves it by up to {angle} of "
             "heading. The calibration does not follow it."
@@ -403,8 +397,7 @@ ROWS: Final = (
             "hides in offset and soft iron: a current follows the attitude, a magnetic part is loose, or iron is close;"
             " record the current and calibrate with it, fasten the part, or record elsewhere"
         ),
-        arguments="disturbances=",
-        options="--with",
+        hint={"disturbances": None},
         plain=(
             "The compass is disturbed in step with how it is tilted, by {angle} of heading or more: by a current, by a"
             " magnetic part that moves, or by iron close by."
@@ -426,8 +419,7 @@ ROWS: Final = (
             " calibrate with the dip that it shows, which finds its bias, its gains and how it is turned against the"
             " magnetometer"
         ),
-        arguments="aiding='dip'",
-        options="--with dip",
+        hint={"aiding": "dip"},
         plain=(
             "The instrument that tells which way is down is off, and adds {angle} to a heading, however good the"
             " compass is."
@@ -456,8 +448,7 @@ ROWS: Final = (
             "{nonlinear_deg}° of heading, which the heading error allows for; check whether the sensor is near the "
             "end of its range, or near a magnet; for C or Python code the axes can be linearized"
         ),
-        arguments="linearize=True",
-        options="--linearize",
+        hint={"linearize": True},
         plain=(
             "An axis of the sensor does not answer in proportion to the field, which an offset and a matrix do not "
             "remove: {angle} of heading. The errors given here allow for it."

@@ -33,7 +33,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="outliers",
-        former="strays",
         grades="note; limits above the limit",
         number="share of the readings that do not belong to the rest and were left out",
         action=(
@@ -161,8 +160,7 @@ ROWS: Final = (
         fleet_action="give recordings of the magnetometer",
         rule=Rule("is_doubtful", (Grade("limits", 0.0),)),
         said="these look like {doubt}: if a magnetometer recorded them after all, name its columns",
-        options="--columns",
-        arguments="columns=",
+        hint={"columns": None},
         plain="These readings look like gravity, as an accelerometer reads it, and not like a magnetic field.",
         remedy="Use the readings of the magnetometer. If these are its readings, name their columns.",
         alarm=True,

@@ -14,13 +14,15 @@ Finding(code='hot', severity='limits', number=85.0, limit=60.0, advice='the sens
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 from flinders.errors import figures
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from flinders.errors import Hint
 
 Severity = Literal["note", "limits", "refuses"]
 Verdict = Literal["good", "limited", "refused"]
@@ -147,15 +149,11 @@ class CatalogueRow:
     said: str  #: the technical sentence, a format of quantities and words of the record
     plain: str  #: what it means for whoever uses the compass, without the mathematics
     remedy: str = ""  #: what that person does about it
-    #: what carries out the advice in Python, and on the command line, where that has a name there: the sentences are
-    #: read on pages and in files, too, and name neither
-    arguments: str = ""
-    options: str = ""
+    #: arguments that carry out the advice: each interface spells them, and the sentences name none
+    hint: Hint = field(default_factory=dict)
     limit: str | None = None  #: meaning of the limit; None where it is that number of the rule, or share of the target
     grades: str = ""  #: how severe when; empty where that is the one severity of the rule
     alarm: bool = False  #: the live page warns of it: something is wrong, and not only more turning needed
-    #: its code before it was renamed, which files and tables may hold; see `flinders.findings.RENAMED`
-    former: str = ""
     #: what to do in a report of many units, where `action` speaks of what the advice to one unit names
     fleet_action: str = ""
 
@@ -226,15 +224,23 @@ class _Stated(dict[str, Any]):
         return entry if isinstance(entry, str) else Quantity(entry)
 
 
+def resting_on(conditions: Sequence[Condition]) -> str:
+    """What a verdict rests on; nothing where it rests on nothing.
+
+    >>> resting_on(("uniform-field", "constant-iron")), resting_on(())
+    ('holds if no iron is near and currents are constant', '')
+    """
+    *first, last = (CONDITIONS[code] for code in conditions) if conditions else ("",)
+    return f"holds if {', '.join(first)}{' and ' if first else ''}{last}" if conditions else ""
+
+
 def stated(conditions: Sequence[Condition]) -> str:
-    """What a verdict rests on, with what would show the first of it; nothing where it rests on nothing.
+    """The same, with what would show the first of it.
 
     >>> stated(("uniform-field", "constant-iron")), stated(())
     ('holds if no iron is near and currents are constant: record elsewhere too', '')
     """
-    *first, last = (CONDITIONS[code] for code in conditions) if conditions else ("",)
-    words = f"{', '.join(first)} and {last}" if first else last
-    return f"holds if {words}: {CERTAINTY[conditions[0]]}" if conditions else ""
+    return f"{resting_on(conditions)}: {CERTAINTY[conditions[0]]}" if conditions else ""
 
 
 TUMBLE_STATED: Final = stated(OF_A_TUMBLE)

@@ -9,7 +9,6 @@ from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 ROWS: Final = (
     CatalogueRow(
         code="sensor-deviates",
-        former="departs",
         grades="note; limits for more than a tenth of the time",
         number=(
             "heading error that a sensor shows against the [others of its body](sensors.md) for a while, degrees,"
@@ -37,7 +36,6 @@ ROWS: Final = (
     ),
     CatalogueRow(
         code="sensor-deviates-throughout",
-        former="departs-throughout",
         number="what readings averaged over a second are off the others all the time, degrees of heading, 1 σ",
         limit="the target, or three times the best of the others where that is more",
         action="steer by another; see whether [a disturbance](disturbances.md) explains it",
@@ -51,8 +49,7 @@ ROWS: Final = (
             "those of the best other by {best_other_deg}°: something near it changes, such as a current; steer by"
             " the other, or see whether it follows a current that was recorded"
         ),
-        arguments="disturbances=['current']",
-        options="--with current",
+        hint={"disturbances": ["current"]},
         plain=(
             "The compass is {angle} of heading off the others of its vehicle all the time: something near it "
             "keeps changing, such as a current."
@@ -90,6 +87,7 @@ ROWS: Final = (
         ),
         rule=Rule("handedness", (Grade("limits", 1.0),), comparison="<"),
         said="its axes are a mirror image of those of {reference}: as {axes} they fit. {who}",
+        hint={"axes": None},
         plain=(
             "The axes of this sensor and those of another are mirror images of each other: one of the two has an "
             "axis turned over."
@@ -103,7 +101,7 @@ ROWS: Final = (
         action="nothing; corrected readings of all are in those axes",
         rule=Rule("is_turned", (Grade("note", 0.0),), number="rotation_sigma_deg", limit=Limit(0.0)),
         said=(
-            "turned into the axes of {reference}: {axes}, and {off_axes_deg}° off that, known to "
+            "turned into the axes of {reference}: {axes}, and {misalignment_deg}° off that, known to "
             "{rotation_sigma_deg}° (1 σ){where}"
         ),
         plain="Corrected readings are in the axes of another sensor of the vehicle, but for an uncertainty of {angle}.",

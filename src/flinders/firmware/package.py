@@ -25,7 +25,7 @@ BOARD: Final = Path(__file__).parent / "board"
 
 ENGINE: Final = (
     "flinders.h", "flinders_rules.h", "internal.h", "judge.h", "random.h", "record.h", "residuals.h", "sums.h",
-    "claim.c", "cloud.c", "covariance.c", "dispatch.c", "fit.c", "heading.c", "judge.c", "kernels.c",
+    "claim.c", "cloud.c", "covariance.c", "dispatch.c", "fit.c", "guidance.c", "heading.c", "judge.c", "kernels.c",
     "likelihood.c", "linear.c", "quality.c", "random.c", "residuals.c", "rests.c", "robust.c", "rules.c", "start.c",
     "sums.c",
 )  # fmt: skip
@@ -89,7 +89,6 @@ def contents() -> dict[str, str]:
     return {
         **engine,
         **{path.relative_to(BOARD).as_posix(): path.read_text(encoding="utf-8") for path in own},
-        "src/flinders_poses.h": poses.header(),
         "src/poses.c": poses.source(),
         "library.properties": _properties(),
         "library.json": _manifest(),

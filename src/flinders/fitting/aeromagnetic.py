@@ -36,8 +36,8 @@ LARGEST: Final = 2**20
 class Coefficient(Struct, frozen=True, forbid_unknown_fields=True):
     """One coefficient and its 1 σ."""
 
-    value: float
-    sigma: NotNegative
+    value: float  #: the coefficient
+    sigma: NotNegative  #: its 1 σ
 
 
 class CoefficientFile(
@@ -45,22 +45,22 @@ class CoefficientFile(
 ):
     """What a file of coefficients holds."""
 
-    schema: Literal[1] = 1
+    schema: Literal[1] = 1  #: version of this layout
     unit: Literal["nT"] = "nT"  #: eddy coefficients in nT s; induced and eddy ones where the field has 50 µT
     coefficients: dict[str, Coefficient]
     covariance: tuple[tuple[float, ...], ...]  #: (16, 16), in the order of the coefficients
     ridge: NotNegative
-    before: NotNegative  #: and the next four as `TollesLawson` has them
+    before: NotNegative  #: nT: standard deviation of the strength without compensation, 0.1 to 0.9 Hz
     after: NotNegative
-    held_out: NotNegative
+    cross_validated: NotNegative
     as_flown: NotNegative
     on_any_heading: NotNegative
     improvement: NotNegative
     verdict: Literal["good", "limited", "refused"]
-    unseen: tuple[str, ...] = ()
+    unobserved: tuple[str, ...] = ()
     readings: Count
     seconds: NotNegative
-    version: str
+    version: str  #: of the Flinders that made it
 
     def __post_init__(self) -> None:
         """Refuse other terms, or a covariance of another size; called when a file is read."""
@@ -93,7 +93,7 @@ def tolles_lawson(source: AnyReadings) -> TollesLawson:
     --------
     >>> from flinders.simulate import calibration_flight
     >>> one_heading = calibration_flight(seed=1, headings_deg=[0.0] * 4)
-    >>> tolles_lawson(one_heading.samples).unseen[0]
+    >>> tolles_lawson(one_heading.samples).unobserved[0]
     'permanent x'
     """
     recording, _ = recording_of(source)
@@ -117,7 +117,17 @@ def as_dict(fit: TollesLawson) -> dict[str, Any]:
     return plain
 
 
-KEPT: Final = ("ridge", "before", "after", "held_out", "as_flown", "on_any_heading", "unseen", "readings", "seconds")
+KEPT: Final = (
+    "ridge",
+    "before",
+    "after",
+    "cross_validated",
+    "as_flown",
+    "on_any_heading",
+    "unobserved",
+    "readings",
+    "seconds",
+)
 """What the file and `TollesLawson` both have."""
 
 

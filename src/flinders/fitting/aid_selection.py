@@ -13,7 +13,7 @@ used, the accelerometer is not.
 >>> from flinders import simulate
 >>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
 >>> aided, aiding = aided_by(drive.samples, "auto")
->>> [(sensor.name, sensor.kept) for sensor in aiding.each], aided.aiding
+>>> [(sensor.name, sensor.is_used) for sensor in aiding.sensors], aided.aiding
 ([('rate', True), ('dip', False)], ('rate',))
 """
 
@@ -170,7 +170,7 @@ class _Selection:
     def try_sensor(self, name: str) -> None:
         """Use a sensor that can be trusted and, with ``auto``, earns its place; say why another is left out."""
         if (mistake := self._mistake_of(name)) is not None:
-            self.reports.append(AidingSensor(name, kept=False, words=mistake.words))
+            self.reports.append(AidingSensor(name, is_used=False, reason=mistake.words))
             return
         replaced = [used for used in self.used if name in UPRIGHT and used in UPRIGHT]
         tried = (*(used for used in self.used if used not in replaced), name)
@@ -179,12 +179,12 @@ class _Selection:
         claims = claim_deg(self.best, self.dip_deg), claim_deg(aided, self.dip_deg)
         if (contradiction := _contradiction(self.samples, aided, name) or is_diverged(name, *claims)) is not None:
             self.mistakes += [] if self.is_auto else [contradiction]
-            self.reports.append(AidingSensor(name, kept=False, words=contradiction.words))
+            self.reports.append(AidingSensor(name, is_used=False, reason=contradiction.words))
             return
         report = AidingSensor(name, True, change_deg(self.best, aided, self.dip_deg), *claims)
         trial = _AidTrial(self.standing, _Candidate(self.samples, aided, self.rotation))
         if self.is_auto and (against := trial.against(report)):
-            self.reports.append(self._turned_by(trial, report) or replace(report, kept=False, words=against))
+            self.reports.append(self._turned_by(trial, report) or replace(report, is_used=False, reason=against))
             return
         self._report_replaced(replaced, name)
         self.reports.append(report)
@@ -213,13 +213,13 @@ class _Selection:
             return None
         self.turned = trial.aided
         changed = turned_deg(trial.aided.parameters.rotation, self.dip_deg)
-        return replace(report, changed_deg=changed, after_deg=report.before_deg, words=words)
+        return replace(report, heading_change_deg=changed, after_deg=report.before_deg, reason=words)
 
     def _report_replaced(self, replaced: Sequence[str], name: str) -> None:
         """Say of verticals that were used that another one is used instead."""
         instead = f"{name} tells the vertical as well" + (", and better" if self.is_auto else ": name one of them")
         self.reports = [
-            replace(each, kept=False, words=instead) if each.name in replaced else each for each in self.reports
+            replace(each, is_used=False, reason=instead) if each.name in replaced else each for each in self.reports
         ]
 
     def reported(self) -> Aiding:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 from msgspec import UNSET
 
-from flinders.core.calibration_file import beside_record
+from flinders.core.calibration_file import aiding_record
 from flinders.geometry.ellipsoid import symmetric
 from flinders.likelihood.dip import GRAVITY
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from msgspec import UnsetType
 
     from flinders.arrays import Floats
-    from flinders.core.calibration_file import BesideRecord
+    from flinders.core.calibration_file import AidingRecord
     from flinders.diagnostics.instruments import Mistake
     from flinders.estimators.aiding import Aided
 
@@ -30,33 +30,32 @@ class AidingSensor:
     """What one aiding sensor did to a fit."""
 
     name: str  # one of `flinders.estimators.aiding.AIDS`
-    kept: bool
-    changed_deg: float = 0.0  # by how much it changed the heading of a level vehicle, rms
-    # worst heading error that is claimed without and with it
-    before_deg: float = 0.0
-    after_deg: float = 0.0
-    words: str = ""  # why it was left out
+    is_used: bool  # False where it was left out
+    heading_change_deg: float = 0.0  # by how much it changed the heading of a level vehicle, rms
+    before_deg: float = 0.0  # worst heading error claimed without it
+    after_deg: float = 0.0  # worst heading error claimed with it
+    reason: str = ""  # why it was left out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aiding:
     """What gyro, accelerometer or attitude tell beside the ellipsoid."""
 
-    each: tuple[AidingSensor, ...] = ()  # in the order in which they were taken
+    sensors: tuple[AidingSensor, ...] = ()  # in the order in which they were taken
     # (3, 3): from the magnetometer's axes to those of the body; None where nothing saw it
     rotation: Floats | None = None
     rotation_covariance: Floats | None = None  # (3, 3), rad²: of its rotation vector, in body axes
-    gyro_bias: Floats | None = None  # (3,), rad/s
-    gyro_bias_sigma: Floats | None = None
-    acceleration_bias: Floats | None = None  # (3,), m/s²
-    acceleration_bias_sigma: Floats | None = None
+    gyro_bias: Floats | None = None  # (3,), rad/s: what the gyro reads at rest
+    gyro_bias_sigma: Floats | None = None  # (3,), rad/s: 1 σ
+    acceleration_bias: Floats | None = None  # (3,), m/s²: what the accelerometer reads too much
+    acceleration_bias_sigma: Floats | None = None  # (3,), m/s²: 1 σ
     # (3, 3): gains and non-orthogonality of the accelerometer: the specific force is this times what it reads, less its
     # bias
     acceleration_matrix: Floats | None = None
     delay_s: float | None = None  # by how much the magnetometer is behind the gyro
-    delay_sigma_s: float | None = None
+    delay_sigma_s: float | None = None  # 1 σ
     dip_deg: float | None = None  # inclination of the field as the recording shows it
-    dip_sigma_deg: float | None = None
+    dip_sigma_deg: float | None = None  # 1 σ
     # factor by which stretches of the recording scatter more than their residuals explain, in variance
     excess_variance: float = 1.0
     mistakes: tuple[Mistake, ...] = ()
@@ -80,7 +79,7 @@ class Aiding:
         height = at.sine if "sine" in layout else float(at.direction[2]) if "direction" in layout else None
         level = np.sqrt(max(1.0 - at.sine**2, 1e-6))
         return cls(
-            each=each,
+            sensors=each,
             rotation=at.rotation if aided.sees_rotation else None,
             rotation_covariance=aided.rotation_covariance if aided.sees_rotation else None,
             gyro_bias=None if gyro is None else at.gyro_bias,
@@ -97,7 +96,7 @@ class Aiding:
         )
 
     @classmethod
-    def from_record(cls, record: BesideRecord) -> Self:
+    def from_record(cls, record: AidingRecord) -> Self:
         """What a calibration file keeps of it."""
         return cls(
             rotation_covariance=_array(record.rotation_covariance),
@@ -108,9 +107,9 @@ class Aiding:
             dip_sigma_deg=None if record.dip_sigma_deg is UNSET else record.dip_sigma_deg,
         )
 
-    def to_record(self) -> BesideRecord | UnsetType:
+    def to_record(self) -> AidingRecord | UnsetType:
         """What the calibration file keeps of it."""
-        return beside_record(
+        return aiding_record(
             rotation_covariance=self.rotation_covariance,
             acceleration_bias=self.acceleration_bias,
             acceleration_bias_sigma=self.acceleration_bias_sigma,
@@ -125,10 +124,10 @@ class Aiding:
         matrices = ("rotation", "rotation_covariance", "acceleration_matrix")
         arrays = {name: getattr(self, name) for name in (*matrices, *biases)}
         return {
-            "each": [dataclasses.asdict(aid) for aid in self.each],
+            "sensors": [dataclasses.asdict(aid) for aid in self.sensors],
             **{name: None if value is None else value.tolist() for name, value in arrays.items()},
             **{name: getattr(self, name) for name in ("delay_s", "delay_sigma_s", "dip_deg", "dip_sigma_deg")},
-            "creep": self.excess_variance,
+            "excess_variance": self.excess_variance,
         }
 
 

@@ -48,7 +48,7 @@ TYPED: Final = "typed-extremes"
 class Extremes(Outcome):
     """A calibration from six numbers, of which nobody knows how far to trust it."""
 
-    calibration: Calibration
+    calibration: Calibration  #: the correction
     low: Floats  #: (3,): in mapped axes and the calibration's unit
     high: Floats  #: (3,): in mapped axes and the calibration's unit
     findings: tuple[Finding, ...] = ()  #: most severe first
@@ -67,13 +67,14 @@ class Extremes(Outcome):
         """JSON-ready, with the keys of a fit: what nobody knows is None."""
         return {
             "verdict": self.verdict,
-            "method": MinMax.name,
+            "method": MinMax.name,  # ``minmax``
             "calibration": self.calibration.as_dict(),
             "heading_error_deg": None,
             "noise": None,
             "samples": 0,
             "coverage": {},
             "covariance": None,
+            # `low` and `high` end of each axis, and its `scale`, which makes the ranges equal
             "extremes": {"low": self.low.tolist(), "high": self.high.tolist(), "scale": self.scale.tolist()},
             "findings": [finding.as_dict() for finding in self.findings],
         }

@@ -102,7 +102,7 @@ class FitColumns:
     """Columns that the fits of U units fill, NaN where a fit gives no number."""
 
     readings: NDArray[np.int64]  #: (U,): those there are
-    used: NDArray[np.int64]  #: (U,): those that the fit used
+    samples: NDArray[np.int64]  #: (U,): those that the fit used
     #: (U,) str: ``good``, ``limited``, ``refused`` or ``failed``; code and message of the error of the last two
     verdict: NDArray[np.object_]
     code: NDArray[np.object_]
@@ -110,7 +110,7 @@ class FitColumns:
     method: NDArray[np.object_]
     worst_deg: Floats  #: (U,): heading error at the worst heading of a level vehicle, 1 σ, at the dip `dip_deg`
     rms_deg: Floats  #: (U,): the same over all headings
-    bound_deg: Floats  #: (U,): that it stays within at all headings with a probability of 95 %
+    bound_95_deg: Floats  #: (U,): that it stays within at all headings with a probability of 95 %
     dip_deg: Floats  #: (U,): heading error of a level vehicle, 1 σ, where the field dips by `dip_deg`
     #: (U, 3), (U, 9), (U, 45), in `unit_of_field`: of the calibration; the upper triangle of `Fit.claimed_covariance`,
     #: row by row
@@ -118,7 +118,7 @@ class FitColumns:
     matrix: Floats
     covariance: Floats
     noise: Floats  #: (U,), in `unit_of_field`
-    radius: Floats  #: (U,), in `unit_of_field`
+    field_strength: Floats  #: (U,), in `unit_of_field`
     coverage: Floats  #: (U,): share of the sphere that was seen
     findings: NDArray[np.object_]  #: (U,) tuple of str: their codes, the most severe first
     unit_of_field: NDArray[np.object_]  #: (U,) str
@@ -138,7 +138,7 @@ class FitColumns:
         return cls(**columns)
 
     def __len__(self) -> int:
-        return len(self.used)
+        return len(self.samples)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
@@ -283,13 +283,13 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], records: Records, jud
     if not usable.any():
         return
     records, judged, places = records.compress(usable), judgements.compress(usable), places[usable]
-    columns.readings[places], columns.used[places] = records["rows"], records["used"]
+    columns.readings[places], columns.samples[places] = records["rows"], records["used"]
     columns.offset[places] = records["centre"]
     columns.matrix[places] = _corrections(_shapes(records), records["radius"]).reshape(-1, 9)
     columns.covariance[places] = judged["covariance"][:, UPPER]
-    columns.noise[places], columns.radius[places] = records["noise"], records["radius"]
-    for name in ("worst_deg", "rms_deg", "bound_deg"):
-        getattr(columns, name)[places] = judged[name]
+    columns.noise[places], columns.field_strength[places] = records["noise"], records["radius"]
+    columns.worst_deg[places], columns.rms_deg[places] = judged["worst_deg"], judged["rms_deg"]
+    columns.bound_95_deg[places] = judged["bound_deg"]
     columns.dip_deg[places], columns.coverage[places] = records["dip_deg"], records["coverage"]
     columns.method[places] = np.where(records["is_robust"] == 1, Robust.name, Likelihood.name)
     columns.unit_of_field[places] = inside
@@ -323,7 +323,7 @@ def _alone(one: Samples, *, target_deg: float, dip_deg: float) -> Fit | Exceptio
 def _described(error: Exception) -> tuple[str, str, str]:
     """Verdict, code and message of a unit that gives no fit."""
     if isinstance(error, FlindersError):
-        return "refused" if isinstance(error, FitError) else "failed", error.code, str(error)
+        return "refused" if isinstance(error, FitError) else "failed", error.code, error.message
     return "failed", "internal", f"{type(error).__name__}: {error}; this is a fault in Flinders, report it"
 
 
@@ -334,14 +334,18 @@ def fill_row(columns: FitColumns, place: int, result: Fit | Exception) -> None:
         columns.verdict[place], columns.code[place], columns.message[place] = _described(result)
         return
     error, findings = result.heading_error_deg, result.findings
-    columns.verdict[place], columns.method[place], columns.used[place] = result.verdict, result.method, result.samples
+    columns.verdict[place], columns.method[place], columns.samples[place] = (
+        result.verdict,
+        result.method,
+        result.samples,
+    )
     columns.worst_deg[place], columns.rms_deg[place], columns.dip_deg[place] = error.worst, error.rms, error.dip_deg
     columns.noise[place], columns.coverage[place] = result.noise, result.coverage.fraction
     columns.findings[place] = tuple(finding.code for finding in findings)
     if result.verdict == "refused":
         columns.code[place], columns.message[place] = Refused.code, findings[0].advice
         return
-    columns.offset[place], columns.radius[place] = result.calibration.offset, result.calibration.field_strength
+    columns.offset[place], columns.field_strength[place] = result.calibration.offset, result.calibration.field_strength
     columns.matrix[place] = result.calibration.matrix.ravel()
     columns.covariance[place] = result.claimed_covariance.ravel()[UPPER]
-    columns.bound_deg[place] = result.heading_bound_deg
+    columns.bound_95_deg[place] = result.heading_bound_deg

@@ -344,10 +344,11 @@ def fit(
         instruments=_Instruments(gyro_scale, acceleration_bias, acceleration_gain),
     )
     if aiding and (method != "auto" or set(options) - {"prior"}):
-        raise UsageError("aids go with method='auto' and its prior alone: leave other methods and options out")
+        raise UsageError("aids go with the method auto and its prior alone: leave other methods and options out")
     if linearize and (aiding or disturbances or method != "auto"):
         raise UsageError(
-            "linearize=True goes with the method auto alone: leave aids, disturbances and other methods out"
+            "linearized axes go with the method auto alone: leave aids, disturbances and other methods out",
+            hint={"linearize": True},
         )
     estimator = estimator_of(method, options, {"dip_deg": request.dip_deg, "field_strength": field_strength})
     unit = Unit.of(unit) if isinstance(unit, str) else unit
@@ -361,7 +362,7 @@ def fit(
     if linearize:
         evidence = _linearized(evidence, estimator, request, frame.unit)
     if evidence.aiding is not None:
-        evidence = evidence._replace(aiding=replace(evidence.aiding, each=(*tried, *evidence.aiding.each)))
+        evidence = evidence._replace(aiding=replace(evidence.aiding, sensors=(*tried, *evidence.aiding.sensors)))
     claim = _claimed(evidence, estimator, request)
     calibration = _turned(_calibration(claim.estimate, request, frame, sensor), evidence.aiding)
     if evidence.linearized is not None:
@@ -420,8 +421,9 @@ def _linearized(plain: _Evidence, estimator: Estimator, request: Request, unit: 
     """
     if request.site is not None or plain.readings.parts or plain.readings.recording is None:
         raise UsageError(
-            "linearize=True takes one recording, and no field of a site, as a log may state one: calibrate recordings "
-            "one by one, and leave the site out"
+            "axes are linearized by one recording, and by no field of a site, as a log may state one: calibrate "
+            "recordings one by one, and leave the site out",
+            hint={"linearize": True, "site": None},
         )
     found, lag = _faults_of_axes(plain.estimate, plain)
     recording = plain.readings.as_read.recording
@@ -656,7 +658,7 @@ def _of_no_use(samples: Samples, aiding: str | Sequence[str]) -> Aiding:
     names = available(samples) if aiding == AUTO else (aiding,) if isinstance(aiding, str) else tuple(aiding)
     refuse_without(samples, names)
     words = "the readings lie in one plane, as in a level turn, across which it tells nothing"
-    return Aiding(tuple(AidingSensor(name, kept=False, words=words) for name in names))
+    return Aiding(tuple(AidingSensor(name, is_used=False, reason=words) for name in names))
 
 
 def _at_site(estimate: Estimate, readings: Readings, request: Request) -> Estimate:
@@ -712,7 +714,7 @@ def _with_halves(drift: Drift, estimate: Estimate, readings: Readings, request: 
     samples = readings.as_read.recording
     if not isinstance(samples, Samples):
         return drift
-    return replace(drift, halves_apart=halves_apart(samples, request.likelihood, estimate))
+    return replace(drift, halves_ratio=halves_apart(samples, request.likelihood, estimate))
 
 
 def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlinearity | None, AxisLag | None]:
@@ -779,7 +781,7 @@ def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Evi
         return math.nan
     from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg
 
-    if aiding is not None and any(sensor.kept and sensor.name in UPRIGHT for sensor in aiding.each):
+    if aiding is not None and any(sensor.is_used and sensor.name in UPRIGHT for sensor in aiding.sensors):
         return math.nan
     return vertical_error_deg(samples.field, samples.acceleration, calibration, estimate)
 
@@ -888,8 +890,8 @@ def _disturbances(result: Fit, disturbed: DisturbanceFit) -> dict[str, Any]:
     estimates = [
         replace(
             estimate,
-            taken_deg=calibration.disturbance_deg(disturbance, dip_deg=dip),
-            left_deg=disturbed.remaining_error(result.ellipsoid, place, dip_deg=dip, down=down).worst,
+            removed_deg=calibration.disturbance_deg(disturbance, dip_deg=dip),
+            remaining_deg=disturbed.remaining_error(result.ellipsoid, place, dip_deg=dip, down=down).worst,
         )
         for place, (disturbance, estimate) in enumerate(zip(disturbed.disturbances, disturbed.estimates, strict=True))
     ]

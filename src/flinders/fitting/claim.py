@@ -172,7 +172,11 @@ def halves_apart(samples: Samples, likelihood: Auto, estimate: Estimate) -> floa
     """How far the halves of a recording are apart at the worst heading, over what both claim of it."""
     middle = len(samples) // 2
     repeats = _compared(Readings.of(Joined((samples[:middle], samples[middle:]))), likelihood, estimate)
-    return None if repeats is None else float(max(part.off_deg / part.off_sigma_deg for part in repeats.parts))
+    return (
+        None
+        if repeats is None
+        else float(max(part.difference_deg / part.difference_sigma_deg for part in repeats.parts))
+    )
 
 
 def _compared(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeats | None:

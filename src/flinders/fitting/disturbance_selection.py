@@ -11,7 +11,7 @@ When to use it: ``--with auto``. A disturbance that is known to matter is better
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
 >>> flight = simulate.tumble(seed=1, n=1200, disturbances=[motors]).samples
 >>> names, (current,) = earned(flight)
->>> names, current.kept, current.changed_deg > 10.0
+>>> names, current.is_used, current.heading_change_deg > 10.0
 (('current',), True, True)
 """
 
@@ -78,7 +78,7 @@ def earned(
     reports = []
     for name in (name for name in recorded if name in KINDS):
         reports.append(_report(parts, name, accepted, (*accepted, name), spread, dip_deg))
-        if reports[-1].kept:
+        if reports[-1].is_used:
             accepted = (*accepted, name)
     for name, many in MOTORS.items():
         each = tuple(column for column in recorded if motor(column)[0] == name and motor(column)[1])
@@ -86,9 +86,9 @@ def earned(
             continue
         tried = (*(other for other in accepted if other != name), *each)
         reports.append(_report(parts, many, accepted, tried, spread, dip_deg))
-        if reports[-1].kept:
+        if reports[-1].is_used:
             accepted = tried
-            reports = [replace(one, kept=False, words=APART) if one.name == name else one for one in reports]
+            reports = [replace(one, is_used=False, reason=APART) if one.name == name else one for one in reports]
     return accepted, tuple(reports)
 
 
@@ -110,18 +110,18 @@ def _report(
     new = tuple(each for each in tried if each not in accepted)
     try:
         if words := _standstill(parts, new, tried):
-            return AidingSensor(name, kept=False, words=words)
+            return AidingSensor(name, is_used=False, reason=words)
         before, after = hold_out_residuals(parts, accepted, tried, spread)
         if after > WORTH * before:
             words = "the strength of the field scatters as much with it as without, where it was left out"
-            return AidingSensor(name, kept=False, words=words)
+            return AidingSensor(name, is_used=False, reason=words)
         found = fit_disturbances(parts, tried, spread=spread)
     except (FitError, InputError) as refusal:
-        return AidingSensor(name, kept=False, words=str(refusal))
-    entangled = max(one.shared for one in found.estimates if one.name in new)
+        return AidingSensor(name, is_used=False, reason=refusal.message)
+    entangled = max(one.attitude_collinearity for one in found.estimates if one.name in new)
     if entangled > ENTANGLED:
         words = f"{entangled:.1%} of what tells about it could be the attitude as well"
-        return AidingSensor(name, kept=False, words=words)
+        return AidingSensor(name, is_used=False, reason=words)
     ours = [one for one in found.disturbances if one.name in new]
     changed = max(found.calibration.disturbance_deg(one, dip_deg=dip_deg) for one in ours)
     percent = 100.0 / found.ellipsoid.radius
@@ -129,7 +129,7 @@ def _report(
         f"the strength of the field scatters by {figures(percent * after)} % with it and by "
         f"{figures(percent * before)} % without, where it was left out"
     )
-    return AidingSensor(name, kept=True, changed_deg=min(changed, 180.0), words=words)
+    return AidingSensor(name, is_used=True, heading_change_deg=min(changed, 180.0), reason=words)
 
 
 def _standstill(parts: Sequence[Samples], new: tuple[str, ...], tried: tuple[str, ...]) -> str:

@@ -85,7 +85,7 @@ def _compass_of(fit: Fit, target: Target, asked: int | None) -> tuple[int | None
         return asked, []
     device = f" (device id {min(devices)})" if len(devices) == 1 else ""
     if asked is None:
-        number = only_number(fit, known, "compass", "compass=")
+        number = only_number(fit, known, "compass", "compass")
         return number, [f"for compass {number} of the vehicle{device}"]
     numbers = " and ".join(map(str, sorted(known)))
     return asked, [f"for compass {asked}, as asked; it was made from compass {numbers} of the vehicle{device}"]
@@ -113,15 +113,16 @@ def known_mountings(fit: Fit, autopilot: str) -> set[Angles]:
     return {file.mounting for file in fit.files if file.autopilot == autopilot and file.mounting is not None}
 
 
-def only_number(fit: Fit, known: set[int], what: str, option: str) -> int | None:
+def only_number(fit: Fit, known: set[int], what: str, keyword: str) -> int | None:
     """The one number or device id that is known, or None where none is.
 
-    Raises `UsageError` if there are several; names the option that chooses one.
+    Raises `UsageError` if there are several; its hint is the keyword that chooses one.
     """
     if len(known) > 1:
         raise UsageError(
-            f"{fit.name} was made from {what} {' and '.join(map(str, sorted(known)))}: say with {option} which one "
-            "it is for, or calibrate each by itself"
+            f"{fit.name} was made from {what} {' and '.join(map(str, sorted(known)))}: say which one it is for, or "
+            "calibrate each by itself",
+            hint={keyword: None},
         )
     return min(known, default=None)
 
@@ -143,8 +144,9 @@ def refuse_on_top(fit: Fit, autopilot: str) -> None:
     if logged:
         raise NotExportable(
             f"{fit.name} was made from {logged[0]} as logged, after the calibration that was in force on board: its "
-            f"numbers come on top of that one, and {autopilot} would put them in its place. Calibrate again without "
-            "as_logged=True",
+            f"numbers come on top of that one, and {autopilot} would put them in its place. Calibrate again, "
+            "and not as logged",
+            hint={"as_logged": None},
             beyond=(),
             as_logged=logged,
         )

@@ -149,7 +149,10 @@ def refresh_at_headings(
     refuse_unfit(previous)
     dip_deg = site.inclination_deg if dip_deg is None and site is not None else dip_deg
     if dip_deg is None:
-        raise UsageError("a pose needs the dip of the field at the place: give site= or dip_deg=")
+        raise UsageError(
+            "a pose needs the dip of the field at the place: give the dip, or the site",
+            hint={"dip_deg": None, "site": None},
+        )
     if not poses or len(poses) != len(headings_deg):
         raise UsageError(f"{len(poses)} poses and {len(headings_deg)} headings: need a heading for each pose")
     known = known_shape(previous, site)
@@ -414,7 +417,9 @@ def refresh_on_courses(
     if not steady:
         raise FitError(
             f"no stretch of {STRAIGHT_S:g} s at {slowest:g} m/s or more with a steady field (of {len(straight)} "
-            "straight ones): drive straight on several headings, on level ground and away from iron"
+            "straight ones): drive straight on several headings, on level ground and away from iron",
+            found=len(straight),
+            slowest=slowest,
         )
     headings = [stretch.course_deg - declination_deg for stretch in steady]
     scatter = float(np.median([stretch.scatter_deg for stretch in steady]))

@@ -87,7 +87,7 @@ def record_of(
     record["noise"] = estimate.noise
     record["prior_influence"], record["unobserved"] = estimate.prior_influence, estimate.unobserved
     record["used"] = estimate.used or statistics.fitted
-    record["rejected"] = sum(run.fitted for run in estimate.outliers)
+    record["rejected"] = sum(run.independent for run in estimate.outliers)
     record["is_robust"] = bool(estimate.outliers)
     record["farthest"] = farthest(estimate.outliers)
     record["plane"] = NUMBER_OF_PLANE[estimate.plane]
@@ -102,7 +102,7 @@ def record_of(
 
 def farthest(outliers: Iterable[Outlier]) -> float:
     """Largest distance of an outlier from the majority; NaN without any."""
-    return max((run.farthest for run in outliers), default=math.nan)
+    return max((run.max_distance for run in outliers), default=math.nan)
 
 
 def record_of_ellipsoid(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Records:
@@ -183,10 +183,10 @@ def add_found(record: Records, found: Found, *, is_aided: bool = False, is_compe
     record["drift_deg"] = math.nan if drift is None else drift.heading_deg
     if drift is not None:
         record["drift_offset"], record["drift_by_chance"] = drift.offset, drift.p_value
-        record["halves_apart"] = math.nan if drift.halves_apart is None else drift.halves_apart
+        record["halves_apart"] = math.nan if drift.halves_ratio is None else drift.halves_ratio
     if repeats is not None:
         part = repeats.farthest
-        record["apart_deg"], record["apart_sigma_deg"] = part.off_deg, part.off_sigma_deg
+        record["apart_deg"], record["apart_sigma_deg"] = part.difference_deg, part.difference_sigma_deg
         record["apart_by_chance"] = part.p_value
     record["swap_gain"] = math.nan if found.axis_swap is None else found.axis_swap.gain
     record["unmodelled_deg"] = math.nan if found.unmodelled is None else found.unmodelled.heading_deg
@@ -194,7 +194,7 @@ def add_found(record: Records, found: Found, *, is_aided: bool = False, is_compe
     record["attitude_dependent_deg"] = math.nan if dependence is None else dependence.heading_deg
     record["tilt_error_deg"], record["bias_deg"] = found.tilt_error_deg, found.bias_deg
     record["alignment_deg"] = math.nan if found.alignment_error_deg is None else found.alignment_error_deg
-    kept = () if found.aiding is None else (sensor.name for sensor in found.aiding.each if sensor.kept)
+    kept = () if found.aiding is None else (sensor.name for sensor in found.aiding.sensors if sensor.is_used)
     record["sources"] = (
         AIDED * is_aided
         | AIDED_BY_FIELD * bool(SEES_THE_FIELD & set(kept))
@@ -202,7 +202,7 @@ def add_found(record: Records, found: Found, *, is_aided: bool = False, is_compe
         | REFRESHED * (found.refreshed is not None)
     )
     if found.refreshed is not None:
-        record["soft_iron_by_chance"] = found.refreshed.soft_iron_by_chance
+        record["soft_iron_p_value"] = found.refreshed.soft_iron_p_value
         record["distortion"] = found.refreshed.distortion
 
 

@@ -261,12 +261,12 @@ def _solved(
     return (changed, reported_freer, chance) if is_changed else (same, reported, chance)
 
 
-def refreshed_from(previous: Fit, ellipsoid: Ellipsoid, dip_deg: float, soft_iron_by_chance: float = 1.0) -> Refreshed:
+def refreshed_from(previous: Fit, ellipsoid: Ellipsoid, dip_deg: float, soft_iron_p_value: float = 1.0) -> Refreshed:
     """What has changed since an earlier calibration, and what it would do to the headings of a level vehicle now."""
     change = ellipsoid.centre - previous.calibration.offset
     off = Ellipsoid(np.linalg.solve(previous.ellipsoid.shape, change), np.eye(3))
     worst = raw_error(off, dip_deg=dip_deg).worst
-    return Refreshed(previous.name, change, worst, soft_iron_by_chance, previous.distortion)
+    return Refreshed(previous.name, change, worst, soft_iron_p_value, previous.distortion)
 
 
 def turned(calibration: Calibration, previous: Fit) -> Calibration:

@@ -33,9 +33,8 @@ from flinders.core.calibration_file import PARAMETERS, FindingRecord, Fitted, He
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
-from flinders.deprecation import renamed_attribute, warn
 from flinders.errors import ArrayError, DocumentError, FitError, counted, figures
-from flinders.findings import RENAMED, VERDICTS, Finding, Verdict, first_causes, in_python
+from flinders.findings import VERDICTS, Finding, Verdict, advice, first_causes
 from flinders.findings.row import ANY_ANGLE_DEG, stated
 from flinders.fitting.aiding import Aiding
 from flinders.geometry.plane import down_of
@@ -120,7 +119,7 @@ def _stated(number: float) -> float | None:
 class Fit(Outcome):
     """A calibration, how it was found and how far to trust it."""
 
-    calibration: Calibration
+    calibration: Calibration  #: the correction; None where it is refused
     method: str = NOT_STATED  #: what was run in the end; ``not stated`` where a file says nothing but the calibration
     #: (9, 9): of the offset b and the shape S = F W⁻¹, in the order b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the
     #: square of the calibration's unit. Singular where the method holds some of them; zeros where no uncertainty is
@@ -191,15 +190,6 @@ class Fit(Outcome):
     provenance: Provenance | None = None  #: release, date and recordings that a loaded file states
     stated_verdict: Verdict | None = None  #: verdict that a file states and its findings do not explain
 
-    strays = renamed_attribute("strays", "outliers")
-    slip = renamed_attribute("slip", "axis_swap")
-    unfollowed = renamed_attribute("unfollowed", "unmodelled")
-    driven = renamed_attribute("driven", "disturbances")
-    noise_undriven = renamed_attribute("noise_undriven", "noise_uncompensated")
-    aids = renamed_attribute("aids", "aiding")
-    held = renamed_attribute("held", "prior_influence")
-    unseen = renamed_attribute("unseen", "unobserved")
-
     def __post_init__(self) -> None:
         """Refuse a covariance of another shape.
 
@@ -232,12 +222,6 @@ class Fit(Outcome):
         """
         fit = cls(Calibration.from_document(document, source=name), name=name, provenance=document.provenance)
         return fit if document.fit is None else _with_record(fit, document.fit)
-
-    @classmethod
-    def from_fit(cls, fit: Fit, *, name: str = "fit") -> Fit:
-        """Name a fit; what `flinders.Judged.from_fit` was."""
-        warn("Judged.from_fit(fit, name=...) is dataclasses.replace(fit, name=...) now: it goes with the next release")
-        return replace(fit, name=name)
 
     @property
     def verdict(self) -> Verdict:
@@ -394,17 +378,18 @@ class Fit(Outcome):
             "uncorrected_heading_error_deg": _rms_and_worst(self.uncorrected_heading_error_deg),
             "textbook_heading_error_deg": _rms_and_worst(self.textbook_heading_error_deg),
             "alignment_error_deg": self.alignment_error_deg,
+            # worst heading error (1 σ) at a tilt of 10°, 30° and 90°
             "tilted_heading_error_deg": {f"{tilt:g}": self.tilted_error(tilt).worst for tilt in TILTS},
             "attitude_limit_deg": self.attitude_limit_deg,
             "direction_error_deg": _rms_and_worst(self.direction_error_deg),
             "bias_deg": self.bias_deg,
-            "held": self.prior_influence,
-            "unseen": self.unobserved,
+            "prior_influence": self.prior_influence,
+            "unobserved": self.unobserved,
             "noise": _stated(self.noise),
             "samples": self.samples,
             "independent_samples": min(self.independent_samples, float(self.samples)),
             "autocorrelation": self.autocorrelation,
-            "strays": [outlier.as_dict() for outlier in self.outliers],
+            "outliers": [outlier.as_dict() for outlier in self.outliers],
             "distortion": self.distortion,
             "drift": None if self.drift is None else dataclasses.asdict(self.drift),
             "nonlinearity": None if self.nonlinearity is None else dataclasses.asdict(self.nonlinearity),
@@ -414,7 +399,7 @@ class Fit(Outcome):
             "coverage": self.coverage.as_dict(),
             "covariance": self.covariance.tolist(),
             **self._disturbances_as_dict(),
-            **({} if self.aiding is None else {"aids": self.aiding.as_dict()}),
+            **({} if self.aiding is None else {"aiding": self.aiding.as_dict()}),
             **({} if self.refreshed is None else {"refreshed": self.refreshed.as_dict()}),
             "findings": [finding.as_dict() for finding in self.findings],
         }
@@ -426,7 +411,10 @@ class Fit(Outcome):
         """What is known of the disturbances; no key where it follows none."""
         if not self.disturbances:
             return {}
-        return {"driven": [each.as_dict() for each in self.disturbances], "noise_undriven": self.noise_uncompensated}
+        return {
+            "disturbances": [each.as_dict() for each in self.disturbances],
+            "noise_uncompensated": self.noise_uncompensated,
+        }
 
     @property
     def _covariance(self) -> Floats:
@@ -463,7 +451,7 @@ class Fit(Outcome):
             conditions=self.conditions or UNSET,
             plane=self.plane or UNSET,
             z_down=self.z_down if self.plane else UNSET,
-            beside=UNSET if self.aiding is None else self.aiding.to_record(),
+            aiding=UNSET if self.aiding is None else self.aiding.to_record(),
         )
 
     @property
@@ -498,7 +486,7 @@ class Fit(Outcome):
         title = f"{SIGNS[self.verdict]} {self.verdict}: "
         title += f"{self.method}, {counted(self.samples, 'reading')}" if self.is_described else "nothing is stated"
         causes = [finding for finding in first_causes(self.findings) if finding.severity != "note"]
-        words = [f"{SIGNS[finding.severity]} {in_python(finding)}" for finding in causes]
+        words = [f"{SIGNS[finding.severity]} {advice(finding)}" for finding in causes]
         if self.verdict == "refused":
             return refusal(title, words)
         calibration = self.calibration
@@ -546,7 +534,7 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
         coverage=Coverage.from_dict(record.coverage),
         plane=record.plane or None,
         z_down=True if record.z_down is UNSET else record.z_down,
-        aiding=None if record.beside is UNSET else Aiding.from_record(record.beside),
+        aiding=None if record.aiding is UNSET else Aiding.from_record(record.aiding),
         findings=findings,
         conditions=record.conditions or (),
     )
@@ -609,10 +597,10 @@ def _refuse_no_covariance(covariance: Floats, name: str) -> None:
 
 
 def _finding(record: FindingRecord) -> Finding:
-    """A finding of a file, by its code of today."""
+    """A finding as its file states it."""
     number, limit = (math.nan if value is None else value for value in (record.number, record.limit))
     severity = record.severity if record.severity in ("note", "limits", "refuses") else "note"
-    return Finding(RENAMED.get(record.code, record.code), cast("Severity", severity), number, limit, record.advice)
+    return Finding(record.code, cast("Severity", severity), number, limit, record.advice)
 
 
 def _rms_and_worst(error: HeadingError | DirectionError | None) -> dict[str, float] | None:
@@ -634,6 +622,5 @@ class Refused(FitError):
         self.fit = fit
         reasons = [finding for finding in fit.findings if finding.severity == "refuses"]
         causes = [finding for finding in first_causes(fit.findings) if finding.severity == "refuses"]
-        super().__init__(
-            "; ".join(finding.advice for finding in causes), **{finding.code: finding.number for finding in reasons}
-        )
+        super().__init__("; ".join(finding.advice for finding in causes))
+        self.evidence = {finding.code: finding.number for finding in reasons}

@@ -83,31 +83,31 @@ class ShotErrors:
     groups: NDArray[np.intp]  #: (N,)
     angles: Angles
     error_deg: Floats  #: (N,): NaN where no other shot has the same direction
-    left_out: NDArray[np.bool_]  #: (N,)
+    excluded: NDArray[np.bool_]  #: (N,)
 
     @classmethod
     def of(
-        cls, calibration: SurveyCalibration, shots: Shots, groups: NDArray[np.intp], left_out: NDArray[np.bool_]
+        cls, calibration: SurveyCalibration, shots: Shots, groups: NDArray[np.intp], excluded: NDArray[np.bool_]
     ) -> ShotErrors:
         """Correct shots; those that are left out do not count in the mean."""
         angles = calibration.angles(shots.magnetic, shots.gravity)
         pointing = _directions(angles)
-        alike = (groups[:, np.newaxis] == groups) & ~left_out
+        alike = (groups[:, np.newaxis] == groups) & ~excluded
         mean = alike.astype(float) @ pointing
         off = np.degrees(2.0 * np.arcsin(0.5 * lengths(pointing - mean / lengths(mean)[:, np.newaxis]).clip(max=2.0)))
-        others = alike.sum(axis=1) - ~left_out
-        return cls(shots.numbers, groups, angles, np.where(others > 0, off, np.nan), left_out)
+        others = alike.sum(axis=1) - ~excluded
+        return cls(shots.numbers, groups, angles, np.where(others > 0, off, np.nan), excluded)
 
     @property
     def rms_deg(self) -> float:
         """Of the shots that count; NaN where no two have the same direction."""
-        known = self.error_deg[~self.left_out & np.isfinite(self.error_deg)]
+        known = self.error_deg[~self.excluded & np.isfinite(self.error_deg)]
         return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
 
     def as_dict(self) -> list[dict[str, Any]]:
         """JSON-ready, a row for each shot."""
-        columns = (self.numbers, self.groups.tolist(), *self.angles, self.error_deg, self.left_out)
-        names = ("shot", "direction", "azimuth_deg", "inclination_deg", "roll_deg", "error_deg", "left_out")
+        columns = (self.numbers, self.groups.tolist(), *self.angles, self.error_deg, self.excluded)
+        names = ("shot", "direction", "azimuth_deg", "inclination_deg", "roll_deg", "error_deg", "excluded")
         plain = [column if isinstance(column, tuple | list) else column.tolist() for column in columns]
         return [dict(zip(names, row, strict=True)) for row in zip(*plain, strict=True)]
 
@@ -124,7 +124,7 @@ class SurveyFit(Outcome):
     gravity_noise: float  #: standard deviation of one axis of a reading, in the unit of its sensor
     aim_deg: float  #: standard deviation of shots that were aimed in the same direction, about each axis
     dip_deg: float  #: of the field
-    target_deg: float
+    target_deg: float  #: azimuth error asked for
     next_directions: tuple[NextDirection, ...]  #: where more shots would help most
     findings: tuple[Finding, ...]  #: most severe first
 
@@ -134,7 +134,7 @@ class SurveyFit(Outcome):
         heading = HeadingErrorRecord(rms=error.rms, worst=error.worst, dip_deg=self.dip_deg, target_deg=self.target_deg)
         fit = Fitted(
             method="survey",
-            samples=int(np.count_nonzero(~self.shots.left_out)),
+            samples=int(np.count_nonzero(~self.shots.excluded)),
             noise=self.noise,
             verdict=self.verdict,
             heading_error_deg=heading,
@@ -153,11 +153,13 @@ class SurveyFit(Outcome):
             "noise": self.noise,
             "gravity_noise": self.gravity_noise,
             "aim_deg": self.aim_deg,
+            # correction of the magnetometer, into axes of the instrument
             "magnetometer": self.calibration.magnetometer.as_dict(),
-            "accelerometer": self.calibration.accelerometer.as_dict(),
-            "pointing": self.calibration.pointing,
+            "accelerometer": self.calibration.accelerometer.as_dict(),  # correction of the accelerometer, likewise
+            "pointing": self.calibration.pointing,  # axis of the laser
+            # (3,): q, one over the unit of the accelerometer, which corrects g + q g² of a reading g
             "quadratic": list(self.calibration.quadratic),
-            "shots": self.shots.as_dict(),
+            "shots": self.shots.as_dict(),  # a row for each shot
             "next_directions": [direction._asdict() for direction in self.next_directions],
             "findings": [finding.as_dict() for finding in self.findings],
         }
@@ -199,13 +201,13 @@ def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG, non_linear: bool
     start = _begun(magnetic, gravity)
     groups = _apart(start.attitudes @ start.pointing) if shots.groups is None else shots.groups
     _refuse_unrolled(groups)
-    problem, iterate, left_out = _without_contradicting(magnetic, gravity, groups, is_quadratic=non_linear)
+    problem, iterate, excluded = _without_contradicting(magnetic, gravity, groups, is_quadratic=non_linear)
     _refuse_other_axis(iterate.at, shots.pointing)
     calibration = _calibration(iterate.at, shots)
     covariance = _covariance(problem, iterate)
     curve = problem.layout.gravity
     azimuth, inclination = pointing_errors(angle_gradients(iterate.at, curve), covariance)
-    errors = ShotErrors.of(calibration, shots, groups, left_out)
+    errors = ShotErrors.of(calibration, shots, groups, excluded)
     noise, gravity_noise, aim = iterate.weights.tolist()
     return SurveyFit(
         calibration,
@@ -268,7 +270,8 @@ def _begun(magnetic: Floats, gravity: Floats) -> SurveyParameters:
         raise FitError(
             f"the angle between gravity and field is not the same in all shots (sin I scatters by {scatter:.2f}): the "
             "axes of accelerometer and magnetometer do not fit each other, or iron was near. Say how each sensor sits "
-            "in the instrument: axes=, acceleration_axes=",
+            "in the instrument",
+            hint={"axes": None, "acceleration_axes": None},
             scatter=scatter,
         )
     return start
@@ -279,7 +282,9 @@ def _refuse_unrolled(groups: NDArray[np.intp]) -> None:
     if len(np.unique(groups)) == len(groups):
         raise FitError(
             f"no two shots that follow each other point within {SAME_DEG:.0f}° of the same direction: the axis of the "
-            f"laser cannot be seen; {REST}, and check which axis is the laser's: pointing="
+            f"laser cannot be seen; {REST}, and check which axis is the laser's",
+            hint={"pointing": None},
+            same_deg=SAME_DEG,
         )
 
 
@@ -288,8 +293,9 @@ def _refuse_other_axis(at: SurveyParameters, pointing: str) -> None:
     off = math.degrees(math.acos(float(np.clip(at.pointing[0], -1.0, 1.0))))
     if off > SAME_DEG:
         raise FitError(
-            f"the instrument was rolled about an axis {off:.0f}° from its {pointing} axis: say which is the laser's "
-            "(pointing=), and how the sensors sit (axes=, acceleration_axes=)",
+            f"the instrument was rolled about an axis {off:.0f}° from its {pointing} axis: say which is the laser's, "
+            "and how the sensors sit",
+            hint={"pointing": None, "axes": None, "acceleration_axes": None},
             off_deg=off,
         )
 
@@ -298,17 +304,17 @@ def _without_contradicting(
     magnetic: Floats, gravity: Floats, groups: NDArray[np.intp], *, is_quadratic: bool
 ) -> tuple[SurveyProblem, SurveyIterate, NDArray[np.bool_]]:
     """Fit, and again without the shot that contradicts the others most, until none does."""
-    left_out = np.zeros(len(groups), bool)
+    excluded = np.zeros(len(groups), bool)
     while True:
-        counts = np.flatnonzero(~left_out)
+        counts = np.flatnonzero(~excluded)
         problem = SurveyProblem.of(magnetic[counts], gravity[counts], groups[counts], is_quadratic=is_quadratic)
         iterate = levenberg_marquardt(problem, problem.initial(begin(magnetic[counts], gravity[counts])))
         contradiction = Influence.of(problem, iterate).contradiction
         worst = int(np.argmax(contradiction))
         is_one = contradiction[worst] > CONTRADICTS * float(np.median(contradiction))
-        if not is_one or left_out.sum() >= MOST_LEFT_OUT * len(groups):
-            return problem, iterate, left_out
-        left_out[counts[worst]] = True
+        if not is_one or excluded.sum() >= MOST_LEFT_OUT * len(groups):
+            return problem, iterate, excluded
+        excluded[counts[worst]] = True
 
 
 def _covariance(problem: SurveyProblem, iterate: SurveyIterate) -> Floats:
@@ -348,8 +354,8 @@ def _findings(
         "azimuth_deg": azimuth.worst,
         "inclination_deg": inclination.worst,
         "target_deg": target_deg,
-        "contradicting": float(errors.left_out.mean()),
+        "contradicting": float(errors.excluded.mean()),
     }
-    named = ", ".join(str(number) for number, out in zip(errors.numbers, errors.left_out, strict=True) if out)
+    named = ", ".join(str(number) for number, out in zip(errors.numbers, errors.excluded, strict=True) if out)
     record = Record(numbers, remedy=REST, shots=f"shot {named}")
     return by_severity(found_in(record, "pointing-error", "shots-contradict"))

@@ -202,9 +202,9 @@ def _why_biased(result: Fit) -> str:
 def _halves(spoken: Spoken) -> str:
     """How far the halves of a recording are apart, where that limits the fit."""
     drift = spoken.fit.drift
-    if drift is None or drift.halves_apart is None or spoken.quantities["drift_allowed_deg"]:
+    if drift is None or drift.halves_ratio is None or spoken.quantities["drift_allowed_deg"]:
         return ""
-    return f" (its halves differ by {drift.halves_apart:.1f} times what they claim)"
+    return f" (its halves differ by {drift.halves_ratio:.1f} times what they claim)"
 
 
 def improves(fit: Fit) -> bool:
@@ -241,12 +241,13 @@ def contradiction_words(repeats: Repeats | None, quantities: Mapping[str, float]
     others = "apart" if pair else "off the other recordings"
     if quantities["apart_beyond_claim_deg"]:
         return (
-            f"{who} {figures(part.off_deg)}° of heading {others} ({figures(part.offset)} {unit} in the offset), which "
-            "is not chance: something magnetic changed in between; use recordings made in the state of use"
+            f"{who} {figures(part.difference_deg)}° of heading {others} ({figures(part.offset_difference)} {unit} in "
+            "the offset), which is not chance: something magnetic changed in between; use "
+            "recordings made in the state of use"
         )
     return (
-        f"{who} {others} by more than both claim, though hardly in heading ({figures(part.off_deg)}°): the heading "
-        "error allows for it"
+        f"{who} {others} by more than both claim, though hardly in heading ({figures(part.difference_deg)}°): the "
+        "heading error allows for it"
     )
 
 
@@ -257,7 +258,7 @@ def _of_aiding(fit: Fit) -> Iterator[Finding]:
 
 def _runs(fit: Fit) -> str:
     """The three longest runs of outliers."""
-    worst = sorted(fit.outliers, key=lambda run: -run.rows)[:3]
+    worst = sorted(fit.outliers, key=lambda run: -run.readings)[:3]
     return "; ".join(str(run) for run in worst) + ("; …" if len(fit.outliers) > len(worst) else "")
 
 
@@ -322,7 +323,7 @@ WORDS: Final[dict[str, Callable[[Spoken], str]]] = {
     "halves": _halves,
     "leave": lambda spoken: _leave(spoken.fit),
     "unmodelled": lambda spoken: "" if spoken.fit.unmodelled is None else spoken.fit.unmodelled.name,
-    "outliers": lambda spoken: counted(sum(run.fitted for run in spoken.fit.outliers), "reading"),
+    "outliers": lambda spoken: counted(sum(run.independent for run in spoken.fit.outliers), "reading"),
     "runs": lambda spoken: _runs(spoken.fit),
     "again": lambda spoken: _again(spoken.quantities["outlier_share"]),
     "previous": lambda spoken: spoken.fit.refreshed.previous if spoken.fit.refreshed else "",
@@ -407,7 +408,7 @@ def of_disturbances(fit: Fit) -> Iterator[Finding]:
             yield from found_in(_constant_record(estimate), "disturbance-constant")
             continue
         record = _disturbance_record(estimate, estimate.disturbance, UNSAID * fit.target_deg)
-        record |= Record({"target_deg": fit.target_deg, "left_at_most_deg": min(estimate.left_deg, 180.0)})
+        record |= Record({"target_deg": fit.target_deg, "left_at_most_deg": min(estimate.remaining_deg, 180.0)})
         runs_along = bool(motors[1:]) and estimate.name in motors
         record |= {
             "unit": label(fit.calibration.unit),
@@ -441,14 +442,14 @@ def _disturbance_record(estimate: DisturbanceEstimate, disturbance: Disturbance,
     other = "record the current instead, which the field follows, or " if is_throttle else ""
     return Record(
         {
-            "taken_deg": estimate.taken_deg,
-            "left_deg": estimate.left_deg,
-            "shared": estimate.shared,
+            "removed_deg": estimate.removed_deg,
+            "remaining_deg": estimate.remaining_deg,
+            "attitude_collinearity": estimate.attitude_collinearity,
             "monotonicity": estimate.monotonicity,
-            "lag_is_beyond": float(estimate.lag_is_beyond),
+            "is_lag_at_limit": float(estimate.is_lag_at_limit),
             "lag_s": disturbance.lag_s,
             "curvature": estimate.curvature,
-            "curvature_deg": estimate.curvature * estimate.taken_deg,
+            "curvature_deg": estimate.curvature * estimate.removed_deg,
             "unsaid_deg": unsaid_deg,
             "lowest": disturbance.lowest,
             **_range(disturbance),

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.findings import RENAMED
 from flinders.fleet.history import MOST, BatchRule, batch_rule, whole_units
 from flinders.fleet.results import LISTS, common_findings, lists, named_rows, numbers, texts
 from flinders.report.fleet import FleetUnit, Histogram, Overview
@@ -22,8 +21,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 COLUMNS: Final = (
-    "unit", "recording", "verdict", "code", "message", "method", "worst_deg", "offset", "noise", "radius", "findings",
-    "unit_of_field",
+    "unit", "recording", "verdict", "code", "message", "method", "worst_deg", "offset", "noise", "field_strength",
+    "findings", "unit_of_field",
 )  # fmt: skip
 LISTED: Final = 50
 RANKS: Final = {"heading error": "worst_deg", "offset": "offset", "noise": "noise"}
@@ -55,7 +54,7 @@ def overview_of(
         codes={code: (count, *tally.examples[code]) for code, count in tally.codes.most_common()},
         methods=dict(tally.methods.most_common()),
         batches=tally.useful_batches(),
-        batch_of=rule.words,
+        batch_source=rule.words,
         worst={rank: tuple(tally.worst[rank]) for rank in RANKS},
         target_deg=target_deg,
     )
@@ -90,7 +89,7 @@ class _Tally:
         self.verdicts.update(verdicts)
         self.methods.update(method for method in texts(table.column("method")) if method)
         codes = table.column("findings").combine_chunks().flatten().to_pylist()
-        self.findings.update(RENAMED.get(code, code) for code in codes)
+        self.findings.update(codes)
         self._add_codes(table, units)
         self._add_batches(self.rule.of(named), texts(named.column("verdict")))
         self._add_numbers(table)
@@ -122,7 +121,7 @@ class _Tally:
 
     def _add_numbers(self, table: Any) -> None:  # noqa: ANN401
         """Add numbers to the histograms and to the worst units."""
-        worst_deg, noise, radius = (numbers(table.column(name)) for name in ("worst_deg", "noise", "radius"))
+        worst_deg, noise, radius = (numbers(table.column(name)) for name in ("worst_deg", "noise", "field_strength"))
         offset = np.linalg.norm(lists(table.column("offset"), LISTS["offset"]), axis=1)
         known = np.isfinite(offset)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -158,6 +157,6 @@ def _unit(table: Any, place: int, shares: dict[str, Floats]) -> FleetUnit:  # no
         worst_deg=float(shares["heading error"][place]),
         offset=float(shares["offset"][place]),
         noise=float(shares["noise"][place]),
-        radius=float(row["radius"]),
-        findings=tuple(RENAMED.get(code, code) for code in row["findings"] or ()),
+        radius=float(row["field_strength"]),
+        findings=tuple(row["findings"] or ()),
     )

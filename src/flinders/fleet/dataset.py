@@ -380,8 +380,9 @@ class KeyedTable:
         keys = KeyColumns.of_schema(file.name, file.schema, options)
         if keys is None:
             raise UsageError(
-                f"{file.name} does not say which unit a row is of: need a column such as unit or serial, or name it "
-                f"with unit_column=; there are {', '.join(names[:24])}"
+                f"{file.name} does not say which unit a row is of: there are {', '.join(names[:24])}; need a column "
+                "such as unit or serial, or its name",
+                hint={"unit_column": None},
             )
         table = table_of(
             file.kind,

@@ -96,8 +96,8 @@ def drift_of(
         dip_deg=survey.dip_deg if dip_deg is None else dip_deg,
         is_dip_given=dip_deg is not None,
         against=against,
-        change_chance=CHANCE / max(survey.changing, 1),
-        step_chance=CHANCE / max(survey.intervals, 1),
+        change_p_value_limit=CHANCE / max(survey.changing, 1),
+        step_p_value_limit=CHANCE / max(survey.intervals, 1),
     )
     results = _DriftTally(most)
     for history in histories(paths, rule=rule):
@@ -118,7 +118,7 @@ class _Survey:
     units: int = 0
     calibrations: int = 0
     left_out: int = 0
-    passed_over: int = 0
+    duplicates: int = 0
     intervals: int = 0
     changing: int = 0
     undated_units: int = 0
@@ -154,7 +154,7 @@ class _Survey:
         self.units += len(counts)
         self.calibrations += int(counts.sum())
         self.left_out += history.left_out
-        self.passed_over += history.passed_over
+        self.duplicates += history.duplicates
         self.intervals += int((counts[several] - 1).sum())
         self.changing += int(np.count_nonzero(several))
         self.undated_units += int(np.count_nonzero(several & ~history.is_dated))
@@ -187,8 +187,8 @@ class _Rules:
     dip_deg: float
     is_dip_given: bool
     against: Against
-    change_chance: float
-    step_chance: float
+    change_p_value_limit: float
+    step_p_value_limit: float
 
     def dips(self, recorded: Floats) -> Floats:
         """(n,) dip for each, signed by how its sensor is mounted: the given one, else that of its recording."""
@@ -225,13 +225,14 @@ def _changes_of(history: Histories, rules: _Rules) -> list[UnitDrift]:
 
 
 SHOWN: Final = (
-    "worst_deg", "rms_deg", "sigma_deg", "offset_deg", "offset_sigma_deg", "matrix_deg", "matrix_sigma_deg", "moved",
+    "worst_deg", "rms_deg", "sigma_deg", "offset_deg", "offset_sigma_deg", "matrix_deg", "matrix_sigma_deg",
+    "offset_change",
 )  # fmt: skip
 
 
 def _states(changes: Differences, rules: _Rules) -> list[str]:
     """State of each unit."""
-    beyond, far = changes.p_value < rules.change_chance, changes.worst_deg > rules.target_deg
+    beyond, far = changes.p_value < rules.change_p_value_limit, changes.worst_deg > rules.target_deg
     vague = changes.sigma_deg > rules.target_deg
     states: list[str] = np.select(
         [beyond & far, far | vague & ~beyond, beyond], ["recalibrate", "unsure", "changed"], "steady"
@@ -252,7 +253,7 @@ def _steps_of(history: Histories, rules: _Rules) -> list[UnitStep]:
     steps = [
         step
         for units, variance in ((history.is_dated, rules.dated), (~history.is_dated, rules.undated))
-        for step in _steps_in(series, np.flatnonzero(units & history.is_known), variance, rules.step_chance)
+        for step in _steps_in(series, np.flatnonzero(units & history.is_known), variance, rules.step_p_value_limit)
     ]
     if not steps:
         return []
@@ -284,7 +285,7 @@ def _step(history: Histories, step: ChangePoint, moved: list[float], worst: floa
         before_s=float(history.date_s[at]),
         after_s=float(history.date_s[at + 1]),
         worst_deg=worst,
-        moved=tuple(moved),
+        offset_change=tuple(moved),
         p_value=step.p_value,
         unit_of_field=history.unit_of_field[at],
     )
@@ -335,27 +336,27 @@ def _drift(survey: _Survey, rules: _Rules, results: _DriftTally, rule: BatchRule
     return FleetDrift(
         units=survey.units,
         calibrations=survey.calibrations,
-        left_out=survey.left_out,
-        passed_over=survey.passed_over,
+        without_calibration=survey.left_out,
+        duplicates=survey.duplicates,
         states={state: results.states[state] for state in STATES},
         change_deg=results.change_deg,
         listed=(*results.urgent, *results.unsure)[: results.most],
         steps=tuple(results.largest),
         step_count=results.step_count,
         step_units=results.step_units,
-        gaps=survey.intervals,
-        step_chance=rules.step_chance,
-        change_chance=rules.change_chance,
-        chance=CHANCE,
-        session=rules.dated.factor,
-        walk_deg=rules.dated.heading_deg(YEAR, dip_deg=rules.dip_deg),
+        intervals=survey.intervals,
+        step_p_value_limit=rules.step_p_value_limit,
+        change_p_value_limit=rules.change_p_value_limit,
+        false_alarm_probability=CHANCE,
+        variance_factor=rules.dated.factor,
+        random_walk_deg_per_root_year=rules.dated.heading_deg(YEAR, dip_deg=rules.dip_deg),
         pairs=rules.dated.pairs,
         undated=Undated(
             survey.undated_units, undated.factor, undated.heading_deg(1.0, dip_deg=rules.dip_deg), undated.pairs
         ),
         unordered=tuple(results.unordered),
         batches=_batches(survey, results, rule),
-        batch_of=rule.words,
+        batch_source=rule.words,
         target_deg=rules.target_deg,
         dip_deg=rules.dip_deg,
         against=rules.against,
@@ -381,7 +382,7 @@ def _batches(survey: _Survey, results: _DriftTally, rule: BatchRule) -> tuple[Ba
             batch=name,
             units=results.batches[name].total(),
             states={state: results.batches[name][state] for state in STATES if results.batches[name][state]},
-            stepped=results.stepped[name],
+            step_units=results.stepped[name],
             verdicts={verdict: verdicts[name][verdict] for verdict in VERDICTS if verdict in verdicts[name]},
             stands_out=tuple(kind for kind, those in odd.items() if name in those),
         )

@@ -36,7 +36,6 @@ from flinders.comparison.pairs import EllipsoidPairs
 from flinders.core.files import reason
 from flinders.errors import DocumentError, UsageError
 from flinders.fleet.results import (
-    LATER,
     LISTS,
     NAMES,
     UNNAMED,
@@ -62,7 +61,8 @@ if TYPE_CHECKING:
     Paths = Sequence[str | os.PathLike[str]]
 
 COLUMNS: Final = (
-    "unit", "recording", "start_s", "verdict", "offset", "matrix", "covariance", "radius", "dip_deg", "unit_of_field",
+    "unit", "recording", "start_s", "verdict", "offset", "matrix", "covariance", "field_strength",
+    "dip_deg", "unit_of_field",
 )  # fmt: skip
 SAME: Final = ("unit", "recording", "start_s", "end_s", "readings", "offset")
 """Columns that tell whether two rows are of one recording."""
@@ -99,7 +99,7 @@ class Histories:
     dip_deg: Floats
     verdicts: Mapping[tuple[str, str], int]  # rows of each batch and verdict, those without a calibration too
     left_out: int  # rows without a calibration, and those in another unit of field than the first of their unit
-    passed_over: int  # rows that a later table has as well
+    duplicates: int  # rows that a later table has as well
 
     @property
     def line(self) -> NDArray[np.intp]:
@@ -115,7 +115,7 @@ class Histories:
         return OffsetSeries(self.first, time, self.calibrations.centre / radius[:, np.newaxis], covariance)
 
     @classmethod
-    def of_table(cls, table: Any, rule: BatchRule | None = None, passed_over: int = 0) -> Histories:  # noqa: ANN401
+    def of_table(cls, table: Any, rule: BatchRule | None = None, duplicates: int = 0) -> Histories:  # noqa: ANN401
         """Sort the rows of whole units, each of a recording of its own."""
         from pyarrow import compute
 
@@ -144,12 +144,14 @@ class Histories:
             is_dated=is_dated,
             recording=objects(texts(inside.column("recording"))),
             date_s=date_s[alike],
-            calibrations=EllipsoidPairs.of_columns(offset, matrix, covariance, numbers(inside.column("radius"))),
+            calibrations=EllipsoidPairs.of_columns(
+                offset, matrix, covariance, numbers(inside.column("field_strength"))
+            ),
             unit_of_field=field[alike],
             dip_deg=numbers(inside.column("dip_deg")),
             verdicts=Counter(zip(batch.tolist(), verdict.tolist(), strict=True)) if rule else {},
             left_out=rows - len(chosen),
-            passed_over=passed_over,
+            duplicates=duplicates,
         )
 
 
@@ -256,7 +258,7 @@ def _completed(arrow: Any, table: Any, columns: Sequence[str], number: int) -> A
     def cells(name: str) -> Any:  # noqa: ANN401
         if name not in names:
             return arrow.nulls(len(table), arrow.string())
-        return table.column(name) if name in NAMES and name not in LATER else table.column(name).cast("string")
+        return table.column(name) if name in NAMES else table.column(name).cast("string")
 
     arrays = [*map(cells, columns), arrow.array(np.full(len(table), number))]
     return arrow.table(arrays, names=[*columns, TABLE])

@@ -212,26 +212,26 @@ def _file_by_file(partition: Partition, attempts: int, do: Callable[[Partition],
 class RunSummary:
     """Summary of a fleet run: rows written, units refused, files left out, duration."""
 
-    output: str
-    files: int
-    partitions: int
-    units: int  # units, their recordings, which are the rows of the table, and readings
-    rows: int
-    readings: int
+    output: str  # the table that was written
+    files: int  # that were read
+    partitions: int  # parts that the run was cut into
+    units: int  # sensors or vehicles
+    rows: int  # recordings, which are the rows of the table
+    readings: int  # of all recordings
     failed_readings: int  # readings of recordings that failed; an unreadable one has as many as its footer says
-    verdicts: dict[str, int]  # rows of each verdict, error code, finding and unit of field
-    codes: dict[str, int]
-    findings: dict[str, int]
-    units_of_field: dict[str, int]
+    verdicts: dict[str, int]  # rows by verdict
+    codes: dict[str, int]  # rows by error code
+    findings: dict[str, int]  # rows that have each
+    units_of_field: dict[str, int]  # rows by unit of field
     # ``median``, ``p95`` and ``largest`` of the worst heading error of rows that are good or limited
     worst_deg: dict[str, float]
     rejected: list[dict[str, str]]  # unit, recording, code and finding of the first rows that are refused or failed
-    left_out: dict[str, int]  # files of other kinds, by their suffix
+    other_files: dict[str, int]  # files of other kinds, by their suffix
     resumed: int  # partitions that an earlier run had done
     workers_lost: int  # workers that died, or left the cluster
     # partitions that were run again because their worker died; a cluster reports only those that it gave up
     retried: int
-    seconds: float
+    seconds: float  # duration of the run
 
     @property
     def is_whole(self) -> bool:
@@ -241,7 +241,9 @@ class RunSummary:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""
         fields = {name: getattr(self, name) for name in self.__slots__}
+        # what a good verdict rests on
         fields["conditions"] = list(OF_A_TUMBLE) if self.verdicts.get("good") else []
+        # units calibrated in a second
         fields["units_per_s"] = self.units / self.seconds if self.seconds else None
         return fields
 
@@ -288,8 +290,8 @@ class Checkpoint:
         self._refuse_foreign()
         if self.done and not resume and not force:
             raise UsageError(
-                f"{self.folder} holds what an earlier run has done: go on with resume=True, or begin again with "
-                "force=True"
+                f"{self.folder} holds what an earlier run has done: resume it, or begin again",
+                hint={"resume": True, "force": True},
             )
         if not resume:
             for path in self.folder.iterdir():
@@ -318,8 +320,9 @@ class Checkpoint:
                 return
         if self.done:
             raise UsageError(
-                f"{self.folder} is of a run with other files, options or another release: name those again, or begin "
-                "again with force=True and without resume=True"
+                f"{self.folder} is of a run with other files, options or another release: name those again to resume "
+                "it, or begin again",
+                hint={"force": True},
             )
         about = {"fingerprint": plan.fingerprint, "partitions": len(plan.partitions)}
         write_text(json.dumps(about) + "\n", path, force=True)
@@ -470,7 +473,7 @@ class Progress:
         weights = [partition.weight for partition in plan.partitions]
         self._total = sum(weights)
         self._done = sum(weight for place, weight in enumerate(weights) if place in finished)
-        about = {"files": plan.files, "left_out": plan.left_out, "partitions": len(plan.partitions)}
+        about = {"files": plan.files, "other_files": plan.other_files, "partitions": len(plan.partitions)}
         log_event("planned", **fields, **about, resumed=len(finished))
 
     def waits(self, words: str) -> None:
@@ -521,7 +524,7 @@ class Progress:
             files=plan.files,
             partitions=len(plan.partitions),
             **counts,
-            left_out=plan.left_out,
+            other_files=plan.other_files,
             resumed=resumed,
             workers_lost=self.workers_lost,
             retried=len(self.retried),
@@ -547,7 +550,8 @@ class Progress:
             if isinstance(error, KeyboardInterrupt) and done:
                 self.notice(done)
             if isinstance(error, OutputError) and done:
-                raise OutputError(f"{error}. {done}") from None
+                hint = {**error.hint, "resume": True}
+                raise OutputError(f"{error.message}. {done}", hint=hint, **error.evidence) from None
             raise
 
     def _log_end(self, error: BaseException, done: str) -> None:
@@ -556,7 +560,7 @@ class Progress:
         if isinstance(error, KeyboardInterrupt | SystemExit):
             log_event("interrupted", message=done or "nothing is kept", **state)
         elif isinstance(error, FlindersError):
-            log_event("failed", code=error.code, message=str(error), **state)
+            log_event("failed", code=error.code, message=error.message, **state)
         else:
             log_event("failed", code="internal", message=f"{type(error).__name__}: {error}", **state)
 
@@ -568,7 +572,7 @@ class Progress:
         if not done:
             self._checkpoint.remove()
             return ""
-        return f"{done:,} of {counted(self._partitions, 'partition')} are done, and kept: go on with resume=True"
+        return f"{done:,} of {counted(self._partitions, 'partition')} are done, and kept: resume the run"
 
     def _log_unread(self, rows: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
         """Log each recording that could not be read, up to `UNREAD` of them."""

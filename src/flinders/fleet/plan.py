@@ -12,7 +12,7 @@ a partition of its own, which takes its rows alone.
 ...     (folder / name).parent.mkdir(exist_ok=True)
 ...     _ = (folder / name).write_text("x,y,z\n")
 >>> plan = plan_of(str(folder), Options())
->>> len(plan.partitions), [key_of(part.file.name) for part in plan.partitions[0].slices][:2], plan.left_out
+>>> len(plan.partitions), [key_of(part.file.name) for part in plan.partitions[0].slices][:2], plan.other_files
 (3, [('A17', 'friday.csv')], {'.md': 1})
 """
 
@@ -137,7 +137,7 @@ class Plan:
 
     partitions: tuple[Partition, ...]
     files: int  # files that are read
-    left_out: dict[str, int]  # files of other kinds by their suffix, entries that are no files, and tables of fleets
+    other_files: dict[str, int]  # files of other kinds by their suffix, entries that are no files, and tables of fleets
     fingerprint: str  # hash of files, options and release: partitions with another one belong to another run
 
 
@@ -158,19 +158,22 @@ def plan_of(where: str, options: Options) -> Plan:
     """
     files = listed(where)
     taken = [file for file in files if not file.kind and (MAGIC.search(where) or _is_readable(file.name))]
-    left_out = Counter(_kind(file) for file in set(files) - set(taken))
+    other_files = Counter(_kind(file) for file in set(files) - set(taken))
     if not taken:
-        raise UnreadableInput(f"{where}: none of {len(files)} files is a recording: they end in {', '.join(left_out)}")
+        raise UnreadableInput(
+            f"{where}: none of {len(files)} files is a recording: they end in {', '.join(other_files)}"
+        )
     tables, logs, own = _sorted_out(taken, options)
     if own:
-        left_out[TABLES_OF_FLEETS] = len(own)
+        other_files[TABLES_OF_FLEETS] = len(own)
         taken = [file for file in taken if file not in own]
     if not taken:
         raise UnreadableInput(f"{where}: no recordings, but {counted(len(own), 'table')} that `flinders fleet` wrote")
     if options.unit_column is not None and not tables and not any(part.error for part in logs):
         raise UsageError(
-            f"{where}: unit_column= is for Parquet and Arrow tables, and there is none: give each unit a file or "
-            "folder of its own, or convert the table (pyarrow.csv.read_csv, pyarrow.parquet.write_table)"
+            f"{where}: a column of units is for Parquet and Arrow tables, and there is none: give each unit a file or "
+            "folder of its own, or convert the table with pyarrow.csv.read_csv and pyarrow.parquet.write_table",
+            hint={"unit_column": None},
         )
     _refuse_batch(where, tables, logs, options)
     by_recording = defaultdict(list)
@@ -178,7 +181,7 @@ def plan_of(where: str, options: Options) -> Plan:
         by_recording[table.keys.recording_value].append(table)
     alike = [_tables(tables, options) for _, tables in sorted(by_recording.items())]
     partitions = (*chain.from_iterable(alike), *_logs(logs))
-    return Plan(partitions, len(taken), dict(sorted(left_out.items())), _fingerprint(taken, options))
+    return Plan(partitions, len(taken), dict(sorted(other_files.items())), _fingerprint(taken, options))
 
 
 def _sorted_out(
@@ -211,8 +214,9 @@ def _refuse_batch(where: str, tables: Sequence[_TableSlice], logs: Sequence[File
         return
     if not any(part.error or options.batch_column in in_path(part.file.name) for part in slices):
         raise UsageError(
-            f"{where}: no file has a column {options.batch_column} or lies in a folder "
-            f"{options.batch_column}=...: name another with batch_column=, or leave that out"
+            f"{where}: no file has a column {options.batch_column} or lies in a folder named after it: name another, "
+            "or leave that out",
+            hint={"batch_column": None},
         )
 
 

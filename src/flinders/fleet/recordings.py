@@ -23,7 +23,7 @@ import numpy as np
 
 from flinders.core.samples import concatenated
 from flinders.core.silence import silent
-from flinders.errors import UnitError, counted
+from flinders.errors import FlindersError, UnitError, counted
 from flinders.fitting.batch import Lined
 from flinders.fleet.dataset import HALF, Interner, KeyColumns, KeyedTable, Runs, batch_in, counts_of, extents_of, opened
 from flinders.fleet.results import UnitResult, one_line
@@ -322,9 +322,10 @@ class UnreadableGroups:
     def row(self) -> UnitResult:
         """A row for those whose units are not known; no unit has such a name."""
         rows = f" ({counted(self.rows, 'row')})" if self.rows else ""
+        why = self.error.message if isinstance(self.error, FlindersError) else self.error
         message = (
             f"it cannot be told whose readings are in {self.where}{rows}, and a unit that has some of them and others "
-            f"elsewhere was fitted without them: {self.error}"
+            f"elsewhere was fitted without them: {why}"
         )
         return _row(self.error, (f"({self.part.file.name})", self.place), self.rows, message)
 

@@ -48,12 +48,10 @@ if TYPE_CHECKING:
 
 KEY: Final = ("unit", "recording", "start_s")
 """Columns by which the table is sorted."""
-VERSION: Final = "2"
-"""Version of the columns, in the metadata of a file; the first had no `batch`."""
+VERSION: Final = "1"
+"""Version of the columns, in the metadata of a file."""
 SIGN: Final = b"flinders.fleet"
 """Key of that metadata, by which a table of a fleet is recognised."""
-LATER: Final = {"batch": "", "bound_deg": math.nan}
-"""Columns that tables of earlier releases lack, and their values."""
 GROUP: Final = 65_536
 """Rows in a row group of the table."""
 LONGEST: Final = 500
@@ -79,7 +77,7 @@ class UnitResult:
     start_s: float = math.nan  #: earliest time of its readings, s since 1970 if it has dates; NaN without times
     end_s: float = math.nan  # latest time
     readings: int = 0  #: those there were
-    used: int = 0  #: those that the fit used
+    samples: int = 0  #: those that the fit used
     #: ``good``, ``limited``, ``refused``, or ``failed`` if it could not be read or calculated at all
     verdict: str = "failed"
     code: str = ""  #: of the error of a refused or failed one, else empty
@@ -87,14 +85,14 @@ class UnitResult:
     method: str = ""  #: method of the final fit
     worst_deg: float = math.nan  #: heading error of a level vehicle at the worst heading, 1 σ, at a dip of `dip_deg`
     rms_deg: float = math.nan  #: the same over all headings
-    bound_deg: float = math.nan  #: heading error that it stays within at all headings with a probability of 95 %
-    dip_deg: float = math.nan
+    bound_95_deg: float = math.nan  #: heading error that it stays within at all headings with a probability of 95 %
+    dip_deg: float = math.nan  #: dip of the field that heading errors are for
     offset: tuple[float, ...] = _missing(3)  #: 3 float, in `unit_of_field`
     matrix: tuple[float, ...] = _missing(9)  #: 9 float: row by row
     #: 45 float: of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Fit.claimed_covariance`: its upper triangle, row by row
     covariance: tuple[float, ...] = _missing(45)
     noise: float = math.nan  #: of the readings about the ellipsoid, in `unit_of_field`
-    radius: float = math.nan  # strength of the corrected field, in `unit_of_field`
+    field_strength: float = math.nan  # strength of the corrected field, in `unit_of_field`
     coverage: float = math.nan  #: fraction of the sphere that was covered
     findings: tuple[str, ...] = ()  #: codes, by severity
     unit_of_field: str = ""  #: ``uT`` or ``counts``
@@ -200,14 +198,12 @@ class UnitResults(FitColumns):
 
     @classmethod
     def from_arrow(cls, table: Any) -> Self:  # noqa: ANN401
-        """From a table of Arrow that has the columns of `schema`; those `LATER` may be missing.
+        """From a table of Arrow that has the columns of `schema`.
 
         Raises `DocumentError` if columns are missing.
         """
         refuse_other_table(table.column_names, NAMES)
-        columns: dict[str, Any] = {name: _column(name, [value] * len(table)) for name, value in LATER.items()}
-        names = [name for name in NAMES if name in table.column_names]
-        return cls(**columns | {name: _from_arrow(name, table.column(name)) for name in names})
+        return cls(**{name: _from_arrow(name, table.column(name)) for name in NAMES})
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Self:
@@ -257,8 +253,8 @@ def needs_arrow() -> Any:  # noqa: ANN401
 
 
 def refuse_other_table(names: Sequence[str], needed: Sequence[str], path: str | os.PathLike[str] = "") -> None:
-    """Refuse a table that lacks columns of `flinders fleet`, but for those `LATER`: raises DocumentError."""
-    missing = [name for name in needed if name in NAMES and name not in names and name not in LATER]
+    """Refuse a table that lacks columns of `flinders fleet`: raises DocumentError."""
+    missing = [name for name in needed if name in NAMES and name not in names]
     if missing:
         where = f"{path}: " if path else ""
         raise DocumentError(

@@ -323,7 +323,7 @@ def _quiet() -> Iterator[None]:
 
 def _is_gone(scheduler: str) -> LinkError:
     """Error of a scheduler that went away during the run."""
-    return LinkError(f"the Dask scheduler at {scheduler} is gone: start it again, and go on with resume=True")
+    return LinkError(f"the Dask scheduler at {scheduler} is gone: start it again, and resume", hint={"resume": True})
 
 
 def _distributed() -> Any:  # noqa: ANN401
@@ -333,5 +333,5 @@ def _distributed() -> Any:  # noqa: ANN401
         import distributed.client
         import distributed.scheduler
     except ImportError:
-        raise MissingExtra("distributed", "fleet", "scheduler=") from None
+        raise MissingExtra("distributed", "fleet", "a run on a Dask scheduler") from None
     return distributed

@@ -25,7 +25,6 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.deprecation import warn
 from flinders.errors import FlindersError, InputError, OutputError, UsageError, counted
 from flinders.estimators.data import CountedRecording, recording_of
 from flinders.fitting.batch import FitColumns, fit_batch
@@ -77,7 +76,8 @@ class LostWorker(InputError):
         self.attempts = attempts
         super().__init__(
             f"{name}: {attempts} workers died of it, one after the other: left out. Fit it by itself with flinders "
-            "calibrate, and look at the memory of the machine"
+            "calibrate, and look at the memory of the machine",
+            attempts=attempts,
         )
 
 
@@ -92,7 +92,9 @@ class NoUnit(InputError):
             f"{counted(rows, 'row')} of {where} name no unit: fitted to none; fill the column of units in, or name "
             "another column of them"
             if rows
-            else f"{where} lies in a folder of no unit: give that folder a name"
+            else f"{where} lies in a folder of no unit: give that folder a name",
+            hint={"unit_column": None} if rows else {},
+            rows=rows,
         )
 
 
@@ -125,7 +127,6 @@ def fit_many(
     batch_column: str | None = None,
     target_deg: float = 1.0,
     dip_deg: float = 60.0,
-    polish: bool | None = None,
 ) -> UnitResults:
     """Calibrate many units, each as `flinders.fit` would by itself; what cannot be fitted is a row that says why.
 
@@ -145,8 +146,6 @@ def fit_many(
         ``unit`` or ``serial``, ``recording`` or ``session``, and ``batch`` or ``lot``.
     target_deg, dip_deg : float
         As `flinders.fit`.
-    polish : bool, optional
-        Has no effect, and goes with the next release.
 
     Returns
     -------
@@ -158,8 +157,6 @@ def fit_many(
     >>> rows, rows.offset.shape
     (UnitResults(2 good), (2, 3))
     """
-    if polish is not None:
-        warn("fit_many() goes through all readings: leave 'polish' out, which goes with the next release")
     options = Options(
         columns=columns,
         unit=unit,

@@ -185,8 +185,8 @@ class PlaneEllipse:
             "centre": self.centre.tolist(),
             "eigenvalues": self.eigenvalues.tolist(),
             "semi_axes": self.semi_axes.tolist(),
-            "axis_ratio": self.ratio,
-            "skew_angle_deg": self.direction_deg,
+            "axis_ratio": self.ratio,  # long over short semi-axis
+            "skew_angle_deg": self.direction_deg,  # where the long axis points, from the first axis towards the second
             "matrix": self.matrix.tolist(),
         }
 
@@ -201,8 +201,8 @@ class Spacing:
     """
 
     points: int
-    first: float  #: r₁, 0 to 1
-    second: float  #: r₂, 0 to 1
+    first_harmonic: float  #: r₁, 0 to 1
+    second_harmonic: float  #: r₂, 0 to 1
     widest_gap_deg: float  #: between neighbours
 
     @classmethod
@@ -221,7 +221,7 @@ class Spacing:
     @property
     def cost_deg(self) -> float:
         """Heading error that the mean and the scatter of such points make at the worst heading, to first order."""
-        return float(np.degrees(self.first + self.second / 2.0))
+        return float(np.degrees(self.first_harmonic + self.second_harmonic / 2.0))
 
     def is_even(self, *, within_deg: float) -> bool:
         """The mean can be trusted: it costs no more than this."""
@@ -230,8 +230,8 @@ class Spacing:
     def as_dict(self) -> dict[str, float]:
         """JSON-ready."""
         return {
-            "first_harmonic": self.first,
-            "second_harmonic": self.second,
+            "first_harmonic": self.first_harmonic,
+            "second_harmonic": self.second_harmonic,
             "widest_gap_deg": self.widest_gap_deg,
             "cost_deg": self.cost_deg,
         }
@@ -240,7 +240,8 @@ class Spacing:
         cost = f"{figures(self.cost_deg)}°" if self.cost_deg >= 0.005 else "0.00°"
         return (
             f"{counted(self.points, 'point')} around 360°, widest gap {self.widest_gap_deg:.0f}°; "
-            f"first harmonic {self.first:.3f}, second {self.second:.3f}: the mean costs up to {cost} of heading"
+            f"first harmonic {self.first_harmonic:.3f}, second {self.second_harmonic:.3f}: "
+            f"the mean costs up to {cost} of heading"
         )
 
 
@@ -248,7 +249,7 @@ class Spacing:
 class Turn:
     """A turn in one plane: its points, what the recipe makes of them, and the ellipse of least squares."""
 
-    plane: Plane
+    plane: Plane  #: the plane that was turned: ``xy``, ``yz`` or ``zx``
     points: Floats  #: (N, 2): readings along the first and the second axis of the plane
     recipe: PlaneEllipse  #: from mean and scatter
     ellipse: PlaneEllipse  #: by least squares; it does not care how the points are spaced
@@ -266,7 +267,8 @@ class Turn:
         return {
             "plane": self.plane,
             "points": self.spacing.points,
-            "mean_and_scatter": self.recipe.as_dict(),
+            "mean_and_scatter": self.recipe.as_dict(),  # the ellipse of the recipe
+            # the ellipse by least squares, which does not depend on the spacing
             "least_squares": self.ellipse.as_dict(),
             "spacing": self.spacing.as_dict(),
         }

@@ -28,9 +28,12 @@ from flinders.core.axes import EXCHANGES, Axes
 from flinders.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
+    from flinders.errors import Hint
 
 ENOUGH: Final = 100
 """Readings at rest from which on axes are judged."""
@@ -72,9 +75,9 @@ class ForeignAxes(InputError):
 
     code = "foreign-axes"
 
-    def __init__(self, message: str, *, axes: Axes, scatter_deg: float, fitting_deg: float) -> None:
+    def __init__(self, message: str, *, axes: Axes, scatter_deg: float, fitting_deg: float, hint: Hint) -> None:
         self.axes, self.scatter_deg, self.fitting_deg = axes, scatter_deg, fitting_deg
-        super().__init__(message)
+        super().__init__(message, hint=hint, axes=str(axes), scatter_deg=scatter_deg, fitting_deg=fitting_deg)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,9 +185,11 @@ class Frames:
             if wanders
             else f"the field is seen to dip by {self.dip_deg[0]:.0f}°, where the site has {site_dip_deg:.0f}°"
         )
+        advice, hint = _advice([after(axes, applied) for axes in fitting])
         raise ForeignAxes(
-            f"accelerometer and magnetometer do not share their axes: {evidence}; {_advice(fitting, applied)}",
+            f"accelerometer and magnetometer do not share their axes: {evidence}; {advice}",
             axes=after(fitting[0], applied),
+            hint=hint,
             scatter_deg=scatter_deg,
             fitting_deg=self._in_degrees(self.dip(fitting[0])[0], best),
         )
@@ -198,32 +203,31 @@ def usual_length(force: Floats) -> float | None:
     return float(np.median(finite)) if len(finite) else None
 
 
-def _advice(fitting: tuple[Axes, ...], applied: Axes) -> str:
-    """Say what is wrong with the axes, and with which option it comes right."""
-    names = [str(after(axes, applied)) for axes in fitting[:3]]
-    mistake = Axes.of(names[0])
-    advice = f"{_named(mistake)}: {remedy(mistake)}"
-    if mistake == EVERY[0]:
-        advice = f"as they were recorded they do: {remedy(mistake)}"
-    elif mistake.is_mirror and names[0] != OPPOSITE:
+def _advice(fitting: Sequence[Axes]) -> tuple[str, Hint]:
+    """Say what is wrong with the axes and what to do, with the hint that maps those of the acceleration.
+
+    `fitting`: mappings of the acceleration with which it fits, the best first.
+
+    >>> _advice([Axes.of("y,x,-z")])
+    ('its x and y are swapped, and its z has the wrong sign: map its axes', {'acceleration_axes': 'y,x,-z'})
+    """
+    mistake, *others = fitting
+    hint: dict[str, object] = {"acceleration_axes": None if mistake == EVERY[0] else str(mistake)}
+    advice = "as they were recorded they do: leave their mapping out"
+    if mistake != EVERY[0]:
+        advice = f"{_named(mistake)}: map its axes"
+    if mistake.is_mirror and str(mistake) != OPPOSITE:
         advice += (
-            "; one of the two is left-handed, and if that is the magnetometer, calibrate it again with axes= instead"
+            "; one of the two is left-handed, and if that is the magnetometer, map that one's axes and calibrate again"
         )
-    if len(fitting) > 1:
+        hint["axes"] = None
+    if others:
+        names = " or ".join(map(str, others[:2]))
         advice += (
-            f"; or {' or '.join(names[1:])}{' and others' if len(fitting) > len(names) else ''}, "
+            f"; or {names}{' and others' if len(others) > 2 else ''}, "
             "which these attitudes do not tell apart: turn the sensor about more axes"
         )
-    return advice
-
-
-def remedy(axes: Axes) -> str:
-    """Say what to do so that the acceleration is turned by `axes`.
-
-    >>> remedy(Axes.of("y,x,-z")), remedy(EVERY[0])
-    ("give acceleration_axes='y,x,-z'", 'leave acceleration_axes= out')
-    """
-    return "leave acceleration_axes= out" if axes == EVERY[0] else f"give acceleration_axes='{axes}'"
+    return advice, hint
 
 
 def _named(axes: Axes) -> str:

@@ -70,9 +70,10 @@ class UnitValue:
     unit: str  # as it was typed, in its usual spelling
 
     @classmethod
-    def of(cls, kind: Kind, text: str) -> Self:
+    def of(cls, kind: Kind, text: str, name: str = "") -> Self:
         """Read a number with its unit: ``2.62mG``, ``1 cm``, ``0.2A``, ``0.1 A·m²``; an angle may do without.
 
+        `name`: what messages call it, by default its kind.
         Raises `UnitError` for a unit that is missing, not known or of another kind; `UsageError` for what is no
         positive number.
 
@@ -81,15 +82,15 @@ class UnitValue:
         >>> UnitValue.of("field", "0.5 mG"), UnitValue.of("length", "15 mm"), UnitValue.of("moment", "20 mA·m²")
         (UnitValue(value=0.05, unit='mG'), UnitValue(value=0.015, unit='mm'), UnitValue(value=0.02, unit='mAm2'))
         """
-        match = NUMBER.fullmatch(text.strip())
+        match, what = NUMBER.fullmatch(text.strip()), f"{name or kind} {text!r}"
         if not match or match[2].startswith((",", ".")):
             comma = f"; write {text.strip().replace(',', '.')}" if re.match(r"\d*,\d+\D", text.strip()) else ""
-            raise UsageError(f"{kind} {text!r}: need a number and a unit, such as {EXAMPLES[kind]}{comma}")
-        unit = _unit(kind, match[2], text)
+            raise UsageError(f"{what}: need a number and a unit, such as {EXAMPLES[kind]}{comma}")
+        unit = _unit(kind, match[2], what)
         value = float(match[1]) * UNITS[kind][unit]
         if not (math.isfinite(value) and value > 0):
             limit = "below 1e300" if value > 0 else "above 0"
-            raise UsageError(f"{kind} {text!r}: need a number {limit}")
+            raise UsageError(f"{what}: need a number {limit}")
         return cls(value, unit)
 
 
@@ -303,8 +304,8 @@ def _sound(value: float) -> float:
     return value
 
 
-def _unit(kind: Kind, text: str, whole: str) -> str:
-    """Find a unit of one kind by any of its spellings."""
+def _unit(kind: Kind, text: str, what: str) -> str:
+    """Find a unit of one kind by any of its spellings; `what`: the quantity in a message."""
     units = UNITS[kind]
     spelled = re.sub(r"[ ·⋅*^]", "", text).replace("²", "2").replace("³", "3").replace("μ", "µ")
     if not spelled and kind == "angle":
@@ -316,7 +317,7 @@ def _unit(kind: Kind, text: str, whole: str) -> str:
         if name in units:
             return name
     named = f"unit {text!r} is not known here" if text else "lacks a unit"
-    raise UnitError(f"{kind} {whole!r}: {named}; use one of {', '.join(units)}, such as {EXAMPLES[kind]}")
+    raise UnitError(f"{what}: {named}; use one of {', '.join(units)}, such as {EXAMPLES[kind]}")
 
 
 QUANTITIES: Final[Mapping[str, tuple[Kind, str]]] = {
@@ -415,4 +416,8 @@ class Budget:
         values = {key: known.get(name) for name, (_, key) in QUANTITIES.items() if name in shown}
         fields: dict[str, Any] = {"kind": self.kind, **({"position": self.position} if self.position else {}), **values}
         derived = [QUANTITIES[name][1] for name in self.derived]
-        return {**fields, "found": derived, "formulas": [*dict.fromkeys(self.why.values())]}
+        # keys of the quantities that were solved for
+        fields["derived"] = derived
+        # those that were used
+        fields["formulas"] = [*dict.fromkeys(self.why.values())]
+        return fields

@@ -49,7 +49,7 @@ class Headings:
     pitch_deg: Floats | None = None  # (N,)
     dip_deg: Floats | None = None  # (N,) of the field, as it is seen
     frames: Frames = field(default_factory=Frames)  # axes of the accelerometer; of a level sensor, whether z is down
-    shaken: int = 0  # readings whose acceleration was not that of gravity alone
+    accelerated: int = 0  # readings whose acceleration was not that of gravity alone
 
     def __len__(self) -> int:
         return len(self.magnetic_deg)
@@ -102,7 +102,8 @@ class Compass:
         if samples.acceleration is None:
             raise NoAccelerometer(
                 f"no accelerometer among the columns of {samples.source}: the heading of a tilted sensor needs one; "
-                "name its columns with acceleration=, or say level=True if the sensor never tilts"
+                "name its columns, or say that the sensor never tilts",
+                hint={"acceleration": None, "level": True},
             )
         force = self._specific_force(self.acceleration_axes.apply(samples.acceleration))
         magnetic = FORMULAS[self.formula](corrected, force)
@@ -133,9 +134,9 @@ class Compass:
 class Voyage:
     """What a stretch of headings was like, in sums that add."""
 
-    readings: int = 0
-    without: int = 0  # those without a heading
-    shaken: int = 0  # those whose acceleration was not that of gravity alone
+    readings: int = 0  # how many were corrected
+    without_heading: int = 0  # those without a heading
+    accelerated: int = 0  # those whose acceleration was not that of gravity alone
     frames: Frames = field(default_factory=Frames)
     tilts: Floats = field(default_factory=lambda: np.zeros(181))  # readings by the angle between z and down, in degrees
 
@@ -148,13 +149,13 @@ class Voyage:
             upright = np.cos(np.deg2rad(headings.roll_deg)) * np.cos(np.deg2rad(headings.pitch_deg))
             angles = np.rad2deg(np.arccos(upright[np.isfinite(upright)].clip(-1.0, 1.0)))
             tilts = np.bincount(np.round(angles).astype(int), minlength=181).astype(float)
-        return cls(len(headings), without, headings.shaken, headings.frames, tilts)
+        return cls(len(headings), without, headings.accelerated, headings.frames, tilts)
 
     def __add__(self, other: Voyage) -> Voyage:
         return Voyage(
             self.readings + other.readings,
-            self.without + other.without,
-            self.shaken + other.shaken,
+            self.without_heading + other.without_heading,
+            self.accelerated + other.accelerated,
             self.frames + other.frames,
             self.tilts + other.tilts,
         )
@@ -162,7 +163,7 @@ class Voyage:
     @property
     def has_none(self) -> bool:
         """No reading has a heading."""
-        return 0 < self.readings == self.without
+        return 0 < self.readings == self.without_heading
 
     @property
     def is_z_up(self) -> bool:
@@ -178,9 +179,10 @@ class Voyage:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        plain: dict[str, Any] = {"rows": self.readings, "without_heading": self.without}
+        plain: dict[str, Any] = {"readings": self.readings, "without_heading": self.without_heading}
         if self.frames.readings:
             dip, scatter = self.frames.dip_deg
-            plain |= {"shaken": self.shaken, "tilt_deg": self.tilt_deg, "z_up": self.is_z_up}
-            plain |= {"dip_seen_deg": dip, "dip_scatter_deg": scatter}
+            plain |= {"accelerated": self.accelerated, "tilt_deg": self.tilt_deg, "is_z_up": self.is_z_up}
+            plain["measured_dip_deg"] = dip  # mean over the attitudes
+            plain["measured_dip_scatter_deg"] = scatter  # 1 σ over the attitudes
         return plain

@@ -39,14 +39,19 @@ class Corrector:
     """One cardinal heading: what the compass read, what it is to be made to read, and the deviation left there."""
 
     name: str  # N, E, S or W
-    compass_deg: float
-    make_deg: float
-    left_deg: float
+    compass_deg: float  # what the compass read
+    make_deg: float  # what it is to be made to read
+    left_deg: float  # deviation left there
 
     @property
     def change_deg(self) -> float:
         """By how much the reading is to grow."""
         return float(folded(self.make_deg - self.compass_deg))
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        names = ("name", "compass_deg", "make_deg", "change_deg", "left_deg")
+        return {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,12 +65,12 @@ class Compensation:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        names = ("name", "compass_deg", "make_deg", "change_deg", "left_deg")
         return {
-            "A_deg": self.a_deg,
-            "B_deg": self.b_deg,
-            "C_deg": self.c_deg,
-            "correctors": [{name: getattr(row, name) for name in names} for row in self.rows],
+            "A_deg": self.a_deg,  # mean of the deviations on the cardinal headings
+            "B_deg": self.b_deg,  # hard iron fore-and-aft
+            "C_deg": self.c_deg,  # hard iron athwartships
+            # of N, E, S and W what the compass read, `make_deg` that it is to read, and the deviation left
+            "correctors": [row.as_dict() for row in self.rows],
         }
 
 
@@ -103,5 +108,6 @@ def _refuse_missing(apart_deg: list[float]) -> None:
     if missing:
         raise FitError(
             f"no reading within {WITHIN_DEG:.0f}° of {' and '.join(missing)}: a correction swing has one on each of "
-            "N, E, S and W by the reference"
+            "N, E, S and W by the reference",
+            missing=tuple(missing),
         )

@@ -174,18 +174,21 @@ class Deviation:
             "coefficients_deg": dict(zip(NAMES, self.coefficients_deg.tolist(), strict=True)),
             "sigma_deg": None if self.sigmas_deg is None else dict(zip(NAMES, self.sigmas_deg.tolist(), strict=True)),
             "covariance": None if self.covariance is None else self.covariance.tolist(),
+            # A to E by the classic analysis of eight headings 45° apart; None for others
             "eight_points_deg": None if self.eight is None else dict(zip(NAMES, self.eight.tolist(), strict=True)),
-            "headings": len(self.compass_deg),
+            "headings": len(self.compass_deg),  # how many were observed
             "freedom": self.freedom,
-            "observation_sigma_deg": self.sigma_deg,
+            "observation_sigma_deg": self.sigma_deg,  # 1 σ of one observation about the curve, or what was given for it
             "chi_square": self.chi_square,
             "largest_deg": self.largest_deg,
             "widest_gap_deg": self.widest_gap_deg,
+            # observations by compass heading: `deviation_deg` and its `residual_deg` from the curve
             "swing": {
                 "compass_deg": self.compass_deg.tolist(),
                 "deviation_deg": self.observed_deg.tolist(),
                 "residual_deg": self.residual_deg.tolist(),
             },
+            # the curve in steps of compass heading: `deviation_deg`, and its 1 σ
             "card": {
                 "compass_deg": headings.tolist(),
                 "deviation_deg": deviations.tolist(),
@@ -235,12 +238,13 @@ class Expected:
         """JSON-ready, held against a swing if there is one."""
         chance = None if deviation is None else self.chance(deviation)
         return {
-            "sigma_deg": dict(zip(NAMES[1:], self.sigmas_deg.tolist(), strict=True)),
+            "sigma_deg": dict(zip(NAMES[1:], self.sigmas_deg.tolist(), strict=True)),  # 1 σ of B, C, D and E
             "covariance": self.covariance.tolist(),
             "dip_deg": self.dip_deg,
             "dip_from": self.dip_from,
+            # of what the swing found, against what the calibration claims
             "chi_square": None if chance is None else chance[0],
-            "p_value": None if chance is None else chance[2],
+            "p_value": None if chance is None else chance[2],  # how often chance alone makes as much
         }
 
 
@@ -403,9 +407,9 @@ def _widest_gap_deg(headings: Floats) -> float:
 class Conformity:
     """What decides whether a curve keeps a limit: the reading or the place on the curve that comes nearest to it."""
 
-    limit_deg: float
+    limit_deg: float  # largest deviation that the rule allows
     largest_deg: float  # deviation there, without its sign
-    compass_deg: float
+    compass_deg: float  # heading at which it is largest
     sigma_deg: float | None  # of the curve there; None where it is not known
     is_reading: bool  # of the swing, and not of the curve
 

@@ -38,7 +38,6 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from flinders.deprecation import renamed_attribute
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, gathered
 from flinders.geometry.sphere import fibonacci
@@ -77,8 +76,6 @@ class HeadingError:
     worst: float  #: degrees: at the worst heading
     dip_deg: float  #: dip of the field for which it holds, positive where the field points along +z
     tilt_deg: float = 0.0  #: how far the vehicle is rolled or pitched, whichever way; zero for a level one
-
-    beside = renamed_attribute("beside", "combined")
 
     def combined(self, angle_deg: float) -> HeadingError:
         """The same with another error of each heading, independent of this one."""
@@ -254,10 +251,7 @@ def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: F
     >>> direction_errors_deg(sphere, along_x, np.eye(3)).round(2)
     array([0.  , 1.15, 1.15])
     """
-    gradients = direction_gradients(ellipsoid, directions)
-    variance = np.sum(gradients @ covariance * gradients, axis=(1, 2)).clip(min=0.0)
-    errors: Floats = np.rad2deg(np.sqrt(variance))
-    return errors
+    return engine().direction_errors(ellipsoid.shape, covariance, directions)
 
 
 def direction_gradients(ellipsoid: Ellipsoid, directions: Floats) -> Floats:
@@ -375,7 +369,7 @@ def _require_heading(dip_deg: float) -> None:
 @lru_cache(maxsize=16)
 def _turn_at(dip_deg: float) -> tuple[Floats, Floats, Floats]:
     """(72,) headings, (3, 72) fields and (3, 72) what a heading errs by for an error across, read-only."""
-    _require_heading(dip_deg)
+    require_headings(dip_deg)
     dip = np.deg2rad(dip_deg)
     heading = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
     level, zeros = np.cos(dip), np.zeros(HEADINGS)
@@ -384,6 +378,12 @@ def _turn_at(dip_deg: float) -> tuple[Floats, Floats, Floats]:
     for array in (heading, fields, across):
         array.flags.writeable = False
     return heading, fields, across
+
+
+def require_headings(dip_deg: float) -> None:
+    """Raise `UsageError` within a degree of the magnetic poles, where there is no heading."""
+    if not abs(dip_deg) <= STEEPEST_DIP_DEG:
+        raise UsageError(f"dip is {dip_deg:g}°: need −{STEEPEST_DIP_DEG:g}° to {STEEPEST_DIP_DEG:g}°")
 
 
 def upright(down: Floats) -> Floats:

@@ -34,13 +34,14 @@ H. P. Wynn, "The sequential generation of D-optimum experimental designs", Ann. 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import combinations, product
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from flinders.heading.error_propagation import direction_errors_deg, direction_gradients, level_gradients, upright
-from flinders.likelihood import magnitude
+from flinders.heading.error_propagation import direction_errors_deg, require_headings
+from flinders.native.engine import GOAL, engine
 from flinders.summary.coverage import CELLS
 
 if TYPE_CHECKING:
@@ -48,26 +49,14 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.native.engine import Records
     from flinders.summary.coverage import Coverage
 
 Goal = Literal["heading", "attitude"]
 Frame = Literal["vehicle", "sensor"]
 
-SHARPNESS: Final = 4
-"""Power in which variances are averaged to judge a batch: nearly the largest, yet not blind to the next ones.
-
-Two errors that are alike take two batches, and mending the first leaves the largest as it is. See
-`tests/truth/test_guidance.py`.
-"""
-
-BATCH_SHARE: Final = 0.01
-"""Readings in a batch, of those there are: what each of a hundred cells holds when all directions are alike."""
-
-FULL_DIGITS: Final = 1e-12
-"""Variances below this share of the largest are those of parameters that the method holds."""
-
-EFFORT_DEG: Final = 2.0
-"""How much farther an attitude may miss the direction for each degree of effort that it saves."""
+FRAMES: Final[tuple[Frame, ...]] = ("vehicle", "sensor")
+"""Axes that an attitude is named in, in the order of their numbers in flinders.h."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,12 +80,10 @@ class Guidance:
 
         Turned about the vertical through all headings, a body meets the field at a fixed angle of 90° − I from its
         own vertical, wherever north is. So an attitude will do if its vertical makes that angle with the advised
-        direction. One of `POSES` does to within 15°, usually to a few, for dips up to 75°; it is the simplest such.
+        direction. One of `poses` does to within 15°, usually to a few, for dips up to 75°; it is the simplest such.
         """
-        wanted = self.direction if frame == "sensor" else upright(self.down).T @ self.direction
-        angles = np.rad2deg(np.arccos(np.clip(_DOWNS[frame] @ wanted, -1.0, 1.0)))
-        costs = np.abs(angles - (90.0 - self.dip_deg)) + EFFORT_DEG * _EFFORTS[frame]
-        return POSES[frame][int(np.argmin(costs.round(6)))]  # of those that are alike, the first
+        goal = goal_row(self.goal, dip_deg=self.dip_deg, down=self.down)
+        return poses(frame)[engine().pose_towards(FRAMES.index(frame), goal, self.direction)]
 
     def words(self, frame: Frame = "vehicle") -> str:
         """Say what to do, to somebody who knows neither where north is nor which way the field points.
@@ -152,77 +139,46 @@ def guide(
     batch : float, optional
         Readings that will be taken before the next advice; by default a hundredth of those there are.
     """
-    wanted = goal_gradients(ellipsoid, goal, CELLS, dip_deg=dip_deg, down=down)
-    jacobian = magnitude.information(CELLS, ellipsoid)
-    readings = batch or max(BATCH_SHARE * coverage.readings, 1.0)
-    variance = reading_variance(jacobian, covariance, noise, coverage.counts)
-    before = _variances(wanted, covariance)
-    after = (before[:, np.newaxis] - _gains(wanted, jacobian, covariance, variance / readings)).clip(min=0.0)
-    best = int(np.argmin(sharp_mean(after.T)))
+    if goal == "heading":
+        require_headings(dip_deg)
+    belief = engine().believe(ellipsoid.centre, ellipsoid.shape, covariance, noise, coverage.counts)
+    advice = engine().guidance(belief, goal_row(goal, dip_deg=dip_deg, down=down), batch or 0.0)
     return Guidance(
         errors_deg=direction_errors_deg(ellipsoid, covariance, CELLS),
-        worst_deg=float(np.rad2deg(np.sqrt(before.max()))),
-        direction=CELLS[best],
-        after_deg=float(np.rad2deg(np.sqrt(after[:, best].max()))),
+        worst_deg=float(advice["worst_deg"]),
+        direction=advice["direction"].copy(),
+        after_deg=float(advice["after_deg"]),
         goal=goal,
         dip_deg=float(dip_deg),
         down=np.array([0.0, 0.0, 1.0]) if down is None else down,
     )
 
 
-def reading_variance(jacobian: Floats, covariance: Floats, noise: float, counts: Floats) -> float:
-    """Variance v of a reading with which the readings counted give the covariance that is claimed, in unit².
+def goal_row(goal: Goal, *, dip_deg: float, down: Floats | None, target_deg: float = 1.0) -> Records:
+    """What further readings are for, as the engine has it; parameters as those of `guide`."""
+    row = np.zeros((), dtype=GOAL)
+    row["is_attitude"], row["dip_deg"], row["target_deg"] = goal == "attitude", dip_deg, target_deg
+    row["down"] = (0.0, 0.0, 1.0) if down is None else down
+    return row
+
+
+def reading_variance(ellipsoid: Ellipsoid, covariance: Floats, noise: float, counts: Floats) -> float:
+    """Variance v of a reading with which (100,) readings counted give the covariance that is claimed, in unit².
 
     Independent readings claim P = σ² M⁻¹ with M = Σ JJᵀ, and all eigenvalues of M P are σ². Where residuals are
     correlated, P is wider, and a reading more of the same kind is worth as much less. Directions of parameter space
     that nobody saw say nothing of that: there a prior makes the eigenvalue too small, or, M being a sum over
     cells, the cells' width makes it too large. So the median speaks; but no reading is better than its noise.
 
-    `jacobian` is (K, 9), in the middle of each cell, and `counts` (K,) the readings there.
-
-    >>> jacobian = np.random.default_rng(1).normal(size=(100, 9))
+    >>> from flinders.geometry.ellipsoid import Ellipsoid
+    >>> from flinders.likelihood import magnitude
+    >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
+    >>> jacobian = magnitude.information(CELLS, sphere)
     >>> claimed = 3.0 * 0.5**2 * np.linalg.inv(20.0 * jacobian.T @ jacobian)   # as of a third of the readings
-    >>> round(reading_variance(jacobian, claimed, 0.5, np.full(100, 20.0)) / 0.5**2, 6)
+    >>> round(reading_variance(sphere, claimed, 0.5, np.full(100, 20.0)) / 0.5**2, 6)
     3.0
     """
-    values, vectors = np.linalg.eigh(covariance)
-    free = values > FULL_DIGITS * values[-1]
-    if not free.any():
-        return noise**2
-    root = jacobian @ (vectors[:, free] * np.sqrt(values[free]))
-    ascending = np.linalg.eigvalsh(root.T * counts @ root)
-    return max(noise**2, float(ascending[(len(ascending) - 1) // 2] + ascending[len(ascending) // 2]) / 2.0)
-
-
-def _variances(gradients: Floats, covariance: Floats) -> Floats:
-    """(M,) variances of M things with (M, R, 9) gradients, summed over their R components."""
-    variances: Floats = np.sum(gradients @ covariance * gradients, axis=(1, 2)).clip(min=0.0)
-    return variances
-
-
-def _gains(gradients: Floats, jacobian: Floats, covariance: Floats, variance: float) -> Floats:
-    """(M, K) by how much a batch of the given variance in each of K directions lowers each of M variances."""
-    lever = covariance @ jacobian.T
-    own = np.einsum("ki,ik->k", jacobian, lever)
-    shared = np.sum(np.square(gradients.reshape(-1, 9) @ lever).reshape(*gradients.shape[:2], -1), axis=1)
-    gains: Floats = shared / np.maximum(variance + own, np.finfo(float).tiny)
-    return gains
-
-
-def goal_gradients(
-    ellipsoid: Ellipsoid, goal: Goal, directions: Floats, *, dip_deg: float, down: Floats | None
-) -> Floats:
-    """(M, R, 9) gradients of what a goal wants known: the heading of a level vehicle, or (M, 3) directions."""
-    if goal == "heading":
-        return level_gradients(ellipsoid, dip_deg=dip_deg, down=down)[:, np.newaxis]
-    return direction_gradients(ellipsoid, directions)
-
-
-def sharp_mean(variances: Floats) -> Floats:
-    """(K,) mean of the fourth powers of (K, M) variances, in units of the largest: what the advice makes small."""
-    scaled = variances / max(float(variances.max()), np.finfo(float).tiny)
-    means: Floats = np.mean(scaled**SHARPNESS, axis=1)
-    return means
+    return float(engine().believe(ellipsoid.centre, ellipsoid.shape, covariance, noise, counts)["variance"])
 
 
 _ROLLS: Final = {
@@ -233,39 +189,37 @@ _PITCHES: Final = {
     0: "", -30: "with its nose 30° down", -60: "with its nose 60° down",
     30: "with its nose 30° up", 60: "with its nose 60° up",
 }  # fmt: skip
-_SIDES: Final = dict(zip(("+x", "+y", "+z", "−x", "−y", "−z"), np.concatenate([np.eye(3), -np.eye(3)]), strict=True))
+_SIDES: Final = ("+x", "+y", "+z", "−x", "−y", "−z")
 
 
-def _vehicle_poses() -> Iterator[Pose]:
+def _vehicle_words() -> Iterator[str]:
     """Nose straight down and up, and five pitches with eight rolls about the nose."""
-    yield Pose(_SIDES["+x"], "with its nose straight down", 0)
-    yield Pose(_SIDES["−x"], "with its nose straight up", 0)
+    yield "with its nose straight down"
+    yield "with its nose straight up"
     for pitch_deg, roll_deg in product(_PITCHES, _ROLLS):
-        pitch, roll = np.deg2rad(pitch_deg), np.deg2rad(roll_deg)
-        down = np.array([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
-        words = f"{_ROLLS[roll_deg]} {_PITCHES[pitch_deg]}".strip() or "level"
-        yield Pose(down, words, int(pitch_deg != 0) + int(roll_deg % 90 != 0))
+        yield f"{_ROLLS[roll_deg]} {_PITCHES[pitch_deg]}".strip() or "level"
 
 
-def _sensor_poses() -> Iterator[Pose]:
+def _sensor_words() -> Iterator[str]:
     """Sides, edges and corners of a box along the axes, and sides with a neighbour lowered."""
-    for name, side in _SIDES.items():
-        yield Pose(side, f"with its {name} side down", 0)
+    for side in _SIDES:
+        yield f"with its {side} side down"
     for one, two in combinations(_SIDES, 2):
-        if _SIDES[one] @ _SIDES[two] == 0.0:
-            edge = (_SIDES[one] + _SIDES[two]) / np.sqrt(2.0)
-            yield Pose(edge, f"with the edge between its {one} and {two} sides down", 1)
+        if one[1] != two[1]:
+            yield f"with the edge between its {one} and {two} sides down"
             for low, lowered in ((one, two), (two, one)):
-                down = np.sqrt(0.75) * _SIDES[low] + 0.5 * _SIDES[lowered]
-                yield Pose(down, f"with its {low} side down and its {lowered} side lowered by 30°", 1)
+                yield f"with its {low} side down and its {lowered} side lowered by 30°"
     for signs in product("+−", repeat=3):
         one, two, three = (sign + axis for sign, axis in zip(signs, "xyz", strict=True))
-        corner = (_SIDES[one] + _SIDES[two] + _SIDES[three]) / np.sqrt(3.0)
-        yield Pose(corner, f"with the corner of its {one}, {two} and {three} sides down", 2)
+        yield f"with the corner of its {one}, {two} and {three} sides down"
 
 
-POSES: Final[dict[Frame, tuple[Pose, ...]]] = {"vehicle": tuple(_vehicle_poses()), "sensor": tuple(_sensor_poses())}
-"""The attitudes that advice is given in, for either frame."""
+POSE_WORDS: Final[dict[Frame, tuple[str, ...]]] = {"vehicle": tuple(_vehicle_words()), "sensor": tuple(_sensor_words())}
+"""Names of the engine's attitudes in each frame, after "hold it"."""
 
-_DOWNS: Final = {frame: np.array([pose.down for pose in poses]) for frame, poses in POSES.items()}
-_EFFORTS: Final = {frame: np.array([pose.effort for pose in poses], float) for frame, poses in POSES.items()}
+
+@cache
+def poses(frame: Frame) -> tuple[Pose, ...]:
+    """The attitudes that advice is given in, for either frame."""
+    placed = (engine().pose(FRAMES.index(frame), number) for number in range(len(POSE_WORDS[frame])))
+    return tuple(Pose(down, words, effort) for (down, effort), words in zip(placed, POSE_WORDS[frame], strict=True))

@@ -20,7 +20,7 @@ uncertainty: τ is known beforehand to be 0 ± `LAG_S`.
 >>> heading = np.where(time < 240.0, 1.5 * time, 720.0 - 1.5 * time)
 >>> lagged = np.interp(time - 0.6, time, heading)
 >>> swing = turning(time, lagged % 360.0, (heading + 2.0) % 360.0)
->>> float(np.abs(swing.deviation_deg - 2.0).max()) < 0.1, swing.said[0][:24]
+>>> float(np.abs(swing.deviation_deg - 2.0).max()) < 0.1, swing.notes[0][:24]
 (True, 'the compass lags by 0.60')
 """
 
@@ -70,19 +70,21 @@ class LoggedSwing:
     deviation_deg: Floats  #: (N,) degrees
     sigma_deg: Floats  #: (N,) degrees
     seconds: Floats  #: (N,) s: how long each was
-    common: Floats  #: (5, 5) degrees²: covariance of A to E from errors that all readings share
-    said: tuple[str, ...] = ()  #: what was taken out of them, and what is assumed
+    common_covariance: Floats  #: (5, 5) degrees²: covariance of A to E from errors that all readings share
+    notes: tuple[str, ...] = ()  #: what was taken out of them, and what is assumed
     current: complex | None = None  #: North + i east by magnetic north, m/s, where it was taken out
     is_steady: bool = True  #: they are of straight legs, not of turns
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        arrays = ("compass_deg", "deviation_deg", "sigma_deg", "seconds", "common")
+        arrays = ("compass_deg", "deviation_deg", "sigma_deg", "seconds", "common_covariance")
         current = None if self.current is None else [self.current.real, self.current.imag]
         return {
             **{name: getattr(self, name).tolist() for name in arrays},
-            "said": list(self.said), "current_m_s": current, "is_steady": self.is_steady,
-        }  # fmt: skip
+            "notes": list(self.notes),
+            "current_m_s": current,  # north and east by magnetic north, where it was taken out
+            "is_steady": self.is_steady,
+        }
 
 
 def legs(

@@ -34,50 +34,29 @@ search in scheduling", Int. J. Production Research 26 (1988) 35–62. What it sa
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import groupby, pairwise
-from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Final, Protocol, Self
 
 import numpy as np
 
 from flinders.arrays import table, triple
 from flinders.errors import ArrayError
-from flinders.geometry.ellipsoid import Ellipsoid, sphere_through
-from flinders.geometry.sphere import bisected, fibonacci, icosahedron
-from flinders.heading.guidance import goal_gradients, reading_variance, sharp_mean
-from flinders.likelihood import magnitude
-from flinders.summary.coverage import CELLS
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.heading.error_propagation import require_headings
+from flinders.heading.guidance import goal_row, reading_variance
+from flinders.native.engine import BELIEF, engine
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
     from flinders.heading.guidance import Frame, Goal
+    from flinders.native.engine import Records
     from flinders.summary.coverage import Coverage
 
-STEPS: Final = 6
-"""Waypoints that are planned ahead, some 210°; farther ones change nothing (`python -m benchmarks.guidance`)."""
-BEAM: Final = 24
-"""Paths that are kept after each step."""
 READINGS_PER_DEG: Final = 50.0 / 90.0
 """What a sensor of 50 Hz gives that is turned by 90° a second."""
-NEAREST_DEG, FARTHEST_DEG = 15.0, 60.0
-"""How far off the first waypoint may be."""
-
-DEPARTURE: Final = 0.3
-"""Standard deviation of what soft iron does to a sphere, as a fraction of its radius, before anything is known."""
-ARC_DEG: Final = 60.0
-"""An arc shorter than this does not tell where its centre is."""
-FLAT: Final = 0.12
-"""An axis along which readings spread by less than this share of the widest spread tells nothing of the centre."""
-ROUGHEST: Final = 0.01
-"""Of the radius: no arc is trusted to be rounder than this."""
-THINNED: Final = 400
-"""Readings that `rough` looks at."""
-
-_EVERYWHERE: Final = fibonacci(50)
 
 
 class FittedSurface(Protocol):
@@ -108,8 +87,7 @@ class Belief:
     @classmethod
     def of_fit(cls, fit: FittedSurface) -> Self:
         """What a fit claims. A refused one may claim nothing that makes sense: see `rough`."""
-        jacobian = magnitude.information(CELLS, fit.ellipsoid)
-        variance = reading_variance(jacobian, fit.covariance, fit.noise, fit.coverage.counts)
+        variance = reading_variance(fit.ellipsoid, fit.covariance, fit.noise, fit.coverage.counts)
         return cls(fit.ellipsoid, fit.covariance, variance)
 
     def direction(self, reading: ArrayLike) -> Floats:
@@ -117,6 +95,13 @@ class Belief:
         departure = np.linalg.solve(self.ellipsoid.shape, triple(reading, "reading") - self.ellipsoid.centre)
         direction: Floats = departure / max(float(np.linalg.norm(departure)), np.finfo(float).tiny)
         return direction
+
+    def row(self) -> Records:
+        """The same as the engine has it."""
+        row = np.zeros((), dtype=BELIEF)
+        row["centre"], row["shape"] = self.ellipsoid.centre, upper(self.ellipsoid.shape)
+        row["covariance"], row["variance"] = np.ravel(self.covariance), self.variance
+        return row
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,7 +138,7 @@ def plan(
     down: Floats | None = None,
     readings_per_deg: float = READINGS_PER_DEG,
 ) -> Route:
-    """Find the way that brings the worst error below the target soonest, or as low as it gets in `STEPS` steps.
+    """Find the way that brings the worst error below the target soonest, or as low as it gets in six steps.
 
     Raises `ArrayError` for a direction of another shape or without length; `UsageError`: within a degree of the
     magnetic poles, for the goal ``heading``.
@@ -174,22 +159,12 @@ def plan(
         Readings that are taken for each degree of turning.
     """
     start = _unit(at)
-    wanted = goal_gradients(belief.ellipsoid, goal, _EVERYWHERE, dip_deg=dip_deg, down=down)
-    weight = readings_per_deg / belief.variance
-    now = _information(belief.covariance)
-    target = math.radians(target_deg) ** 2
-    paths = _begun(now, start, belief.ellipsoid, weight)
-    graph = _graph()
-    stretches = _information_along(graph.between, graph.lengths_deg, belief.ellipsoid, weight)  # (42, 6, 9, 9)
-    for step in range(STEPS):
-        variances = _variances(wanted, paths.information)
-        worst = variances.max(axis=1)
-        if step == STEPS - 1 or (worst <= target).any():
-            break
-        paths = _extended(paths.best(sharp_mean(variances), BEAM), stretches)
-    best = int(np.argmin(worst if (worst <= target).any() else sharp_mean(variances)))
-    before = float(_variances(wanted, now[np.newaxis]).max())
-    return Route(start, _graph().nodes[paths.nodes[best]], _in_degrees(before), _in_degrees(float(worst[best])))
+    if goal == "heading":
+        require_headings(dip_deg)
+    wanted = goal_row(goal, dip_deg=dip_deg, down=down, target_deg=target_deg)
+    route = engine().path(belief.row(), wanted, start, readings_per_deg)
+    waypoints = route["waypoints"][: 3 * int(route["count"])].reshape(-1, 3).copy()
+    return Route(start, waypoints, float(route["worst_deg"]), float(route["after_deg"]))
 
 
 def rough(readings: ArrayLike) -> Belief | None:
@@ -197,118 +172,15 @@ def rough(readings: ArrayLike) -> Belief | None:
 
     A linear least-squares sphere (|x|² = 2 c·x + k) in the plane, or space, in which the readings are spread; along
     an axis without spread its centre is their mean. Where nothing was seen, the covariance is that of what hard and
-    soft iron commonly do: a radius each way, and `DEPARTURE` of it in shape.
+    soft iron commonly do: a radius each way, and 0.3 of it in shape.
 
     Raises `ArrayError` for another shape, or what is not finite.
     """
-    points = table(readings)
-    points = points[:: -(-len(points) // THINNED)] if len(points) else points
-    if len(points) < 4:
+    belief = engine().rough(table(readings))
+    if belief is None:
         return None
-    mean = points.mean(axis=0)
-    _, spreads, axes = np.linalg.svd(points - mean, full_matrices=False)
-    plane = axes[spreads > FLAT * spreads[0]]
-    if len(plane) < 2:
-        return None
-    flat = (points - mean) @ plane.T
-    centre, radius = sphere_through(flat)
-    centre = mean + centre @ plane
-    lengths = np.linalg.norm(points - centre, axis=1)
-    if radius == 0.0 or not lengths.all():
-        return None
-    directions = (points - centre) / lengths[:, np.newaxis]
-    if float((directions @ directions.T).min()) > math.cos(math.radians(ARC_DEG)):
-        return None
-    ellipsoid = Ellipsoid(centre, radius * np.eye(3))
-    variance = max(float(np.mean((lengths - radius) ** 2)), (ROUGHEST * radius) ** 2)
-    jacobian = magnitude.information(directions, ellipsoid)
-    prior = 1.0 / np.repeat([radius, DEPARTURE * radius], [3, 6]) ** 2
-    return Belief(ellipsoid, np.linalg.inv(np.diag(prior) + jacobian.T @ jacobian / variance), variance, is_rough=True)
-
-
-class _Graph(NamedTuple):
-    """The waypoints: (42, 3) nodes, (42, 6) neighbours (−1 for none), and (42, 6, 4, 3) directions between them."""
-
-    nodes: Floats
-    neighbours: NDArray[np.intp]
-    between: Floats
-    lengths_deg: Floats
-
-
-class _Paths(NamedTuple):
-    """Paths side by side: (B, 9, 9) information at their ends, and (B, K) the nodes that they passed."""
-
-    information: Floats
-    nodes: NDArray[np.intp]
-
-    def best(self, scores: Floats, count: int) -> _Paths:
-        """Keep those with the smallest scores."""
-        order = np.argsort(scores, kind="stable")[:count]
-        return _Paths(self.information[order], self.nodes[order])
-
-
-@lru_cache(maxsize=1)
-def _graph() -> _Graph:
-    """The corners of an icosahedron and the middles of its edges."""
-    nodes, _ = bisected(*icosahedron())
-    neighbours = np.full((len(nodes), 6), -1)
-    between, lengths = np.empty((len(nodes), 6, 4, 3)), np.empty((len(nodes), 6))
-    for node, near in enumerate(nodes @ nodes.T > math.cos(math.radians(40.0))):
-        others = np.flatnonzero(near)[np.flatnonzero(near) != node]
-        neighbours[node, : len(others)] = others
-        for slot, other in enumerate(neighbours[node]):
-            between[node, slot], lengths[node, slot] = _arc(nodes[node], nodes[other], 4)
-    return _Graph(nodes, neighbours, between, lengths)
-
-
-def _arc(a: Floats, b: Floats, count: int) -> tuple[Floats, float]:
-    """(count, 3) directions evenly on the great circle from `a` to `b`, and its length in degrees."""
-    angle = math.acos(min(max(float(a @ b), -1.0), 1.0))
-    share = ((np.arange(count) + 0.5) / count)[:, np.newaxis]
-    points = (np.sin((1.0 - share) * angle) * a + np.sin(share * angle) * b) / math.sin(angle)
-    return points, math.degrees(angle)
-
-
-def _begun(now: Floats, start: Floats, ellipsoid: Ellipsoid, weight: float) -> _Paths:
-    """Paths from where the field points to each waypoint in reach."""
-    angles = np.degrees(np.arccos(np.clip(_graph().nodes @ start, -1.0, 1.0)))
-    reached = np.flatnonzero((angles > NEAREST_DEG) & (angles < FARTHEST_DEG))
-    arcs = np.array([_arc(start, _graph().nodes[node], 4)[0] for node in reached])
-    return _Paths(now + _information_along(arcs, angles[reached], ellipsoid, weight), reached[:, np.newaxis])
-
-
-def _information_along(arcs: Floats, lengths_deg: Floats, ellipsoid: Ellipsoid, weight: float) -> Floats:
-    """(..., 9, 9) information of readings along (..., K, 3) directions, (...) degrees in all."""
-    jacobian = magnitude.information(arcs.reshape(-1, 3), ellipsoid).reshape(*arcs.shape[:-1], 9)
-    each = weight * lengths_deg / arcs.shape[-2]
-    information: Floats = np.swapaxes(jacobian, -1, -2) @ jacobian * each[..., np.newaxis, np.newaxis]
-    return information
-
-
-def _extended(paths: _Paths, stretches: Floats) -> _Paths:
-    """Go on from the end of each path to each neighbour, but not straight back."""
-    here = paths.nodes[:, -1]
-    there = _graph().neighbours[here]
-    before = paths.nodes[:, -2] if paths.nodes.shape[1] > 1 else np.full(len(here), -1)
-    row, slot = np.nonzero((there >= 0) & (there != before[:, np.newaxis]))
-    nodes = np.concatenate([paths.nodes[row], there[row, slot][:, np.newaxis]], axis=1)
-    return _Paths(paths.information[row] + stretches[here[row], slot], nodes)
-
-
-def _information(covariance: Floats) -> Floats:
-    """(9, 9) inverse of a covariance; what a method holds counts as known very well."""
-    values, vectors = np.linalg.eigh(covariance)
-    floored = values.clip(min=1e-12 * values[-1])
-    information: Floats = (vectors / floored) @ vectors.T
-    return information
-
-
-def _variances(wanted: Floats, information: Floats) -> Floats:
-    """(B, M) variances of M things with (M, R, 9) gradients, summed over their R components, for each of B paths."""
-    root = np.linalg.inv(np.linalg.cholesky(information))
-    spread = root @ wanted.reshape(-1, 9).T
-    variances: Floats = np.sum((spread**2).reshape(len(root), 9, *wanted.shape[:2]), axis=(1, 3))
-    return variances
+    ellipsoid = Ellipsoid(belief["centre"].copy(), symmetric(belief["shape"]))
+    return Belief(ellipsoid, belief["covariance"].reshape(9, 9).copy(), float(belief["variance"]), is_rough=True)
 
 
 def _turn(axis: Floats, frame: Frame) -> str:
@@ -344,7 +216,3 @@ def _unit(values: ArrayLike) -> Floats:
         raise ArrayError("direction has no length: need three numbers, not all zero")
     unit: Floats = vector / length
     return unit
-
-
-def _in_degrees(variance: float) -> float:
-    return math.degrees(math.sqrt(variance))

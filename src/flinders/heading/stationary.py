@@ -9,7 +9,7 @@ each with its mean heading.
 >>> [(rest.start, rest.stop, round(rest.heading_deg)) for rest in rests(heading)]
 [(6, 402, 10), (696, 1092, 190)]
 >>> [half] = half_turns(rests(heading))
->>> abs(half.off_deg) < 0.2
+>>> abs(half.error_deg) < 0.2
 True
 """
 
@@ -66,15 +66,15 @@ class HalfTurn:
 
     first: Rest
     second: Rest
-    off_deg: float  # change of the heading, less 180°, in (−180, 180]
+    error_deg: float  # change of the heading, less 180°, in (−180, 180]
     sigma_deg: float  # 1 σ of that from the noise of the readings
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            "first_deg": self.first.heading_deg,
-            "second_deg": self.second.heading_deg,
-            "off_deg": self.off_deg,
+            "first_deg": self.first.heading_deg,  # heading before the turn
+            "second_deg": self.second.heading_deg,  # heading after the turn
+            "error_deg": self.error_deg,
             "sigma_deg": self.sigma_deg,
         }
 
@@ -108,9 +108,9 @@ def half_turns(rests: Sequence[Rest], known_deg: Sequence[float] = ()) -> tuple[
     """Pair each rest with the next that is about half a turn away, by (N,) known headings where those are given.
 
     >>> north, south = Rest(0, 100, 1.0, 0.5, 0.1), Rest(200, 300, 178.0, 0.5, 0.1)
-    >>> [round(half.off_deg, 9) for half in half_turns([north, south])]
+    >>> [round(half.error_deg, 9) for half in half_turns([north, south])]
     [-3.0]
-    >>> [round(half.off_deg, 9) for half in half_turns([north, south], [0.0, 178.0])]
+    >>> [round(half.error_deg, 9) for half in half_turns([north, south], [0.0, 178.0])]
     [-1.0]
     """
     halves = []
@@ -137,7 +137,7 @@ def hard_iron(halves: Sequence[HalfTurn]) -> tuple[float, float] | None:
     rows = rows[:, 0] - rows[:, 1]
     if len(rows) < 2 or np.linalg.svd(rows, compute_uv=False)[-1] < 1.0:  # less than 30° between two lines
         return None
-    b, c = np.linalg.lstsq(rows, np.array([half.off_deg for half in halves]))[0].tolist()
+    b, c = np.linalg.lstsq(rows, np.array([half.error_deg for half in halves]))[0].tolist()
     return b, c
 
 

@@ -155,7 +155,7 @@ def _fitted(session: LiveSession, samples: Samples) -> tuple[Fit | None, str, st
     except Refused as refused:
         return refused.fit, "", ""
     except FitError as error:
-        return None, str(error), error.code
+        return None, error.message, error.code
 
 
 def _of_refusal(code: str, words: str) -> Iterator[Reason]:
@@ -189,7 +189,7 @@ def _disturbed(fit: Fit) -> tuple[Span, ...]:
     """The longest intervals that outliers fill; none where these are few, since the fit does without them."""
     if all(finding.code != "outliers" or finding.severity == "note" for finding in fit.findings):
         return ()
-    spans = [(run.start, run.end) for run in _joined(fit.outliers) if run.start < run.end]
+    spans = [(run.start_s, run.end_s) for run in _joined(fit.outliers) if run.start_s < run.end_s]
     longest = sorted(spans, key=lambda span: span[0] - span[1])[:OFFERED]
     return tuple(sorted(longest))
 
@@ -199,15 +199,16 @@ def _joined(outliers: Sequence[Outlier]) -> list[Outlier]:
 
     >>> from flinders.estimators.outliers import Outlier
     >>> runs = [Outlier(10, 20, 11, 0.2, 0.4, 9.0), Outlier(22, 40, 19, 0.44, 0.8, 9.0)]
-    >>> [(run.first, run.last, run.rows, run.start) for run in _joined([*runs, Outlier(90, 90, 1, 1.8, 1.8, 9.0)])]
+    >>> runs.append(Outlier(90, 90, 1, 1.8, 1.8, 9.0))
+    >>> [(run.first, run.last, run.readings, run.start_s) for run in _joined(runs)]
     [(10, 40, 30, 0.2), (90, 90, 1, 1.8)]
     """
     joined: list[Outlier] = []
     for run in sorted(outliers, key=lambda run: run.first):
         whole = run
-        if joined and joined[-1].rows + run.rows > DENSE * (run.last - joined[-1].first + 1):
+        if joined and joined[-1].readings + run.readings > DENSE * (run.last - joined[-1].first + 1):
             before = joined.pop()
-            whole = replace(run, first=before.first, start=before.start, rows=before.rows + run.rows)
+            whole = replace(run, first=before.first, start_s=before.start_s, readings=before.readings + run.readings)
         joined.append(whole)
     return joined
 
@@ -314,7 +315,7 @@ def _compared(fit: Fit | None, session: LiveSession) -> PreviousState | None:
     try:
         apart = compare(previous, replace(fit, name="this one"), dip_deg=fit.dip_deg, target_deg=session.target_deg)
     except FlindersError as error:
-        return PreviousState(previous.name, None, str(error))
+        return PreviousState(previous.name, None, error.message)
     worst = apart.heading_difference_deg.worst
     meaning = {
         "agree": "it agrees with this one: no more apart than chance explains",
@@ -364,7 +365,7 @@ def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", fr
         down=np.array([0.0, 0.0, -1.0]) if is_seen_from_below else None,
         readings_per_deg=_readings_per_deg(samples),
     )
-    if path.worst_deg <= fit.target_deg and not belief.is_rough:
+    if not len(path.waypoints) or (path.worst_deg <= fit.target_deg and not belief.is_rough):
         return view
     words = f"follow the arrow: {path.words(frame)}"
     leads = GuidanceView(triple(path.waypoints[0]), words, path.worst_deg, path.after_deg, goal, frame)

@@ -268,8 +268,8 @@ class FeedThread(threading.Thread):
                 else:
                     self._ask()
         except Exception as error:  # noqa: BLE001 - a thread that ends without a word would look like a silent sensor
-            is_ours = isinstance(error, FlindersError)
-            words = str(error) if is_ours else f"internal error: {type(error).__name__}: {error}; please report it"
+            internal = f"internal error: {type(error).__name__}: {error}; please report it"
+            words = error.message if isinstance(error, FlindersError) else internal
             self._queue.append(FeedEvent("gone", 0.0, words))
         finally:
             self._is_over = True

@@ -239,7 +239,7 @@ def _timed(session: LiveSession) -> tuple[Evaluated, float]:
     try:
         evaluated = evaluate(session)
     except FlindersError as error:
-        evaluated = Evaluated(session.shown.key, refusal=str(error))
+        evaluated = Evaluated(session.shown.key, refusal=error.message)
     except Exception as error:  # noqa: BLE001 - a recording that provokes a fault of ours must not end the page
         evaluated = Evaluated(session.shown.key, refusal=fault_words(error))
     return evaluated, time.thread_time() - begun

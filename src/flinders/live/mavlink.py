@@ -375,7 +375,7 @@ class Telemetry:
             rows = [row for message in messages if (row := self._row(message)) is not None]
         except LinkError as error:
             self._is_gone = True
-            self._waiting.append(FeedEvent("gone", self._now(), str(error)))
+            self._waiting.append(FeedEvent("gone", self._now(), error.message))
         else:
             self._remind(bool(rows))
         return self._samples(np.array(rows)) if rows else None
@@ -476,7 +476,9 @@ class Telemetry:
             return self._parameters.unapply(field, motor_offset=np.zeros(3))
         except ArrayError as error:
             self._parameters = None
-            self._waiting.append(FeedEvent("garbage", self._now(), f"{error}; readings are taken as they are sent"))
+            self._waiting.append(
+                FeedEvent("garbage", self._now(), f"{error.message}; readings are taken as they are sent")
+            )
             return field
 
 

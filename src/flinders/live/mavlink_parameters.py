@@ -142,9 +142,10 @@ class ParameterPlan:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            "vehicle": self.vehicle.name,
+            "vehicle": self.vehicle.name,  # its name
             "compass": self.compass,
             "device_id": self.device_id,
+            # `name`, value `before` and `after` of each
             "parameters": [
                 {"name": change.new.name, "before": change.old.value, "after": change.new.value}
                 for change in self.changes
@@ -209,7 +210,7 @@ class ParameterPlan:
             _refuse_stopped(stopped)
             self._verify()
         except (LinkError, NotSent, NotConfirmed) as error:
-            raise NotConfirmed(f"{error}; {_put_back(self.vehicle, touched, say=say, back=back)}") from None
+            raise NotConfirmed(f"{error.message}; {_put_back(self.vehicle, touched, say=say, back=back)}") from None
         except BaseException:
             _put_back(self.vehicle, touched, say=say, back=back)
             raise
@@ -310,7 +311,8 @@ def _free_custom(vehicle: Vehicle, compass: int, values: Mapping[str, float]) ->
     if free is None:
         raise NotSent(
             f"{vehicle.name} uses CUST_ROT1 and CUST_ROT2 for other sensors, nothing was changed: set one of these to "
-            "a mounting by number, or send with lossy=True and without mounting="
+            "a mounting by number, or send without a mounting, whatever that costs",
+            hint={"lossy": True},
         )
     own = ardupilot.names("ORIENT", compass)[0]
     renamed = {name.replace("CUST_ROT1", ardupilot.CUSTOM[free]): value for name, value in values.items()}
@@ -425,7 +427,7 @@ def _put_back(vehicle: Vehicle, touched: list[ParameterChange], *, say: Callable
         try:
             answered = vehicle.set(left[0].old)
         except LinkError as error:
-            say(f"! {error}; waiting up to {back:g} s for it, to put the values from before back")
+            say(f"! {error.message}; waiting up to {back:g} s for it, to put the values from before back")
             if not vehicle.come_back(until - time.monotonic()):
                 break
             continue

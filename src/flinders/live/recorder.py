@@ -204,7 +204,7 @@ class Recorder:
             self._record(self._transcript.lost(self._now()))
             self._sink.sync()
             self._retry = (self._clock() + FIRST_RETRY_S, FIRST_RETRY_S)
-            self._waiting.append(FeedEvent("gone", self._now(), f"{error}; what was recorded is saved"))
+            self._waiting.append(FeedEvent("gone", self._now(), f"{error.message}; what was recorded is saved"))
             return
         if content and self._title:
             self._sink.write(self._title)
@@ -530,7 +530,7 @@ class Patient:
         try:
             self._sink.sync()
         except OutputError as error:
-            self.missing = str(error)
+            self.missing = error.message
             self._fail(error)
 
     def close(self) -> None:
@@ -556,8 +556,8 @@ class Patient:
     def _fail(self, error: OutputError) -> None:
         self._tried = self._clock()
         if not self.why:
-            self._say(f"! {error}. It is held and tried again; make room on the disk")
-        self.why = str(error)
+            self._say(f"! {error.message}. It is held and tried again; make room on the disk")
+        self.why = error.message
 
 
 def title(name: str, *, is_new: bool) -> str:

@@ -121,7 +121,7 @@ async def _on_error(_: Request, error: Exception) -> Response:
     if not isinstance(error, FlindersError):
         return answer(fault_words(error), 500)
     status = {2: 400, 5: 422}.get(error.exit_code, 409)
-    return JSONResponse({"words": str(error), "code": error.code}, status_code=status)
+    return JSONResponse({"words": error.message, "code": error.code}, status_code=status)
 
 
 async def _index(_: Request) -> Response:
@@ -187,7 +187,7 @@ async def _export(request: Request) -> Response:
     try:
         row = find(request.path_params["target"])
     except UsageError as error:
-        raise HTTPException(404, str(error)) from None
+        raise HTTPException(404, error.message) from None
     is_preview = "application/json" in request.headers.get("accept", "")
     finished = await hub.final()
     calibration, about = finished.fit.calibration, finished.about
@@ -195,7 +195,7 @@ async def _export(request: Request) -> Response:
         export = await asyncio.to_thread(row.render, calibration, about=about)
     except FlindersError as error:
         if is_preview:  # looking whether a target can hold it is no mistake of the page
-            return JSONResponse({"refusal": str(error)})
+            return JSONResponse({"refusal": error.message})
         raise
     filename = f"{row.name}{row.suffix}"
     content = export.text.encode() if export.data is None else export.data
@@ -222,7 +222,7 @@ async def _open(request: Request) -> Response:
             async with request.app.state.uploads.reading:
                 series, words, _ = await asyncio.to_thread(load, path, name)
         except FlindersError as error:
-            words = str(error).replace(str(path), name).replace(path.name, name)
+            words = error.message.replace(str(path), name).replace(path.name, name)
             return JSONResponse({"words": words, "code": error.code}, status_code=422)
     hub.take(Opened(hub.now, name, series, words))
     return JSONResponse({"words": words})
@@ -351,7 +351,7 @@ async def _listen(socket: WebSocket, hub: Hub, page: Page) -> None:
                 raise UsageError("a page sends text, and this is not")  # noqa: TRY301 - answered like any other
             hub.take(Requested(hub.now, parse(text)))
         except UsageError as error:
-            page.notices.append(Notice("error", str(error)))
+            page.notices.append(Notice("error", error.message))
         page.wake.set()
 
 

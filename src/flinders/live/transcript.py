@@ -187,7 +187,7 @@ class RecordingStatistics:
     strength_sum: float = 0.0  # of the length of the field, in `unit`
     weakest: float = math.inf
     strongest: float = 0.0
-    losses: int = 0  # how often the other end went away
+    disconnections: int = 0  # how often the other end went away
     datagrams_lost: int = 0  # what arrived and was thrown away by this machine, as far as it counts that
     first_unknown: str = ""  # the first line that was not understood
     first_at: float = 0.0
@@ -217,21 +217,22 @@ class RecordingStatistics:
         """JSON-ready."""
         known = self.strengths > 0
         return {
-            "format": str(self.form) if self.form else None,
+            "format": str(self.form) if self.form else None,  # how the lines are written; None where that is not known
             "readings": self.readings,
             "seconds": self.seconds,
             "rate_hz": self.rate_hz or None,
+            # `mean`, `min` and `max` length of the readings, in `unit`
             "strength": {
                 "unit": self.unit or None,
                 "mean": self.strength_sum / self.strengths if known else None,
                 "min": self.weakest if known else None,
                 "max": self.strongest if known else None,
             },
-            "not_understood": self.unknown - self.accompanying,
+            "not_understood": self.unknown - self.accompanying,  # lines that were not understood
             "accompanying": self.accompanying,
-            "first_not_understood": self.first_unknown or None,
-            "bytes": self.received,
-            "losses": self.losses,
+            "first_not_understood": self.first_unknown or None,  # the first of those
+            "bytes": self.received,  # received
+            "disconnections": self.disconnections,
             "datagrams_lost": self.datagrams_lost,
         }
 
@@ -242,7 +243,7 @@ class RecordingStatistics:
             mean = self.strength_sum / self.strengths
             ends = f"({figures(self.weakest, 3)} to {figures(self.strongest, 3)})"
             parts.append(f"strength {figures(mean, 3)} {self.unit} {ends}")
-        parts += [f"lost {self.losses} time{'s' * (self.losses != 1)}"] * (self.losses > 0)
+        parts += [f"lost {self.disconnections} time{'s' * (self.disconnections != 1)}"] * (self.disconnections > 0)
         parts += [f"{counted(self.datagrams_lost, 'datagram')} lost by this machine"] * (self.datagrams_lost > 0)
         return ", ".join(parts)
 
@@ -341,7 +342,7 @@ class Transcript:
     def lost(self, at: float) -> Taken:
         """Note that the other end went away; what came before is let go."""
         ended = self.end(at)
-        self.statistics.losses += 1
+        self.statistics.disconnections += 1
         self._is_cut = not self._is_framed
         return replace(ended, text=f"{ended.text}# lost at {at:.4f} s\n")
 

@@ -15,14 +15,11 @@ typedef struct {
     real across[3][FL_HEADINGS], field[3][FL_HEADINGS];
 } turn_fields;
 
-/* The rotation that brings +z onto a direction and turns as little as can be; over the x axis if at all. NULL: none. */
-void fl_upright(const real *down, real turn[9])
+/* The rotation that brings +z onto what points down when the vehicle is level; NULL for z. */
+static void upright(const real *down, real turn[9])
 {
-    const real none[3] = {0, 0, 1}, *const d = down ? down : none;
-    const real over = d[2] < 0 ? -1 : 1, length = fl_sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-    const real x = d[0] / length, y = over * d[1] / length, z = over * d[2] / length, bend = 1 / (1 + z);
-    const real rotation[9] = {1 - bend * x * x, -bend * x * y, x, -bend * x * y, 1 - bend * y * y, y, -x, -y, z};
-    for (int i = 0; i < 9; i++) turn[i] = i < 3 ? rotation[i] : over * rotation[i];
+    static const real Z[3] = {0, 0, 1};
+    fl_upright(down ? down : Z, turn);
 }
 
 /* Which way is down when a sensor turns in a plane; NULL for z. */
@@ -40,7 +37,7 @@ static void turn_of(real dip_deg, const real *down, turn_fields *out)
 {
     const real flat = fl_cos(dip_deg / FL_TO_DEG), height = fl_sin(dip_deg / FL_TO_DEG);
     real turn[9];
-    fl_upright(down, turn);
+    upright(down, turn);
     for (int k = 0; k < FL_HEADINGS; k++) {
         const real cosine = fl_cos(heading_of(k, FL_HEADINGS)), sine = fl_sin(heading_of(k, FL_HEADINGS));
         for (int i = 0; i < 3; i++) {
@@ -119,7 +116,7 @@ void fl_tilted_error(const fl_surface *surface, const real covariance[81], real 
     turn_fields level, tilted;
     real rows[9][FL_HEADINGS], means[9], turn[9], sum = 0, largest = 0;
     const int azimuths = tilt_deg == 0 ? 1 : AZIMUTHS;
-    fl_upright(down, turn);
+    upright(down, turn);
     turn_of(dip_deg, down, &level);
     rows_of(surface, &level, rows);
     means_of(rows, means);
@@ -137,7 +134,7 @@ void fl_uncorrected_error(const fl_surface *surface, real dip_deg, const real *d
 {
     turn_fields at;
     real turn[9], cosines[FL_HEADINGS], sines[FL_HEADINGS], cosine = 0, sine = 0, sum = 0, worst = 0;
-    fl_upright(down, turn);
+    upright(down, turn);
     turn_of(dip_deg, down, &at);
     for (int k = 0; k < FL_HEADINGS; k++) {
         const real field[3] = {at.field[0][k], at.field[1][k], at.field[2][k]};
@@ -205,7 +202,7 @@ real fl_heading_bound(const fl_surface *surface, const real covariance[81], real
 {
     const real flat = fl_cos(dip_deg / FL_TO_DEG), height = fl_sin(dip_deg / FL_TO_DEG);
     real turn[9], jacobian[36] = {0}, half[36], deviation[16], root[16], values[4], bound;
-    fl_upright(down, turn);
+    upright(down, turn);
     for (int k = 0; k < TURN; k++) {
         const real angle = heading_of(k, TURN), cosine = fl_cos(angle), sine = fl_sin(angle);
         const real harmonics[4] = {sine, cosine, fl_sin(2 * angle), fl_cos(2 * angle)};

@@ -67,6 +67,13 @@ JUDGEMENT: Final = layout("flinders_judgement", np.float64)
 DISTURBANCE: Final = layout("flinders_disturbance", np.float64)
 """Layout of what a disturbance explains."""
 
+BELIEF: Final = layout("flinders_belief", np.float64)
+"""Layout of what is known before the next reading."""
+
+GOAL: Final = layout("flinders_goal", np.float64)
+ADVICE: Final = layout("flinders_advice", np.float64)
+ROUTE: Final = layout("flinders_route", np.float64)
+
 
 class _Array:
     """Parameter that takes an array, which has to be contiguous, or None for null."""
@@ -113,6 +120,13 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "attitude_limit": (_A, _A, _D, _D, _A, _A),
     "heading_bound": (_A, _A, _D, _A, _A),
     "with_structure": (_A, _A, _D, _D, _A),
+    "direction_errors": (_A, _A, _A, _N, _A),
+    "believe": (_A, _A, _A, _D, _A, _A),
+    "rough": (_A, _N, _A),
+    "guidance": (_A, _A, _D, _A),
+    "path": (_A, _A, _A, _D, _A),
+    "pose": (ctypes.c_int32, ctypes.c_int32, _A),
+    "pose_towards": (ctypes.c_int32, _A, _A),
 }
 """What functions of the library take."""
 
@@ -489,6 +503,44 @@ class Engine:
         self._library.flinders_distances(readings, len(readings), row, out)
         return out
 
+    def direction_errors(self, shape: ArrayLike, covariance: Floats, directions: Floats) -> Floats:
+        """(K,) errors of the corrected field, degrees, 1 σ, where it points along (K, 3) directions."""
+        towards, errors = _row(directions), np.empty(len(directions))
+        self._library.flinders_direction_errors(_entries(shape), _row(covariance), towards, len(directions), errors)
+        return errors
+
+    def believe(self, centre: Floats, shape: Floats, covariance: Floats, noise: float, counts: Floats) -> Records:
+        """What a fit claims: a row of `BELIEF`; counts (100,) of its readings are by cell of the sphere."""
+        belief = _blank(BELIEF)
+        self._library.flinders_believe(_row(centre), _entries(shape), _row(covariance), noise, _row(counts), belief)
+        return belief
+
+    def rough(self, field: Floats) -> Records | None:
+        """A sphere through (N, 3) readings: a row of `BELIEF`; None where they do not tell its centre."""
+        belief = _blank(BELIEF)
+        return None if self._library.flinders_rough(_row(field), len(field), belief) else belief
+
+    def guidance(self, belief: Records, goal: Records, batch: float = 0.0) -> Records:
+        """Where a batch of readings would tell most: a row of `ADVICE`; a batch of 0 is a hundredth of those so far."""
+        advice = _blank(ADVICE)
+        self._library.flinders_guidance(belief, goal, batch, advice)
+        return advice
+
+    def path(self, belief: Records, goal: Records, at: Floats, readings_per_deg: float) -> Records:
+        """The path of the field from a direction (3,) on: a row of `ROUTE`."""
+        route = _blank(ROUTE)
+        self._library.flinders_path(belief, goal, _row(at), readings_per_deg, route)
+        return route
+
+    def pose_towards(self, frame: int, goal: Records, direction: Floats) -> int:
+        """The simplest attitude of a frame, by its number, that meets the field near a direction (3,)."""
+        return int(self._library.flinders_pose_towards(frame, goal, _row(direction)))
+
+    def pose(self, frame: int, pose: int) -> tuple[Floats, int]:
+        """(3,) what points down in an attitude of a frame, and how many angles have to be judged by eye."""
+        down = np.empty(3)
+        return down, int(self._library.flinders_pose(frame, pose, down))
+
 
 @cache
 def engine() -> Engine:
@@ -512,6 +564,11 @@ def _blank(fields: np.dtype[np.void]) -> Records:
 def _vector(down: Floats | None) -> Floats | None:
     """A vector as C takes it."""
     return None if down is None else np.ascontiguousarray(down, dtype=np.float64)
+
+
+def _row(numbers: ArrayLike) -> Floats:
+    """Numbers one behind the other."""
+    return np.ascontiguousarray(numbers, dtype=np.float64)
 
 
 def _entries(shape: ArrayLike) -> Floats:

@@ -179,7 +179,7 @@ typedef struct flinders_record {
     flinders_real alignment_deg;  /* what a mounting that an aiding sensor has found leaves open of a level heading */
     flinders_real linearized_deg; /* what is not known of axes that are linearized makes of a heading, 1 sigma */
     flinders_real linearized_share; /* what the worst of them reads too much, a fraction of the field */
-    flinders_real soft_iron_by_chance; /* how often chance alone makes readings contradict earlier soft iron as much */
+    flinders_real soft_iron_p_value; /* how often chance alone makes readings contradict earlier soft iron as much */
     flinders_real poses_by_chance; /* the same of poses at known headings */
 
     int64_t backward_steps;       /* steps of the clock that go back */
@@ -212,6 +212,41 @@ typedef struct flinders_disturbance {
     flinders_real left;         /* sum of squares that nothing explains, unit² */
     flinders_real per_unit[3];  /* by how much it moves the offset for each unit of it */
 } flinders_disturbance;
+
+/* What is known of a sensor before its next reading; `flinders_believe` and `flinders_rough` fill it. */
+typedef struct flinders_belief {
+    flinders_real centre[3];      /* offset b, unit */
+    flinders_real shape[6];       /* S, unit */
+    flinders_real covariance[81]; /* of the nine parameters, unit²; may be singular, where a method holds some of them */
+    flinders_real variance;       /* of the distance of a further reading from the surface, unit² */
+    flinders_real readings;       /* so far */
+} flinders_belief;
+
+/* What further readings are for; `flinders_default_goal` fills it. On a board (FLINDERS_SMALL) headings alone. */
+typedef struct flinders_goal {
+    int32_t is_attitude;      /* 0 the heading of a level vehicle, 1 the direction of the field at any attitude (0) */
+    flinders_real dip_deg;    /* inclination of the field, -89 to 89; not looked at for attitudes (60) */
+    flinders_real down[3];    /* which way is down when the vehicle is level, in corrected sensor axes (0, 0, 1) */
+    flinders_real target_deg; /* worst error that is good enough, 1 sigma (1) */
+} flinders_goal;
+
+/* Where the next readings would tell most. NaN where nothing is known. */
+typedef struct flinders_advice {
+    flinders_real direction[3]; /* where the field should point: a unit vector in corrected axes, the middle of a cell */
+    flinders_real worst_deg;    /* the error that matters, 1 sigma: at the worst heading, or in the worst direction */
+    flinders_real after_deg;    /* the same after a batch of readings there */
+} flinders_advice;
+
+/* The path that the field should take, as seen from the body. NaN where nothing is known. */
+typedef struct flinders_route {
+    int32_t count;               /* waypoints, 0 to 6 */
+    flinders_real waypoints[18]; /* (count, 3) unit vectors in corrected axes, on great circles one after the other */
+    flinders_real worst_deg;     /* the error that matters, 1 sigma */
+    flinders_real after_deg;     /* the same at the end of the path */
+} flinders_route;
+
+/* Axes that an attitude is named in: of a vehicle (forward, right, down when it is level), or of the sensor. */
+enum { FLINDERS_VEHICLE = 0, FLINDERS_SENSOR = 1, FLINDERS_VEHICLE_POSES = 42, FLINDERS_SENSOR_POSES = 50 };
 
 /* What a judgement is asked; `flinders_default_request` fills it. */
 typedef struct flinders_request {
@@ -356,6 +391,41 @@ FLINDERS_API int flinders_heading_errors(flinders_record *record, flinders_real 
  * numbers. */
 FLINDERS_API void flinders_heading_bounds(const flinders_real *roots, size_t turns, flinders_real *bounds);
 
+/* Errors (count,) of the corrected field where it points along directions (count, 3), degrees, 1 sigma; NaN where the shape
+ * is none. */
+FLINDERS_API int flinders_direction_errors(const flinders_real shape[6], const flinders_real covariance[81],
+                                           const flinders_real *directions, size_t count, flinders_real *errors_deg);
+
+/* Fill a goal with its defaults, in parentheses above. */
+FLINDERS_API void flinders_default_goal(flinders_goal *goal);
+
+/* Take what a fit claims: its surface, covariance and noise, and counts (100,) of its readings in each cell of the sphere: a
+ * cap, bands of 15, 34, 34 and 15 from +z to -z, a cap. The variance of a reading is that with which these readings give
+ * this covariance, so that residuals that are correlated make a further reading worth less. */
+FLINDERS_API void flinders_believe(const flinders_real centre[3], const flinders_real shape[6],
+                                   const flinders_real covariance[81], flinders_real noise,
+                                   const flinders_real counts[100], flinders_belief *belief);
+
+/* Put a sphere through readings (rows, 3) that no fit can do anything with yet, with what hard and soft iron commonly do
+ * where nothing was seen; FLINDERS_TOO_FEW or FLINDERS_UNDETERMINED where they do not tell where its centre is. */
+FLINDERS_API int flinders_rough(const flinders_real *field, size_t rows, flinders_belief *belief);
+
+/* Find the direction whose readings would reduce the worst error most. `batch`: readings that will be taken there; 0: a
+ * hundredth of those so far. */
+FLINDERS_API int flinders_guidance(const flinders_belief *belief, const flinders_goal *goal, flinders_real batch,
+                                   flinders_advice *advice);
+
+/* Find the path that brings the worst error below the target soonest, or as low as it gets in six steps of some 35°, from
+ * where the field points now (3,), a vector of any length in corrected axes. */
+FLINDERS_API int flinders_path(const flinders_belief *belief, const flinders_goal *goal, const flinders_real at[3],
+                               flinders_real readings_per_deg, flinders_route *route);
+
+/* What points down in an attitude of a frame: a unit vector in its axes. Returns how many angles have to be judged by eye;
+ * -1 where there is no such attitude. */
+FLINDERS_API int flinders_pose(int32_t frame, int32_t pose, flinders_real down[3]);
+
+/* The simplest attitude in which a body that is turned once around meets the field near an advised direction. */
+FLINDERS_API int32_t flinders_pose_towards(int32_t frame, const flinders_goal *goal, const flinders_real direction[3]);
 /* Bytes of a judgement, for callers that were compiled apart. */
 FLINDERS_API size_t flinders_judgement_size(void);
 

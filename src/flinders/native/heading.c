@@ -21,26 +21,61 @@ static void gathered(const real v[3], const real u[3], real row[9])
     row[8] = v[1] * u[2] + v[2] * u[1];
 }
 
-/* Rows (9, FL_HEADINGS) of what each parameter does to the heading of a level vehicle, without its mean. */
-void fl_level_rows(const fl_surface *surface, real dip_deg, real rows[9][FL_HEADINGS])
+/* The rotation that brings +z onto `down`, and turns as little as it can; over the x axis where down points up. */
+void fl_upright(const real down[3], real turn[9])
+{
+    const real length = fl_sqrt(down[0] * down[0] + down[1] * down[1] + down[2] * down[2]);
+    const real over = down[2] < 0 ? -1 : 1;
+    const real x = down[0] / length, y = over * down[1] / length, z = over * down[2] / length, bend = 1 / (1 + z);
+    const real rotation[9] = {1 - bend * x * x, -bend * x * y, x,
+                              -over * bend * x * y, over * (1 - bend * y * y), over * y,
+                              -over * x, -over * y, over * z};
+    memcpy(turn, rotation, sizeof rotation);
+}
+
+/* Rows (9, FL_HEADINGS) of what each parameter does to the heading of a level vehicle, without its mean; `turn` brings +z
+ * onto what is down, NULL where that is +z. A row begins `stride` numbers after the one before it. */
+void fl_level_rows_about(const fl_surface *surface, real dip_deg, const real *turn, real *rows, int stride)
 {
     const real dip = dip_deg / TO_DEG, flat = fl_cos(dip), height = fl_sin(dip);
-    const real turn = fl_cos(2 * FL_PI / FL_HEADINGS), slant = fl_sin(2 * FL_PI / FL_HEADINGS);
+    const real step = fl_cos(2 * FL_PI / FL_HEADINGS), slant = fl_sin(2 * FL_PI / FL_HEADINGS);
     real cosine = 1, sine = 0;
     for (int k = 0; k < FL_HEADINGS; k++) {
-        const real field[3] = {flat * cosine, -flat * sine, height}, across[3] = {sine / flat, cosine / flat, 0};
+        real field[3] = {flat * cosine, -flat * sine, height}, across[3] = {sine / flat, cosine / flat, 0};
         real v[3], row[9];
+        if (turn) {
+            const real level[2][3] = {{field[0], field[1], field[2]}, {across[0], across[1], across[2]}};
+            fl_multiply(turn, level[0], 3, 3, 1, field);
+            fl_multiply(turn, level[1], 3, 3, 1, across);
+        }
         fl_sym3_apply(surface->inverse, across, v);
         gathered(v, field, row);
-        for (int i = 0; i < 9; i++) rows[i][k] = row[i];
-        const real next = cosine * turn - sine * slant;
-        sine = sine * turn + cosine * slant;
+        for (int i = 0; i < 9; i++) rows[i * stride + k] = row[i];
+        const real next = cosine * step - sine * slant;
+        sine = sine * step + cosine * slant;
         cosine = next;
     }
     for (int i = 0; i < 9; i++) {
-        real mean = 0;
-        for (int k = 0; k < FL_HEADINGS; k++) mean += rows[i][k] / FL_HEADINGS;
-        for (int k = 0; k < FL_HEADINGS; k++) rows[i][k] -= mean;
+        real *const row = rows + i * stride, mean = 0;
+        for (int k = 0; k < FL_HEADINGS; k++) mean += row[k] / FL_HEADINGS;
+        for (int k = 0; k < FL_HEADINGS; k++) row[k] -= mean;
+    }
+}
+
+/* The same with +z down. */
+void fl_level_rows(const fl_surface *surface, real dip_deg, real rows[9][FL_HEADINGS])
+{
+    fl_level_rows_about(surface, dip_deg, NULL, rows[0], FL_HEADINGS);
+}
+
+/* Three rows of what each parameter does to the corrected field at a direction u: those of (1 − uuᵀ) S⁻¹. */
+void fl_direction_rows(const fl_surface *surface, const real direction[3], real rows[3][9])
+{
+    for (int axis = 0; axis < 3; axis++) {
+        real across[3], v[3];
+        for (int i = 0; i < 3; i++) across[i] = (i == axis) - direction[axis] * direction[i];
+        fl_sym3_apply(surface->inverse, across, v);
+        gathered(v, direction, rows[axis]);
     }
 }
 
@@ -155,32 +190,38 @@ static void corrected(const fl_surface *surface, const real covariance[81], real
         }
 }
 
+/* Variance of the corrected field across its direction u, from the covariance of `corrected`, rad². */
+static inline real variance_across(const real c[144], const real u[3])
+{
+    const real w[4] = {1, u[0], u[1], u[2]};
+    real squares[3][3], variance = 0;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j <= i; j++) {
+            real entry = 0;
+            for (int a = 0; a < 4; a++) {
+                const real *row = c + 12 * (3 * a + i) + j;
+                entry += w[a] * (w[0] * row[0] + w[1] * row[3] + w[2] * row[6] + w[3] * row[9]);
+            }
+            squares[i][j] = squares[j][i] = entry;
+        }
+    for (int i = 0; i < 3; i++) {
+        variance += squares[i][i];
+        for (int j = 0; j < 3; j++) variance -= u[i] * squares[i][j] * u[j];
+    }
+    return variance > 0 ? variance : 0;
+}
+
 /* Error of the direction of the corrected field, 1 sigma: over the whole sphere and in the worst of 400 directions. */
 void fl_direction_errors(const fl_surface *surface, const real covariance[81], real *rms, real *worst)
 {
-    real c[144], squares[3][3], sum = 0, largest = 0;
+    real c[144], sum = 0, largest = 0;
     corrected(surface, covariance, c);
     const real step = FL_PI * (1 + fl_sqrt((real)5));
     real cosine = fl_cos(step / 2), sine = fl_sin(step / 2);
     const real turn = fl_cos(step), slant = fl_sin(step);
     for (int k = 0; k < DIRECTIONS; k++) {
         const real z = 1 - 2 * (k + (real)0.5) / DIRECTIONS, flat = fl_sqrt(1 - z * z);
-        const real w[4] = {1, flat * cosine, flat * sine, z}, *u = w + 1;
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j <= i; j++) {
-                real entry = 0;
-                for (int a = 0; a < 4; a++) {
-                    const real *row = c + 12 * (3 * a + i) + j;
-                    entry += w[a] * (w[0] * row[0] + w[1] * row[3] + w[2] * row[6] + w[3] * row[9]);
-                }
-                squares[i][j] = squares[j][i] = entry;
-            }
-        real variance = 0;
-        for (int i = 0; i < 3; i++) {
-            variance += squares[i][i];
-            for (int j = 0; j < 3; j++) variance -= u[i] * squares[i][j] * u[j];
-        }
-        variance = variance > 0 ? variance : 0;
+        const real u[3] = {flat * cosine, flat * sine, z}, variance = variance_across(c, u);
         sum += variance;
         largest = variance > largest ? variance : largest;
         const real next = cosine * turn - sine * slant;
@@ -189,6 +230,20 @@ void fl_direction_errors(const fl_surface *surface, const real covariance[81], r
     }
     *rms = TO_DEG * fl_sqrt(sum / DIRECTIONS);
     *worst = TO_DEG * fl_sqrt(largest);
+}
+
+/* Errors of the corrected field where it points along directions (count, 3). */
+int flinders_direction_errors(const real shape[6], const real covariance[81], const real *directions, size_t count,
+                              real *errors_deg)
+{
+    const real centre[3] = {0, 0, 0};
+    real c[144];
+    fl_surface surface;
+    const int status = fl_surface_of(centre, shape, &surface) ? FLINDERS_NOT_AN_ELLIPSOID : FLINDERS_OK;
+    if (status == FLINDERS_OK) corrected(&surface, covariance, c);
+    for (size_t k = 0; k < count; k++)
+        errors_deg[k] = status ? FL_NOT_A_NUMBER : TO_DEG * fl_sqrt(variance_across(c, directions + 3 * k));
+    return status;
 }
 
 /* The dip with the sign that the readings show: a sensor mounted upside down sees the field come from below. */

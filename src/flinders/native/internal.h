@@ -220,4 +220,31 @@ typedef struct {
 int fl_polish(const fl_kernels *kernels, const fl_view *view, const flinders_options *options, const fl_surface *start,
               int most_steps, real *copy, fl_fit *fit);
 
+/* heading.c, for guidance */
+void fl_upright(const real down[3], real turn[9]);
+void fl_level_rows_about(const fl_surface *surface, real dip_deg, const real *turn, real *rows, int stride);
+void fl_direction_rows(const fl_surface *surface, const real direction[3], real rows[3][9]);
+
+/* guidance.c */
+#ifdef FLINDERS_SMALL /* level headings alone */
+enum { FL_PARTS = 1, FL_WANTED = FL_HEADINGS };
+#else
+enum { FL_PARTS = 3, FL_WANTED = 100 };
+#endif
+
+/* What is wanted known: `count` numbers, the variance of each the sum of those of its parts. */
+typedef struct {
+    int count, parts;
+    real rows[FL_PARTS][9][FL_WANTED]; /* what each of the nine parameters does to a part of each number, rad/unit */
+} fl_wanted;
+
+int fl_wanted_of(const fl_surface *surface, const flinders_goal *goal, const real (*directions)[3], int count,
+                 fl_wanted *wanted);
+void fl_wanted_variances(const fl_wanted *wanted, const real covariance[81], real variances[FL_WANTED]);
+real fl_lever(const real covariance[81], const real jacobian[9], real variance, real lever[9]);
+int fl_are_finite(const real *numbers, int count);
+real fl_sharp(real variance, real largest);
+
+#define FL_ALIKE ((real)1e-9) /* scores that differ by a smaller share are alike, and the first of them is taken */
+
 #endif

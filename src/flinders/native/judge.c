@@ -217,15 +217,15 @@ static void of_changes(const flinders_record *record, const flinders_request *re
     q[FLINDERS_Q_APART_BY_CHANCE] = record->apart_by_chance;
     q[FLINDERS_Q_APART_BEYOND_CLAIM_DEG] =
         where(!isnan(record->apart_deg), record->apart_deg > apart ? record->apart_deg : 0);
-    q[FLINDERS_Q_SOFT_IRON_BY_CHANCE] = record->soft_iron_by_chance;
+    q[FLINDERS_Q_SOFT_IRON_P_VALUE] = record->soft_iron_p_value;
     q[FLINDERS_Q_POSES_BY_CHANCE] = record->poses_by_chance;
 }
 
 /* What a closer look may tell. */
 static int asks_of(const flinders_record *record, const flinders_request *request)
 {
-    int64_t swaps = 0;
-    for (int i = 0; i < 6; i++) swaps += record->swaps[i];
+    int swaps = 0;
+    for (int i = 0; i < 6; i++) swaps |= record->swaps[i] > 0;
     const flinders_rule *const changed = fl_rules + FLINDERS_RULE_FIELD_CHANGED;
     const real by_chance = fl_comparisons[changed->first + changed->grades].factor;
     const int is_change = record->drift_by_chance < by_chance && record->drift_deg > CHANGED_SHARE * request->target_deg &&

@@ -22,8 +22,7 @@ extern const flinders_comparison fl_comparisons[];
 extern const flinders_rule fl_rules[FL_RULES];
 extern const fl_cause fl_causes[FLINDERS_CAUSES];
 
-/* attitude.c: headings of vehicles; `turn` brings +z onto what points down when the vehicle is level */
-void fl_upright(const real *down, real turn[9]);
+/* attitude.c: headings of vehicles; `down` points down in corrected axes when the vehicle is level, NULL for z */
 const real *fl_down(int plane);
 void fl_tilted_error(const fl_surface *surface, const real covariance[81], real dip_deg, real tilt_deg, const real *down,
                      real *rms_deg, real *worst_deg);

@@ -182,7 +182,8 @@ def _of_one_sensor(recordings: Sequence[FileRecording]) -> Recording:
         if other.unit != first.unit:
             raise UnitError(
                 f"{first.source} is in {first.unit.name} and {other.source} in {other.unit.name}: "
-                "recordings of one sensor need one unit; say which with unit="
+                "recordings of one sensor need one unit; say which",
+                hint={"unit": None},
             )
     return Joined((first, *others)) if others else first
 
@@ -325,13 +326,15 @@ class _Options:
         """Refuse what is of no type that an option takes, before a file is blamed for it."""
         for option in ("columns", "unit", "topic", "pattern", "flat"):
             if not isinstance(given := getattr(self, option), str | None):
-                raise UsageError(f"{option}={given!r} is no text: give it as on the command line, within quotes")
+                raise UsageError(f"{option} is {given!r}, which is no text: give it within quotes")
         if not isinstance(self.scale, Real | None):
-            raise UsageError(f"scale={self.scale!r} is no number: give microtesla in one count")
+            raise UsageError(f"scale is {self.scale!r}, which is no number: give microtesla in one count")
         if not isinstance(self.as_logged, bool | np.bool_):
-            raise UsageError(f"as_logged={self.as_logged!r}: need True or False")
+            raise UsageError(f"as_logged is {self.as_logged!r}: need True or False")
         if not (self.progress is None or callable(self.progress)):
-            raise UsageError(f"progress={self.progress!r} cannot be called: give a function of two numbers of bytes")
+            raise UsageError(
+                f"progress is {self.progress!r}, which cannot be called: give a function of two numbers of bytes"
+            )
 
 
 def read_shots(
@@ -378,7 +381,9 @@ def _opened(source: AnySource, options: _Options, *, once: bool) -> FileRecordin
         raise UsageError(f"{type(source).__name__} is no recording: give a path, an open file or a table in memory")
     for option in ("pattern", "topic", "as_logged"):
         if getattr(options, option):
-            raise UsageError(f"a table in memory has named columns and nothing else: leave {option}= out")
+            raise UsageError(
+                "a table in memory has named columns and nothing else: leave this out", hint={option: None}
+            )
     recording = open_frame(source, **{name: getattr(options, name) for name in OF_TABLES})
     recording.span = options.span
     return recording
@@ -432,16 +437,19 @@ def _reader_of(name: str, head: bytes) -> Reader:
 def _table_of(file: Source, reader: Reader, options: _Options) -> TextRecording | TableRecording:
     """Open the columns of one magnetometer; of several, that which is meant."""
     if options.as_logged:
-        raise UsageError(f"{file.name} does not say what was corrected before it was written: leave as_logged= out")
+        raise UsageError(
+            f"{file.name} does not say what was corrected before it was written: leave it as it is",
+            hint={"as_logged": None},
+        )
     of_table: dict[str, Any] = {name: getattr(options, name) for name in OF_TABLES}
     if options.topic is not None:
         if not reader.takes_topic:
-            raise UsageError(f"{file.name} has no topics and no members: leave topic= out")
+            raise UsageError(f"{file.name} has no topics and no members: name none", hint={"topic": None})
         of_table["topic"] = options.topic
     if reader.open is open_text:
         recording: TextRecording | TableRecording = open_text(file, pattern=options.pattern, **of_table)
     elif options.pattern is not None:
-        raise UsageError(f"{file.name} is no text ({reader.title}): leave pattern= out")
+        raise UsageError(f"{file.name} is no text ({reader.title}): leave the pattern out", hint={"pattern": None})
     else:
         disk = on_disk(file)
         assert reader.open is not None
@@ -473,7 +481,8 @@ def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
     for option in ("columns", "pattern", *(() if reader.takes_unit else ("unit",)), "scale"):
         if getattr(options, option) is not None:
             raise UsageError(
-                f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave {option}= out"
+                f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave this out",
+                hint={option: None},
             )
     disk = on_disk(file)
     assert reader.log is not None
@@ -501,7 +510,10 @@ def _begun(columns: Columns) -> datetime | None:
 def _chosen(log: Log, options: _Options) -> Instrument:
     """Take the magnetometer that was asked for, or the first, which then names the others."""
     if options.choice.sensor is not None and options.topic is not None:
-        raise UsageError("sensor= and topic= both say which magnetometer of a log it is: leave one of them out")
+        raise UsageError(
+            "sensor and topic both say which magnetometer of a log it is: leave one of them out",
+            hint={"sensor": None, "topic": None},
+        )
     choice = options.choice if options.topic is None else Choice(options.topic)
     names = [instrument.name for instrument in log.instruments]
     chosen = log.instruments[choice.among(names, log.source)]

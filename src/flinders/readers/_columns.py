@@ -179,7 +179,7 @@ class Columns:
         own, others = Unit.of(strength.unit), tuple(column for column in self.auxiliary if column is not strength)
         if own.inside == unit.inside:
             return replace(self, auxiliary=(*others, replace(strength, factor=own.scale / unit.scale)))
-        reason = f"{strength.names[0]} (in {own.inside}, the field in {unit.inside}: give unit=, or scale=)"
+        reason = f"{strength.names[0]} (in {own.inside}, the field in {unit.inside}: give its unit or scale)"
         return replace(self, auxiliary=others, left_out=(*self.left_out, reason))
 
     def in_told(self, unit: str) -> Columns:
@@ -667,7 +667,8 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str, heading: 
         columns = ",".join(names[cell].strip() for cell in others[0].cells)
         raise NoMagnetometer(
             f"no readings of a magnetometer among the columns of {source}: by its name each is something else, {what}; "
-            f"say which three columns are what the sensor read, such as columns='{columns}' if those are it after all"
+            "say which three columns are what the sensor read, such as these if they are it after all",
+            hint={"columns": columns},
         )
     width = values.shape[1]
     judged = groups(values, [place for place in range(width) if not names or tells_nothing(names[place])], names)
@@ -676,7 +677,8 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str, heading: 
         what = f"names do not tell which columns of {source} are the magnetometer" if names else nameless
         first = [f"{number}: {cell.strip()}" for number, cell in enumerate(cells, 1)]
         shown = f"; its first line by its columns is {listed(first)}" if cells and not names else ""
-        raise NoMagnetometer(f"{what}; {advice(judged)}{shown}")
+        told, hint = advice(judged)
+        raise NoMagnetometer(f"{what}{shown}; {told}", hint=hint)
 
 
 def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:
@@ -684,7 +686,10 @@ def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, a
     if choice.sensor is None:
         return columns
     if not choice.is_name:
-        raise UsageError("columns= and sensor= both say which magnetometer it is: leave one of them out")
+        raise UsageError(
+            "columns and a number both say which magnetometer it is: leave one of them out",
+            hint={"columns": None, "sensor": None},
+        )
     wanted = choice.sensor.strip().casefold()
     for number, other in enumerate(magnetometers, 1):
         if wanted in (str(number), other.name.casefold()):
@@ -692,8 +697,9 @@ def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, a
                 return columns
             own = columns.name or "none of its magnetometers"
             raise UsageError(
-                f"columns='{asked}' is {own} in {source}, and sensor='{choice.sensor}' says {other.name}: leave one of "
-                "them out, or name the sensor differently"
+                f"columns {asked!r} are {own} in {source}, and the name {choice.sensor!r} is of {other.name}: leave "
+                "one of them out, or name the sensor differently",
+                hint={"columns": asked, "sensor": choice.sensor},
             )
     return replace(columns, name="")
 
@@ -737,7 +743,10 @@ def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, widt
         raise UsageError(f"acceleration {asked!r}: lines differ in length, so that columns cannot be counted")
     own = _column(ACCELERATION, wanted_places(asked, names, width), names)
     if taken := [name for name, cell in zip(own.names, own.cells, strict=True) if cell in columns.field.cells]:
-        raise UsageError(f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer; see columns=")
+        raise UsageError(
+            f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer; say which columns are that",
+            hint={"columns": None},
+        )
     others = tuple(column for column in columns.auxiliary if column.kind != ACCELERATION)
     return replace(columns, auxiliary=(*others, own))
 
@@ -749,7 +758,10 @@ def wanted_strength(asked: str, names: Sequence[str], columns: Columns, width: i
     place = _place(asked, [name.strip() for name in names], width)
     own = _column(STRENGTH, [place], names)
     if place in columns.field.cells:
-        raise UsageError(f"scalar {asked!r}: {own.names[0]} is read as the vector magnetometer; see columns=")
+        raise UsageError(
+            f"scalar {asked!r}: {own.names[0]} is read as the vector magnetometer; say which columns are that",
+            hint={"columns": None},
+        )
     others = tuple(column for column in columns.auxiliary if column.kind != STRENGTH and place not in column.cells)
     return replace(columns, auxiliary=(*others, replace(own, unit=unit_of_strength(own.names[0]))))
 

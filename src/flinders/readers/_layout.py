@@ -39,7 +39,7 @@ from flinders.readers._devices import (
 )
 from flinders.readers._heading import shifted
 from flinders.readers._known_texts import refusal
-from flinders.readers._likeness import GRAVITY, NEARLY, STEADY, advice, groups, has_clock
+from flinders.readers._likeness import GRAVITY, NEARLY, STEADY, XYZ, advice, groups, has_clock
 from flinders.readers._names import (
     ACCELERATION,
     FIELD,
@@ -390,8 +390,11 @@ def sniff(
     if not lines:
         blank = not any(text.strip() for text in texts)
         content = "blank lines" if blank else "comments"
-        marked = "" if blank else f"; where readings begin with {' or '.join(COMMENTS)}, say how with pattern="
-        raise UnreadableInput(f"{name} holds only {content}: need lines of numbers, one reading each{marked}")
+        marked = "" if blank else f"; where readings begin with {' or '.join(COMMENTS)}, say how they are printed"
+        raise UnreadableInput(
+            f"{name} holds only {content}: need lines of numbers, one reading each{marked}",
+            hint={} if blank else {"pattern": None},
+        )
     for some, least in ((lines[:TRIED], 3), (lines, 3), *([(lines, 2)] if flat else [])):
         best = max((_cut(some, signs, least) for signs in _signs_of(some)), key=_Cut.score, default=None)
         if best is not None and best.rows:
@@ -675,8 +678,8 @@ def _settled(name: str, found: _Misfit, values: Floats, wanted: Sequence[str]) -
         asked = ",".join(wanted)
         raise UsageError(f"columns {asked!r}: {name} has {what}, which may be of other columns: give numbers")
     judged = groups(values, range(values.shape[1]))
-    told = advice(judged) if judged else f"say so with columns='X,Y,Z', by number; they go from {ranges(values)}"
-    raise NoMagnetometer(f"{name} has {what}, and values do not tell which fields the names are of; {told}")
+    told, hint = advice(judged) if judged else (f"say which, by number; they go from {ranges(values)}", XYZ)
+    raise NoMagnetometer(f"{name} has {what}, and values do not tell which fields the names are of; {told}", hint=hint)
 
 
 def _named_in(text: str, delimiter: str) -> list[str]:
@@ -753,8 +756,9 @@ def _refuse_nameless(name: str, devices: Sequence[Device], clocks: Sequence[Cloc
         taken = {*devices[0].cells, *(cell for clock in clocks for cell in clock.cells)}
         others = ",".join([str(cell + 1) for cell in range(width) if cell not in taken][-3:])
         raise NoMagnetometer(
-            f"column {column + 1} of {name} says which sensor each line is of ({words}): add columns='{others}' where "
-            "those are x, y and z, and say with sensor= which one is meant"
+            f"column {column + 1} of {name} says which sensor each line is of ({words}): name the columns of x, y and "
+            "z, and say which sensor is meant",
+            hint={"columns": others, "sensor": None},
         )
 
 
@@ -843,7 +847,8 @@ def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]
             column = f"column {header[place].strip()!r}" if header else f"column {place + 1}"
             raise NoMagnetometer(
                 f"{column} of {name} says which sensor each line is of, such as {others[0]!r}: keep the lines of "
-                "the magnetometer, or read them all with columns="
+                "the magnetometer, or name the columns to read them all",
+                hint={"columns": None},
             )
 
 
@@ -862,8 +867,8 @@ def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns
     if len(grouped) >= 3 and 100 <= max(whole, default=0) < 1000:
         raise UnreadableInput(
             f"numbers of {name} such as {grouped[0]!r} beside {max(whole):.0f} have {decimal!r} between thousands, it "
-            "seems: save it without a separator of thousands, or name the columns with columns= where it is the "
-            "decimal sign"
+            "seems: save it without a separator of thousands, or name the columns where it is the decimal sign",
+            hint={"columns": None},
         )
 
 
@@ -899,12 +904,13 @@ def _no_magnetometer(
     if header:
         return NoMagnetometer(
             f"no magnetometer among the columns of {name}: {listed(header)}; "
-            "say which three it is with columns='X,Y,Z', by name or by number"
+            "say which three it is, by name or by number",
+            hint=XYZ,
         )
     return _other_labels(name, text, line) or NoMagnetometer(
         f"{name} has {values.shape[1]} columns and {heading}: need three, x y z, "
-        "or four with the time first; say which are the magnetometer with columns='X,Y,Z', by number; they go from "
-        f"{ranges(values)}"
+        f"or four with the time first; they go from {ranges(values)}; say which are the magnetometer, by number",
+        hint=XYZ,
     )
 
 
@@ -918,7 +924,8 @@ def _other_labels(name: str, text: str, line: str) -> NoMagnetometer | None:
     what = " and ".join(sorted(others)) or ", ".join(dict.fromkeys(filter(None, names)))
     return NoMagnetometer(
         f"the labels of {name} tell of {what} and of no magnetometer{line}: let the board print its magnetometer "
-        "too, or say which numbers it is with pattern="
+        "too, or say which numbers of a line it is",
+        hint={"pattern": None},
     )
 
 
@@ -967,8 +974,9 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
 def _unrecognised(name: str, text: str, line: str) -> UnreadableInput:
     """Say that no readings are recognised, and offer the ``--pattern`` of a line that has numbers."""
     pattern = pattern_of(text) if len(text) <= LONGEST_EXAMPLE else ""
-    example = f"; this line is pattern={pattern!r}, if those are its x, y and z" if pattern else ""
+    example = ", as here if those are x, y and z" if pattern else ""
     return UnreadableInput(
         f"no readings are recognised in {name}{line}: need three columns of numbers, "
-        f"labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT', or pattern=, which says how a line is printed{example}"
+        f"labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT', or how a line is printed{example}",
+        hint={"pattern": pattern or None},
     )

@@ -18,20 +18,20 @@ hard iron; rates and angles near none.
 from __future__ import annotations
 
 import math
-import shlex
 from itertools import combinations, groupby
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from flinders.core.units import unit_of_the_earth
-from flinders.errors import figures
+from flinders.errors import figures, with_hint
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
+    from flinders.errors import Hint
 
 GRAVITY: Final = {  # its length in units of accelerometers; fewer counts than these could be milligauss
     "m/s²": 9.80665, "g": 1.0, "mg": 1000.0, **{f"counts of 1/{2**n} g": float(2**n) for n in range(10, 15)}
@@ -79,9 +79,9 @@ class ColumnGroup(NamedTuple):
         return f"{', '.join(self.names)} ({self.what})"
 
     @property
-    def option(self) -> str:
-        """What says that these are the magnetometer."""
-        return f"columns={','.join(self.names)!r}"
+    def columns(self) -> str:
+        """The argument that names these as the magnetometer's."""
+        return ",".join(self.names)
 
 
 def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> list[ColumnGroup]:
@@ -224,22 +224,25 @@ def doubt(samples: Samples) -> str:
     return likeness(samples.field / samples.unit.scale)
 
 
-def looks_like(what: str, columns: str) -> str:
-    """Say what columns look like, and what to type where they are a magnetometer's after all."""
-    option = f"--columns {shlex.quote(columns)}"
-    return f"these look like {what}: if a magnetometer recorded them after all, add {option}"
+def looks_like(what: str, spelled: str) -> str:
+    """Say what columns look like, and with which argument, as an interface spells it, they are a magnetometer's."""
+    return with_hint(f"these look like {what}: if a magnetometer recorded them after all, name them", spelled)
 
 
-def advice(judged: Sequence[ColumnGroup]) -> str:
-    """Say which columns may be the magnetometer, what to type then, and what the others look like."""
+XYZ: Final = {"columns": "X,Y,Z"}
+"""Hint that names three columns, whichever they are."""
+
+
+def advice(judged: Sequence[ColumnGroup]) -> tuple[str, Hint]:
+    """Say which columns may be the magnetometer and what the others look like, with a hint that names the columns."""
     able = [group for group in judged if group.is_candidate]
     rest = [str(group) for group in judged if not group.is_candidate]
     others = ", ".join(rest[:MOST_OTHERS] + ["…"] * (len(rest) > MOST_OTHERS))
     if not able:
-        return f"by their values none may be it, they are {others}; if three are after all, say so with columns='X,Y,Z'"
-    options = " or ".join(group.option for group in able)
-    do = f"if so, add {options}" if len(able) == 1 else f"say which with {options}"
-    return f"by their values {' or '.join(map(str, able))} may be it: {do}" + f"; others are {others}" * bool(others)
+        return f"by their values none may be it, they are {others}; if three are after all, say which", XYZ
+    do = "if so, name them" if len(able) == 1 else "say which, such as the first"
+    besides = f", others are {others}" * bool(others)
+    return f"by their values {' or '.join(map(str, able))} may be it{besides}: {do}", {"columns": able[0].columns}
 
 
 def ascends(values: Floats) -> bool:

@@ -707,13 +707,13 @@ class Form(NamedTuple):
     field: tuple[str, ...]  # names, or numbers from 1
     width: int  # columns of a line
     names: tuple[str, ...]  # its header; none where it has none
-    rising: tuple[int, ...] = ()  # without a header, numbers of its columns that are clocks and counters
+    increasing: tuple[int, ...] = ()  # without a header, numbers of its columns that are clocks and counters
 
     @classmethod
-    def of(cls, field: Sequence[str], names: Sequence[str], width: int, rising: Iterable[int]) -> Self:
-        """That of a table; `rising` are places of columns that only rise."""
+    def of(cls, field: Sequence[str], names: Sequence[str], width: int, increasing: Iterable[int]) -> Self:
+        """That of a table; `increasing` are places of columns that only rise."""
         own = tuple(name.strip() for name in names)
-        return cls(tuple(field), width, own, () if own else tuple(place + 1 for place in rising))
+        return cls(tuple(field), width, own, () if own else tuple(place + 1 for place in increasing))
 
 
 @dataclass(frozen=True, slots=True)
@@ -725,7 +725,7 @@ class Choice:
     >>> Choice(preferred="mag_bow").among(["mag_left", "mag_right"], "two.csv")
     Traceback (most recent call last):
     flinders.errors.UsageError: two.csv has no magnetometer mag_bow, which the calibration is for: there are 1
-        (mag_left), 2 (mag_right); say with sensor= which one it is for
+        (mag_left), 2 (mag_right); say which one it is for (sensor=)
     """
 
     sensor: str | None = None  # asked for, by its number from 1 or its name
@@ -744,21 +744,21 @@ class Choice:
             return cls(str(sensor))
         if sensor is None or isinstance(sensor, str):
             return cls(sensor)
-        raise UsageError(f"sensor={sensor!r} names no magnetometer: give its number from 1, or its name")
+        raise UsageError(f"sensor is {sensor!r}, which names no magnetometer: give its number from 1, or its name")
 
     @property
     def is_open(self) -> bool:
         """Nobody says which: the first is taken, and the others are named."""
         return self.sensor is None and self.preferred is None
 
-    def remembered(self, names: Sequence[str], width: int, rising: Iterable[int]) -> str | None:
+    def remembered(self, names: Sequence[str], width: int, increasing: Iterable[int]) -> str | None:
         """The columns that were asked for of a table of the same form; None for another, and where a sensor is asked.
 
         >>> choice = Choice(forms=(Form(("2", "3", "4"), 7, (), (1,)),))
         >>> choice.remembered([], 7, [0]), choice.remembered([], 7, []), choice.remembered([], 6, [0])
         ('2,3,4', None, None)
         """
-        own = Form.of((), names, width, rising) if self.forms else None
+        own = Form.of((), names, width, increasing) if self.forms else None
         same = (form for form in self.forms if form._replace(field=()) == own and self.sensor is None)
         return next((",".join(form.field) for form in same if len(form.field) == len("xyz")), None)
 
@@ -776,14 +776,18 @@ class Choice:
         what = f"{source} has no magnetometer {wanted.strip() or repr(wanted)}"
         if self.sensor is None:
             raise UsageError(
-                f"{what}, which the calibration is for: there {verb} {there}; say with sensor= which one it is for"
+                f"{what}, which the calibration is for: there {verb} {there}; say which one it is for",
+                hint={"sensor": None},
             )
         raise UsageError(f"{what}: there {verb} {there or 'none'}")
 
     def refuse_alone(self, source: str) -> None:
         """Refuse to choose from a table of one magnetometer."""
         if self.sensor is not None and not self.is_name:
-            raise UsageError(f"{source} has one magnetometer: leave sensor= out; its columns are chosen with columns=")
+            raise UsageError(
+                f"{source} has one magnetometer: leave its number out; it is chosen by columns",
+                hint={"sensor": None, "columns": None},
+            )
 
 
 FIRST: Final = Choice()  # Nobody says which

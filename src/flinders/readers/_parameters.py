@@ -99,7 +99,9 @@ def unapplied(
         try:
             raw[rows] = parameters[each].unapply(field[rows], **more)
         except ArrayError as error:
-            raise ArrayError(f"{source}: {error}; take the readings with as_logged=True") from None
+            raise ArrayError(
+                f"{source}: {error.message}; take the readings as they were logged", hint={"as_logged": True}
+            ) from None
     return raw
 
 

@@ -29,7 +29,8 @@ class Rewriter:
         if layout.columns.reset is not None and not add:
             raise UsageError(
                 f"readings are in pairs ({layout.columns.field.names[0]}, {layout.columns.reset.names[0]}), and a "
-                "corrected one has no place among them: add columns for it with add=True"
+                "corrected one has no place among them: add columns for it",
+                hint={"add": True},
             )
         self._layout, self._add = layout, add
         self._delimiter = layout.grid.delimiter

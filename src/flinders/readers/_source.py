@@ -238,7 +238,8 @@ class ByteStream:
         """Yield all bytes as they arrive; raise `EndsEarly` where they have no end, `UsageError` the second time."""
         if self._is_read:
             raise UsageError(
-                f"{self.name} was opened for one pass and has been read: to go over it again, open it without once=True"
+                f"{self.name} was opened for one pass and has been read: to go over it again, open it for more",
+                hint={"once": False},
             )
         self._is_read = True
         yield from self._so_far()

@@ -31,6 +31,7 @@ from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.readers._columns import Columns, ColumnsRecording, choose, rising_in, unit_of
 from flinders.readers._devices import MAX_SENSORS, Device, SensorColumn, devices_in, names_device, sensor_column
 from flinders.readers._layout import ranges
+from flinders.readers._likeness import XYZ
 from flinders.readers._names import FIRST, Choice
 from flinders.readers._resample import numbered
 from flinders.readers._source import sound
@@ -249,7 +250,7 @@ def open_table(
     columns = columns or choice.remembered(table.names, table.width, rising_in(first) if choice.forms else ())
     known = choose(table.names, first, columns, flat=flat, choice=choice, source=file.name, devices=devices)
     if known is None:
-        raise NoMagnetometer(_unknown(file.name, table, first))
+        raise NoMagnetometer(_unknown(file.name, table, first), hint=XYZ)
     settled = unit_of(known, file.name, unit, scale)
     known = known.in_given(unit, scale).with_strength_in(settled)
     return TableRecording(file, table, known, settled, axes or Axes(), progress)
@@ -258,12 +259,12 @@ def open_table(
 def _unknown(name: str, table: Table, first: Floats) -> str:
     if not table.names:
         return (
-            f"{name} has {table.width} columns without names: need three, x y z, or four with the time first; say "
-            f"which are the magnetometer with columns='X,Y,Z', by number; they go from {ranges(first)}"
+            f"{name} has {table.width} columns without names: need three, x y z, or four with the time first; they go "
+            f"from {ranges(first)}; say which are the magnetometer, by number"
         )
     return (
         f"no magnetometer among the columns of {name}: {listed(table.names)}; "
-        "say which three it is with columns='X,Y,Z', by name or by number"
+        "say which three it is, by name or by number"
     )
 
 

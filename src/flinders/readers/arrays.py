@@ -130,8 +130,8 @@ def _likely(name: str, there: list[zipfile.ZipInfo]) -> zipfile.ZipInfo:
             f"{name} has no text recording in it: it holds {_listed(there)}; unpack it, and give a recording from it"
         )
     raise NoMagnetometer(
-        f"{name} has {len(texts)} recordings, and none is named like a magnetometer: {_listed(texts)}; "
-        "say which with topic="
+        f"{name} has {len(texts)} recordings, and none is named like a magnetometer: {_listed(texts)}; say which",
+        hint={"topic": None},
     )
 
 

@@ -326,7 +326,8 @@ class Tally:
             raise UnreadableInput(
                 f"{self.unreadable:,} of {self.unreadable + self.rows:,} lines of {name} are not readings: "
                 f"the first is line {self.first[0]} ({shown(self.first[1])!r}), the last line {self.last[0]} "
-                f"({shown(self.last[1])!r}); check what was recorded, or name the columns with columns="
+                f"({shown(self.last[1])!r}); check what was recorded, or name the columns",
+                hint={"columns": None},
             )
         if not self.usable:
             raise UnreadableInput(
@@ -486,7 +487,8 @@ def _not_raw(name: str, layout: TextLayout) -> UnreadableInput:
     return UnreadableInput(
         f"{name} was recorded with {layout.in_force} in force, and magADC is after it: what is found from it would "
         "come on top of that, and boards put it in its place. Set offsets to 0 (maggain to 1024) and record again; to "
-        f"use what was logged all the same, add columns='{','.join(layout.columns.field.names)}'"
+        "use what was logged all the same, name its columns",
+        hint={"columns": ",".join(layout.columns.field.names)},
     )
 
 

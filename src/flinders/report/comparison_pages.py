@@ -26,8 +26,8 @@ from rich.text import Text
 
 from flinders.comparison.comparison import CHANCE
 from flinders.core.units import label
-from flinders.errors import counted, figures, percent
-from flinders.findings import VERDICTS, in_options
+from flinders.errors import counted, figures, in_python, percent
+from flinders.findings import VERDICTS, advice
 from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.geometry.ellipsoid import upper
 from flinders.report.fit_pages import plane_rows
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from flinders.comparison.evaluation import Evaluation
     from flinders.comparison.methods import Contest, Entry
     from flinders.core.calibration import Calibration
+    from flinders.errors import Spelling
     from flinders.estimators import Method
     from flinders.findings import Severity, Verdict
     from flinders.fitting.result import Fit
@@ -94,6 +95,7 @@ WIDTH: Final = 78
 
 def of_comparison(
     comparison: Comparison,
+    spell: Spelling = in_python,
     *,
     fresh: Fit | None = None,
     strengths: tuple[Strength, Strength] | None = None,
@@ -105,9 +107,8 @@ def of_comparison(
     recording's under both. `own` names the recordings, if any, that went into the calibration: agreement with those
     proves nothing.
     """
-    limits = (
-        [] if fresh is None else [in_options(finding) for finding in fresh.findings if finding.severity == "limits"]
-    )
+    found = () if fresh is None else fresh.findings
+    limits = [advice(finding, spell) for finding in found if finding.severity == "limits"]
     said = _comparison_verdict(comparison, fresh, own, limits)
     if own:
         limits.insert(0, f"{' and '.join(own)} went into this calibration: check it on a recording made since")
@@ -117,7 +118,7 @@ def of_comparison(
     return Group(page(*blocks, said), notes(("limits", limit) for limit in limits))
 
 
-def of_untold(known: Fit, fit: Fit, strength: Strength) -> RenderableType:
+def of_untold(known: Fit, fit: Fit, strength: Strength, spell: Spelling = in_python) -> RenderableType:
     """Lay out what a recording, of which no fit can be used, tells of a known calibration, and why it is not more."""
     basis = f"{counted(fit.samples, 'reading')}; {fit.method}"
     words = (
@@ -125,7 +126,7 @@ def of_untold(known: Fit, fit: Fit, strength: Strength) -> RenderableType:
         f"{strength.mean:.3f} of the field with a spread of {strength.spread:.1%}, where {known.name} was made one of "
         f"{known.noise / known.ellipsoid.radius:.1%}:"
     )
-    reasons = ((finding.severity, in_options(finding)) for finding in shown_findings(fit))
+    reasons = ((finding.severity, advice(finding, spell)) for finding in shown_findings(fit))
     return Group(page(verdict(UNTOLD, "limited", words, basis)), notes(reasons))
 
 
@@ -209,14 +210,15 @@ def _strengths(known: Strength, fresh: Strength) -> Table:
 def _comparison_verdict(comparison: Comparison, fresh: Fit | None, own: Sequence[str], limits: Sequence[str]) -> Table:
     """What to make of it, and what it rests on."""
     basis = _square_basis(comparison.heading_difference_deg, comparison.chi_square, comparison.freedom)
-    if comparison.left_out_deg is not None:
-        basis += f"; the rotation into the body of {degrees(comparison.left_out_deg)}, known to one alone, is left out"
+    if comparison.omitted_rotation_deg is not None:
+        omitted = degrees(comparison.omitted_rotation_deg)
+        basis += f"; the rotation into the body of {omitted}, known to one alone, is left out"
     if fresh is not None:
         basis += f"; {counted(fresh.samples, 'reading')}, {fresh.coverage.fraction:.0%} of the sphere covered"
-    is_firm = comparison.is_telling and not limits and not own and not comparison.is_turned
+    is_firm = comparison.is_conclusive and not limits and not own and not comparison.is_turned
     colour = {"agree": "good" if is_firm else "limited", "differ": "limited", "contradict": "refused"}
     title, words = AGREEMENT[comparison.verdict][fresh is not None], _words(comparison, is_limited=bool(limits))
-    title = UNTOLD if comparison.verdict == "agree" and not comparison.is_telling else title
+    title = UNTOLD if comparison.verdict == "agree" and not comparison.is_conclusive else title
     if own and comparison.verdict == "agree":
         title = UNCHECKED
         words = "a calibration fits its own readings, however the sensor has changed: this proves nothing"
@@ -238,7 +240,7 @@ def _words(comparison: Comparison, *, is_limited: bool) -> str:
     explained, target = chance_words(comparison.p_value), f"{comparison.target_deg:g}°"
     worst_deg = comparison.heading_difference_deg.worst
     if comparison.verdict == "agree":
-        vague = "" if comparison.is_telling else f"; but they claim too little to tell {target}: record for longer"
+        vague = "" if comparison.is_conclusive else f"; but they claim too little to tell {target}: record for longer"
         limits = ", with these limits of the recording:" if is_limited else ""
         within = f"heading within {angle(worst_deg)}" if worst_deg < ANY_ANGLE_DEG else "headings any angle apart"
         return f"{within}, {explained}{vague}{limits}"
@@ -278,7 +280,7 @@ def _true_errors(evaluation: Evaluation) -> Table:
     heading, claimed = evaluation.heading_error_deg, evaluation.claimed_heading_deg
     bound = evaluation.claimed_bound_deg
     body, of_body = evaluation.body_heading_error_deg, evaluation.claimed_body_heading_deg
-    free, with_rotation = evaluation.freed_direction_error_deg, evaluation.direction_error_deg
+    free, with_rotation = evaluation.unrotated_direction_error_deg, evaluation.direction_error_deg
     rows = [
         styled("bold", "level heading", *_true_cells(heading, claimed, evaluation.heading_ratio)),
         None if bound is None else ("  95 % within", "", "", "", angle(bound)),
@@ -385,7 +387,7 @@ def _method_row(entry: Entry) -> tuple[RenderableType, ...]:
         Text(entry.method, "bold" if entry.verdict == "good" else ""),
         _rms(None if entry.fit is None else entry.fit.heading_error_deg),
         _rms(None if entry.validation is None else entry.validation.heading_error_deg),
-        _rms(entry.apart_deg),
+        _rms(entry.difference_deg),
         duration(entry.seconds),
         Text(entry.verdict, COLOURS[entry.verdict]),
     )
@@ -491,7 +493,7 @@ def _steps(drift: FleetDrift) -> Table:
     headings = (Column("moved", no_wrap=True), "heading", by, "chance", "after", "before")
     rows = [
         (one.unit, degrees(one.worst_deg),
-         f"{figures(math.hypot(*one.moved))} {label(one.unit_of_field)}".removesuffix(f" {unit}"),
+         f"{figures(math.hypot(*one.offset_change))} {label(one.unit_of_field)}".removesuffix(f" {unit}"),
          chance(one.p_value), shown_when(one.before_s, one.before), shown_when(one.after_s, one.after))
         for one in drift.steps[:SHOWN]
     ]  # fmt: skip
@@ -505,7 +507,7 @@ def _batches(drift: FleetDrift) -> Table:
 
 
 def _batch_row(one: BatchDrift) -> list[Text]:
-    counts = (one.units, one.states.get("recalibrate", 0), one.states.get("changed", 0), one.stepped)
+    counts = (one.units, one.states.get("recalibrate", 0), one.states.get("changed", 0), one.step_units)
     cells = (*(f"{count:,}" for count in counts), percent(*one.not_good), ", ".join(one.stands_out))
     return styled("yellow" if one.stands_out else "", one.batch or "not known", *cells)
 
@@ -527,23 +529,27 @@ def _remarks(drift: FleetDrift) -> list[str]:
     what = f"{counted(drift.calibrations, 'calibration')} of {counted(drift.units, 'unit')}"
     remarks = [f"{what}; the newest of each against {against}, level vehicle, dip {abs(drift.dip_deg):.3g}°"]
     remarks += about_order(drift)
-    if drift.session > 1.05:
-        remarks.append(f"recordings scatter {figures(drift.session**0.5)} times as far as they claim: allowed for")
-    if drift.walk_deg > 0.005:
-        remarks.append(f"slow drift of this fleet: {degrees(drift.walk_deg)} of heading over a year (1 σ)")
+    if drift.variance_factor > 1.05:
+        remarks.append(
+            f"recordings scatter {figures(drift.variance_factor**0.5)} times as far as they claim: allowed for"
+        )
+    if drift.random_walk_deg_per_root_year > 0.005:
+        remarks.append(
+            f"slow drift of this fleet: {degrees(drift.random_walk_deg_per_root_year)} of heading over a year (1 σ)"
+        )
     undated = drift.undated
-    if undated.units and undated.session > 1.05:
-        times = figures(undated.session**0.5)
+    if undated.units and undated.variance_factor > 1.05:
+        times = figures(undated.variance_factor**0.5)
         remarks.append(f"recordings without dates scatter {times} times as far as they claim: allowed for")
-    if undated.units and undated.walk_deg > 0.005:
-        by = f"{degrees(undated.walk_deg)} of heading from one recording to the next (1 σ)"
+    if undated.units and undated.random_walk_deg_per_root_recording > 0.005:
+        by = f"{degrees(undated.random_walk_deg_per_root_recording)} of heading from one recording to the next (1 σ)"
         remarks.append(f"slow drift where no dates are known: {by}")
-    if drift.left_out:
-        rows = counted(drift.left_out, "row")
+    if drift.without_calibration:
+        rows = counted(drift.without_calibration, "row")
         remarks.append(f"{rows} left out: refused, failed, or in another unit than the others")
     if drift.batches:
-        remarks.append(f"the batch is told by {drift.batch_of}")
-    share = f"{drift.chance:.0%} of fleets of this size in which nothing changed"
+        remarks.append(f"the batch is told by {drift.batch_source}")
+    share = f"{drift.false_alarm_probability:.0%} of fleets of this size in which nothing changed"
     return [*remarks, f"chance alone lists a unit, or a step, in {share}"]
 
 

@@ -13,7 +13,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 from rich.console import Group
@@ -22,9 +22,9 @@ from rich.text import Text
 
 from flinders.comparison.composition import ANY_ANGLE, in_words, turns_of
 from flinders.core.units import label
-from flinders.errors import FitError, counted, figures
+from flinders.errors import FitError, counted, figures, in_python
 from flinders.estimators.reference.minmax import MinMax
-from flinders.findings import first_causes, in_options, limit_of
+from flinders.findings import advice, first_causes, limit_of
 from flinders.fitting.advice import movement
 from flinders.fitting.axis_extremes import Extremes
 from flinders.fitting.result import Fit, fit_of
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from flinders.comparison.multi_sensor import Member, Together
     from flinders.core.calibration import Calibration
     from flinders.diagnostics.repeatability import Repeats
-    from flinders.errors import FlindersError
+    from flinders.errors import FlindersError, Spelling
     from flinders.findings import Finding, Verdict
     from flinders.geometry.plane import PlaneEllipse, Turn
 
@@ -70,21 +70,22 @@ IN_NEARLY_EVERY_FIT: Final = ("scale-unknown", "rotation-unknown")
 """Notes that hold whatever the recording, unless somebody gave the field and the mounting."""
 
 
-def of_fit(fit: Fit, *, is_verbose: bool = False) -> RenderableType:
+def of_fit(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool = False) -> RenderableType:
     """Lay out a fit: plain words, before and after, the numbers with their uncertainty, the verdict and its limits.
 
     What is true of nearly every fit is shown if `is_verbose`. Of a refused one no number of the calibration is shown:
     none can be trusted, and what stands on a screen is copied into a firmware sooner or later. It says why, how to do
-    better, and what is odd about the recording. Calibrations put together are shown each against the others.
+    better, and what is odd about the recording. Calibrations put together are shown each against the others. Here and
+    below, `spell` writes the arguments that carry out an advice.
     """
     is_refused = fit.verdict == "refused"
     result = None if is_refused else numbers(fit.calibration, fit.offset_sigma, fit.noise)
     if fit.method == "merged" and fit.repeats is not None:
         blocks = _merged_parts(fit.repeats), result, _merged_verdict(fit, fit.repeats)
-        return Group(page(*blocks), findings(shown_findings(fit)))
+        return Group(page(*blocks), findings(shown_findings(fit), spell))
     tops = () if is_refused else (Text(summary(fit)), of_recipe(fit), _before_and_after(fit), _since(fit))
     turn = "" if fit.verdict == "good" else movement(fit)
-    return Group(page(*tops, result, _fit_verdict(fit)), findings(_shown(fit, is_verbose=is_verbose), turn))
+    return Group(page(*tops, result, _fit_verdict(fit)), findings(_shown(fit, is_verbose=is_verbose), spell, turn))
 
 
 def _shown(fit: Fit, *, is_verbose: bool) -> list[Finding]:
@@ -106,7 +107,7 @@ def of_refused_recipe(fit: Fit) -> RenderableType:
     return page(mark, of_recipe(fit), numbers(fit.calibration, np.full(3, np.nan), fit.noise))
 
 
-def of_file(fit: Fit, *, is_verbose: bool) -> RenderableType:
+def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> RenderableType:
     """Lay out a calibration that was loaded: where it comes from, its numbers, and what its file claims of them."""
     provenance, calibration = fit.provenance, fit.calibration
     files = [f"{file.name}, {counted(file.rows, 'reading')}" for file in provenance.files] if provenance else []
@@ -123,15 +124,15 @@ def of_file(fit: Fit, *, is_verbose: bool) -> RenderableType:
         said = _quality(fit, "", "as its file says", basis, *_more(fit))
     known = facts([(name, words) for name, words in origin if words])
     return Group(
-        page(known, numbers(calibration, sigma, fit.noise), said), findings(_shown(fit, is_verbose=is_verbose))
+        page(known, numbers(calibration, sigma, fit.noise), said), findings(_shown(fit, is_verbose=is_verbose), spell)
     )
 
 
-def of_extremes(extremes: Extremes) -> RenderableType:
+def of_extremes(extremes: Extremes, spell: Spelling = in_python) -> RenderableType:
     """Lay out what six typed numbers give, of which nothing is claimed."""
     said = _graded(extremes.verdict, "accuracy not known, with limits:", "six typed numbers; minmax")
     result = numbers(extremes.calibration, np.full(3, np.nan), math.nan)
-    return Group(page(extremes_table(extremes), result, said), findings(extremes.findings))
+    return Group(page(extremes_table(extremes), result, said), findings(extremes.findings, spell))
 
 
 def of_sensors(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float) -> RenderableType:
@@ -144,7 +145,7 @@ def of_sensors(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float
     return page(table(("", name, "readings", "seen", "worst heading", quality), rows), Group(*said, basis))
 
 
-def of_several(together: Together, target_deg: float) -> RenderableType:
+def of_several(together: Together, target_deg: float, spell: Spelling = in_python) -> RenderableType:
     """Lay out magnetometers that were calibrated together: a row each, and how the others agree with it."""
     numbered = ("heading\nalone", "\ntogether", f"axes of\n{together.reference}", "\nbut for", "\noff by")
     headings = (
@@ -158,13 +159,16 @@ def of_several(together: Together, target_deg: float) -> RenderableType:
          _coloured(verdict_of(member.fit)))
         for number, member in enumerate(together.members, 1)
     ]  # fmt: skip
-    reasons = [pair for number, member in enumerate(together.members, 1) for pair in _member_notes(number, member)]
+    members = enumerate(together.members, 1)
+    reasons = [pair for number, member in members for pair in _member_notes(number, member, spell)]
     basis = f"heading: the worst error, 1 σ, level vehicle; the target is {target_deg:g}°"
     said = Group(notes(reasons), Text(f"{_agreed(together)}\n{basis}", "dim"))
     return page(table(headings, rows), said)
 
 
-def of_turn(fit: Fit, turn: Turn, *, composed: Fit | None, after: str | None) -> RenderableType:
+def of_turn(
+    fit: Fit, turn: Turn, spell: Spelling = in_python, *, composed: Fit | None, after: str | None
+) -> RenderableType:
     """Lay out a turn in one plane, its calibration, and what it makes of the one that was loaded before."""
     mean_style, least_style = ("bold", "") if is_mean(fit) else ("", "bold")
     headings = (
@@ -174,7 +178,8 @@ def of_turn(fit: Fit, turn: Turn, *, composed: Fit | None, after: str | None) ->
     )
     recipe = table(headings, plane_rows(turn, label(fit.calibration.unit)))
     words = spacing_words(turn, fit.target_deg, is_mean=is_mean(fit))
-    return Group(page(recipe, words), of_fit(fit), *([] if composed is None else [_composed(composed, after)]))
+    more = [] if composed is None else [_composed(composed, after, spell)]
+    return Group(page(recipe, words), of_fit(fit, spell), *more)
 
 
 # ---------------------------------------------------------------------------------------------------------- one fit
@@ -192,15 +197,15 @@ def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Tex
     return lines(list(zip(names, shown, units, strict=True)))
 
 
-def findings(findings: Iterable[Finding], turn: str = "") -> RenderableType:
+def findings(findings: Iterable[Finding], spell: Spelling, turn: str = "") -> RenderableType:
     """What limits it and what to do; how to move on, which is `turn`, is said once."""
     said: list[tuple[str, str]] = []
     is_repeated = False
     for finding in findings:
-        advice = in_options(finding)
-        advice = advice.replace(turn, "turn the sensor as above") if is_repeated else advice
+        words = advice(finding, spell)
+        words = words.replace(turn, "turn the sensor as above") if is_repeated else words
         is_repeated = is_repeated or bool(turn and turn in finding.advice)
-        said.append((finding.severity, advice))
+        said.append((finding.severity, words))
     return notes(said)
 
 
@@ -269,7 +274,7 @@ def _merged_parts(repeats: Repeats) -> Table:
     names = ("readings", "claims", "off the others", "chance")
     rows = [
         (part.source, f"{part.samples:,}" if part.samples else "", degrees(part.claimed_deg),
-         f"{degrees(part.off_deg)} ± {degrees(part.off_sigma_deg)}", p_value(part.p_value))
+         f"{degrees(part.difference_deg)} ± {degrees(part.difference_sigma_deg)}", p_value(part.p_value))
         for part in repeats.parts
     ]  # fmt: skip
     return table((Column("calibration", overflow="fold"), *whole_columns(names)), rows)
@@ -338,7 +343,7 @@ def _why_refused(outcome: Fit | FitError) -> str:
         return ""
     fit = fit_of(outcome)
     if fit is None:
-        return str(outcome)
+        return outcome.message
     reasons = (finding for finding in first_causes(fit.findings) if finding.severity == "refuses")
     return "; ".join(finding.advice.partition(":")[0] for finding in reasons)
 
@@ -353,26 +358,25 @@ def _axes_cells(together: Together, member: Member) -> tuple[str, str, str]:
     """Which axes it has, how far it is off them, and what its readings are usually off."""
     if member.rotation is None:
         return "", "", ""
-    off = "" if member.name == together.reference else f"{member.off_axes_deg:.1f}°"
+    off = "" if member.name == together.reference else f"{member.misalignment_deg:.1f}°"
     if off and member.rotation_sigma_deg is not None:
-        off = f"{member.off_axes_deg:.1f} ± {figures(float(member.rotation_sigma_deg.max()), 1)}°"
+        off = f"{member.misalignment_deg:.1f} ± {figures(float(member.rotation_sigma_deg.max()), 1)}°"
     return member.axes, off, degrees(member.scatter_deg) if member.scatter_deg else ""
 
 
-def _member_notes(number: int, member: Member) -> Iterator[tuple[str, str]]:
+def _member_notes(number: int, member: Member, spell: Spelling) -> Iterator[tuple[str, str]]:
     """What limits a member: what the others show of it first, then the gravest of its own."""
-    fit = fit_of(member.fit)
-    if fit is None:
-        yield "refuses", f"{number} {member.fit}"
+    if (fit := fit_of(member.fit)) is None:
+        yield "refuses", f"{number} {cast('FlindersError', member.fit).message}"
         return
     own = [finding for finding in fit.findings if finding.severity != "note" and finding not in member.findings]
     for finding in (*(one for one in member.findings if one.code != "turned-to"), *own[:1]):
-        yield finding.severity, f"{number}: {in_options(finding)}"
+        yield finding.severity, f"{number}: {advice(finding, spell)}"
 
 
 def _agreed(together: Together) -> str:
     """Over how long they were compared with each other."""
-    over = f"{counted(together.agreement.moments, 'moment')} common to two or more"
+    over = f"{counted(together.agreement.instants, 'moment')} common to two or more"
     seconds = f", over {written_time(together.agreement.seconds)}" if together.agreement.seconds else ""
     axes = "of gyro and accelerometer" if together.in_body else f"of {together.reference}"
     own = [member.name for member in together.members if member.is_kept]
@@ -419,7 +423,8 @@ def spacing_words(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
     instead = "" if spacing.is_even(within_deg=target_deg) or not is_mean else "; use --method ellipse"
     return (
         f"{counted(spacing.points, 'point')}, widest gap {spacing.widest_gap_deg:.0f}°, first harmonic "
-        f"{spacing.first:.3f}, second {spacing.second:.3f}: {evenness(turn, target_deg, is_mean=is_mean)}{instead}"
+        f"{spacing.first_harmonic:.3f}, second {spacing.second_harmonic:.3f}: "
+        f"{evenness(turn, target_deg, is_mean=is_mean)}{instead}"
     )
 
 
@@ -434,7 +439,7 @@ def evenness(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
     return f"not evenly spaced, {cost}"
 
 
-def _composed(composed: Fit, after: str | None) -> RenderableType:
+def _composed(composed: Fit, after: str | None, spell: Spelling) -> RenderableType:
     """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
     error = composed.heading_error_deg
     words = good_to(composed) if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
@@ -442,4 +447,4 @@ def _composed(composed: Fit, after: str | None) -> RenderableType:
     said = _graded(composed.verdict, f"{words}, with limits:", basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
     result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))
-    return Group(page(result, said), findings(composed.findings))
+    return Group(page(result, said), findings(composed.findings, spell))

@@ -55,12 +55,6 @@ STATES: Final = {
     "none": "has no calibration",
 }
 """What each state of a unit means, in the order of urgency."""
-PRINTED: Final = {"session": "claims_too_small", "walk_deg": "walk_deg_per_root_year"}
-"""Names in JSON, where they are not those of the attributes."""
-STEPS: Final = {
-    "count": "step_count", "units": "step_units", "gaps": "gaps", "gap_chance": "step_chance", "largest": "steps",
-}  # fmt: skip
-"""What stands under ``steps`` in JSON, by the attribute."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +109,13 @@ class Histogram:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: median and tails."""
-        quantiles = {"median": 0.5, "p95": 0.95, "p99": 0.99}
-        return {"count": self.total} | {name: self.quantile(share) for name, share in quantiles.items()}
+        quantiles = {
+            "median": 0.5,  # half are below
+            "p95": 0.95,  # 95 of 100 are below
+            "p99": 0.99,  # 99 of 100 are below
+        }
+        count = {"count": self.total}  # of numbers
+        return count | {name: self.quantile(share) for name, share in quantiles.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +149,7 @@ class Overview:
     codes: Mapping[str, tuple[int, str, str]]  # of those refused or failed: rows, one of the units, what was said of it
     methods: Mapping[str, int]
     batches: Mapping[str, Mapping[str, int]]  # rows of each verdict; empty where no hardware batches are known
-    batch_of: str  # where the batch is taken from, in words
+    batch_source: str  # where the batch is taken from, in words
     worst: Mapping[str, tuple[FleetUnit, ...]]  # rows with the largest "heading error", "offset" and "noise"
     target_deg: float
 
@@ -159,39 +158,39 @@ class Overview:
 class UnitDrift:
     """How one unit's newest calibration differs from its reference; angles are at the worst level heading."""
 
-    unit: str
-    batch: str
-    state: str
+    unit: str  # name of the unit
+    batch: str  # its hardware batch; empty if it is not known
+    state: str  # one of the states in docs/drift.md
     recordings: int  # of which there is a calibration
-    reference: str  # the two recordings
-    newest: str
-    reference_s: float  # when they were made, since 1970; NaN where no date is known
-    newest_s: float
+    reference: str  # name of the recording that it is compared with
+    newest: str  # name of the newest recording
+    reference_s: float  # when that was made, since 1970; NaN where no date is known
+    newest_s: float  # when that was made, since 1970
     worst_deg: float  # difference in heading
-    rms_deg: float
+    rms_deg: float  # over all headings
     sigma_deg: float  # 1 σ of the worst
     offset_deg: float  # of the change of the offset alone
-    offset_sigma_deg: float
+    offset_sigma_deg: float  # 1 σ
     matrix_deg: float  # of the change of the matrix alone
-    matrix_sigma_deg: float
-    moved: float  # how far the offset went, in `unit_of_field`
+    matrix_sigma_deg: float  # 1 σ
+    offset_change: float  # how far the offset went, in `unit_of_field`
     p_value: float  # how often chance makes as much
-    unit_of_field: str
+    unit_of_field: str  # ``uT`` or ``counts``
 
 
 @dataclass(frozen=True, slots=True)
 class UnitStep:
     """A step of a unit's offset between two recordings."""
 
-    unit: str
-    before: str  # the recordings
-    after: str
-    before_s: float  # when they were made, since 1970; NaN where no date is known
-    after_s: float
+    unit: str  #: name of the unit
+    before: str  # name of the recording before the step
+    after: str  #: name of the recording after the step
+    before_s: float  # when that was made, since 1970; NaN where no date is known
+    after_s: float  #: when that was made, since 1970
     worst_deg: float  # what it turns the heading by, at the worst heading
-    moved: tuple[float, ...]  # x, y, z, in `unit_of_field`
-    p_value: float
-    unit_of_field: str
+    offset_change: tuple[float, ...]  # x, y, z, in `unit_of_field`
+    p_value: float  #: how often chance alone makes as much
+    unit_of_field: str  #: ``uT`` or ``counts``
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,9 +198,9 @@ class BatchDrift:
     """How the units of one hardware batch changed."""
 
     batch: str  # empty for the units of which it is not known
-    units: int
+    units: int  #: of the batch
     states: Mapping[str, int]  # units in each state that some are in
-    stepped: int  # units that have a step
+    step_units: int  # units that have a step
     verdicts: Mapping[str, int]  # recordings of each
     stands_out: tuple[str, ...]  # of what it has more than chance explains: "changes", "steps", "verdicts" not good
 
@@ -221,52 +220,44 @@ class Undated:
     """Units whose recordings have an order and no dates, and how these scatter."""
 
     units: int  # with two calibrations or more
-    session: float  # factor on claimed variances
-    walk_deg: float  # 1 σ of the heading that slow drift makes from one recording to the next
+    variance_factor: float  # factor on claimed variances
+    random_walk_deg_per_root_recording: float  # 1 σ of the heading that slow drift makes from one recording to the next
     pairs: int  # of recordings that both rest on
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        printed = PRINTED | {"walk_deg": "walk_deg_per_root_recording"}
-        return {printed.get(name, name): value for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True, slots=True)
 class FleetDrift:
     """How a fleet changed."""
 
-    units: int
-    calibrations: int
-    left_out: int  # rows that give no calibration
-    passed_over: int  # rows that a later table has as well
+    units: int  #: in the tables
+    calibrations: int  #: of all units
+    without_calibration: int  # rows that give no calibration
+    duplicates: int  # rows that a later table has as well
     states: Mapping[str, int]  # units in each of `STATES`
     change_deg: Histogram  # worst heading difference of units with two calibrations or more
     listed: tuple[UnitDrift, ...]  # to recalibrate, and unsure ones; the worst first, no more than were asked for
     steps: tuple[UnitStep, ...]  # the largest, no more than were asked for
-    step_count: int
-    step_units: int
-    gaps: int  # gaps that were tested for a step
-    step_chance: float  # a gap is reported where chance makes as much less often
-    change_chance: float  # and so is a change
-    chance: float  # how often chance alone reports a change of a fleet in which nothing moved; and so of steps
-    session: float  # factor on claimed variances, of units whose recordings have dates
-    walk_deg: float  # 1 σ of the heading that their slow drift makes in a year
+    step_count: int  #: how many there are
+    step_units: int  #: units that have one
+    intervals: int  # between recordings, each tested for a step
+    step_p_value_limit: float  # a step is reported below that
+    change_p_value_limit: float  # a change is reported below that
+    #: how often chance alone reports a change of a fleet in which nothing moved; and so of steps
+    false_alarm_probability: float
+    variance_factor: float  # factor on claimed variances, of units whose recordings have dates
+    random_walk_deg_per_root_year: float  # 1 σ of the heading that their slow drift makes in a year
     pairs: int  # of recordings that both rest on
-    undated: Undated
+    undated: Undated  #: units whose recordings have no dates
     unordered: tuple[str, ...]  # units whose order of recordings is not known, no more than were asked for
     batches: tuple[BatchDrift, ...]  # by name; empty where none are known
-    batch_of: str  # where the batch is taken from, in words
-    target_deg: float
-    dip_deg: float
+    batch_source: str  # where the batch is taken from, in words
+    target_deg: float  #: heading difference that is good enough
+    dip_deg: float  #: of the field that it is judged at
     against: str  # "first" or "previous"
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints."""
-        fields: dict[str, Any] = asdict(self)
-        fields |= {"change_deg": self.change_deg.as_dict(), "undated": self.undated.as_dict()}
-        fields["steps"] = {name: fields.pop(field) for name, field in STEPS.items()}
-        fields["batches"] = {"told_by": fields.pop("batch_of"), "each": fields["batches"]}
-        return {PRINTED.get(name, name): value for name, value in fields.items()}
+        return asdict(self) | {"change_deg": self.change_deg.as_dict()}
 
 
 # ----------------------------------------------------------------------------------------------------------- the page
@@ -349,9 +340,9 @@ def about_order(drift: FleetDrift) -> list[str]:
             f"the order of recordings is not known of {counted(count, 'unit')} ({some}): nothing is told of them; put "
             "dates into the names of recordings"
         )
-    if drift.passed_over:
+    if drift.duplicates:
         remarks.append(
-            f"{counted(drift.passed_over, 'row')} passed over: the same recordings stand in a table named later, or "
+            f"{counted(drift.duplicates, 'row')} passed over: the same recordings stand in a table named later, or "
             "further down, and count once"
         )
     return remarks

@@ -258,8 +258,8 @@ def reach(limit_deg: float) -> str:
 
 def sources(fit: Fit) -> str:
     """The aiding sensors that are in the fit."""
-    each = () if fit.aiding is None else fit.aiding.each
-    names = [SOURCES[aid.name] for aid in each if aid.kept and aid.name in SOURCES]
+    each = () if fit.aiding is None else fit.aiding.sensors
+    names = [SOURCES[aid.name] for aid in each if aid.is_used and aid.name in SOURCES]
     return f"the {' and '.join(names)}" if names else "what was recorded beside"
 
 

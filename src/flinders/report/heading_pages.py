@@ -95,7 +95,7 @@ def _heading_error(claims: Mapping[str, Any]) -> str:
 _FROM: Final = {
     "given": "as given",
     "model": "of the model",
-    "seen": "as seen",
+    "measured": "as seen",
     "assumed": "assumed",
     "calibration": "of the calibration",
 }
@@ -139,8 +139,8 @@ def _notes_of_headings(
         yield "limits", site.doubt
     if voyage.has_none:
         yield "limits", "no reading has a heading: the acceleration is zero or missing, or x is vertical"
-    elif voyage.without:
-        missing = counted(voyage.without, "reading")
+    elif voyage.without_heading:
+        missing = counted(voyage.without_heading, "reading")
         yield "note", f"{missing} without a heading (nan): a number is missing, or x is vertical"
     yield from (
         _level_notes(voyage, claims, doubt)
@@ -172,8 +172,8 @@ def _tilted_notes(
 ) -> Iterator[tuple[str, str]]:
     if formula == "an3192":
         yield "limits", "an3192 is wrong where roll and pitch come together, by 10° at 20° of each: use exact"
-    if voyage.frames.readings and voyage.shaken > MANY * voyage.readings:
-        share = voyage.shaken / voyage.readings
+    if voyage.frames.readings and voyage.accelerated > MANY * voyage.readings:
+        share = voyage.accelerated / voyage.readings
         yield "note", f"in {share:.0%} of the readings the acceleration was not that of gravity: their tilt is off"
     if voyage.frames.readings:
         yield from _dip_notes(voyage, site, claims, turned)
@@ -200,7 +200,7 @@ def _dip_notes(
         )
         yield "limits", words
         return
-    if claims["dip_from"] == "seen" and dip < 0.0:
+    if claims["dip_from"] == "measured" and dip < 0.0:
         words = (
             f"the field is seen to point up by {-dip:.0f}°. South of the magnetic equator that is right: say so with "
             f"--at LATITUDE,LONGITUDE or --dip {dip:.0f}. North of it the acceleration has the opposite sign, and "

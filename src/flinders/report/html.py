@@ -25,7 +25,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import msgspec
 import numpy as np
@@ -195,7 +195,8 @@ def python_of(calibration: Calibration) -> str:
 def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
     """Verdict, its title, and what it is in a sentence."""
     if fit is None:
-        return {"verdict": "refused", "title": "No calibration", "sentence": f"{str(outcome).rstrip('.')}."}
+        why = cast("FitError", outcome).message.rstrip(".")
+        return {"verdict": "refused", "title": "No calibration", "sentence": f"{why}."}
     title = TITLES[fit.verdict] if fit.states_uncertainty else "Of unknown quality"
     said = " ".join(map(as_sentence, filter(None, (sentence(fit), condition(fit)))))
     return {"verdict": fit.verdict, "title": title, "sentence": said}
@@ -229,9 +230,9 @@ def disturbance_rows(fit: Fit) -> list[tuple[str, str, list[tuple[str, str]], st
     motors = {one.name for one in fit.calibration.disturbances if motor(one.name)[1]}
     rows = []
     for place, one in enumerate(fit.calibration.disturbances):
-        taken_deg = fit.calibration.disturbance_deg(one, dip_deg=dip)
+        removed_deg = fit.calibration.disturbance_deg(one, dip_deg=dip)
         has_others = one.name in motors and len(motors) > 1
-        words = _disturbance_words(one, taken_deg, known.get(one.name), has_others=has_others)
+        words = _disturbance_words(one, removed_deg, known.get(one.name), has_others=has_others)
         unit = f"{label(fit.calibration.unit)} per {one.kind.per}"
         rows.append((one.name.capitalize(), unit, _disturbance_offsets(fit, one, place), words))
     return rows
@@ -248,16 +249,16 @@ def _disturbance_offsets(fit: Fit, disturbance: Disturbance, place: int) -> list
 
 
 def _disturbance_words(
-    disturbance: Disturbance, taken_deg: float, estimate: DisturbanceEstimate | None, *, has_others: bool
+    disturbance: Disturbance, removed_deg: float, estimate: DisturbanceEstimate | None, *, has_others: bool
 ) -> str:
     """In which range it was recorded, what it does to a heading, and what is left of that; reference, lag and gain."""
     amount, left = disturbance.amount, ""
     if estimate is not None:
         running = " and the other motors run along as they did then" if has_others else ""
-        left = f", of which {degrees(estimate.left_deg)} (1 σ) is left when it is followed{running}"
+        left = f", of which {degrees(estimate.remaining_deg)} (1 σ) is left when it is followed{running}"
     parts = [
         f"recorded from {disturbance.lowest:.3g} to {amount(disturbance.highest)}",
-        f"at {amount(disturbance.farthest)} it moves headings by up to {degrees(taken_deg)}{left}",
+        f"at {amount(disturbance.farthest)} it moves headings by up to {degrees(removed_deg)}{left}",
     ]
     if disturbance.reference:
         parts.append(f"the offset of the table below is that at {amount(disturbance.reference)}")

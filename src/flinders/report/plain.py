@@ -98,7 +98,7 @@ def _of_no_fit(error: FitError) -> tuple[list[str], list[str]]:
     """Why there is no fit, and what to do."""
     refusal = REFUSALS.get(error.code)
     if refusal is None or not refusal.plain:
-        return [str(error)], []
+        return [error.message], []
     return [refusal.plain.format(**error.evidence)], [refusal.remedy]
 
 

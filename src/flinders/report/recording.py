@@ -52,27 +52,27 @@ class RecordedSensor:
     """One magnetometer of a recording."""
 
     number: int  # counted from 1, as ``--sensor`` takes it
-    name: str
+    name: str  # of the instrument or of its columns
     unit: str  # what it is written in
-    inside: str  # what `lowest`, `highest` and `strength` are in
-    readings: int
+    unit_of_field: str  # what `lowest`, `highest` and `strength` are in
+    readings: int  # how many
     seconds: float | None = None  # from the first to the last; None without a clock, as the next two
     rate_hz: float | None = None  # mean, but for the longest step
     longest_gap_s: float | None = None  # the longest step, where it is a gap
     backward_steps: int = 0  # steps of the clock that go back
     repeats: int = 0  # readings that are equal to the one before
     rails: tuple[str, ...] = ()  # ends of axes at which the sensor was at its limit
-    lowest: tuple[float, ...] = ()  # (3,)
-    highest: tuple[float, ...] = ()
-    stored: str = ""  # the calibration that was in force, in words
+    lowest: tuple[float, ...] = ()  # (3,): smallest reading of each axis
+    highest: tuple[float, ...] = ()  # (3,): largest reading of each axis
+    onboard_calibration: str = ""  # the calibration that was in force, in words
     is_as_logged: bool = False  # that was left on
     is_raw: bool = False  # readings were logged before it, so that there is nothing to remove
     auxiliary: tuple[str, ...] = ()  # columns recorded with it, such as time and acceleration
     unmoved: str = ""  # why the sensor was hardly turned, in words; nothing where it was
     coverage: float | None = None  # of all directions; None where no ellipsoid fits, or the sensor was hardly turned
     strength: float | None = None  # of the field by that ellipsoid; None where too little is seen
-    likeness: str = ""  # what its values look like, such as gravity, where no name says that it is a magnetometer
-    unread_time: str = ""  # names of columns that are called as a time, where none is read
+    resembles: str = ""  # what its values look like, such as gravity, where no name says that it is a magnetometer
+    ignored_time: str = ""  # names of columns that are called as a time, where none is read
     notes: tuple[str, ...] = ()  # what else to know, a sentence each
 
     @classmethod
@@ -91,7 +91,7 @@ class RecordedSensor:
             number=number,
             name=instrument.name,
             unit=instrument.unit.name,
-            inside=instrument.unit.inside,
+            unit_of_field=instrument.unit.inside,
             readings=health.rows,
             **_pace(health.clock),
             repeats=health.repeats,
@@ -100,46 +100,44 @@ class RecordedSensor:
             else tuple(f"{'xyz'[rail.axis]} at its {rail.end} ({rail.value:g})" for rail in health.rails),
             lowest=tuple(health.lows.values.tolist()),
             highest=tuple((-health.highs.values).tolist()),
-            stored="" if instrument.stored is None else instrument.stored.words,
+            onboard_calibration="" if instrument.stored is None else instrument.stored.words,
             is_as_logged=instrument.as_logged,
             is_raw=instrument.stored is not None and not instrument.stored.applied,
             auxiliary=watched.auxiliary,
             unmoved=unmoved,
             coverage=coverage,
             strength=strength,
-            likeness=_likeness(instrument, watched.first) if unit is None and columns is None else "",
-            unread_time=instrument.unread_time,
+            resembles=_likeness(instrument, watched.first) if unit is None and columns is None else "",
+            ignored_time=instrument.unread_time,
             notes=(*filter(None, (remark,)), *instrument.notes, *map(str, health.skipped)),
         )
 
     @classmethod
     def silent(cls, number: int, instrument: Instrument, error: InputError) -> Self:
         """A magnetometer without a reading."""
-        unit, notes = instrument.unit, (str(error), *instrument.notes)
-        return cls(number=number, name=instrument.name, unit=unit.name, inside=unit.inside, readings=0, notes=notes)
+        unit, notes = instrument.unit, (error.message, *instrument.notes)
+        return cls(
+            number=number, name=instrument.name, unit=unit.name, unit_of_field=unit.inside, readings=0, notes=notes
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
     """What a file holds."""
 
-    source: str
-    format: str
-    bytes: int | None
-    begun: str | None  # date and time, UTC
+    source: str  # path of the file
+    format: str  # its format
+    bytes: int | None  # its size
+    start: str | None  # date and time, UTC
     position: tuple[float, float, float] | None  # latitude and longitude, °, north and east positive; altitude, m
     site: SiteField | None  # what the World Magnetic Model has there
-    sensors: tuple[RecordedSensor, ...]
+    sensors: tuple[RecordedSensor, ...]  # its magnetometers
     commands: tuple[str, ...]  # what to type next
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # what else to know
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, under the names of the attributes."""
-        sensors = [
-            {"beside" if name == "auxiliary" else name: value for name, value in asdict(sensor).items()}
-            for sensor in self.sensors
-        ]
-        return {**asdict(self), "site": None if self.site is None else self.site.as_dict(), "sensors": sensors}
+        return {**asdict(self), "site": None if self.site is None else self.site.as_dict()}
 
 
 def sensors_of(
@@ -229,7 +227,7 @@ def _unmoved(summary: Summary, unit: str) -> str:
     try:
         require_moved(summary, unit)
     except Unmoved as refusal:
-        return str(refusal)
+        return refusal.message
     return ""
 
 
@@ -259,7 +257,7 @@ def commands_for(path: str, sensors: Sequence[RecordedSensor], options: Sequence
 
     `options` are those with which the recording was read here. None for what looks like another sensor.
     """
-    usable = [sensor for sensor in sensors if sensor.readings and not (sensor.likeness or sensor.unmoved)]
+    usable = [sensor for sensor in sensors if sensor.readings and not (sensor.resembles or sensor.unmoved)]
     if not usable:
         return ()
     best = max(usable, key=lambda sensor: sensor.coverage or 0.0)
@@ -274,8 +272,8 @@ def commands_for(path: str, sensors: Sequence[RecordedSensor], options: Sequence
 def _file_block(contents: Contents) -> RenderableType:
     size = "" if contents.bytes is None else f", {_written_size(contents.bytes)}"
     rows = []
-    if contents.begun:
-        rows.append(("begun", f"{contents.begun} UTC"))
+    if contents.start:
+        rows.append(("begun", f"{contents.start} UTC"))
     if contents.position:
         latitude, longitude, altitude = contents.position
         rows.append(("place", f"{latitude:.5f}, {longitude:.5f}, {altitude:.0f} m"))
@@ -289,25 +287,25 @@ def _file_block(contents: Contents) -> RenderableType:
 
 
 def _sensor_block(sensor: RecordedSensor, site: SiteField | None) -> RenderableType:
-    unit = label(sensor.inside)
-    known = f"in {sensor.unit}" + (f", shown in {unit}" if sensor.unit not in {sensor.inside, COUNTS} else "")
+    unit = label(sensor.unit_of_field)
+    known = f"in {sensor.unit}" + (f", shown in {unit}" if sensor.unit not in {sensor.unit_of_field, COUNTS} else "")
     title = f"{sensor.number}  {sensor.name}"
     if not sensor.readings:
         return _block(title, known, [], doubts=sensor.notes)
     rows = [("readings", _readings(sensor))]
-    if sensor.stored:
+    if sensor.onboard_calibration:
         became = "logged raw, before it" if sensor.is_raw else "left on" if sensor.is_as_logged else "removed here"
-        rows.append(("on board", f"{sensor.stored}; {became}"))
+        rows.append(("on board", f"{sensor.onboard_calibration}; {became}"))
     ends = zip("xyz", sensor.lowest, sensor.highest, strict=True)
     rows.append(("range", "   ".join(f"{axis} {figures(low, 3)} to {figures(high, 3)}" for axis, low, high in ends)))
     if sensor.coverage is not None:
         rows.append(("seen", f"roughly {sensor.coverage:.0%} of all directions"))
     if sensor.strength is not None:
         share = ""
-        if site is not None and sensor.inside != COUNTS:
+        if site is not None and sensor.unit_of_field != COUNTS:
             share = f", {sensor.strength / site.strength:.2f} of the field there"
         rows.append(("strength", f"{figures(sensor.strength, 4)} {unit} by the ellipsoid through them{share}"))
-    rows.append(("beside", ", ".join(sensor.auxiliary) or "nothing"))
+    rows.append(("auxiliary", ", ".join(sensor.auxiliary) or "none"))
     return _block(title, known, rows, doubts=_doubts(sensor, site), notes=sensor.notes)
 
 
@@ -330,14 +328,14 @@ def _readings(sensor: RecordedSensor) -> str:
 def _doubts(sensor: RecordedSensor, site: SiteField | None) -> list[str]:
     """What is odd about the readings; of a sensor that was hardly turned nothing that follows from that."""
     doubts = [sensor.unmoved] if sensor.unmoved else _of_values(sensor)
-    if sensor.unread_time:
+    if sensor.ignored_time:
         doubts.append(
-            f"no time is read, {sensor.unread_time} is left out: write it as numbers that rise, or as "
+            f"no time is read, {sensor.ignored_time} is left out: write it as numbers that rise, or as "
             "2026-11-22 14:03:07.25"
         )
     if sensor.backward_steps:
         doubts.append(f"the clock goes back {counted(sensor.backward_steps, 'time')}")
-    if sensor.strength is not None and sensor.inside != COUNTS:
+    if sensor.strength is not None and sensor.unit_of_field != COUNTS:
         low, high = EARTH_WITH_ROOM_UT if site is None else ((1 - OFF) * site.strength, (1 + OFF) * site.strength)
         if not low <= sensor.strength <= high:
             doubts.append("that is no strength of the earth's field here: check unit, scale and iron nearby")
@@ -347,8 +345,9 @@ def _doubts(sensor: RecordedSensor, site: SiteField | None) -> list[str]:
 def _of_values(sensor: RecordedSensor) -> list[str]:
     """What is odd about the values of a sensor that was turned."""
     doubts = []
-    if sensor.likeness:
-        doubts.append(looks_like(sensor.likeness, sensor.name.removeprefix("columns ").replace(", ", ",")))
+    if sensor.resembles:
+        columns = sensor.name.removeprefix("columns ").replace(", ", ",")
+        doubts.append(looks_like(sensor.resembles, f"--columns {shlex.quote(columns)}"))
     if sensor.repeats > STALE * sensor.readings:
         doubts.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
     if sensor.rails:

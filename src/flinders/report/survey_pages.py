@@ -56,7 +56,7 @@ def _rows(shots: ShotErrors) -> Iterator[list[Text]]:
     for row in shots.as_dict():
         error = "" if math.isnan(row["error_deg"]) else f"{row['error_deg']:.2f}°"
         angles = (f"{row[name]:.1f}°" for name in ("azimuth_deg", "inclination_deg", "roll_deg"))
-        style, mark = ("yellow", " repeat") if row["left_out"] else ("", "")
+        style, mark = ("yellow", " repeat") if row["excluded"] else ("", "")
         yield styled(style, str(row["shot"]), str(row["direction"]), *angles, error + mark)
 
 
@@ -78,7 +78,7 @@ def _verdict(fit: SurveyFit) -> RenderableType:
     """How good angles are."""
     azimuth, inclination = fit.azimuth_error_deg, fit.inclination_error_deg
     words = f"azimuth to {degrees(azimuth.rms)}, inclination to {degrees(inclination.rms)} (1 σ, within 30° of level)"
-    count = int((~fit.shots.left_out).sum())
+    count = int((~fit.shots.excluded).sum())
     more = f"worst {degrees(azimuth.worst)} and {degrees(inclination.worst)}; {counted(count, 'shot')}"
     return verdict(fit.verdict.upper(), fit.verdict, words, more)
 
@@ -102,7 +102,7 @@ def of_tolles_lawson(fit: TollesLawson) -> RenderableType:
     known = [
         ("flight", f"{counted(fit.readings, 'reading')} in {written_time(fit.seconds)} without gaps"),
         ("before", f"{_nanotesla(fit.before)}, standard deviation from {BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz"),
-        ("held out", f"{_nanotesla(fit.held_out)}, each fifth of the half minutes by the others' coefficients"),
+        ("held out", f"{_nanotesla(fit.cross_validated)}, each fifth of the half minutes by the others' coefficients"),
         ("claim", f"{_nanotesla(fit.as_flown)} (1 σ) as flown, {_nanotesla(fit.on_any_heading)} on any heading"),
         ("ridge", f"{fit.ridge:.1g} of the sum of squares of each term, by cross-validation"),
     ]

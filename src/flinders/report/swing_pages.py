@@ -63,7 +63,7 @@ def of_swing(
     """Lay out a swing, how it keeps a rule, and the turns by 180° that were made."""
     blocks: list[RenderableType | None] = [_rests_table(rests) if rests else None]
     if logged is not None:
-        blocks += [_legs_table(logged) if logged.is_steady else None, notes(("note", words) for words in logged.said)]
+        blocks += [_legs_table(logged) if logged.is_steady else None, notes(("note", words) for words in logged.notes)]
     if deviation is not None:
         blocks += [_coefficients(deviation, expected), None if before is None else _before(deviation, before)]
         blocks += [_card(deviation, step_deg), _swing_verdict(deviation, site, expected, target_deg)]
@@ -355,14 +355,16 @@ def _blame(halves: Sequence[HalfTurn]) -> str:
     """Hard iron that half turns show, as far as its direction is known."""
     iron = hard_iron(halves)
     if iron is None:
-        return f"hard iron is left, {max(abs(half.off_deg) for half in halves) / 2.0:.1f}° of deviation on this heading"
+        return (
+            f"hard iron is left, {max(abs(half.error_deg) for half in halves) / 2.0:.1f}° of deviation on this heading"
+        )
     return f"hard iron is left (B {iron[0]:+.1f}°, C {iron[1]:+.1f}°)"
 
 
 def _half_turns_table(halves: Sequence[HalfTurn]) -> Table:
     rows = [
         (shown_heading(half.first.heading_deg, 2), shown_heading(half.second.heading_deg, 2),
-         f"{180.0 + half.off_deg:.2f}°", f"{half.off_deg:+.2f}{_give_or_take(half.sigma_deg)}°")
+         f"{180.0 + half.error_deg:.2f}°", f"{half.error_deg:+.2f}{_give_or_take(half.sigma_deg)}°")
         for half in halves
     ]  # fmt: skip
     return table((Column("turned by 180°, from", justify="right"), "to", "the heading by", "off by"), rows)
@@ -374,7 +376,7 @@ def _give_or_take(sigma_deg: float) -> str:
 
 
 def _half_turns_verdict(halves: Sequence[HalfTurn], target_deg: float) -> Table:
-    worst = max(abs(half.off_deg) for half in halves)
+    worst = max(abs(half.error_deg) for half in halves)
     passed = worst <= target_deg
     words = (
         f"half a turn is measured to {worst:.2f}°, within the target of {target_deg:g}°"

@@ -30,12 +30,12 @@ from flinders.arrays import runs
 from flinders.core.units import label
 from flinders.errors import NeedsRecording
 from flinders.findings import first_causes
-from flinders.findings.row import ANY_ANGLE_DEG
+from flinders.findings.row import ANY_ANGLE_DEG, resting_on
 from flinders.fitting.advice import WORTH_IT, guided, movement
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.heading.error_propagation import direction_gradients, level_gradients, level_turn, upright
-from flinders.report.formatting import condition, reach
+from flinders.report.formatting import reach
 from flinders.summary.coverage import cells_of
 from flinders.summary.quality import DataQuality
 
@@ -199,7 +199,7 @@ def view(
         rejected=tuple((int(numbered[first]), int(numbered[last])) for first, last in sorted(rejected)),
         **({} if fit.verdict == "refused" else _copied(fit)),
         sentence=sentence(fit, claims.get("attitude_limit_deg")),
-        condition=condition(fit).partition(":")[0],
+        condition=resting_on(fit.conditions),
         **({} if fit.is_flat else _drawn(fit, corrected)),
         **claims,
     )
@@ -286,7 +286,7 @@ def _rejected(fit: Fit, samples: Samples) -> tuple[NDArray[np.bool_], list[tuple
         inside = slice(first, last + 1)
         lengths = np.linalg.norm(fit.calibration.affine.apply(samples.field[inside]), axis=1)
         distances = np.where(is_at_rail[inside], -1.0, np.abs(lengths - fit.calibration.field_strength))
-        is_rejected[first + np.argsort(-distances, kind="stable")[: outlier.rows]] = True
+        is_rejected[first + np.argsort(-distances, kind="stable")[: outlier.readings]] = True
         ends.append((first, last))
     return is_rejected, ends
 

@@ -40,7 +40,7 @@ Anything can be put together:
 
 >>> rough = tumble(
 ...     seed=2, motion="flight", n=2000, stationary=0.2, outliers=0.01,
-...     sensor=Sensor(offset=[10, 0, 0], noise=0.3, resolution=0.15, limit=80.0),
+...     sensor=Sensor(offset=[10, 0, 0], noise=0.3, resolution=0.15, saturation=80.0),
 ...     imu=Imu(gyro_bias=[0.01, 0.0, 0.0]),
 ...     disturbances=[MotorCurrent(0.2), ThermalDrift(0.1), Step(4.0, at=0.7), PassingMagnet(100.0, at=0.3)],
 ... )

@@ -118,9 +118,10 @@ class Flight:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what is true of the aircraft, and which rows of the recording each manoeuvre has."""
         return {
-            "permanent_nT": (1000.0 * self.aircraft.permanent).tolist(),
-            "induced": self.aircraft.induced.tolist(),
-            "eddy_s": self.aircraft.eddy.tolist(),
+            "permanent_nT": (1000.0 * self.aircraft.permanent).tolist(),  # (3,): permanent field in body axes
+            "induced": self.aircraft.induced.tolist(),  # (3, 3): field over that of the earth
+            "eddy_s": self.aircraft.eddy.tolist(),  # (3, 3): field over the change of that of the earth
+            # of each its `name`, heading, and first row and end in the recording
             "manoeuvres": [
                 {"name": each.name, "heading_deg": each.heading_deg, "rows": [each.rows.start, each.rows.stop]}
                 for each in self.manoeuvres

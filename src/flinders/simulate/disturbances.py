@@ -26,7 +26,6 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 import numpy as np
 
 from flinders.arrays import table, triple
-from flinders.deprecation import renamed_attribute
 from flinders.errors import UsageError
 from flinders.geometry.sphere import uniform
 from flinders.simulate._checks import not_negative, positive, share
@@ -48,8 +47,6 @@ class Effect:
     outliers: NDArray[np.bool_] | None = None  #: (N,): readings that are of no use
     gain: Floats | None = None  #: (N,): what the earth's field is multiplied by
     currents: Floats | None = None  #: (N, M): what the meter of each motor says
-
-    strays = renamed_attribute("strays", "outliers")
 
 
 class Perturbation(Protocol):

@@ -21,7 +21,6 @@ from flinders.arrays import frozen, triple
 from flinders.arrays import matrix as square
 from flinders.core.files import replacing
 from flinders.core.samples import Samples
-from flinders.deprecation import renamed_attribute, renamed_keywords
 from flinders.errors import UsageError
 from flinders.geometry.rotation import best_rotation
 from flinders.geometry.sphere import fibonacci
@@ -93,10 +92,7 @@ class Simulated:
     shift: Floats | None = None  #: (N, 3), µT: by how much disturbances moved the raw readings, stray fields left out
     disturbances: tuple[str, ...] = ()  #: their kinds
 
-    strays = renamed_attribute("strays", "outliers")
 
-
-@renamed_keywords(held="stationary")
 def tumble(
     seed: int | Generator = 0,
     *,

@@ -43,7 +43,7 @@ class Sensor:
     ArrayError
         For a wrong shape, values that are not finite, or a matrix that is singular or mirrors.
     UsageError
-        For negative noise, or a resolution or limit that is not positive.
+        For negative noise, or a resolution or saturation that is not positive.
     """
 
     #: (3, 3), dimensionless: soft iron, scale and misalignment; need not be symmetric
@@ -51,16 +51,15 @@ class Sensor:
     #: (3,), µT: hard iron: what the sensor reads in zero field
     offset: Floats = field(default_factory=lambda: np.zeros(3))
     noise: float = 0.0  #: µT: one σ per axis, white
-    #: µT: step of the converter, of which readings are multiples; where each axis saturates
-    resolution: float | None = None
-    limit: float | None = None
+    resolution: float | None = None  #: µT: step of the converter, of which readings are multiples
+    saturation: float | None = None  #: µT: where each axis saturates
 
     def __post_init__(self) -> None:
         """Check the numbers and keep read-only copies of the arrays."""
         object.__setattr__(self, "matrix", frozen(_unmirrored(square(self.matrix))))
         object.__setattr__(self, "offset", frozen(triple(self.offset)))
         not_negative(self.noise, "noise", "µT")
-        for name, value in (("resolution", self.resolution), ("limit", self.limit)):
+        for name, value in (("resolution", self.resolution), ("saturation", self.saturation)):
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise UsageError(f"{name} is {value:g} µT: need a positive number, or None")
 
@@ -74,7 +73,7 @@ class Sensor:
         hard: float = HARD_IRON,
         noise: float = 0.5,
         resolution: float | None = None,
-        limit: float | None = None,
+        saturation: float | None = None,
     ) -> Self:
         """Draw a sensor like those on small boards: symmetric A, ±25 % scale, ±0.15 across, ±100 µT an axis.
 
@@ -90,7 +89,7 @@ class Sensor:
             How far a scale is from 1 at most; what is across is six tenths of it.
         hard : float, µT
             How large the offset of an axis is at most.
-        noise, resolution, limit : float, µT
+        noise, resolution, saturation : float, µT
             As the attributes of the same name.
 
         Examples
@@ -106,7 +105,7 @@ class Sensor:
             raise UsageError(f"soft iron is {soft * strength:g}: need at least 0 and less than {STRONGEST:g}")
         hard = not_negative(hard, "hard iron", "µT")
         matrix = soft_iron(rng, scale=soft * strength, across=ACROSS * soft * strength)
-        return cls(matrix, rng.uniform(-hard, hard, 3) * strength, noise, resolution, limit)
+        return cls(matrix, rng.uniform(-hard, hard, 3) * strength, noise, resolution, saturation)
 
     def read(self, field: ArrayLike, rng: Generator, *, shift: Floats | None = None) -> Floats:
         """(N, 3) readings, in µT, of an (N, 3) field in µT in the axes of the body.
@@ -120,7 +119,7 @@ class Sensor:
             raw = raw + shift
         if self.resolution is not None:
             raw = np.round(raw / self.resolution) * self.resolution
-        return raw if self.limit is None else np.clip(raw, -self.limit, self.limit)
+        return raw if self.saturation is None else np.clip(raw, -self.saturation, self.saturation)
 
     @property
     def sigma(self) -> float:

@@ -43,9 +43,9 @@ class SensorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     matrix: tuple[Triple, Triple, Triple]  #: (3, 3): rows; dimensionless, need not be symmetric
     offset: Triple  #: (3,) in the unit of the file
-    noise: NotNegative  #: one σ per axis
-    resolution: Positive | None = None  #: step of the converter; where each axis saturates
-    limit: Positive | None = None
+    noise: NotNegative  #: in the unit of the file: 1 σ of each axis
+    resolution: Positive | None = None  #: in the unit of the file: step of the converter
+    saturation: Positive | None = None  #: in the unit of the file: where each axis saturates
 
     def __post_init__(self) -> None:
         """Refuse a matrix that is singular or mirrors; called when a file is read."""
@@ -57,9 +57,9 @@ class SensorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 class FieldRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The field at the site."""
 
-    strength: Positive
+    strength: Positive  #: length of the field in the unit of the file
     dip_deg: Annotated[float, Meta(ge=-90, le=90)]  #: how far it points down from the horizon
-    vector: Triple  #: (3,): north, east, down
+    vector: Triple  #: (3,) in the unit of the file: north, east, down
 
     def __post_init__(self) -> None:
         """Refuse a vector that contradicts strength and dip; called when a file is read."""
@@ -72,11 +72,11 @@ class FieldRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 class RecordingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How the recording was made."""
 
-    motion: str
-    seed: int | None = None
-    readings: Count
-    rate_hz: Positive | None = None
-    outliers: Count = msgspec.field(default=0, name="strays")  #: readings that are of no use
+    motion: str  #: how the sensor was moved
+    seed: int | None = None  #: of the random numbers; null where it was not one number
+    readings: Count  #: how many
+    rate_hz: Positive | None = None  #: null where there are no times
+    outliers: Count = 0  #: readings that are of no use
     gyro_bias: Triple | None = None  #: (3,) rad/s or None: where there is a gyro
     disturbances: tuple[str, ...] = ()  #: their kinds
 
@@ -86,9 +86,9 @@ class Truth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_f
 
     schema: Literal[1] = 1  #: version of this layout
     unit: Literal["uT", "counts"] = "uT"  #: of all that is a field
-    sensor: SensorRecord
-    field: FieldRecord
-    recording: RecordingRecord
+    sensor: SensorRecord  #: the sensor with the iron around it
+    field: FieldRecord  #: the field at the site
+    recording: RecordingRecord  #: how the recording was made
     version: str  #: of the Flinders that made it: the same seed gives the same bytes in the same version
 
     @classmethod
@@ -104,7 +104,7 @@ class Truth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_f
                 offset=_triple(sensor.offset),
                 noise=float(sensor.noise),
                 resolution=None if sensor.resolution is None else float(sensor.resolution),
-                limit=None if sensor.limit is None else float(sensor.limit),
+                saturation=None if sensor.saturation is None else float(sensor.saturation),
             ),
             field=FieldRecord(
                 strength=field_strength,
@@ -126,7 +126,9 @@ class Truth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_f
     def as_sensor(self) -> Sensor:
         """The sensor, to record with it again."""
         record = self.sensor
-        return Sensor(np.array(record.matrix), np.array(record.offset), record.noise, record.resolution, record.limit)
+        return Sensor(
+            np.array(record.matrix), np.array(record.offset), record.noise, record.resolution, record.saturation
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what stands in the file."""

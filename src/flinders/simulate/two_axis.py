@@ -112,9 +112,9 @@ class Polar:
     raw_heading_deg: Floats  #: (N,): what the compass shows, 0 to 360
     #: (N,): by how much that is off, −180 to 180, the mean removed: how it is mounted, a swing cannot tell
     raw_error_deg: Floats
-    corrected_radius: Floats  #: (N,), µT
-    corrected_heading_deg: Floats  #: (N,)
-    corrected_error_deg: Floats  #: (N,)
+    corrected_radius: Floats  #: (N,), µT: the same after correction
+    corrected_heading_deg: Floats  #: (N,): the same after correction
+    corrected_error_deg: Floats  #: (N,): the same after correction
 
     @classmethod
     def of(cls, swung: Simulated, matrix: ArrayLike, offset: ArrayLike) -> Self:

@@ -21,15 +21,14 @@ from flinders.diagnostics import axis_swap, systematic, unmoved
 from flinders.errors import Unmoved
 from flinders.estimators import auto, level, outliers
 from flinders.findings import CATALOGUE, CAUSES, OF_ONE_MAGNETOMETER, fit, limit_of
-from flinders.findings.row import OF_A_TUMBLE, TUMBLE_STATED
+from flinders.findings.row import OF_A_TUMBLE, resting_on
 from flinders.fitting import advice, calibrate, result, shrinkage, verdict
-from flinders.geometry.sphere import bisected, icosahedron
 from flinders.heading import guidance, path_planning
 from flinders.live import evaluation
-from flinders.native.engine import OPTIONS, RECORD
+from flinders.native.engine import ADVICE, BELIEF, GOAL, OPTIONS, RECORD, ROUTE
 from flinders.report.view import tiles_view
 from flinders.summary import summary
-from flinders.summary.coverage import BANDS, CELLS
+from flinders.summary.coverage import BANDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -80,13 +79,11 @@ NUMBERS: Final = {
     "UPRIGHT": float(level.UPRIGHT),
     **_of(result, "ALIKE"),
     **_of(verdict, "ALTERNATING UNSTEADY SWITCHING STEPS ENOUGH ENOUGH_CORRELATED NOT_BY_CHANCE"),
-    **_of(guidance, "BATCH_SHARE EFFORT_DEG"),
     **_of(systematic, "BY_CHANCE"),
     **_of(summary, "FLAT FLATTEST FLAT_NOISE"),
     **_of(advice, "WORTH_IT"),
     **_of(calibrate, "LOOKED_AT SWAP_LAG_ONE"),
-    **_of(path_planning, "FLAT STEPS THINNED", "PATH_"),
-    **_of(path_planning, "BEAM READINGS_PER_DEG NEAREST_DEG FARTHEST_DEG DEPARTURE ARC_DEG ROUGHEST"),
+    **_of(path_planning, "READINGS_PER_DEG"),
     **_of(axis_swap, "FEWEST BROKEN LIKE GAIN MOST_NOISE LEAST_EVIDENCE MOST", "SWAP_"),
     **_of(shrinkage, "PROBABLE FARTHEST UNKNOWN"),
     **_of(unmoved, "FEWEST ROUNDING", "UNMOVED_"),
@@ -100,30 +97,31 @@ NUMBERS: Final = {
 """Limits and constants that both languages compare with."""
 
 
+STRUCTS: Final = {
+    "options": OPTIONS, "record": RECORD, "belief": BELIEF, "goal": GOAL, "advice": ADVICE, "route": ROUTE,
+}  # fmt: skip
+"""Structs of flinders.h that the page reads or writes."""
+
+
 def data() -> dict[str, Any]:
     """The key ``engine`` of `page.json`, JSON-ready; `static/standalone/data.d.ts` has its type."""
     checked = rows()
     return {
-        "layouts": {"record": _layout(RECORD), "options": _layout(OPTIONS)},
+        "layouts": {name: _layout(struct) for name, struct in STRUCTS.items()},
         "rows": [_row(row) for row in checked],
         "unchecked": unchecked(),
         "causes": [cause._asdict() for cause in CAUSES],
         "numbers": NUMBERS,
         "said": {**evaluation.SAID, "unmoved": Unmoved.SAID, "every-way": Unmoved.EVERY_WAY},
-        "condition": TUMBLE_STATED.partition(":")[0],
+        "condition": resting_on(OF_A_TUMBLE),
         "conditions": OF_A_TUMBLE,
         "parameters": PARAMETERS,
         "disturbed": sorted(evaluation.DISTURBED),
         "at_once": sorted(evaluation.AT_ONCE),
         "informative": evaluation.INFORMATIVE,
         "other_units": evaluation.OTHER_UNITS,
-        "poses": [
-            {"down": pose.down.tolist(), "words": pose.words, "effort": pose.effort}
-            for pose in guidance.POSES["sensor"]
-        ],
-        "cells": CELLS.tolist(),
+        "poses": guidance.POSE_WORDS["sensor"],
         "bands": BANDS.tolist(),
-        "nodes": bisected(*icosahedron())[0].tolist(),
         "turns": path_planning.TURNS["sensor"],
         "tiles": msgspec.to_builtins(tiles_view()),
         "swaps": {name: swap.ravel().tolist() for name, swap in axis_swap.SWAPS.items()},

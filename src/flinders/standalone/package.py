@@ -84,7 +84,9 @@ def _refuse_others(folder: Path, *, force: bool) -> None:
     except OSError as error:
         raise OutputError(f"{folder}: cannot be read: {reason(error)}") from None
     if not is_free and not _is_page(folder / DATA):
-        raise OutputError(f"{folder} has other files: give a folder of its own, or write it among them with force=True")
+        raise OutputError(
+            f"{folder} has other files: give a folder of its own, or write it among them", hint={"force": True}
+        )
 
 
 def _is_page(path: Path) -> bool:

@@ -147,7 +147,7 @@ def _variant(target: Target, calibration: Calibration, slots: _Slots) -> dict[st
     try:
         export = target.render(calibration)
     except FlindersError as error:
-        return {"refusal": str(error)}
+        return {"refusal": error.message}
     written = _written(calibration, OWN.get(target.family, "digits"))
     remarks = _remarks(target, export)
     head = target.comment.lines(remarks) if target.comment else []

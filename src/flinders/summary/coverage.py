@@ -150,7 +150,13 @@ class Coverage:
         if math.isnan(self.fraction):
             return {}
         x, y, z = (round(float(part), 4) for part in self.hole)
-        return {"fraction": self.fraction, "hole_deg": round(self.hole_deg, 3), "hole_x": x, "hole_y": y, "hole_z": z}
+        return {
+            "fraction": self.fraction,
+            "hole_deg": round(self.hole_deg, 3),
+            "hole_x": x,  # direction of the middle of the largest gap
+            "hole_y": y,  # the same
+            "hole_z": z,  # the same
+        }
 
     def __repr__(self) -> str:
         return f"Coverage({self.fraction:.0%} of the sphere, largest hole {self.hole_deg:.0f}°)"

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 import numpy as np
 
 from flinders.core.samples import Samples
-from flinders.deprecation import renamed_attribute
 from flinders.summary.cloud import Cloud, natural_side
 from flinders.summary.moments import Moments
 from flinders.summary.quality import DataQuality, TimeStamps
@@ -126,8 +125,6 @@ class Summary:
     def combined(self, other: Summary) -> Summary:
         """Both, where `other` is a recording of its own: what lies between the two says nothing."""
         return Summary(self.moments + other.moments, self.cloud + other.cloud, self.health.merged(other.health))
-
-    beside = renamed_attribute("beside", "combined")
 
     def forget(self, factor: float) -> Summary:
         """Weigh all readings so far by a factor below one: once a block, this forgets exponentially."""

@@ -83,7 +83,9 @@ def mounting_table(target: Target) -> MountingTable:
     """The mountings that a target can be given; `UsageError` for one that takes none."""
     if target.mountings is None:
         takes = ", ".join(each.name for each in registry().values() if each.mountings)
-        raise UsageError(f"mounting= goes with {takes}: {target.name} has no setting of it")
+        raise UsageError(
+            f"a mounting goes with {takes}: {target.name} has no setting of it, leave it out", hint={"mounting": None}
+        )
     return target.mountings
 
 
@@ -92,10 +94,15 @@ def taking(name: str, *, compass: int | None = None, code_name: str | None = Non
     target = find(name)
     if compass is not None and not target.compasses:
         takes = ", ".join(each.name for each in registry().values() if each.compasses)
-        raise UsageError(f"compass= goes with {takes}: {target.name} holds one compass only")
+        raise UsageError(
+            f"the number of a compass goes with {takes}: {target.name} holds one compass only, leave it out",
+            hint={"compass": None},
+        )
     if code_name is not None and not target.named:
         takes = ", ".join(each.name for each in registry().values() if each.named)
-        raise UsageError(f"name= goes with {takes}: {target.name} has no names to choose, leave it out")
+        raise UsageError(
+            f"a name goes with {takes}: {target.name} has no names to choose, leave it out", hint={"name": None}
+        )
     return target
 
 
@@ -136,7 +143,7 @@ def read_back(
         name = next((name for name, reader in readable.items() if reader.sniff(content[:HEAD])), None)
         if name is None:
             raise DocumentError(
-                f"{source}: is no file of {', '.join(readable)}: name the target with target=, if it is"
+                f"{source}: is no file of {', '.join(readable)}: name the target, if it is", hint={"target": None}
             )
     else:
         name = find(target).name
@@ -145,6 +152,9 @@ def read_back(
     reader = readable[name]
     if compass is not None and reader.which is None:
         several = dict.fromkeys(row.family for row in registry().values() if row.compasses)
-        raise UsageError(f"compass= goes with {' and '.join(several)}: {name} holds one compass only")
+        raise UsageError(
+            f"the number of a compass goes with {' and '.join(several)}: {name} holds one compass only, leave it out",
+            hint={"compass": None},
+        )
     more = {"compass": compass} if reader.which is not None else {}
     return name, reader.read(content, source, strength=strength, **more)

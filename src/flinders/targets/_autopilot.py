@@ -182,8 +182,9 @@ class CompassParameters:
         if calibration.unit != MICROTESLA:
             others = "mG, uT" if cls.unit == "G" else "G, uT"
             raise UnitError(
-                f"the calibration is in counts, and {cls.who}'s parameters are in {cls.unit}: calibrate again with "
-                f"unit='{cls.unit}' (or {others} …), or with scale= where the microtesla in one count are known"
+                f"the calibration is in counts, and {cls.who}'s parameters are in {cls.unit}: calibrate again in "
+                f"{cls.unit} (or {others} …), or with the microtesla in one count where they are known",
+                hint={"unit": cls.unit, "scale": None},
             )
         return without_turn(in_recorded_axes(followed(calibration)[0])[0])[0]
 
@@ -259,9 +260,11 @@ class ParameterFile:
             raise DocumentError(f"{source}: holds no offsets of a compass: need {self.need} and so on")
         numbers = " and ".join(map(str, there))
         if compass is None and len(there) > 1:
-            raise DocumentError(f"{source}: holds compass {numbers}: say which one with compass=")
+            raise DocumentError(f"{source}: holds compass {numbers}: say which one", hint={"compass": None})
         if compass is not None and compass not in there:
-            raise DocumentError(f"{source}: holds compass {numbers} and not {compass}: check compass=")
+            raise DocumentError(
+                f"{source}: holds compass {numbers} and not {compass}: check which one is meant", hint={"compass": None}
+            )
         return self.kind.read(values, there[0] if compass is None else compass)
 
 

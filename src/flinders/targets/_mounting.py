@@ -158,9 +158,10 @@ class MountingTable:
         own = _three(word)
         if own is None:
             raise UsageError(
-                f"mounting={words[:40]!r} is no mounting of {self.who}: need its {self.setting}, which is 0 "
+                f"{words[:40]!r} is no mounting of {self.who}: need its {self.setting}, which is 0 "
                 f"({self.rows[0][0]}) to {len(self.rows) - 1} ({self.rows[-1][0]}), or roll, pitch and yaw in degrees "
-                "as it has them, such as mounting='0,180,90'"
+                "as it has them",
+                hint={"mounting": "0,180,90"},
             )
         return self.by_angles(own)
 

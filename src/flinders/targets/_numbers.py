@@ -91,7 +91,8 @@ class Affine:
         if not largest < BEYOND_ALL:
             raise NotExportable(
                 f"numbers like {largest:.2g} are not those of a magnetometer: check the unit of the recording, and "
-                "field_strength= where it was given",
+                "the field strength where it was given",
+                hint={"unit": None, "field_strength": None},
                 beyond=("matrix", "offset"),
             )
         return affine
@@ -190,14 +191,16 @@ def per_unit(calibration: Calibration, unit: str, *, who: str) -> float:
     if unit == COUNTS != calibration.raw.name:
         raise UnitError(
             f"the recording was in {calibration.raw.name}, and {who} works in the raw counts of the sensor: record "
-            "these, and calibrate again with unit='counts'"
+            "these, and calibrate again",
+            hint={"unit": COUNTS},
         )
     if unit in (RECORDED, COUNTS):
         return calibration.raw.scale
     if calibration.unit == COUNTS:
         raise UnitError(
-            f"the calibration is in counts, and {who} works in {unit}: calibrate again with scale= (microtesla in "
-            "one count, from the sensor's data sheet), or with unit= where the readings have one"
+            f"the calibration is in counts, and {who} works in {unit}: calibrate again with the microtesla in "
+            "one count, from the sensor's data sheet, or with the unit where the readings have one",
+            hint={"scale": None, "unit": None},
         )
     return PER_UNIT[unit]
 

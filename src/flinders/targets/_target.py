@@ -286,11 +286,11 @@ class Target:
             "formula": self.formula,
             "unit": self.unit,
             "holds": self.holds,
-            "axes": self.where,
+            "axes": self.where,  # axes that it corrects
             "storage": self.storage,
             "source": self.source,
             "unverified": self.unverified,
-            "import": self.reader is not None,
+            "import": self.reader is not None,  # whether `flinders import` reads it back
             "docs": self.docs,
         }
 
@@ -310,7 +310,8 @@ class Target:
         if calibration.linearization is not None and not self.linearizes:
             raise NotExportable(
                 f"the calibration linearizes its axes, and {self.title} holds {self.holds}: use c, arduino or "
-                "micropython, or calibrate without linearize=True",
+                "micropython, or calibrate without",
+                hint={"linearize": None},
                 beyond=("linearization",),
             )
         written = self.write(calibration, asked)
@@ -365,7 +366,8 @@ class Target:
             relative=bool(self.lengths),
         )
         if lacks:
-            deviation.refuse_lost(lacks, lossy=lossy, advice=self._mounting_advice(calibration))
+            takes_turn = self.mountings is not None and calibration.rotation != "symmetric"
+            deviation.refuse_lost(lacks, lossy=lossy, mountings=self.mountings if takes_turn else None)
         else:
             deviation.refuse_coarse(calibration, lossy=lossy)
         return deviation
@@ -384,15 +386,6 @@ class Target:
                     f"{disturbance.amount(disturbance.reference)}, and at {disturbance.amount(disturbance.farthest)} "
                     f"headings are off by up to {figures(cost)}° (at any attitude, dip {DIP_DEG:.0f}°)"
                 )
-
-    def _mounting_advice(self, calibration: Calibration) -> str:
-        """How to get a rotation into the mounting, where there is one that the target could be given."""
-        if self.mountings is None or calibration.rotation == "symmetric":
-            return ""
-        return (
-            "Say how the sensor was mounted when it was recorded with mounting= (its "
-            f"{self.mountings.setting}), and its rotation is written with the numbers. "
-        )
 
     def _loses(self, calibration: Calibration, turn: Floats | None) -> bool:
         """Whether the matrix has more to it than the target holds beside a rotation in its mounting."""
@@ -530,15 +523,23 @@ class Difference:
         """Largest heading error at any attitude where the field dips by 60°: atan(tan a / cos 60°) of the angle a."""
         return heading_deg(self.worst_deg)
 
-    def refuse_lost(self, lacks: str, *, lossy: bool, advice: str = "") -> None:
-        """Raise `NotExportable` for a heading error of what the target lacks, unless any is accepted."""
+    def refuse_lost(self, lacks: str, *, lossy: bool, mountings: MountingTable | None = None) -> None:
+        """Raise `NotExportable` for a heading error of what the target lacks, unless any is accepted.
+
+        `mountings`: of a target that could be given a mounting with the rotation in it.
+        """
         if math.isfinite(self.worst) and (lossy or self.heading_deg <= LOSS_DEG):
             return
         off = f"{figures(self.heading_deg)}°" if math.isfinite(self.heading_deg) else "any angle"
+        turned = mountings and (
+            f"Say how the sensor was mounted when it was recorded (its {mountings.setting}), and its rotation is "
+            "written with the numbers. "
+        )
         raise NotExportable(
             f"{lacks}: what is left out costs up to {off} of heading (at any attitude, dip {DIP_DEG:.0f}°). "
-            f"{advice}Use a target that holds the whole matrix (flinders targets), correct the readings in your own "
-            "code, or write it all the same with lossy=True",
+            f"{turned or ''}Use a target that holds the whole matrix (flinders targets), correct the readings in your "
+            "own code, or write it all the same",
+            hint={"mounting": None, "lossy": True} if mountings else {"lossy": True},
             beyond=("matrix",),
             heading_deg=self.heading_deg,
         )
@@ -553,7 +554,8 @@ class Difference:
         raise NotExportable(
             f"rounded to the target's numbers, readings would be off by {off} their length: a field of "
             f"{figures(strength)} {label(calibration.unit)} does not suit their steps. Check the "
-            "unit of the recording, and field_strength= where it was given",
+            "unit of the recording, and the field strength where it was given",
+            hint={"unit": None, "field_strength": None},
             beyond=(),
             error=self.worst,
         )

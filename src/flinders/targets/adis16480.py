@@ -123,8 +123,9 @@ class Registers:
         """
         if calibration.unit != MICROTESLA:
             raise UnitError(
-                "the calibration is in counts, and the registers are in mG: calibrate again with unit='mG' (or G, uT "
-                "…), or with scale=0.01 where a count is the 0.1 mG of x_MAGN_OUT"
+                "the calibration is in counts, and the registers are in mG: calibrate again in mG (or G, uT …), or "
+                "with a scale of 0.01 µT where a count is the 0.1 mG of x_MAGN_OUT",
+                hint={"unit": "mG", "scale": 0.01},
             )
         wanted = _wanted(calibration)
         codes = np.clip(np.rint(wanted), LOWEST, HIGHEST)
@@ -250,7 +251,7 @@ def _advice(calibration: Calibration) -> str:
     scale = float(np.exp(np.linalg.slogdet(calibration.matrix)[1] / 3))
     relative = np.rint(_wanted(replace(calibration, matrix=calibration.matrix / scale)))
     if calibration.field_strength_known and relative.min() >= LOWEST and relative.max() <= HIGHEST:
-        return "Calibrated without field_strength= it fits: headings stay the same, lengths become relative"
+        return "Calibrated without the field strength it fits: headings stay the same, lengths become relative"
     return "Take away or demagnetise what is near the sensor, or correct its readings outside the device"
 
 
@@ -262,7 +263,8 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     except ArrayError:
         raise NotExportable(
             "rounded to the steps of the registers, all readings would lie in a plane: check the unit of the "
-            "recording, and field_strength= where it was given",
+            "recording, and the field strength where it was given",
+            hint={"unit": None, "field_strength": None},
             beyond=(),
         ) from None
     values: dict[str, Any] = {

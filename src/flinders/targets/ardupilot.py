@@ -335,7 +335,7 @@ class ArduPilotParameters(CompassParameters):
             words = (
                 f"{figures(self.scale, 4)}, and ArduPilot ignores what is not between {1 / MOST_SCALE:.3f} and "
                 f"{MOST_SCALE:g}: corrected readings would be {figures(1 / self.scale, 3)} times as long. Check the "
-                "unit of the recording and field_strength="
+                "unit of the recording and the field strength"
             )
             beyond[f"COMPASS_SCALE{digit}"] = self.scale, words
         advice = ". Take away or demagnetise what is near the compass, mount it elsewhere, or check the recording"

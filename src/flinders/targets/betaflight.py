@@ -97,7 +97,8 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     if strength is None:
         raise DocumentError(
             f"{source}: holds an offset of {zero} counts, and nothing tells how long readings are: give "
-            "strength= in counts, the length of a reading less the offset"
+            "that in counts, the length of a reading less the offset",
+            hint={"strength": None},
         )
     calibration = Affine(np.eye(3), floats(zero), strength).to_calibration(COUNTS, known=True)
     return replace(calibration, frame=VEHICLE)

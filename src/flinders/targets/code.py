@@ -565,8 +565,9 @@ def begun(usual: str, name: str | None) -> str:
     word = f"mag_{word}" if word[:1].isdigit() else word
     if not 0 < len(word) <= LONGEST:
         raise UsageError(
-            f"name={name[:LONGEST]!r} leaves {len(word)} letters and digits of ASCII to begin names in code with: "
-            f"need 1 to {LONGEST}, such as name='mast'"
+            f"{name[:LONGEST]!r} leaves {len(word)} letters and digits of ASCII to begin names in code with: "
+            f"need 1 to {LONGEST}",
+            hint={"name": "mast"},
         )
     return word
 

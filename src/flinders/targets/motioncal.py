@@ -91,7 +91,12 @@ class MotionCalPacket:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: the packet as it is sent, and its values."""
         sent = self.encode().hex()
-        return {"packet": sent, "offset_uT": self.offset, "field_uT": self.strength, "matrix": self.matrix}
+        return {
+            "packet": sent,  # the 68 bytes, hexadecimal
+            "offset_uT": self.offset,  # (3,): subtracted from readings
+            "field_uT": self.strength,  # length of corrected readings
+            "matrix": self.matrix,
+        }
 
     def encode(self) -> bytes:
         """The 68 bytes: signature, nine offsets, B, W₀₀ W₁₁ W₂₂ W₀₁ W₀₂ W₁₂, CRC."""

@@ -51,7 +51,8 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     offset, radii = offset_and_radii(calibration, who="Paparazzi")
     if not np.all(radii > 0):
         raise NotExportable(
-            "a sensitivity would not be above 0, and change the sign of its axis: map it with axes= when you calibrate",
+            "a sensitivity would not be above 0, and change the sign of its axis: map the axes when you calibrate",
+            hint={"axes": None},
             beyond=SENSITIVITIES,
         )
     rounded = whole(offset, NEUTRALS, lowest=LOWEST, highest=HIGHEST, advice="check the unit of the recording")

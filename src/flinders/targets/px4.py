@@ -269,7 +269,7 @@ class Px4Parameters(CompassParameters):
                 if not fit
             },
             f": PX4 takes a SCALE of {LEAST_SCALE:g} to {MOST_SCALE:g}, and float32 numbers. Check the unit of the "
-            "recording and field_strength=, and that the axes are those of the sensor",
+            "recording and the field strength, and that the axes are those of the sensor",
         )
 
 

@@ -95,9 +95,10 @@ class ConstantStrength(FitError):
             else "the field has one and the same strength at all readings"
         )
         super().__init__(
-            f"{evidence}: {method!r} with find='all' would give D = −I for any readings. Use method 'auto' or "
-            "'alonso-shuster', or find='offset'; or give the strength at each reading in a column "
+            f"{evidence}: {method!r} finding all would give D = −I for any readings. Use method 'auto' or "
+            "'alonso-shuster', or find the offset alone; or give the strength at each reading in a column "
             "such as reference_strength_uT, where it varies",
+            hint={"find": "offset"},
             method=method,
             explained=explained,
         )
@@ -231,8 +232,8 @@ class Reference:
         reported = _ReportedStrength.of(readings)
         if reported.count and field_strength is not None:
             raise WrongStrength(
-                "the recording tells the field's strength at each reading, and field_strength= another: give one of "
-                "them",
+                "the recording tells the field's strength at each reading, and another was given: give one of them",
+                hint={"field_strength": None},
                 mean=reported.mean,
                 field_strength=field_strength,
             )

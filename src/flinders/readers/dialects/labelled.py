@@ -222,8 +222,8 @@ def _labels(dialect: Labelled, printed: Sequence[_Printed]) -> dict[Kind, str]:
             lines = [next(each.text for each in printed if (each.kind, each.label) == (kind, label)) for label in often]
             raise NoMagnetometer(
                 f"labels before {', '.join(kind)} tell of several sensors (such as {shown(lines[0])!r} and "
-                f"{shown(lines[1])!r}): keep the lines of the magnetometer, or say which they are with "
-                f"pattern={pattern_of(lines[0])!r}"
+                f"{shown(lines[1])!r}): keep the lines of the magnetometer, or say which they are",
+                hint={"pattern": pattern_of(lines[0])},
             )
         del dialect.kinds[kind]
     return labels

@@ -1,5 +1,5 @@
 import type { TilesView } from "../messages.d.ts";
-import type { Layout } from "./engine.js";
+import type { Layouts } from "./engine.js";
 
 export type Severity = "note" | "limits" | "refuses";
 
@@ -33,16 +33,9 @@ export interface Cause {
   unless: string;
 }
 
-/** An attitude but for its heading: what points down, in words after "hold it", and the angles to judge by eye. */
-export interface Pose {
-  down: [number, number, number];
-  words: string;
-  effort: number;
-}
-
 /** What `flinders.standalone.engine.data` gives: the tables and numbers of the program. */
 export interface EngineData {
-  layouts: { record: Layout; options: Layout };
+  layouts: Layouts;
   rows: Row[];
   unchecked: string[];
   causes: Cause[];
@@ -55,9 +48,7 @@ export interface EngineData {
   at_once: string[];
   informative: string[];
   other_units: Record<string, number>;
-  poses: Pose[];
-  cells: [number, number, number][];
-  nodes: [number, number, number][]; // of paths
+  poses: string[]; // after "hold it"
   turns: [right: string, left: string][]; // about x, y and z
   bands: number[];
   tiles: TilesView;

@@ -10,6 +10,8 @@
  * @typedef {{size: number, fields: Record<string, [number, "i4" | "i8" | "f8", number]>}} Layout
  */
 
+/** @typedef {Record<"record" | "options" | "belief" | "goal" | "advice" | "route", Layout>} Layouts */
+
 /**
  * A record of the engine by the names of `flinders_record`; arrays where a field has several numbers.
  * @typedef {Record<string, number> & Record<ArrayField, number[]>} Fitted
@@ -26,7 +28,16 @@
  * @property {boolean} [hasStatistics] Look at the recording as a whole, too.
  */
 
+/**
+ * What is known before the next reading, as `flinders_belief`.
+ * @typedef {{centre: number[], shape: number[], covariance: ArrayLike<number>, variance: number, readings: number}} Belief
+ *
+ * What further readings are for, as `flinders_goal`.
+ * @typedef {{is_attitude: number, dip_deg: number, down: number[], target_deg: number}} Wanted
+ */
+
 const ALIGNED = 16;
+const SENSOR = 1; // axes that attitudes are named in
 const PAGE = 65_536;
 
 /** @type {Record<string, (view: DataView, at: number) => number>} */
@@ -36,10 +47,16 @@ const READ = {
     f8: (view, at) => view.getFloat64(at, true),
 };
 
+/** @type {Record<string, (view: DataView, at: number, number: number) => void>} */
+const WRITE = {
+    i4: (view, at, number) => view.setInt32(at, number, true),
+    f8: (view, at, number) => view.setFloat64(at, number, true),
+};
+
 /**
  * Load the engine.
  * @param {URL | ArrayBuffer | Uint8Array<ArrayBuffer>} source Address of the module, or its bytes.
- * @param {{record: Layout, options: Layout}} layouts
+ * @param {Layouts} layouts
  * @returns {Promise<Engine>}
  */
 export async function loadEngine(source, layouts) {
@@ -61,7 +78,7 @@ async function fetched(address) {
 export class Engine {
     /**
      * @param {WebAssembly.Instance} instance
-     * @param {{record: Layout, options: Layout}} layouts
+     * @param {Layouts} layouts
      */
     constructor(instance, layouts) {
         const exports = /** @type {any} */ (instance.exports);
@@ -74,9 +91,9 @@ export class Engine {
         if (exports.flinders_record_size() !== layouts.record.size) {
             throw new Error("the engine is of another release than the page: load the page anew");
         }
-        this.options = aligned(exports.__heap_base.value);
-        this.record = aligned(this.options + layouts.options.size);
-        this.free = aligned(this.record + layouts.record.size);
+        this.free = aligned(exports.__heap_base.value);
+        /** Address of each struct. */
+        this.at = Object.fromEntries(Object.entries(layouts).map(([name, { size }]) => [name, this.#reserved(size)]));
     }
 
     /**
@@ -93,8 +110,8 @@ export class Engine {
         new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
         if (time) new Float64Array(this.memory.buffer, timeAt, rows).set(time);
         this.#choose(options);
-        this.call.flinders_fit(fieldAt, time ? timeAt : 0, rows, this.options, workspace, size, this.record);
-        return this.#decoded();
+        this.call.flinders_fit(fieldAt, time ? timeAt : 0, rows, this.at.options, workspace, size, this.at.record);
+        return this.#decoded("record");
     }
 
     /**
@@ -129,8 +146,8 @@ export class Engine {
         const [fieldAt, surface, workspace] = this.#placed([field.byteLength, 72, size]);
         new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
         new Float64Array(this.memory.buffer, surface, 9).set([...centre, ...shape]);
-        this.call.flinders_drift(fieldAt, rows, surface, surface + 24, dipDeg, workspace, size, this.record);
-        return this.#decoded();
+        this.call.flinders_drift(fieldAt, rows, surface, surface + 24, dipDeg, workspace, size, this.at.record);
+        return this.#decoded("record");
     }
 
     /**
@@ -144,9 +161,8 @@ export class Engine {
         const rows = field.length / 3;
         const [fieldAt, out] = this.#placed([field.byteLength, 8 * rows]);
         new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
-        this.#put("centre", centre);
-        this.#put("shape", shape);
-        this.call.flinders_distances(fieldAt, rows, this.record, out);
+        this.#write("record", { centre, shape });
+        this.call.flinders_distances(fieldAt, rows, this.at.record, out);
         return new Float64Array(this.memory.buffer, out, rows).slice();
     }
 
@@ -163,6 +179,71 @@ export class Engine {
     }
 
     /**
+     * What a fit claims.
+     * @param {{centre: number[], shape: number[]}} surface
+     * @param {ArrayLike<number>} covariance
+     * @param {number} noise
+     * @param {ArrayLike<number>} counts Of its readings in each of the hundred cells.
+     * @returns {Belief}
+     */
+    believe({ centre, shape }, covariance, noise, counts) {
+        const [centreAt, shapeAt, covarianceAt, countsAt] = this.#lent([centre, shape, covariance, counts]);
+        this.call.flinders_believe(centreAt, shapeAt, covarianceAt, noise, countsAt, this.at.belief);
+        return this.#decoded("belief");
+    }
+
+    /**
+     * A sphere through readings that no fit can do anything with yet; null where they do not tell its centre.
+     * @param {Float64Array} field
+     * @returns {Belief | null}
+     */
+    rough(field) {
+        const [fieldAt] = this.#lent([field]);
+        return this.call.flinders_rough(fieldAt, field.length / 3, this.at.belief) ? null : this.#decoded("belief");
+    }
+
+    /**
+     * Where the next hundredth of the readings would tell most.
+     * @param {Belief} belief
+     * @param {Wanted} wanted
+     * @returns {{direction: number[], worst_deg: number, after_deg: number}}
+     */
+    guidance(belief, wanted) {
+        this.#write("belief", belief);
+        this.#write("goal", wanted);
+        this.call.flinders_guidance(this.at.belief, this.at.goal, 0, this.at.advice);
+        return this.#decoded("advice");
+    }
+
+    /**
+     * The path of the field from where it points now.
+     * @param {Belief} belief
+     * @param {Wanted} wanted
+     * @param {number[]} here
+     * @param {number} readingsPerDeg
+     * @returns {{count: number, waypoints: number[], worst_deg: number, after_deg: number}}
+     */
+    path(belief, wanted, here, readingsPerDeg) {
+        const [hereAt] = this.#lent([here]);
+        this.#write("belief", belief);
+        this.#write("goal", wanted);
+        this.call.flinders_path(this.at.belief, this.at.goal, hereAt, readingsPerDeg, this.at.route);
+        return this.#decoded("route");
+    }
+
+    /**
+     * The simplest attitude of the sensor that meets the field near a direction, by its number.
+     * @param {Wanted} wanted
+     * @param {number[]} direction
+     * @returns {number}
+     */
+    pose(wanted, direction) {
+        const [directionAt] = this.#lent([direction]);
+        this.#write("goal", wanted);
+        return this.call.flinders_pose_towards(SENSOR, this.at.goal, directionAt);
+    }
+
+    /**
      * A status in words.
      * @param {number} status
      * @returns {string}
@@ -170,6 +251,28 @@ export class Engine {
     message(status) {
         const bytes = new Uint8Array(this.memory.buffer, this.call.flinders_message(status));
         return new TextDecoder().decode(bytes.slice(0, bytes.indexOf(0)));
+    }
+
+    /**
+     * Address of a part of memory that stays.
+     * @param {number} size
+     * @returns {number}
+     */
+    #reserved(size) {
+        const at = this.free;
+        this.free = aligned(at + size);
+        return at;
+    }
+
+    /**
+     * Addresses of numbers in memory.
+     * @param {ArrayLike<number>[]} arrays
+     * @returns {number[]}
+     */
+    #lent(arrays) {
+        const places = this.#placed(arrays.map(({ length }) => 8 * length));
+        places.forEach((at, i) => new Float64Array(this.memory.buffer, at, arrays[i].length).set(arrays[i]));
+        return places;
     }
 
     /**
@@ -191,26 +294,37 @@ export class Engine {
 
     /** @param {FitOptions} options */
     #choose({ dipDeg, robust, hasStatistics }) {
-        this.call.flinders_default_options(this.options);
+        this.call.flinders_default_options(this.at.options);
         const { fields } = this.layouts.options;
-        const view = new DataView(this.memory.buffer, this.options);
+        const view = new DataView(this.memory.buffer, this.at.options);
         if (dipDeg !== undefined) view.setFloat64(fields.dip_deg[0], dipDeg, true);
         if (robust !== undefined) view.setInt32(fields.robust[0], robust, true);
         if (hasStatistics !== undefined) view.setInt32(fields.statistics[0], Number(hasStatistics), true);
     }
 
     /**
-     * @param {string} name
-     * @param {number[]} numbers
+     * Fill fields of a struct.
+     * @param {keyof Layouts} struct
+     * @param {Record<string, number | ArrayLike<number>>} values
      */
-    #put(name, numbers) {
-        new Float64Array(this.memory.buffer, this.record + this.layouts.record.fields[name][0], numbers.length).set(numbers);
+    #write(struct, values) {
+        const view = new DataView(this.memory.buffer, this.at[struct]);
+        for (const [name, value] of Object.entries(values)) {
+            const [offset, kind] = this.layouts[struct].fields[name];
+            const width = kind === "i4" ? 4 : 8;
+            const numbers = typeof value === "number" ? [value] : Array.from(value);
+            numbers.forEach((number, i) => WRITE[kind](view, offset + i * width, number));
+        }
     }
 
-    /** @returns {Fitted} */
-    #decoded() {
-        const view = new DataView(this.memory.buffer, this.record);
-        const fields = Object.entries(this.layouts.record.fields).map(([name, [offset, kind, count]]) => {
+    /**
+     * Fields of a struct by their names.
+     * @param {keyof Layouts} struct
+     * @returns {any}
+     */
+    #decoded(struct) {
+        const view = new DataView(this.memory.buffer, this.at[struct]);
+        const fields = Object.entries(this.layouts[struct].fields).map(([name, [offset, kind, count]]) => {
             const width = kind === "i4" ? 4 : 8;
             const numbers = Array.from({ length: count || 1 }, (_, i) => READ[kind](view, offset + i * width));
             return [name, count ? numbers : numbers[0]];

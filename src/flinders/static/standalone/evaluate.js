@@ -1,7 +1,7 @@
 /** A fit of what the page shows, its verdict and what speaks against it: `flinders.live.evaluation.evaluate`. */
 
+import { guided } from "./advice.js";
 import { Fit, fitOf } from "./fit.js";
-import { guided } from "./path.js";
 import { ofFit, ofMotion, ofRefusal } from "./reasons.js";
 import { judge, verdictOf } from "./verdict.js";
 import { viewOf } from "./view.js";
@@ -15,7 +15,7 @@ import { viewOf } from "./view.js";
 /**
  * What a person asks of a fit.
  * @typedef {object} Wish
- * @property {import("./guidance.js").Goal} goal
+ * @property {import("./advice.js").Goal} goal
  * @property {ArrayLike<number> | null} [numbers] Which reading of the session each of them is.
  * @property {boolean} [isFollowed] Somebody turns the sensor just now, and may be led.
  */

@@ -61,14 +61,16 @@ export class Fit {
      * @param {Fitted} record Record of those at no end of an axis.
      * @param {Left} left
      * @param {EngineData} data
+     * @param {Engine} engine
      */
-    constructor(request, whole, record, left, data) {
+    constructor(request, whole, record, left, data, engine) {
         const counted = countedBy(whole, record);
         const { repetition, factor } = widening(record, counted.rows, counted.distinct);
         const surface = surfaceOf(record.centre, record.shape);
         const claimed = record.covariance.map((part) => part * factor);
         const nearer = shrunk(surface, claimed, data);
         this.data = data;
+        this.engine = engine;
         this.unit = request.unit;
         this.targetDeg = request.targetDeg;
         this.dipDeg = request.dipDeg;
@@ -178,7 +180,7 @@ export function fitOf(engine, data, request) {
     const record = whole.rails ? engine.fit(some, when, { dipDeg }) : whole;
     if (record.status) return { code: CODES[record.status] ?? "", words: engine.message(record.status) };
     const left = leftOf(engine, data, record, { some, when, isFree });
-    const fit = new Fit(request, whole, record, left, data);
+    const fit = new Fit(request, whole, record, left, data, engine);
     const root = levelRoot(fit.surface, fit.claimed, fit.headingError.dipDeg);
     fit.headingBoundDeg = Number(engine.headingBound(root).toPrecision(4));
     fit.drift = driftOf(fit, engine);

@@ -52,18 +52,6 @@ function gathered([v0, v1, v2], [u0, u1, u2]) {
 }
 
 /**
- * Jacobian of the distance from the surface, at a unit direction.
- * @param {Surface} surface
- * @param {number[]} direction
- * @returns {number[]}
- */
-export function jacobian(surface, direction) {
-    const normal = apply(surface.inverse, direction);
-    const length = Math.hypot(...normal);
-    return gathered(normal.map((part) => part / length), direction);
-}
-
-/**
  * Fields that a level vehicle meets at each heading, and vectors along which an error is one of heading.
  * @param {number} dipDeg
  * @returns {{heading: number, field: number[], across: number[]}[]}
@@ -91,7 +79,7 @@ function meanOf(rows) {
  * @param {number} dipDeg
  * @returns {{rows: number[][], mean: number[]}}
  */
-export function levelRows(surface, dipDeg) {
+function levelRows(surface, dipDeg) {
     const rows = levelTurn(dipDeg).map(({ field, across }) => gathered(apply(surface.inverse, across), field));
     const mean = meanOf(rows);
     return { rows: rows.map((row) => row.map((part, i) => part - mean[i])), mean };
@@ -212,7 +200,7 @@ function worstAnywhereDeg(surface, covariance, dipDeg) {
  * @param {number} count
  * @returns {number[][]}
  */
-export function fibonacci(count) {
+function fibonacci(count) {
     return Array.from({ length: count }, (_, k) => {
         const z = 1 - (2 * (k + 0.5)) / count;
         const longitude = Math.PI * (1 + Math.sqrt(5)) * (k + 0.5);
@@ -227,7 +215,7 @@ export function fibonacci(count) {
  * @param {number[]} u
  * @returns {number[][]}
  */
-export function directionRows(surface, u) {
+function directionRows(surface, u) {
     return [0, 1, 2].map((axis) => {
         const across = [0, 1, 2].map((i) => Number(i === axis) - u[axis] * u[i]);
         return gathered(apply(surface.inverse, across), u);

@@ -3,7 +3,7 @@
  * compare and state is calculated here as in `flinders.fitting.verdict`.
  */
 
-import { movement } from "./guidance.js";
+import { movement } from "./advice.js";
 import { longestRuns, outlierCount, outlierRows } from "./outliers.js";
 import { figures, general, grouped } from "./numbers.js";
 import { longestRests } from "./rests.js";

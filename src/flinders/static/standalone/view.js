@@ -1,14 +1,14 @@
 /** What the page draws of one fit, as `flinders.report.view` puts it together. */
 
+import { guide, isIdle } from "./advice.js";
 import { corrected, threes, tileCounts } from "./coverage.js";
-import { guide, isIdle } from "./guidance.js";
 import { matrixSigma, tileErrorsDeg, turnSigmaDeg } from "./heading.js";
 import { firstCauses, verdictOf } from "./verdict.js";
 import { figures, general } from "./numbers.js";
 
 /** @typedef {import("../messages.d.ts").View} View */
 /** @typedef {import("./fit.js").Fit} Fit */
-/** @typedef {import("./guidance.js").Goal} Goal */
+/** @typedef {import("./advice.js").Goal} Goal */
 /** @typedef {import("./verdict.js").Finding} Finding */
 /** @typedef {[number, number, number]} Triple */
 

@@ -5,10 +5,8 @@
 
 enum { READINGS = FLINDERS_BOARD_READINGS, CELLS = 100, FEWEST = 12 };
 
-#define BATCH ((real)0.01)      /* of the readings: those that advice is given for */
 #define MOST_FREEDOM ((real)1.3) /* that correlated residuals take from a covariance */
 #define MOVED ((real)0.1)       /* of the extent: cells are counted anew about a centre that is as far off */
-#define EFFORT_DEG ((real)2)    /* how much farther an attitude may miss the direction for each degree of effort */
 #define TO_DEG ((real)180 / FL_PI)
 
 #ifdef __GNUC__
@@ -182,36 +180,26 @@ static real widening(real used, real time)
     return time > 1 ? time * (fewer < MOST_FREEDOM ? fewer : MOST_FREEDOM) : 1;
 }
 
-/* The direction in which a batch of readings would lower the variances of level headings most: flinders.heading.guidance. */
-APART void advise(flinders_board *board, const fl_surface *surface, const flinders_record *record, real variance,
-                   const real centres[CELLS][3])
+/* The level heading that advice is given for. */
+static flinders_goal goal_of(const flinders_board *board, real dip_deg)
 {
-    real rows[9][FL_HEADINGS], before[FL_HEADINGS], least = FL_HUGE, most = FL_TINY;
-    const real share = BATCH * (real)record->used, batch = share > 1 ? share : 1;
-    fl_level_rows(surface, record->dip_deg, rows);
-    for (int k = 0; k < FL_HEADINGS; k++) {
-        before[k] = 0;
-        for (int i = 0; i < 9; i++)
-            for (int j = 0; j < 9; j++) before[k] += rows[i][k] * record->covariance[9 * i + j] * rows[j][k];
-        most = before[k] > most ? before[k] : most;
-    }
-    for (int cell = 0; cell < CELLS; cell++) {
-        real jacobian[9], lever[9], own = variance / batch, sum = 0, largest = 0;
-        fl_jacobian(surface, centres[cell], jacobian);
-        fl_multiply(record->covariance, jacobian, 9, 9, 1, lever);
-        for (int i = 0; i < 9; i++) own += jacobian[i] * lever[i];
-        for (int k = 0; k < FL_HEADINGS; k++) {
-            real shared = 0;
-            for (int i = 0; i < 9; i++) shared += rows[i][k] * lever[i];
-            const real after = (before[k] - shared * shared / own) / most, left = after > 0 ? after : 0;
-            sum += left * left * left * left;
-            largest = left > largest ? left : largest;
-        }
-        if (!(sum < least)) continue;
-        least = sum;
-        memcpy(board->answer.turn, centres[cell], sizeof board->answer.turn);
-        board->answer.after_deg = TO_DEG * fl_sqrt(largest * most);
-    }
+    flinders_goal goal;
+    flinders_default_goal(&goal);
+    goal.dip_deg = dip_deg, goal.target_deg = board->target_deg;
+    return goal;
+}
+
+/* Where the next readings would tell most; a reading is worth as much as the covariance is wider than for independent ones. */
+APART void advise(flinders_board *board, const flinders_record *record, real variance)
+{
+    const flinders_goal goal = goal_of(board, record->dip_deg);
+    flinders_belief belief = {.variance = variance, .readings = (real)record->used};
+    flinders_advice advice;
+    memcpy(belief.shape, record->shape, sizeof belief.shape);
+    memcpy(belief.covariance, record->covariance, sizeof belief.covariance);
+    if (flinders_guidance(&belief, &goal, 0, &advice)) return;
+    memcpy(board->answer.turn, advice.direction, sizeof board->answer.turn);
+    board->answer.after_deg = advice.after_deg;
 }
 
 /* Put the calibration of a record into the answer. */
@@ -259,8 +247,8 @@ APART void judge(flinders_board *board, flinders_record *record)
         answer->is_checked[i] = (uint8_t)flinders_is_checked(i, judgement.quantities);
 }
 
-/* Widen the covariance of a fit, judge it, and say where to turn next. */
-APART void describe(flinders_board *board, const fl_view *view, const fl_surface *surface, flinders_record *record)
+/* Widen the covariance of a fit, and judge it; returns the variance of a further reading. */
+APART real describe(flinders_board *board, const fl_view *view, const fl_surface *surface, flinders_record *record)
 {
     real centres[CELLS][3];
     place(board, record, surface);
@@ -268,8 +256,7 @@ APART void describe(flinders_board *board, const fl_view *view, const fl_surface
     fl_sphere_centres(centres);
     complete(board, view, surface, (const real(*)[3])centres, record);
     judge(board, record);
-    const real variance = record->noise * record->noise * record->covariance[0] / record->textbook[0];
-    advise(board, surface, record, variance, (const real(*)[3])centres);
+    return record->noise * record->noise * record->covariance[0] / record->textbook[0];
 }
 
 /* Make one reading of each rest. None is left out: readings that were a rest at the fit before are not told from a turn. */
@@ -301,24 +288,15 @@ int flinders_board_solve(flinders_board *board)
     memset(board->answer.findings, 0, sizeof board->answer.findings);
     board->answer.status = board->count < FEWEST ? FLINDERS_TOO_FEW
                            : fl_fit_view(fl_kernels_chosen(1), &view, &options, &room, &fit, &record);
-    if (board->answer.status == FLINDERS_OK) describe(board, &view, &fit.surface, &record);
+    if (board->answer.status == FLINDERS_OK) advise(board, &record, describe(board, &view, &fit.surface, &record));
     return board->answer.status;
 }
 
-/* The simplest attitude whose vertical meets the field as the advised direction does: `Guidance.pose` of flinders. */
+/* The simplest attitude that meets the field near the advised direction. */
 const char *flinders_board_turn(const flinders_board *board)
 {
-    const real *const wanted = board->answer.turn;
-    const char *words = "";
-    real least = FL_HUGE;
-    for (int pose = 0; pose < FLINDERS_POSES; pose++) {
-        const flinders_pose *const held = flinders_poses + pose;
-        const real cosine = held->down[0] * wanted[0] + held->down[1] * wanted[1] + held->down[2] * wanted[2];
-        const real angle = fl_acos(cosine > 1 ? 1 : cosine < -1 ? -1 : cosine) * TO_DEG;
-        const real cost = fl_abs(angle - (90 - board->dip_deg)) + EFFORT_DEG * held->effort;
-        if (cost < least - (real)1e-3) least = cost, words = held->words;
-    }
-    return words;
+    const flinders_goal goal = goal_of(board, board->dip_deg);
+    return flinders_poses[flinders_pose_towards(FLINDERS_SENSOR, &goal, board->answer.turn)];
 }
 
 /* Correct a reading. */

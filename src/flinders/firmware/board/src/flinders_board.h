@@ -24,20 +24,12 @@
 #define FLINDERS_BOARD_H
 
 #include "flinders.h"
-#include "flinders_poses.h" /* made from the library's attitudes */
 
 #ifndef FLINDERS_BOARD_READINGS
 #define FLINDERS_BOARD_READINGS 300 /* 40 to 512; 24 bytes each in single precision */
 #endif
 
-/* An attitude but for its heading: what points down, in words after "hold it", and the angles to judge by eye. */
-typedef struct flinders_pose {
-    flinders_real down[3];
-    const char *words;
-    uint8_t effort;
-} flinders_pose;
-
-extern const flinders_pose flinders_poses[FLINDERS_POSES];
+extern const char *const flinders_poses[FLINDERS_SENSOR_POSES]; /* attitudes of the sensor, in words after "hold it" */
 
 typedef struct flinders_answer {
     int32_t status;                     /* FLINDERS_OK, or why there is no fit: `flinders_message` has words */

@@ -1,0 +1,64 @@
+"""Hints of errors and findings, spelled as options of the command line.
+
+A keyword of the Python interface is the option whose parameter has its name, or lists it among its `keywords`.
+
+>>> from flinders.cli._program import Commands
+>>> calibrate = Commands("calibrate")["calibrate"]
+>>> in_options({"unit": "mG", "axes": "-x,y,z", "force": True, "disturbances": None, "rotation": None}, [calibrate])
+'--unit mG, --axes=-x,y,z, --force, --with'
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from flinders.errors import Hint
+
+
+def in_options(hint: Hint, commands: Sequence[click.Command] | None = None) -> str:
+    """Spell a hint as options of the first of some commands that has one; a keyword that none has is left out.
+
+    `commands`: by default `searched` of the command that runs.
+    """
+    context = click.get_current_context(silent=True)
+    if commands is None:
+        commands = searched(context.command, context.find_root().command) if context else ()
+    return ", ".join(spelled for keyword, value in hint.items() if (spelled := _option(keyword, value, commands)))
+
+
+def searched(command: click.Command, program: click.Command) -> tuple[click.Command, ...]:
+    """The commands whose options mend an error of one: itself, and that which calibrates again."""
+    calibrate = program.commands.get("calibrate") if isinstance(program, click.Group) else None
+    return (command,) if calibrate is None else (command, calibrate)
+
+
+def option_of(keyword: str, command: click.Command) -> click.Option | None:
+    """The option of a command that a keyword of the Python interface stands for."""
+    options = (param for param in command.params if isinstance(param, click.Option))
+    return next((each for each in options if keyword in (each.name, *getattr(each, "keywords", ()))), None)
+
+
+def _option(keyword: str, value: object, commands: Iterable[click.Command]) -> str:
+    """Spell one keyword: once for each entry of a list or mapping; empty where no command has an option for it."""
+    option = next((option for command in commands if (option := option_of(keyword, command))), None)
+    if option is None:
+        return ""
+    name = max(option.opts, key=len)
+    if value is None or option.is_flag:
+        return name
+    if isinstance(value, Mapping):
+        return " ".join(_with_value(name, f"{key}={entry:g}") for key, entry in value.items())
+    return " ".join(_with_value(name, entry) for entry in (value if isinstance(value, list) else [value]))
+
+
+def _with_value(name: str, value: object) -> str:
+    """An option with its value, which may begin with a minus."""
+    written = shlex.quote(str(value))
+    return f"{name}{'=' if written.startswith('-') else ' '}{written}"

@@ -1,0 +1,229 @@
+/* Which way to turn next: where readings would lower the worst error fastest. flinders.heading.guidance says how. */
+#include "residuals.h"
+
+enum { CELLS = 100 };
+
+#define TO_DEG ((real)180 / FL_PI)
+#define BATCH_SHARE ((real)0.01)  /* of the readings so far: what each of a hundred cells holds where all are alike */
+#define FULL_DIGITS ((real)1e-12) /* of the largest variance: smaller ones are those of parameters that a method holds */
+#define STEEPEST_DEG 89
+#define EFFORT_DEG ((real)2) /* how much farther an attitude may miss the direction for each angle to judge by eye */
+
+/* What points down in each attitude, as squares with their signs, up to a factor, and the angles to judge by eye. */
+static const signed char VEHICLE_POSES[FLINDERS_VEHICLE_POSES][4] = {
+    {1, 0, 0, 0}, {-1, 0, 0, 0},
+    {0, 0, 1, 0}, {0, 1, 1, 1}, {0, 1, 0, 0}, {0, 1, -1, 1}, {0, 0, -1, 0}, {0, -1, -1, 1}, {0, -1, 0, 0}, {0, -1, 1, 1},
+    {1, 0, 3, 1}, {2, 3, 3, 2}, {1, 3, 0, 1}, {2, 3, -3, 2}, {1, 0, -3, 1}, {2, -3, -3, 2}, {1, -3, 0, 1}, {2, -3, 3, 2},
+    {3, 0, 1, 1}, {6, 1, 1, 2}, {3, 1, 0, 1}, {6, 1, -1, 2}, {3, 0, -1, 1}, {6, -1, -1, 2}, {3, -1, 0, 1}, {6, -1, 1, 2},
+    {-1, 0, 3, 1}, {-2, 3, 3, 2}, {-1, 3, 0, 1}, {-2, 3, -3, 2},
+    {-1, 0, -3, 1}, {-2, -3, -3, 2}, {-1, -3, 0, 1}, {-2, -3, 3, 2},
+    {-3, 0, 1, 1}, {-6, 1, 1, 2}, {-3, 1, 0, 1}, {-6, 1, -1, 2},
+    {-3, 0, -1, 1}, {-6, -1, -1, 2}, {-3, -1, 0, 1}, {-6, -1, 1, 2},
+};
+static const signed char SENSOR_POSES[FLINDERS_SENSOR_POSES][4] = {
+    {1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}, {-1, 0, 0, 0}, {0, -1, 0, 0}, {0, 0, -1, 0},
+    {1, 1, 0, 1}, {3, 1, 0, 1}, {1, 3, 0, 1}, {1, 0, 1, 1}, {3, 0, 1, 1}, {1, 0, 3, 1},
+    {1, -1, 0, 1}, {3, -1, 0, 1}, {1, -3, 0, 1}, {1, 0, -1, 1}, {3, 0, -1, 1}, {1, 0, -3, 1},
+    {0, 1, 1, 1}, {0, 3, 1, 1}, {0, 1, 3, 1}, {-1, 1, 0, 1}, {-1, 3, 0, 1}, {-3, 1, 0, 1},
+    {0, 1, -1, 1}, {0, 3, -1, 1}, {0, 1, -3, 1}, {-1, 0, 1, 1}, {-1, 0, 3, 1}, {-3, 0, 1, 1},
+    {0, -1, 1, 1}, {0, -1, 3, 1}, {0, -3, 1, 1}, {-1, -1, 0, 1}, {-3, -1, 0, 1}, {-1, -3, 0, 1},
+    {-1, 0, -1, 1}, {-3, 0, -1, 1}, {-1, 0, -3, 1}, {0, -1, -1, 1}, {0, -3, -1, 1}, {0, -1, -3, 1},
+    {1, 1, 1, 2}, {1, 1, -1, 2}, {1, -1, 1, 2}, {1, -1, -1, 2}, {-1, 1, 1, 2}, {-1, 1, -1, 2}, {-1, -1, 1, 2},
+    {-1, -1, -1, 2},
+};
+
+/* Whether all numbers are finite. */
+int fl_are_finite(const real *numbers, int count)
+{
+    for (int i = 0; i < count; i++)
+        if (!isfinite(numbers[i])) return 0;
+    return 1;
+}
+
+/* Fill a goal with its defaults. */
+void flinders_default_goal(flinders_goal *goal)
+{
+    const flinders_goal defaults = {.dip_deg = 60, .down = {0, 0, 1}, .target_deg = 1};
+    *goal = defaults;
+}
+
+/* Variance of a reading with which readings counted give the covariance that is claimed: the median of the eigenvalues of
+ * M P, M = Σ jjᵀ, over what is not held. Where readings are independent all are the noise's variance. */
+static real reading_variance(const fl_surface *surface, const real covariance[81], real noise, const real counts[CELLS])
+{
+    real vectors[81], values[9], gram[81] = {0}, centres[CELLS][3], root[9];
+    int free = 0;
+    memcpy(vectors, covariance, sizeof vectors);
+    fl_eigen(vectors, 9, values);
+    for (int k = 0; k < 9; k++) free += values[k] > FULL_DIGITS * values[8];
+    fl_sphere_centres(centres);
+    for (int cell = 0; cell < CELLS && free; cell++) {
+        real jacobian[9];
+        fl_jacobian(surface, centres[cell], jacobian);
+        for (int k = 0; k < free; k++) {
+            const int column = 9 - free + k;
+            root[k] = 0;
+            for (int i = 0; i < 9; i++) root[k] += jacobian[i] * vectors[9 * i + column];
+            root[k] *= fl_sqrt(values[column]);
+        }
+        for (int i = 0; i < free; i++)
+            for (int j = 0; j < free; j++) gram[free * i + j] += counts[cell] * root[i] * root[j];
+    }
+    if (free) fl_eigen(gram, free, values);
+    const real median = free ? (values[(free - 1) / 2] + values[free / 2]) / 2 : 0;
+    return median > noise * noise ? median : noise * noise;
+}
+
+/* Take what a fit claims. */
+void flinders_believe(const real centre[3], const real shape[6], const real covariance[81], real noise,
+                      const real counts[CELLS], flinders_belief *belief)
+{
+    fl_surface surface;
+    const int is_surface = !fl_surface_of(centre, shape, &surface);
+    memcpy(belief->centre, centre, sizeof belief->centre);
+    memcpy(belief->shape, shape, sizeof belief->shape);
+    memcpy(belief->covariance, covariance, sizeof belief->covariance);
+    belief->variance = is_surface ? reading_variance(&surface, covariance, noise, counts) : FL_NOT_A_NUMBER;
+    belief->readings = 0;
+    for (int cell = 0; cell < CELLS; cell++) belief->readings += counts[cell];
+}
+
+/* Fill in what a goal wants known: the heading of a level vehicle, or the field in each of some directions. Nonzero where the
+ * dip of a level vehicle, or what is down, is none. */
+int fl_wanted_of(const fl_surface *surface, const flinders_goal *goal, const real (*directions)[3], int count,
+                 fl_wanted *wanted)
+{
+    real turn[9], rows[3][9];
+    if (goal->is_attitude) {
+        if (FL_PARTS < 3) return FLINDERS_BAD_OPTION;
+        wanted->count = count, wanted->parts = FL_PARTS;
+        for (int k = 0; k < count; k++) {
+            fl_direction_rows(surface, directions[k], rows);
+            for (int part = 0; part < FL_PARTS; part++)
+                for (int i = 0; i < 9; i++) wanted->rows[part][i][k] = rows[part][i];
+        }
+        return FLINDERS_OK;
+    }
+    const real square = goal->down[0] * goal->down[0] + goal->down[1] * goal->down[1] + goal->down[2] * goal->down[2];
+    if (!(fl_abs(goal->dip_deg) <= STEEPEST_DEG) || !(square > 0) || !isfinite(square)) return FLINDERS_BAD_OPTION;
+    fl_upright(goal->down, turn);
+    fl_level_rows_about(surface, goal->dip_deg, turn, wanted->rows[0][0], FL_WANTED);
+    wanted->count = FL_HEADINGS, wanted->parts = 1;
+    return FLINDERS_OK;
+}
+
+/* Variances of what is wanted. */
+void fl_wanted_variances(const fl_wanted *wanted, const real covariance[81], real variances[FL_WANTED])
+{
+    real half[FL_WANTED];
+    for (int k = 0; k < wanted->count; k++) variances[k] = 0;
+    for (int part = 0; part < wanted->parts; part++)
+        for (int i = 0; i < 9; i++) { /* rᵀ C r of all side by side */
+            const real (*const rows)[FL_WANTED] = wanted->rows[part];
+            for (int k = 0; k < wanted->count; k++) half[k] = covariance[10 * i] * rows[i][k] / 2;
+            for (int j = 0; j < i; j++)
+                for (int k = 0; k < wanted->count; k++) half[k] += covariance[9 * i + j] * rows[j][k];
+            for (int k = 0; k < wanted->count; k++) variances[k] += 2 * rows[i][k] * half[k];
+        }
+    for (int k = 0; k < wanted->count; k++) variances[k] = variances[k] > 0 ? variances[k] : 0;
+}
+
+/* C j, by which a reading with the Jacobian j lowers a covariance C to C − C j jᵀ C / (v + jᵀ C j), whose denominator is
+ * returned; v is the reading's variance. */
+real fl_lever(const real covariance[81], const real jacobian[9], real variance, real lever[9])
+{
+    fl_multiply(covariance, jacobian, 9, 9, 1, lever);
+    for (int i = 0; i < 9; i++) variance += jacobian[i] * lever[i];
+    return variance > FL_TINY ? variance : FL_TINY;
+}
+
+/* Fourth power of a variance over the largest: its mean is nearly blind to all but the largest ones. */
+real fl_sharp(real variance, real largest)
+{
+    const real square = variance / largest * (variance / largest);
+    return square * square;
+}
+
+/* Compare batches of readings in each cell, of this variance, and fill in the best. */
+static void choose(const fl_surface *surface, const real covariance[81], const fl_wanted *wanted, real variance,
+                   flinders_advice *advice)
+{
+    real before[FL_WANTED], gained[FL_WANTED], along[FL_WANTED], centres[CELLS][3], most = FL_TINY, least = FL_HUGE;
+    fl_sphere_centres(centres);
+    fl_wanted_variances(wanted, covariance, before);
+    for (int k = 0; k < wanted->count; k++) most = before[k] > most ? before[k] : most;
+    for (int cell = 0; cell < CELLS; cell++) {
+        real jacobian[9], lever[9], sum = 0, largest = 0;
+        fl_jacobian(surface, centres[cell], jacobian);
+        const real total = fl_lever(covariance, jacobian, variance, lever);
+        for (int k = 0; k < wanted->count; k++) gained[k] = 0;
+        for (int part = 0; part < wanted->parts; part++) {
+            for (int k = 0; k < wanted->count; k++) along[k] = 0;
+            for (int i = 0; i < 9; i++)
+                for (int k = 0; k < wanted->count; k++) along[k] += wanted->rows[part][i][k] * lever[i];
+            for (int k = 0; k < wanted->count; k++) gained[k] += along[k] * along[k];
+        }
+        for (int k = 0; k < wanted->count; k++) {
+            const real after = before[k] - gained[k] / total, left = after < 0 ? 0 : after;
+            sum += fl_sharp(left, most);
+            largest = left > largest ? left : largest;
+        }
+        if (!(sum < least * (1 - FL_ALIKE))) continue;
+        least = sum;
+        memcpy(advice->direction, centres[cell], sizeof advice->direction);
+        advice->after_deg = TO_DEG * fl_sqrt(largest);
+        advice->worst_deg = most > FL_TINY ? TO_DEG * fl_sqrt(most) : 0;
+    }
+}
+
+/* Advise a direction. */
+int flinders_guidance(const flinders_belief *belief, const flinders_goal *goal, real batch, flinders_advice *advice)
+{
+    fl_surface surface;
+    fl_wanted wanted;
+    real centres[CELLS][3];
+    advice->worst_deg = advice->after_deg = FL_NOT_A_NUMBER;
+    for (int i = 0; i < 3; i++) advice->direction[i] = FL_NOT_A_NUMBER;
+    if (fl_surface_of(belief->centre, belief->shape, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
+    if (!fl_are_finite(belief->covariance, 81) || !isfinite(belief->variance)) return FLINDERS_NOT_FINITE;
+    if (goal->is_attitude) fl_sphere_centres(centres);
+    const int status = fl_wanted_of(&surface, goal, (const real(*)[3])centres, CELLS, &wanted);
+    if (status) return status;
+    const real share = BATCH_SHARE * belief->readings, taken = batch > 0 ? batch : share > 1 ? share : 1;
+    choose(&surface, belief->covariance, &wanted, belief->variance / taken, advice);
+    return isnan(advice->after_deg) ? FLINDERS_NOT_FINITE : FLINDERS_OK;
+}
+
+/* What points down in an attitude. */
+int flinders_pose(int32_t frame, int32_t pose, real down[3])
+{
+    const int is_sensor = frame == FLINDERS_SENSOR, count = is_sensor ? FLINDERS_SENSOR_POSES : FLINDERS_VEHICLE_POSES;
+    if (pose < 0 || pose >= count || (frame != FLINDERS_VEHICLE && !is_sensor)) return -1;
+    const signed char *const squares = is_sensor ? SENSOR_POSES[pose] : VEHICLE_POSES[pose];
+    real sum = 0;
+    for (int i = 0; i < 3; i++) sum += fl_abs((real)squares[i]);
+    for (int i = 0; i < 3; i++) {
+        const real part = fl_sqrt(fl_abs((real)squares[i]) / sum);
+        down[i] = squares[i] < 0 ? -part : part;
+    }
+    return squares[3];
+}
+
+/* Find an attitude whose vertical makes the angle of 90° less the dip with a direction, or nearly so. */
+int32_t flinders_pose_towards(int32_t frame, const flinders_goal *goal, const real direction[3])
+{
+    const real alike = (real)(sizeof(real) == sizeof(double) ? 1e-6 : 1e-3);
+    real wanted[3], down[3], turn[9], least = FL_HUGE;
+    int32_t best = 0;
+    fl_upright(goal->down, turn);
+    if (frame == FLINDERS_VEHICLE) fl_multiply(direction, turn, 1, 3, 3, wanted);
+    else memcpy(wanted, direction, sizeof wanted);
+    for (int32_t pose = 0;; pose++) {
+        const int effort = flinders_pose(frame, pose, down);
+        if (effort < 0) return best;
+        const real cosine = down[0] * wanted[0] + down[1] * wanted[1] + down[2] * wanted[2];
+        const real angle = TO_DEG * fl_acos(cosine > 1 ? 1 : cosine < -1 ? -1 : cosine);
+        const real cost = fl_abs(angle - (90 - goal->dip_deg)) + EFFORT_DEG * (real)effort;
+        if (cost < least - alike) least = cost, best = pose;
+    }
+}

@@ -1,0 +1,170 @@
+/**
+ * Which way to turn the sensor next, in words: `flinders.fitting.advice`, and `flinders.live.evaluation.guided` for the path
+ * of somebody who turns it now. The engine finds both.
+ */
+
+import { directionError, surfaceOf } from "./heading.js";
+import { apply } from "./linear.js";
+
+/** @typedef {import("../messages.d.ts").View} View */
+/** @typedef {import("./data.d.ts").EngineData} EngineData */
+/** @typedef {import("./engine.js").Belief} Belief */
+/** @typedef {import("./fit.js").Fit} Fit */
+/** @typedef {import("./reasons.js").Readings} Readings */
+/** @typedef {"heading" | "attitude"} Goal */
+
+/**
+ * What is known, and where the next readings would tell most.
+ * @typedef {object} Advice
+ * @property {number} worstDeg The error that matters: of a level heading, or of any direction.
+ * @property {number} afterDeg That after a batch there.
+ * @property {number[]} direction Of the field, in corrected axes.
+ * @property {string} words
+ */
+
+/**
+ * Find the direction whose readings would reduce the worst error most.
+ * @param {Fit} fit
+ * @param {Goal} goal
+ * @returns {Advice}
+ */
+export function guide(fit, goal) {
+    const { engine, data } = fit;
+    const wanted = wantedOf(fit, goal);
+    const { worst_deg: worstDeg, after_deg: afterDeg, direction } = engine.guidance(claimOf(fit), wanted);
+    const pose = data.poses[engine.pose(wanted, direction)];
+    return { worstDeg, afterDeg, direction, words: `hold it ${pose} and turn it slowly once around, keeping it so` };
+}
+
+/**
+ * @param {Fit} fit
+ * @returns {Belief}
+ */
+function claimOf({ engine, surface, covariance, noise, counts }) {
+    return engine.believe(surface, covariance, noise, counts);
+}
+
+/**
+ * @param {Fit} fit
+ * @param {Goal} goal
+ * @returns {import("./engine.js").Wanted}
+ */
+function wantedOf({ dipDeg, targetDeg, headingError }, goal) {
+    const isSeenFromBelow = headingError.dipDeg * dipDeg < 0;
+    return {
+        is_attitude: Number(goal === "attitude"),
+        dip_deg: dipDeg,
+        down: [0, 0, isSeenFromBelow ? -1 : 1],
+        target_deg: targetDeg,
+    };
+}
+
+/**
+ * Which way to turn the sensor next, in words: a level heading while that is not good enough, then all attitudes.
+ * @param {Fit} fit
+ * @returns {string}
+ */
+export function movement(fit) {
+    const advice = guide(fit, fit.headingError.worst > fit.targetDeg ? "heading" : "attitude");
+    if (isIdle(advice, fit.data)) {
+        return "record for longer while turning through all directions, away from iron and currents";
+    }
+    return advice.words.replace("hold it", "hold the sensor");
+}
+
+/**
+ * Whether no direction would help more than the others.
+ * @param {Advice} advice
+ * @param {EngineData} data
+ * @returns {boolean}
+ */
+export function isIdle({ worstDeg, afterDeg }, { numbers }) {
+    return afterDeg > (1 - numbers.WORTH_IT) * worstDeg;
+}
+
+/**
+ * Put the path from the newest reading into the view of a fit; not where it gains nothing.
+ * @param {View} view
+ * @param {Fit} fit
+ * @param {Readings} readings
+ * @param {boolean} isFlat
+ * @param {Goal} goal
+ * @returns {View}
+ */
+export function guided(view, fit, readings, isFlat, goal) {
+    const { surface, claimed, data, engine } = fit;
+    const isRough = isFlat || directionError(surface, claimed).worst > data.numbers.KNOWN_DEG;
+    const belief = isRough ? engine.rough(readings.field) : claimOf(fit);
+    if (!belief) return view;
+    const { inverse } = surfaceOf(belief.centre, belief.shape);
+    const newest = Array.from(readings.field.slice(-3), (part, axis) => part - belief.centre[axis]);
+    const start = unit(apply(inverse, newest));
+    if (!start) return view;
+    const route = engine.path(belief, wantedOf(fit, goal), start, readingsPerDeg(readings.time, data));
+    if (!route.count || (route.worst_deg <= fit.targetDeg && !isRough)) return view;
+    const [x, y, z] = route.waypoints;
+    const waypoints = Array.from({ length: route.count }, (_, i) => route.waypoints.slice(3 * i, 3 * i + 3));
+    const guidance = {
+        direction: /** @type {[number, number, number]} */ ([x, y, z]),
+        words: `follow the arrow: turn it ${turns([start, ...waypoints], data)}`,
+        worst_deg: route.worst_deg,
+        after_deg: route.after_deg,
+        goal,
+        frame: /** @type {const} */ ("sensor"),
+    };
+    return { ...view, guidance, shown: isRough ? round(belief) : view.shown };
+}
+
+/**
+ * A vector of length one; null for one without length.
+ * @param {number[]} vector
+ * @returns {number[] | null}
+ */
+function unit(vector) {
+    const length = Math.hypot(...vector);
+    return length ? vector.map((part) => part / length) : null;
+}
+
+/**
+ * A sphere to draw readings on.
+ * @param {Belief} belief
+ * @returns {View["shown"]}
+ */
+function round({ centre: [x, y, z], shape: [radius] }) {
+    return { offset: [x, y, z], matrix: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], strength: radius };
+}
+
+/**
+ * Readings for each degree that a hand turns the sensor by.
+ * @param {Float64Array} time
+ * @param {EngineData} data
+ * @returns {number}
+ */
+function readingsPerDeg(time, { numbers }) {
+    const seconds = time[time.length - 1] - time[0];
+    return seconds > 0 ? (time.length - 1) / seconds / numbers.SPEED_DEG : numbers.READINGS_PER_DEG;
+}
+
+/**
+ * How to turn the sensor so that the field's direction goes along a path, in at most two turns.
+ * @param {number[][]} path
+ * @param {EngineData} data
+ * @returns {string}
+ */
+function turns(path, data) {
+    const each = path.slice(1).map((there, i) => turn(there, path[i], data));
+    return each.filter((words, i) => words !== each[i - 1]).slice(0, 2).join(", then ");
+}
+
+/**
+ * The turn about the axis that it is mostly about: the field stays, so that the body turns the other way.
+ * @param {number[]} there
+ * @param {number[]} here
+ * @param {EngineData} data
+ * @returns {string}
+ */
+function turn([a, b, c], [x, y, z], { turns: words }) {
+    const axis = [b * z - c * y, c * x - a * z, a * y - b * x];
+    const main = axis.reduce((most, part, i) => (Math.abs(part) > Math.abs(axis[most]) ? i : most), 0);
+    return words[main][axis[main] < 0 ? 1 : 0];
+}
