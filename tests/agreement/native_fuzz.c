@@ -89,6 +89,26 @@ static flinders_options some_options(void)
     return options;
 }
 
+/* Ask whether readings are those of a sensor that was turned; `records` are of readings like these. */
+static void ask_for_turns(const flinders_real *field, size_t rows, const flinders_record *records, size_t count)
+{
+    const size_t size = flinders_workspace_size(rows);
+    const flinders_real weakest = uniform() < 0.5 ? 0 : uniform() < 0.8 ? 22 : anything();
+    const flinders_real strongest = uniform() < 0.5 ? INFINITY : uniform() < 0.8 ? 67 : anything();
+    flinders_real angle, *means = need(3 * rows * sizeof *means);
+    unsigned char *turned = need(count);
+    void *workspace = need(size);
+    memcpy(means, field, 3 * rows * sizeof *means);
+    flinders_turned(records, count, weakest, strongest, turned);
+    for (size_t i = 0; i < count; i++) REQUIRE(turned[i] <= 1);
+    REQUIRE(flinders_unmoved(field, rows, weakest, strongest, workspace, size, &angle) <= 9);
+    REQUIRE(isnan(angle) || fabs((double)angle) <= 180);
+    REQUIRE(flinders_unmoved_cells(means, rows, uniform() < 0.9 ? (flinders_real)rows : anything(), weakest, strongest,
+                                   &angle) <= 9);
+    REQUIRE(isnan(angle) || fabs((double)angle) <= 180);
+    free(means), free(turned), free(workspace);
+}
+
 /* Fit recordings one behind the other, each as by itself; returns how many gave a calibration. */
 static int fit(size_t recordings)
 {
@@ -132,6 +152,7 @@ static int fit(size_t recordings)
     const int regressed = flinders_regress(field, time, rows[0], records->centre, records->shape,
                                            uniform() < 0.5 ? INFINITY : anything(), workspace, size, &found);
     REQUIRE(regressed >= 0 && regressed <= 9 && found.used <= (int64_t)rows[0]);
+    ask_for_turns(field, rows[0], records, recordings);
     if (rows[0] == longest && longest)
         REQUIRE(flinders_fit(field, NULL, longest, &options, workspace, size - 1, &single) == FLINDERS_NO_WORKSPACE);
     free(field), free(time), free(workspace), free(records);

@@ -85,6 +85,8 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "distances": (_A, _N, _A, _A),
     "heading_errors": (_A, _D),
     "heading_bounds": (_A, _N, _A),
+    "unmoved_cells": (_A, _N, _D, _D, _D, _A),
+    "turned": (_A, _N, _D, _D, _A),
 }
 """What functions of the library take."""
 
@@ -364,6 +366,28 @@ class Engine:
         out, row = np.full(len(readings), math.nan), np.array(record, dtype=RECORD)
         self._library.flinders_distances(readings, len(readings), row, out)
         return out
+
+    def unmoved_deg(self, means: Floats, readings: float, strengths: tuple[float, float]) -> float:
+        """Angle within which all readings of a sensor lie that was hardly turned; NaN of one that was.
+
+        Parameters
+        ----------
+        means : (K, 3) float
+            Of the readings of each cell.
+        readings : float
+            In all cells.
+        strengths : (float, float)
+            Weakest and strongest field, in the unit of the readings; 0 and infinity where nothing is known of it.
+        """
+        angle = np.empty(1)
+        self._library.flinders_unmoved_cells(np.array(means, np.float64), len(means), readings, *strengths, angle)
+        return float(angle[0])
+
+    def turned(self, records: Records, strengths: tuple[float, float]) -> NDArray[np.bool_]:
+        """Whether each record shows a turn out of one plane, at no rail; strengths are as of `unmoved_deg`."""
+        turned = np.empty(records.shape, dtype=bool)
+        self._library.flinders_turned(np.ascontiguousarray(records), records.size, *strengths, turned)
+        return turned
 
 
 @cache

@@ -264,6 +264,22 @@ FLINDERS_API int flinders_heading_errors(flinders_record *record, flinders_real 
  * numbers. */
 FLINDERS_API void flinders_heading_bounds(const flinders_real *roots, size_t turns, flinders_real *bounds);
 
+/* Whether a sensor was hardly turned: all readings (rows, 3) lie around one point, and show no surface. `angle_deg` is that
+ * within which they lie, seen from the centre of their sphere, or NaN: the sensor was turned, or they are fewer than 20. The
+ * strength of the field is between `weakest` and `strongest`, unit; 0 and infinity where nothing is known of it. */
+FLINDERS_API int flinders_unmoved(const flinders_real *field, size_t rows, flinders_real weakest, flinders_real strongest,
+                                  void *workspace, size_t size, flinders_real *angle_deg);
+
+/* The same by cells of space: means (cells, 3) of the readings of each, which are lost, and how many readings there are in
+ * all. */
+FLINDERS_API int flinders_unmoved_cells(flinders_real *means, size_t cells, flinders_real readings, flinders_real weakest,
+                                        flinders_real strongest, flinders_real *angle_deg);
+
+/* Whether each record (count,) shows by itself that the sensor was turned out of one plane, and was at no end of its range:
+ * 1 or 0 in turned (count,). Where it is 0, readings have to be asked: `flinders_unmoved`. Strengths are as of that. */
+FLINDERS_API void flinders_turned(const flinders_record *records, size_t count, flinders_real weakest,
+                                  flinders_real strongest, unsigned char *turned);
+
 #ifdef __cplusplus
 }
 #endif

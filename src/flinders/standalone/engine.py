@@ -17,7 +17,7 @@ import msgspec
 
 from flinders.core.calibration_file import PARAMETERS
 from flinders.core.units import EARTH_UT
-from flinders.diagnostics import axis_swap, systematic, unmoved
+from flinders.diagnostics import axis_swap, systematic
 from flinders.errors import Unmoved
 from flinders.estimators import auto, level, outliers
 from flinders.findings import CATALOGUE, CAUSES, OF_ONE_MAGNETOMETER, fit, limit_of
@@ -89,9 +89,6 @@ NUMBERS: Final = {
     **_of(path_planning, "BEAM READINGS_PER_DEG NEAREST_DEG FARTHEST_DEG DEPARTURE ARC_DEG ROUGHEST"),
     **_of(axis_swap, "FEWEST BROKEN LIKE GAIN MOST_NOISE LEAST_EVIDENCE MOST", "SWAP_"),
     **_of(shrinkage, "PROBABLE FARTHEST UNKNOWN"),
-    **_of(unmoved, "FEWEST ROUNDING", "UNMOVED_"),
-    **_of(unmoved, "NARROW TAILS NARROW_BALL TAILS_BALL BALL NEAR CLOSE FILLED POINT"),
-    **_of(unmoved, "COARSE OFTEN THIN SPHERICAL CURVED MOST_IRON"),
     **_of(auto, "TRIMS TRIMMED FEWEST_LEFT"),
     **_of(outliers, "WINDOW MARGIN TOGETHER LISTED"),
     **_of(evaluation, "STALE_S STALE_ROWS FROZEN_ROWS FROZEN_S LIVELY MOVING STILL_S STILL_DEG"),

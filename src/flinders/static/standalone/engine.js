@@ -26,6 +26,8 @@
  * @property {boolean} [hasStatistics] Look at the recording as a whole, too.
  */
 
+/** @typedef {[weakest: number, strongest: number]} Strengths Of the field, in the unit of the readings; 0 and infinity: unknown. */
+
 const ALIGNED = 16;
 const PAGE = 65_536;
 
@@ -160,6 +162,33 @@ export class Engine {
         new Float64Array(this.memory.buffer, rootAt, 16).set(root);
         this.call.flinders_heading_bounds(rootAt, 1, out);
         return new Float64Array(this.memory.buffer, out, 1)[0];
+    }
+
+    /**
+     * Angle within which all readings of a sensor lie that was hardly turned; null of one that was.
+     * @param {Float64Array} field
+     * @param {Strengths} strengths
+     * @returns {number | null}
+     */
+    unmovedDeg(field, [weakest, strongest]) {
+        const rows = field.length / 3;
+        const size = this.call.flinders_workspace_size(rows);
+        const [fieldAt, out, workspace] = this.#placed([field.byteLength, 8, size]);
+        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        this.call.flinders_unmoved(fieldAt, rows, weakest, strongest, workspace, size, out);
+        const angle = new Float64Array(this.memory.buffer, out, 1)[0];
+        return Number.isNaN(angle) ? null : angle;
+    }
+
+    /**
+     * Whether the record of the last fit shows by itself a turn out of one plane, at no end of the sensor's range.
+     * @param {Strengths} strengths
+     * @returns {boolean}
+     */
+    wasTurned([weakest, strongest]) {
+        const [out] = this.#placed([1]);
+        this.call.flinders_turned(this.record, 1, weakest, strongest, out);
+        return new Uint8Array(this.memory.buffer, out, 1)[0] === 1;
     }
 
     /**

@@ -10,7 +10,6 @@ import { leftOut, runsOf } from "./outliers.js";
 import { NO_RESTS, fittedOnce } from "./rests.js";
 import { hidesPlane } from "./plane.js";
 import { axisSwapOf } from "./swaps.js";
-import { unmovedDeg, wasTurned } from "./unmoved.js";
 import { general } from "./numbers.js";
 import { filled } from "./wording.js";
 
@@ -49,6 +48,7 @@ const CODES = ["", "too-few-samples", "not-finite", "out-of-scale", "stuck-axis"
  * @property {Float64Array | null} when … their times.
  * @property {Uint8Array} isOut Of each reading of the request, whether it was left out, and …
  * @property {Uint8Array} isRail … whether it is at an end of an axis.
+ * @property {boolean} wasTurned The record of all readings shows a turn out of one plane.
  */
 
 /** @typedef {{rows: number, repeats: number, distinct: number}} Counted Readings, and of them … */
@@ -87,8 +87,8 @@ export class Fit {
         this.independent = independentOf(this.correlation, counted, repetition);
         this.distortion = this.correlation?.direction ?? 0;
         this.statistics = statisticsOf(request, whole, record, counted);
-        /** Whether the record shows the axes themselves: not where all may lie in one plane. */
-        this.isPlain = isPlain(request, whole, left, data);
+        /** Whether the engine's record of readings in memory is all that the program looks at: not of what may be one plane. */
+        this.isPlain = left.wasTurned && !(left.outliers.length && hidesPlane(left.near, data));
         const showsAxes = this.isPlain && !record.unobserved;
         this.nonlinearity = showsAxes ? nonlinearityIn(record, data) : null;
         this.axisLag = showsAxes ? lagIn(record, data) : null;
@@ -168,16 +168,19 @@ export class Fit {
 export function fitOf(engine, data, request) {
     const { field, time, unit, dipDeg } = request;
     const whole = engine.fit(field, time, { dipDeg });
-    const isMicrotesla = unit !== "counts";
-    if (whole.status || !wasTurned(whole, isMicrotesla, data)) {
-        const angle = unmovedDeg(field, isMicrotesla, data);
+    const { EARTH_WEAKEST, EARTH_STRONGEST } = data.numbers;
+    /** @type {import("./engine.js").Strengths} */
+    const strengths = unit === "counts" ? [0, Infinity] : [EARTH_WEAKEST, EARTH_STRONGEST];
+    const wasTurned = engine.wasTurned(strengths);
+    if (whole.status || !wasTurned) {
+        const angle = engine.unmovedDeg(field, strengths);
         if (angle !== null) return { code: "unmoved", words: unmovedWords(angle, data) };
     }
     const isFree = freeOf(field, whole);
     const [some, when] = whole.rails ? [chosen(field, isFree, 3), time && chosen(time, isFree, 1)] : [field, time];
     const record = whole.rails ? engine.fit(some, when, { dipDeg }) : whole;
     if (record.status) return { code: CODES[record.status] ?? "", words: engine.message(record.status) };
-    const left = leftOf(engine, data, record, { some, when, isFree });
+    const left = { ...leftOf(engine, data, record, { some, when, isFree }), wasTurned };
     const fit = new Fit(request, whole, record, left, data);
     const root = levelRoot(fit.surface, fit.claimed, fit.headingError.dipDeg);
     fit.headingBoundDeg = Number(engine.headingBound(root).toPrecision(4));
@@ -192,7 +195,7 @@ export function fitOf(engine, data, request) {
  * @param {EngineData} data
  * @param {Fitted} record
  * @param {{some: Float64Array, when: Float64Array | null, isFree: Uint8Array}} fitted
- * @returns {Left}
+ * @returns {Omit<Left, "wasTurned">}
  */
 function leftOf(engine, data, record, { some, when, isFree }) {
     const isRail = isFree.map((free) => 1 - free);
@@ -213,18 +216,6 @@ function leftOf(engine, data, record, { some, when, isFree }) {
         outliers: runsOf(out, distances, when, once, data),
         isOut: isFree.map((free) => (free ? isOut[next++] : 1)),
     };
-}
-
-/**
- * Whether the engine's record of readings in memory is all that the program looks at.
- * @param {Request} request
- * @param {Fitted} whole
- * @param {Left} left
- * @param {EngineData} data
- * @returns {boolean}
- */
-function isPlain({ unit }, whole, { outliers, near }, data) {
-    return wasTurned(whole, unit !== "counts", data) && !(outliers.length && hidesPlane(near, data));
 }
 
 /**
