@@ -109,6 +109,40 @@ static void ask_for_turns(const flinders_real *field, size_t rows, const flinder
     free(means), free(turned), free(workspace);
 }
 
+/* List outliers among distances of any kind, in two parts, the second of which goes on where the first ends. */
+static void list_outliers(size_t rows)
+{
+    const size_t half = below(rows + 1);
+    unsigned char *far = need(rows), *out = need(rows), *scratch = need(rows);
+    flinders_real *distances = need(rows * sizeof *distances);
+    int64_t *first = need(rows * sizeof *first), *last = need(rows * sizeof *last), left = 0;
+    flinders_outlier *runs = need(FLINDERS_OUTLIERS * sizeof *runs);
+    const double share = uniform() * uniform();
+    fill_with_anything(distances, rows);
+    for (size_t i = 0; i < rows; i++) far[i] = uniform() < share;
+    for (size_t i = 0; i < rows; i++) {
+        first[i] = i > 0 ? last[i - 1] + 1 : 0;
+        last[i] = first[i] + (uniform() < 0.1 ? (int64_t)below(20) : 0);
+    }
+    const int dense = flinders_dense(far, rows, uniform() < 0.9 ? rows : (size_t)(uniform() * 1e18), scratch);
+    REQUIRE(dense >= 3 && dense <= FLINDERS_NO_RUN);
+    flinders_left_out(far, rows, uniform() < 0.9 ? dense : (int32_t)below(100) - 50, out);
+    for (size_t i = 0; i < rows; i++) {
+        REQUIRE(out[i] <= 1 && out[i] >= far[i]);
+        left += out[i];
+    }
+    size_t count = flinders_list_outliers(distances, out, half, first, last, distances, distances, runs, 0);
+    count = flinders_list_outliers(distances + half, out + half, rows - half, first + half, last + half, NULL, NULL, runs,
+                                   count);
+    for (size_t i = 0; i < count; i++) {
+        REQUIRE(runs[i].first <= runs[i].last && (i == 0 || runs[i].first > runs[i - 1].last));
+        REQUIRE(runs[i].fitted <= runs[i].rows && runs[i].rows <= runs[i].last - runs[i].first + 1);
+        left -= runs[i].fitted;
+    }
+    REQUIRE(left == 0 && count <= FLINDERS_OUTLIERS);
+    free(far), free(out), free(scratch), free(distances), free(first), free(last), free(runs);
+}
+
 /* Fit recordings one behind the other, each as by itself; returns how many gave a calibration. */
 static int fit(size_t recordings)
 {
@@ -153,6 +187,7 @@ static int fit(size_t recordings)
                                            uniform() < 0.5 ? INFINITY : anything(), workspace, size, &found);
     REQUIRE(regressed >= 0 && regressed <= 9 && found.used <= (int64_t)rows[0]);
     ask_for_turns(field, rows[0], records, recordings);
+    list_outliers(below(100) * below(100) + rows[0]);
     if (rows[0] == longest && longest)
         REQUIRE(flinders_fit(field, NULL, longest, &options, workspace, size - 1, &single) == FLINDERS_NO_WORKSPACE);
     free(field), free(time), free(workspace), free(records);

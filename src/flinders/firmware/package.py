@@ -26,7 +26,7 @@ BOARD: Final = Path(__file__).parent / "board"
 ENGINE: Final = (
     "flinders.h", "internal.h", "random.h", "record.h", "residuals.h", "sums.h",
     "cloud.c", "covariance.c", "dispatch.c", "fit.c", "heading.c", "kernels.c", "likelihood.c", "linear.c", "quality.c",
-    "random.c", "residuals.c", "rests.c", "robust.c", "start.c", "sums.c",
+    "random.c", "residuals.c", "rests.c", "robust.c", "runs.c", "start.c", "sums.c",
 )  # fmt: skip
 """Files of the engine that a board needs."""
 

@@ -53,6 +53,15 @@ OPTIONS: Final = layout("flinders_options", np.float64)
 DISTURBANCE: Final = layout("flinders_disturbance", np.float64)
 """Layout of what a disturbance explains."""
 
+OUTLIER: Final = layout("flinders_outlier", np.float64)
+"""Layout of a run of outliers."""
+
+
+@cache
+def constant(name: str) -> int:
+    """A constant of flinders.h."""
+    return int(re.findall(rf"FLINDERS_{name} = (\d+)", (HERE / "flinders.h").read_text(encoding="utf-8"))[0])
+
 
 class _Array:
     """Parameter that takes an array, which has to be contiguous, or None for null."""
@@ -87,11 +96,15 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "heading_bounds": (_A, _N, _A),
     "unmoved_cells": (_A, _N, _D, _D, _D, _A),
     "turned": (_A, _N, _D, _D, _A),
+    "dense": (_A, _N, _N, _A),
+    "left_out": (_A, _N, ctypes.c_int32, _A),
+    "list_outliers": (_A, _A, _N, _A, _A, _A, _A, _A, _N),
 }
 """What functions of the library take."""
 
 _RESULTS: Final[dict[str, type]] = {
     "workspace_size": _N, "rests": _N, "record_size": _N, "real_size": _N, "message": ctypes.c_char_p,
+    "list_outliers": _N,
 }  # fmt: skip
 """What functions give that give no status."""
 
@@ -388,6 +401,46 @@ class Engine:
         turned = np.empty(records.shape, dtype=bool)
         self._library.flinders_turned(np.ascontiguousarray(records), records.size, *strengths, turned)
         return turned
+
+    def dense(self, far: NDArray[np.bool_], rows: int) -> int:
+        """Fewest far readings of a window that make a run in a recording of so many rows, given (N,) which are far."""
+        return int(self._library.flinders_dense(np.ascontiguousarray(far), len(far), rows, np.empty(len(far), bool)))
+
+    def left_out(self, far: NDArray[np.bool_], dense: int) -> NDArray[np.bool_]:
+        """(N,) readings that are far, in a run of `dense` far ones or within a margin of it; from (N,) far ones."""
+        left_out = np.empty(len(far), dtype=bool)
+        self._library.flinders_left_out(np.ascontiguousarray(far), len(far), dense, left_out)
+        return left_out
+
+    def list_outliers(
+        self,
+        runs: Records,
+        distances: Floats,
+        left_out: NDArray[np.bool_],
+        rows: tuple[NDArray[np.int64], NDArray[np.int64]],
+        times: tuple[Floats, Floats] | None,
+    ) -> Records:
+        """Runs of readings that are left out, behind those that there are.
+
+        Parameters
+        ----------
+        runs : (R,) of `OUTLIER`
+            Those before.
+        distances : (N,) float
+            From the surface.
+        left_out : (N,) bool
+        rows, times : ((N,), (N,))
+            First and last row of each reading among those that were read, and the times of these.
+        """
+        room = np.empty(constant("OUTLIERS"), OUTLIER)
+        room[: len(runs)] = runs
+        first, last = (np.ascontiguousarray(each, np.int64) for each in rows)
+        start, end = (None, None) if times is None else map(np.ascontiguousarray, times)
+        near = np.ascontiguousarray(distances)
+        count = self._library.flinders_list_outliers(
+            near, left_out, len(near), first, last, start, end, room, len(runs)
+        )
+        return room[:count].copy()
 
 
 @cache

@@ -46,7 +46,7 @@ void fl_clear_record(flinders_record *record)
     memset(record, 0, sizeof *record);
     for (; numbers < (real *)&record->backward_steps; numbers++) *numbers = FL_NOT_A_NUMBER;
     record->version = FLINDERS_RECORD_VERSION;
-    record->dense = FL_NO_RUN;
+    record->dense = FLINDERS_NO_RUN;
     record->rejected_beyond = 0;
     for (int i = 0; i < 6; i++) record->first_swap[i] = -1;
 }

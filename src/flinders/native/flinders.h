@@ -61,6 +61,14 @@ enum {
     FLINDERS_BAD_OPTION = 9       /* an option is no number that it can be */
 };
 
+/* Runs of outliers. */
+enum {
+    FLINDERS_WINDOW = 11,  /* readings in a row that are looked at together: 0.2 s at 50 Hz */
+    FLINDERS_NO_RUN = 12,  /* far readings of a window, more than it holds: no run is looked for */
+    FLINDERS_MARGIN = 25,  /* readings before and after a run that go with it: 0.5 s at 50 Hz, in which a magnet fades away */
+    FLINDERS_OUTLIERS = 1000 /* runs of a recording that are listed; those beyond count with the last */
+};
+
 /* What to do; `flinders_default_options` fills it. */
 typedef struct flinders_options {
     flinders_real prior;   /* departure of the shape from a sphere that is likely, a fraction; 0: no prior (0.3) */
@@ -177,6 +185,17 @@ typedef struct flinders_disturbance {
     flinders_real per_unit[3];  /* by how much it moves the offset for each unit of it */
 } flinders_disturbance;
 
+/* A run of readings that a fit leaves out. */
+typedef struct flinders_outlier {
+    int64_t first;   /* row of the first one */
+    int64_t last;    /* row of the last one */
+    int64_t rows;    /* readings left out from there to there ... */
+    int64_t fitted;  /* ... as those that a fit goes by: a rest is one, or none */
+    flinders_real start;    /* time of the first one, s; NaN without times */
+    flinders_real end;      /* time of the last one, s */
+    flinders_real farthest; /* largest distance from the surface, unit */
+} flinders_outlier;
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -279,6 +298,22 @@ FLINDERS_API int flinders_unmoved_cells(flinders_real *means, size_t cells, flin
  * 1 or 0 in turned (count,). Where it is 0, readings have to be asked: `flinders_unmoved`. Strengths are as of that. */
 FLINDERS_API void flinders_turned(const flinders_record *records, size_t count, flinders_real weakest,
                                   flinders_real strongest, unsigned char *turned);
+
+/* Fewest far readings of eleven that make a run, given which of some readings are far: far (n,) is 1 or 0, of a recording
+ * of so many `rows`. Chance makes one in a thousand recordings; `scratch` (n,) is lent. */
+FLINDERS_API int flinders_dense(const unsigned char *far, size_t n, size_t rows, unsigned char *scratch);
+
+/* Which readings a fit leaves out, 1 or 0 in out (rows,): those that are far, in a run of `dense` far ones of eleven, or
+ * within FLINDERS_MARGIN of it. */
+FLINDERS_API void flinders_left_out(const unsigned char *far, size_t rows, int32_t dense, unsigned char *out);
+
+/* List the runs of readings that a fit leaves out, behind the `count` that are there: no more than five others lie within
+ * one. Of each reading there are its distance from the surface, whether it is left out, its first and last row among those
+ * that were read (one row unless it is a rest), and the times of these, NULL without any. `runs` has room for
+ * FLINDERS_OUTLIERS; returns how many there are now. */
+FLINDERS_API size_t flinders_list_outliers(const flinders_real *distances, const unsigned char *out, size_t rows,
+                                           const int64_t *first, const int64_t *last, const flinders_real *start,
+                                           const flinders_real *end, flinders_outlier *runs, size_t count);
 
 #ifdef __cplusplus
 }

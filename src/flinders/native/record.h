@@ -6,7 +6,7 @@
 
 #define FL_EMPTY UINT64_MAX /* key of a slot that is free */
 
-enum { FL_NO_RUN = 12, FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096,
+enum { FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096,
        FL_STRETCHES = 12, FL_STRETCH = FL_LOOKED / FL_STRETCHES };
 
 #ifdef FLINDERS_FLOAT
@@ -87,6 +87,13 @@ void fl_rests_begin(const real *field, size_t rows, const int64_t *ends, size_t 
 void fl_rests_rewind(fl_rests *rests);
 int fl_rests_next(fl_rests *rests, size_t *begin, size_t *end);
 size_t fl_rests_fitted(fl_rests *rests, const fl_fitted *out);
+
+/* runs.c: readings that are marked, and those of them that are far. */
+typedef struct {
+    size_t all, far;
+} fl_marked;
+
+fl_marked fl_mark_runs(const unsigned char *far, size_t rows, int dense, unsigned char *out);
 
 /* fit.c: with little memory, and no statistics asked for, a room without `keys` and `some` will do; `scratch` may then be
  * the first half of `order`, and `distances` the second. */

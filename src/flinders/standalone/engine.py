@@ -19,14 +19,14 @@ from flinders.core.calibration_file import PARAMETERS
 from flinders.core.units import EARTH_UT
 from flinders.diagnostics import axis_swap, systematic
 from flinders.errors import Unmoved
-from flinders.estimators import auto, level, outliers
+from flinders.estimators import auto, level
 from flinders.findings import CATALOGUE, CAUSES, OF_ONE_MAGNETOMETER, fit, limit_of
 from flinders.findings.row import OF_A_TUMBLE, TUMBLE_STATED
 from flinders.fitting import advice, calibrate, result, shrinkage, verdict
 from flinders.geometry.sphere import bisected, icosahedron
 from flinders.heading import guidance, path_planning
 from flinders.live import evaluation
-from flinders.native.engine import OPTIONS, RECORD
+from flinders.native.engine import OPTIONS, OUTLIER, RECORD, constant
 from flinders.report.view import tiles_view
 from flinders.summary import summary
 from flinders.summary.coverage import BANDS, CELLS
@@ -90,7 +90,6 @@ NUMBERS: Final = {
     **_of(axis_swap, "FEWEST BROKEN LIKE GAIN MOST_NOISE LEAST_EVIDENCE MOST", "SWAP_"),
     **_of(shrinkage, "PROBABLE FARTHEST UNKNOWN"),
     **_of(auto, "TRIMS TRIMMED FEWEST_LEFT"),
-    **_of(outliers, "WINDOW MARGIN TOGETHER LISTED"),
     **_of(evaluation, "STALE_S STALE_ROWS FROZEN_ROWS FROZEN_S LIVELY MOVING STILL_S STILL_DEG"),
     **_of(evaluation, "CONVERGED CONVERGED_FRACTION CONVERGED_S DENSE OFFERED KNOWN_DEG SPEED_DEG"),
 }
@@ -100,8 +99,9 @@ NUMBERS: Final = {
 def data() -> dict[str, Any]:
     """The key ``engine`` of `page.json`, JSON-ready; `static/standalone/data.d.ts` has its type."""
     checked = rows()
+    outlier = {**_layout(OUTLIER), "room": constant("OUTLIERS")}  # runs that are listed
     return {
-        "layouts": {"record": _layout(RECORD), "options": _layout(OPTIONS)},
+        "layouts": {"record": _layout(RECORD), "options": _layout(OPTIONS), "outlier": outlier},
         "rows": [_row(row) for row in checked],
         "unchecked": unchecked(),
         "causes": [cause._asdict() for cause in CAUSES],

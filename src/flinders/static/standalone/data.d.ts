@@ -42,7 +42,7 @@ export interface Pose {
 
 /** What `flinders.standalone.engine.data` gives: the tables and numbers of the program. */
 export interface EngineData {
-  layouts: { record: Layout; options: Layout };
+  layouts: { record: Layout; options: Layout; outlier: Layout & { room: number } };
   rows: Row[];
   unchecked: string[];
   causes: Cause[];

@@ -41,7 +41,7 @@ const READ = {
 /**
  * Load the engine.
  * @param {URL | ArrayBuffer | Uint8Array<ArrayBuffer>} source Address of the module, or its bytes.
- * @param {{record: Layout, options: Layout}} layouts
+ * @param {{record: Layout, options: Layout, outlier: Layout & {room: number}}} layouts
  * @returns {Promise<Engine>}
  */
 export async function loadEngine(source, layouts) {
@@ -63,7 +63,7 @@ async function fetched(address) {
 export class Engine {
     /**
      * @param {WebAssembly.Instance} instance
-     * @param {{record: Layout, options: Layout}} layouts
+     * @param {{record: Layout, options: Layout, outlier: Layout & {room: number}}} layouts
      */
     constructor(instance, layouts) {
         const exports = /** @type {any} */ (instance.exports);
@@ -192,6 +192,42 @@ export class Engine {
     }
 
     /**
+     * Which readings a fit leaves out: those that are far, and those in a run of far ones and around it.
+     * @param {Uint8Array} far 1 or 0 of each reading.
+     * @param {number} dense Of the record.
+     * @returns {Uint8Array}
+     */
+    leftOut(far, dense) {
+        const [farAt, out] = this.#placed([far.length, far.length]);
+        new Uint8Array(this.memory.buffer, farAt, far.length).set(far);
+        this.call.flinders_left_out(farAt, far.length, dense, out);
+        return new Uint8Array(this.memory.buffer, out, far.length).slice();
+    }
+
+    /**
+     * The runs of what a fit leaves out.
+     * @param {Float64Array} distances From the surface.
+     * @param {Uint8Array} out Whether each reading is left out.
+     * @param {import("./rests.js").Once} once First and last row of each reading.
+     * @param {Float64Array | null} time Of the rows.
+     * @returns {import("./outliers.js").Outlier[]}
+     */
+    outliers(distances, out, { first, last }, time) {
+        const rows = distances.length;
+        const { size, room } = this.layouts.outlier;
+        const columns = [distances, ...(time ? [first, last].map((rows) => Float64Array.from(rows, (row) => time[row])) : [])];
+        const [runs, outAt, firstAt, lastAt, ...columnsAt] = this.#placed([room * size, rows, ...Array(5).fill(8 * rows)]);
+        new Uint8Array(this.memory.buffer, outAt, rows).set(out);
+        new BigInt64Array(this.memory.buffer, firstAt, rows).set(first.map(BigInt));
+        new BigInt64Array(this.memory.buffer, lastAt, rows).set(last.map(BigInt));
+        columns.forEach((column, i) => new Float64Array(this.memory.buffer, columnsAt[i], rows).set(column));
+        const [near, start, end] = columnsAt.map((at, i) => (i < columns.length ? at : 0));
+        const count = this.call.flinders_list_outliers(near, outAt, rows, firstAt, lastAt, start, end, runs, 0);
+        const listed = Array.from({ length: count }, (_, i) => this.#struct(this.layouts.outlier, runs + i * size));
+        return listed.map((run) => ({ ...run, first: run.first + 1, last: run.last + 1 }));
+    }
+
+    /**
      * A status in words.
      * @param {number} status
      * @returns {string}
@@ -238,8 +274,17 @@ export class Engine {
 
     /** @returns {Fitted} */
     #decoded() {
-        const view = new DataView(this.memory.buffer, this.record);
-        const fields = Object.entries(this.layouts.record.fields).map(([name, [offset, kind, count]]) => {
+        return this.#struct(this.layouts.record, this.record);
+    }
+
+    /**
+     * @param {Layout} layout
+     * @param {number} at
+     * @returns {any} Its fields by their names.
+     */
+    #struct(layout, at) {
+        const view = new DataView(this.memory.buffer, at);
+        const fields = Object.entries(layout.fields).map(([name, [offset, kind, count]]) => {
             const width = kind === "i4" ? 4 : 8;
             const numbers = Array.from({ length: count || 1 }, (_, i) => READ[kind](view, offset + i * width));
             return [name, count ? numbers : numbers[0]];

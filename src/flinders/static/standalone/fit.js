@@ -6,7 +6,6 @@
 import { shrunk, widening } from "./claim.js";
 import { cellCounts, corrected } from "./coverage.js";
 import { attitudeLimitDeg, levelRoot, levelError, rawTurn, surfaceOf, tiltedError, withStructure } from "./heading.js";
-import { leftOut, runsOf } from "./outliers.js";
 import { NO_RESTS, fittedOnce } from "./rests.js";
 import { hidesPlane } from "./plane.js";
 import { axisSwapOf } from "./swaps.js";
@@ -180,7 +179,7 @@ export function fitOf(engine, data, request) {
     const [some, when] = whole.rails ? [chosen(field, isFree, 3), time && chosen(time, isFree, 1)] : [field, time];
     const record = whole.rails ? engine.fit(some, when, { dipDeg }) : whole;
     if (record.status) return { code: CODES[record.status] ?? "", words: engine.message(record.status) };
-    const left = { ...leftOf(engine, data, record, { some, when, isFree }), wasTurned };
+    const left = { ...leftOf(engine, record, { some, when, isFree }), wasTurned };
     const fit = new Fit(request, whole, record, left, data);
     const root = levelRoot(fit.surface, fit.claimed, fit.headingError.dipDeg);
     fit.headingBoundDeg = Number(engine.headingBound(root).toPrecision(4));
@@ -192,20 +191,19 @@ export function fitOf(engine, data, request) {
 /**
  * What a fit left out: outliers, and what is at an end of an axis.
  * @param {Engine} engine
- * @param {EngineData} data
  * @param {Fitted} record
  * @param {{some: Float64Array, when: Float64Array | null, isFree: Uint8Array}} fitted
  * @returns {Omit<Left, "wasTurned">}
  */
-function leftOf(engine, data, record, { some, when, isFree }) {
+function leftOf(engine, record, { some, when, isFree }) {
     const isRail = isFree.map((free) => 1 - free);
     const rests = record.rests ? engine.rests(some) : NO_RESTS;
     const once = fittedOnce(some, rests);
     const known = { isRail, rests, when };
     if (!record.is_robust) return { ...known, near: once.field, outliers: [], isOut: isRail };
     const limit = record.rejected_beyond;
-    const distances = engine.distances(once.field, record.majority_centre, record.majority_shape).map(Math.abs);
-    const out = leftOut(distances, limit, record.dense, data);
+    const distances = engine.distances(once.field, record.majority_centre, record.majority_shape);
+    const out = engine.leftOut(Uint8Array.from(distances, (distance) => Number(Math.abs(distance) > limit)), record.dense);
     const own = engine.distances(once.field, record.centre, record.shape);
     const isOut = new Uint8Array(some.length / 3);
     once.first.forEach((first, i) => isOut.fill(out[i], first, once.last[i] + 1));
@@ -213,7 +211,7 @@ function leftOf(engine, data, record, { some, when, isFree }) {
     return {
         ...known,
         near: chosen(once.field, Uint8Array.from(own, (distance) => Number(Math.abs(distance) <= limit)), 3),
-        outliers: runsOf(out, distances, when, once, data),
+        outliers: engine.outliers(distances, out, once, when),
         isOut: isFree.map((free) => (free ? isOut[next++] : 1)),
     };
 }
