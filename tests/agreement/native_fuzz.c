@@ -109,6 +109,25 @@ static void ask_for_turns(const flinders_real *field, size_t rows, const flinder
     free(means), free(turned), free(workspace);
 }
 
+/* Look for axes that changed, among readings some of which have them changed. */
+static void look_for_swaps(const flinders_real *field, size_t rows)
+{
+    const size_t size = flinders_swap_workspace_size(rows), behind = below(rows + 1);
+    const flinders_real noise = uniform() < 0.5 ? INFINITY : anything(), limit = uniform() < 0.5 ? 1 : anything();
+    flinders_real *changed = need(3 * rows * sizeof *changed);
+    int64_t *moments = need(rows * sizeof *moments);
+    void *workspace = need(size);
+    flinders_axis_change found;
+    memcpy(changed, field, 3 * rows * sizeof *changed);
+    for (size_t i = 3 * behind; i < 3 * rows; i += 3) changed[i] = -changed[i];
+    REQUIRE(flinders_axis_swap(changed, rows, noise, limit, workspace, size, moments, &found) == FLINDERS_OK);
+    REQUIRE(found.swap >= -1 && found.swap < 6 && (found.swap >= 0) == (found.moments > 0));
+    REQUIRE(found.swap < 0 || (found.gain > 1 && found.gain <= 1000));
+    for (int64_t i = 0; i < found.moments; i++) REQUIRE(moments[i] > (i ? moments[i - 1] : 0) && moments[i] < (int64_t)rows);
+    REQUIRE(flinders_axis_swap(changed, rows, noise, limit, workspace, size - 1, moments, &found) == FLINDERS_NO_WORKSPACE);
+    free(changed), free(moments), free(workspace);
+}
+
 /* List outliers among distances of any kind, in two parts, the second of which goes on where the first ends. */
 static void list_outliers(size_t rows)
 {
@@ -187,6 +206,7 @@ static int fit(size_t recordings)
                                            uniform() < 0.5 ? INFINITY : anything(), workspace, size, &found);
     REQUIRE(regressed >= 0 && regressed <= 9 && found.used <= (int64_t)rows[0]);
     ask_for_turns(field, rows[0], records, recordings);
+    look_for_swaps(field, rows[0]);
     list_outliers(below(100) * below(100) + rows[0]);
     if (rows[0] == longest && longest)
         REQUIRE(flinders_fit(field, NULL, longest, &options, workspace, size - 1, &single) == FLINDERS_NO_WORKSPACE);

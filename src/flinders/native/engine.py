@@ -56,6 +56,9 @@ DISTURBANCE: Final = layout("flinders_disturbance", np.float64)
 OUTLIER: Final = layout("flinders_outlier", np.float64)
 """Layout of a run of outliers."""
 
+AXIS_CHANGE: Final = layout("flinders_axis_change", np.float64)
+"""Layout of axes that changed their sign or place."""
+
 
 @cache
 def constant(name: str) -> int:
@@ -98,13 +101,15 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "turned": (_A, _N, _D, _D, _A),
     "dense": (_A, _N, _N, _A),
     "left_out": (_A, _N, ctypes.c_int32, _A),
+    "swap_workspace_size": (_N,),
+    "axis_swap": (_A, _N, _D, _D, _A, _N, _A, _A),
     "list_outliers": (_A, _A, _N, _A, _A, _A, _A, _A, _N),
 }
 """What functions of the library take."""
 
 _RESULTS: Final[dict[str, type]] = {
     "workspace_size": _N, "rests": _N, "record_size": _N, "real_size": _N, "message": ctypes.c_char_p,
-    "list_outliers": _N,
+    "list_outliers": _N, "swap_workspace_size": _N,
 }  # fmt: skip
 """What functions give that give no status."""
 
@@ -441,6 +446,24 @@ class Engine:
             near, left_out, len(near), first, last, start, end, room, len(runs)
         )
         return room[:count].copy()
+
+    def axis_swap(self, field: ArrayLike, noise: float, noise_limit: float) -> tuple[Records, NDArray[np.int64]]:
+        """Axes that changed, a row of `AXIS_CHANGE`, and the rows behind the moments at which they did.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+            In the order of recording.
+        noise : float
+            Of the readings that a fit keeps; infinite where it is not known.
+        noise_limit : float
+            Largest noise of readings whose axes did not change, as a share of the radius.
+        """
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        size = int(self._library.flinders_swap_workspace_size(len(readings)))
+        workspace, moments, change = np.empty(size, np.uint8), np.empty(len(readings), np.int64), _blank(AXIS_CHANGE)
+        self._library.flinders_axis_swap(readings, len(readings), noise, noise_limit, workspace, size, moments, change)
+        return change, moments[: int(change["moments"])].copy()
 
 
 @cache

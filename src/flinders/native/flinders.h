@@ -196,6 +196,13 @@ typedef struct flinders_outlier {
     flinders_real farthest; /* largest distance from the surface, unit */
 } flinders_outlier;
 
+/* Axes that changed their sign or place while a recording was made. */
+typedef struct flinders_axis_change {
+    int32_t swap;       /* 0, 1, 2: x, y or z changed sign; 3, 4, 5: x and y, y and z, z and x were exchanged; -1: none */
+    int64_t moments;    /* how often */
+    flinders_real gain; /* times that all readings lie closer to an ellipsoid once it is undone, at most 1000 */
+} flinders_axis_change;
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -314,6 +321,16 @@ FLINDERS_API void flinders_left_out(const unsigned char *far, size_t rows, int32
 FLINDERS_API size_t flinders_list_outliers(const flinders_real *distances, const unsigned char *out, size_t rows,
                                            const int64_t *first, const int64_t *last, const flinders_real *start,
                                            const flinders_real *end, flinders_outlier *runs, size_t count);
+
+/* Bytes of workspace that a search for changed axes needs. */
+FLINDERS_API size_t flinders_swap_workspace_size(size_t rows);
+
+/* Look for moments at which axes changed their sign or place: `moments`, with room for `rows` numbers, gets the row behind
+ * each. A change counts where readings with it undone scatter by at most 1.1 times `noise`, unit (infinity where it is not
+ * known), and by at most a share `noise_limit` of the radius. */
+FLINDERS_API int flinders_axis_swap(const flinders_real *field, size_t rows, flinders_real noise,
+                                    flinders_real noise_limit, void *workspace, size_t size, int64_t *moments,
+                                    flinders_axis_change *found);
 
 #ifdef __cplusplus
 }

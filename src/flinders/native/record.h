@@ -95,6 +95,11 @@ typedef struct {
 
 fl_marked fl_mark_runs(const unsigned char *far, size_t rows, int dense, unsigned char *out);
 
+/* swap.c */
+void fl_swaps(const fl_kernels *kernels, const real *field, size_t rows, const fl_room *room, flinders_record *record);
+void fl_confirm_swaps(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
+                      flinders_record *record);
+
 /* fit.c: with little memory, and no statistics asked for, a room without `keys` and `some` will do; `scratch` may then be
  * the first half of `order`, and `distances` the second. */
 void fl_clear_record(flinders_record *record);

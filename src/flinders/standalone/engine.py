@@ -26,7 +26,7 @@ from flinders.fitting import advice, calibrate, result, shrinkage, verdict
 from flinders.geometry.sphere import bisected, icosahedron
 from flinders.heading import guidance, path_planning
 from flinders.live import evaluation
-from flinders.native.engine import OPTIONS, OUTLIER, RECORD, constant
+from flinders.native.engine import AXIS_CHANGE, OPTIONS, OUTLIER, RECORD, constant
 from flinders.report.view import tiles_view
 from flinders.summary import summary
 from flinders.summary.coverage import BANDS, CELLS
@@ -87,7 +87,7 @@ NUMBERS: Final = {
     **_of(calibrate, "LOOKED_AT SWAP_LAG_ONE"),
     **_of(path_planning, "FLAT STEPS THINNED", "PATH_"),
     **_of(path_planning, "BEAM READINGS_PER_DEG NEAREST_DEG FARTHEST_DEG DEPARTURE ARC_DEG ROUGHEST"),
-    **_of(axis_swap, "FEWEST BROKEN LIKE GAIN MOST_NOISE LEAST_EVIDENCE MOST", "SWAP_"),
+    **_of(axis_swap, "MAX_NOISE", "SWAP_"),
     **_of(shrinkage, "PROBABLE FARTHEST UNKNOWN"),
     **_of(auto, "TRIMS TRIMMED FEWEST_LEFT"),
     **_of(evaluation, "STALE_S STALE_ROWS FROZEN_ROWS FROZEN_S LIVELY MOVING STILL_S STILL_DEG"),
@@ -99,9 +99,13 @@ NUMBERS: Final = {
 def data() -> dict[str, Any]:
     """The key ``engine`` of `page.json`, JSON-ready; `static/standalone/data.d.ts` has its type."""
     checked = rows()
-    outlier = {**_layout(OUTLIER), "room": constant("OUTLIERS")}  # runs that are listed
     return {
-        "layouts": {"record": _layout(RECORD), "options": _layout(OPTIONS), "outlier": outlier},
+        "layouts": {
+            "record": _layout(RECORD),
+            "options": _layout(OPTIONS),
+            "outlier": {**_layout(OUTLIER), "room": constant("OUTLIERS")},  # runs that are listed
+            "change": _layout(AXIS_CHANGE),
+        },
         "rows": [_row(row) for row in checked],
         "unchecked": unchecked(),
         "causes": [cause._asdict() for cause in CAUSES],
@@ -123,7 +127,7 @@ def data() -> dict[str, Any]:
         "nodes": bisected(*icosahedron())[0].tolist(),
         "turns": path_planning.TURNS["sensor"],
         "tiles": msgspec.to_builtins(tiles_view()),
-        "swaps": {name: swap.ravel().tolist() for name, swap in axis_swap.SWAPS.items()},
+        "swaps": axis_swap.SWAPS,
         "shrinkage": {
             "priors": [prior.diagonal().tolist() for prior in shrinkage.PRIORS],
             "departures": shrinkage.DEPARTURES.ravel().tolist(),

@@ -1,5 +1,5 @@
 import type { TilesView } from "../messages.d.ts";
-import type { Layout } from "./engine.js";
+import type { Layouts } from "./engine.js";
 
 export type Severity = "note" | "limits" | "refuses";
 
@@ -42,7 +42,7 @@ export interface Pose {
 
 /** What `flinders.standalone.engine.data` gives: the tables and numbers of the program. */
 export interface EngineData {
-  layouts: { record: Layout; options: Layout; outlier: Layout & { room: number } };
+  layouts: Layouts;
   rows: Row[];
   unchecked: string[];
   causes: Cause[];
@@ -61,6 +61,6 @@ export interface EngineData {
   turns: [right: string, left: string][]; // about x, y and z
   bands: number[];
   tiles: TilesView;
-  swaps: Record<string, number[]>;
+  swaps: string[]; // axes that change, in the order of the engine
   shrinkage: { priors: number[][]; departures: number[]; parameters: number[]; size: number[] };
 }

@@ -26,6 +26,16 @@
  * @property {boolean} [hasStatistics] Look at the recording as a whole, too.
  */
 
+/** @typedef {{record: Layout, options: Layout, outlier: Layout & {room: number}, change: Layout}} Layouts */
+
+/**
+ * Axes that changed their sign or their place while a recording was made.
+ * @typedef {object} AxisSwap
+ * @property {string} axes
+ * @property {number[]} rows Readings, counted from 0, from each of which on it is so, or is so no longer.
+ * @property {number} gain How many times closer to an ellipsoid all readings lie once it is undone.
+ */
+
 /** @typedef {[weakest: number, strongest: number]} Strengths Of the field, in the unit of the readings; 0 and infinity: unknown. */
 
 const ALIGNED = 16;
@@ -41,7 +51,7 @@ const READ = {
 /**
  * Load the engine.
  * @param {URL | ArrayBuffer | Uint8Array<ArrayBuffer>} source Address of the module, or its bytes.
- * @param {{record: Layout, options: Layout, outlier: Layout & {room: number}}} layouts
+ * @param {Layouts} layouts
  * @returns {Promise<Engine>}
  */
 export async function loadEngine(source, layouts) {
@@ -63,7 +73,7 @@ async function fetched(address) {
 export class Engine {
     /**
      * @param {WebAssembly.Instance} instance
-     * @param {{record: Layout, options: Layout, outlier: Layout & {room: number}}} layouts
+     * @param {Layouts} layouts
      */
     constructor(instance, layouts) {
         const exports = /** @type {any} */ (instance.exports);
@@ -225,6 +235,26 @@ export class Engine {
         const count = this.call.flinders_list_outliers(near, outAt, rows, firstAt, lastAt, start, end, runs, 0);
         const listed = Array.from({ length: count }, (_, i) => this.#struct(this.layouts.outlier, runs + i * size));
         return listed.map((run) => ({ ...run, first: run.first + 1, last: run.last + 1 }));
+    }
+
+    /**
+     * Look for the moments at which axes changed; null where nothing did, or nothing that can be told.
+     * @param {Float64Array} field
+     * @param {number} noise Of the fit.
+     * @param {import("./data.d.ts").EngineData} data
+     * @returns {AxisSwap | null}
+     */
+    axisSwap(field, noise, { swaps, numbers }) {
+        const rows = field.length / 3;
+        const size = this.call.flinders_swap_workspace_size(rows);
+        const { change: layout } = this.layouts;
+        const [fieldAt, moments, found, workspace] = this.#placed([field.byteLength, 8 * rows, layout.size, size]);
+        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        this.call.flinders_axis_swap(fieldAt, rows, noise, numbers.SWAP_MAX_NOISE, workspace, size, moments, found);
+        const change = this.#struct(layout, found);
+        if (change.swap < 0) return null;
+        const behind = new BigInt64Array(this.memory.buffer, moments, change.moments);
+        return { axes: swaps[change.swap], rows: Array.from(behind, Number), gain: change.gain };
     }
 
     /**

@@ -8,7 +8,6 @@ import { cellCounts, corrected } from "./coverage.js";
 import { attitudeLimitDeg, levelRoot, levelError, rawTurn, surfaceOf, tiltedError, withStructure } from "./heading.js";
 import { NO_RESTS, fittedOnce } from "./rests.js";
 import { hidesPlane } from "./plane.js";
-import { axisSwapOf } from "./swaps.js";
 import { general } from "./numbers.js";
 import { filled } from "./wording.js";
 
@@ -106,7 +105,7 @@ export class Fit {
         this.counts = cellCounts(corrected(left.near, surface), data);
         /** @type {Drift | null} */
         this.drift = null;
-        /** @type {import("./swaps.js").AxisSwap | null} */
+        /** @type {import("./engine.js").AxisSwap | null} */
         this.swap = null;
         /** @type {number | null} */
         this.limit = null;
@@ -184,7 +183,7 @@ export function fitOf(engine, data, request) {
     const root = levelRoot(fit.surface, fit.claimed, fit.headingError.dipDeg);
     fit.headingBoundDeg = Number(engine.headingBound(root).toPrecision(4));
     fit.drift = driftOf(fit, engine);
-    if (mayBeSwapped(fit)) fit.swap = axisSwapOf(engine, some, fit.noise, data);
+    if (mayBeSwapped(fit)) fit.swap = engine.axisSwap(some, fit.noise, data);
     return fit;
 }
 
