@@ -109,6 +109,33 @@ static void ask_for_turns(const flinders_real *field, size_t rows, const flinder
     free(means), free(turned), free(workspace);
 }
 
+/* Ask which directions readings cover, by themselves and by cells of space. */
+static void cover(const flinders_real *field, size_t rows, const flinders_record *record)
+{
+    const size_t size = flinders_workspace_size(rows);
+    const flinders_real within = uniform() < 0.5 ? record->rejected_beyond : anything();
+    flinders_real *means = need(3 * rows * sizeof *means), *readings = need(rows * sizeof *readings);
+    flinders_real *scratch = need(5 * rows * sizeof *scratch), sum = 0;
+    uint32_t *cells = need(rows * sizeof *cells);
+    void *workspace = need(size);
+    flinders_coverage coverage;
+    int32_t is_open = 2;
+    if (uniform() < 0.5) memcpy(means, field, 3 * rows * sizeof *means);
+    else fill_with_anything(means, 3 * rows);
+    for (size_t i = 0; i < rows; i++) readings[i] = uniform() < 0.9 ? 1 : anything();
+    flinders_cells_of(means, rows, cells);
+    for (size_t i = 0; i < rows; i++) REQUIRE(cells[i] < 100);
+    flinders_coverage_of_cells(means, readings, rows, anything(), record->centre, record->shape, within, scratch, &coverage);
+    REQUIRE(isnan(coverage.share) || (coverage.share > 0 && coverage.share <= 1));
+    flinders_facing(coverage.readings, uniform() < 0.5 ? 60 : anything(), &is_open);
+    REQUIRE(is_open == 0 || is_open == 1);
+    const int status = flinders_coverage_of(field, rows, record->centre, record->shape, within, workspace, size, &coverage);
+    REQUIRE(status >= 0 && status <= 9);
+    for (int i = 0; i < 100; i++) sum += coverage.readings[i];
+    REQUIRE(isnan(coverage.share) ? sum == 0 : sum > 0 && sum <= (flinders_real)rows);
+    free(means), free(readings), free(scratch), free(cells), free(workspace);
+}
+
 /* Look for axes that changed, among readings some of which have them changed. */
 static void look_for_swaps(const flinders_real *field, size_t rows)
 {
@@ -206,6 +233,7 @@ static int fit(size_t recordings)
                                            uniform() < 0.5 ? INFINITY : anything(), workspace, size, &found);
     REQUIRE(regressed >= 0 && regressed <= 9 && found.used <= (int64_t)rows[0]);
     ask_for_turns(field, rows[0], records, recordings);
+    cover(field, rows[0], records);
     look_for_swaps(field, rows[0]);
     list_outliers(below(100) * below(100) + rows[0]);
     if (rows[0] == longest && longest)

@@ -59,6 +59,9 @@ OUTLIER: Final = layout("flinders_outlier", np.float64)
 AXIS_CHANGE: Final = layout("flinders_axis_change", np.float64)
 """Layout of axes that changed their sign or place."""
 
+COVERAGE: Final = layout("flinders_coverage", np.float64)
+"""Layout of directions in cells of the sphere."""
+
 
 @cache
 def constant(name: str) -> int:
@@ -103,13 +106,16 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "left_out": (_A, _N, ctypes.c_int32, _A),
     "swap_workspace_size": (_N,),
     "axis_swap": (_A, _N, _D, _D, _A, _N, _A, _A),
+    "coverage_of_cells": (_A, _A, _N, _D, _A, _A, _D, _A, _A),
+    "cells_of": (_A, _N, _A),
+    "facing": (_A, _D, _A),
     "list_outliers": (_A, _A, _N, _A, _A, _A, _A, _A, _N),
 }
 """What functions of the library take."""
 
 _RESULTS: Final[dict[str, type]] = {
     "workspace_size": _N, "rests": _N, "record_size": _N, "real_size": _N, "message": ctypes.c_char_p,
-    "list_outliers": _N, "swap_workspace_size": _N,
+    "list_outliers": _N, "swap_workspace_size": _N, "facing": _D,
 }  # fmt: skip
 """What functions give that give no status."""
 
@@ -464,6 +470,54 @@ class Engine:
         workspace, moments, change = np.empty(size, np.uint8), np.empty(len(readings), np.int64), _blank(AXIS_CHANGE)
         self._library.flinders_axis_swap(readings, len(readings), noise, noise_limit, workspace, size, moments, change)
         return change, moments[: int(change["moments"])].copy()
+
+    def coverage(
+        self,
+        means: Floats,
+        readings: Floats,
+        centre: ArrayLike,
+        shape: ArrayLike,
+        *,
+        side: float = 0.0,
+        within: float = math.inf,
+    ) -> Records:
+        """Directions from the centre of an ellipsoid, in cells of the sphere: a row of `COVERAGE`.
+
+        Parameters
+        ----------
+        means, readings : (K, 3), (K,) float
+            Mean of the readings of each cell of space, and how many there are.
+        centre, shape : (3,), (3, 3) array-like
+        side : float
+            Of these cells.
+        within : float
+            Distance beyond which cells, less their side, hold outliers and are left out.
+        """
+        coverage, scratch = _blank(COVERAGE), np.empty(5 * len(means))
+        self._library.flinders_coverage_of_cells(
+            np.ascontiguousarray(means, np.float64),
+            np.ascontiguousarray(readings, np.float64),
+            len(means),
+            side,
+            np.ascontiguousarray(centre, np.float64),
+            _entries(shape),
+            within if math.isfinite(within) else 0.0,
+            scratch,
+            coverage,
+        )
+        return coverage
+
+    def cells_of(self, directions: Floats) -> NDArray[np.uint32]:
+        """(K,) which of the hundred cells of the sphere (K, 3) unit vectors fall into."""
+        cells = np.empty(len(directions), np.uint32)
+        self._library.flinders_cells_of(np.ascontiguousarray(directions, np.float64), len(directions), cells)
+        return cells
+
+    def facing(self, readings: Floats, dip_deg: float) -> tuple[float, bool]:
+        """The dip with the sign that (100,) readings in each cell show, and whether they leave both signs open."""
+        is_open = np.zeros(1, np.int32)
+        facing = self._library.flinders_facing(np.ascontiguousarray(readings, np.float64), dip_deg, is_open)
+        return float(facing), bool(is_open[0])
 
 
 @cache

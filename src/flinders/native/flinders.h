@@ -203,6 +203,15 @@ typedef struct flinders_axis_change {
     flinders_real gain; /* times that all readings lie closer to an ellipsoid once it is undone, at most 1000 */
 } flinders_axis_change;
 
+/* Directions of readings in a hundred cells of the sphere, equal in area: a cap about z, bands of 15, 34, 34 and 15, a cap. */
+typedef struct flinders_coverage {
+    flinders_real readings[100]; /* in each cell */
+    flinders_real share;    /* of the cells that hold one */
+    flinders_real upright;  /* mean height of the directions, -1 to 1 */
+    flinders_real hole_deg; /* angle from the middle of the largest gap to the nearest direction */
+    flinders_real hole[3];  /* middle of that gap, a unit vector in corrected axes */
+} flinders_coverage;
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -331,6 +340,26 @@ FLINDERS_API size_t flinders_swap_workspace_size(size_t rows);
 FLINDERS_API int flinders_axis_swap(const flinders_real *field, size_t rows, flinders_real noise,
                                     flinders_real noise_limit, void *workspace, size_t size, int64_t *moments,
                                     flinders_axis_change *found);
+
+/* Coverage of the sphere by readings (rows, 3), as a fit states it: cells of space are projected onto it from the centre of an
+ * ellipsoid. Those farther from it than `within`, and their own size, hold outliers and are left out; 0: none is. */
+FLINDERS_API int flinders_coverage_of(const flinders_real *field, size_t rows, const flinders_real centre[3],
+                                      const flinders_real shape[6], flinders_real within, void *workspace, size_t size,
+                                      flinders_coverage *coverage);
+
+/* The same by cells of space of a `side`: means (cells, 3) of the readings of each, and how many there are (cells,).
+ * `scratch` has room for 5 * cells numbers. */
+FLINDERS_API int flinders_coverage_of_cells(const flinders_real *means, const flinders_real *readings, size_t cells,
+                                            flinders_real side, const flinders_real centre[3],
+                                            const flinders_real shape[6], flinders_real within, flinders_real *scratch,
+                                            flinders_coverage *coverage);
+
+/* Which of the hundred cells of the sphere unit vectors (count, 3) fall into. */
+FLINDERS_API void flinders_cells_of(const flinders_real *directions, size_t count, uint32_t *cells);
+
+/* An inclination with the sign that readings in each cell of the sphere show: a sensor mounted upside down sees the field come
+ * from below. `is_open` is 1 where they lean, yet not as a level vehicle's do, so that both signs are possible. */
+FLINDERS_API flinders_real flinders_facing(const flinders_real readings[100], flinders_real dip_deg, int32_t *is_open);
 
 #ifdef __cplusplus
 }

@@ -175,6 +175,7 @@ void fl_jacobian(const fl_surface *surface, const real direction[3], real row[9]
 void fl_turning(const fl_surface *surface, const real direction[3], real rows[2][9]);
 
 /* heading.c */
+real fl_facing(real upright, real coverage, real dip_deg, int32_t *is_open);
 void fl_heading_errors(const fl_surface *surface, flinders_record *record, real dip_deg);
 enum { FL_HEADINGS = 72 };
 void fl_level_rows(const fl_surface *surface, real dip_deg, real rows[9][FL_HEADINGS]);

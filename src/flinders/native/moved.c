@@ -204,17 +204,13 @@ int flinders_unmoved_cells(real *means, size_t cells, real readings, real weakes
 int flinders_unmoved(const real *field, size_t rows, real weakest, real strongest, void *workspace, size_t size,
                      real *angle_deg)
 {
-    const fl_kernels *const kernels = fl_kernels_chosen(0);
-    real lowest[3], highest[3];
     size_t n = 0;
     fl_room room;
     *angle_deg = FL_NOT_A_NUMBER;
     if (rows == 0) return FLINDERS_OK;
     if (fl_room_of(workspace, size, rows, &room)) return FLINDERS_NO_WORKSPACE;
-    if (kernels->ends(field, rows, lowest, highest)) return FLINDERS_NOT_FINITE;
-    for (int axis = 0; axis < 3; axis++)
-        if (!(-lowest[axis] < (real)FL_LARGEST && highest[axis] < (real)FL_LARGEST)) return FLINDERS_OUT_OF_SCALE;
-    fl_cloud(kernels, field, rows, &room);
+    const int status = fl_cloud_of_any(fl_kernels_chosen(0), field, rows, &room);
+    if (status != FLINDERS_OK) return status;
     real *const means = room.cells + 4 * FL_TABLE;
     for (size_t slot = 0; slot < room.slots; slot++) {
         const real *const cell = room.cells + 4 * slot;

@@ -130,6 +130,7 @@ void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, 
 void fl_forget_outliers(fl_view *view, flinders_record *record);
 real fl_cell_side(const real *field, size_t rows);
 void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room);
+int fl_cloud_of_any(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room);
 size_t fl_slots_for(size_t rows);
 real fl_median(real *values, size_t n);
 void fl_coverage(const fl_kernels *kernels, const fl_surface *surface, real within, const fl_room *room,

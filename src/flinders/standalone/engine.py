@@ -26,10 +26,10 @@ from flinders.fitting import advice, calibrate, result, shrinkage, verdict
 from flinders.geometry.sphere import bisected, icosahedron
 from flinders.heading import guidance, path_planning
 from flinders.live import evaluation
-from flinders.native.engine import AXIS_CHANGE, OPTIONS, OUTLIER, RECORD, constant
+from flinders.native.engine import AXIS_CHANGE, COVERAGE, OPTIONS, OUTLIER, RECORD, constant
 from flinders.report.view import tiles_view
 from flinders.summary import summary
-from flinders.summary.coverage import BANDS, CELLS
+from flinders.summary.coverage import CELLS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -105,6 +105,7 @@ def data() -> dict[str, Any]:
             "options": _layout(OPTIONS),
             "outlier": {**_layout(OUTLIER), "room": constant("OUTLIERS")},  # runs that are listed
             "change": _layout(AXIS_CHANGE),
+            "coverage": _layout(COVERAGE),
         },
         "rows": [_row(row) for row in checked],
         "unchecked": unchecked(),
@@ -123,7 +124,6 @@ def data() -> dict[str, Any]:
             for pose in guidance.POSES["sensor"]
         ],
         "cells": CELLS.tolist(),
-        "bands": BANDS.tolist(),
         "nodes": bisected(*icosahedron())[0].tolist(),
         "turns": path_planning.TURNS["sensor"],
         "tiles": msgspec.to_builtins(tiles_view()),

@@ -59,7 +59,6 @@ export interface EngineData {
   cells: [number, number, number][];
   nodes: [number, number, number][]; // of paths
   turns: [right: string, left: string][]; // about x, y and z
-  bands: number[];
   tiles: TilesView;
   swaps: string[]; // axes that change, in the order of the engine
   shrinkage: { priors: number[][]; departures: number[]; parameters: number[]; size: number[] };

@@ -26,7 +26,8 @@
  * @property {boolean} [hasStatistics] Look at the recording as a whole, too.
  */
 
-/** @typedef {{record: Layout, options: Layout, outlier: Layout & {room: number}, change: Layout}} Layouts */
+/** @typedef {{record: Layout, options: Layout, outlier: Layout & {room: number}, change: Layout,
+ *     coverage: Layout}} Layouts */
 
 /**
  * Axes that changed their sign or their place while a recording was made.
@@ -255,6 +256,23 @@ export class Engine {
         if (change.swap < 0) return null;
         const behind = new BigInt64Array(this.memory.buffer, moments, change.moments);
         return { axes: swaps[change.swap], rows: Array.from(behind, Number), gain: change.gain };
+    }
+
+    /**
+     * Readings in each of a hundred cells of the sphere, equal in area.
+     * @param {Float64Array} field
+     * @param {Fitted} record Of these readings; what it rejects is left out.
+     * @returns {number[]}
+     */
+    cellCounts(field, { centre, shape, rejected_beyond: within }) {
+        const rows = field.length / 3;
+        const size = this.call.flinders_workspace_size(rows);
+        const { coverage: layout } = this.layouts;
+        const [fieldAt, surface, out, workspace] = this.#placed([field.byteLength, 72, layout.size, size]);
+        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        new Float64Array(this.memory.buffer, surface, 9).set([...centre, ...shape]);
+        this.call.flinders_coverage_of(fieldAt, rows, surface, surface + 24, within, workspace, size, out);
+        return this.#struct(layout, out).readings;
     }
 
     /**

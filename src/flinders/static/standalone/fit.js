@@ -4,7 +4,6 @@
  */
 
 import { shrunk, widening } from "./claim.js";
-import { cellCounts, corrected } from "./coverage.js";
 import { attitudeLimitDeg, levelRoot, levelError, rawTurn, surfaceOf, tiltedError, withStructure } from "./heading.js";
 import { NO_RESTS, fittedOnce } from "./rests.js";
 import { hidesPlane } from "./plane.js";
@@ -41,6 +40,7 @@ const CODES = ["", "too-few-samples", "not-finite", "out-of-scale", "stuck-axis"
  * Readings that were fitted, with what was left out of them.
  * @typedef {object} Left
  * @property {Float64Array} near Those close to the surface, and at no end of an axis, of those that a fit goes by.
+ * @property {number[]} counts Those that a fit goes by in each of a hundred cells of the sphere, but for outliers.
  * @property {Outlier[]} outliers
  * @property {import("./rests.js").Rests} rests Of those at no end of an axis, and …
  * @property {Float64Array | null} when … their times.
@@ -102,7 +102,7 @@ export class Fit {
         const sigma = (this.structureDeg / DEG) * Math.cos(record.dip_deg / DEG);
         this.claimed = withStructure(this.surface, this.covariance, sigma);
         /** Readings in each of a hundred cells. */
-        this.counts = cellCounts(corrected(left.near, surface), data);
+        this.counts = left.counts;
         /** @type {Drift | null} */
         this.drift = null;
         /** @type {import("./engine.js").AxisSwap | null} */
@@ -198,7 +198,7 @@ function leftOf(engine, record, { some, when, isFree }) {
     const isRail = isFree.map((free) => 1 - free);
     const rests = record.rests ? engine.rests(some) : NO_RESTS;
     const once = fittedOnce(some, rests);
-    const known = { isRail, rests, when };
+    const known = { isRail, rests, when, counts: engine.cellCounts(once.field, record) };
     if (!record.is_robust) return { ...known, near: once.field, outliers: [], isOut: isRail };
     const limit = record.rejected_beyond;
     const distances = engine.distances(once.field, record.majority_centre, record.majority_shape);
