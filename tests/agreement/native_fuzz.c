@@ -109,6 +109,18 @@ static void ask_for_turns(const flinders_real *field, size_t rows, const flinder
     free(means), free(turned), free(workspace);
 }
 
+/* Ask whether readings lie in a plane, and numbers of any kind. */
+static void ask_for_a_plane(const flinders_real *field, size_t rows)
+{
+    flinders_real *wild = need(3 * rows * sizeof *wild), *scratch = need(5 * rows * sizeof *scratch), covariance[6];
+    fill_with_anything(wild, 3 * rows);
+    flinders_trimmed_covariance(uniform() < 0.7 ? field : wild, rows, scratch, covariance);
+    if (uniform() < 0.1) fill_with_anything(covariance, 6);
+    const int is_level = flinders_is_level(covariance, uniform() < 0.5 ? INFINITY : anything(), anything());
+    REQUIRE(is_level == 0 || is_level == 1);
+    free(wild), free(scratch);
+}
+
 /* Ask which directions readings cover, by themselves and by cells of space. */
 static void cover(const flinders_real *field, size_t rows, const flinders_record *record)
 {
@@ -233,6 +245,7 @@ static int fit(size_t recordings)
                                            uniform() < 0.5 ? INFINITY : anything(), workspace, size, &found);
     REQUIRE(regressed >= 0 && regressed <= 9 && found.used <= (int64_t)rows[0]);
     ask_for_turns(field, rows[0], records, recordings);
+    ask_for_a_plane(field, rows[0]);
     cover(field, rows[0], records);
     look_for_swaps(field, rows[0]);
     list_outliers(below(100) * below(100) + rows[0]);

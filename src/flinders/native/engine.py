@@ -109,6 +109,8 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "coverage_of_cells": (_A, _A, _N, _D, _A, _A, _D, _A, _A),
     "cells_of": (_A, _N, _A),
     "facing": (_A, _D, _A),
+    "trimmed_covariance": (_A, _N, _A, _A),
+    "is_level": (_A, _D, _D),
     "list_outliers": (_A, _A, _N, _A, _A, _A, _A, _A, _N),
 }
 """What functions of the library take."""
@@ -518,6 +520,18 @@ class Engine:
         is_open = np.zeros(1, np.int32)
         facing = self._library.flinders_facing(np.ascontiguousarray(readings, np.float64), dip_deg, is_open)
         return float(facing), bool(is_open[0])
+
+    def trimmed_covariance(self, field: Floats) -> Floats:
+        """(6,) entries of the covariance of (N, 3) readings without those farthest from their plane."""
+        covariance, scratch = np.empty(6), np.empty(5 * len(field))
+        self._library.flinders_trimmed_covariance(
+            np.ascontiguousarray(field, np.float64), len(field), scratch, covariance
+        )
+        return covariance
+
+    def is_level(self, covariance: ArrayLike, noise: float, within: float) -> bool:
+        """Whether readings of a (3, 3) covariance lie in a plane across z, within a multiple of their noise."""
+        return bool(self._library.flinders_is_level(_entries(covariance), noise, within))
 
 
 @cache

@@ -361,6 +361,14 @@ FLINDERS_API void flinders_cells_of(const flinders_real *directions, size_t coun
  * from below. `is_open` is 1 where they lean, yet not as a level vehicle's do, so that both signs are possible. */
 FLINDERS_API flinders_real flinders_facing(const flinders_real readings[100], flinders_real dip_deg, int32_t *is_open);
 
+/* Covariance of readings (rows, 3) without the 9 % that are farthest from their plane, unit²; NaN where they are out of scale.
+ * `scratch` has room for 5 * rows numbers. */
+FLINDERS_API void flinders_trimmed_covariance(const flinders_real *field, size_t rows, flinders_real *scratch,
+                                              flinders_real covariance[6]);
+
+/* Whether readings of a covariance lie in a plane across z, 1 or 0: by less than `within` times their noise, unit. */
+FLINDERS_API int flinders_is_level(const flinders_real covariance[6], flinders_real noise, flinders_real within);
+
 #ifdef __cplusplus
 }
 #endif

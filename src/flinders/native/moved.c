@@ -27,7 +27,6 @@ enum {
 #define CURVED ((real)0.85)      /* ... and over the thickness of the places */
 #define LEAST_RADIUS ((real)0.04) /* of a curve over the mean reading: no offset is larger than that allows */
 #define ROUNDING ((real)1e-9)    /* of the largest reading: what varies by less does not vary */
-#define FLATTEST ((real)0.2)     /* thickness over width of readings that are never flat */
 
 /* Places from their mean along their principal axes, the thinnest first. */
 typedef struct {
@@ -228,7 +227,7 @@ void flinders_turned(const flinders_record *records, size_t count, real weakest,
         const real *const mean = records[i].mean, *const variances = records[i].principal_variances;
         const real size = fl_sqrt(mean[0] * mean[0] + mean[1] * mean[1] + mean[2] * mean[2]);
         const real narrow = NARROW_BALL * level_of(size, weakest, strongest);
-        turned[i] = variances[2] > narrow * narrow && variances[0] > FLATTEST * FLATTEST * variances[2] &&
+        turned[i] = variances[2] > narrow * narrow && variances[0] > FL_FLATTEST * FL_FLATTEST * variances[2] &&
             records[i].rails == 0;
     }
 }

@@ -53,7 +53,7 @@ static int dense_enough(real share, size_t rows)
         chances[far] = choose;
         for (int i = 0; i < far; i++) chances[far] *= share;
         for (int i = far; i < WINDOW; i++) chances[far] *= 1 - share;
-        choose = choose * (WINDOW - far) / (far + 1);
+        choose = choose * (real)(WINDOW - far) / (real)(far + 1);
     }
     for (int far = WINDOW; far >= LEAST; far--) {
         tail += chances[far];

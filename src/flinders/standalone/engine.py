@@ -19,7 +19,7 @@ from flinders.core.calibration_file import PARAMETERS
 from flinders.core.units import EARTH_UT
 from flinders.diagnostics import axis_swap, systematic
 from flinders.errors import Unmoved
-from flinders.estimators import auto, level
+from flinders.estimators import auto
 from flinders.findings import CATALOGUE, CAUSES, OF_ONE_MAGNETOMETER, fit, limit_of
 from flinders.findings.row import OF_A_TUMBLE, TUMBLE_STATED
 from flinders.fitting import advice, calibrate, result, shrinkage, verdict
@@ -77,7 +77,6 @@ NUMBERS: Final = {
     "COVERAGE_LIMIT": limit_of("coverage"),
     "OUTLIERS_LIMIT": limit_of("outliers"),
     "WIDEST_OFFSET": shrinkage.OFFSETS[-1],
-    "UPRIGHT": float(level.UPRIGHT),
     **_of(result, "ALIKE"),
     **_of(verdict, "ALTERNATING UNSTEADY SWITCHING STEPS ENOUGH ENOUGH_CORRELATED NOT_BY_CHANCE"),
     **_of(guidance, "BATCH_SHARE EFFORT_DEG"),
@@ -89,7 +88,7 @@ NUMBERS: Final = {
     **_of(path_planning, "BEAM READINGS_PER_DEG NEAREST_DEG FARTHEST_DEG DEPARTURE ARC_DEG ROUGHEST"),
     **_of(axis_swap, "MAX_NOISE", "SWAP_"),
     **_of(shrinkage, "PROBABLE FARTHEST UNKNOWN"),
-    **_of(auto, "TRIMS TRIMMED FEWEST_LEFT"),
+    **_of(auto, "FEWEST_LEFT"),
     **_of(evaluation, "STALE_S STALE_ROWS FROZEN_ROWS FROZEN_S LIVELY MOVING STILL_S STILL_DEG"),
     **_of(evaluation, "CONVERGED CONVERGED_FRACTION CONVERGED_S DENSE OFFERED KNOWN_DEG SPEED_DEG"),
 }

@@ -6,7 +6,6 @@
 import { shrunk, widening } from "./claim.js";
 import { attitudeLimitDeg, levelRoot, levelError, rawTurn, surfaceOf, tiltedError, withStructure } from "./heading.js";
 import { NO_RESTS, fittedOnce } from "./rests.js";
-import { hidesPlane } from "./plane.js";
 import { general } from "./numbers.js";
 import { filled } from "./wording.js";
 
@@ -46,6 +45,7 @@ const CODES = ["", "too-few-samples", "not-finite", "out-of-scale", "stuck-axis"
  * @property {Float64Array | null} when … their times.
  * @property {Uint8Array} isOut Of each reading of the request, whether it was left out, and …
  * @property {Uint8Array} isRail … whether it is at an end of an axis.
+ * @property {boolean} hidesPlane Without outliers they may be those of a level turn, which the program then calibrates.
  * @property {boolean} wasTurned The record of all readings shows a turn out of one plane.
  */
 
@@ -86,7 +86,7 @@ export class Fit {
         this.distortion = this.correlation?.direction ?? 0;
         this.statistics = statisticsOf(request, whole, record, counted);
         /** Whether the engine's record of readings in memory is all that the program looks at: not of what may be one plane. */
-        this.isPlain = left.wasTurned && !(left.outliers.length && hidesPlane(left.near, data));
+        this.isPlain = left.wasTurned && !left.hidesPlane;
         const showsAxes = this.isPlain && !record.unobserved;
         this.nonlinearity = showsAxes ? nonlinearityIn(record, data) : null;
         this.axisLag = showsAxes ? lagIn(record, data) : null;
@@ -178,7 +178,7 @@ export function fitOf(engine, data, request) {
     const [some, when] = whole.rails ? [chosen(field, isFree, 3), time && chosen(time, isFree, 1)] : [field, time];
     const record = whole.rails ? engine.fit(some, when, { dipDeg }) : whole;
     if (record.status) return { code: CODES[record.status] ?? "", words: engine.message(record.status) };
-    const left = { ...leftOf(engine, record, { some, when, isFree }), wasTurned };
+    const left = { ...leftOf(engine, data, record, { some, when, isFree }), wasTurned };
     const fit = new Fit(request, whole, record, left, data);
     const root = levelRoot(fit.surface, fit.claimed, fit.headingError.dipDeg);
     fit.headingBoundDeg = Number(engine.headingBound(root).toPrecision(4));
@@ -190,27 +190,31 @@ export function fitOf(engine, data, request) {
 /**
  * What a fit left out: outliers, and what is at an end of an axis.
  * @param {Engine} engine
+ * @param {EngineData} data
  * @param {Fitted} record
  * @param {{some: Float64Array, when: Float64Array | null, isFree: Uint8Array}} fitted
  * @returns {Omit<Left, "wasTurned">}
  */
-function leftOf(engine, record, { some, when, isFree }) {
+function leftOf(engine, data, record, { some, when, isFree }) {
     const isRail = isFree.map((free) => 1 - free);
     const rests = record.rests ? engine.rests(some) : NO_RESTS;
     const once = fittedOnce(some, rests);
     const known = { isRail, rests, when, counts: engine.cellCounts(once.field, record) };
-    if (!record.is_robust) return { ...known, near: once.field, outliers: [], isOut: isRail };
+    if (!record.is_robust) return { ...known, near: once.field, hidesPlane: false, outliers: [], isOut: isRail };
     const limit = record.rejected_beyond;
     const distances = engine.distances(once.field, record.majority_centre, record.majority_shape);
     const out = engine.leftOut(Uint8Array.from(distances, (distance) => Number(Math.abs(distance) > limit)), record.dense);
     const own = engine.distances(once.field, record.centre, record.shape);
     const isOut = new Uint8Array(some.length / 3);
     once.first.forEach((first, i) => isOut.fill(out[i], first, once.last[i] + 1));
+    const near = chosen(once.field, Uint8Array.from(own, (distance) => Number(Math.abs(distance) <= limit)), 3);
+    const outliers = engine.outliers(distances, out, once, when);
     let next = 0;
     return {
         ...known,
-        near: chosen(once.field, Uint8Array.from(own, (distance) => Number(Math.abs(distance) <= limit)), 3),
-        outliers: engine.outliers(distances, out, once, when),
+        near,
+        hidesPlane: outliers.length > 0 && near.length >= 3 * data.numbers.FEWEST_LEFT && engine.hidesPlane(near),
+        outliers,
         isOut: isFree.map((free) => (free ? isOut[next++] : 1)),
     };
 }

@@ -1,32 +1,6 @@
-/**
- * Whether readings may be those of a level turn, but for outliers: `flinders.estimators.auto.hides_plane`. The program
- * then calibrates the turn; this page does not, and leaves out what such readings cannot tell of their axes.
- */
+/** Places about their mean, and their principal axes. */
 
-import { dot, eigen } from "./linear.js";
-import { threes } from "./coverage.js";
-
-/** @typedef {import("./data.d.ts").EngineData} EngineData */
-
-/**
- * @param {Float64Array} near Readings that are no outliers.
- * @param {EngineData} data
- * @returns {boolean}
- */
-export function hidesPlane(near, { numbers }) {
-    let places = threes(near);
-    if (places.length < numbers.FEWEST_LEFT) return false;
-    for (let trim = 0; trim < numbers.TRIMS; trim++) {
-        const { local, vectors } = principal(places);
-        const across = local.map((place) => Math.abs(dot(place, vectors[0])));
-        const last = Math.floor((1 - numbers.TRIMMED) * (places.length - 1));
-        const limit = [...across].sort((one, other) => one - other)[last];
-        places = places.filter((_, i) => across[i] <= limit);
-    }
-    const { values, vectors } = principal(places);
-    const isFlat = Math.sqrt(Math.max(values[0], 0)) < numbers.FLATTEST * Math.sqrt(values[2]);
-    return isFlat && Math.abs(vectors[0][2]) > numbers.UPRIGHT;
-}
+import { eigen } from "./linear.js";
 
 /**
  * Places about their mean, their variances along principal axes, ascending, and these.
