@@ -406,7 +406,9 @@ class Engine:
             Weakest and strongest field, in the unit of the readings; 0 and infinity where nothing is known of it.
         """
         angle = np.empty(1)
-        self._library.flinders_unmoved_cells(np.array(means, np.float64), len(means), readings, *strengths, angle)
+        self._library.flinders_unmoved_cells(
+            np.array(means, np.float64, order="C"), len(means), readings, *strengths, angle
+        )
         return float(angle[0])
 
     def turned(self, records: Records, strengths: tuple[float, float]) -> NDArray[np.bool_]:
@@ -448,8 +450,8 @@ class Engine:
         room = np.empty(constant("OUTLIERS"), OUTLIER)
         room[: len(runs)] = runs
         first, last = (np.ascontiguousarray(each, np.int64) for each in rows)
-        start, end = (None, None) if times is None else map(np.ascontiguousarray, times)
-        near = np.ascontiguousarray(distances)
+        start, end = (None if times is None else np.ascontiguousarray(times[side], np.float64) for side in (0, 1))
+        near = np.ascontiguousarray(distances, np.float64)
         count = self._library.flinders_list_outliers(
             near, left_out, len(near), first, last, start, end, room, len(runs)
         )
