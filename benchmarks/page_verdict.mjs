@@ -5,7 +5,7 @@ import { pathToFileURL } from "node:url";
 
 const { modules, wasm, data, recordings, turns } = JSON.parse(readFileSync(0, "utf-8"));
 const load = (name) => import(pathToFileURL(`${modules}/${name}`));
-const [{ loadEngine }, { evaluate }, { NAMES }] = await Promise.all(["engine.js", "evaluate.js", "verdict.js"].map(load));
+const [{ loadEngine }, { evaluate }] = await Promise.all(["engine.js", "evaluate.js"].map(load));
 const engine = await loadEngine(readFileSync(wasm), data.layouts);
 
 const floats = (text) => text && new Float64Array(Uint8Array.from(Buffer.from(text, "base64")).buffer);
@@ -28,4 +28,4 @@ const answers = recordings.map((asked) => {
         evaluate_ms: milliseconds(() => evaluate(engine, data, readings)),
     };
 });
-process.stdout.write(JSON.stringify({ names: NAMES, answers }));
+process.stdout.write(JSON.stringify({ answers }));

@@ -32,6 +32,15 @@ FIELD_STRENGTH: Final = 50.0
 SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
 HARD_IRON: Final = np.array([20.0, 120.0, 90.0])
 """mG: with `SOFT_IRON` the sensor of the MAGYC simulations, whose field is in mG too."""
+SWAPS: Final = {
+    "x": np.diag([-1.0, 1.0, 1.0]),
+    "y": np.diag([1.0, -1.0, 1.0]),
+    "z": np.diag([1.0, 1.0, -1.0]),
+    "xy": np.eye(3)[[1, 0, 2]],
+    "yz": np.eye(3)[[0, 2, 1]],
+    "zx": np.eye(3)[[2, 1, 0]],
+}
+"""What can happen to axes, each its own inverse, in the order of the engine."""
 SIX_READINGS: Final = np.array(
     [
         [167.4, -242.4, 91.7],

@@ -89,6 +89,118 @@ static flinders_options some_options(void)
     return options;
 }
 
+/* Ask whether readings are those of a sensor that was turned; `records` are of readings like these. */
+static void ask_for_turns(const flinders_real *field, size_t rows, const flinders_record *records, size_t count)
+{
+    const size_t size = flinders_workspace_size(rows);
+    const flinders_real weakest = uniform() < 0.5 ? 0 : uniform() < 0.8 ? 22 : anything();
+    const flinders_real strongest = uniform() < 0.5 ? INFINITY : uniform() < 0.8 ? 67 : anything();
+    flinders_real angle, *means = need(3 * rows * sizeof *means);
+    unsigned char *turned = need(count);
+    void *workspace = need(size);
+    memcpy(means, field, 3 * rows * sizeof *means);
+    flinders_turned(records, count, weakest, strongest, turned);
+    for (size_t i = 0; i < count; i++) REQUIRE(turned[i] <= 1);
+    REQUIRE(flinders_unmoved(field, rows, weakest, strongest, workspace, size, &angle) <= 9);
+    REQUIRE(isnan(angle) || fabs((double)angle) <= 180);
+    REQUIRE(flinders_unmoved_cells(means, rows, uniform() < 0.9 ? (flinders_real)rows : anything(), weakest, strongest,
+                                   &angle) <= 9);
+    REQUIRE(isnan(angle) || fabs((double)angle) <= 180);
+    free(means), free(turned), free(workspace);
+}
+
+/* Ask whether readings lie in a plane, and numbers of any kind. */
+static void ask_for_a_plane(const flinders_real *field, size_t rows)
+{
+    flinders_real *wild = need(3 * rows * sizeof *wild), *scratch = need(5 * rows * sizeof *scratch), covariance[6];
+    fill_with_anything(wild, 3 * rows);
+    flinders_trimmed_covariance(uniform() < 0.7 ? field : wild, rows, scratch, covariance);
+    if (uniform() < 0.1) fill_with_anything(covariance, 6);
+    const int is_level = flinders_is_level(covariance, uniform() < 0.5 ? INFINITY : anything(), anything());
+    REQUIRE(is_level == 0 || is_level == 1);
+    free(wild), free(scratch);
+}
+
+/* Ask which directions readings cover, by themselves and by cells of space. */
+static void cover(const flinders_real *field, size_t rows, const flinders_record *record)
+{
+    const size_t size = flinders_workspace_size(rows);
+    const flinders_real within = uniform() < 0.5 ? record->rejected_beyond : anything();
+    flinders_real *means = need(3 * rows * sizeof *means), *readings = need(rows * sizeof *readings);
+    flinders_real *scratch = need(5 * rows * sizeof *scratch), sum = 0;
+    uint32_t *cells = need(rows * sizeof *cells);
+    void *workspace = need(size);
+    flinders_coverage coverage;
+    int32_t is_open = 2;
+    if (uniform() < 0.5) memcpy(means, field, 3 * rows * sizeof *means);
+    else fill_with_anything(means, 3 * rows);
+    for (size_t i = 0; i < rows; i++) readings[i] = uniform() < 0.9 ? 1 : anything();
+    flinders_cells_of(means, rows, cells);
+    for (size_t i = 0; i < rows; i++) REQUIRE(cells[i] < 100);
+    flinders_coverage_of_cells(means, readings, rows, anything(), record->centre, record->shape, within, scratch, &coverage);
+    REQUIRE(isnan(coverage.share) || (coverage.share > 0 && coverage.share <= 1));
+    flinders_facing(coverage.readings, uniform() < 0.5 ? 60 : anything(), &is_open);
+    REQUIRE(is_open == 0 || is_open == 1);
+    const int status = flinders_coverage_of(field, rows, record->centre, record->shape, within, workspace, size, &coverage);
+    REQUIRE(status >= 0 && status <= 9);
+    for (int i = 0; i < 100; i++) sum += coverage.readings[i];
+    REQUIRE(isnan(coverage.share) ? sum == 0 : sum > 0 && sum <= (flinders_real)rows);
+    free(means), free(readings), free(scratch), free(cells), free(workspace);
+}
+
+/* Look for axes that changed, among readings some of which have them changed. */
+static void look_for_swaps(const flinders_real *field, size_t rows)
+{
+    const size_t size = flinders_swap_workspace_size(rows), behind = below(rows + 1);
+    const flinders_real noise = uniform() < 0.5 ? INFINITY : anything(), limit = uniform() < 0.5 ? 1 : anything();
+    flinders_real *changed = need(3 * rows * sizeof *changed);
+    int64_t *moments = need(rows * sizeof *moments);
+    void *workspace = need(size);
+    flinders_axis_change found;
+    memcpy(changed, field, 3 * rows * sizeof *changed);
+    for (size_t i = 3 * behind; i < 3 * rows; i += 3) changed[i] = -changed[i];
+    REQUIRE(flinders_axis_swap(changed, rows, noise, limit, workspace, size, moments, &found) == FLINDERS_OK);
+    REQUIRE(found.swap >= -1 && found.swap < 6 && (found.swap >= 0) == (found.moments > 0));
+    REQUIRE(found.swap < 0 || (found.gain > 1 && found.gain <= 1000));
+    for (int64_t i = 0; i < found.moments; i++) REQUIRE(moments[i] > (i ? moments[i - 1] : 0) && moments[i] < (int64_t)rows);
+    REQUIRE(flinders_axis_swap(changed, rows, noise, limit, workspace, size - 1, moments, &found) == FLINDERS_NO_WORKSPACE);
+    free(changed), free(moments), free(workspace);
+}
+
+/* List outliers among distances of any kind, in two parts, the second of which goes on where the first ends. */
+static void list_outliers(size_t rows)
+{
+    const size_t half = below(rows + 1);
+    unsigned char *far = need(rows), *out = need(rows), *scratch = need(rows);
+    flinders_real *distances = need(rows * sizeof *distances);
+    int64_t *first = need(rows * sizeof *first), *last = need(rows * sizeof *last), left = 0;
+    flinders_outlier *runs = need(FLINDERS_OUTLIERS * sizeof *runs);
+    const double share = uniform() * uniform();
+    fill_with_anything(distances, rows);
+    for (size_t i = 0; i < rows; i++) far[i] = uniform() < share;
+    for (size_t i = 0; i < rows; i++) {
+        first[i] = i > 0 ? last[i - 1] + 1 : 0;
+        last[i] = first[i] + (uniform() < 0.1 ? (int64_t)below(20) : 0);
+    }
+    const int dense = flinders_dense(far, rows, uniform() < 0.9 ? rows : (size_t)(uniform() * 1e18), scratch);
+    REQUIRE(dense >= 3 && dense <= FLINDERS_NO_RUN);
+    flinders_left_out(far, rows, uniform() < 0.9 ? dense : (int32_t)below(100) - 50, out);
+    for (size_t i = 0; i < rows; i++) {
+        REQUIRE(out[i] <= 1 && out[i] >= far[i]);
+        left += out[i];
+    }
+    size_t count = flinders_list_outliers(distances, out, half, first, last, distances, distances, runs, 0);
+    count = flinders_list_outliers(distances + half, out + half, rows - half, first + half, last + half, NULL, NULL, runs,
+                                   count);
+    for (size_t i = 0; i < count; i++) {
+        REQUIRE(runs[i].first <= runs[i].last && (i == 0 || runs[i].first > runs[i - 1].last));
+        REQUIRE(runs[i].fitted <= runs[i].rows && runs[i].rows <= runs[i].last - runs[i].first + 1);
+        left -= runs[i].fitted;
+    }
+    REQUIRE(left == 0 && count <= FLINDERS_OUTLIERS);
+    free(far), free(out), free(scratch), free(distances), free(first), free(last), free(runs);
+}
+
 /* Fit recordings one behind the other, each as by itself; returns how many gave a calibration. */
 static int fit(size_t recordings)
 {
@@ -132,6 +244,11 @@ static int fit(size_t recordings)
     const int regressed = flinders_regress(field, time, rows[0], records->centre, records->shape,
                                            uniform() < 0.5 ? INFINITY : anything(), workspace, size, &found);
     REQUIRE(regressed >= 0 && regressed <= 9 && found.used <= (int64_t)rows[0]);
+    ask_for_turns(field, rows[0], records, recordings);
+    ask_for_a_plane(field, rows[0]);
+    cover(field, rows[0], records);
+    look_for_swaps(field, rows[0]);
+    list_outliers(below(100) * below(100) + rows[0]);
     if (rows[0] == longest && longest)
         REQUIRE(flinders_fit(field, NULL, longest, &options, workspace, size - 1, &single) == FLINDERS_NO_WORKSPACE);
     free(field), free(time), free(workspace), free(records);

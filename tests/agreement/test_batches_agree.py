@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from tests.trials import daily
+from tests.worlds import SWAPS
 
 from flinders.core.samples import Samples
-from flinders.diagnostics.axis_swap import SWAPS
 from flinders.errors import FitError
 from flinders.fitting import batch, calibrate
 from flinders.fitting.batch import UPPER, fit_batch

@@ -14,7 +14,7 @@ from tests.trials import examples
 
 from flinders.core.samples import Samples
 from flinders.estimators import Readings, outliers_of
-from flinders.estimators.outliers import LEAST, MARGIN, NO_RUN, WINDOW, dense_enough, dense_in, left_out
+from flinders.estimators.outliers import MARGIN, NO_RUN, WINDOW, dense_in, left_out
 from flinders.estimators.robust import Robust
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 FEW: Final = examples(15)
+LEAST: Final = 3  # far readings of a window that make a run
 SPHERE: Final = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
 STRUCK: Final = tumble(seed=6, motion="uniform", n=400, outliers=0.08)
 LIMIT: Final = 1.0
@@ -56,12 +57,13 @@ def test_the_order_of_single_strays_does_not_matter(seed: int) -> None:
     assert (other.used, one.used) == (368, 368)
 
 
-@given(share=st.floats(0.0, 1.0), rows=st.integers(12, 10**6), more=st.floats(1.0, 3.0))
-def test_the_more_strays_and_rows_there_are_the_denser_is_a_run(share: float, rows: int, more: float) -> None:
-    dense = dense_enough(share, rows)
+@given(every=st.integers(3, 600), rows=st.integers(600, 10**6), more=st.integers(1, 3))
+def test_the_more_strays_and_rows_there_are_the_denser_is_a_run(every: int, rows: int, more: int) -> None:
+    few, many = np.arange(600) % (more * every) == 0, np.arange(600) % every == 0
+    dense = dense_in(few, rows)
     assert LEAST <= dense <= NO_RUN
-    assert dense <= dense_enough(min(1.0, more * share), rows)
-    assert dense <= dense_enough(share, round(more * rows))
+    assert dense <= dense_in(many, rows)
+    assert dense <= dense_in(few, more * rows)
 
 
 @given(

@@ -35,7 +35,7 @@ from flinders.errors import FitError, FlindersError, InputError, UsageError, fig
 from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import found_alone
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
-from flinders.estimators.outliers import dense_in, left_out
+from flinders.estimators.outliers import with_runs
 from flinders.findings import Finding, Record, by_severity, certain, found_in
 from flinders.fitting.aiding import Aiding
 from flinders.fitting.calibrate import fit, judged_as
@@ -535,10 +535,7 @@ def _own_outliers(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[
         if start is None or math.isinf(start.rejected_beyond):
             continue
         there = np.flatnonzero(np.isfinite(field).all(axis=1))
-        some, limit = field[there], start.rejected_beyond
-        far = np.abs(distances(some, start.ellipsoid)) > limit
-        parts = left_out([Samples(some)], start.ellipsoid, limit, dense_in(far, len(some)))
-        out = np.concatenate([part for _, _, part in parts])
+        out = with_runs(np.abs(distances(field[there], start.ellipsoid)) > start.rejected_beyond)
         if np.count_nonzero(out) <= MOST_OUTLIERS * len(there):
             outliers[sensor, there[out]] = True
     return outliers

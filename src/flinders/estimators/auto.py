@@ -13,8 +13,10 @@ from flinders.estimators.data import Readings
 from flinders.estimators.level import Level, is_level
 from flinders.estimators.likelihood import ENOUGH, Likelihood, estimated, recorded
 from flinders.estimators.robust import Robust
+from flinders.geometry.ellipsoid import symmetric
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import prior
+from flinders.native.engine import engine
 from flinders.summary.summary import NEARLY_FLAT_NOISE
 
 if TYPE_CHECKING:
@@ -22,11 +24,8 @@ if TYPE_CHECKING:
     from flinders.estimators.base import Estimate
     from flinders.native.engine import Records
 
-TRIMS, TRIMMED = 3, 0.03
-"""Of readings with outliers: the share that is left out, and how often, to see whether the rest is flat."""
-
 FEWEST_LEFT: Final = 20
-"""Readings that have to be left for that."""
+"""Readings that have to be left of those with outliers to see whether the rest is flat."""
 
 THICK: Final = np.inf
 """Noise for which all readings are flat that can be a level turn at all."""
@@ -172,12 +171,7 @@ def _covariance(readings: Readings, estimate: Estimate) -> Floats:
 
 def trimmed_covariance(field: Floats) -> Floats:
     """(3, 3) of (N, 3) readings without those farthest from their plane."""
-    for _ in range(TRIMS):
-        local = field - field.mean(axis=0)
-        across = np.abs(local @ np.linalg.eigh(local.T @ local)[1][:, 0])
-        last = int((1.0 - TRIMMED) * (len(field) - 1))
-        field = field[across <= np.partition(across, last)[last]]
-    return np.cov(field.T)
+    return symmetric(engine().trimmed_covariance(field))
 
 
 METHOD: Final = Method(

@@ -15,7 +15,8 @@ from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.robust import SEED
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import prior
-from flinders.summary.summary import FLAT_NOISE, is_flat
+from flinders.native.engine import engine
+from flinders.summary.summary import FLAT_NOISE
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
 
 TRIMS, TRIMMED = 3, 0.03
 """Share of the readings that is left out, the farthest from their plane, and how often, to see how flat the rest is."""
-
-UPRIGHT: Final = np.cos(np.deg2rad(30.0))
-"""The axis of a level turn is the sensor's z, to this angle; about another one x and y do not make a heading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,8 +108,7 @@ class Level:
 
 def is_level(covariance: Floats, noise: float, *, within: float = FLAT_NOISE) -> bool:
     """Whether readings of a (3, 3) covariance lie in one plane, but for noise, and that plane across z."""
-    variances, axes = np.linalg.eigh(covariance)
-    return bool(is_flat(variances.clip(min=0.0), noise, within=within) and abs(float(axes[2, 0])) > UPRIGHT)
+    return engine().is_level(covariance, noise, within)
 
 
 def turned_level(field: Floats) -> bool:

@@ -15,15 +15,17 @@ so a run is where more of eleven readings are far than chance would put there.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections import deque
 from dataclasses import dataclass
 from itertools import islice
-from math import comb
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from flinders.core.samples import Samples
 from flinders.likelihood import magnitude
+from flinders.native.engine import OUTLIER, constant, engine
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -31,37 +33,21 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.core.samples import Samples
     from flinders.estimators.data import Readings
     from flinders.estimators.rests import Rests
     from flinders.geometry.ellipsoid import Ellipsoid
 
-WINDOW: Final = 11
+WINDOW: Final = constant("WINDOW")
 """Readings in a row that are looked at together: a fifth of a second at 50 Hz, and what passes by hand takes longer."""
 
-MARGIN: Final = 25
+MARGIN: Final = constant("MARGIN")
 """Readings before and after a run that go with it: half a second at 50 Hz, in which a magnet's field fades away."""
 
-LEAST: Final = 3
-"""Far readings of a window that make a run at the least, however rare they are."""
-
-BY_CHANCE: Final = 1e-3
-"""Runs that outliers thrown in at random may make in a whole recording, on average."""
-
-LOOKS: Final = 3
-"""At the readings, before what is in runs and what is not is distinguished."""
-
-NO_RUN: Final = WINDOW + 1
+NO_RUN: Final = constant("NO_RUN")
 """More than a window holds: no run is looked for."""
 
 _REACH: Final = MARGIN + WINDOW // 2
 """Readings before and after one that have a say in whether it is left out."""
-
-TOGETHER: Final = 5
-"""Rows from one reading that is left out to the next, up to which they are told as one run: a tenth of a second."""
-
-LISTED: Final = 1000
-"""Runs of a recording that are kept; more are counted with the last."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +61,13 @@ class Outlier:
     end_s: float  # s: time of the last
     max_distance: float  # largest distance from the ellipsoid, in the unit of the readings
     independent: int = 0  # outliers that a fit would have gone by, each rest as one or none
+
+    @classmethod
+    def of_run(cls, run: np.void) -> Self:
+        """Take a row of `flinders.native.engine.OUTLIER`, whose rows count from 0."""
+        first, last, rows, fitted, *times, farthest = run.tolist()
+        start, end = (np.nan if math.isnan(time) else time for time in times)  # one object, so that runs compare
+        return cls(first + 1, last + 1, rows, start, end, farthest, fitted)
 
     def as_dict(self) -> dict[str, int | float | None]:
         """JSON-ready fields; a time that is not known is None."""
@@ -95,14 +88,15 @@ class Outlier:
 
 def outliers_among(readings: Readings, ellipsoid: Ellipsoid, limit: float, dense: int) -> tuple[Outlier, ...]:
     """List what `Readings.near` leaves out, with its rows in the whole of several recordings."""
-    runs: list[Outlier] = []
+    outliers: list[Outlier] = []
     first_row = 1
     for part in readings.each:
         if part.recording is not None:
-            blocks = part.recording.blocks()
-            runs += outliers_of(blocks, ellipsoid, limit, dense, first_row=first_row, rests=readings.rests)
+            whole = part.recording
+            blocks = [whole] if readings.rests and isinstance(whole, Samples) else whole.blocks()
+            outliers += outliers_of(blocks, ellipsoid, limit, dense, first_row=first_row, rests=readings.rests)
         first_row += len(part) if readings.rests else len(part.summary)
-    return tuple(runs)
+    return tuple(outliers)
 
 
 def outliers_of(
@@ -127,78 +121,39 @@ def outliers_of(
     rests : Rests, optional
         Where each rest is one reading or none: the rests of the recording that rows and times are of.
     """
-    runs: list[Outlier] = []
+    runs = np.empty(0, OUTLIER)
     for block, distances, out in left_out(blocks, ellipsoid, limit, dense):
-        for rows in _runs(np.flatnonzero(out)):
-            farthest = float(distances[rows].max())
-            if rests is None:
-                _append(runs, _outlier(rows, first_row, block.time, farthest))
-            else:
-                _append(runs, _outlier_of_rests(rows + first_row - 1, rests, farthest))
+        rows = np.arange(first_row - 1, first_row - 1 + len(block))
+        if out.any():
+            runs = engine().list_outliers(runs, distances, out, *_places(rows, block.time, rests))
         first_row += len(block)
-    return runs
+    return [Outlier.of_run(run) for run in runs]
 
 
-def _runs(rows: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Cut ascending rows where too many good ones lie between."""
-    return np.split(rows, np.flatnonzero(np.diff(rows) > TOGETHER) + 1) if len(rows) else []
-
-
-def _outlier(rows: NDArray[np.intp], first_row: int, time: Floats | None, farthest: float) -> Outlier:
-    first, last = int(rows[0]), int(rows[-1])
-    start, end = (np.nan, np.nan) if time is None else (float(time[first]), float(time[last]))
-    return Outlier(first_row + first, first_row + last, len(rows), start, end, farthest, len(rows))
-
-
-def _outlier_of_rests(rows: NDArray[np.intp], rests: Rests, farthest: float) -> Outlier:
-    """A run of readings that a fit goes by, with the rows and times of those that were read."""
-    first, last = int(rests.first[rows[0]]), int(rests.last[rows[-1]])
-    start, end = (np.nan, np.nan) if rests.time is None else (float(rests.time[first]), float(rests.time[last]))
-    read = int(np.sum(rests.last[rows] - rests.first[rows] + 1))
-    return Outlier(first + 1, last + 1, read, start, end, farthest, len(rows))
-
-
-def _append(runs: list[Outlier], new: Outlier) -> None:
-    """Add a run, or lengthen the one before where it goes on from block to block or the list is full."""
-    if runs and (new.first - runs[-1].last <= TOGETHER or len(runs) >= LISTED):
-        old = runs.pop()
-        farthest, rows, fitted = (
-            max(old.max_distance, new.max_distance),
-            old.readings + new.readings,
-            old.independent + new.independent,
-        )
-        new = Outlier(old.first, new.last, rows, old.start_s, new.end_s, farthest, fitted)
-    runs.append(new)
+def _places(
+    rows: NDArray[np.int64], time: Floats | None, rests: Rests | None
+) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], tuple[Floats, Floats] | None]:
+    """First and last row of readings that a fit goes by among those that were read, and the times of these."""
+    if rests is None:
+        return (rows, rows), None if time is None else (time, time)
+    first, last = rests.first[rows], rests.last[rows]
+    return (first, last), None if rests.time is None else (rests.time[first], rests.time[last])
 
 
 def with_runs(far: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(N,) readings that are far, in a run of far ones or within a margin of it, from (N,) which are far."""
-    return far | _around_runs(far, dense_in(far, len(far)))
+    return engine().left_out(far, dense_in(far, len(far)))
 
 
 def dense_in(far: NDArray[np.bool_], rows: int) -> int:
     """Fewest far readings of a window that make a run, given (N,) which of some consecutive readings are far.
 
     Only those outside runs are there by chance, so runs that are beyond doubt are set aside before the rest is counted.
+
+    >>> dense_in(np.arange(500) % 500 == 9, 500), dense_in(np.arange(500) % 3 == 0, 500) == NO_RUN
+    (3, True)
     """
-    dense = NO_RUN
-    for _ in range(LOOKS):
-        rest = far[~_around_runs(far, dense)]
-        dense = dense_enough(float(rest.mean()), rows) if len(rest) else NO_RUN
-    return dense
-
-
-def dense_enough(share: float, rows: int) -> int:
-    """Fewest far readings of a window that chance hardly ever puts there.
-
-    `share`: of the readings, how many are far; `rows`: how many readings there are, and so how many windows.
-
-    >>> dense_enough(0.001, 500), dense_enough(0.08, 500), dense_enough(0.4, 500) == NO_RUN
-    (3, 8, True)
-    """
-    chances = [comb(WINDOW, far) * share**far * (1.0 - share) ** (WINDOW - far) for far in range(WINDOW + 1)]
-    rare = (least for least in range(LEAST, WINDOW + 1) if rows * sum(chances[least:]) < BY_CHANCE)
-    return next(rare, NO_RUN)
+    return engine().dense(far, rows)
 
 
 def left_out(
@@ -220,14 +175,8 @@ def left_out(
             known = np.concatenate([known, np.abs(magnitude.distances(following.field, ellipsoid))])
         here = slice(_REACH, _REACH + len(block))
         far = known[:needed] > limit
-        yield block, known[here], (far | _around_runs(far, dense))[here]
+        yield block, known[here], engine().left_out(far, dense)[here]
         known = known[len(block) :]
-
-
-def _around_runs(far: NDArray[np.bool_], dense: int) -> NDArray[np.bool_]:
-    """(N,) readings in a run and within a margin of it, from (N,) which are far."""
-    runs = far if not far.any() else far & (np.convolve(far, np.ones(WINDOW), mode="same") > dense - 0.5)
-    return within(MARGIN, runs) if runs.any() else runs
 
 
 def within(margin: int, some: NDArray[np.bool_]) -> NDArray[np.bool_]:

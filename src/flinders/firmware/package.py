@@ -26,8 +26,8 @@ BOARD: Final = Path(__file__).parent / "board"
 ENGINE: Final = (
     "flinders.h", "flinders_rules.h", "internal.h", "judge.h", "random.h", "record.h", "residuals.h", "sums.h",
     "claim.c", "cloud.c", "covariance.c", "dispatch.c", "fit.c", "guidance.c", "heading.c", "judge.c", "kernels.c",
-    "likelihood.c", "linear.c", "quality.c", "random.c", "residuals.c", "rests.c", "robust.c", "rules.c", "start.c",
-    "sums.c",
+    "likelihood.c", "linear.c", "quality.c", "random.c", "residuals.c", "rests.c", "robust.c", "rules.c", "runs.c",
+    "start.c", "sums.c",
 )  # fmt: skip
 """Files of the engine that a board needs."""
 

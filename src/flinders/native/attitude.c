@@ -72,10 +72,11 @@ static void means_of(real rows[9][FL_HEADINGS], real means[9])
     }
 }
 
-/* Add the variances of headings along rows less their constant part, and keep the largest. */
-static void add_variances(real rows[9][FL_HEADINGS], const real means[9], const real covariance[81], real *sum, real *largest)
+/* Variances of headings along rows less their constant part. */
+static void variances_of(real rows[9][FL_HEADINGS], const real means[9], const real covariance[81], real variances[FL_HEADINGS])
 {
-    real variances[FL_HEADINGS] = {0}, part[FL_HEADINGS];
+    real part[FL_HEADINGS];
+    for (int k = 0; k < FL_HEADINGS; k++) variances[k] = 0;
     for (int i = 0; i < 9; i++)
         for (int k = 0; k < FL_HEADINGS; k++) rows[i][k] -= means[i];
     for (int i = 0; i < 9; i++) {
@@ -84,10 +85,7 @@ static void add_variances(real rows[9][FL_HEADINGS], const real means[9], const 
             for (int k = 0; k < FL_HEADINGS; k++) part[k] += covariance[9 * i + j] * rows[j][k];
         for (int k = 0; k < FL_HEADINGS; k++) variances[k] += 2 * rows[i][k] * part[k];
     }
-    for (int k = 0; k < FL_HEADINGS; k++) {
-        const real variance = variances[k] > 0 ? variances[k] : 0;
-        *sum += variance, *largest = variance > *largest ? variance : *largest;
-    }
+    for (int k = 0; k < FL_HEADINGS; k++) variances[k] = variances[k] > 0 ? variances[k] : 0;
 }
 
 /* Turn vectors by an angle about a horizontal axis at an azimuth. */
@@ -114,7 +112,7 @@ void fl_tilted_error(const fl_surface *surface, const real covariance[81], real 
                      real *rms_deg, real *worst_deg)
 {
     turn_fields level, tilted;
-    real rows[9][FL_HEADINGS], means[9], turn[9], sum = 0, largest = 0;
+    real rows[9][FL_HEADINGS], variances[FL_HEADINGS], means[9], turn[9], sum = 0, largest = 0;
     const int azimuths = tilt_deg == 0 ? 1 : AZIMUTHS;
     upright(down, turn);
     turn_of(dip_deg, down, &level);
@@ -123,17 +121,19 @@ void fl_tilted_error(const fl_surface *surface, const real covariance[81], real 
     for (int i = 0; i < azimuths; i++) {
         tilt(&level, turn, heading_of(i, AZIMUTHS), tilt_deg / FL_TO_DEG, &tilted);
         rows_of(surface, tilt_deg == 0 ? &level : &tilted, rows);
-        add_variances(rows, means, covariance, &sum, &largest);
+        variances_of(rows, means, covariance, variances);
+        for (int k = 0; k < FL_HEADINGS; k++)
+            sum += variances[k], largest = variances[k] > largest ? variances[k] : largest;
     }
     *rms_deg = FL_TO_DEG * fl_sqrt(sum / (real)(azimuths * FL_HEADINGS));
     *worst_deg = FL_TO_DEG * fl_sqrt(largest);
 }
 
-/* Heading error of a level vehicle whose readings b + S u are used as they come, its mean removed. */
-void fl_uncorrected_error(const fl_surface *surface, real dip_deg, const real *down, real *rms_deg, real *worst_deg)
+/* What the heading of a level vehicle is off by, rad, if readings b + S u are used as they come, its mean removed. */
+static void deviations_of(const fl_surface *surface, real dip_deg, const real *down, real deviations[FL_HEADINGS])
 {
     turn_fields at;
-    real turn[9], cosines[FL_HEADINGS], sines[FL_HEADINGS], cosine = 0, sine = 0, sum = 0, worst = 0;
+    real turn[9], cosines[FL_HEADINGS], sines[FL_HEADINGS], cosine = 0, sine = 0;
     upright(down, turn);
     turn_of(dip_deg, down, &at);
     for (int k = 0; k < FL_HEADINGS; k++) {
@@ -147,9 +147,18 @@ void fl_uncorrected_error(const fl_surface *surface, real dip_deg, const real *d
     }
     const real length = fl_sqrt(cosine * cosine + sine * sine), x = length > 0 ? cosine / length : 1;
     const real y = length > 0 ? sine / length : 0;
+    for (int k = 0; k < FL_HEADINGS; k++)
+        deviations[k] = fl_atan2(sines[k] * x - cosines[k] * y, cosines[k] * x + sines[k] * y);
+}
+
+/* Heading error of a level vehicle without a calibration. */
+void fl_uncorrected_error(const fl_surface *surface, real dip_deg, const real *down, real *rms_deg, real *worst_deg)
+{
+    real deviations[FL_HEADINGS], sum = 0, worst = 0;
+    deviations_of(surface, dip_deg, down, deviations);
     for (int k = 0; k < FL_HEADINGS; k++) {
-        const real off = fl_atan2(sines[k] * x - cosines[k] * y, cosines[k] * x + sines[k] * y);
-        sum += off * off, worst = fl_abs(off) > worst ? fl_abs(off) : worst;
+        const real off = fl_abs(deviations[k]);
+        sum += off * off, worst = off > worst ? off : worst;
     }
     *rms_deg = FL_TO_DEG * fl_sqrt(sum / FL_HEADINGS);
     *worst_deg = FL_TO_DEG * worst;
@@ -280,5 +289,83 @@ int flinders_heading_bound(const real shape[6], const real covariance[81], real 
     fl_surface surface;
     const int status = surface_of(NULL, shape, dip_deg, &surface);
     if (status == FLINDERS_OK) *bound_deg = fl_heading_bound(&surface, covariance, dip_deg, down);
+    return status;
+}
+
+/* A level turn, before and after. */
+int flinders_level_turn(const real centre[3], const real shape[6], const real covariance[81], real dip_deg, const real *down,
+                        real *headings_deg, real *deviations_deg, real *sigmas_deg)
+{
+    fl_surface surface;
+    turn_fields level;
+    real rows[9][FL_HEADINGS], means[9];
+    const int status = surface_of(centre, shape, dip_deg, &surface);
+    if (status != FLINDERS_OK) return status;
+    turn_of(dip_deg, down, &level);
+    rows_of(&surface, &level, rows);
+    means_of(rows, means);
+    variances_of(rows, means, covariance, sigmas_deg);
+    deviations_of(&surface, dip_deg, down, deviations_deg);
+    for (int k = 0; k < FL_HEADINGS; k++) {
+        headings_deg[k] = FL_TO_DEG * heading_of(k, FL_HEADINGS);
+        deviations_deg[k] *= FL_TO_DEG, sigmas_deg[k] = FL_TO_DEG * fl_sqrt(sigmas_deg[k]);
+    }
+    return status;
+}
+
+/* Heading errors at the worst attitudes that bring the field along directions: that leaves a heading open to where the
+ * vehicle's vertical is, which makes 90° − I with the field, in any direction around it. So the variance is the largest
+ * eigenvalue of the covariance across the direction, over cos² I. */
+int flinders_attitude_errors(const real shape[6], const real covariance[81], real dip_deg, const real *directions,
+                             size_t count, real *errors_deg)
+{
+    fl_surface surface;
+    const int status = surface_of(NULL, shape, dip_deg, &surface);
+    for (size_t k = 0; k < count; k++) {
+        static const unsigned char ENTRY[6][2] = {{0, 0}, {1, 1}, {2, 2}, {0, 1}, {0, 2}, {1, 2}};
+        real rows[3][9], half[27], across[6], values[3];
+        errors_deg[k] = FL_NOT_A_NUMBER;
+        if (status != FLINDERS_OK) continue;
+        fl_direction_rows(&surface, directions + 3 * k, rows);
+        fl_multiply(rows[0], covariance, 3, 9, 9, half);
+        for (int i = 0; i < 6; i++) {
+            const real *const one = half + 9 * ENTRY[i][0], *const other = rows[ENTRY[i][1]];
+            across[i] = 0;
+            for (int j = 0; j < 9; j++) across[i] += one[j] * other[j];
+        }
+        fl_sym3_values(across, values);
+        errors_deg[k] = FL_TO_DEG * fl_sqrt(values[2] > 0 ? values[2] : 0) / fl_cos(dip_deg / FL_TO_DEG);
+    }
+    return status;
+}
+
+/* Standard deviations of the entries of W = F S⁻¹, or of a rotation of that, to first order: δW = (δF/F) W − W δS S⁻¹, with δF = F tr(S⁻¹ δS)/3 where
+ * F is the radius that results, and 0 where it is known. */
+int flinders_matrix_sigmas(const real matrix[9], const real shape[6], const real covariance[81], int32_t is_known,
+                           real sigmas[9])
+{
+    static const unsigned char ENTRY[6][2] = {{0, 0}, {1, 1}, {2, 2}, {0, 1}, {0, 2}, {1, 2}};
+    static const unsigned char PLACE[9] = {0, 3, 4, 3, 1, 5, 4, 5, 2};
+    fl_surface surface;
+    real jacobian[9][6];
+    const int status = surface_of(NULL, shape, 0, &surface);
+    if (status != FLINDERS_OK) return status;
+    for (int entry = 0; entry < 6; entry++) {
+        const int i = ENTRY[entry][0], j = ENTRY[entry][1];
+        const real scale = is_known ? 0 : surface.inverse[entry] * (i == j ? 1 : 2) / 3;
+        for (int row = 0; row < 3; row++)
+            for (int column = 0; column < 3; column++) {
+                const real *const s = surface.inverse;
+                const real bent = matrix[3 * row + i] * s[PLACE[3 * j + column]] +
+                                  (i == j ? 0 : matrix[3 * row + j] * s[PLACE[3 * i + column]]);
+                jacobian[3 * row + column][entry] = scale * matrix[3 * row + column] - bent;
+            }
+    }
+    for (int k = 0; k < 9; k++) {
+        real variance = 0;
+        for (int i = 0; i < 6; i++)
+            for (int j = 0; j < 6; j++) variance += jacobian[k][i] * covariance[9 * (3 + i) + 3 + j] * jacobian[k][j];
+        sigmas[k] = fl_sqrt(variance > 0 ? variance : 0);
+    }
     return status;
 }

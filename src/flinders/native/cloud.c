@@ -110,6 +110,17 @@ void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room
     }
 }
 
+/* The same of readings that nobody has looked at; a status. */
+int fl_cloud_of_any(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room)
+{
+    real lowest[3], highest[3];
+    if (kernels->ends(field, rows, lowest, highest)) return FLINDERS_NOT_FINITE;
+    for (int axis = 0; axis < 3; axis++)
+        if (!(-lowest[axis] < (real)FL_LARGEST && highest[axis] < (real)FL_LARGEST)) return FLINDERS_OUT_OF_SCALE;
+    fl_cloud(kernels, field, rows, room);
+    return FLINDERS_OK;
+}
+
 const int fl_bands[6] = {1, 15, 34, 34, 15, 1}, fl_band_starts[6] = {0, 1, 16, 50, 84, 99};
 const real fl_band_edges[5] = {(real)0.98, (real)0.68, 0, (real)-0.68, (real)-0.98};
 
@@ -141,28 +152,42 @@ void fl_sphere_centres(real centres[100][3])
     }
 }
 
-/* Counts and sums of the cells, those one axis after the other, behind the table; their number. No branch depends on a
- * slot: which are free is random. */
-static size_t gather_cells(const fl_room *room, real *axes)
+/* Cells of space: sums or means of their readings, later the directions of these, and how many readings each has. */
+typedef struct {
+    real *x, *y, *z, *readings;
+    real *off; /* how far they are from a surface, over its size there */
+    size_t n;
+} spots;
+
+/* Room for so many cells in a part of memory. */
+static spots spots_in(real *memory, size_t apart)
 {
-    size_t n = 0;
-    for (size_t slot = 0; slot < room->slots; slot++) {
-        const real *const cell = room->cells + 4 * slot;
-        for (int axis = 0; axis < 3; axis++) axes[axis * APART + n] = cell[1 + axis];
-        axes[3 * APART + n] = cell[0];
-        n += room->keys[slot] != FL_EMPTY;
-    }
-    return n;
+    const spots all = {memory, memory + apart, memory + 2 * apart, memory + 3 * apart, memory + 4 * apart, 0};
+    return all;
 }
 
-/* Directions from the centre of a surface to means of readings in place of their sums, and how far these are from it,
- * over its size there. */
+/* The cells of a room, with the sums of their readings, behind its table. No branch depends on a slot: which are free is
+ * random. */
+static spots gather_cells(const fl_room *room)
+{
+    spots all = spots_in(room->cells + 4 * FL_TABLE, APART);
+    for (size_t slot = 0; slot < room->slots; slot++) {
+        const real *const cell = room->cells + 4 * slot;
+        all.x[all.n] = cell[1], all.y[all.n] = cell[2], all.z[all.n] = cell[3];
+        all.readings[all.n] = cell[0];
+        all.n += room->keys[slot] != FL_EMPTY;
+    }
+    return all;
+}
+
+/* Directions from the centre of a surface to means of readings in their place, or in that of their sums for `counts`. */
 static void turn_to_directions(const fl_surface *surface, size_t n, real *restrict x, real *restrict y, real *restrict z,
                                const real *restrict counts, real *restrict off)
 {
     for (size_t i = 0; i < n; i++) {
-        const real each = 1 / counts[i], local[3] = {x[i] * each - surface->centre[0], y[i] * each - surface->centre[1],
-                                                     z[i] * each - surface->centre[2]};
+        const real each = counts ? 1 / counts[i] : 1;
+        const real local[3] = {x[i] * each - surface->centre[0], y[i] * each - surface->centre[1],
+                               z[i] * each - surface->centre[2]};
         real unit[3];
         fl_sym3_apply(surface->inverse, local, unit);
         const real length = fl_sqrt(unit[0] * unit[0] + unit[1] * unit[1] + unit[2] * unit[2]);
@@ -172,22 +197,18 @@ static void turn_to_directions(const fl_surface *surface, size_t n, real *restri
     }
 }
 
-/* Directions of the cells within a distance of the surface, one axis after the other, and their readings, behind the
- * table. */
-static size_t directions(const fl_surface *surface, real within, const fl_room *room, real *axes)
+/* Keep the directions of cells within a distance of the surface; all where none is. */
+static void keep_near(const fl_surface *surface, real within, spots *all)
 {
-    const size_t cells = gather_cells(room, axes);
-    real *const off = axes + 4 * APART;
     size_t n = 0;
     real half[3];
     fl_sym3_values(surface->shape, half);
-    turn_to_directions(surface, cells, axes, axes + APART, axes + 2 * APART, axes + 3 * APART, off);
-    for (size_t i = 0; i < cells; i++) {
-        if (!(off[i] * half[0] <= within)) continue;
-        for (int k = 0; n < i && k < 4; k++) axes[k * APART + n] = axes[k * APART + i];
+    for (size_t i = 0; i < all->n; i++) {
+        if (!(all->off[i] * half[0] <= within)) continue;
+        all->x[n] = all->x[i], all->y[n] = all->y[i], all->z[n] = all->z[i], all->readings[n] = all->readings[i];
         n++;
     }
-    return n;
+    all->n = n > 0 ? n : all->n;
 }
 
 /* A cell of the sphere: its readings, and the direction that is nearest to its middle, by the cosine between them; -2
@@ -197,44 +218,45 @@ typedef struct {
     size_t nearest;
 } sector;
 
-/* Sort directions into the cells of the sphere; returns how many readings there are. */
-static real fill_sectors(const fl_kernels *kernels, const real *axes, size_t n, sector sectors[SECTORS])
+/* Sort directions into the cells of the sphere. */
+static void fill_sectors(const fl_kernels *kernels, const spots *all, sector sectors[SECTORS])
 {
-    const real *const x = axes, *const y = x + APART, *const z = y + APART, *const readings = z + APART;
-    uint32_t cells[FL_CELLS];
-    real middles[SECTORS][3], all = 0;
+    uint32_t cells[FL_BLOCK];
+    real middles[SECTORS][3];
     memset(sectors, 0, SECTORS * sizeof *sectors);
     fl_sphere_centres(middles);
     for (int k = 0; k < SECTORS; k++) memcpy(sectors[k].middle, middles[k], sizeof middles[k]), sectors[k].cosine = -2;
-    kernels->cells(x, y, z, n, cells);
-    for (size_t i = 0; i < n; i++) {
-        sector *const in = sectors + cells[i];
-        const real cosine = in->middle[0] * x[i] + in->middle[1] * y[i] + in->middle[2] * z[i];
-        in->nearest = cosine > in->cosine ? i : in->nearest;
-        in->cosine = cosine > in->cosine ? cosine : in->cosine;
-        in->readings += readings[i], all += readings[i];
+    for (size_t begin = 0; begin < all->n; begin += FL_BLOCK) {
+        const size_t m = all->n - begin < FL_BLOCK ? all->n - begin : FL_BLOCK;
+        kernels->cells(all->x + begin, all->y + begin, all->z + begin, m, cells);
+        for (size_t i = begin; i < begin + m; i++) {
+            sector *const in = sectors + cells[i - begin];
+            const real cosine = in->middle[0] * all->x[i] + in->middle[1] * all->y[i] + in->middle[2] * all->z[i];
+            in->nearest = cosine > in->cosine ? i : in->nearest;
+            in->cosine = cosine > in->cosine ? cosine : in->cosine;
+            in->readings += all->readings[i];
+        }
     }
-    return all;
 }
 
 /* The largest gap: the middle of a cell farthest from all directions, and the cosine to the nearest one. Directions that
  * are nearest to the middle of their cell rule most of them out. */
-static real largest_gap(const fl_kernels *kernels, const real *axes, size_t n, const sector sectors[SECTORS], real hole[3])
+static real largest_gap(const fl_kernels *kernels, const spots *all, const sector sectors[SECTORS], real hole[3])
 {
-    const real *const x = axes, *const y = x + APART, *const z = y + APART;
     real central[3][SECTORS];
     size_t count = 0;
     const sector *emptiest = sectors;
     for (const sector *one = sectors; one < sectors + SECTORS; one++) {
+        const size_t i = one->nearest;
         if (one->cosine < emptiest->cosine) emptiest = one;
         if (one->cosine == -2) continue;
-        central[0][count] = x[one->nearest], central[1][count] = y[one->nearest], central[2][count++] = z[one->nearest];
+        central[0][count] = all->x[i], central[1][count] = all->y[i], central[2][count++] = all->z[i];
     }
-    real farthest = kernels->nearest(emptiest->middle, x, y, z, n) + FL_ROUNDING; /* so that it counts itself */
+    real farthest = kernels->nearest(emptiest->middle, all->x, all->y, all->z, all->n) + FL_ROUNDING; /* so that it counts itself */
     for (const sector *one = sectors; one < sectors + SECTORS; one++) {
         if (one->cosine > farthest) continue;
         if (kernels->nearest(one->middle, central[0], central[1], central[2], count) > farthest) continue;
-        const real cosine = kernels->nearest(one->middle, x, y, z, n);
+        const real cosine = kernels->nearest(one->middle, all->x, all->y, all->z, all->n);
         if (!(cosine < farthest)) continue;
         farthest = cosine;
         memcpy(hole, one->middle, sizeof one->middle);
@@ -242,21 +264,104 @@ static real largest_gap(const fl_kernels *kernels, const real *axes, size_t n, c
     return farthest > 1 ? 1 : farthest;
 }
 
-/* Share of the sphere that holds a reading, and the largest gap; cells farther than `within` are left out. */
+/* Coverage by directions. */
+static void cover(const fl_kernels *kernels, const spots *all, flinders_coverage *coverage)
+{
+    sector sectors[SECTORS];
+    real readings = 0, height = 0;
+    int seen = 0;
+    fill_sectors(kernels, all, sectors);
+    for (int k = 0; k < SECTORS; k++) {
+        seen += sectors[k].cosine != -2;
+        readings += sectors[k].readings, height += sectors[k].readings * sectors[k].middle[2];
+        coverage->readings[k] = sectors[k].readings;
+    }
+    coverage->share = (real)seen / SECTORS;
+    coverage->upright = height / (readings > 1 ? readings : 1);
+    coverage->hole_deg = fl_acos(largest_gap(kernels, all, sectors, coverage->hole)) * 180 / FL_PI;
+}
+
+/* Nothing is known yet. */
+static void clear(flinders_coverage *coverage)
+{
+    memset(coverage, 0, sizeof *coverage);
+    coverage->share = coverage->upright = coverage->hole_deg = FL_NOT_A_NUMBER;
+    coverage->hole[0] = coverage->hole[1] = coverage->hole[2] = FL_NOT_A_NUMBER;
+}
+
+/* Coverage by the cells of a room; those farther than `within` are left out, where it is above zero. */
+static void cover_room(const fl_kernels *kernels, const fl_surface *surface, real within, const fl_room *room,
+                       flinders_coverage *coverage)
+{
+    spots all = gather_cells(room);
+    turn_to_directions(surface, all.n, all.x, all.y, all.z, all.readings, all.off);
+    if (within > 0) keep_near(surface, within + room->side, &all);
+    cover(kernels, &all, coverage);
+}
+
+/* Share of the sphere that holds a reading, and the largest gap. */
 void fl_coverage(const fl_kernels *kernels, const fl_surface *surface, real within, const fl_room *room,
                  flinders_record *record)
 {
-    real *const axes = room->cells + 4 * FL_TABLE;
-    sector sectors[SECTORS];
-    int seen = 0;
-    size_t n = within > 0 ? directions(surface, within + room->side, room, axes) : 0;
-    if (n == 0) n = directions(surface, FL_HUGE, room, axes);
-    const real readings = fill_sectors(kernels, axes, n, sectors);
-    record->upright = 0;
-    for (int k = 0; k < SECTORS; k++) {
-        seen += sectors[k].cosine != -2;
-        record->upright += sectors[k].readings * sectors[k].middle[2] / (readings > 1 ? readings : 1);
+    flinders_coverage coverage;
+    cover_room(kernels, surface, within, room, &coverage);
+    record->coverage = coverage.share, record->upright = coverage.upright, record->hole_deg = coverage.hole_deg;
+    memcpy(record->hole, coverage.hole, sizeof record->hole);
+}
+
+/* Coverage of the sphere by readings. */
+int flinders_coverage_of(const real *field, size_t rows, const real centre[3], const real shape[6], real within,
+                         void *workspace, size_t size, flinders_coverage *coverage)
+{
+    const fl_kernels *const kernels = fl_kernels_chosen(0);
+    fl_surface surface;
+    fl_room room;
+    clear(coverage);
+    if (fl_surface_of(centre, shape, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
+    if (rows == 0) return FLINDERS_OK;
+    if (fl_room_of(workspace, size, rows, &room)) return FLINDERS_NO_WORKSPACE;
+    const int status = fl_cloud_of_any(kernels, field, rows, &room);
+    if (status == FLINDERS_OK) cover_room(kernels, &surface, within, &room, coverage);
+    return status;
+}
+
+/* Coverage of the sphere by cells of space. */
+int flinders_coverage_of_cells(const real *means, const real *readings, size_t cells, real side, const real centre[3],
+                               const real shape[6], real within, real *scratch, flinders_coverage *coverage)
+{
+    fl_surface surface;
+    spots all = spots_in(scratch, cells);
+    clear(coverage);
+    if (fl_surface_of(centre, shape, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
+    for (; all.n < cells; all.n++) {
+        const real *const mean = means + 3 * all.n;
+        all.x[all.n] = mean[0], all.y[all.n] = mean[1], all.z[all.n] = mean[2], all.readings[all.n] = readings[all.n];
     }
-    record->coverage = (real)seen / SECTORS;
-    record->hole_deg = fl_acos(largest_gap(kernels, axes, n, sectors, record->hole)) * 180 / FL_PI;
+    turn_to_directions(&surface, all.n, all.x, all.y, all.z, NULL, all.off);
+    if (within > 0) keep_near(&surface, within + side, &all);
+    if (cells > 0) cover(fl_kernels_chosen(0), &all, coverage);
+    return FLINDERS_OK;
+}
+
+/* Which of the hundred cells of the sphere directions fall into. */
+void flinders_cells_of(const real *directions, size_t count, uint32_t *cells)
+{
+    const fl_kernels *const kernels = fl_kernels_chosen(0);
+    real axes[3][FL_BLOCK];
+    for (size_t begin = 0; begin < count; begin += FL_BLOCK) {
+        const size_t m = count - begin < FL_BLOCK ? count - begin : FL_BLOCK;
+        for (size_t i = 0; i < 3 * m; i++) axes[i % 3][i / 3] = directions[3 * begin + i];
+        kernels->cells(axes[0], axes[1], axes[2], m, cells + begin);
+    }
+}
+
+/* The inclination with the sign that the directions of readings show. */
+real flinders_facing(const real readings[100], real dip_deg, int32_t *is_open)
+{
+    real middles[SECTORS][3], all = 0, height = 0;
+    int seen = 0;
+    fl_sphere_centres(middles);
+    for (int k = 0; k < SECTORS; k++)
+        seen += readings[k] > 0, all += readings[k], height += readings[k] * middles[k][2];
+    return fl_facing(height / (all > 1 ? all : 1), (real)seen / SECTORS, dip_deg, is_open);
 }

@@ -73,6 +73,20 @@ BELIEF: Final = layout("flinders_belief", np.float64)
 GOAL: Final = layout("flinders_goal", np.float64)
 ADVICE: Final = layout("flinders_advice", np.float64)
 ROUTE: Final = layout("flinders_route", np.float64)
+OUTLIER: Final = layout("flinders_outlier", np.float64)
+"""Layout of a run of outliers."""
+
+AXIS_CHANGE: Final = layout("flinders_axis_change", np.float64)
+"""Layout of axes that changed their sign or place."""
+
+COVERAGE: Final = layout("flinders_coverage", np.float64)
+"""Layout of directions in cells of the sphere."""
+
+
+@cache
+def constant(name: str) -> int:
+    """A constant of flinders.h."""
+    return int(re.findall(rf"FLINDERS_{name} = (\d+)", (HERE / "flinders.h").read_text(encoding="utf-8"))[0])
 
 
 class _Array:
@@ -120,6 +134,9 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "attitude_limit": (_A, _A, _D, _D, _A, _A),
     "heading_bound": (_A, _A, _D, _A, _A),
     "with_structure": (_A, _A, _D, _D, _A),
+    "level_turn": (_A, _A, _A, _D, _A, _A, _A, _A),
+    "attitude_errors": (_A, _A, _D, _A, _N, _A),
+    "matrix_sigmas": (_A, _A, _A, ctypes.c_int32, _A),
     "direction_errors": (_A, _A, _A, _N, _A),
     "believe": (_A, _A, _A, _D, _A, _A),
     "rough": (_A, _N, _A),
@@ -127,12 +144,25 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "path": (_A, _A, _A, _D, _A),
     "pose": (ctypes.c_int32, ctypes.c_int32, _A),
     "pose_towards": (ctypes.c_int32, _A, _A),
+    "unmoved_cells": (_A, _N, _D, _D, _D, _A),
+    "turned": (_A, _N, _D, _D, _A),
+    "dense": (_A, _N, _N, _A),
+    "left_out": (_A, _N, ctypes.c_int32, _A),
+    "swap_workspace_size": (_N,),
+    "axis_swap": (_A, _N, _D, _D, _A, _N, _A, _A),
+    "coverage_of_cells": (_A, _A, _N, _D, _A, _A, _D, _A, _A),
+    "cells_of": (_A, _N, _A),
+    "facing": (_A, _D, _A),
+    "trimmed_covariance": (_A, _N, _A, _A),
+    "is_level": (_A, _D, _D),
+    "list_outliers": (_A, _A, _N, _A, _A, _A, _A, _A, _N),
 }
 """What functions of the library take."""
 
 _RESULTS: Final[dict[str, type]] = {
     "workspace_size": _N, "rests": _N, "record_size": _N, "real_size": _N, "message": ctypes.c_char_p,
     "judgement_size": _N, "widening_by_few": _D,
+    "list_outliers": _N, "swap_workspace_size": _N, "facing": _D,
 }  # fmt: skip
 """What functions give that give no status."""
 
@@ -438,6 +468,29 @@ class Engine:
         self._require(self._library.flinders_heading_bound(*arguments, out))
         return float(out[0])
 
+    def level_turn(
+        self, centre: ArrayLike, shape: ArrayLike, covariance: Floats, *, dip_deg: float, down: Floats | None
+    ) -> tuple[Floats, Floats, Floats]:
+        """A level turn: (72,) headings, deviations of raw readings and sigmas of corrected ones, degrees."""
+        turn = np.empty((3, 72))
+        arguments = _row(centre), _entries(shape), _row(covariance), dip_deg, _vector(down)
+        self._require(self._library.flinders_level_turn(*arguments, *turn))
+        return turn[0], turn[1], turn[2]
+
+    def attitude_errors(self, shape: ArrayLike, covariance: Floats, directions: Floats, *, dip_deg: float) -> Floats:
+        """(K,) heading errors, degrees, 1 σ, at the worst attitude that brings the field along (K, 3) directions."""
+        towards, errors = _row(directions), np.empty(len(directions))
+        self._library.flinders_attitude_errors(
+            _entries(shape), _row(covariance), dip_deg, towards, len(directions), errors
+        )
+        return errors
+
+    def matrix_sigmas(self, matrix: ArrayLike, shape: ArrayLike, covariance: Floats, *, is_known: bool) -> Floats:
+        """(3, 3) standard deviations of the entries of the matrix of a calibration, whose field strength `is_known`."""
+        sigmas, arguments = np.empty((3, 3)), (_row(matrix), _entries(shape), _row(covariance), is_known)
+        self._require(self._library.flinders_matrix_sigmas(*arguments, sigmas))
+        return sigmas
+
     def with_structure(self, shape: ArrayLike, covariance: Floats, *, structure_deg: float, dip_deg: float) -> Floats:
         """(9, 9) covariance with what belongs to the direction and makes so much of a level heading."""
         out, covariance = np.empty((9, 9)), np.ascontiguousarray(covariance)
@@ -540,6 +593,148 @@ class Engine:
         """(3,) what points down in an attitude of a frame, and how many angles have to be judged by eye."""
         down = np.empty(3)
         return down, int(self._library.flinders_pose(frame, pose, down))
+
+    def unmoved_deg(self, means: Floats, readings: float, strengths: tuple[float, float]) -> float:
+        """Angle within which all readings of a sensor lie that was hardly turned; NaN of one that was.
+
+        Parameters
+        ----------
+        means : (K, 3) float
+            Of the readings of each cell.
+        readings : float
+            In all cells.
+        strengths : (float, float)
+            Weakest and strongest field, in the unit of the readings; 0 and infinity where nothing is known of it.
+        """
+        angle = np.empty(1)
+        self._library.flinders_unmoved_cells(
+            np.array(means, np.float64, order="C"), len(means), readings, *strengths, angle
+        )
+        return float(angle[0])
+
+    def turned(self, records: Records, strengths: tuple[float, float]) -> NDArray[np.bool_]:
+        """Whether each record shows a turn out of one plane, at no rail; strengths are as of `unmoved_deg`."""
+        turned = np.empty(records.shape, dtype=bool)
+        self._library.flinders_turned(np.ascontiguousarray(records), records.size, *strengths, turned)
+        return turned
+
+    def dense(self, far: NDArray[np.bool_], rows: int) -> int:
+        """Fewest far readings of a window that make a run in a recording of so many rows, given (N,) which are far."""
+        return int(self._library.flinders_dense(np.ascontiguousarray(far), len(far), rows, np.empty(len(far), bool)))
+
+    def left_out(self, far: NDArray[np.bool_], dense: int) -> NDArray[np.bool_]:
+        """(N,) readings that are far, in a run of `dense` far ones or within a margin of it; from (N,) far ones."""
+        left_out = np.empty(len(far), dtype=bool)
+        self._library.flinders_left_out(np.ascontiguousarray(far), len(far), dense, left_out)
+        return left_out
+
+    def list_outliers(
+        self,
+        runs: Records,
+        distances: Floats,
+        left_out: NDArray[np.bool_],
+        rows: tuple[NDArray[np.int64], NDArray[np.int64]],
+        times: tuple[Floats, Floats] | None,
+    ) -> Records:
+        """Runs of readings that are left out, behind those that there are.
+
+        Parameters
+        ----------
+        runs : (R,) of `OUTLIER`
+            Those before.
+        distances : (N,) float
+            From the surface.
+        left_out : (N,) bool
+        rows, times : ((N,), (N,))
+            First and last row of each reading among those that were read, and the times of these.
+        """
+        room = np.empty(constant("OUTLIERS"), OUTLIER)
+        room[: len(runs)] = runs
+        first, last = (np.ascontiguousarray(each, np.int64) for each in rows)
+        start, end = (None if times is None else np.ascontiguousarray(times[side], np.float64) for side in (0, 1))
+        near = np.ascontiguousarray(distances, np.float64)
+        count = self._library.flinders_list_outliers(
+            near, left_out, len(near), first, last, start, end, room, len(runs)
+        )
+        return room[:count].copy()
+
+    def axis_swap(self, field: ArrayLike, noise: float, noise_limit: float) -> tuple[Records, NDArray[np.int64]]:
+        """Axes that changed, a row of `AXIS_CHANGE`, and the rows behind the moments at which they did.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+            In the order of recording.
+        noise : float
+            Of the readings that a fit keeps; infinite where it is not known.
+        noise_limit : float
+            Largest noise of readings whose axes did not change, as a share of the radius.
+        """
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        size = int(self._library.flinders_swap_workspace_size(len(readings)))
+        workspace, moments, change = np.empty(size, np.uint8), np.empty(len(readings), np.int64), _blank(AXIS_CHANGE)
+        self._library.flinders_axis_swap(readings, len(readings), noise, noise_limit, workspace, size, moments, change)
+        return change, moments[: int(change["moments"])].copy()
+
+    def coverage(
+        self,
+        means: Floats,
+        readings: Floats,
+        centre: ArrayLike,
+        shape: ArrayLike,
+        *,
+        side: float = 0.0,
+        within: float = math.inf,
+    ) -> Records:
+        """Directions from the centre of an ellipsoid, in cells of the sphere: a row of `COVERAGE`.
+
+        Parameters
+        ----------
+        means, readings : (K, 3), (K,) float
+            Mean of the readings of each cell of space, and how many there are.
+        centre, shape : (3,), (3, 3) array-like
+        side : float
+            Of these cells.
+        within : float
+            Distance beyond which cells, less their side, hold outliers and are left out.
+        """
+        coverage, scratch = _blank(COVERAGE), np.empty(5 * len(means))
+        self._library.flinders_coverage_of_cells(
+            np.ascontiguousarray(means, np.float64),
+            np.ascontiguousarray(readings, np.float64),
+            len(means),
+            side,
+            np.ascontiguousarray(centre, np.float64),
+            _entries(shape),
+            within if math.isfinite(within) else 0.0,
+            scratch,
+            coverage,
+        )
+        return coverage
+
+    def cells_of(self, directions: Floats) -> NDArray[np.uint32]:
+        """(K,) which of the hundred cells of the sphere (K, 3) unit vectors fall into."""
+        cells = np.empty(len(directions), np.uint32)
+        self._library.flinders_cells_of(np.ascontiguousarray(directions, np.float64), len(directions), cells)
+        return cells
+
+    def facing(self, readings: Floats, dip_deg: float) -> tuple[float, bool]:
+        """The dip with the sign that (100,) readings in each cell show, and whether they leave both signs open."""
+        is_open = np.zeros(1, np.int32)
+        facing = self._library.flinders_facing(np.ascontiguousarray(readings, np.float64), dip_deg, is_open)
+        return float(facing), bool(is_open[0])
+
+    def trimmed_covariance(self, field: Floats) -> Floats:
+        """(6,) entries of the covariance of (N, 3) readings without those farthest from their plane."""
+        covariance, scratch = np.empty(6), np.empty(5 * len(field))
+        self._library.flinders_trimmed_covariance(
+            np.ascontiguousarray(field, np.float64), len(field), scratch, covariance
+        )
+        return covariance
+
+    def is_level(self, covariance: ArrayLike, noise: float, within: float) -> bool:
+        """Whether readings of a (3, 3) covariance lie in a plane across z, within a multiple of their noise."""
+        return bool(self._library.flinders_is_level(_entries(covariance), noise, within))
 
 
 @cache

@@ -48,7 +48,7 @@ void fl_clear_record(flinders_record *record)
     record->repetition = 1;
     record->skipped = record->silent = record->is_doubtful = -1;
     record->version = FLINDERS_RECORD_VERSION;
-    record->dense = FL_NO_RUN;
+    record->dense = FLINDERS_NO_RUN;
     record->rejected_beyond = 0;
     for (int i = 0; i < 6; i++) record->first_swap[i] = -1;
 }

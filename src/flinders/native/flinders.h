@@ -63,6 +63,14 @@ enum {
     FLINDERS_BAD_OPTION = 9       /* an option is no number that it can be */
 };
 
+/* Runs of outliers. */
+enum {
+    FLINDERS_WINDOW = 11,  /* readings in a row that are looked at together: 0.2 s at 50 Hz */
+    FLINDERS_NO_RUN = 12,  /* far readings of a window, more than it holds: no run is looked for */
+    FLINDERS_MARGIN = 25,  /* readings before and after a run that go with it: 0.5 s at 50 Hz, in which a magnet fades away */
+    FLINDERS_OUTLIERS = 1000 /* runs of a recording that are listed; those beyond count with the last */
+};
+
 /* What to do; `flinders_default_options` fills it. */
 typedef struct flinders_options {
     flinders_real prior;   /* departure of the shape from a sphere that is likely, a fraction; 0: no prior (0.3) */
@@ -304,6 +312,33 @@ enum {
     FLINDERS_ASKS_SWAP = 2      /* whether axes were swapped: `swap_gain` */
 };
 
+/* A run of readings that a fit leaves out. */
+typedef struct flinders_outlier {
+    int64_t first;   /* row of the first one */
+    int64_t last;    /* row of the last one */
+    int64_t rows;    /* readings left out from there to there ... */
+    int64_t fitted;  /* ... as those that a fit goes by: a rest is one, or none */
+    flinders_real start;    /* time of the first one, s; NaN without times */
+    flinders_real end;      /* time of the last one, s */
+    flinders_real farthest; /* largest distance from the surface, unit */
+} flinders_outlier;
+
+/* Axes that changed their sign or place while a recording was made. */
+typedef struct flinders_axis_change {
+    int32_t swap;       /* 0, 1, 2: x, y or z changed sign; 3, 4, 5: x and y, y and z, z and x were exchanged; -1: none */
+    int64_t moments;    /* how often */
+    flinders_real gain; /* times that all readings lie closer to an ellipsoid once it is undone, at most 1000 */
+} flinders_axis_change;
+
+/* Directions of readings in a hundred cells of the sphere, equal in area: a cap about z, bands of 15, 34, 34 and 15, a cap. */
+typedef struct flinders_coverage {
+    flinders_real readings[100]; /* in each cell */
+    flinders_real share;    /* of the cells that hold one */
+    flinders_real upright;  /* mean height of the directions, -1 to 1 */
+    flinders_real hole_deg; /* angle from the middle of the largest gap to the nearest direction */
+    flinders_real hole[3];  /* middle of that gap, a unit vector in corrected axes */
+} flinders_coverage;
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -494,6 +529,24 @@ FLINDERS_API int flinders_attitude_limit(const flinders_real shape[6], const fli
                                          flinders_real dip_deg, flinders_real limit_deg, const flinders_real *down,
                                          flinders_real *tilt_deg);
 
+/* A level turn in steps of 5°: headings, what readings that are used as they come are off by, their mean removed, and the
+ * heading error of the calibration, 1 sigma, at each (72,), degrees. */
+FLINDERS_API int flinders_level_turn(const flinders_real centre[3], const flinders_real shape[6],
+                                     const flinders_real covariance[81], flinders_real dip_deg,
+                                     const flinders_real *down, flinders_real *headings_deg,
+                                     flinders_real *deviations_deg, flinders_real *sigmas_deg);
+
+/* Heading errors (count,) of a vehicle at the worst attitude that brings the corrected field along directions (count, 3),
+ * degrees, 1 sigma. */
+FLINDERS_API int flinders_attitude_errors(const flinders_real shape[6], const flinders_real covariance[81],
+                                          flinders_real dip_deg, const flinders_real *directions, size_t count,
+                                          flinders_real *errors_deg);
+
+/* Standard deviations (9,) of the entries of the matrix F S⁻¹ that corrects readings, row by row; the field strength F is
+ * known, or else the radius. */
+FLINDERS_API int flinders_matrix_sigmas(const flinders_real matrix[9], const flinders_real shape[6],
+                                        const flinders_real covariance[81], int32_t is_known, flinders_real sigmas[9]);
+
 /* Covariance of offset and shape with what belongs to the direction, and makes `structure_deg` of a level heading: an
  * uncertain offset σ² S Sᵀ, which moves the corrected field by σ in every direction. */
 FLINDERS_API void flinders_with_structure(const flinders_real shape[6], const flinders_real covariance[81],
@@ -502,6 +555,76 @@ FLINDERS_API void flinders_with_structure(const flinders_real shape[6], const fl
 /* Bound that a level heading stays within at all headings with a probability of 95 %, degrees. */
 FLINDERS_API int flinders_heading_bound(const flinders_real shape[6], const flinders_real covariance[81],
                                         flinders_real dip_deg, const flinders_real *down, flinders_real *bound_deg);
+
+/* Whether a sensor was hardly turned: all readings (rows, 3) lie around one point, and show no surface. `angle_deg` is that
+ * within which they lie, seen from the centre of their sphere, or NaN: the sensor was turned, or they are fewer than 20. The
+ * strength of the field is between `weakest` and `strongest`, unit; 0 and infinity where nothing is known of it. */
+FLINDERS_API int flinders_unmoved(const flinders_real *field, size_t rows, flinders_real weakest, flinders_real strongest,
+                                  void *workspace, size_t size, flinders_real *angle_deg);
+
+/* The same by cells of space: means (cells, 3) of the readings of each, which are lost, and how many readings there are in
+ * all. */
+FLINDERS_API int flinders_unmoved_cells(flinders_real *means, size_t cells, flinders_real readings, flinders_real weakest,
+                                        flinders_real strongest, flinders_real *angle_deg);
+
+/* Whether each record (count,) shows by itself that the sensor was turned out of one plane, and was at no end of its range:
+ * 1 or 0 in turned (count,). Where it is 0, readings have to be asked: `flinders_unmoved`. Strengths are as of that. */
+FLINDERS_API void flinders_turned(const flinders_record *records, size_t count, flinders_real weakest,
+                                  flinders_real strongest, unsigned char *turned);
+
+/* Fewest far readings of eleven that make a run, given which of some readings are far: far (n,) is 1 or 0, of a recording
+ * of so many `rows`. Chance makes one in a thousand recordings; `scratch` (n,) is lent. */
+FLINDERS_API int flinders_dense(const unsigned char *far, size_t n, size_t rows, unsigned char *scratch);
+
+/* Which readings a fit leaves out, 1 or 0 in out (rows,): those that are far, in a run of `dense` far ones of eleven, or
+ * within FLINDERS_MARGIN of it. */
+FLINDERS_API void flinders_left_out(const unsigned char *far, size_t rows, int32_t dense, unsigned char *out);
+
+/* List the runs of readings that a fit leaves out, behind the `count` that are there: no more than five others lie within
+ * one. Of each reading there are its distance from the surface, whether it is left out, its first and last row among those
+ * that were read (one row unless it is a rest), and the times of these, NULL without any. `runs` has room for
+ * FLINDERS_OUTLIERS; returns how many there are now. */
+FLINDERS_API size_t flinders_list_outliers(const flinders_real *distances, const unsigned char *out, size_t rows,
+                                           const int64_t *first, const int64_t *last, const flinders_real *start,
+                                           const flinders_real *end, flinders_outlier *runs, size_t count);
+
+/* Bytes of workspace that a search for changed axes needs. */
+FLINDERS_API size_t flinders_swap_workspace_size(size_t rows);
+
+/* Look for moments at which axes changed their sign or place: `moments`, with room for `rows` numbers, gets the row behind
+ * each. A change counts where readings with it undone scatter by at most 1.1 times `noise`, unit (infinity where it is not
+ * known), and by at most a share `noise_limit` of the radius. */
+FLINDERS_API int flinders_axis_swap(const flinders_real *field, size_t rows, flinders_real noise,
+                                    flinders_real noise_limit, void *workspace, size_t size, int64_t *moments,
+                                    flinders_axis_change *found);
+
+/* Coverage of the sphere by readings (rows, 3), as a fit states it: cells of space are projected onto it from the centre of an
+ * ellipsoid. Those farther from it than `within`, and their own size, hold outliers and are left out; 0: none is. */
+FLINDERS_API int flinders_coverage_of(const flinders_real *field, size_t rows, const flinders_real centre[3],
+                                      const flinders_real shape[6], flinders_real within, void *workspace, size_t size,
+                                      flinders_coverage *coverage);
+
+/* The same by cells of space of a `side`: means (cells, 3) of the readings of each, and how many there are (cells,).
+ * `scratch` has room for 5 * cells numbers. */
+FLINDERS_API int flinders_coverage_of_cells(const flinders_real *means, const flinders_real *readings, size_t cells,
+                                            flinders_real side, const flinders_real centre[3],
+                                            const flinders_real shape[6], flinders_real within, flinders_real *scratch,
+                                            flinders_coverage *coverage);
+
+/* Which of the hundred cells of the sphere unit vectors (count, 3) fall into. */
+FLINDERS_API void flinders_cells_of(const flinders_real *directions, size_t count, uint32_t *cells);
+
+/* An inclination with the sign that readings in each cell of the sphere show: a sensor mounted upside down sees the field come
+ * from below. `is_open` is 1 where they lean, yet not as a level vehicle's do, so that both signs are possible. */
+FLINDERS_API flinders_real flinders_facing(const flinders_real readings[100], flinders_real dip_deg, int32_t *is_open);
+
+/* Covariance of readings (rows, 3) without the 9 % that are farthest from their plane, unit²; NaN where they are out of scale.
+ * `scratch` has room for 5 * rows numbers. */
+FLINDERS_API void flinders_trimmed_covariance(const flinders_real *field, size_t rows, flinders_real *scratch,
+                                              flinders_real covariance[6]);
+
+/* Whether readings of a covariance lie in a plane across z, 1 or 0: by less than `within` times their noise, unit. */
+FLINDERS_API int flinders_is_level(const flinders_real covariance[6], flinders_real noise, flinders_real within);
 
 #ifdef __cplusplus
 }

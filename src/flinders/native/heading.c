@@ -246,27 +246,34 @@ int flinders_direction_errors(const real shape[6], const real covariance[81], co
     return status;
 }
 
-/* The dip with the sign that the readings show: a sensor mounted upside down sees the field come from below. */
-static real facing(const flinders_record *record, real dip_deg)
+/* The dip with the sign that directions show by their mean height. */
+static real shown(real upright, real coverage, real dip_deg)
 {
-    const real cells = fl_floor(100 * record->coverage + (real)0.5), by_chance = fl_sqrt(3 / (cells > 1 ? cells : 1));
+    const real cells = fl_floor(100 * coverage + (real)0.5), by_chance = fl_sqrt(3 / (cells > 1 ? cells : 1));
     const real least = by_chance > LEANING_LEAST ? by_chance : LEANING_LEAST;
-    const int is_against = (record->upright * dip_deg < 0) || (dip_deg == 0 && record->upright < 0);
-    return is_against && fl_abs(record->upright) > least ? -dip_deg : dip_deg;
+    const int is_against = (upright * dip_deg < 0) || (dip_deg == 0 && upright < 0);
+    return is_against && fl_abs(upright) > least ? -dip_deg : dip_deg;
+}
+
+/* The same, and whether directions that lean leave the sign open: a sensor mounted upside down sees the field come from
+ * below. */
+real fl_facing(real upright, real coverage, real dip_deg, int32_t *is_open)
+{
+    const real facing = shown(upright, coverage, dip_deg);
+    const int leans = facing != dip_deg || shown(upright, coverage, -dip_deg) == dip_deg;
+    *is_open = leans && !(fl_abs(upright) >= UPRIGHT * fl_abs(fl_sin(dip_deg / TO_DEG)));
+    return facing;
 }
 
 /* Level errors at the sign of the dip that the readings show; at the worse where they lean and show none. */
 void fl_heading_errors(const fl_surface *surface, flinders_record *record, real dip_deg)
 {
     real rms = 0, worst = 0;
-    int is_open = 0;
+    int32_t is_open = 0;
     record->dip_deg = dip_deg;
     if (!isnan(record->upright)) {
-        const real shown = facing(record, dip_deg);
-        const int leans = shown != dip_deg || facing(record, -dip_deg) == dip_deg;
-        const int is_clear = fl_abs(record->upright) >= UPRIGHT * fl_abs(fl_sin(dip_deg / TO_DEG));
-        if (is_clear || !leans) record->dip_deg = shown;
-        is_open = leans && !is_clear;
+        const real facing = fl_facing(record->upright, record->coverage, dip_deg, &is_open);
+        if (!is_open) record->dip_deg = facing;
     }
     fl_level_errors(surface, record->covariance, record->dip_deg, &record->level_rms_deg, &record->level_worst_deg);
     if (is_open) fl_level_errors(surface, record->covariance, -dip_deg, &rms, &worst);

@@ -55,6 +55,8 @@ typedef flinders_real real;
 #define FL_PI ((real)3.14159265358979323846)
 #define FL_UNOBSERVED ((real)1 / 3)  /* share of the information that noise alone may add to a direction */
 #define FL_DEPENDENT (100 * FL_ROUNDING) /* of the largest eigenvalue: smaller ones are rounding */
+#define FL_FLAT ((real)0.01)    /* thickness of readings over their width: those are flat, ... */
+#define FL_FLATTEST ((real)0.2) /* ... and those never are */
 #define FL_FINEST ((real)1e-6) /* of the field: no sensor resolves less */
 
 enum { FL_LOOKED = 12 * 1024, FL_COLUMNS = 18, FL_STEPS = 50,
@@ -175,6 +177,7 @@ void fl_jacobian(const fl_surface *surface, const real direction[3], real row[9]
 void fl_turning(const fl_surface *surface, const real direction[3], real rows[2][9]);
 
 /* heading.c */
+real fl_facing(real upright, real coverage, real dip_deg, int32_t *is_open);
 void fl_heading_errors(const fl_surface *surface, flinders_record *record, real dip_deg);
 enum { FL_HEADINGS = 72 };
 void fl_level_rows(const fl_surface *surface, real dip_deg, real rows[9][FL_HEADINGS]);

@@ -6,7 +6,7 @@
 
 #define FL_EMPTY UINT64_MAX /* key of a slot that is free */
 
-enum { FL_NO_RUN = 12, FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096,
+enum { FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096,
        FL_STRETCHES = 12, FL_STRETCH = FL_LOOKED / FL_STRETCHES };
 
 #ifdef FLINDERS_FLOAT
@@ -88,6 +88,18 @@ void fl_rests_rewind(fl_rests *rests);
 int fl_rests_next(fl_rests *rests, size_t *begin, size_t *end);
 size_t fl_rests_fitted(fl_rests *rests, const fl_fitted *out);
 
+/* runs.c: readings that are marked, and those of them that are far. */
+typedef struct {
+    size_t all, far;
+} fl_marked;
+
+fl_marked fl_mark_runs(const unsigned char *far, size_t rows, int dense, unsigned char *out);
+
+/* swap.c */
+void fl_swaps(const fl_kernels *kernels, const real *field, size_t rows, const fl_room *room, flinders_record *record);
+void fl_confirm_swaps(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
+                      flinders_record *record);
+
 /* fit.c: with little memory, and no statistics asked for, a room without `keys` and `some` will do; `scratch` may then be
  * the first half of `order`, and `distances` the second. */
 void fl_clear_record(flinders_record *record);
@@ -118,6 +130,7 @@ void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, 
 void fl_forget_outliers(fl_view *view, flinders_record *record);
 real fl_cell_side(const real *field, size_t rows);
 void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room);
+int fl_cloud_of_any(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room);
 size_t fl_slots_for(size_t rows);
 real fl_median(real *values, size_t n);
 void fl_coverage(const fl_kernels *kernels, const fl_surface *surface, real within, const fl_room *room,

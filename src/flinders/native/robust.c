@@ -1,12 +1,12 @@
 /* Readings that do not belong: a start that they cannot bend, and their rejection.
  *
- * P. J. Rousseeuw, "Least median of squares regression", J. Am. Stat. Assoc. 79 (1984); flinders.estimators.robust and
- * .outliers say why each number is what it is.
+ * P. J. Rousseeuw, "Least median of squares regression", J. Am. Stat. Assoc. 79 (1984); flinders.estimators.robust says
+ * why each number is what it is.
  */
 #include "random.h"
 #include "record.h"
 
-enum { POINTS = 12, FEW_DRAWS = 24, ROUNDS = 12, PER_CELL = 4, WINDOW = 11, MARGIN = 25, LEAST = 3, LOOKS = 3,
+enum { POINTS = 12, FEW_DRAWS = 24, ROUNDS = 12, PER_CELL = 4,
        UNKNOWNS = 12, ENOUGH_TO_JUDGE = 40, OTHERS = 8 };
 
 #ifdef FLINDERS_SMALL
@@ -240,71 +240,6 @@ int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *f
     return lasts ? suspects_a_load(kernels, &spread, n, sigma, room) : 0;
 }
 
-/* Readings that are marked, and those of them that are far. */
-typedef struct {
-    size_t all, far;
-} marked;
-
-/* How many readings of the window about one are far. */
-static int far_about(const unsigned char *far, size_t rows, size_t i)
-{
-    const size_t begin = i > WINDOW / 2 ? i - WINDOW / 2 : 0, end = i + WINDOW / 2 + 1 < rows ? i + WINDOW / 2 + 1 : rows;
-    int inside = 0;
-    for (size_t row = begin; row < end; row++) inside += far[row];
-    return inside;
-}
-
-/* Mark readings in a run of far ones and within a margin of it, and count them; far readings on their own are not
- * marked. */
-static marked mark_runs(const unsigned char *far, size_t rows, int dense, unsigned char *out)
-{
-    marked count = {0, 0};
-    size_t done = 0;
-    const unsigned char *next = far;
-    memset(out, 0, rows);
-    if (dense > WINDOW) return count;
-    for (; next < far + rows && (next = memchr(next, 1, (size_t)(far + rows - next))); next++) {
-        const size_t i = (size_t)(next - far);
-        if (far_about(far, rows, i) < dense) continue;
-        const size_t begin = i > MARGIN ? i - MARGIN : 0, end = i + MARGIN + 1 < rows ? i + MARGIN + 1 : rows;
-        for (size_t row = begin > done ? begin : done; row < end; row++) out[row] = 1, count.all++, count.far += far[row];
-        done = end;
-    }
-    return count;
-}
-
-/* Fewest far readings of a window that chance hardly ever puts there. */
-static int dense_enough(real share, size_t rows)
-{
-    real chances[WINDOW + 1], choose = 1, tail = 0;
-    int least = FL_NO_RUN;
-    for (int far = 0; far <= WINDOW; far++) {
-        chances[far] = choose;
-        for (int i = 0; i < far; i++) chances[far] *= share;
-        for (int i = far; i < WINDOW; i++) chances[far] *= 1 - share;
-        choose = choose * (WINDOW - far) / (far + 1);
-    }
-    for (int far = WINDOW; far >= LEAST; far--) {
-        tail += chances[far];
-        if ((real)rows * tail < (real)1e-3) least = far;
-    }
-    return least;
-}
-
-/* The same, of readings some of which are far: runs beyond doubt are set aside before the rest is counted. */
-static int dense_in(const unsigned char *far, size_t n, size_t rows, const fl_room *room)
-{
-    unsigned char *const around = (unsigned char *)room->scratch;
-    size_t all_far = 0;
-    int dense = FL_NO_RUN;
-    for (size_t i = 0; i < n; i++) all_far += far[i];
-    for (int look = 0; look < LOOKS; look++) {
-        const marked runs = mark_runs(far, n, dense, around);
-        dense = n > runs.all ? dense_enough((real)(all_far - runs.far) / (real)(n - runs.all), rows) : FL_NO_RUN;
-    }
-    return dense;
-}
-
 /* Which of n readings are farther than a limit. */
 static void mark_far(const fl_room *room, size_t n, real limit)
 {
@@ -324,7 +259,7 @@ static size_t reject(const fl_view *all, int dense, const fl_room *room)
     size_t changes = 0;
     for (size_t begin = 0, part = 0; begin < all->rows; part++) {
         const size_t end = part < room->parts ? (size_t)room->ends[part] : all->rows;
-        mark_runs(room->far + begin, end - begin, dense, in_run + begin);
+        fl_mark_runs(room->far + begin, end - begin, dense, in_run + begin);
         begin = end;
     }
     for (size_t i = 0; i < all->rows; i++) {
@@ -381,7 +316,7 @@ static int fit_about(const fl_kernels *kernels, const samples *of, const flinder
 {
     const size_t rows = of->every.rows;
     real limit = 0;
-    int dense = FL_NO_RUN;
+    int dense = FLINDERS_NO_RUN;
     memset(fit, 0, sizeof *fit);
     fit->surface = *start;
     for (int round = 0; round < ROUNDS; round++) {
@@ -391,14 +326,14 @@ static int fit_about(const fl_kernels *kernels, const samples *of, const flinder
         const real sigma = typical(room->scratch, of->sampled);
         limit = REJECT * (sigma > least ? sigma : least);
         mark_far(room, rows, limit);
-        dense = of->part.stride == 1 ? dense_in(room->far, rows, rows, room) : FL_NO_RUN;
+        dense = of->part.stride == 1 ? flinders_dense(room->far, rows, rows, (unsigned char *)room->scratch) : FLINDERS_NO_RUN;
         const int status = fit_near(kernels, &of->part, options, dense, room, fit);
         if (status != FLINDERS_OK) return status;
         if (fl_abs(limit - before) <= SETTLED * limit) break;
     }
     const size_t looked = absolute(kernels, &of->part, &fit->surface, room->distances);
     mark_far(room, looked, limit);
-    dense = dense_in(room->far, looked, rows, room);
+    dense = flinders_dense(room->far, looked, rows, (unsigned char *)room->scratch);
     if (of->part.stride > 1) absolute(kernels, &of->every, &fit->surface, room->distances), mark_far(room, rows, limit);
     memcpy(record->majority_centre, fit->surface.centre, sizeof record->majority_centre);
     memcpy(record->majority_shape, fit->surface.shape, sizeof record->majority_shape);
@@ -414,7 +349,7 @@ static int outweigh(const fl_kernels *kernels, const fl_view *every, const flind
     unsigned char *const in_run = (unsigned char *)room->scratch;
     const fl_view runs = {every->field, every->rows, room->far, 1};
     real sums[55], difference[81];
-    if (fit->unseen || !mark_runs(room->far, every->rows, dense, in_run).all) return 0;
+    if (fit->unseen || !fl_mark_runs(room->far, every->rows, dense, in_run).all) return 0;
     for (size_t i = 0; i < every->rows; i++) room->far[i] = !in_run[i];
     kernels->products(&runs, &fit->posterior.surface, !options->bias_correction, sums);
     for (int i = 0, at = 0; i < 9; i++, at++)
@@ -476,5 +411,5 @@ void fl_forget_outliers(fl_view *view, flinders_record *record)
     record->is_robust = 0;
     record->rejected = 0;
     record->rejected_beyond = 0;
-    record->dense = FL_NO_RUN;
+    record->dense = FLINDERS_NO_RUN;
 }

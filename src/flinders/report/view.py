@@ -34,7 +34,7 @@ from flinders.findings.row import ANY_ANGLE_DEG, resting_on
 from flinders.fitting.advice import WORTH_IT, guided, movement
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
-from flinders.heading.error_propagation import direction_gradients, level_gradients, level_turn, upright
+from flinders.native.engine import engine
 from flinders.report.formatting import reach
 from flinders.summary.coverage import cells_of
 from flinders.summary.quality import DataQuality
@@ -308,12 +308,8 @@ def tile_errors_deg(fit: Fit) -> Floats:
     (1 − uuᵀ) S⁻¹ J P Jᵀ S⁻ᵀ (1 − uuᵀ), over cos² I, with the dip I of the fit. What belongs to the direction is added,
     as to all headings; no mean is removed, since no mounting would explain one.
     """
-    gradients = direction_gradients(fit.ellipsoid, tiles().centres @ rotation_of(fit))
-    covariance = gradients @ fit.claimed_covariance @ np.swapaxes(gradients, 1, 2)  # (642, 3, 3), of rank 2
-    largest = np.linalg.eigvalsh(covariance)[:, -1].clip(min=0.0)
-    level = math.cos(math.radians(fit.heading_error_deg.dip_deg))
-    errors: Floats = np.rad2deg(np.sqrt(largest)) / level
-    return errors
+    directions, dip_deg = tiles().centres @ rotation_of(fit), fit.heading_error_deg.dip_deg
+    return engine().attitude_errors(fit.ellipsoid.shape, fit.claimed_covariance, directions, dip_deg=dip_deg)
 
 
 def sentence(fit: Fit, limit_deg: float | None = None) -> str:
@@ -345,32 +341,16 @@ def matrix_sigma(fit: Fit) -> Floats:
 
     δW = (δF/F) W − W δS S⁻¹, with δF = F tr(S⁻¹ δS)/3 where F is the radius that results, and 0 where it is known.
     """
-    inverse, matrix = np.linalg.inv(fit.ellipsoid.shape), fit.calibration.matrix
-    rows = []
-    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
-        change = np.zeros((3, 3))
-        change[i, j] = change[j, i] = 1.0
-        scale = 0.0 if fit.calibration.field_strength_known else np.trace(inverse @ change) / 3.0
-        rows.append((scale * matrix - matrix @ change @ inverse).ravel())
-    jacobian = np.array(rows).T  # (9, 6)
-    variance = np.sum(jacobian @ fit.covariance[3:, 3:] * jacobian, axis=1).clip(min=0.0)
-    sigma: Floats = np.sqrt(variance).reshape(3, 3)
-    return sigma
+    is_known = fit.calibration.field_strength_known
+    return engine().matrix_sigmas(fit.calibration.matrix, fit.ellipsoid.shape, fit.covariance, is_known=is_known)
 
 
 def turn(fit: Fit) -> LevelTurn:
     """What a compass does over a level turn, before and after."""
     dip, down = fit.heading_error_deg.dip_deg, down_of(fit.plane)
-    heading, directions = level_turn(dip, down)
-    raw = fit.ellipsoid.centre[:, np.newaxis] + fit.ellipsoid.shape @ directions
-    if down is not None:
-        raw = upright(down).T @ raw
-    turned = np.exp(1j * (np.arctan2(-raw[1], raw[0]) - heading))
-    mean = turned.mean()
-    before = np.angle(turned / (mean / abs(mean) if abs(mean) > 0.0 else 1.0))
-    gradients = level_gradients(fit.ellipsoid, dip_deg=dip, down=down)
-    sigma = np.sqrt(np.sum(gradients @ fit.claimed_covariance * gradients, axis=1).clip(min=0.0))
-    return LevelTurn(*(tuple(np.rad2deg(column).round(4).tolist()) for column in (heading, before, sigma)))
+    ellipsoid, covariance = fit.ellipsoid, fit.claimed_covariance
+    columns = engine().level_turn(ellipsoid.centre, ellipsoid.shape, covariance, dip_deg=dip, down=down)
+    return LevelTurn(*(tuple(column.round(4).tolist()) for column in columns))
 
 
 def residuals(fit: Fit, corrected: Floats) -> ResidualHistogram:

@@ -1,60 +1,51 @@
-"""What the page's verdict takes from the program: rules, sentences, limits, tables, and where a record's fields lie.
+"""What the page takes from the program: sentences of the catalogue, tables, and where the fields of structs lie.
 
-JavaScript calculates the quantities (`static/standalone/verdict.js`). It applies the rows of the catalogue of which it
-knows all `NAMES`; every other finding of one magnetometer is listed as not checked.
+The engine judges, as everywhere; `static/standalone/findings.js` has the words of the sentences beside quantities.
 
 >>> tables = data()
->>> [row["code"] for row in tables["rows"]][:3], "level-plane" in tables["unchecked"]
-(['one-plane', 'heading-error', 'corrected-before'], True)
+>>> [row["code"] for row in tables["rows"]][:3]
+['one-plane', 'level-plane', 'heading-error']
 """
 
 from __future__ import annotations
 
-from string import Formatter
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
 from flinders.core.calibration_file import PARAMETERS
 from flinders.core.units import EARTH_UT
-from flinders.diagnostics import axis_swap, systematic, unmoved
+from flinders.diagnostics import axis_swap
 from flinders.errors import Unmoved
-from flinders.estimators import auto, level, outliers
-from flinders.findings import CATALOGUE, CAUSES, OF_ONE_MAGNETOMETER, fit, limit_of
+from flinders.estimators import auto
+from flinders.findings import CATALOGUE, limit_of
+from flinders.findings.catalogue import OF_A_FIT, QUANTITIES_OF_A_FIT
 from flinders.findings.row import OF_A_TUMBLE, resting_on
-from flinders.fitting import advice, calibrate, result, shrinkage, verdict
+from flinders.fitting import advice, calibrate, verdict
 from flinders.heading import guidance, path_planning
 from flinders.live import evaluation
-from flinders.native.engine import ADVICE, BELIEF, GOAL, OPTIONS, RECORD, ROUTE
+from flinders.native.engine import (
+    ADVICE,
+    AXIS_CHANGE,
+    BELIEF,
+    COVERAGE,
+    GOAL,
+    JUDGEMENT,
+    OPTIONS,
+    OUTLIER,
+    RECORD,
+    REQUEST,
+    ROUTE,
+    constant,
+)
 from flinders.report.view import tiles_view
-from flinders.summary import summary
-from flinders.summary.coverage import BANDS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
     from types import ModuleType
 
     import numpy as np
 
     from flinders.findings import CatalogueRow
-    from flinders.findings.row import Rule
-
-NAMES: Final = frozenset(
-    {
-        "again", "alternating_deg", "alternating_limit", "at_rest_share", "attitudes", "axis_lag", "axis_ratio",
-        "backward_steps", "correlation", "covered", "distinct", "drift", "drift_allowed_deg", "drift_by_chance",
-        "drift_deg", "farthest", "field_strength", "flatness", "flatness_limit", "halves", "hole_deg", "independent",
-        "independent_needed", "independent_readings", "independent_share", "inflation", "is_in_counts", "is_planar",
-        "is_relative", "is_unaligned", "lag_deg", "leave", "length", "longest_step_s", "movement", "nearest_earth",
-        "next_correlation", "noise_lasts", "noise_share", "nonlinear_axis", "nonlinear_deg", "nonlinear_share",
-        "nothing", "often", "outlier_share", "outliers", "path_correlation", "prior_share", "radius", "rail_share",
-        "rails", "remedy", "repeated_share", "rests", "rests_count", "rings", "rows", "runs", "samples", "step",
-        "strongest", "structure_deg", "structure_share", "swap", "swap_gain", "target_deg", "times_outside_earth",
-        "uncorrected_deg", "unit", "unlike_correlation", "unobserved", "unsteady_deg", "unsteady_limit_deg",
-        "usual_step_s", "weakest", "where_flat", "why", "worst_deg",
-    }
-)  # fmt: skip
-"""Quantities and words that `verdict.js` knows."""
 
 SAID: Final = {
     "one-plane": (
@@ -75,42 +66,31 @@ NUMBERS: Final = {
     "EARTH_STRONGEST": EARTH_UT[1],
     "COVERAGE_LIMIT": limit_of("coverage"),
     "OUTLIERS_LIMIT": limit_of("outliers"),
-    "WIDEST_OFFSET": shrinkage.OFFSETS[-1],
-    "UPRIGHT": float(level.UPRIGHT),
-    **_of(result, "ALIKE"),
-    **_of(verdict, "ALTERNATING UNSTEADY SWITCHING STEPS ENOUGH ENOUGH_CORRELATED NOT_BY_CHANCE"),
-    **_of(systematic, "BY_CHANCE"),
-    **_of(summary, "FLAT FLATTEST FLAT_NOISE"),
+    **_of(verdict, "NOT_BY_CHANCE"),
     **_of(advice, "WORTH_IT"),
-    **_of(calibrate, "LOOKED_AT SWAP_LAG_ONE"),
+    **_of(calibrate, "LOOKED_AT"),
     **_of(path_planning, "READINGS_PER_DEG"),
-    **_of(axis_swap, "FEWEST BROKEN LIKE GAIN MOST_NOISE LEAST_EVIDENCE MOST", "SWAP_"),
-    **_of(shrinkage, "PROBABLE FARTHEST UNKNOWN"),
-    **_of(unmoved, "FEWEST ROUNDING", "UNMOVED_"),
-    **_of(unmoved, "NARROW TAILS NARROW_BALL TAILS_BALL BALL NEAR CLOSE FILLED POINT"),
-    **_of(unmoved, "COARSE OFTEN THIN SPHERICAL CURVED MOST_IRON"),
-    **_of(auto, "TRIMS TRIMMED FEWEST_LEFT"),
-    **_of(outliers, "WINDOW MARGIN TOGETHER LISTED"),
+    **_of(axis_swap, "MAX_NOISE", "SWAP_"),
+    **_of(auto, "FEWEST_LEFT"),
     **_of(evaluation, "STALE_S STALE_ROWS FROZEN_ROWS FROZEN_S LIVELY MOVING STILL_S STILL_DEG"),
     **_of(evaluation, "CONVERGED CONVERGED_FRACTION CONVERGED_S DENSE OFFERED KNOWN_DEG SPEED_DEG"),
 }
-"""Limits and constants that both languages compare with."""
-
+"""Limits and constants that sentences and readings are compared with in both languages."""
 
 STRUCTS: Final = {
-    "options": OPTIONS, "record": RECORD, "belief": BELIEF, "goal": GOAL, "advice": ADVICE, "route": ROUTE,
+    "options": OPTIONS, "record": RECORD, "request": REQUEST, "judgement": JUDGEMENT, "belief": BELIEF, "goal": GOAL,
+    "advice": ADVICE, "route": ROUTE, "outlier": OUTLIER, "change": AXIS_CHANGE, "coverage": COVERAGE,
 }  # fmt: skip
 """Structs of flinders.h that the page reads or writes."""
 
 
 def data() -> dict[str, Any]:
     """The key ``engine`` of `page.json`, JSON-ready; `static/standalone/data.d.ts` has its type."""
-    checked = rows()
     return {
         "layouts": {name: _layout(struct) for name, struct in STRUCTS.items()},
-        "rows": [_row(row) for row in checked],
-        "unchecked": unchecked(),
-        "causes": [cause._asdict() for cause in CAUSES],
+        "listed": constant("OUTLIERS"),  # runs of outliers, at most
+        "rows": [_row(CATALOGUE[code]) for code in OF_A_FIT],
+        "quantities": QUANTITIES_OF_A_FIT,
         "numbers": NUMBERS,
         "said": {**evaluation.SAID, "unmoved": Unmoved.SAID, "every-way": Unmoved.EVERY_WAY},
         "condition": resting_on(OF_A_TUMBLE),
@@ -121,59 +101,20 @@ def data() -> dict[str, Any]:
         "informative": evaluation.INFORMATIVE,
         "other_units": evaluation.OTHER_UNITS,
         "poses": guidance.POSE_WORDS["sensor"],
-        "bands": BANDS.tolist(),
         "turns": path_planning.TURNS["sensor"],
         "tiles": msgspec.to_builtins(tiles_view()),
-        "swaps": {name: swap.ravel().tolist() for name, swap in axis_swap.SWAPS.items()},
-        "shrinkage": {
-            "priors": [prior.diagonal().tolist() for prior in shrinkage.PRIORS],
-            "departures": shrinkage.DEPARTURES.ravel().tolist(),
-            "parameters": shrinkage.PARAMETERS.ravel().tolist(),
-            "size": shrinkage.SIZE.tolist(),
-        },
+        "swaps": axis_swap.SWAPS,
     }
-
-
-def rows() -> list[CatalogueRow]:
-    """Rows of the catalogue that the page applies, in the order in which `flinders.fitting.verdict.judge` does."""
-    codes = ("alternating", "outliers", *verdict.OF_CALIBRATION, "saturated", *verdict.OF_RECORDING)
-    return [row for row in (*fit.ROWS, *(CATALOGUE[code] for code in codes)) if _is_checked(row)]
-
-
-def unchecked() -> list[str]:
-    """Codes of the findings of one magnetometer that the page does not make."""
-    checked = {row.code for row in rows()}
-    return [row.code for row in OF_ONE_MAGNETOMETER if row.code not in checked]
-
-
-def _is_checked(row: CatalogueRow) -> bool:
-    """Whether the page knows all that a row compares and says."""
-    return row.rule.names | set(_fields(row.said)) <= NAMES
-
-
-def _fields(sentence: str) -> Iterable[str]:
-    """Names in the braces of a sentence."""
-    return (name for _, name, _, _ in Formatter().parse(sentence) if name)
 
 
 def _row(row: CatalogueRow) -> dict[str, Any]:
+    """What the page says of a finding of the engine, and the number and the limit that it states."""
     return {
         "code": row.code,
-        "is_of_recording": row.code in verdict.OF_THE_RECORDING,
-        "rule": _rule(row.rule),
         "said": SAID.get(row.code, row.said),
         "alarm": row.alarm,
-    }
-
-
-def _rule(rule: Rule) -> dict[str, Any]:
-    return {
-        "quantity": rule.quantity,
-        "comparison": rule.comparison,
-        "grades": rule.grades,
-        "needs": rule.needs,
-        "number": rule.number,
-        "limit": rule.limit,
+        "number": row.rule.number or row.rule.quantity,
+        "limit": row.rule.stated_limit,
     }
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from flinders.errors import NeedsRecording
 from flinders.geometry.ellipsoid import centred
 from flinders.geometry.sphere import around_z
+from flinders.native.engine import engine
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,16 +31,7 @@ if TYPE_CHECKING:
     from flinders.summary.cloud import Cloud
     from flinders.summary.summary import Summary
 
-UPRIGHT: Final = 0.55
-"""Mean height of the directions of a recording, of that of a level vehicle's, from which on it is told from it."""
-
 BANDS: Final = np.array([1, 15, 34, 34, 15, 1])
-STARTS: Final = np.concatenate([[0], np.cumsum(BANDS)[:-1]])
-EDGES: Final = 1.0 - 0.02 * np.cumsum(BANDS)[:-1]
-
-
-LEANING_LEAST, LEANING = 0.1, math.sqrt(3.0)
-"""Mean height of the directions of a recording that leans: so much, and three standard errors of random ones."""
 
 
 def _centres() -> Floats:
@@ -68,10 +60,8 @@ class Coverage:
     @classmethod
     def of(cls, directions: Floats, counts: Floats | None = None) -> Self:
         """Count unit vectors (K, 3), each standing for `counts` readings."""
-        seen = np.bincount(cells_of(directions), weights=counts, minlength=100).astype(float)
-        nearest = np.max(CELLS @ directions.T, axis=1)
-        emptiest = int(np.argmin(nearest))
-        return cls(seen, CELLS[emptiest], float(np.rad2deg(np.arccos(np.clip(nearest[emptiest], -1.0, 1.0)))))
+        readings = np.ones(len(directions)) if counts is None else counts
+        return cls._of_record(engine().coverage(directions, readings, np.zeros(3), np.eye(3)))
 
     @classmethod
     def from_dict(cls, numbers: dict[str, float]) -> Self:
@@ -89,13 +79,15 @@ class Coverage:
 
         Cells that lie farther from the ellipsoid than `within` and their own size hold readings that were rejected.
         """
-        means, counts = cloud.means, cloud.counts
-        if np.isfinite(within):
-            lengths = np.linalg.norm(np.linalg.solve(ellipsoid.shape, (means - ellipsoid.centre).T), axis=0)
-            near = np.abs(lengths - 1.0) * ellipsoid.semi_axes[0] <= within + cloud.side
-            if near.any():
-                means, counts = means[near], counts[near]
-        return cls.of(directions_of(means, ellipsoid), counts)
+        centre, shape = ellipsoid.centre, ellipsoid.shape
+        return cls._of_record(
+            engine().coverage(cloud.means, cloud.counts, centre, shape, side=cloud.side, within=within)
+        )
+
+    @classmethod
+    def _of_record(cls, record: Records) -> Self:
+        """Take a row of `flinders.native.engine.COVERAGE`."""
+        return cls(record["readings"], record["hole"], float(record["hole_deg"]))
 
     @property
     def counts(self) -> Floats:
@@ -124,9 +116,7 @@ class Coverage:
         up is; one made all around says nothing, and either sign then gives the same error. Of few directions the mean
         is a matter of chance.
         """
-        upright = float(self.counts @ CELLS[:, 2]) / max(self.readings, 1.0)
-        by_chance = LEANING / math.sqrt(max(int(np.count_nonzero(self.counts)), 1))
-        return -dip_deg if math.copysign(upright, upright * dip_deg) < -max(LEANING_LEAST, by_chance) else dip_deg
+        return engine().facing(self.counts, dip_deg)[0]
 
     def facings(self, dip_deg: float) -> tuple[float, ...]:
         """The dip with each sign that the recording leaves open: one that leans, yet not as a vehicle's does, both.
@@ -139,11 +129,8 @@ class Coverage:
         >>> [Coverage.of(all_around[all_around[:, 2] < top]).facings(60.0) for top in (1.0, 0.2, -0.5)]
         [(60.0,), (60.0, -60.0), (-60.0,)]
         """
-        facing = self.facing(dip_deg)
-        upright = float(self.counts @ CELLS[:, 2]) / max(self.readings, 1.0)
-        leans = facing != dip_deg or self.facing(-dip_deg) == dip_deg
-        is_clear = abs(upright) >= UPRIGHT * abs(math.sin(math.radians(dip_deg)))
-        return (facing,) if is_clear or not leans else (dip_deg, -dip_deg)
+        facing, is_open = engine().facing(self.counts, dip_deg)
+        return (dip_deg, -dip_deg) if is_open else (facing,)
 
     def as_dict(self) -> dict[str, float]:
         """JSON-ready numbers; none where they are not known."""
@@ -201,7 +188,4 @@ def directions_of(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
 
 def cells_of(directions: Floats) -> NDArray[np.int64]:
     """(K,) index of the cell that each unit vector falls into."""
-    band = np.searchsorted(-EDGES, -directions[:, 2])
-    turn = np.arctan2(directions[:, 1], directions[:, 0]) / (2.0 * np.pi) % 1.0
-    cells: NDArray[np.int64] = STARTS[band] + np.minimum((turn * BANDS[band]).astype(int), BANDS[band] - 1)
-    return cells
+    return engine().cells_of(directions).astype(np.int64)

@@ -3,7 +3,7 @@
  * of somebody who turns it now. The engine finds both.
  */
 
-import { directionError, surfaceOf } from "./heading.js";
+import { surfaceOf } from "./fit.js";
 import { apply } from "./linear.js";
 
 /** @typedef {import("../messages.d.ts").View} View */
@@ -93,7 +93,7 @@ export function isIdle({ worstDeg, afterDeg }, { numbers }) {
  */
 export function guided(view, fit, readings, isFlat, goal) {
     const { surface, claimed, data, engine } = fit;
-    const isRough = isFlat || directionError(surface, claimed).worst > data.numbers.KNOWN_DEG;
+    const isRough = isFlat || engine.directionWorstDeg(surface, claimed, fit.headingError.dipDeg) > data.numbers.KNOWN_DEG;
     const belief = isRough ? engine.rough(readings.field) : claimOf(fit);
     if (!belief) return view;
     const { inverse } = surfaceOf(belief.centre, belief.shape);

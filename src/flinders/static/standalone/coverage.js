@@ -1,9 +1,8 @@
-/** Directions of corrected readings: a hundred cells of equal area, and the tiles that are drawn. */
+/** Directions of corrected readings, and the tiles that are drawn of them. */
 
 import { apply } from "./linear.js";
 
-/** @typedef {import("./data.d.ts").EngineData} EngineData */
-/** @typedef {import("./heading.js").Surface} Surface */
+/** @typedef {import("./fit.js").Surface} Surface */
 
 /**
  * Readings after correction, three numbers each, in units of the field.
@@ -20,33 +19,6 @@ export function corrected(field, { centre, inverse }) {
         out[i + 2] = z;
     }
     return out;
-}
-
-/**
- * Readings in each of the hundred cells.
- * @param {Float64Array} vectors Of any length.
- * @param {EngineData} data
- * @returns {Float64Array}
- */
-export function cellCounts(vectors, { bands }) {
-    const counts = new Float64Array(100);
-    for (let i = 0; i < vectors.length; i += 3) counts[cellOf(vectors[i], vectors[i + 1], vectors[i + 2], bands)]++;
-    return counts;
-}
-
-/**
- * @param {number} x
- * @param {number} y
- * @param {number} z
- * @param {number[]} bands Cells of each band, from the north.
- * @returns {number}
- */
-function cellOf(x, y, z, bands) {
-    const height = z / (Math.hypot(x, y, z) || 1);
-    let [band, start] = [0, 0];
-    while (band < bands.length - 1 && height < 1 - 0.02 * (start + bands[band])) start += bands[band++];
-    const turn = Math.atan2(y, x) / (2 * Math.PI);
-    return start + Math.min(Math.floor((turn - Math.floor(turn)) * bands[band]), bands[band] - 1);
 }
 
 /**

@@ -6,39 +6,21 @@ export type Severity = "note" | "limits" | "refuses";
 /** A factor, of a quantity or of one where its name is empty. */
 export type Limit = [factor: number, of: string];
 
-/** A comparison of a quantity with limits, the least severe first, and what has to hold as well. */
-export interface Rule {
-  quantity: string;
-  comparison: "<" | ">" | ">=";
-  grades: [severity: Severity, factor: number, of: string][];
-  needs: [quantity: string, comparison: "<" | ">" | ">=", factor: number, of: string][];
-  number: string;
-  limit: Limit | null;
-}
-
-/** A row of the catalogue of findings. */
+/** What is said of a finding of the engine. */
 export interface Row {
   code: string;
-  is_of_recording: boolean; // it holds whatever the fit is worth
-  rule: Rule;
   said: string;
   alarm: boolean;
-}
-
-/** A finding of a severity, or a worse one, and the findings that follow from it, unless another is there. */
-export interface Cause {
-  code: string;
-  severity: Severity;
-  consequences: string[];
-  unless: string;
+  number: string; // the quantity that is stated
+  limit: Limit;
 }
 
 /** What `flinders.standalone.engine.data` gives: the tables and numbers of the program. */
 export interface EngineData {
   layouts: Layouts;
-  rows: Row[];
-  unchecked: string[];
-  causes: Cause[];
+  listed: number; // runs of outliers, at most
+  rows: Row[]; // in the order of the engine
+  quantities: string[];
   numbers: Record<string, number>;
   said: Record<string, string>;
   condition: string;
@@ -50,8 +32,6 @@ export interface EngineData {
   other_units: Record<string, number>;
   poses: string[]; // after "hold it"
   turns: [right: string, left: string][]; // about x, y and z
-  bands: number[];
   tiles: TilesView;
-  swaps: Record<string, number[]>;
-  shrinkage: { priors: number[][]; departures: number[]; parameters: number[]; size: number[] };
+  swaps: string[]; // axes that change, in the order of the engine
 }

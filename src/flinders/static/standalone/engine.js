@@ -6,11 +6,15 @@
  */
 
 /**
- * Where the fields of a struct lie: its bytes, and of each field the offset, the kind (i4, i8, f8) and the count.
- * @typedef {{size: number, fields: Record<string, [number, "i4" | "i8" | "f8", number]>}} Layout
+ * Where the fields of a struct lie: its bytes, and of each field the offset, the kind (u1, i4, i8, f8) and the count.
+ * @typedef {{size: number, fields: Record<string, [number, "u1" | "i4" | "i8" | "f8", number]>}} Layout
  */
 
-/** @typedef {Record<"record" | "options" | "belief" | "goal" | "advice" | "route", Layout>} Layouts */
+/**
+ * @typedef {"record" | "options" | "request" | "judgement" | "belief" | "goal" | "advice" | "route" | "outlier" | "change" |
+ *     "coverage"} Struct
+ * @typedef {Record<Struct, Layout>} Layouts
+ */
 
 /**
  * A record of the engine by the names of `flinders_record`; arrays where a field has several numbers.
@@ -36,12 +40,47 @@
  * @typedef {{is_attitude: number, dip_deg: number, down: number[], target_deg: number}} Wanted
  */
 
+/**
+ * Axes that changed their sign or their place while a recording was made.
+ * @typedef {object} AxisSwap
+ * @property {string} axes
+ * @property {number[]} rows Readings, counted from 0, from each of which on it is so, or is so no longer.
+ * @property {number} gain How many times closer to an ellipsoid all readings lie once it is undone.
+ */
+
+/** @typedef {[weakest: number, strongest: number]} Strengths Of the field, in the unit of the readings; 0 and infinity: unknown. */
+
+/**
+ * What is asked of a judgement, as `flinders_request`.
+ * @typedef {{target_deg: number, is_microtesla: number, shrinks: number}} Asked
+ *
+ * What a fit is worth, as `flinders_judgement`.
+ * @typedef {object} Judgement
+ * @property {number} verdict
+ * @property {number} conditions
+ * @property {number} asks
+ * @property {number[]} severities Of each finding.
+ * @property {number[]} shown Of those that follow from no other.
+ * @property {number[]} order These, the most important first.
+ * @property {number[]} quantities
+ * @property {number} rms_deg
+ * @property {number} worst_deg
+ * @property {number} bound_deg
+ * @property {number} structure_deg
+ * @property {number[]} covariance
+ */
+
+/** An ellipsoid, as readings make it. @typedef {{centre: number[], shape: number[]}} Surface */
+
 const ALIGNED = 16;
 const SENSOR = 1; // axes that attitudes are named in
 const PAGE = 65_536;
+const TURN = 72; // headings of a turn
+const WIDTHS = { u1: 1, i4: 4, i8: 8, f8: 8 };
 
 /** @type {Record<string, (view: DataView, at: number) => number>} */
 const READ = {
+    u1: (view, at) => view.getUint8(at),
     i4: (view, at) => view.getInt32(at, true),
     i8: (view, at) => Number(view.getBigInt64(at, true)),
     f8: (view, at) => view.getFloat64(at, true),
@@ -50,6 +89,7 @@ const READ = {
 /** @type {Record<string, (view: DataView, at: number, number: number) => void>} */
 const WRITE = {
     i4: (view, at, number) => view.setInt32(at, number, true),
+    i8: (view, at, number) => view.setBigInt64(at, BigInt(number), true),
     f8: (view, at, number) => view.setFloat64(at, number, true),
 };
 
@@ -88,7 +128,7 @@ export class Engine {
         /** @type {WebAssembly.Memory} */
         this.memory = exports.memory;
         this.layouts = layouts;
-        if (exports.flinders_record_size() !== layouts.record.size) {
+        if (exports.flinders_record_size() !== layouts.record.size || exports.flinders_judgement_size() !== layouts.judgement.size) {
             throw new Error("the engine is of another release than the page: load the page anew");
         }
         this.free = aligned(exports.__heap_base.value);
@@ -167,15 +207,101 @@ export class Engine {
     }
 
     /**
-     * What the heading of a level vehicle errs by at most, at all headings, with a probability of 95 %.
-     * @param {number[]} root 4 × 4, of the covariance of its four coefficients, in any unit.
+     * What a fit is worth; its record is claimed.
+     * @param {Fitted} record
+     * @param {Partial<Asked>} asked What differs from the defaults.
+     * @returns {{record: Fitted, judgement: Judgement}}
+     */
+    judge(record, asked) {
+        this.#write("record", record);
+        this.call.flinders_default_request(this.at.request);
+        this.#write("request", asked);
+        this.call.flinders_judge(this.at.record, this.at.request, this.at.judgement);
+        return { record: this.#decoded("record"), judgement: this.#decoded("judgement") };
+    }
+
+    /**
+     * Heading error of a vehicle that is tilted, 1 σ, at the worst heading.
+     * @param {number[]} shape
+     * @param {ArrayLike<number>} covariance
+     * @param {number} dipDeg
+     * @param {number} tiltDeg
      * @returns {number}
      */
-    headingBound(root) {
-        const [rootAt, out] = this.#placed([128, 8]);
-        new Float64Array(this.memory.buffer, rootAt, 16).set(root);
-        this.call.flinders_heading_bounds(rootAt, 1, out);
-        return new Float64Array(this.memory.buffer, out, 1)[0];
+    tiltedWorstDeg(shape, covariance, dipDeg, tiltDeg) {
+        const [shapeAt, covarianceAt, out] = this.#lent([shape, covariance, [0, 0]]);
+        this.call.flinders_tilted_error(shapeAt, covarianceAt, dipDeg, tiltDeg, 0, out, out + 8);
+        return this.#numbers(out, 2)[1];
+    }
+
+    /**
+     * Tilt up to which the worst heading error is within a limit.
+     * @param {number[]} shape
+     * @param {ArrayLike<number>} covariance
+     * @param {number} dipDeg
+     * @param {number} limitDeg
+     * @returns {number}
+     */
+    attitudeLimitDeg(shape, covariance, dipDeg, limitDeg) {
+        const [shapeAt, covarianceAt, out] = this.#lent([shape, covariance, [0]]);
+        this.call.flinders_attitude_limit(shapeAt, covarianceAt, dipDeg, limitDeg, 0, out);
+        return this.#numbers(out, 1)[0];
+    }
+
+    /**
+     * Error of the direction of the corrected field, 1 σ, in the worst direction.
+     * @param {Surface} surface
+     * @param {ArrayLike<number>} covariance
+     * @param {number} dipDeg
+     * @returns {number}
+     */
+    directionWorstDeg({ centre, shape }, covariance, dipDeg) {
+        this.#write("record", { centre, shape, covariance });
+        this.call.flinders_heading_errors(this.at.record, dipDeg);
+        return this.#decoded("record").direction_worst_deg;
+    }
+
+    /**
+     * A level turn: headings, what readings as they come are off by, and the heading error of the calibration at each.
+     * @param {Surface} surface
+     * @param {ArrayLike<number>} covariance
+     * @param {number} dipDeg
+     * @returns {{headingDeg: number[], deviationDeg: number[], sigmaDeg: number[]}}
+     */
+    levelTurn({ centre, shape }, covariance, dipDeg) {
+        const turn = new Float64Array(TURN);
+        const [centreAt, shapeAt, covarianceAt, ...out] = this.#lent([centre, shape, covariance, turn, turn, turn]);
+        this.call.flinders_level_turn(centreAt, shapeAt, covarianceAt, dipDeg, 0, ...out);
+        const [headingDeg, deviationDeg, sigmaDeg] = out.map((at) => this.#numbers(at, TURN));
+        return { headingDeg, deviationDeg, sigmaDeg };
+    }
+
+    /**
+     * Errors where the corrected field points along directions: of the heading, at the worst attitude that brings it there.
+     * @param {number[]} shape
+     * @param {ArrayLike<number>} covariance
+     * @param {number} dipDeg
+     * @param {ArrayLike<number>} directions Three numbers each.
+     * @returns {number[]}
+     */
+    attitudeErrorsDeg(shape, covariance, dipDeg, directions) {
+        const count = directions.length / 3;
+        const [shapeAt, covarianceAt, towards, out] = this.#lent([shape, covariance, directions, new Float64Array(count)]);
+        this.call.flinders_attitude_errors(shapeAt, covarianceAt, dipDeg, towards, count, out);
+        return this.#numbers(out, count);
+    }
+
+    /**
+     * Standard deviations of the entries of a matrix that corrects readings, row by row, to the mean radius.
+     * @param {ArrayLike<number>} matrix
+     * @param {number[]} shape
+     * @param {ArrayLike<number>} covariance
+     * @returns {number[]}
+     */
+    matrixSigmas(matrix, shape, covariance) {
+        const [matrixAt, shapeAt, covarianceAt, out] = this.#lent([matrix, shape, covariance, new Float64Array(9)]);
+        this.call.flinders_matrix_sigmas(matrixAt, shapeAt, covarianceAt, 0, out);
+        return this.#numbers(out, 9);
     }
 
     /**
@@ -244,6 +370,117 @@ export class Engine {
     }
 
     /**
+     * Angle within which all readings of a sensor lie that was hardly turned; null of one that was.
+     * @param {Float64Array} field
+     * @param {Strengths} strengths
+     * @returns {number | null}
+     */
+    unmovedDeg(field, [weakest, strongest]) {
+        const rows = field.length / 3;
+        const size = this.call.flinders_workspace_size(rows);
+        const [fieldAt, out, workspace] = this.#placed([field.byteLength, 8, size]);
+        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        this.call.flinders_unmoved(fieldAt, rows, weakest, strongest, workspace, size, out);
+        const angle = new Float64Array(this.memory.buffer, out, 1)[0];
+        return Number.isNaN(angle) ? null : angle;
+    }
+
+    /**
+     * Whether the record of the last fit shows by itself a turn out of one plane, at no end of the sensor's range.
+     * @param {Strengths} strengths
+     * @returns {boolean}
+     */
+    wasTurned([weakest, strongest]) {
+        const [out] = this.#placed([1]);
+        this.call.flinders_turned(this.at.record, 1, weakest, strongest, out);
+        return new Uint8Array(this.memory.buffer, out, 1)[0] === 1;
+    }
+
+    /**
+     * Which readings a fit leaves out: those that are far, and those in a run of far ones and around it.
+     * @param {Uint8Array} far 1 or 0 of each reading.
+     * @param {number} dense Of the record.
+     * @returns {Uint8Array}
+     */
+    leftOut(far, dense) {
+        const [farAt, out] = this.#placed([far.length, far.length]);
+        new Uint8Array(this.memory.buffer, farAt, far.length).set(far);
+        this.call.flinders_left_out(farAt, far.length, dense, out);
+        return new Uint8Array(this.memory.buffer, out, far.length).slice();
+    }
+
+    /**
+     * The runs of what a fit leaves out.
+     * @param {Float64Array} distances From the surface.
+     * @param {Uint8Array} out Whether each reading is left out.
+     * @param {import("./rests.js").Once} once First and last row of each reading.
+     * @param {Float64Array | null} time Of the rows.
+     * @param {number} listed Runs, at most.
+     * @returns {import("./outliers.js").Outlier[]}
+     */
+    outliers(distances, out, { first, last }, time, listed) {
+        const rows = distances.length;
+        const { size } = this.layouts.outlier;
+        const columns = [distances, ...(time ? [first, last].map((rows) => Float64Array.from(rows, (row) => time[row])) : [])];
+        const [runs, outAt, firstAt, lastAt, ...columnsAt] = this.#placed([listed * size, rows, ...Array(5).fill(8 * rows)]);
+        new Uint8Array(this.memory.buffer, outAt, rows).set(out);
+        new BigInt64Array(this.memory.buffer, firstAt, rows).set(first.map(BigInt));
+        new BigInt64Array(this.memory.buffer, lastAt, rows).set(last.map(BigInt));
+        columns.forEach((column, i) => new Float64Array(this.memory.buffer, columnsAt[i], rows).set(column));
+        const [near, start, end] = columnsAt.map((at, i) => (i < columns.length ? at : 0));
+        const count = this.call.flinders_list_outliers(near, outAt, rows, firstAt, lastAt, start, end, runs, 0);
+        const found = Array.from({ length: count }, (_, i) => this.#decoded("outlier", runs + i * size));
+        return found.map((run) => ({ ...run, first: run.first + 1, last: run.last + 1 }));
+    }
+
+    /**
+     * Look for the moments at which axes changed; null where nothing did, or nothing that can be told.
+     * @param {Float64Array} field
+     * @param {number} noise Of the fit.
+     * @param {import("./data.d.ts").EngineData} data
+     * @returns {AxisSwap | null}
+     */
+    axisSwap(field, noise, { swaps, numbers }) {
+        const rows = field.length / 3;
+        const size = this.call.flinders_swap_workspace_size(rows);
+        const [fieldAt, moments, workspace] = this.#placed([field.byteLength, 8 * rows, size]);
+        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        this.call.flinders_axis_swap(fieldAt, rows, noise, numbers.SWAP_MAX_NOISE, workspace, size, moments, this.at.change);
+        const change = this.#decoded("change");
+        if (change.swap < 0) return null;
+        const behind = new BigInt64Array(this.memory.buffer, moments, change.moments);
+        return { axes: swaps[change.swap], rows: Array.from(behind, Number), gain: change.gain };
+    }
+
+    /**
+     * Readings in each of a hundred cells of the sphere, equal in area.
+     * @param {Float64Array} field
+     * @param {Fitted} record Of these readings; what it rejects is left out.
+     * @returns {number[]}
+     */
+    cellCounts(field, { centre, shape, rejected_beyond: within }) {
+        const rows = field.length / 3;
+        const size = this.call.flinders_workspace_size(rows);
+        const [fieldAt, surface, workspace] = this.#placed([field.byteLength, 72, size]);
+        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        new Float64Array(this.memory.buffer, surface, 9).set([...centre, ...shape]);
+        this.call.flinders_coverage_of(fieldAt, rows, surface, surface + 24, within, workspace, size, this.at.coverage);
+        return this.#decoded("coverage").readings;
+    }
+
+    /**
+     * Whether readings may be those of a level turn, but for the few that are farthest from its plane.
+     * @param {Float64Array} field
+     * @returns {boolean}
+     */
+    hidesPlane(field) {
+        const [fieldAt, scratch, covariance] = this.#placed([field.byteLength, (5 * field.byteLength) / 3, 48]);
+        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        this.call.flinders_trimmed_covariance(fieldAt, field.length / 3, scratch, covariance);
+        return this.call.flinders_is_level(covariance, Infinity, 1) === 1;
+    }
+
+    /**
      * A status in words.
      * @param {number} status
      * @returns {string}
@@ -273,6 +510,16 @@ export class Engine {
         const places = this.#placed(arrays.map(({ length }) => 8 * length));
         places.forEach((at, i) => new Float64Array(this.memory.buffer, at, arrays[i].length).set(arrays[i]));
         return places;
+    }
+
+    /**
+     * Numbers at an address.
+     * @param {number} at
+     * @param {number} count
+     * @returns {number[]}
+     */
+    #numbers(at, count) {
+        return Array.from(new Float64Array(this.memory.buffer, at, count));
     }
 
     /**
@@ -311,7 +558,7 @@ export class Engine {
         const view = new DataView(this.memory.buffer, this.at[struct]);
         for (const [name, value] of Object.entries(values)) {
             const [offset, kind] = this.layouts[struct].fields[name];
-            const width = kind === "i4" ? 4 : 8;
+            const width = WIDTHS[kind];
             const numbers = typeof value === "number" ? [value] : Array.from(value);
             numbers.forEach((number, i) => WRITE[kind](view, offset + i * width, number));
         }
@@ -320,12 +567,13 @@ export class Engine {
     /**
      * Fields of a struct by their names.
      * @param {keyof Layouts} struct
+     * @param {number} [at] Where it lies.
      * @returns {any}
      */
-    #decoded(struct) {
-        const view = new DataView(this.memory.buffer, this.at[struct]);
+    #decoded(struct, at = this.at[struct]) {
+        const view = new DataView(this.memory.buffer, at);
         const fields = Object.entries(this.layouts[struct].fields).map(([name, [offset, kind, count]]) => {
-            const width = kind === "i4" ? 4 : 8;
+            const width = WIDTHS[kind];
             const numbers = Array.from({ length: count || 1 }, (_, i) => READ[kind](view, offset + i * width));
             return [name, count ? numbers : numbers[0]];
         });

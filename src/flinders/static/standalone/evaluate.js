@@ -3,14 +3,14 @@
 import { guided } from "./advice.js";
 import { Fit, fitOf } from "./fit.js";
 import { ofFit, ofMotion, ofRefusal } from "./reasons.js";
-import { judge, verdictOf } from "./verdict.js";
+import { findingsOf, verdictOf } from "./findings.js";
 import { viewOf } from "./view.js";
 
 /** @typedef {import("../messages.d.ts").Reason} Reason */
 /** @typedef {import("../messages.d.ts").View} View */
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
 /** @typedef {import("./engine.js").Engine} Engine */
-/** @typedef {import("./verdict.js").Finding} Finding */
+/** @typedef {import("./findings.js").Finding} Finding */
 
 /**
  * What a person asks of a fit.
@@ -53,7 +53,7 @@ export function evaluate(engine, data, asked) {
         const reasons = ofRefusal(fit).concat(ofMotion(readings, null, false, data));
         return { view: null, reasons: ordered(reasons), refusal: fit.words, alarms: [], used: 0, rejected: 0, coverage: 0, record: null };
     }
-    const findings = judge(fit);
+    const findings = findingsOf(fit);
     const view = viewOf(fit, findings, { field, numbers, goal });
     const isFlat = findings.some(({ code }) => code === "one-plane");
     const found = ofFit(fit, findings, readings);
@@ -96,7 +96,7 @@ function recordOf(fit, findings, view) {
         noise: known(fit.noise),
         covariance_of: data.parameters,
         covariance: data.parameters.map((_, i) => Array.from(covariance.slice(9 * i, 9 * i + 9))),
-        verdict: verdictOf(findings),
+        verdict: verdictOf(fit),
         heading_error_deg: view.heading_error_deg,
         coverage: { fraction: record.coverage, hole_deg: Number(record.hole_deg.toFixed(3)), hole_x: x, hole_y: y, hole_z: z },
         findings: findings.map((finding) => ({ ...finding, number: known(finding.number), limit: known(finding.limit) })),

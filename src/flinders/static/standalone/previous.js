@@ -4,17 +4,18 @@
  */
 
 import { degrees } from "../views/words.js";
-import { levelTurn } from "./heading.js";
-import { apply, diagonal, eigen, multiply, transposed } from "./linear.js";
+import { apply, inverted, product, transposed } from "./linear.js";
 
 /** @typedef {import("../messages.d.ts").PreviousState} PreviousState */
 /** @typedef {import("../messages.d.ts").View} View */
 /** @typedef {import("./session.js").Previous} Previous */
 
+const HEADINGS = 72;
+const NEWTON_STEPS = 30;
 const CHANGED = "something near the sensor has changed, or one of both is not good";
 
 /** An ellipsoid: its middle, by which symmetric matrix a direction becomes a reading, the inverse of that, and its size. */
-/** @typedef {{centre: number[], shape: Float64Array, inverse: Float64Array, size: number}} Surface */
+/** @typedef {{centre: number[], shape: number[], inverse: number[], size: number}} Surface */
 
 /**
  * @param {Previous} previous
@@ -43,14 +44,26 @@ export function compared({ name, calibration }, view, { dipDeg, targetDeg, unit 
  */
 function surfaceOf(matrix, offset, strength, isKnown) {
     const rows = matrix.flat();
-    const { values, vectors } = eigen(multiply(transposed(rows, 3, 3), rows, 3, 3, 3), 3);
-    const axes = vectors.flat();
-    /** @type {(entry: (value: number) => number) => Float64Array} */
-    const symmetric = (entry) => multiply(transposed(axes, 3, 3), multiply(diagonal(3, (i) => entry(values[i])), axes, 3, 3, 3), 3, 3, 3);
-    const shape = symmetric((value) => strength / Math.sqrt(value));
-    const inverse = symmetric((value) => Math.sqrt(value) / strength);
-    const radius = strength / (values[0] * values[1] * values[2]) ** (1 / 6);
-    return { centre: offset, shape, inverse, size: isKnown ? strength : radius };
+    const rotation = rotationOf(rows);
+    const { inverse: unmade, determinant } = inverted(rows);
+    const shape = product(unmade, rotation).map((part) => strength * part);
+    const inverse = product(transposed(rotation), rows).map((part) => part / strength);
+    return { centre: offset, shape, inverse, size: isKnown ? strength : strength / Math.cbrt(Math.abs(determinant)) };
+}
+
+/**
+ * The rotation in a matrix: of its polar decomposition, by Newton's iteration (N. J. Higham, SIAM J. Sci. Stat. Comput. 7
+ * (1986) 1160).
+ * @param {number[]} matrix
+ * @returns {number[]}
+ */
+function rotationOf(matrix) {
+    let rotation = matrix;
+    for (let i = 0; i < NEWTON_STEPS; i++) {
+        const other = transposed(inverted(rotation).inverse);
+        rotation = rotation.map((part, k) => (part + other[k]) / 2);
+    }
+    return rotation;
 }
 
 /**
@@ -63,7 +76,7 @@ function surfaceOf(matrix, offset, strength, isKnown) {
 export function worstHeadingDeg(first, second, dipDeg) {
     const common = Math.sqrt(first.size * second.size);
     return Math.max(...[[first, second], [second, first]].map(([from, to]) => {
-        const turns = levelTurn(dipDeg).map(({ field }) => {
+        const turns = levelTurn(dipDeg).map((field) => {
             const reading = apply(from.shape, field).map((part, i) => (part * common) / from.size + from.centre[i] - to.centre[i]);
             const seen = apply(to.inverse, reading);
             return Math.atan2(field[1], field[0]) - Math.atan2(seen[1], seen[0]);
@@ -71,6 +84,19 @@ export function worstHeadingDeg(first, second, dipDeg) {
         const mean = Math.atan2(sum(turns.map(Math.sin)), sum(turns.map(Math.cos)));
         return Math.max(...turns.map((turn) => Math.abs(wrapped(turn - mean)))) * (180 / Math.PI);
     }));
+}
+
+/**
+ * Fields that a level vehicle meets in a full turn.
+ * @param {number} dipDeg
+ * @returns {number[][]}
+ */
+function levelTurn(dipDeg) {
+    const dip = dipDeg * (Math.PI / 180);
+    return Array.from({ length: HEADINGS }, (_, k) => {
+        const heading = (2 * Math.PI * k) / HEADINGS;
+        return [Math.cos(dip) * Math.cos(heading), -Math.cos(dip) * Math.sin(heading), Math.sin(dip)];
+    });
 }
 
 /** @param {number[]} numbers */

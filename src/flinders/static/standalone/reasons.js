@@ -3,7 +3,7 @@
 import { corrected, threes } from "./coverage.js";
 import { dot } from "./linear.js";
 import { figures, general } from "./numbers.js";
-import { firstCauses } from "./verdict.js";
+import { firstCauses } from "./findings.js";
 import { counted, filled } from "./wording.js";
 
 /** @typedef {import("../messages.d.ts").Reason} Reason */
@@ -11,7 +11,7 @@ import { counted, filled } from "./wording.js";
 /** @typedef {import("./fit.js").Fit} Fit */
 /** @typedef {import("./fit.js").Refusal} Refusal */
 /** @typedef {import("./outliers.js").Outlier} Outlier */
-/** @typedef {import("./verdict.js").Finding} Finding */
+/** @typedef {import("./findings.js").Finding} Finding */
 /** @typedef {{field: Float64Array, time: Float64Array}} Readings */
 
 const DEG = 180 / Math.PI;
@@ -52,7 +52,7 @@ export function ofFit(fit, findings, { time }) {
         time[time.length - 1] - time[0] >= numbers.CONVERGED_S;
     const spans = disturbedSpans(fit, findings);
     const isAlarm = new Set(rows.filter(({ alarm }) => alarm).map(({ code }) => code));
-    const reasons = firstCauses(findings, fit.data).flatMap(({ code, severity, advice }) => {
+    const reasons = firstCauses(fit).flatMap(({ code, severity, advice }) => {
         if (isAlarm.has(code) && severity !== "note" && (isConverged || at_once.includes(code))) {
             return [reason(code, advice, "warning", disturbed.includes(code) ? spans : [])];
         }

@@ -2,14 +2,13 @@
 
 import { guide, isIdle } from "./advice.js";
 import { corrected, threes, tileCounts } from "./coverage.js";
-import { matrixSigma, tileErrorsDeg, turnSigmaDeg } from "./heading.js";
-import { firstCauses, verdictOf } from "./verdict.js";
+import { firstCauses, verdictOf } from "./findings.js";
 import { figures, general } from "./numbers.js";
 
 /** @typedef {import("../messages.d.ts").View} View */
 /** @typedef {import("./fit.js").Fit} Fit */
 /** @typedef {import("./advice.js").Goal} Goal */
-/** @typedef {import("./verdict.js").Finding} Finding */
+/** @typedef {import("./findings.js").Finding} Finding */
 /** @typedef {[number, number, number]} Triple */
 
 const BINS = 40;
@@ -24,14 +23,15 @@ const EVERYWHERE = "turn it slowly through all directions, away from iron and fr
  * @returns {View}
  */
 export function viewOf(fit, findings, { field, numbers, goal }) {
-    const verdict = verdictOf(findings);
-    const shown = firstCauses(findings, fit.data);
+    const verdict = verdictOf(fit);
+    const shown = firstCauses(fit);
     const isFlat = findings.some(({ code }) => code === "one-plane");
     const used = isFlat ? new Float64Array(0) : field.filter((_, i) => !fit.left.isOut[Math.floor(i / 3)]);
     const vectors = corrected(used, fit.surface);
-    const tiles = threes(fit.data.tiles.centres);
-    const errors = isFlat ? [] : tileErrorsDeg(fit.surface, fit.claimed, fit.headingError.dipDeg, tiles);
-    const shownErrors = tiles.map((_, i) => (errors[i] < ANY_ANGLE_DEG ? rounded(errors[i]) : null));
+    const { centres } = fit.data.tiles;
+    const errors = fit.engine.attitudeErrorsDeg(fit.surface.shape, fit.claimed, fit.headingError.dipDeg, centres);
+    const shownErrors = errors.map((error) => (!isFlat && error < ANY_ANGLE_DEG ? rounded(error) : null));
+    const turn = fit.turn;
     return {
         verdict,
         sentence: sentence(fit, shown, verdict),
@@ -42,10 +42,10 @@ export function viewOf(fit, findings, { field, numbers, goal }) {
         samples: fit.samples,
         findings: shown.map((finding) => ({ ...finding, number: known(finding.number), limit: known(finding.limit) })),
         tiles_deg: shownErrors,
-        tiles_seen: tileCounts(vectors, fit.data.tiles.centres),
+        tiles_seen: tileCounts(vectors, centres),
         rejected: rejectedRuns(fit, numbers),
-        ...(verdict === "refused" ? UNTOLD : copied(fit)),
-        ...(isFlat ? UNDRAWN : { ...drawn(fit, vectors), ...claimed(fit, errors, goal) }),
+        ...(verdict === "refused" ? UNTOLD : copied(fit, turn)),
+        ...(isFlat ? UNDRAWN : { ...drawn(fit, vectors), ...claimed(fit, turn, errors, goal) }),
     };
 }
 
@@ -65,6 +65,11 @@ const UNDRAWN = {
  */
 function known(number) {
     return Number.isFinite(number) ? number : null;
+}
+
+/** @param {number[]} numbers */
+function rootMeanSquare(numbers) {
+    return Math.sqrt(numbers.reduce((sum, number) => sum + number * number, 0) / numbers.length);
 }
 
 /**
@@ -94,16 +99,17 @@ function triple(numbers) {
 /**
  * The correction: what somebody could copy, which a refused fit does not give.
  * @param {Fit} fit
+ * @param {Fit["turn"]} turn
  */
-function copied(fit) {
-    const { surface, covariance, uncorrected } = fit;
+function copied({ engine, surface, covariance }, { deviationDeg }) {
+    const matrix = surface.inverse.map((part) => surface.radius * part);
     return {
         field_strength: surface.radius,
         offset: triple(surface.centre),
         offset_sigma: triple([0, 10, 20].map((i) => Math.sqrt(covariance[i]))),
-        matrix: rowsOf(surface.inverse.map((part) => surface.radius * part)),
-        matrix_sigma: rowsOf(matrixSigma(surface, covariance)),
-        uncorrected_heading_error_deg: { rms: uncorrected.rms, worst: uncorrected.worst },
+        matrix: rowsOf(matrix),
+        matrix_sigma: rowsOf(engine.matrixSigmas(matrix, surface.shape, covariance)),
+        uncorrected_heading_error_deg: { rms: rootMeanSquare(deviationDeg), worst: Math.max(...deviationDeg.map(Math.abs)) },
     };
 }
 
@@ -143,11 +149,12 @@ function histogram(vectors, radius, noise) {
 /**
  * What rests on a covariance as well.
  * @param {Fit} fit
+ * @param {Fit["turn"]} turn
  * @param {number[]} errors
  * @param {Goal} goal
  */
-function claimed(fit, errors, goal) {
-    const { headingError, uncorrected } = fit;
+function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal) {
+    const { headingError } = fit;
     return {
         heading_error_deg: {
             rms: headingError.rms,
@@ -159,13 +166,13 @@ function claimed(fit, errors, goal) {
         },
         attitude_limit_deg: fit.attitudeLimitDeg,
         any_attitude_deg: {
-            rms: Math.sqrt(errors.reduce((sum, error) => sum + error * error, 0) / errors.length),
+            rms: rootMeanSquare(errors),
             worst: Math.max(...errors),
         },
         turn: {
-            heading_deg: uncorrected.headingDeg.map(rounded),
-            before_deg: uncorrected.deviationDeg.map(rounded),
-            sigma_deg: turnSigmaDeg(fit.surface, fit.claimed, headingError.dipDeg).map(rounded),
+            heading_deg: headingDeg.map(rounded),
+            before_deg: deviationDeg.map(rounded),
+            sigma_deg: sigmaDeg.map(rounded),
         },
         guidance: guidance(fit, goal),
     };
