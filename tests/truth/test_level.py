@@ -185,7 +185,7 @@ def test_without_a_prior_a_level_turn_is_refused() -> None:
         assert caught.value.code in {"refused", "undetermined"}
         if isinstance(caught.value, Refused):
             assert caught.value.fit.findings[0].code == "one-plane"
-    with pytest.raises(UsageError, match="needs a prior for what lies across the plane"):
+    with pytest.raises(UsageError, match="needs a prior across the plane"):
         flinders.fit(field, method="level", prior=None)
 
 
