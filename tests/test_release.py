@@ -37,7 +37,8 @@ def said(tag: str, **changes: Any) -> str:
 
 
 def test_the_functions_of_the_header_are_those_of_the_library() -> None:
-    assert len(FUNCTIONS) == 21
+    header = (build.HERE / "flinders.h").read_text(encoding="utf-8")
+    assert len(FUNCTIONS) == len(re.findall("^FLINDERS_API ", header, re.MULTILINE)) > 20
     assert all(hasattr(engine()._library, name) for name in FUNCTIONS)
 
 
@@ -55,7 +56,7 @@ def test_good_libraries_pass() -> None:
         ("manylinux_2_17_x86_64", {"libraries": ("libgcc_s.so.1",)}, "it loads libgcc_s.so.1"),
         ("win_amd64", {"libraries": ("VCRUNTIME140.dll",)}, "it loads VCRUNTIME140.dll"),
         ("win_amd64", {"exports": (*EXPORTS, "fl_start")}, "it exports more than flinders.h declares: fl_start"),
-        ("win_amd64", {"exports": EXPORTS[1:]}, "it does not export flinders_default_options"),
+        ("win_amd64", {"exports": EXPORTS[1:]}, f"it does not export {EXPORTS[0]}"),
         ("macosx_11_0_x86_64", {"system": (14, 0)}, "it is for macOS 14.0, and has to be for 11.0"),
         ("macosx_11_0_arm64", {"is_signed": False}, "it is not signed, and macOS on ARM does not load it"),
     ],
