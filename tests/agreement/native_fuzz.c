@@ -127,7 +127,7 @@ static void cover(const flinders_real *field, size_t rows, const flinders_record
     const size_t size = flinders_workspace_size(rows);
     const flinders_real within = uniform() < 0.5 ? record->rejected_beyond : anything();
     flinders_real *means = need(3 * rows * sizeof *means), *readings = need(rows * sizeof *readings);
-    flinders_real *scratch = need(5 * rows * sizeof *scratch), sum = 0;
+    flinders_real *scratch = need(6 * rows * sizeof *scratch), sum = 0;
     uint32_t *cells = need(rows * sizeof *cells);
     void *workspace = need(size);
     flinders_coverage coverage;

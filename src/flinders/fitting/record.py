@@ -5,7 +5,7 @@
 >>> from flinders.estimators.auto import Auto
 >>> readings = Readings.of(simulate.tumble(seed=1, n=300).samples)
 >>> record = record_of(Auto().estimate(readings), readings.summary.statistics)
->>> int(record["used"]), bool(np.isnan(record["swap_gain"]))
+>>> int(record["used"]), math.isnan(record["swap_gain"])
 (300, True)
 """
 

@@ -152,7 +152,7 @@ void fl_sphere_centres(real centres[100][3])
     }
 }
 
-/* Cells of space: sums or means of their readings, later the directions of these, and how many readings each has. */
+/* Cells of space: sums of their readings, later the directions of their means, and how many readings each has. */
 typedef struct {
     real *x, *y, *z, *readings;
     real *off; /* how far they are from a surface, over its size there */
@@ -180,12 +180,12 @@ static spots gather_cells(const fl_room *room)
     return all;
 }
 
-/* Directions from the centre of a surface to means of readings in their place, or in that of their sums for `counts`. */
+/* Directions from the centre of a surface to means of readings, in place of sums of so many. */
 static void turn_to_directions(const fl_surface *surface, size_t n, real *restrict x, real *restrict y, real *restrict z,
                                const real *restrict counts, real *restrict off)
 {
     for (size_t i = 0; i < n; i++) {
-        const real each = counts ? 1 / counts[i] : 1;
+        const real each = 1 / counts[i];
         const real local[3] = {x[i] * each - surface->centre[0], y[i] * each - surface->centre[1],
                                z[i] * each - surface->centre[2]};
         real unit[3];
@@ -331,13 +331,15 @@ int flinders_coverage_of_cells(const real *means, const real *readings, size_t c
 {
     fl_surface surface;
     spots all = spots_in(scratch, cells);
+    real *const ones = scratch + 5 * cells;
     clear(coverage);
     if (fl_surface_of(centre, shape, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
     for (; all.n < cells; all.n++) {
         const real *const mean = means + 3 * all.n;
-        all.x[all.n] = mean[0], all.y[all.n] = mean[1], all.z[all.n] = mean[2], all.readings[all.n] = readings[all.n];
+        all.x[all.n] = mean[0], all.y[all.n] = mean[1], all.z[all.n] = mean[2];
+        all.readings[all.n] = readings[all.n], ones[all.n] = 1;
     }
-    turn_to_directions(&surface, all.n, all.x, all.y, all.z, NULL, all.off);
+    turn_to_directions(&surface, all.n, all.x, all.y, all.z, ones, all.off);
     if (within > 0) keep_near(&surface, within + side, &all);
     if (cells > 0) cover(fl_kernels_chosen(0), &all, coverage);
     return FLINDERS_OK;

@@ -698,7 +698,7 @@ class Engine:
         within : float
             Distance beyond which cells, less their side, hold outliers and are left out.
         """
-        coverage, scratch = _blank(COVERAGE), np.empty(5 * len(means))
+        coverage, scratch = _blank(COVERAGE), np.empty(6 * len(means))
         self._library.flinders_coverage_of_cells(
             np.ascontiguousarray(means, np.float64),
             np.ascontiguousarray(readings, np.float64),

@@ -605,7 +605,7 @@ FLINDERS_API int flinders_coverage_of(const flinders_real *field, size_t rows, c
                                       flinders_coverage *coverage);
 
 /* The same by cells of space of a `side`: means (cells, 3) of the readings of each, and how many there are (cells,).
- * `scratch` has room for 5 * cells numbers. */
+ * `scratch` has room for 6 * cells numbers. */
 FLINDERS_API int flinders_coverage_of_cells(const flinders_real *means, const flinders_real *readings, size_t cells,
                                             flinders_real side, const flinders_real centre[3],
                                             const flinders_real shape[6], flinders_real within, flinders_real *scratch,
