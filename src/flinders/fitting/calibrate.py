@@ -812,6 +812,7 @@ def _judged(claim: Claim, evidence: _Evidence, calibration: Calibration, request
             float(judgement["rms_deg"]), float(judgement["worst_deg"]), float(record["dip_deg"])
         ),
         structure_deg=float(judgement["structure_deg"]),
+        distortion=0.0 if estimate.plane or math.isnan(record["distortion"]) else float(record["distortion"]),
         nonlinearity=faults[0],
         axis_lag=faults[1],
         target_deg=request.target_deg,
