@@ -208,10 +208,10 @@ def add_found(record: Records, found: Found, *, is_aided: bool = False, is_compe
 
 def request_of(calibration: Calibration, *, target_deg: float) -> Records:
     """What a judgement of a calibration is asked; nothing of it is shrunk any more."""
-    strength = calibration.field_strength if calibration.field_strength_known else math.nan
     return engine().request(
         target_deg=target_deg,
-        field_strength=strength,
+        field_strength=calibration.field_strength,
+        is_strength_known=calibration.field_strength_known,
         is_microtesla=calibration.unit == MICROTESLA,
         is_mirrored=calibration.axes.is_mirror,
         rotation=ROTATIONS.get(calibration.rotation, 1),

@@ -259,7 +259,8 @@ enum { FLINDERS_VEHICLE = 0, FLINDERS_SENSOR = 1, FLINDERS_VEHICLE_POSES = 42, F
 /* What a judgement is asked; `flinders_default_request` fills it. */
 typedef struct flinders_request {
     flinders_real target_deg;     /* worst heading error that is good enough (1) */
-    flinders_real field_strength; /* length of corrected readings, where it is known, unit; NaN: the radius (NaN) */
+    flinders_real field_strength; /* length of corrected readings, unit; NaN: the radius (NaN) */
+    int32_t is_strength_known;    /* 1: that is the strength of the field; 0: a convention (0) */
     int32_t is_microtesla;        /* 1: the unit is the microtesla; 0: counts (1) */
     int32_t is_mirrored;          /* 1: axes were mapped to a mirror image (0) */
     int32_t rotation;             /* of the calibration: 0 none, as a magnetometer alone gives; 1 measured; 2 found by an

@@ -238,14 +238,14 @@ static int asks_of(const flinders_record *record, const flinders_request *reques
 static void of_calibration(const flinders_record *record, const flinders_request *request, real *q)
 {
     const real radius = record->radius, nearest = smaller(larger(radius, EARTH_WEAKEST), EARTH_STRONGEST);
-    const int is_relative = isnan(request->field_strength);
+    const int is_relative = !request->is_strength_known;
     q[FLINDERS_Q_RADIUS] = radius;
     q[FLINDERS_Q_NEAREST_EARTH] = nearest;
     q[FLINDERS_Q_WEAKEST] = EARTH_WEAKEST, q[FLINDERS_Q_STRONGEST] = EARTH_STRONGEST;
     q[FLINDERS_Q_TIMES_OUTSIDE_EARTH] =
         where(request->is_microtesla && is_relative, larger(radius / nearest, nearest / radius));
     q[FLINDERS_Q_HANDEDNESS] = request->is_mirrored ? -1 : 1;
-    q[FLINDERS_Q_FIELD_STRENGTH] = is_relative ? radius : request->field_strength;
+    q[FLINDERS_Q_FIELD_STRENGTH] = isnan(request->field_strength) ? radius : request->field_strength;
     q[FLINDERS_Q_IS_IN_COUNTS] = !request->is_microtesla;
     q[FLINDERS_Q_IS_RELATIVE] = (real)is_relative;
     q[FLINDERS_Q_IS_UNALIGNED] = request->rotation == 0;
@@ -371,7 +371,8 @@ static int conditions_of(const flinders_record *record, const flinders_request *
 {
     const int agrees = !isnan(record->apart_deg) && !out->severities[FLINDERS_RULE_RECORDINGS_DIFFER];
     const real times = record->radius / request->field_strength;
-    const int matches = request->is_microtesla && fl_abs(times - 1) < SAME_STRENGTH;
+    const int is_absolute = request->is_microtesla && request->is_strength_known;
+    const int matches = is_absolute && fl_abs(times - 1) < SAME_STRENGTH;
     const int is_uniform = agrees || matches || record->sources & FLINDERS_AIDED_BY_FIELD;
     if (out->verdict > FLINDERS_NOTE) return 0;
     return (record->sources & FLINDERS_REFRESHED ? FLINDERS_IF_SAME_SOFT_IRON : 0) |
