@@ -299,13 +299,14 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], records: Records, jud
 
 def _named(severities: NDArray[np.uint8]) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
     """(K,) tuples of codes, the most severe first, and (K,) verdicts; units alike share theirs."""
-    alike, kind = np.unique(severities, axis=0, return_inverse=True)
-    named, verdicts = np.empty(len(alike), dtype=object), np.empty(len(alike), dtype=object)
-    for place, row in enumerate(alike.tolist()):
+    there = severities[:, severities.any(axis=0)].astype(np.int64)
+    _, first, kind = np.unique(there @ 4 ** np.arange(there.shape[1]), return_index=True, return_inverse=True)
+    named, verdicts = np.empty(len(first), dtype=object), np.empty(len(first), dtype=object)
+    for place, row in enumerate(severities[first].tolist()):
         order = sorted((rule for rule, severity in enumerate(row) if severity), key=lambda rule: -row[rule])
         named[place] = tuple(OF_A_FIT[rule] for rule in order)
         verdicts[place] = "limited" if LIMITS in row else "good"
-    return named[kind.ravel()], verdicts[kind.ravel()]
+    return named[kind], verdicts[kind]
 
 
 def _alone(one: Samples, *, target_deg: float, dip_deg: float) -> Fit | Exception:
