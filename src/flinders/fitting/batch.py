@@ -299,14 +299,16 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], records: Records, jud
 
 def _named(severities: NDArray[np.uint8]) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
     """(K,) tuples of codes, the most severe first, and (K,) verdicts; units alike share theirs."""
-    there = severities[:, severities.any(axis=0)].astype(np.int64)
-    _, first, kind = np.unique(there @ 4 ** np.arange(there.shape[1]), return_index=True, return_inverse=True)
+    there = severities[:, severities.any(axis=0)]
+    if there.shape[1] < 32:  # one number for each row of severities, 0 to 3, as digits
+        there = there.astype(np.int64) @ 4 ** np.arange(there.shape[1])
+    _, first, kind = np.unique(there, axis=0, return_index=True, return_inverse=True)
     named, verdicts = np.empty(len(first), dtype=object), np.empty(len(first), dtype=object)
     for place, row in enumerate(severities[first].tolist()):
         order = sorted((rule for rule, severity in enumerate(row) if severity), key=lambda rule: -row[rule])
         named[place] = tuple(OF_A_FIT[rule] for rule in order)
         verdicts[place] = "limited" if LIMITS in row else "good"
-    return named[kind], verdicts[kind]
+    return named[kind.ravel()], verdicts[kind.ravel()]
 
 
 def _alone(one: Samples, *, target_deg: float, dip_deg: float) -> Fit | Exception:
