@@ -299,10 +299,10 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], records: Records, jud
 
 def _named(severities: NDArray[np.uint8]) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
     """(K,) tuples of codes, the most severe first, and (K,) verdicts; units alike share theirs."""
-    there = severities[:, severities.any(axis=0)]
-    if there.shape[1] < 32:  # one number for each row of severities, 0 to 3, as digits
-        there = there.astype(np.int64) @ 4 ** np.arange(there.shape[1])
-    _, first, kind = np.unique(there, axis=0, return_index=True, return_inverse=True)
+    there = severities[:, severities.any(axis=0)].astype(np.int64)
+    digits = 4 ** np.arange(there.shape[1])  # of a number for each row of severities, 0 to 3
+    rows = there @ digits if there.shape[1] < 32 else there
+    _, first, kind = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     named, verdicts = np.empty(len(first), dtype=object), np.empty(len(first), dtype=object)
     for place, row in enumerate(severities[first].tolist()):
         order = sorted((rule for rule, severity in enumerate(row) if severity), key=lambda rule: -row[rule])
