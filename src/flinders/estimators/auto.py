@@ -153,11 +153,6 @@ def _can_be_level(readings: Readings) -> bool:
     return bool(readings.summary.health.extent.all())
 
 
-def hides_plane(readings: Readings, estimate: Estimate) -> bool:
-    """Whether readings may lie in one plane across z, as those of a level turn, but for the outliers of an estimate."""
-    return bool(estimate.outliers) and is_level(_covariance(readings, estimate), THICK)
-
-
 def _covariance(readings: Readings, estimate: Estimate) -> Floats:
     """(3, 3) of the readings about their mean; of outliers, without those left out and the farthest from their plane.
 

@@ -24,7 +24,6 @@ from flinders.core.units import MICROTESLA
 from flinders.diagnostics.unmodelled import unmodelled_of
 from flinders.diagnostics.unmoved import was_turned
 from flinders.errors import FitError, FlindersError, UsageError
-from flinders.estimators.auto import FEWEST_LEFT, trimmed_covariance
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.rests import Rests
 from flinders.estimators.robust import Robust
@@ -50,14 +49,6 @@ UPPER: Final = np.flatnonzero(np.triu(np.ones((9, 9))).ravel())
 WIDTHS: Final = {"offset": 3, "matrix": 9, "covariance": 45}
 """Columns of so many numbers."""
 
-LOOKED: Final = 1_000
-"""Readings that show whether a unit with outliers has to be looked at closely for a turn in one plane."""
-
-MAY_BE_FLAT: Final = 0.3
-"""Thickness over width of what may be one: `flinders.estimators.auto` takes up to 0.2 of all readings for flat."""
-
-NEVER_FLAT: Final = 0.6
-"""Thickness over width of readings that are no plane and a few outliers."""
 
 LIMITS, REFUSES = SEVERITIES.index("limits"), SEVERITIES.index("refuses")
 """Severities as the engine numbers them."""
@@ -177,8 +168,6 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
     for places, whole, offsets in _groups(units):
         records = engine().fit_many(whole.field, offsets, time=whole.time, dip_deg=dip_deg)
         known = _tells_all(records, whole.unit.inside)
-        for at in np.flatnonzero(known & (records["is_robust"] == 1)).tolist():
-            known[at] = not _may_be_level(records[at], whole.field[offsets[at] : offsets[at + 1]])
         records, there = records.compress(known), places[known]
         _add_unmodelled(records, _disturbed(units, there))
         request = engine().request(target_deg=target_deg, is_microtesla=whole.unit.inside == MICROTESLA)
@@ -224,7 +213,7 @@ def _is_plain(one: Samples) -> bool:
 
 def _tells_all(records: Records, inside: str) -> NDArray[np.bool_]:
     """(U,) whether a record tells all: one fit of all readings, of a sensor that was turned out of one plane."""
-    tells: NDArray[np.bool_] = (records["status"] == 0) & (records["unobserved"] == 0)
+    tells: NDArray[np.bool_] = (records["status"] == 0) & (records["unobserved"] == 0) & (records["hides_plane"] == 0)
     return tells & was_turned(records, inside, weakest=0.0)
 
 
@@ -236,21 +225,6 @@ def _surface(record: Records) -> Ellipsoid:
 def _limit(record: Records) -> float:
     """Distance from it beyond which readings are outliers."""
     return float(record["rejected_beyond"]) if record["is_robust"] else np.inf
-
-
-def _may_be_level(record: Records, field: Floats) -> bool:
-    """Whether a unit with outliers may have been turned in one plane, which a few of them hide: a look at some."""
-    some = field[:: max(1, len(field) // LOOKED)]
-    some = some[np.abs(engine().distances(some, record)) <= _limit(record)]
-    if len(some) < FEWEST_LEFT:
-        return False
-    return _thickness(np.cov(some.T)) < NEVER_FLAT and _thickness(trimmed_covariance(some)) < MAY_BE_FLAT
-
-
-def _thickness(covariance: Floats) -> float:
-    """Thickness over width of readings with a (3, 3) covariance."""
-    thinnest, _, widest = np.sqrt(np.linalg.eigvalsh(covariance).clip(min=0.0)).tolist()
-    return float(thinnest / widest) if widest > 0.0 else 1.0
 
 
 def _add_unmodelled(records: Records, disturbed: Iterator[tuple[int, Samples]]) -> None:

@@ -24,7 +24,7 @@ from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinea
 from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings, method_of, within_range
-from flinders.estimators.auto import Auto, hides_plane
+from flinders.estimators.auto import Auto
 from flinders.estimators.data import recording_of
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.likelihood import estimated
@@ -224,13 +224,11 @@ class _Evidence(NamedTuple):
         if not isinstance(estimator, Auto) or not isinstance(samples, Samples) or readings.parts:
             return None
         record = estimator.recorded(readings, statistics=2 if has_sigma else 1)
-        if record["status"] or not was_turned(record, (unit or UNSTATED).inside):
+        if record["status"] or record["hides_plane"] or not was_turned(record, (unit or UNSTATED).inside):
             return None
         if record["rests"]:
             readings = readings.fitted()
         estimate = estimated(record, readings, has_statistics=True)
-        if hides_plane(readings, estimate):
-            return None
         statistics = Statistics.of_record(record, samples.time, readings.summary.skipped)
         if (rests := readings.rests) is not None:
             statistics = replace(statistics, rest_spans=rests.spans, are_rests_left_out=rests.are_left_out)

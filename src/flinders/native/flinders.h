@@ -101,6 +101,7 @@ typedef struct flinders_record {
     int32_t steps;      /* Gauss-Newton steps */
     int32_t is_white;   /* 1 if residuals are independent */
     int32_t lags;       /* autocovariances above their noise, that of lag 0 included */
+    int32_t hides_plane; /* 1 if readings may lie in one plane across z, as those of a level turn, but for outliers */
     int32_t dense;      /* far readings of eleven that make a run; 12: no run was looked for */
     int64_t rows;       /* readings given */
     int64_t rests;      /* intervals in which the direction stands still */

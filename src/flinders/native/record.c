@@ -67,6 +67,8 @@ static void describe(const fl_kernels *kernels, const fl_view *all, const fl_vie
         fl_drift(kernels, view, &fit->surface, record->dip_deg, room, record);
     if (options->statistics && !record->unobserved)
         fl_axes(kernels, view, fit, record->dip_deg, options->statistics > 1, room, record);
+    if (options->statistics && record->rejected > 0)
+        record->hides_plane = fl_hides_plane(kernels, view, &fit->surface, record->rejected_beyond, room);
 }
 
 /* Fit recordings of one sensor as one. */

@@ -128,6 +128,8 @@ void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *
 void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, int has_sigma,
              const fl_room *room, flinders_record *record);
 void fl_forget_outliers(fl_view *view, flinders_record *record);
+int fl_hides_plane(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real limit,
+                   const fl_room *room);
 real fl_cell_side(const real *field, size_t rows);
 void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room);
 int fl_cloud_of_any(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room);

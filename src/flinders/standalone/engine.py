@@ -17,7 +17,6 @@ from flinders.core.calibration_file import PARAMETERS
 from flinders.core.units import EARTH_UT
 from flinders.diagnostics import axis_swap
 from flinders.errors import Unmoved
-from flinders.estimators import auto
 from flinders.findings import CATALOGUE, limit_of
 from flinders.findings.catalogue import OF_A_FIT, QUANTITIES_OF_A_FIT
 from flinders.findings.row import OF_A_TUMBLE, resting_on
@@ -71,7 +70,6 @@ NUMBERS: Final = {
     **_of(calibrate, "LOOKED_AT"),
     **_of(path_planning, "READINGS_PER_DEG"),
     **_of(axis_swap, "MAX_NOISE", "SWAP_"),
-    **_of(auto, "FEWEST_LEFT"),
     **_of(evaluation, "STALE_S STALE_ROWS FROZEN_ROWS FROZEN_S LIVELY MOVING STILL_S STILL_DEG"),
     **_of(evaluation, "CONVERGED CONVERGED_FRACTION CONVERGED_S DENSE OFFERED KNOWN_DEG SPEED_DEG"),
 }

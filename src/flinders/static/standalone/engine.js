@@ -469,18 +469,6 @@ export class Engine {
     }
 
     /**
-     * Whether readings may be those of a level turn, but for the few that are farthest from its plane.
-     * @param {Float64Array} field
-     * @returns {boolean}
-     */
-    hidesPlane(field) {
-        const [fieldAt, scratch, covariance] = this.#placed([field.byteLength, (5 * field.byteLength) / 3, 48]);
-        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
-        this.call.flinders_trimmed_covariance(fieldAt, field.length / 3, scratch, covariance);
-        return this.call.flinders_is_level(covariance, Infinity, 1) === 1;
-    }
-
-    /**
      * A status in words.
      * @param {number} status
      * @returns {string}

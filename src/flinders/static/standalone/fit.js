@@ -43,7 +43,6 @@ const ASKS_SWAP = 2;
  * @property {Float64Array | null} when … their times.
  * @property {Uint8Array} isOut Of each reading of the request, whether it was left out, and …
  * @property {Uint8Array} isRail … whether it is at an end of an axis.
- * @property {boolean} hidesPlane Without outliers they may be those of a level turn, which the program then calibrates.
  * @property {boolean} wasTurned The record of all readings shows a turn out of one plane.
  */
 
@@ -194,7 +193,7 @@ function withWhole(record, whole, left, engine, data) {
     const fitted = record.rests
         ? {}
         : { fitted: whole.rows, fitted_repeats: whole.repeats, fitted_distinct: whole.distinct };
-    const isPlain = left.wasTurned && !left.hidesPlane && !record.unobserved;
+    const isPlain = left.wasTurned && !record.hides_plane && !record.unobserved;
     const faults = isPlain ? {} : { nonlinear_deg: NaN, lag_deg: NaN };
     const found = { ...faults, ...driftOf(record, left, engine, data), ...farthestOf(left) };
     return /** @type {Fitted} */ ({ ...record, ...ofAll, ...fitted, ...found });
@@ -241,7 +240,7 @@ function leftOf(engine, data, record, { some, when, isFree }) {
     const rests = record.rests ? engine.rests(some) : NO_RESTS;
     const once = fittedOnce(some, rests);
     const known = { isRail, rests, when, counts: engine.cellCounts(once.field, record) };
-    if (!record.is_robust) return { ...known, near: once.field, hidesPlane: false, outliers: [], isOut: isRail };
+    if (!record.is_robust) return { ...known, near: once.field, outliers: [], isOut: isRail };
     const limit = record.rejected_beyond;
     const distances = engine.distances(once.field, record.majority_centre, record.majority_shape);
     const out = engine.leftOut(Uint8Array.from(distances, (distance) => Number(Math.abs(distance) > limit)), record.dense);
@@ -254,7 +253,6 @@ function leftOf(engine, data, record, { some, when, isFree }) {
     return {
         ...known,
         near,
-        hidesPlane: outliers.length > 0 && near.length >= 3 * data.numbers.FEWEST_LEFT && engine.hidesPlane(near),
         outliers,
         isOut: isFree.map((free) => (free ? isOut[next++] : 1)),
     };
