@@ -282,7 +282,7 @@ static int sum(void)
 static void ask(void)
 {
     const size_t rows = below(70);
-    flinders_real *field = need(3 * rows * sizeof *field), *out = need(rows * sizeof *out), roots[32], bounds[2];
+    flinders_real *field = need(3 * rows * sizeof *field), *out = need(rows * sizeof *out), bound;
     flinders_record record;
     memset(&record, 0, sizeof record);
     fill_with_anything(record.centre, 3);
@@ -294,8 +294,7 @@ static void ask(void)
     else if (rows) fill(field, rows);
     flinders_distances(field, rows, &record, out);
     flinders_heading_errors(&record, uniform() < 0.5 ? 60 : anything());
-    fill_with_anything(roots, 32);
-    flinders_heading_bounds(roots, 2, bounds);
+    flinders_heading_bound(record.shape, record.covariance, uniform() < 0.5 ? 60 : anything(), NULL, &bound);
     free(field), free(out);
 }
 

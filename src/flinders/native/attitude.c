@@ -6,7 +6,7 @@
  */
 #include "judge.h"
 
-enum { AZIMUTHS = 24, TILT_STEPS = 36, BISECTIONS = 9, TURN = 8 };
+enum { AZIMUTHS = 24, TILT_STEPS = 36, BISECTIONS = 9 };
 
 #define MARGIN ((real)1.1) /* by how much an error may be larger between the directions that are looked at */
 
@@ -205,46 +205,6 @@ real fl_attitude_limit(const fl_surface *surface, const real covariance[81], rea
     return inside;
 }
 
-/* Bound of the heading error: that of the deviation B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ, each coefficient of which is
- * twice the mean of its product with the heading's error. Eight headings determine it. */
-real fl_heading_bound(const fl_surface *surface, const real covariance[81], real dip_deg, const real *down)
-{
-    const real flat = fl_cos(dip_deg / FL_TO_DEG), height = fl_sin(dip_deg / FL_TO_DEG);
-    real turn[9], jacobian[36] = {0}, half[36], deviation[16], root[16], values[4], bound;
-    upright(down, turn);
-    for (int k = 0; k < TURN; k++) {
-        const real angle = heading_of(k, TURN), cosine = fl_cos(angle), sine = fl_sin(angle);
-        const real harmonics[4] = {sine, cosine, fl_sin(2 * angle), fl_cos(2 * angle)};
-        const real across[3] = {sine / flat, cosine / flat, 0}, field[3] = {flat * cosine, -flat * sine, height};
-        real turned[3], meets[3], v[3];
-        fl_multiply(turn, across, 3, 3, 1, turned);
-        fl_multiply(turn, field, 3, 3, 1, meets);
-        fl_sym3_apply(surface->inverse, turned, v);
-        const real row[9] = {v[0], v[1], v[2], v[0] * meets[0], v[1] * meets[1], v[2] * meets[2],
-                             v[0] * meets[1] + v[1] * meets[0], v[0] * meets[2] + v[2] * meets[0],
-                             v[1] * meets[2] + v[2] * meets[1]};
-        for (int i = 0; i < 4; i++)
-            for (int j = 0; j < 9; j++) jacobian[9 * i + j] += FL_TO_DEG * (real)2 / TURN * harmonics[i] * row[j];
-    }
-    fl_multiply(jacobian, covariance, 4, 9, 9, half);
-    for (int i = 0; i < 4; i++)
-        for (int j = 0; j < 4; j++) {
-            deviation[4 * i + j] = 0;
-            for (int k = 0; k < 9; k++) deviation[4 * i + j] += half[9 * i + k] * jacobian[9 * j + k];
-        }
-    for (int i = 0; i < 16; i++)
-        if (!isfinite(deviation[i])) return FL_NOT_A_NUMBER;
-    fl_eigen(deviation, 4, values);
-    for (int i = 0; i < 4; i++) /* the symmetric root, which is one whatever the signs of eigenvectors */
-        for (int j = 0; j < 4; j++) {
-            root[4 * i + j] = 0;
-            for (int k = 0; k < 4; k++)
-                root[4 * i + j] += deviation[4 * i + k] * fl_sqrt(values[k] > 0 ? values[k] : 0) * deviation[4 * j + k];
-        }
-    flinders_heading_bounds(root, 1, &bound);
-    return bound;
-}
-
 /* Whether headings exist there, and a surface; its offset is a matter of readings that are used as they come. */
 static int surface_of(const real *centre, const real shape[6], real dip_deg, fl_surface *surface)
 {
@@ -280,15 +240,6 @@ int flinders_attitude_limit(const real shape[6], const real covariance[81], real
     fl_surface surface;
     const int status = surface_of(NULL, shape, dip_deg, &surface);
     if (status == FLINDERS_OK) *tilt_deg = fl_attitude_limit(&surface, covariance, dip_deg, limit_deg, down);
-    return status;
-}
-
-/* Bound of a level heading. */
-int flinders_heading_bound(const real shape[6], const real covariance[81], real dip_deg, const real *down, real *bound_deg)
-{
-    fl_surface surface;
-    const int status = surface_of(NULL, shape, dip_deg, &surface);
-    if (status == FLINDERS_OK) *bound_deg = fl_heading_bound(&surface, covariance, dip_deg, down);
     return status;
 }
 

@@ -9,7 +9,7 @@ compiles, since every start of the program passes here.
 that needs no program (`flinders.standalone`), which imports nothing and exports what flinders.h declares.
 
 >>> [source.name for source in sources()][:3]
-['attitude.c', 'axes.c', 'changes.c']
+['attitude.c', 'axes.c', 'bound.c']
 >>> PLATFORMS["macosx_11_0_arm64"].zig
 'aarch64-macos.11.0'
 """

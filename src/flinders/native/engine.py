@@ -119,7 +119,6 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "sums_solve": (_A, _A),
     "distances": (_A, _N, _A, _A),
     "heading_errors": (_A, _D),
-    "heading_bounds": (_A, _N, _A),
     "judgement_size": (),
     "clear_record": (_A,),
     "default_request": (_A,),
@@ -542,12 +541,6 @@ class Engine:
         if self._library.flinders_heading_errors(row, dip_deg):
             raise ValueError(f"dip is {dip_deg:g}°, or the record has no ellipsoid: need one, and a dip of -89° to 89°")
         return row
-
-    def heading_bounds(self, roots: Floats) -> Floats:
-        """(U,) bounds of the heading errors of level turns, in the unit of (U, 4, 4) roots of their covariances."""
-        bounds = np.empty(len(roots))
-        self._library.flinders_heading_bounds(np.ascontiguousarray(roots), len(roots), bounds)
-        return bounds
 
     def distances(self, field: ArrayLike, record: Records) -> Floats:
         """(N,) Sampson distances of readings from the surface of a record."""

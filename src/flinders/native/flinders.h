@@ -423,11 +423,6 @@ FLINDERS_API int flinders_distances(const flinders_real *field, size_t rows, con
 /* Heading error of a level vehicle, and error of the direction, which a fit leaves open, from shape and covariance. */
 FLINDERS_API int flinders_heading_errors(flinders_record *record, flinders_real dip_deg);
 
-/* Bounds (turns,) that the heading errors of level turns stay within at all headings with a probability of 95 %. A turn
- * errs by B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ, and `roots` (turns, 4, 4) make (B, C, D, E) of four independent normal
- * numbers. */
-FLINDERS_API void flinders_heading_bounds(const flinders_real *roots, size_t turns, flinders_real *bounds);
-
 /* Errors (count,) of the corrected field where it points along directions (count, 3), degrees, 1 sigma; NaN where the shape
  * is none. */
 FLINDERS_API int flinders_direction_errors(const flinders_real shape[6], const flinders_real covariance[81],

@@ -1,15 +1,10 @@
 /* From an uncertain calibration to degrees: heading of a level vehicle, and direction of the field. */
 #include "internal.h"
 
-enum { DIRECTIONS = 400, BOUND_HEADINGS = 36, BOUND_STEPS = 3 };
+enum { DIRECTIONS = 400 };
 
 #define TO_DEG ((real)180 / FL_PI)
 #define UPRIGHT ((real)0.55)       /* of a level vehicle's mean height of directions: from there on it is told from it */
-#define OUTSIDE ((real)0.05)       /* probability that an error exceeds its bound */
-#define BOUND_LEAST ((real)1.9599) /* over the worst 1 sigma: of one heading alone, */
-#define BOUND_MOST ((real)3.0803)  /* of the length of four independent numbers, */
-#define BOUND_START ((real)2.4)    /* and the first guess */
-#define NEGLIGIBLE ((real)0.1)     /* over the same: directions of less are outside the bound with a probability below 1e-80 */
 #define LEANING_LEAST ((real)0.1)  /* mean height of a recording that leans; and three standard errors of random ones */
 
 /* Coefficients of vᵀδb + vᵀ δS u. */
@@ -108,65 +103,6 @@ real fl_level_change(const fl_surface *surface, const real change[9], real dip_d
         for (int k = 0; k < FL_HEADINGS; k++) errors[k] += rows[i][k] * change[i];
     for (int k = 0; k < FL_HEADINGS; k++) worst = fl_abs(errors[k]) > worst ? fl_abs(errors[k]) : worst;
     return TO_DEG * worst;
-}
-
-/* Even directions in four dimensions, up to their sign: a super-Fibonacci spiral (M. Alexa, CVPR 2022). */
-static void even_directions(real directions[4][FL_AMPLITUDES])
-{
-    for (int i = 0; i < FL_AMPLITUDES; i++) {
-        const real place = (i + (real)0.5) / FL_AMPLITUDES, turns = 2 * FL_PI * (i + (real)0.5);
-        const real first = turns / fl_sqrt((real)2), second = turns / (real)1.533751168755204288118041;
-        const real inner = fl_sqrt(place), outer = fl_sqrt(1 - place);
-        directions[0][i] = inner * fl_sin(first), directions[1][i] = inner * fl_cos(first);
-        directions[2][i] = outer * fl_sin(second), directions[3][i] = outer * fl_cos(second);
-    }
-}
-
-/* Bound of the largest error, from the largest errors of numbers of length 1 in even directions, both over the worst 1
- * sigma, by Newton's method: the logarithm of the probability outside is nearly linear in the square of the bound. */
-static real quantile(const real largest[FL_AMPLITUDES])
-{
-    real square = BOUND_START * BOUND_START, inverse[FL_AMPLITUDES];
-    for (int i = 0; i < FL_AMPLITUDES; i++) {
-        const real size = largest[i] > NEGLIGIBLE ? largest[i] : NEGLIGIBLE;
-        inverse[i] = (real)0.5 / (size * size);
-    }
-    for (int step = 0; step < BOUND_STEPS; step++) {
-        real outside = 0, slope = 0;
-        for (int i = 0; i < FL_AMPLITUDES; i++) {
-            const real half = square * inverse[i], tail = fl_exp(-half);
-            outside += tail + half * tail, slope += half * half * tail;
-        }
-        square *= 1 + outside * fl_log(outside / FL_AMPLITUDES / OUTSIDE) / slope;
-        square = square < BOUND_LEAST * BOUND_LEAST ? BOUND_LEAST * BOUND_LEAST : square;
-        square = square > BOUND_MOST * BOUND_MOST ? BOUND_MOST * BOUND_MOST : square;
-    }
-    return fl_sqrt(square);
-}
-
-/* Bounds of the heading errors of level turns: flinders.heading.error_propagation says how. */
-void flinders_heading_bounds(const real *roots, size_t turns, real *bounds)
-{
-    const fl_kernels *kernels = fl_kernels_chosen(0);
-    real directions[4][FL_AMPLITUDES], harmonics[BOUND_HEADINGS][4], errors[BOUND_HEADINGS][4], largest[FL_AMPLITUDES];
-    even_directions(directions);
-    for (int k = 0; k < BOUND_HEADINGS; k++) {
-        const real heading = 2 * FL_PI * k / BOUND_HEADINGS;
-        harmonics[k][0] = fl_sin(heading), harmonics[k][1] = fl_cos(heading);
-        harmonics[k][2] = fl_sin(2 * heading), harmonics[k][3] = fl_cos(2 * heading);
-    }
-    for (size_t turn = 0; turn < turns; turn++) {
-        real worst = 0;
-        fl_multiply(harmonics[0], roots + 16 * turn, BOUND_HEADINGS, 4, 4, errors[0]);
-        for (int k = 0; k < BOUND_HEADINGS; k++) {
-            const real *e = errors[k], square = e[0] * e[0] + e[1] * e[1] + e[2] * e[2] + e[3] * e[3];
-            worst = square > worst ? square : worst;
-        }
-        worst = fl_sqrt(worst);
-        kernels->deviations(roots + 16 * turn, directions, harmonics, BOUND_HEADINGS / 2, largest);
-        for (int i = 0; i < FL_AMPLITUDES; i++) largest[i] /= worst > FL_TINY ? worst : FL_TINY;
-        bounds[turn] = worst * quantile(largest);
-    }
 }
 
 /* Covariance (12, 12) of S⁻¹δb and of the columns of S⁻¹δS: δu is their sum with 1 and u for weights. */

@@ -64,18 +64,13 @@ void flinders_with_structure(const real shape[6], const real covariance[81], rea
 }
 
 /* What is expected of headings, and the covariance that says so at any dip and attitude. */
-static void expect(const fl_surface *surface, const flinders_record *record, flinders_judgement *out)
+static void expect(const flinders_record *record, flinders_judgement *out)
 {
     const real structure = structure_of(record);
     out->structure_deg = structure;
     out->rms_deg = fl_sqrt(record->level_rms_deg * record->level_rms_deg + structure * structure);
     out->worst_deg = fl_sqrt(record->level_worst_deg * record->level_worst_deg + structure * structure);
     flinders_with_structure(record->shape, record->covariance, structure, record->dip_deg, out->covariance);
-#ifndef FLINDERS_SMALL
-    out->bound_deg = fl_heading_bound(surface, out->covariance, record->dip_deg, fl_down(record->plane));
-#else
-    (void)surface;
-#endif
 }
 
 /* How readings lie, and how far the surface goes beyond them. */
@@ -391,8 +386,8 @@ static void clear(flinders_judgement *out)
     out->verdict = FLINDERS_REFUSES;
 }
 
-/* Judge a fit. */
-int flinders_judge(flinders_record *record, const flinders_request *request, flinders_judgement *out)
+/* Judge a fit; `shared` is what all bounds have in common, NULL on a board, which has none. */
+static int judge(flinders_record *record, const flinders_request *request, fl_bound *shared, flinders_judgement *out)
 {
     fl_surface surface;
     clear(out);
@@ -400,10 +395,13 @@ int flinders_judge(flinders_record *record, const flinders_request *request, fli
     if (fl_surface_of(record->centre, record->shape, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
     flinders_claim(record, request);
     fl_surface_of(record->centre, record->shape, &surface);
-    expect(&surface, record, out);
+    expect(record, out);
     of_shape(record, out->quantities);
     of_accuracy(record, request, out, out->quantities);
-#ifndef FLINDERS_SMALL
+#ifdef FLINDERS_SMALL
+    (void)shared;
+#else
+    out->bound_deg = fl_heading_bound(&surface, out->covariance, record->dip_deg, fl_down(record->plane), shared);
     of_attitude(&surface, record, request, out, out->quantities);
     of_residuals(record, request, out->quantities);
     of_structure(record, out, out->quantities);
@@ -419,15 +417,33 @@ int flinders_judge(flinders_record *record, const flinders_request *request, fli
     return FLINDERS_OK;
 }
 
+#ifdef FLINDERS_SMALL
+/* Judge a fit. */
+int flinders_judge(flinders_record *record, const flinders_request *request, flinders_judgement *out)
+{
+    return judge(record, request, NULL, out);
+}
+#else
+/* Judge a fit. */
+int flinders_judge(flinders_record *record, const flinders_request *request, flinders_judgement *out)
+{
+    fl_bound shared;
+    fl_bound_begin(&shared);
+    return judge(record, request, &shared, out);
+}
+
 /* Judge many fits. */
 void flinders_judge_many(flinders_record *records, size_t count, const flinders_request *request,
                          flinders_judgement *judgements)
 {
+    fl_bound shared;
+    fl_bound_begin(&shared);
     for (size_t i = 0; i < count; i++) {
-        if (records[i].status == FLINDERS_OK) flinders_judge(records + i, request, judgements + i);
+        if (records[i].status == FLINDERS_OK) judge(records + i, request, &shared, judgements + i);
         else clear(judgements + i);
     }
 }
+#endif
 
 /* Fill a request with its defaults. */
 void flinders_default_request(flinders_request *request)

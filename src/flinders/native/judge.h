@@ -28,6 +28,15 @@ void fl_tilted_error(const fl_surface *surface, const real covariance[81], real 
                      real *rms_deg, real *worst_deg);
 void fl_uncorrected_error(const fl_surface *surface, real dip_deg, const real *down, real *rms_deg, real *worst_deg);
 real fl_attitude_limit(const fl_surface *surface, const real covariance[81], real dip_deg, real limit_deg, const real *down);
-real fl_heading_bound(const fl_surface *surface, const real covariance[81], real dip_deg, const real *down);
+
+/* bound.c: what all bounds have in common */
+enum { FL_BOUND_HEADINGS = 36 };
+typedef struct {
+    real directions[4][FL_AMPLITUDES], harmonics[FL_BOUND_HEADINGS][4];
+} fl_bound;
+
+void fl_bound_begin(fl_bound *bound);
+real fl_heading_bound(const fl_surface *surface, const real covariance[81], real dip_deg, const real *down,
+                      fl_bound *shared);
 
 #endif
