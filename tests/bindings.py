@@ -70,7 +70,9 @@ class Said(NamedTuple):
     @classmethod
     def of(cls, severities: Sequence[int], checked: Sequence[int], advice: dict[str, str] | None = None) -> Said:
         """What numbers for each finding of the catalogue say."""
-        found = {code: SEVERITIES[each] or "" for code, each in zip(OF_A_FIT, severities, strict=True) if each}
+        found: dict[str, str] = {
+            code: SEVERITIES[each] or "" for code, each in zip(OF_A_FIT, severities, strict=True) if each
+        }
         looked_for = [code for code, each in zip(OF_A_FIT, checked, strict=True) if each]
         return cls(found, looked_for, advice or {})
 
