@@ -45,7 +45,7 @@ SEVERITIES: Final = ("", "note", "limits", "refuses")
 CROSS: Final = "arm-none-eabi-gcc"
 LINKED: Final = ("-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections", "-lm")
 QEMU: Final = ("-nographic", "-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native")
-COUNTING: Final = ("-icount", "shift=2")
+COUNTING: Final = ("-icount", "shift=0")
 TIMEOUT_S: Final = 300.0
 WORDS: Final = ("", "yes", "lim", "no")
 """Of a verdict: good, limited, refused."""

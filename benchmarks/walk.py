@@ -2,7 +2,8 @@
 
     python -m benchmarks.walk            # the counts
     python -m benchmarks.walk --list     # and the files, in the order in which they are entered
-    python -m benchmarks.walk --sizes    # instead: files, lines of code and lines of docstrings of each package
+    python -m benchmarks.walk --sizes    # instead: files, lines of code and lines of docstrings of each package, and
+                                         # of all JavaScript and C that is not of others
 
 Counts are of the distinct files of `flinders` in which a traced run enters a function, and of the functions that are
 called from a lower package, as a callback or a recording that wraps another; what runs when a module is imported does
@@ -10,6 +11,7 @@ not count.
 
 reading     from a CSV file to the exported header: ``calibrate`` and ``export --to arduino``
 line        from a line of a serial port to what the page is told: the transcript, the session, a message
+array       from an array of readings to its fit: `flinders.fit`
 live fit    from the readings of a session to the view that its pages draw
 row group   from a row group of a Parquet file to a row of the table: ``fleet``, all but what its worker does
 worker      from the readings of that row group to the row: the same in one process, less the files of the other
@@ -20,6 +22,7 @@ from __future__ import annotations
 import argparse
 import ast
 import functools
+import re
 import sys
 import tempfile
 import threading
@@ -34,6 +37,7 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main as program
+from flinders.findings.c_tables import MADE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,6 +47,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
 
 ROOT: Final = Path(flinders.__file__).parent
+LANGUAGES: Final = {".js": "JavaScript", ".c": "C", ".h": "C"}
 PASSING: Final = {"<module>", "__getattr__"}
 """What runs when a module is imported, or hands a name on."""
 
@@ -160,6 +165,11 @@ def a_line(_: Path) -> None:
     encode(session_state(session))
 
 
+def an_array(_: Path) -> None:
+    """From an array to its fit."""
+    flinders.fit(_tumble().field, unit="uT")
+
+
 def a_live_fit(_: Path) -> None:
     """From the readings of a session to the view of their fit."""
     from flinders.core.units import Unit
@@ -180,6 +190,22 @@ def sizes() -> dict[str, list[int]]:
         for name in (path.relative_to(ROOT).parts[0], "in all"):
             count = counts.setdefault(name, [0, 0, 0])
             count[:] = count[0] + 1, count[1] + len(lines - docstrings), count[2] + len(docstrings)
+    return counts
+
+
+def foreign_sizes() -> dict[str, list[int]]:
+    """Files, lines of code and lines of comments of JavaScript and of C; tables of C that are made from rows apart."""
+    counts: dict[str, list[int]] = {}
+    for path in sorted(ROOT.rglob("*.*")):
+        name = LANGUAGES.get(path.suffix, "")
+        if not name or "vendor" in path.parts:
+            continue
+        text = path.read_text("utf-8")
+        comments = re.findall(r"^[ \t]*(?:/\*.*?\*/[ \t]*$|//[^\n]*)", text, flags=re.MULTILINE | re.DOTALL)
+        filled = sum(bool(line.strip()) for line in text.splitlines())
+        lines = sum(len(comment.splitlines()) for comment in comments)
+        count = counts.setdefault(f"{name}, made" if MADE in text else name, [0, 0, 0])
+        count[:] = count[0] + 1, count[1] + filled - lines, count[2] + lines
     return counts
 
 
@@ -204,12 +230,13 @@ def main() -> None:
     parser.add_argument("--sizes", action="store_true", help="print the sizes of the packages instead")
     asked = parser.parse_args()
     if asked.sizes:
-        for name, (files, code, docstrings) in sizes().items():
-            print(f"{name:<16} {files:>3} files, {code:>6,} lines of code, {docstrings:>6,} of docstrings")
+        for name, (files, code, docstrings) in (sizes() | foreign_sizes()).items():
+            print(f"{name:<16} {files:>3} files, {code:>6,} lines of code, {docstrings:>6,} of docstrings or comments")
         return
     runs = {
         "a reading, to the header": a_reading,
         "a line, to the page": a_line,
+        "an array, to its fit": an_array,
         "a live fit, to its view": a_live_fit,
         "a row group": a_row_group,
     }

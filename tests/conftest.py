@@ -29,7 +29,8 @@ LONGEST = (
     "test_report_command", "test_recorder", "test_disturbances", "test_page_engine", "test_together", "test_record",
     "test_foreign_files", "test_ros", "test_send_mavlink", "test_report", "test_fleet_dates", "test_readers",
     "test_feeds", "test_disturbance_findings", "test_page_lines", "test_fleet_drift", "test_heading_command",
-    "test_live_server", "test_firmware", "test_aided", "test_several_magnetometers", "test_real_recordings",
+    "test_live_server", "test_firmware", "test_one_judge", "test_aided", "test_several_magnetometers",
+    "test_real_recordings",
 )  # fmt: skip
 ON_CI = bool(os.environ.get("CI"))
 

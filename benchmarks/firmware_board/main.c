@@ -19,11 +19,11 @@ static outcome result;
 static flinders_real readings[3 * 250];
 
 #ifdef __arm__
-enum { OPEN = 1, CLOSE = 2, WRITE = 5, READ = 6, EXIT = 0x20, EXITED = 0x20026, PER_TICK = 10 };
+enum { OPEN = 1, CLOSE = 2, WRITE = 5, READ = 6, EXIT = 0x20, EXITED = 0x20026, PER_TICK = 40 };
 
 #define MARK 0xA5A5A5A5
 
-#define SYSTICK ((volatile uint32_t *)0xE000E010) /* 25 MHz of virtual time: ten instructions with -icount shift=2 */
+#define SYSTICK ((volatile uint32_t *)0xE000E010) /* 25 MHz of virtual time: forty instructions with -icount shift=0 */
 
 extern uint32_t stack_bottom[], stack_marked[], stack_top[];
 

@@ -1,0 +1,146 @@
+"""What each binding of the judge says of the same readings: Python, many at once, the page under Node.js, a board.
+
+``python -m tests.bindings READINGS.npy`` compiles the engine of the package that it finds, quickly, and prints that of
+readings in µT as JSON.
+"""
+
+from __future__ import annotations
+
+import base64
+import ctypes
+import json
+import sys
+import tempfile
+from itertools import starmap
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+from benchmarks import firmware
+from benchmarks.page_verdict import asked, session_of
+from tests.javascript import run
+
+from flinders.core.samples import Samples
+from flinders.core.units import MICROTESLA
+from flinders.findings import first_causes
+from flinders.findings.catalogue import OF_A_FIT
+from flinders.findings.rules import SEVERITIES
+from flinders.native import build
+from flinders.native.engine import engine
+from flinders.standalone.engine import data
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.native.engine import Records
+
+EVALUATE: Final = """
+const [{ loadEngine }, { fitOf }, { evaluate }] = await Promise.all(["engine.js", "fit.js", "evaluate.js"].map(load));
+const bytes = (text) => Uint8Array.from(Buffer.from(text, "base64"));
+const floats = (text) => text && new Float64Array(bytes(text).buffer);
+const engine = await loadEngine(bytes(given.wasm), given.data.layouts);
+const quantities = engine.at.judgement + given.data.layouts.judgement.fields.quantities[0];
+return given.asked.map((each) => {
+    const readings = { ...each, field: floats(each.field), time: floats(each.time) };
+    const { severities } = fitOf(engine, given.data, readings).judgement;
+    const checked = severities.map((_, rule) => engine.call.flinders_is_checked(rule, quantities));
+    const shown = evaluate(engine, given.data, readings).view.findings;
+    return [severities, checked, Object.fromEntries(shown.map(({ code, advice }) => [code, advice]))];
+});
+"""
+
+
+class Said(NamedTuple):
+    """What a binding says of a fit.
+
+    Attributes
+    ----------
+    findings : dict
+        Severity of each finding by its code.
+    checked : list of str
+        Codes of the findings that it looks for.
+    advice : dict
+        What to do, by the code of each finding that follows from no other; empty where the binding has no words.
+    """
+
+    findings: dict[str, str]
+    checked: list[str]
+    advice: dict[str, str]
+
+    @classmethod
+    def of(cls, severities: Sequence[int], checked: Sequence[int], advice: dict[str, str] | None = None) -> Said:
+        """What numbers for each finding of the catalogue say."""
+        found: dict[str, str] = {
+            code: SEVERITIES[each] or "" for code, each in zip(OF_A_FIT, severities, strict=True) if each
+        }
+        looked_for = [code for code, each in zip(OF_A_FIT, checked, strict=True) if each]
+        return cls(found, looked_for, advice or {})
+
+    def among(self, codes: Sequence[str]) -> dict[str, str]:
+        """The findings with these codes."""
+        return {code: severity for code, severity in self.findings.items() if code in codes}
+
+    def verdict_among(self, codes: Sequence[str]) -> str:
+        """The verdict that the findings with these codes make."""
+        found = self.among(codes).values()
+        return next((verdict for verdict in ("refuses", "limits") if verdict in found), "good")
+
+
+def python(samples: Samples) -> Said:
+    """What `flinders.fit` says."""
+    fit = firmware.fit_of(samples)
+    assert fit is not None
+    advice = {finding.code: finding.advice for finding in first_causes(fit.findings)}
+    return Said({finding.code: finding.severity for finding in fit.findings}, list(OF_A_FIT), advice)
+
+
+def many(each: Sequence[Samples]) -> list[Said]:
+    """What one call of the engine says of recordings of one unit."""
+    request = engine().request(is_microtesla=each[0].unit.inside == MICROTESLA)
+    field = np.concatenate([samples.field for samples in each])
+    judgements = engine().judge_many(engine().fit_many(field, np.cumsum([0, *map(len, each)])), request)
+    return [Said.of(one["severities"].tolist(), _checked(one)) for one in judgements]
+
+
+def _checked(judgement: Records) -> list[int]:
+    """Whether each finding was looked for, 1 or 0."""
+    library = ctypes.CDLL(str(build.library()))
+    quantities = np.ascontiguousarray(judgement["quantities"]).ctypes
+    return [library.flinders_is_checked(rule, ctypes.c_void_p(quantities.data)) for rule in range(len(OF_A_FIT))]
+
+
+def page(each: Sequence[Samples]) -> list[Said]:
+    """What the page that needs no program says."""
+    wasm = base64.b64encode(build.library(target=build.WEB).read_bytes()).decode()
+    sessions = [asked(session_of(samples)) for samples in each]
+    return list(starmap(Said.of, run(EVALUATE, {"wasm": wasm, "data": data(), "asked": sessions})))
+
+
+def board(each: Sequence[Samples]) -> list[Said]:
+    """What a board says, compiled for this machine in single precision."""
+    with tempfile.TemporaryDirectory() as folder:
+        program = firmware.build(firmware.HOST, Path(folder), optimise="-O0")
+        answers = [
+            firmware.run(firmware.HOST, program, samples.field, unit=samples.unit.inside == MICROTESLA)["answer"]
+            for samples in each
+        ]
+    return [Said.of(answer["findings"].tolist(), answer["is_checked"].tolist()) for answer in answers]
+
+
+def said(samples: Samples) -> dict[str, Said]:
+    """What each binding says of a recording."""
+    one = [samples]
+    return {"python": python(samples), "many": many(one)[0], "page": page(one)[0], "board": board(one)[0]}
+
+
+def main(readings: str) -> None:
+    """Compile the engine, and print what each binding says."""
+    for target in (build.THIS, build.WEB):
+        made = build.path(target=target)
+        made.parent.mkdir(exist_ok=True)
+        build.compile_library(made, compiler=build.compiler(target), options=["-O1"], target=target)
+    print(json.dumps(said(Samples(np.load(readings)))))  # noqa: T201
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
