@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias, cast
@@ -531,19 +530,15 @@ def estimator_of(method: str | Estimator, request: Request) -> Estimator:
     UsageError
         For a name that does not exist, what is no method, and a dip or strength other than that of the site.
     """
-    estimator: Any = method_of(method)() if isinstance(method, str) else method
-    if isinstance(estimator, type) or not dataclasses.is_dataclass(estimator):
+    given: Any = method_of(method)() if isinstance(method, str) else method
+    if not hasattr(given, "estimate") or isinstance(given, type):
         raise UsageError(f"method is {method!r}: need a name, or a method of flinders.estimators with its options")
-    of_site = {}
-    for each in dataclasses.fields(estimator):
-        if each.name in OF_SITE:
-            known, own = getattr(request, each.name), getattr(estimator, each.name)
-            if own not in (known, each.default):
-                raise UsageError(
-                    f"{estimator.name} has {own:g} of its own for the site: state it there", hint={"site": None}
-                )
-            of_site[each.name] = known
-    return cast("Estimator", replace(estimator, **of_site))
+    options = getattr(given, "__dataclass_fields__", {})
+    of_site = {name: getattr(request, name) for name in OF_SITE if name in options}
+    for name, known in of_site.items():
+        if (own := getattr(given, name)) not in (known, options[name].default):
+            raise UsageError(f"{given.name} is given {own:g} by itself: state it by the site", hint={"site": None})
+    return cast("Estimator", replace(given, **of_site) if of_site else given)
 
 
 def _aided(readings: Readings, request: Request) -> tuple[Estimate | None, Aiding | None]:
