@@ -20,11 +20,11 @@ import numpy as np
 from flinders.comparison.comparison import compare, printed
 from flinders.comparison.cross_validation import BLOCKS, LEAST, NotValidated, cross_validated
 from flinders.core.samples import concatenated
-from flinders.errors import FitError, NeedsSamples, UsageError
+from flinders.errors import FitError, NeedsSamples, UsageError, spell_checked
 from flinders.estimators import METHODS, Readings, method_of, within_range
 from flinders.estimators.auto import Auto
 from flinders.findings import VERDICTS
-from flinders.fitting.calibrate import Request, estimator_of, fit
+from flinders.fitting.calibrate import ELSEWHERE, Request, estimator_of, fit
 from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import Coverage
@@ -155,6 +155,7 @@ class Contest:
         return known | {"methods": [entry.as_dict() for entry in self.entries]}  # what each makes of the recording
 
 
+@spell_checked(ELSEWHERE)
 def compare_methods(
     source: Recording | ArrayLike,
     *,

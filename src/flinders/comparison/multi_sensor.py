@@ -30,14 +30,14 @@ from flinders.comparison.comparison import printed
 from flinders.core.axes import EXCHANGES
 from flinders.core.samples import Samples, in_memory
 from flinders.core.time_alignment import Paired, affine_residuals, paired
-from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
+from flinders.errors import FitError, FlindersError, InputError, UsageError, figures, spell_checked
 from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import Auto, found_alone
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
 from flinders.estimators.outliers import with_runs
 from flinders.findings import Finding, Record, by_severity, certain, found_in
 from flinders.fitting.aiding import Aiding
-from flinders.fitting.calibrate import fit, judged_as, judged_dip
+from flinders.fitting.calibrate import ELSEWHERE, fit, judged_as, judged_dip
 from flinders.fitting.result import Fit, Refused, fit_of
 from flinders.likelihood.magnitude import distances
 from flinders.likelihood.prior import SPREAD
@@ -156,6 +156,7 @@ class Together:
         return {**known, "disagreements": runs}  # stretches of time, in their order
 
 
+@spell_checked(ELSEWHERE)
 def fit_multi(
     sources: Mapping[str, Recording],
     *,
@@ -201,7 +202,7 @@ def fit_multi(
     See the head of this module.
     """
     judged = None if site is None else site.judged
-    chosen = _checked(sources, reference, None if judged is None else judged.length)
+    chosen = _checked(sources, reference, None if judged is None else judged.fixed_length)
     options: dict[str, Any] = {"target_deg": target_deg, "site": judged}
     samples: dict[str, Samples] = {}
     silent: dict[str, FlindersError] = {}

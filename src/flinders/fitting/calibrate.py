@@ -96,7 +96,7 @@ class Request:
         judged_deg, is_assumed = judged_dip(site)
         of_site: dict[str, Any] = {"dip_deg": judged_deg, "dip_assumed": is_assumed}
         if site is not None:
-            of_site |= {"field_strength": site.length, "alignment_sigma_deg": site.alignment_sigma_deg}
+            of_site |= {"field_strength": site.fixed_length, "alignment_sigma_deg": site.alignment_sigma_deg}
             of_site["site"] = site.evidence
         return cls(**of_site, **others)
 

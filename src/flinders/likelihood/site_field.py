@@ -66,6 +66,8 @@ class Site:
     alignment_sigma_deg : float, optional
         How well the mounting is known, 1 σ about each axis: its heading error is stated separately, since no
         magnetometer sees it. Of a level turn at a known site it also says how steep a tilt can be, see docs/level.md.
+    length : float, optional
+        Length that corrected readings shall have, where it is not `strength`; whatever the readings say.
 
     >>> seen = Site(strength=50.0, gain_sigma=0.05, inclination_deg=60.0).evidence
     >>> seen.strength, seen.inclination_deg, Site(strength=50.0, inclination_deg=60.0).evidence
@@ -78,11 +80,13 @@ class Site:
     inclination_sigma_deg: float = math.inf
     z_down: bool = False
     alignment_sigma_deg: float | None = None
+    length: float | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if self.strength is not None and not 0.0 < self.strength < math.inf:
-            raise UsageError(f"strength is {self.strength:g}: need a number above 0, in the unit of the readings")
+        for what, value in (("strength", self.strength), ("length", self.length)):
+            if value is not None and not 0.0 < value < math.inf:
+                raise UsageError(f"{what} is {value:g}: need a number above 0, in the unit of the readings")
         if self.inclination_deg is not None and not abs(self.inclination_deg) <= 90.0:
             raise UsageError(f"inclination is {self.inclination_deg:g}°: need -90° to 90°")
         if not (self.gain_sigma > 0.0 and self.inclination_sigma_deg > 0.0):
@@ -102,6 +106,8 @@ class Site:
     ) -> Self | None:
         """A known site with the numbers that somebody states, without uncertainty; None where neither is there.
 
+        A stated strength is the length of corrected readings; what is known of the gain counts as it did.
+
         >>> Site.stated(Site(50.0, 60.0, 0.05, 1.0), inclination_deg=66.0).evidence.inclination_deg is None
         True
         """
@@ -109,15 +115,15 @@ class Site:
             return known
         site = cls() if known is None else known
         if strength is not None:
-            site = replace(site, strength=strength, gain_sigma=math.inf)
+            site = replace(site, length=strength, strength=strength if site.strength is None else site.strength)
         if inclination_deg not in (None, site.inclination_deg):
             site = replace(site, inclination_deg=inclination_deg, inclination_sigma_deg=math.inf)
         return site
 
     @property
-    def length(self) -> float | None:
+    def fixed_length(self) -> float | None:
         """Length of corrected readings, whatever the readings say; None of a strength that counts in the fit."""
-        return None if math.isfinite(self.gain_sigma) else self.strength
+        return self.length if self.length is not None or math.isfinite(self.gain_sigma) else self.strength
 
     @property
     def evidence(self) -> Self | None:
@@ -131,7 +137,7 @@ class Site:
     @property
     def judged(self) -> Self:
         """The site without evidence: length of corrected readings, dip at which headings are judged, mounting."""
-        return type(self)(self.length, self.inclination_deg, alignment_sigma_deg=self.alignment_sigma_deg)
+        return type(self)(self.fixed_length, self.inclination_deg, alignment_sigma_deg=self.alignment_sigma_deg)
 
     @property
     def sine(self) -> float | None:
