@@ -244,7 +244,8 @@ def strength_of(calibration: Calibration, site: Site | None) -> float | None:
     """Length of corrected readings: that of the site, else as it was; None where it was not known."""
     if not calibration.field_strength_known:
         return None
-    return calibration.field_strength if site is None or site.strength is None else site.strength
+    there = None if site is None else site.length or site.strength
+    return calibration.field_strength if there is None else there
 
 
 def _solved(
