@@ -73,7 +73,7 @@ Estimator = Callable[["Simulated"], Answer]
 def fitted(recording: Simulated, *, method: str) -> Answer:
     """Ask `flinders.fit`, with the field strength known."""
     try:
-        fit = flinders.fit(recording.samples.field, method=method, field_strength=FIELD_STRENGTH)
+        fit = flinders.fit(recording.samples.field, method=method, site=flinders.Site(strength=FIELD_STRENGTH))
     except Refused as refusal:
         return Answer(refusal.fit.calibration.matrix, refusal.fit.calibration.offset, refused=True)
     except FlindersError as error:

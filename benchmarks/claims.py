@@ -102,7 +102,7 @@ class Trial:
 def judged(field: Floats) -> Fit | None:
     """The fit, refused or not; None where there is none."""
     try:
-        return flinders.fit(field, field_strength=FIELD_STRENGTH)
+        return flinders.fit(field, site=flinders.Site(strength=FIELD_STRENGTH))
     except Refused as refusal:
         return refusal.fit
     except FlindersError:

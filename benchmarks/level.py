@@ -84,7 +84,7 @@ class Turned:
         )
         strength, dip = FIELD_STRENGTH * (1.0 + rng.normal(0.0, 0.01)), 60.0 + rng.normal(0.0, 1.0)
         truth = simulate.Simulated(samples, sensor, directions, FIELD_STRENGTH, np.zeros(n, dtype=np.bool_))
-        return truth, Site(strength, dip, gain_sigma=GAIN_SIGMA)
+        return truth, Site(strength, dip, GAIN_SIGMA, inclination_sigma_deg=1.0)
 
     def _attitudes(self, rng: np.random.Generator, time: Floats) -> Floats:
         """(N, 3, 3) attitudes: a turn, three sines of each of roll and pitch, and the slope."""
@@ -122,7 +122,7 @@ def recorded(title: str, number: int) -> tuple[Simulated, Site]:
         return TURNS[title].record(number)
     rng = np.random.default_rng([SEED, 1, number])
     strength, dip = FIELD_STRENGTH * (1.0 + rng.normal(0.0, 0.01)), 60.0 + rng.normal(0.0, 1.0)
-    return dataset("S7", number, 0.5), Site(strength, dip, gain_sigma=0.1, z_down=True)
+    return dataset("S7", number, 0.5), Site(strength, dip, gain_sigma=0.1, inclination_sigma_deg=1.0, z_down=True)
 
 
 def tried(samples: Samples, **options: object) -> Fit | str:
@@ -159,9 +159,8 @@ def turn_table(trials: int) -> Iterator[str]:
             scores, limits, refused = [], [], 0
             for number in range(trials):
                 truth, site = recorded(title, number)
-                found = tried(
-                    truth.samples, method="level", site=site if at_site else None, alignment_sigma_deg=mounting
-                )
+                known_site = replace(site if at_site else Site(), alignment_sigma_deg=mounting)
+                found = tried(truth.samples, method="level", site=known_site)
                 if isinstance(found, str):
                     refused += 1
                     continue

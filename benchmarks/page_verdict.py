@@ -30,6 +30,7 @@ from benchmarks.recordings import FOLDER
 from flinders.core.samples import Samples
 from flinders.core.units import label
 from flinders.fitting.calibrate import judged_dip
+from flinders.likelihood.site_field import Site
 from flinders.live.buffer import rows_of
 from flinders.live.evaluation import evaluate
 from flinders.live.messages import SourceState
@@ -116,7 +117,7 @@ def session_of(samples: Samples, target_deg: float = 1.0) -> LiveSession:
 def asked(session: LiveSession) -> dict[str, Any]:
     """What the page is asked for a session."""
     samples, _ = used_readings(session)
-    dip_deg, is_assumed = judged_dip(session.dip_deg, session.shown.site)
+    dip_deg, is_assumed = judged_dip(Site.stated(session.shown.site, inclination_deg=session.dip_deg))
     return {
         "field": _packed(samples.field),
         "time": None if samples.time is None else _packed(samples.time),

@@ -125,7 +125,7 @@ def stood(seed: int, headings: int, crab_deg: float = 0.0) -> Trial | None:
     """
     rng = np.random.default_rng([seed, 26])
     first = tumble(seed)
-    earlier = flinders.fit(first.samples, field_strength=FIELD_UT)
+    earlier = flinders.fit(first.samples, site=flinders.Site(strength=FIELD_UT))
     sensor = replace(first.sensor, offset=first.sensor.offset + rng.normal(0.0, MOVED_UT, 3))
     magnetic = rng.uniform(0.0, 360.0) + np.arange(headings) * 360.0 / headings
     world = FIELD_UT * rng.normal(1.0, 0.01) * north_and_down(DIP_DEG + rng.normal())
@@ -139,8 +139,8 @@ def stood(seed: int, headings: int, crab_deg: float = 0.0) -> Trial | None:
             poses,
             _in_microtesla(earlier),
             courses.tolist(),
-            dip_deg=DIP_DEG,
             sigmas=PoseSigmas(crab_deg=crab_deg),
+            site=flinders.Site(inclination_deg=DIP_DEG),
         )
     except Refused as refused:
         if any(finding.code == "poses-contradict" for finding in refused.fit.findings):
@@ -159,7 +159,7 @@ def tried(seed: int, motion: str, aiding: Sequence[str], change: float) -> Trial
     """Calibrate a vehicle, change it, and refresh; None where there is no fit at all."""
     rng = np.random.default_rng([seed, 24])
     first = tumble(seed)
-    earlier = flinders.fit(first.samples, field_strength=FIELD_UT)
+    earlier = flinders.fit(first.samples, site=flinders.Site(strength=FIELD_UT))
     matrix = soft_iron(rng, change) @ first.sensor.matrix
     offset = first.sensor.offset + rng.normal(0.0, MOVED_UT, 3)
     sensor = Sensor((matrix + matrix.T) / 2.0, offset, first.sensor.noise)

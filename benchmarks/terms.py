@@ -431,7 +431,7 @@ def level_trial(title: str, number: int) -> list[float]:
     if title == "two-axis ellipse (`level`)":
         answer = by_ellipsoid(samples, method=partial(level_turn_alone, dip_deg=dip))
     else:
-        answer = by_aids(samples, terms=("dip",), site=Site(strength=strength, inclination_deg=dip))
+        answer = by_aids(samples, terms=("dip",), site=Site(strength, dip, 0.05, 1.0))
     return [tilted_error_deg(answer, recording, tilt) for tilt in TILTS_DEG]
 
 

@@ -102,7 +102,7 @@ def good(motion: str, seed: int, strength: float) -> Attack:
     """Nothing wrong: the site's dip off by one of its standard deviations, times the strength."""
     _, samples, rng = recorded(motion, seed)
     home = site_field(*HOME, year=YEAR)
-    site = Site(home.strength, home.inclination_deg + strength * rng.normal())
+    site = replace(Site.of(home), inclination_deg=home.inclination_deg + strength * rng.normal())
     return Attack(samples, ("rate", "dip", "attitude"), "", site)
 
 

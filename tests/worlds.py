@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
+    from flinders.estimators import Estimator
 
 FIELD_STRENGTH: Final = 50.0
 """µT, of the field in all of these worlds."""
@@ -83,6 +84,11 @@ def judged(field: Floats | Samples | Joined, **options: object) -> Fit:
         return flinders.fit(field, **options)  # type: ignore[arg-type]
     except Refused as error:
         return error.fit
+
+
+def method_with(name: str, **options: object) -> Estimator:
+    """A method by its name, with its options."""
+    return flinders.estimators.METHODS[name](**options)
 
 
 def rms(values: Sequence[float]) -> float:

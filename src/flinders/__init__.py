@@ -32,11 +32,13 @@ if TYPE_CHECKING:
     from flinders.errors import FlindersError as FlindersError
     from flinders.findings import Finding as Finding
     from flinders.fitting.aeromagnetic import tolles_lawson as tolles_lawson
+    from flinders.fitting.aiding import Instruments as Instruments
     from flinders.fitting.calibrate import fit as fit
     from flinders.fitting.refreshing import refresh as refresh
     from flinders.fitting.result import Fit as Fit
     from flinders.fitting.survey import fit_survey as fit_survey
     from flinders.fleet import fit_many as fit_many
+    from flinders.likelihood.site_field import Site as Site
     from flinders.live.guided import Session as Session
     from flinders.readers import open_log as open_log
     from flinders.readers import open_recording as open_recording
@@ -51,8 +53,10 @@ _HOMES: Final = {
     "Fit": "fitting.result",
     "FitError": "errors",
     "FlindersError": "errors",
+    "Instruments": "fitting.aiding",
     "Samples": "core.samples",
     "Session": "live.guided",
+    "Site": "likelihood.site_field",
     "Summary": "summary.summary",
     "Unit": "core.units",
     "compare": "comparison.comparison",

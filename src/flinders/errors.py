@@ -73,11 +73,15 @@ import struct
 import zlib
 from collections.abc import Mapping
 from contextlib import contextmanager
+from functools import wraps
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Final, ParamSpec, TypeAlias, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 Hint: TypeAlias = Mapping[str, object]
 """Arguments that carry out a remedy: values by keyword of the Python interface, None for any value. The value of a
@@ -110,6 +114,35 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     by_folded = {name.casefold(): name for name in known}
     like = get_close_matches(word.strip().casefold(), by_folded, n=1)
     return f" (did you mean {by_folded[like[0]]!r}?)" if like else ""
+
+
+def spell_checked(elsewhere: Mapping[str, str]) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Answer a mistyped keyword of a function with a `UsageError` that names the one that is like it.
+
+    `elsewhere`: keywords that belong to another function, and which.
+
+    >>> @spell_checked({"columns": "flinders.read"})
+    ... def fit(*, target_deg: float) -> float:
+    ...     return target_deg
+    >>> fit(targt_deg=1.0)
+    Traceback (most recent call last):
+    flinders.errors.UsageError: fit has no parameter 'targt_deg' (did you mean 'target_deg'?)
+    """
+
+    def checked(function: Callable[P, T]) -> Callable[P, T]:
+        code = function.__code__
+        known = frozenset(code.co_varnames[: code.co_argcount + code.co_kwonlyargcount])
+
+        @wraps(function)
+        def call(*values: P.args, **keywords: P.kwargs) -> T:
+            for word in keywords.keys() - known:
+                where = f": it is one of {elsewhere[word]}" if word in elsewhere else did_you_mean(word, known)
+                raise UsageError(f"{function.__name__} has no parameter {word!r}{where}")
+            return function(*values, **keywords)
+
+        return call
+
+    return checked
 
 
 def figures(value: float, digits: int = 2) -> str:

@@ -160,8 +160,13 @@ def test_the_documented_example_of_matlabs_magcal() -> None:
     directions = np.random.default_rng(1).normal(size=(200, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     readings = directions * [30, 20, 50] + [-50, 20, 100]
-    fits = [flinders.fit(readings, method="algebraic", normalisation="nxp"), flinders.fit(readings, method="axes")]
-    fits += [flinders.fit(readings, method="ellipsoid", radii=radii) for radii in ("sym", "diag", "auto")]
+    fits = [
+        flinders.fit(readings, method=flinders.estimators.Algebraic(normalisation="nxp")),
+        flinders.fit(readings, method="axes"),
+    ]
+    fits += [
+        flinders.fit(readings, method=flinders.estimators.Constrained(radii=radii)) for radii in ("sym", "diag", "auto")
+    ]
     for fit in fits:
         calibration = fit.calibration
         assert calibration.field_strength == pytest.approx(31.0723, abs=5e-5)

@@ -24,7 +24,9 @@ MOTORS = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3], amperes=20.0)
 FITS: dict[str, Callable[[], Fit]] = {
     "all attitudes": lambda: flinders.fit(simulate.tumble(seed=1).samples),
     "level turn": lambda: flinders.fit(simulate.tumble(seed=1, motion="level").samples),
-    "one plane": lambda: flinders.fit(simulate.tumble(seed=1, motion="sweep-yz").samples, method="ellipse", plane="yz"),
+    "one plane": lambda: flinders.fit(
+        simulate.tumble(seed=1, motion="sweep-yz").samples, method=flinders.estimators.Ellipse(plane="yz")
+    ),
     "motors": lambda: flinders.fit(
         simulate.tumble(seed=3, n=1500, disturbances=[MOTORS]).samples, disturbances=("current",)
     ),

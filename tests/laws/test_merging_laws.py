@@ -33,7 +33,7 @@ KNOWN = (None, 50.0)
 @cache
 def judged(seed: int, *, motion: str = "uniform", field_strength: float | None = None) -> Fit:
     recording = simulate.tumble(seed=seed, motion=motion, n=600, sensor=RANDOM_SENSOR)
-    fit = flinders.fit(recording.samples, field_strength=field_strength)
+    fit = flinders.fit(recording.samples, site=flinders.Site(strength=field_strength))
     return replace(fit, name=f"{motion} {seed}")
 
 

@@ -133,7 +133,7 @@ def test_a_level_turn_with_strength_and_dip_of_the_site() -> None:
     true = simulate.tumble(
         seed=4, motion="level", n=500, dip_deg=DIP_DEG, sensor=simulate.Sensor(offset=np.array([8.0, -5.0, 3.0]))
     )
-    found = solve(true.samples, ("dip",), site=Site(50.0, DIP_DEG), acceleration_bias=0.0)
+    found = solve(true.samples, ("dip",), site=Site(50.0, DIP_DEG, 0.05, 1.0), acceleration_bias=0.0)
     assert heading_error_deg(found, true) < 0.1
     assert float(np.abs(found.parameters.offset - true.sensor.offset)[:2].max()) < 0.3
 
@@ -161,7 +161,9 @@ def test_it_finds_how_the_sensor_is_mounted_and_how_late_it_is() -> None:
 def test_an_attitude_gives_the_whole_matrix() -> None:
     true = swayed(5)
     attitude = of_matrix(true.attitudes)  # type: ignore[arg-type]
-    found = solve(replace(true.samples, attitude=attitude), ("attitude",), site=Site(None, DIP_DEG))
+    found = solve(
+        replace(true.samples, attitude=attitude), ("attitude",), site=Site(None, DIP_DEG, inclination_sigma_deg=1.0)
+    )
     assert heading_error_deg(found, true) < 0.1
     assert found.sees_rotation
     npt.assert_allclose(found.parameters.direction, [0.5, 0.0, np.sqrt(0.75)], atol=0.01)
@@ -243,8 +245,10 @@ def test_swapped_axes_are_named(aid: str) -> None:
 @pytest.mark.nightly
 def test_a_site_a_thousand_kilometres_off_is_named() -> None:
     true = swayed(10)
-    assert codes(true.samples, ("rate", "dip"), Site(None, DIP_DEG - 9.0)) == ["site-differs"]
-    assert codes(true.samples, ("rate", "dip"), Site(None, DIP_DEG + 0.5)) == []
+    assert codes(true.samples, ("rate", "dip"), Site(None, DIP_DEG - 9.0, inclination_sigma_deg=1.0)) == [
+        "site-differs"
+    ]
+    assert codes(true.samples, ("rate", "dip"), Site(None, DIP_DEG + 0.5, inclination_sigma_deg=1.0)) == []
 
 
 def test_turning_about_one_axis_is_named() -> None:

@@ -15,6 +15,7 @@ import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
 from tests.trials import daily
+from tests.worlds import method_with
 
 import flinders
 from flinders import simulate
@@ -228,7 +229,10 @@ def test_all_round_the_error_is_that_of_the_closed_form(trials: Choose) -> None:
 def test_any_strength_gives_the_same_headings() -> None:
     """With one strength the scale is all that it sets."""
     field = orbit(2.0, varies=0.0).field
-    fits = [flinders.fit(field, method="alonso-shuster", field_strength=given) for given in (None, 350.0, 35.0)]
+    fits = [
+        flinders.fit(field, method="alonso-shuster", site=flinders.Site(strength=given))
+        for given in (None, 350.0, 35.0)
+    ]
     for fit in fits[1:]:
         npt.assert_allclose(fit.calibration.offset, fits[0].calibration.offset, rtol=1e-7)
         npt.assert_allclose(fit.calibration.shape, fits[0].calibration.shape, rtol=1e-6)
@@ -430,7 +434,7 @@ def test_strengths_that_cannot_be_are_refused() -> None:
             flinders.fit(Samples.of(field, strength=column), method="alonso-shuster")
         assert (caught.value.code, caught.value.exit_code) == ("wrong-strength", 4)
     with pytest.raises(WrongStrength, match="give one of them"):
-        flinders.fit(samples, method="alonso-shuster", field_strength=350.0)
+        flinders.fit(samples, method="alonso-shuster", site=flinders.Site(strength=350.0))
     with pytest.raises(WrongStrength, match="some of the recordings"):
         AlonsoShuster().estimate(Readings.of(Joined((samples, Samples.of(field)))))
 
@@ -466,7 +470,7 @@ def test_sums_alone_are_not_enough() -> None:
 )
 def test_options_that_mean_nothing_are_refused(method: str, options: dict[str, Any], match: str) -> None:
     with pytest.raises(UsageError, match=match):
-        flinders.fit(orbit(0.5, n=50), method=method, **options)
+        method_with(method, **options)
 
 
 # The column, and the program.

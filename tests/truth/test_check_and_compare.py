@@ -373,7 +373,7 @@ def test_the_dip_of_the_calibration_is_that_of_its_comparisons(tmp_path: Path, m
     """Its size, and its side: of a sensor that is mounted upside down the field points along −z."""
     monkeypatch.chdir(tmp_path)
     upside_down = simulate.tumble(seed=3, motion="flight", dip_deg=-70.0, sensor=simulate.Sensor(noise=0.5)).samples
-    fit = judged(upside_down, dip_deg=70.0)
+    fit = judged(upside_down, site=flinders.Site(inclination_deg=70.0))
     assert fit.known_dip_deg == -70.0
     other = judged(simulate.tumble(seed=4, sensor=simulate.Sensor(noise=0.5)).samples)
     assert flinders.compare(fit, other).heading_difference_deg.dip_deg == -70.0

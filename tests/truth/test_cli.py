@@ -319,7 +319,7 @@ def test_prior_none_leaves_the_prior_out(home: Path) -> None:
     Path("half.csv").write_text(text(hemisphere, header="mx_uT,my_uT,mz_uT"), encoding="utf-8")
     for words, prior in ((("--prior", "none"), None), (("--prior", "0.05"), 0.05)):
         found = flinders_("calibrate", "half.csv", *words, "--target", "45", "--json").json
-        wanted = flinders.fit(flinders.read("half.csv"), prior=prior, target_deg=45.0)
+        wanted = flinders.fit(flinders.read("half.csv"), target_deg=45.0, method=flinders.estimators.Auto(prior=prior))
         npt.assert_allclose(found["calibration"]["offset"], wanted.calibration.offset)
 
 

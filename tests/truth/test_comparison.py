@@ -40,7 +40,7 @@ def judged(seed: int, *, n: int = 400, field_strength: float | None = None, move
     """Calibrate a recording of the sensor; its offset moved by so many µT along x."""
     sensor = replace(RANDOM_SENSOR, offset=RANDOM_SENSOR.offset + np.array([moved, 0.0, 0.0]))
     recording = simulate.tumble(seed=seed, motion="uniform", n=n, sensor=sensor)
-    return flinders.fit(recording.samples, field_strength=field_strength)
+    return flinders.fit(recording.samples, site=flinders.Site(strength=field_strength))
 
 
 def changed(one: Fit, **changes: Any) -> Fit:
@@ -218,7 +218,9 @@ def test_calibrations_that_claim_little_agree_and_do_not_tell() -> None:
 
 def test_what_both_methods_hold_is_no_degree_of_freedom() -> None:
     recordings = [simulate.tumble(seed=seed, motion="uniform", sensor=simulate.Sensor(noise=0.5)) for seed in (1, 2)]
-    fits = [flinders.fit(recording.samples, method="sphere", field_strength=50.0) for recording in recordings]
+    fits = [
+        flinders.fit(recording.samples, method="sphere", site=flinders.Site(strength=50.0)) for recording in recordings
+    ]
     assert compare(*fits).freedom == 4
 
 

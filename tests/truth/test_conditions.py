@@ -42,7 +42,7 @@ def test_a_second_recording_that_agrees_speaks_for_the_place() -> None:
 
 def test_the_strength_of_the_place_speaks_for_it_where_readings_have_it() -> None:
     samples = simulate.tumble(seed=1, sensor=OFFSET_SENSOR).samples
-    there, elsewhere = (flinders.fit(samples, field_strength=strength) for strength in (50.0, 40.0))
+    there, elsewhere = (flinders.fit(samples, site=flinders.Site(strength=strength)) for strength in (50.0, 40.0))
     assert there.conditions == ("constant-iron",)
     assert "uniform-field" in elsewhere.conditions
 

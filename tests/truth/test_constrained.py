@@ -108,7 +108,7 @@ def test_a_centred_fit_finds_the_radii_about_zero(radii: Radii, semi: tuple[floa
 def test_a_centre_that_is_not_zero_is_an_error_that_is_told() -> None:
     """6 µT of offset left in: the claim grows to it."""
     field = recorded(50.0 * np.eye(3), n=2000) - HARD_IRON + [6.0, 0.0, 0.0]
-    fit = flinders.fit(field, method="ellipsoid", radii="sphere", centred=True, target_deg=30.0)
+    fit = flinders.fit(field, target_deg=30.0, method=flinders.estimators.Constrained(radii="sphere", centred=True))
     assert fit.method == "ellipsoid sphere centred"
     assert fit.verdict == "limited"
     assert fit.offset_sigma[0] == pytest.approx(6.0, rel=0.05)
@@ -118,7 +118,9 @@ def test_a_centre_that_is_not_zero_is_an_error_that_is_told() -> None:
 @pytest.mark.parametrize("radii", ["aligned", "xy", "sphere"])
 def test_a_constraint_that_does_not_hold_is_in_the_claim(radii: Radii) -> None:
     for seed in range(5):
-        fit = flinders.fit(recorded(SKEW, n=2000, seed=seed), method="ellipsoid", radii=radii, target_deg=60.0)
+        fit = flinders.fit(
+            recorded(SKEW, n=2000, seed=seed), target_deg=60.0, method=flinders.estimators.Constrained(radii=radii)
+        )
         off = np.concatenate([fit.calibration.offset - HARD_IRON, (fit.calibration.shape - SKEW)[np.triu_indices(3)]])
         claimed = np.sqrt(np.diag(fit.covariance)[[0, 1, 2, 3, 6, 7, 4, 8, 5]])
         assert np.linalg.norm(off) < 1.5 * np.linalg.norm(claimed)
@@ -186,7 +188,7 @@ def test_a_ring_is_never_good(radii: Radii, centred: bool) -> None:
     for noise in (0.0, 0.3):
         field = ring + noise * np.random.default_rng(1).standard_normal(ring.shape)
         try:
-            fit = flinders.fit(field, method="ellipsoid", radii=radii, centred=centred)
+            fit = flinders.fit(field, method=flinders.estimators.Constrained(radii=radii, centred=centred))
         except FitError:
             continue
         assert fit.verdict == "limited"

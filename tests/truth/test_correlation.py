@@ -47,7 +47,7 @@ def claims(record: Callable[[int], Simulated], trials: Trials) -> tuple[float, f
     claimed, textbook = [], []
     for seed in trials.seeds:
         recording = record(seed)
-        fit = flinders.fit(recording.samples.field, field_strength=50.0, target_deg=90.0)
+        fit = flinders.fit(recording.samples.field, target_deg=90.0, site=flinders.Site(strength=50.0))
         plain = Auto().estimate(Readings.of(recording.samples.field)).textbook
         assert plain is not None
         found = fit.calibration.matrix, fit.calibration.offset
@@ -60,7 +60,7 @@ def claims(record: Callable[[int], Simulated], trials: Trials) -> tuple[float, f
 def test_noise_that_moves_the_readings_of_a_clump_is_no_slow_noise(trial: int) -> None:
     """Jacobians at the readings follow their distances from an ellipsoid: errors were 5 to 16 times the bound."""
     recording = dataset("S6", trial, 2.0)
-    fit = flinders.fit(recording.samples.field, field_strength=50.0, target_deg=90.0)
+    fit = flinders.fit(recording.samples.field, target_deg=90.0, site=flinders.Site(strength=50.0))
     off = parameter_error(fit.calibration.matrix, fit.calibration.offset, recording)
     assert off @ bound(recording).information @ off / 9.0 < 3.0
 

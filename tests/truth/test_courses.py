@@ -63,7 +63,7 @@ def drive(
 def vehicle(seed: int) -> tuple[Fit, Sensor]:
     """A calibration, and the sensor after something magnetic was moved."""
     first = simulate.tumble(seed=seed, field_strength=FIELD_UT, dip_deg=DIP_DEG)
-    earlier = flinders.fit(first.samples, field_strength=FIELD_UT)
+    earlier = flinders.fit(first.samples, site=flinders.Site(strength=FIELD_UT))
     moved = np.random.default_rng([seed, 7]).normal(0.0, 10.0, 3)
     return earlier, replace(first.sensor, offset=first.sensor.offset + moved)
 
@@ -82,7 +82,12 @@ def test_a_drive_on_four_courses_renews_the_offset_as_claimed(trials: Choose) ->
         samples, velocity = drive(sensor, np.random.default_rng([seed, 8]))
         try:
             fit = refresh_on_courses(
-                samples, earlier, velocity, declination_deg=SITE.declination_deg, dip_deg=DIP_DEG, target_deg=3.0
+                samples,
+                earlier,
+                velocity,
+                declination_deg=SITE.declination_deg,
+                target_deg=3.0,
+                site=flinders.Site(inclination_deg=DIP_DEG),
             )
         except Refused as refused:
             fit = refused.fit
@@ -104,7 +109,9 @@ def test_a_drive_without_a_straight_stretch_is_refused() -> None:
     earlier, sensor = vehicle(1)
     samples, velocity = drive(sensor, np.random.default_rng(3))
     with pytest.raises(FitError, match=r"with a steady field \(of 0 straight ones\): drive"):
-        refresh_on_courses(samples, earlier, velocity, declination_deg=0.0, dip_deg=DIP_DEG, slowest=20.0)
+        refresh_on_courses(
+            samples, earlier, velocity, declination_deg=0.0, slowest=20.0, site=flinders.Site(inclination_deg=DIP_DEG)
+        )
 
 
 def test_satellites_have_the_clock_of_the_readings_also_in_an_old_log(recordings: Callable[[str], Path]) -> None:
@@ -200,7 +207,7 @@ def test_the_log_of_a_boat_gives_the_headings_of_readings_beside_it(
     samples, velocity = drive(sensor, np.random.default_rng(4), crab_deg=0.0)
     (tmp_path / "boat.log").write_text("\n".join(lines(boat_of(velocity))), encoding="utf-8")
     (tmp_path / "compass.csv").write_text(table(samples, START), encoding="utf-8")
-    flinders.fit(first.samples, field_strength=FIELD_UT).save("calibration.json")
+    flinders.fit(first.samples, site=flinders.Site(strength=FIELD_UT)).save("calibration.json")
     asked = ("refresh", "--previous", "calibration.json", "--course-log", "boat.log", "--target", "4", "--json")
     ended = flinders_(*asked, "compass.csv")
     assert ended.code in {0, 3}, ended.err

@@ -241,7 +241,7 @@ def test_2_rank_5_a_planar_ring(noise: float, prior: float | None) -> None:
     """The limit goes with the noise; the fall-back is the ellipse of a level turn, where the plane is across z."""
     across, upright = (read(ring(0.5) @ turn, LONG, noise) for turn in (np.eye(3), np.eye(3)[[1, 2, 0]]))
     if prior is None:
-        assert refused_with(across, prior=None) in {"undetermined", "one-plane"}
+        assert refused_with(across, method=flinders.estimators.Auto(prior=None)) in {"undetermined", "one-plane"}
     else:
         assert severity(flinders.fit(across), "level-plane") == "limits"
         assert refused_with(upright) == "one-plane"
@@ -261,7 +261,7 @@ def test_2_rank_8_two_rings(noise: float) -> None:
     assert severity(fit, "unobservable-parameters") == "limits"
     assert fit.unobserved == 1
     with pytest.raises(Undetermined) as caught:
-        flinders.fit(field, prior=None)
+        flinders.fit(field, method=flinders.estimators.Auto(prior=None))
     assert caught.value.evidence["unseen"] == 1
 
 
@@ -312,7 +312,7 @@ def test_4_an_offset_of_many_fields_is_no_fault_of_the_fit() -> None:
 def test_6_scale_without_a_field_strength() -> None:
     field = read(simulate.fibonacci(2000), SKEW, 0.3)
     assert severity(flinders.fit(field), "scale-unknown") == "note"
-    assert severity(flinders.fit(field, field_strength=50.0), "scale-unknown") is None
+    assert severity(flinders.fit(field, site=flinders.Site(strength=50.0)), "scale-unknown") is None
 
 
 def test_7_rotation_and_mirror() -> None:

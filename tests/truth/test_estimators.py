@@ -200,7 +200,7 @@ def test_the_likelihood_asks_for_readings_where_there_are_only_sums() -> None:
 
 def test_a_given_field_strength_scales_the_matrix_and_nothing_else() -> None:
     truth = tumble(seed=2, motion="uniform", n=1000)
-    free, scaled = flinders.fit(truth.samples), flinders.fit(truth.samples, field_strength=48.5)
+    free, scaled = flinders.fit(truth.samples), flinders.fit(truth.samples, site=flinders.Site(strength=48.5))
     npt.assert_array_equal(free.calibration.offset, scaled.calibration.offset)
     lengths = np.linalg.norm(scaled.calibration.apply(truth.samples.field), axis=1)
     assert float(lengths.mean()) == pytest.approx(48.5, rel=1e-3)

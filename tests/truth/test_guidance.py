@@ -37,7 +37,7 @@ NOISE: Final[dict[Goal, float]] = {"heading": 1.5, "attitude": 1.0}
 def judged(field: Floats) -> Fit:
     """The fit, also where it is refused."""
     try:
-        return flinders.fit(field, dip_deg=DIP_DEG)
+        return flinders.fit(field, site=flinders.Site(inclination_deg=DIP_DEG))
     except Refused as error:
         return error.fit
 

@@ -135,11 +135,13 @@ def test_where_another_fit_stood_is_as_good_a_start_as_any() -> None:
 
 def test_a_known_gyro_has_its_scales_held() -> None:
     true = swayed()
-    free, held = (flinders.fit(true.samples, aiding="rate", gyro_scale=scale) for scale in (0.02, 0.0))
+    free, held = (
+        flinders.fit(true.samples, aiding=flinders.Instruments("rate", gyro_scale_sigma=scale)) for scale in (0.02, 0.0)
+    )
     assert held.heading_error_deg.worst < 0.9 * free.heading_error_deg.worst
     for wrong in (-0.1, 0.6, np.nan):
         with pytest.raises(UsageError, match="gyro scale is"):
-            flinders.fit(true.samples, aiding="rate", gyro_scale=wrong)
+            flinders.fit(true.samples, aiding=flinders.Instruments("rate", gyro_scale_sigma=wrong))
 
 
 @pytest.mark.parametrize(("seen", "words"), [(-47.0, "turned round"), (-66.0, "upside down"), (50.0, "check place")])
@@ -153,7 +155,7 @@ def test_a_reversed_accelerometer_is_named_where_only_its_rotation_is_kept() -> 
     turned = -np.asarray(true.samples.acceleration) @ rotations(np.array([[0.06, -0.05, 0.08]]))[0].T
     reversed_ = replace(true.samples, rate=None, acceleration=turned)
     for aiding in ("auto", "dip"):
-        fit = flinders.fit(reversed_, aiding=aiding, site=Site(None, 60.0))
+        fit = flinders.fit(reversed_, aiding=aiding, site=Site(None, 60.0, inclination_sigma_deg=1.0))
         assert fit.aiding is not None
         assert [one.code for one in fit.aiding.mistakes] == ["site-differs"]
         assert "upside down" in fit.aiding.mistakes[0].words

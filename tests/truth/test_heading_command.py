@@ -29,6 +29,7 @@ from flinders.geometry.rotation import rotations
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.compass import Compass
 from flinders.heading.error_propagation import deviation_covariance
+from flinders.likelihood.site_field import Site
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -193,7 +194,7 @@ def test_legacy_formulas_go_by_their_names(home: Path) -> None:
 
 
 def test_the_heading_error_of_the_calibration_is_stated(home: Path) -> None:
-    found = fit(simulate.tumble(seed=1).samples, dip_deg=60.0)
+    found = fit(simulate.tumble(seed=1).samples, site=Site(inclination_deg=60.0))
     found.save("calibration.json", force=True)
     body = tumbling()[1]
     raw = found.calibration.unapply(body @ FIELD)

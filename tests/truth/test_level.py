@@ -9,7 +9,7 @@ import numpy.testing as npt
 import pytest
 from benchmarks.datasets import FIELD, FIELD_STRENGTH, dataset, heading_error_deg
 from tests.trials import daily
-from tests.worlds import judged, level_turn, rms
+from tests.worlds import judged, level_turn, method_with, rms
 
 import flinders
 from flinders import simulate
@@ -181,17 +181,20 @@ def test_without_a_prior_a_level_turn_is_refused() -> None:
     for seed in range(5):
         field = level_turn(seed).samples.field
         with pytest.raises(FitError) as caught:
-            flinders.fit(field, prior=None)
+            flinders.fit(field, method=flinders.estimators.Auto(prior=None))
         assert caught.value.code in {"refused", "undetermined"}
         if isinstance(caught.value, Refused):
             assert caught.value.fit.findings[0].code == "one-plane"
     with pytest.raises(UsageError, match="needs a prior across the plane"):
-        flinders.fit(field, method="level", prior=None)
+        method_with("level", prior=None)
 
 
 def test_the_sign_of_the_dip_moves_the_offset_along_z_alone() -> None:
     field = level_turn(3).samples.field
-    north, south = flinders.fit(field, dip_deg=60.0), flinders.fit(field, dip_deg=-60.0)
+    north, south = (
+        flinders.fit(field, site=flinders.Site(inclination_deg=60.0)),
+        flinders.fit(field, site=flinders.Site(inclination_deg=-60.0)),
+    )
     npt.assert_allclose(south.calibration.offset[:2], north.calibration.offset[:2], atol=1e-9)
     npt.assert_allclose(south.calibration.matrix, north.calibration.matrix, atol=1e-12)
     height = float(field[:, 2].mean())
@@ -207,7 +210,9 @@ def test_headings_of_a_tilted_vehicle_are_no_worse_than_claimed(trials: Choose) 
     right, wrong, claimed = [], [], []
     for seed in claim.seeds:
         recording = level_turn(seed)
-        fit, other = (flinders.fit(recording.samples.field, dip_deg=dip) for dip in (60.0, -60.0))
+        fit, other = (
+            flinders.fit(recording.samples.field, site=flinders.Site(inclination_deg=dip)) for dip in (60.0, -60.0)
+        )
         right.append([rms(headings_off(fit, recording, tilt).ravel().tolist()) for tilt in tilts])
         wrong.append([rms(headings_off(other, recording, tilt).ravel().tolist()) for tilt in tilts])
         claimed.append([np.radians(fit.tilted_error(tilt).rms) for tilt in tilts])

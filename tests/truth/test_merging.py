@@ -79,7 +79,7 @@ def test_it_is_as_good_as_it_claims(known: bool, fields: tuple[float, float], mo
             samples = simulate.tumble(
                 seed=2 * trial + part, sensor=sensor, motion=motion, n=500, field_strength=field
             ).samples
-            fit = flinders.fit(samples, field_strength=field if known else None)
+            fit = flinders.fit(samples, site=flinders.Site(strength=field if known else None))
             parts.append(replace(fit, name=f"part {part}"))
         merged = merge(parts)
         assert merged.calibration.field_strength_known is known
@@ -104,7 +104,7 @@ def test_two_halves_merged_are_the_joint_fit(field_strength: float | None) -> No
     ratios = []
     for seed in range(12):
         recording = simulate.tumble(seed=seed, motion="uniform", n=2000, sensor=RANDOM_SENSOR)
-        whole, parts = halves(recording.samples, field_strength=field_strength)
+        whole, parts = halves(recording.samples, site=flinders.Site(strength=field_strength))
         merged = merge([replace(part, name=name) for part, name in zip(parts, "ab", strict=True)])
         sigma = np.sqrt(np.diag(whole.covariance))
         off = parameters(merged.calibration) - parameters(whole.calibration)
@@ -270,7 +270,7 @@ def test_two_level_turns_are_as_limited_as_each() -> None:
     with pytest.raises(UsageError, match=r"level 1 leaves the size of its ellipsoid open by 1\d%"):
         merge([judged(seed, motion="level", method="level") for seed in (1, 2)])
     recordings = [simulate.tumble(seed=seed, motion="level", sensor=RANDOM_SENSOR).samples for seed in (1, 2)]
-    fits = [flinders.fit(recording, method="level", field_strength=50.0) for recording in recordings]
+    fits = [flinders.fit(recording, method="level", site=flinders.Site(strength=50.0)) for recording in recordings]
     merged = merge([replace(fit, name=f"turn {number}") for number, fit in enumerate(fits)])
     assert merged.verdict == "limited"
     assert "level-plane" in [finding.code for finding in merged.findings]
@@ -279,7 +279,10 @@ def test_two_level_turns_are_as_limited_as_each() -> None:
 
 def test_the_scale_is_known_only_where_all_know_it() -> None:
     fits = [
-        flinders.fit(simulate.tumble(seed=seed, motion="uniform", sensor=RANDOM_SENSOR).samples, field_strength=field)
+        flinders.fit(
+            simulate.tumble(seed=seed, motion="uniform", sensor=RANDOM_SENSOR).samples,
+            site=flinders.Site(strength=field),
+        )
         for seed, field in ((1, 50.0), (2, 50.0), (3, None))
     ]
     parts = [replace(fit, name=f"{seed}") for seed, fit in enumerate(fits)]
@@ -307,7 +310,7 @@ def test_numbers_out_of_range() -> None:
 def test_the_dip_is_that_of_the_calibrations() -> None:
     def at(dip: float, seed: int) -> Fit:
         samples = simulate.tumble(seed=seed, motion="uniform", sensor=RANDOM_SENSOR).samples
-        return replace(flinders.fit(samples, dip_deg=dip), name=f"dip {dip:g}")
+        return replace(flinders.fit(samples, site=flinders.Site(inclination_deg=dip)), name=f"dip {dip:g}")
 
     assert merge([at(50.0, 1), at(70.0, 2)]).heading_error_deg.dip_deg == 70.0
     assert merge([at(50.0, 1), at(70.0, 2)], dip_deg=40.0).heading_error_deg.dip_deg == 40.0

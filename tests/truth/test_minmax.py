@@ -10,7 +10,7 @@ import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
 from tests.trials import nightly
-from tests.worlds import HARD_IRON, SOFT_IRON
+from tests.worlds import HARD_IRON, SOFT_IRON, method_with
 
 import flinders
 from flinders import simulate
@@ -69,7 +69,7 @@ def test_each_variant_is_its_recipe_written_out(variant: str) -> None:
         "largest": (field - middle) * (half.max() / half),
         "full-range": (field - low) / (high - low) - 0.5,
     }[variant]
-    fit = flinders.fit(field, method="minmax", variant=variant, target_deg=90.0)
+    fit = flinders.fit(field, target_deg=90.0, method=method_with("minmax", variant=variant))
     npt.assert_allclose(fit.calibration.apply(field), wanted, rtol=0, atol=1e-10)
     assert fit.calibration.field_strength == pytest.approx(np.abs(wanted).max())
     assert not fit.calibration.field_strength_known
@@ -77,7 +77,9 @@ def test_each_variant_is_its_recipe_written_out(variant: str) -> None:
 
 def test_the_variants_differ_in_scale_alone() -> None:
     field = recorded("gains", "hand", 3000, 1)
-    fits = [flinders.fit(field, method="minmax", variant=v) for v in ("mean", "largest", "full-range")]
+    fits = [
+        flinders.fit(field, method=flinders.estimators.MinMax(variant=v)) for v in ("mean", "largest", "full-range")
+    ]
     for fit in fits[1:]:
         npt.assert_allclose(fit.covariance, fits[0].covariance)
         assert fit.heading_error_deg == fits[0].heading_error_deg
@@ -100,7 +102,9 @@ def test_sensor_signs_are_the_axes_mapping(tmp_path: Path) -> None:
 
 def test_a_known_field_strength_takes_the_place_of_the_variants() -> None:
     field = recorded("gains", "hand", 3000, 1)
-    fit = flinders.fit(field, method="minmax", variant="full-range", field_strength=50.0)
+    fit = flinders.fit(
+        field, site=flinders.Site(strength=50.0), method=flinders.estimators.MinMax(variant="full-range")
+    )
     assert (fit.calibration.field_strength, fit.calibration.field_strength_known) == (50.0, True)
 
 
@@ -220,7 +224,7 @@ def test_trimming_takes_off_what_spoils_the_extremes() -> None:
 
 
 def test_trimming_tells_what_it_left_out() -> None:
-    fit = flinders.fit(spoilt(), method="minmax", trim=True, target_deg=5.0)
+    fit = flinders.fit(spoilt(), target_deg=5.0, method=flinders.estimators.MinMax(trim=True))
     assert "outliers" in [finding.code for finding in fit.findings]
     assert fit.samples <= 2000 - 3
     assert np.all(np.abs(fit.calibration.offset - HARD_IRON) < 3 * fit.offset_sigma)
@@ -242,16 +246,16 @@ def test_trimming_clean_readings_changes_next_to_nothing() -> None:
 def test_trimming_needs_readings_and_enough_of_them() -> None:
     field = recorded("gains", "uniform", 100, 8)
     with pytest.raises(NeedsSamples, match="minmax with trim"):
-        flinders.fit(Summary.of(field), method="minmax", trim=True)
+        flinders.fit(Summary.of(field), method=flinders.estimators.MinMax(trim=True))
     with pytest.raises(TooFewSamples) as caught:
-        flinders.fit(field[:11], method="minmax", trim=True)
+        flinders.fit(field[:11], method=flinders.estimators.MinMax(trim=True))
     assert (caught.value.found, caught.value.needed) == (11, 35)
 
 
 def test_two_recordings_are_trimmed_as_one() -> None:
     field = spoilt()
     both = Joined((Samples.of(field[:1100]), Samples.of(field[1100:])))
-    fit = flinders.fit(both, method="minmax", trim=True, target_deg=5.0)
+    fit = flinders.fit(both, target_deg=5.0, method=flinders.estimators.MinMax(trim=True))
     npt.assert_allclose(fit.calibration.offset, HARD_IRON, atol=1.5)
 
 
@@ -263,7 +267,7 @@ def test_typed_extremes_are_those_of_a_recording() -> None:
     numbers = np.stack([field.min(axis=0), field.max(axis=0)], axis=1).ravel()
     variants: list[Variant] = ["mean", "largest", "full-range"]
     for variant in variants:
-        fit = flinders.fit(field, method="minmax", variant=variant, target_deg=90.0)
+        fit = flinders.fit(field, target_deg=90.0, method=method_with("minmax", variant=variant))
         typed = from_extremes(numbers, variant=variant)
         npt.assert_allclose(typed.calibration.matrix, fit.calibration.matrix)
         npt.assert_allclose(typed.calibration.offset, fit.calibration.offset)
@@ -391,7 +395,7 @@ def test_options_of_a_method_reach_it(method: str, words: list[str], options: di
     np.savetxt(path, recorded("gains", "hand", 500, 1), delimiter=",", fmt="%.6f")
     given = [part for word in words for part in ("--option", word)]
     ended = calibrate(str(path), "--method", method, *given, "--target", "30", "--json")
-    fit = flinders.fit(flinders.read(path), method=method, target_deg=30.0, **options)
+    fit = flinders.fit(flinders.read(path), method=method_with(method, **options), target_deg=30.0)
     npt.assert_allclose(json.loads(ended.stdout)["calibration"]["matrix"], fit.calibration.matrix)
 
 

@@ -129,7 +129,7 @@ def test_a_rotation_is_known_better_where_the_accelerometer_is_calibrated() -> N
     samples = recorded(attitudes(0.5), np.eye(3), bias=np.zeros(3))
     errors = []
     for sigma in (0.3, 0.0):
-        aiding = flinders.fit(samples, aiding="dip", acceleration_bias=sigma).aiding
+        aiding = flinders.fit(samples, aiding=flinders.Instruments("dip", acceleration_bias_sigma=sigma)).aiding
         assert aiding is not None
         errors.append(aiding.alignment_error_deg(60.0) or np.nan)
     assert errors[1] < 0.5 * errors[0]
@@ -138,7 +138,10 @@ def test_a_rotation_is_known_better_where_the_accelerometer_is_calibrated() -> N
 @pytest.mark.parametrize("wrong", [-0.1, 3.0, float("nan")])
 def test_a_bias_that_no_accelerometer_has_is_refused(wrong: float) -> None:
     with pytest.raises(UsageError, match="acceleration bias is"):
-        flinders.fit(recorded(attitudes(0.5), np.eye(3), bias=np.zeros(3)), aiding="dip", acceleration_bias=wrong)
+        flinders.fit(
+            recorded(attitudes(0.5), np.eye(3), bias=np.zeros(3)),
+            aiding=flinders.Instruments("dip", acceleration_bias_sigma=wrong),
+        )
 
 
 @pytest.mark.parametrize("missing", [np.nan, 0.0])

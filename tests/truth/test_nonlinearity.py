@@ -251,7 +251,7 @@ def test_readings_of_several_recordings_or_a_site_are_refused() -> None:
     with pytest.raises(UsageError, match="one recording"):
         flinders.fit(parts, linearize=True)
     with pytest.raises(UsageError, match="no field of a site"):
-        flinders.fit(curved(3), linearize=True, site=Site(strength=50.0, inclination_deg=60.0))
+        flinders.fit(curved(3), linearize=True, site=Site(strength=50.0, gain_sigma=0.05))
 
 
 def test_what_needs_offset_and_matrix_alone_is_refused() -> None:

@@ -20,6 +20,7 @@ from flinders.comparison.evaluation import evaluate
 from flinders.comparison.merging import merge
 from flinders.fitting.batch import fit_batch
 from flinders.geometry.rotation import rotations
+from flinders.likelihood.site_field import Site
 from flinders.report.fit_pages import of_file, of_fit
 from flinders.report.formatting import degrees
 from flinders.report.view import view
@@ -65,8 +66,8 @@ def in_ut(field: Floats) -> Samples:
 
 FITS: Final[dict[str, Callable[[], Fit]]] = {
     "clean": lambda: judged(SAMPLES),
-    "another dip": lambda: judged(SAMPLES, dip_deg=-70.0),
-    "known strength": lambda: judged(SAMPLES, field_strength=48.0),
+    "another dip": lambda: judged(SAMPLES, site=Site(inclination_deg=-70.0)),
+    "known strength": lambda: judged(SAMPLES, site=Site(strength=48.0)),
     "few readings": lambda: judged(in_ut(SAMPLES.field[::100])),
     "closed form": lambda: judged(SAMPLES, method="consistent"),
     "slow noise": lambda: judged(in_ut(disturbed(SAMPLES.field))),

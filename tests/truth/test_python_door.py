@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import copy
+import inspect
 import io
 import pickle
 import re
@@ -135,8 +136,57 @@ def test_unit_and_axes_of_an_array_are_words(samples: Samples) -> None:
         flinders.fit(samples.field, unit="furlong")
     with pytest.raises(AxesError, match="need x, y and z once each"):
         flinders.fit(samples.field, axes="x,x,z")
-    with pytest.raises(UsageError, match=r"columns= goes to flinders\.read"):
-        flinders.fit(samples.field, columns="1,2,3")
+
+
+def test_a_mistyped_parameter_is_answered_with_the_one_that_was_meant(samples: Samples) -> None:
+    with pytest.raises(UsageError, match=r"'columns': it is one of flinders\.read"):
+        flinders.fit(samples.field, columns="1,2,3")  # type: ignore[call-arg]
+    with pytest.raises(UsageError, match=r"'targt_deg' .did you mean 'target_deg'"):
+        flinders.fit(samples.field, targt_deg=2.0)  # type: ignore[call-arg]
+    with pytest.raises(UsageError, match=r"'libelihood' is not known .did you mean 'likelihood'"):
+        flinders.fit(samples.field, method="libelihood")
+    with pytest.raises(AttributeError, match=r"'Robst' .did you mean 'Robust'"):
+        flinders.estimators.Robst()  # type: ignore[attr-defined]
+
+
+def test_a_fit_has_ten_parameters_and_all_are_named() -> None:
+    """No ``**options``: a type checker sees a mistake, and no two parameters say the same."""
+    parameters = inspect.signature(flinders.fit).parameters.values()
+    assert len(parameters) <= 10
+    assert all(parameter.kind is not parameter.VAR_KEYWORD for parameter in parameters)
+
+
+def test_a_type_checker_knows_every_method() -> None:
+    """`flinders.estimators` names the class of each method where a type checker looks."""
+    text = Path(flinders.estimators.__file__).read_text(encoding="utf-8")
+    for kind in flinders.estimators.METHODS.values():
+        assert f"from {kind.__module__} import {kind.__name__} as {kind.__name__}\n" in text
+
+
+def test_a_method_with_options_is_the_method_by_its_name(samples: Samples) -> None:
+    by_name = flinders.fit(samples, method="robust").calibration
+    assert flinders.fit(samples, method=flinders.estimators.Robust()).calibration == by_name
+    with pytest.raises(UsageError, match="need a name"):
+        flinders.fit(samples, method=flinders.estimators.Robust)  # type: ignore[arg-type]
+
+
+def test_a_method_takes_dip_and_strength_from_the_site(samples: Samples) -> None:
+    level = flinders.simulate.tumble(seed=1, motion="level").samples
+    there = flinders.Site(inclination_deg=70.0)
+    stated = flinders.fit(level, method=flinders.estimators.Level(dip_deg=70.0), site=there)
+    assert stated.calibration == flinders.fit(level, method="level", site=there).calibration
+    with pytest.raises(UsageError, match="level is given 70") as caught:
+        flinders.fit(level, method=flinders.estimators.Level(dip_deg=70.0))
+    assert caught.value.hint == {"site": None}
+
+
+def test_a_strength_without_uncertainty_is_a_length_and_with_one_counts(samples: Samples) -> None:
+    """A gain that is off by half contradicts what is known of it, and no length."""
+    length = flinders.fit(samples, site=flinders.Site(strength=75.0)).calibration
+    assert (length.field_strength, length.field_strength_known) == (75.0, True)
+    counted = flinders.fit(samples, site=flinders.Site(strength=75.0, gain_sigma=0.05)).calibration
+    assert counted.field_strength < 55.0
+    assert not counted.field_strength_known
 
 
 def test_a_calibration_is_a_value(samples: Samples) -> None:

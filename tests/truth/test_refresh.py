@@ -93,7 +93,7 @@ def test_a_rotation_of_the_earlier_calibration_stays(earlier: Fit) -> None:
 
 def test_another_place_has_another_strength() -> None:
     first = tumble(seed=3, sensor=TUMBLED_SENSOR, field_strength=50.0)
-    earlier = flinders.fit(first.samples, field_strength=50.0)
+    earlier = flinders.fit(first.samples, site=flinders.Site(strength=50.0))
     there = recorded(strength=40.0)
     fit = flinders.refresh(there.samples, earlier, site=Site(strength=40.0, inclination_deg=60.0))
     assert fit.verdict == "good"
@@ -146,7 +146,7 @@ def poses(headings: Sequence[float], *, pitch_deg: float = 0.0) -> list[Samples]
 
 @pytest.mark.parametrize(("headings", "verdict"), [([10.0], "limited"), ([10.0, 100.0, 190.0, 280.0], "good")])
 def test_poses_at_known_headings_give_the_offset(earlier: Fit, headings: list[float], verdict: str) -> None:
-    fit = refresh_at_headings(poses(headings), earlier, headings, dip_deg=60.0)
+    fit = refresh_at_headings(poses(headings), earlier, headings, site=flinders.Site(inclination_deg=60.0))
     assert fit.verdict == verdict
     assert np.all(np.abs(fit.calibration.offset - TUMBLED_SENSOR.offset - MOVED) < 3.0 * fit.offset_sigma)
     assert fit.conditions == (() if verdict == "limited" else ("same-soft-iron", "uniform-field", "constant-iron"))
@@ -154,8 +154,10 @@ def test_poses_at_known_headings_give_the_offset(earlier: Fit, headings: list[fl
 
 def test_an_accelerometer_tells_how_a_pose_leans(earlier: Fit) -> None:
     leaning = poses([45.0], pitch_deg=20.0)
-    felt = refresh_at_headings(leaning, earlier, [45.0], dip_deg=60.0)
-    ignored = refresh_at_headings([replace(one, acceleration=None) for one in leaning], earlier, [45.0], dip_deg=60.0)
+    felt = refresh_at_headings(leaning, earlier, [45.0], site=flinders.Site(inclination_deg=60.0))
+    ignored = refresh_at_headings(
+        [replace(one, acceleration=None) for one in leaning], earlier, [45.0], site=flinders.Site(inclination_deg=60.0)
+    )
     errors = [np.linalg.norm(fit.calibration.offset - TUMBLED_SENSOR.offset - MOVED) for fit in (felt, ignored)]
     assert errors[0] < 0.2
     assert errors[1] > 10.0
@@ -163,7 +165,12 @@ def test_an_accelerometer_tells_how_a_pose_leans(earlier: Fit) -> None:
 
 def test_a_heading_that_was_typed_wrong_contradicts_the_others(earlier: Fit) -> None:
     with pytest.raises(Refused, match="contradict each other") as refused:
-        refresh_at_headings(poses([0.0, 90.0, 180.0, 270.0]), earlier, [0.0, 90.0, 180.0, 250.0], dip_deg=60.0)
+        refresh_at_headings(
+            poses([0.0, 90.0, 180.0, 270.0]),
+            earlier,
+            [0.0, 90.0, 180.0, 250.0],
+            site=flinders.Site(inclination_deg=60.0),
+        )
     assert refused.value.fit.findings[0].code == "poses-contradict"
 
 
@@ -172,9 +179,9 @@ def test_poses_that_tell_nothing_are_refused(earlier: Fit) -> None:
     with pytest.raises(UsageError, match="dip"):
         refresh_at_headings(pose, earlier, [0.0])
     with pytest.raises(UsageError, match="a heading for each pose"):
-        refresh_at_headings(pose, earlier, [0.0, 90.0], dip_deg=60.0)
+        refresh_at_headings(pose, earlier, [0.0, 90.0], site=flinders.Site(inclination_deg=60.0))
     with pytest.raises(UsageError, match="moved"):
-        refresh_at_headings([recorded().samples], earlier, [0.0], dip_deg=60.0)
+        refresh_at_headings([recorded().samples], earlier, [0.0], site=flinders.Site(inclination_deg=60.0))
     with pytest.raises(UsageError, match="sigma"):
         PoseSigmas(heading_deg=0.0)
 

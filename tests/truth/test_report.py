@@ -266,7 +266,7 @@ def test_what_is_known_of_z_at_a_level_turn_is_told_of_the_file_as_of_the_fit(kn
     samples = fitted("level")[1]
     felt = np.tile([0.0, 0.0, -9.81 if known == "shown" else 9.81], (len(samples), 1))
     turned = replace(samples, acceleration=None if known == "open" else felt)
-    fit = calibrate.fit(turned, site=Site(50.0, 60.0))
+    fit = calibrate.fit(turned, site=Site(50.0, 60.0, gain_sigma=0.05, inclination_sigma_deg=1.0))
     fit.save(tmp_path / "calibration.json")
     again = restored(Fit.load(tmp_path / "calibration.json"), turned)
     assert again.z_down is fit.z_down is {"shown": True, "elsewhere": False, "open": None}[known]

@@ -90,7 +90,7 @@ def test_a_fifth_in_one_tight_cluster_cannot_win(place: float) -> None:
 
 def test_a_magnet_that_passes_is_told_with_its_rows_its_time_and_how_far_it_pulled() -> None:
     truth, samples = passed_by_a_magnet(PASSED)
-    fit = flinders.fit(samples, field_strength=50.0)
+    fit = flinders.fit(samples, site=flinders.Site(strength=50.0))
     assert fit.method == "robust"
     assert np.linalg.norm(fit.calibration.offset - truth.sensor.offset) < 0.2
     largest = max(fit.outliers, key=lambda outlier: outlier.readings)
@@ -158,7 +158,10 @@ def test_clean_readings_do_not_ask_for_it(motion: str, noise: float, trials: Cho
 def test_asked_for_it_costs_clean_readings_next_to_nothing() -> None:
     for seed in range(5):
         truth = tumble(seed=seed, motion="uniform", n=2000, sensor=SENSOR)
-        plain, robust = flinders.fit(truth.samples), flinders.fit(truth.samples, robust=True)
+        plain, robust = (
+            flinders.fit(truth.samples),
+            flinders.fit(truth.samples, method=flinders.estimators.Auto(robust=True)),
+        )
         assert (plain.method, robust.method) == ("likelihood", "robust")
         assert robust.samples >= 1996
         npt.assert_allclose(
@@ -169,7 +172,11 @@ def test_asked_for_it_costs_clean_readings_next_to_nothing() -> None:
 
 def test_the_method_and_the_option_are_the_same() -> None:
     field = moved_alike(1, 0.1, np.array([0.0, 80.0, 0.0]))
-    fits = flinders.fit(field), flinders.fit(field, method="robust"), flinders.fit(field, robust=True)
+    fits = (
+        flinders.fit(field),
+        flinders.fit(field, method="robust"),
+        flinders.fit(field, method=flinders.estimators.Auto(robust=True)),
+    )
     assert {fit.method for fit in fits} == {"robust"}
     for fit in fits:
         npt.assert_array_equal(fit.calibration.offset, fits[0].calibration.offset)
@@ -214,7 +221,7 @@ def test_nonsense_is_no_minority() -> None:
     """Readings without any surface: refused, one way or another, and never by another error."""
     field = 50.0 * np.random.default_rng(3).standard_normal((400, 3))
     try:
-        fit = flinders.fit(field, robust=True)
+        fit = flinders.fit(field, method=flinders.estimators.Auto(robust=True))
     except (flinders.FitError, NotAnEllipsoid):
         return
     assert fit.verdict != "good"

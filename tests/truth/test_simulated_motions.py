@@ -403,7 +403,7 @@ def test_its_noise_is_that_of_two_axes_and_seeded() -> None:
 def test_a_level_fit_recovers_the_compass(skew_deg: float) -> None:
     compass = TwoAxis(scale=(1.1, 0.9), offset=(10.0, -5.0), skew_deg=skew_deg)
     swung = swing(compass)
-    found = flinders.fit(swung.samples, method="level", field_strength=50.0).calibration
+    found = flinders.fit(swung.samples, method="level", site=flinders.Site(strength=50.0)).calibration
     shape = 25.0 * np.linalg.inv(found.matrix)[:2, :2]
     again = TwoAxis.from_ellipse(found.offset[:2], shape, 25.0)
     npt.assert_allclose(again.offset, compass.offset, atol=1e-6)

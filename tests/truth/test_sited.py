@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.simulate import Simulated
 
-SITE = Site(50.0, 60.0)
+SITE = Site(50.0, 60.0, gain_sigma=0.05, inclination_sigma_deg=1.0)
 
 
 def off(fit: Fit, truth: Simulated, tilt_deg: float) -> float:
@@ -58,7 +58,7 @@ def test_headings_of_a_level_vehicle_are_those_of_the_ellipse() -> None:
         truth, site = recorded("S7", number)
         alone.append(off(refit(truth.samples), truth, 0.0))
         at_site.append(off(refit(truth.samples, site=site), truth, 0.0))
-        mounted.append(off(refit(truth.samples, site=site, alignment_sigma_deg=2.0), truth, 0.0))
+        mounted.append(off(refit(truth.samples, site=replace(site, alignment_sigma_deg=2.0)), truth, 0.0))
     assert rms(at_site) < 1.02 * rms(alone)
     assert rms(mounted) < 1.1 * rms(alone)
 
@@ -70,7 +70,7 @@ def test_a_stated_mounting_makes_tilts_usable_and_the_claim_true(mounted_deg: fl
     ratios, limits, loose = [], [], []
     for number in range(10):
         truth, site = Turned(mounted_deg=mounted_deg).record(number, 300)
-        fit = refit(truth.samples, site=site, alignment_sigma_deg=mounted_deg)
+        fit = refit(truth.samples, site=replace(site, alignment_sigma_deg=mounted_deg))
         ratios += [off(fit, truth, tilt) / fit.tilted_error(tilt).rms for tilt in (5.0, 10.0)]
         limits.append(fit.attitude_limit_deg)
         loose.append(refit(truth.samples).attitude_limit_deg)
@@ -94,7 +94,7 @@ def test_the_third_offset_is_found_as_well_as_is_claimed() -> None:
     weighed = []
     for number in range(10):
         truth, site = Turned(mounted_deg=2.0).record(number, 300)
-        fit = refit(truth.samples, site=site, alignment_sigma_deg=2.0)
+        fit = refit(truth.samples, site=replace(site, alignment_sigma_deg=2.0))
         weighed.append(float((fit.calibration.offset[2] - truth.sensor.offset[2]) / fit.offset_sigma[2]))
         assert fit.offset_sigma[2] < 10.0 < refit(truth.samples).offset_sigma[2]
     assert 0.5 < rms(weighed) < 2.0
@@ -110,7 +110,7 @@ def test_no_turn_is_claimed_better_than_it_is(turned: Turned) -> None:
     ratios = []
     for number in range(8):
         truth, site = replace(turned, mounted_deg=2.0).record(number, 300)
-        fit = refit(truth.samples, site=site, alignment_sigma_deg=2.0)
+        fit = refit(truth.samples, site=replace(site, alignment_sigma_deg=2.0))
         ratios += [off(fit, truth, tilt) / fit.tilted_error(tilt).rms for tilt in (0.0, 2.0, 5.0, 10.0)]
     assert rms(ratios) < 1.3
     assert max(ratios) < 4.0
@@ -207,7 +207,7 @@ def test_where_nothing_shows_which_way_z_points_the_claim_is_true_of_both(mounte
         truth, site = Turned(mounted_deg=2.0).record(number, 300)
         for turned in (np.ones(3), OVER):
             samples = replace(truth.samples, field=truth.samples.field * turned, acceleration=None)
-            fit = refit(samples, site=site, alignment_sigma_deg=mounted_deg)
+            fit = refit(samples, site=replace(site, alignment_sigma_deg=mounted_deg))
             over = np.diag(turned)
             corrected = over @ fit.calibration.offset, over @ fit.calibration.matrix @ over
             tilts = (0.0, 2.0, 5.0, 10.0)
@@ -221,7 +221,7 @@ def test_a_level_heading_does_not_care_which_way_z_points() -> None:
     samples = replace(truth.samples, acceleration=None)
     for mounted_deg in (None, 2.0):
         either, down = (
-            refit(samples, site=replace(site, z_down=said), alignment_sigma_deg=mounted_deg) for said in (False, True)
+            refit(samples, site=replace(site, z_down=said, alignment_sigma_deg=mounted_deg)) for said in (False, True)
         )
         npt.assert_allclose(either.heading_error_deg.worst, down.heading_error_deg.worst, rtol=1e-6)
         npt.assert_array_equal(either.calibration.matrix, down.calibration.matrix)
@@ -282,7 +282,7 @@ def test_the_strength_is_that_of_corrected_readings() -> None:
 def test_a_dip_that_is_given_goes_before_that_of_the_site() -> None:
     truth, site = Turned().record(1, 300)
     assert flinders.fit(truth.samples, method="level", site=site).dip_deg == site.inclination_deg
-    fit = refit(truth.samples, site=site, dip_deg=40.0)
+    fit = refit(truth.samples, site=Site.stated(site, inclination_deg=40.0))
     assert fit.dip_deg == 40.0
     assert fit.offset_sigma[2] > 25.0
 
@@ -290,7 +290,7 @@ def test_a_dip_that_is_given_goes_before_that_of_the_site() -> None:
 def test_the_finding_says_how_fast_it_degrades_and_what_would_help() -> None:
     truth, site = Turned(mounted_deg=2.0).record(3, 300)
     alone, loose = refit(truth.samples), refit(truth.samples, site=site)
-    known = refit(truth.samples, site=site, alignment_sigma_deg=2.0)
+    known = refit(truth.samples, site=replace(site, alignment_sigma_deg=2.0))
     for fit in (alone, loose, known):
         (finding,) = [finding for finding in fit.findings if finding.code == "level-plane"]
         assert "° for each degree from the plane that it was turned in" in finding.advice

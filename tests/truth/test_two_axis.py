@@ -14,7 +14,7 @@ import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
 from tests.trials import daily
-from tests.worlds import judged
+from tests.worlds import judged, method_with
 
 import flinders
 from flinders import simulate
@@ -84,7 +84,7 @@ def test_36_points_without_noise_are_exact(method: str, plane: Plane) -> None:
     field = np.full((36, 3), 12.5)
     field[:, order[:2]] = swing(COMPASS).samples.field[:, :2]
     field[:, order[2]] = np.linspace(-0.1, 0.1, 36)
-    fit = flinders.fit(field, method=method, plane=plane, field_strength=50.0)
+    fit = flinders.fit(field, site=flinders.Site(strength=50.0), method=method_with(method, plane=plane))
     shape = 50.0 * np.linalg.inv(fit.calibration.matrix)[np.ix_(order, order)][:2, :2] / 2.0
     found = TwoAxis.from_ellipse(fit.calibration.offset[order[:2]], shape, LEVEL_UT)
     npt.assert_allclose(found.offset, COMPASS.offset, atol=1e-9)
@@ -307,13 +307,13 @@ def test_two_thousand_headings_at_random_are_not_even() -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_a_sweep_is_judged_about_the_axis_it_turns_about(plane: Plane, method: str) -> None:
     recording = simulate.tumble(seed=6, motion=f"sweep-{plane}", noise=0.3)
-    fit = flinders.fit(recording.samples, method=method, plane=plane)
+    fit = flinders.fit(recording.samples, method=method_with(method, plane=plane))
     assert fit.verdict == "limited"
     assert f"corrected in {plane[0]} and {plane[1]} only" in fit.findings[0].advice
     assert fit.heading_error_deg.worst < 0.2
     others: list[Plane] = [other for other in PLANES if other != plane]
     for other in others:
-        assert judged(recording.samples, method=method, plane=other).verdict == "refused"
+        assert judged(recording.samples, method=method_with(method, plane=other)).verdict == "refused"
 
 
 def test_a_tumble_is_no_turn() -> None:
@@ -328,7 +328,7 @@ def test_a_tumble_is_no_turn() -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_the_dip_does_not_matter_to_a_level_heading(method: str, dip: float) -> None:
     field = read(np.arange(0.0, 360.0, 5.0))
-    fit, plain = (judged(field, method=method, dip_deg=angle) for angle in (dip, 60.0))
+    fit, plain = (judged(field, method=method, site=flinders.Site(inclination_deg=angle)) for angle in (dip, 60.0))
     npt.assert_allclose(fit.calibration.matrix, plain.calibration.matrix, atol=1e-12)
     assert fit.heading_error_deg.worst == pytest.approx(plain.heading_error_deg.worst, rel=1e-3)
 
@@ -347,11 +347,11 @@ def test_a_third_axis_far_from_zero_changes_nothing() -> None:
 def test_what_cannot_work_is_refused(method: str) -> None:
     field = read(np.arange(0.0, 360.0, 10.0))
     with pytest.raises(UsageError, match="plane is 'xz': need one of xy, yz, zx"):
-        flinders.fit(field, method=method, plane="xz")
+        flinders.fit(field, method=method_with(method, plane="xz"))
     with pytest.raises(TooFewSamples):
         flinders.fit(field[:5], method=method)
     with pytest.raises(StuckAxis, match="z = 0"):
-        flinders.fit(field, method=method, plane="yz")
+        flinders.fit(field, method=method_with(method, plane="yz"))
     with pytest.raises(NeedsSamples):
         flinders.fit(Summary.of(field), method=method)
     line = np.linspace(-1.0, 1.0, 50)[:, np.newaxis] * [30.0, 40.0, 0.0]
@@ -385,7 +385,12 @@ def swept(
         raw = sensor.read(50.0 * sweep(plane, 60.0), rng or np.random.default_rng(0))
         strength = None if loaded is None else loaded.field_strength
         readings = raw if loaded is None else loaded.apply(raw)
-        fit = flinders.fit(readings, method="two-axis", plane=plane, field_strength=strength, target_deg=30.0)
+        fit = flinders.fit(
+            readings,
+            target_deg=30.0,
+            site=flinders.Site(strength=strength),
+            method=flinders.estimators.TwoAxisRecipe(plane=plane),
+        )
         loaded = fit.calibration if loaded is None else fit.calibration @ loaded
         claims.append(fit.heading_error_deg.rms)
     assert loaded is not None
@@ -459,7 +464,9 @@ def composed(sensor: simulate.Sensor, planes: tuple[Plane, ...], rng: Generator,
         first = loaded[-1] if loaded else None
         readings = flinders.Samples.of(raw if first is None else first.calibration.apply(raw), unit="uT")
         strength = None if first is None else first.calibration.field_strength
-        fit = flinders.fit(readings, method=method, plane=plane, field_strength=strength, target_deg=50.0)
+        fit = flinders.fit(
+            readings, target_deg=50.0, site=flinders.Site(strength=strength), method=method_with(method, plane=plane)
+        )
         found = fit if first is None else composition.composed(first, fit)
         loaded.append(Fit.from_document(found.to_document()))
     return loaded
@@ -552,7 +559,7 @@ def test_a_sensor_that_was_calibrated_all_round_may_be_put_into_a_vehicle() -> N
     sensor = simulate.Sensor(np.eye(3), np.array([80.0, -30.0, 0.0]), 0.1)
     points = sensor.read(50.0 * sweep("xy", 60.0), np.random.default_rng(1))
     strength = bench.calibration.field_strength
-    fit = flinders.fit(flinders.Samples.of(points, unit="uT"), method="ellipse", field_strength=strength)
+    fit = flinders.fit(flinders.Samples.of(points, unit="uT"), method="ellipse", site=flinders.Site(strength=strength))
     turn = Turn.of("xy", points[:, :2], PlaneEllipse.of_points(points[:, :2]))
     refuse_unloaded(bench, turn, dip_deg=60.0, source="turn.csv")
     found = composition.composed(bench, fit)

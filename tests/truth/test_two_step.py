@@ -79,7 +79,7 @@ def test_a_hyperboloid_is_refused_and_no_root_of_a_negative_number_taken(model: 
         TwoStep(model).estimate(Readings.of(field))  # type: ignore[arg-type]
     assert caught.value.eigenvalues[1] < 0.0
     with pytest.raises(NotAnEllipsoid):
-        flinders.fit(field, method="two-step", model=model)
+        flinders.fit(field, method=TwoStep(model))  # type: ignore[arg-type]
 
 
 def test_the_covariance_is_that_of_many_recordings(trials: Choose) -> None:
@@ -103,7 +103,7 @@ def test_half_a_sphere_beside_auto_in_degrees(seed: int) -> None:
         for name, options in {
             "auto": {},
             "orthogonal": {"method": "two-step"},
-            "non-orthogonal": {"method": "two-step", "model": "non-orthogonal"},
+            "non-orthogonal": {"method": TwoStep("non-orthogonal")},
         }.items()
     }
     off = {name: np.linalg.norm(fit.calibration.offset - half.sensor.offset) for name, fit in fits.items()}

@@ -103,7 +103,7 @@ def poor_heading() -> Fit:
 
 
 def hopeless_heading() -> Fit:
-    return judged(cap(20.0), dip_deg=75.0)
+    return judged(cap(20.0), site=flinders.Site(inclination_deg=75.0))
 
 
 def half_unseen() -> Fit:
@@ -394,7 +394,7 @@ def test_a_sound_recording_is_good_and_has_only_what_nobody_can_know() -> None:
     fit = sound()
     assert fit.verdict == "good"
     assert [finding.code for finding in fit.findings] == ["scale-unknown", "rotation-unknown"]
-    known = judged(plain(), field_strength=50.0)
+    known = judged(plain(), site=flinders.Site(strength=50.0))
     assert [finding.code for finding in known.findings] == ["rotation-unknown"]
 
 

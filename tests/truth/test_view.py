@@ -23,6 +23,7 @@ from flinders.findings import CATALOGUE
 from flinders.fitting import calibrate
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.sphere import tile_of, tiles
+from flinders.likelihood.site_field import Site
 from flinders.report.view import matrix_sigma, tile_errors_deg, view
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 DIP = np.deg2rad(60.0)
 
 
-def fitted(samples: Samples, **options: float) -> Fit:
+def fitted(samples: Samples, **options: object) -> Fit:
     try:
         return calibrate.fit(samples, **options)  # type: ignore[arg-type]
     except Refused as refused:
@@ -95,7 +96,7 @@ def test_the_uncertainty_of_the_matrix_is_its_scatter(trials: tuple[list[Fit], s
 
 def test_a_given_field_strength_makes_the_matrix_less_certain_in_scale() -> None:
     samples = simulate.tumble(seed=3).samples
-    free, known = fitted(samples), fitted(samples, field_strength=50.0)
+    free, known = fitted(samples), fitted(samples, site=Site(strength=50.0))
     inverse = np.linalg.inv(free.calibration.matrix)
     assert abs(np.trace(inverse @ matrix_sigma(free))) > 0.0
     assert np.all(matrix_sigma(known) > 0.0)

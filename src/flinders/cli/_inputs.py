@@ -152,13 +152,13 @@ def joined(parts: Sequence[Recording]) -> Recording:
 
 def fitted(parts: Sequence[Recording], by: Filter | None, options: dict[str, Any]) -> Fit:
     """Fit recordings together, filtered where that was asked for."""
-    if by is not None:
-        from flinders.fitting.filtering import fit_filtered
-
-        return fit_filtered(parts, by, notice=say, **options)
     from flinders.fitting.calibrate import fit
 
-    return fit(joined(parts), **options)
+    if by is None:
+        return fit(joined(parts), **options)
+    from flinders.fitting.filtering import fit_filtered
+
+    return fit_filtered(parts, by, fitted=lambda recording: fit(recording, **options), notice=say)
 
 
 def opened(recordings: Sequence[str], sensor: str | None, **reading: Any) -> tuple[Recording, str | None]:

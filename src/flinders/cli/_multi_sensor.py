@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
+    from flinders.likelihood.site_field import Site
     from flinders.readers import Log
 
 Outcome: TypeAlias = "Fit | FlindersError"
@@ -28,8 +29,8 @@ Outcome: TypeAlias = "Fit | FlindersError"
 PLACE: Final = "{sensor}"
 """What stands for the number of the magnetometer in the name of a file."""
 
-OF_JOINT_FITS: Final = ("target_deg", "dip_deg", "field_strength", "prior", "aiding", "site")
-"""Options of `flinders.fit_multi`."""
+OF_JOINT_FITS: Final = ("target_deg", "aiding", "site")
+"""Options of `flinders.fit_multi` that are those of `flinders.fit`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,8 @@ class MultiSensor:
     is_joint: bool  # all are fitted jointly
     reference: str | None  # the one into whose axes the others are then turned
     by: Filter | None
-    told_by: Callable[[Log], dict[str, Any]]  # options of `flinders.fit` by the place that the log knows
+    told_by: Callable[[Log], Site | None]  # the site that the log states
+    site_with: Callable[[Site], Site | None]  # that site with the numbers that were typed
 
     def calibrate(self, reading: dict[str, Any], options: dict[str, Any]) -> int:
         """Calibrate each magnetometer, or all of them jointly, and print a table of the results."""
@@ -58,7 +60,8 @@ class MultiSensor:
             parts = {instrument.name: CountedRecording(instrument) for instrument in log.instruments}
             paths = [_named(self.output, number) for number in range(1, len(parts) + 1)]
             Outputs.of(*(("the calibration", each) for each in paths), force=self.force).check([self.path])
-            options = {**options, **self.told_by(log)}
+            if (site := self.told_by(log)) is not None:
+                options = {**options, "site": self.site_with(site)}
             if self.is_joint:
                 multi = self._fitted_jointly(log, parts, options)
             made = self._each(parts, options) if multi is None else ((one.name, one.fit) for one in multi.members)
@@ -82,14 +85,15 @@ class MultiSensor:
             raise UsageError(
                 "several calibrations do not go to standard output: name files, such as -o compass-{sensor}.json"
             )
+        method, site = options["method"], options["site"]
         of_one_fit = {
-            "--method": options["method"] != "auto",
-            "--robust": bool(options.get("robust")),
+            "--method": method.name != "auto",
+            "--robust": getattr(method, "robust", False),
             "--with current, throttle or temperature": bool(options.get("disturbances")),
-            "--alignment-sigma": options.get("alignment_sigma_deg") is not None,
-            "--at without --with": options.get("site") is not None and not options.get("aiding"),
+            "--alignment-sigma": site is not None and site.alignment_sigma_deg is not None,
+            "--at without --with": site is not None and site.evidence is not None and not options.get("aiding"),
             "--filter": self.by is not None,
-            "--prior none": options.get("prior", 1.0) is None,
+            "--prior none": getattr(method, "prior", 1.0) is None,
         }
         for option, is_given in of_one_fit.items():
             if self.is_joint and is_given:
@@ -102,11 +106,9 @@ class MultiSensor:
         chosen = None if self.reference is None else log.sensor(self.reference).name
         if len(parts) < 2:
             raise UsageError(f"{log.source} has one magnetometer: leave --joint out")
-        if not options.get("aiding") and (site := options.get("site")):
-            options = {"dip_deg": site.inclination_deg, **options, "site": None}
-        asked = {name: options[name] for name in OF_JOINT_FITS if options.get(name) is not None}
+        asked = {name: options[name] for name in OF_JOINT_FITS if name in options}
         with saying_what_was_read(list(parts.values())):
-            return fit_multi(parts, reference=chosen, **asked)
+            return fit_multi(parts, reference=chosen, prior=options["method"].prior, **asked)
 
     def _each(self, parts: Mapping[str, CountedRecording], options: dict[str, Any]) -> Iterator[tuple[str, Outcome]]:
         """Fit one magnetometer after the other; a refusal is a result like any other, and so is a dead one."""

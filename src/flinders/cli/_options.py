@@ -35,11 +35,11 @@ def target(words: str = "Worst heading error that is good enough.", default: flo
     )  # fmt: skip
 
 
-def dip(words: str = "Inclination of the field at the site.", default: float | None = None) -> Field:
+def dip(words: str = "Inclination of the field at the site.", default: float | None = None, **more: Any) -> Field:
     """``--dip``, with what it means and its default for a command."""
     return member(
         "--dip", heading=SITE, type=inclination, default=default, show_default=default is not None, metavar="DEG",
-        help=words,
+        help=words, **more,
     )  # fmt: skip
 
 
@@ -47,7 +47,8 @@ def field_strength(
     words: str = "Strength of the field at the site, in µT (in counts for a recording in counts).", **more: Any
 ) -> Field:
     """``--field-strength``, with what it means for a command."""
-    return member("--field-strength", help=words, **{"heading": SITE, "type": positive, "metavar": "F", **more})
+    usual = {"heading": SITE, "type": positive, "metavar": "F", "keywords": ("site",)}
+    return member("--field-strength", help=words, **{**usual, **more})
 
 
 def as_json(heading: str = OUTPUT) -> Field:

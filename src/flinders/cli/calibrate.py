@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import click
 
@@ -42,8 +43,10 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import Provenance
     from flinders.core.samples import Recording
     from flinders.estimators import Estimator
+    from flinders.fitting.aiding import Instruments
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
+    from flinders.likelihood.site_field import Site
 
 TRACES: Final = (".svg", ".csv")
 """Endings of ``--convergence``: a drawing, a table."""
@@ -155,25 +158,25 @@ class Estimation(program.Group, heading=program.METHOD):
         help="How well the mounting is known, 1 σ about each axis: its heading error is stated on its own.",
     )  # fmt: skip
 
-    def own_options(self, taken: Iterable[str]) -> dict[str, Any]:
-        """Options that the method has and others have not; none of those that are `taken`."""
+    @property
+    def estimator(self) -> Estimator:
+        """The method, with its options."""
         from flinders.estimators import method_of
 
-        method = method_of(self.method)
+        method = cast("Any", method_of(self.method))
         self._refuse_of_others()
         own: dict[str, Any] = {"robust": True} if self.robust else {}
         if self.prior is not None:
             own["prior"] = None if self.prior == "none" else self.prior
-        return own | (self._typed(method, {*taken, *own}) if self.method_options else {})
+        return cast("Estimator", method(**own, **(self._typed(method, own) if self.method_options else {})))
 
-    def _typed(self, method: type[Estimator], taken: set[str]) -> dict[str, Any]:
-        """Read ``--option``."""
+    def _typed(self, method: type[Estimator], own: Iterable[str]) -> dict[str, Any]:
+        """Read ``--option``, which takes none of the options that are there already."""
         from flinders.cli.methods import parsed
 
         typed = parsed(self.method_options, method)
-        for name in taken.intersection(typed):
+        for name in set(own).intersection(typed):
             raise UsageError(f"--{name} and --option {name} say the same: give one of them")
-        method(**typed)
         return typed
 
     def _refuse_of_others(self) -> None:
@@ -244,14 +247,14 @@ class SiteOptions(program.Group, heading=program.SITE):
         help="With --at: how well the sensor's mean gain is known, 1 σ [default: 0.05].",
     )  # fmt: skip
 
-    def as_options(self) -> dict[str, Any]:
-        """Options of `flinders.fit`; axes that were typed are those of the vehicle, z down."""
+    def typed_site(self) -> Site | None:
+        """The site of ``--at``; axes that were typed are those of the vehicle, z down."""
         if self.place is None or self.is_left_out:
             if self.date is not None:
                 raise UsageError("--date goes with --at: give both, or neither")
             if self.gain_sigma is not None:
                 raise UsageError("--gain-sigma goes with --at: without the strength of a site no gain is looked at")
-            return {}
+            return None
         if self.date is None:
             raise UsageError(
                 "the field changes with the years: give the day of the recording with --at, such as --date "
@@ -259,17 +262,16 @@ class SiteOptions(program.Group, heading=program.SITE):
             )
         from flinders.likelihood.site_field import Site
 
-        return {"site": Site.of(site_of(self.place, self.date), **self._more)}
+        return Site.of(site_of(self.place, self.date), **self._more)
 
     @property
     def is_left_out(self) -> bool:
         """The place that a log knows shall not count."""
         return self.place is not None and self.place.strip().casefold() == "none"
 
-    def told_by(self, log: object) -> dict[str, Any]:
-        """Options of `flinders.fit` that a log, or a magnetometer of one, states, and say so; none for a typed one."""
-        site = stated_site(log, "--at", **self._more) if self.place is None else None
-        return {} if site is None else {"site": site}
+    def told_by(self, log: object) -> Site | None:
+        """The site that a log, or a magnetometer of one, states, and say so; none for a typed one."""
+        return stated_site(log, "--at", **self._more) if self.place is None else None
 
     @property
     def _more(self) -> dict[str, Any]:
@@ -286,17 +288,17 @@ class AidingOptions(program.Group, heading=program.AIDING):
         help="What else was recorded and shall count: current, throttle, temperature, which the offset then follows "
         "(currents, throttles: of each motor; current2: of one); rate, dip, tilt, attitude, or auto.",
     )  # fmt: skip
-    gyro_scale: float | None = program.member(
+    gyro_scale_sigma: float | None = program.member(
         "--gyro-scale", metavar="SHARE",
         type=program.within(0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 where the gyro is calibrated", zero=True),
         help="With --with rate: what the gyro's scales may be off by, 1 σ; 0 where it is calibrated [default: 0.02].",
     )  # fmt: skip
-    acceleration_bias: float | None = program.member(
+    acceleration_bias_sigma: float | None = program.member(
         "--accelerometer-bias", metavar="M/S2",
         type=program.within(0, 2, "m/s² from 0 to 2, such as 0.05; 0 where the accelerometer is calibrated", zero=True),
         help="With --with dip: what the accelerometer may be off by, 1 σ; 0 where it is calibrated [default: 0.3].",
     )  # fmt: skip
-    acceleration_gain: float | None = program.member(
+    acceleration_gain_sigma: float | None = program.member(
         "--accelerometer-gain", metavar="SHARE",
         type=program.within(
             0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 where the accelerometer is calibrated", zero=True
@@ -311,9 +313,9 @@ class AidingOptions(program.Group, heading=program.AIDING):
     def as_options(self) -> dict[str, Any]:
         """Options of `flinders.fit`."""
         aiding, disturbances = recorded(self.names)
-        if self.gyro_scale is not None and not {"rate", "auto"} & set(aiding):
+        if self.gyro_scale_sigma is not None and not {"rate", "auto"} & set(aiding):
             raise UsageError("--gyro-scale goes with --with rate or auto: leave it out, or name the gyro")
-        for name, value in (("bias", self.acceleration_bias), ("gain", self.acceleration_gain)):
+        for name, value in (("bias", self.acceleration_bias_sigma), ("gain", self.acceleration_gain_sigma)):
             if value is not None and not {"dip", "auto"} & set(aiding):
                 raise UsageError(
                     f"--accelerometer-{name} goes with --with dip or auto: leave it out, or name the accelerometer"
@@ -322,14 +324,17 @@ class AidingOptions(program.Group, heading=program.AIDING):
             raise UsageError(
                 "--previous goes with --with current, currents, throttle, throttles or temperature: say which to find"
             )
-        options = {
-            "aiding": "auto" if aiding == ("auto",) else aiding or None,
-            "disturbances": disturbances or None,
-            "gyro_scale": self.gyro_scale,
-            "acceleration_bias": self.acceleration_bias,
-            "acceleration_gain": self.acceleration_gain,
-        }
-        return {name: value for name, value in options.items() if value is not None}
+        instruments = self._instruments(aiding) if aiding else ()
+        options = {"aiding": instruments, "disturbances": disturbances}
+        return {name: value for name, value in options.items() if value}
+
+    def _instruments(self, names: tuple[str, ...]) -> Instruments:
+        """The aiding sensors, with the errors that were typed."""
+        from flinders.fitting.aiding import Instruments
+
+        sigmas = ("gyro_scale_sigma", "acceleration_bias_sigma", "acceleration_gain_sigma")
+        typed = {name: value for name in sigmas if (value := getattr(self, name)) is not None}
+        return Instruments(names, **typed)
 
 
 def recorded(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -376,13 +381,22 @@ class Calibrate(program.Group):
     judgement: option.Judgement = program.group(option.Judgement)
 
     @property
-    def common(self) -> dict[str, Any]:
-        """Options of every fit."""
+    def of_extremes(self) -> dict[str, Any]:
+        """Options of `from_extremes`."""
         asked = {"field_strength": self.field_strength, "sensor": self.sensors.sensor}
-        return asked | self.judgement.as_dict(if_typed=["dip_deg"])  # else that of the site
+        return asked | self.judgement.as_dict(if_typed=["dip_deg"])
 
-    def of_fit(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """All options of `flinders.fit`, and those of them that only this method has.
+    def site_with(self, known: Site | None) -> Site | None:
+        """A site with the numbers that were typed: strength, dip and mounting."""
+        from flinders.likelihood.site_field import Site
+
+        dip_deg = self.judgement.dip_deg if program.is_typed("dip_deg") else None
+        site = Site.stated(known, strength=self.field_strength, inclination_deg=dip_deg)
+        sigma_deg = self.estimation.alignment_sigma_deg
+        return site if sigma_deg is None else replace(site or Site(), alignment_sigma_deg=sigma_deg)
+
+    def of_fit(self) -> dict[str, Any]:
+        """The parameters of `flinders.fit`, but for what a log says of its site.
 
         The recording may be long, or still be on its way: what cannot work is found before it is read.
         """
@@ -391,11 +405,15 @@ class Calibrate(program.Group):
         if self.reading.unit:
             Unit.of(self.reading.unit, self.reading.scale)
         refuse_twice(self.recordings)
-        method = {"method": self.estimation.method, "alignment_sigma_deg": self.estimation.alignment_sigma_deg}
-        own = self.estimation.own_options({*self.common, *method, *self.reading.as_dict()})
+        asked: dict[str, Any] = {
+            "method": self.estimation.estimator,
+            "target_deg": self.judgement.target_deg,
+            "sensor": self.sensors.sensor,
+            "linearize": self.estimation.linearize,
+        }
         self.files.refuse_convergence(self.estimation.method)
-        linearize = {"linearize": True} if self.estimation.linearize else {}
-        return {**self.common, **method, **own, **linearize, **self.aiding.as_options(), **self.site.as_options()}, own
+        asked |= self.aiding.as_options()
+        return {**asked, "site": self.site_with(self.site.typed_site())}
 
 
 @program.command_of(
@@ -428,7 +446,7 @@ def command(options: Calibrate) -> int:
         return _typed(options)
     if not recordings:
         raise click.MissingParameter(param_hint="'RECORDING...'", param_type="argument")
-    asked, own = options.of_fit()
+    asked = options.of_fit()
     if options.sensors.are_all(recordings):
         return _each(options, asked)
     outputs = options.files.checked_outputs(*recordings)
@@ -436,8 +454,9 @@ def command(options: Calibrate) -> int:
         recording, asked["sensor"] = opened(
             recordings, options.sensors.sensor, progress=watch, **options.reading.as_dict()
         )
-        asked |= options.site.told_by(recording)
-        run = _Run(recording, options, asked, own)
+        if (site := options.site.told_by(recording)) is not None:
+            asked["site"] = options.site_with(site)
+        run = _Run(recording, options, asked)
         try:
             fit = run.fitted()
         except NotTurned:
@@ -482,7 +501,7 @@ def _typed(options: Calibrate) -> int:
     useless = [name for name, value in of_readings.items() if value is not None]
     if useless:
         raise UsageError(f"{', '.join(useless)} needs readings, and --minmax has none: leave it out")
-    return typed(str(estimation.minmax), estimation.method_options, reading, files.outputs, options.common)
+    return typed(str(estimation.minmax), estimation.method_options, reading, files.outputs, options.of_extremes)
 
 
 def _each(options: Calibrate, asked: dict[str, Any]) -> int:
@@ -503,6 +522,7 @@ def _each(options: Calibrate, asked: dict[str, Any]) -> int:
         reference=options.sensors.reference,
         by=options.by,
         told_by=options.site.told_by,
+        site_with=options.site_with,
     ).calibrate(options.reading.as_dict(), asked)
 
 
@@ -515,15 +535,15 @@ def _propose_unit(calibration: Calibration) -> None:
 
 
 class _Run:
-    """A fit of one sensor, from its recordings to its files; `asked` and `own` as `Calibrate.of_fit` gives them."""
+    """A fit of one sensor, from its recordings to its files; `asked` as `Calibrate.of_fit` gives it."""
 
-    def __init__(self, recording: Recording, options: Calibrate, asked: dict[str, Any], own: dict[str, Any]) -> None:
+    def __init__(self, recording: Recording, options: Calibrate, asked: dict[str, Any]) -> None:
         from flinders.core.samples import singles
         from flinders.estimators.data import CountedRecording
 
         self.parts = [CountedRecording(part) for part in singles(recording)]
         self.options, self.files = options, options.files
-        self.asked, self.own = asked, own
+        self.asked = asked
 
     @cached_property
     def provenance(self) -> Provenance:
@@ -598,14 +618,14 @@ class _Run:
         path = self.files.convergence
         if path is None:
             return
-        from flinders.fitting.calibrate import Request
+        from flinders.fitting.calibrate import Request, estimator_of
         from flinders.report.drawings import Trace, convergence_drawing, convergence_table
 
-        dip_deg = Request.of(self.asked.get("dip_deg"), self.asked.get("site")).dip_deg
-        site = {"dip_deg": dip_deg, "field_strength": self.asked["field_strength"]}
-        trace = Trace.of(self.recording, self.asked["method"], self.own, site, self.asked["target_deg"])
+        request = Request.of(self.asked["site"], target_deg=self.asked["target_deg"])
+        method = estimator_of(self.asked["method"], request)
+        trace = Trace.of(self.recording, method, dip_deg=request.dip_deg, target_deg=request.target_deg)
         if trace is None:
-            say(f"{path} was not written: {self.asked['method']} had nothing at any step")
+            say(f"{path} was not written: {method.name} had nothing at any step")
             return
         is_drawing = Path(path).suffix.lower() == TRACES[0]
         self.files.outputs.write(convergence_drawing(trace) if is_drawing else convergence_table(trace), path)

@@ -72,6 +72,7 @@ def command(options: Check) -> int:
     from flinders.core.samples import Joined
     from flinders.fitting.calibrate import fit
     from flinders.fitting.result import Refused
+    from flinders.likelihood.site_field import Site
 
     known, compensator = in_use("check", options.calibration, options.recordings, options.fixed)
     with progress("reading") as watch:
@@ -92,8 +93,7 @@ def command(options: Check) -> int:
         site = None if others or options.dip_deg is not None else stated_site(first, "--dip")
         try:
             with saying_what_was_read(parts):
-                of_fit = {"dip_deg": dip_deg} if site is None else {"site": site}
-                fresh = fit(recording, target_deg=options.target_deg, **of_fit)
+                fresh = fit(recording, target_deg=options.target_deg, site=site or Site(inclination_deg=dip_deg))
         except Refused as refused:
             return _refused(refused, known, recording, strength, options, dip_deg)
         judged_deg = judged_at(known, fresh) if options.dip_deg is None else judged_at(fresh)

@@ -61,6 +61,7 @@ def command(options: CompareMethods) -> int:
     from flinders.comparison.methods import compare_methods, known
     from flinders.core.samples import Joined, singles
     from flinders.estimators.data import CountedRecording
+    from flinders.likelihood.site_field import Site
     from flinders.readers import open_recording
     from flinders.report.comparison_pages import of_contest
 
@@ -68,16 +69,20 @@ def command(options: CompareMethods) -> int:
     refuse_twice(options.recordings)
     with progress("reading") as watch:
         opened = open_recording(options.recordings, sensor=options.sensor, progress=watch, **options.reading.as_dict())
-        site = None if program.is_typed("dip_deg") else stated_site(opened, "--dip")
+        is_dip_typed = program.is_typed("dip_deg")
+        site = Site.stated(
+            None if is_dip_typed else stated_site(opened, "--dip"),
+            strength=options.field_strength,
+            inclination_deg=options.judgement.dip_deg if is_dip_typed else None,
+        )
         parts = tuple(CountedRecording(part) for part in singles(opened))
         with saying_what_was_read(parts), working() as tell:
             contest = compare_methods(
                 Joined(parts),
                 methods=options.methods,
                 blocks=options.blocks,
-                field_strength=options.field_strength,
+                target_deg=options.judgement.target_deg,
                 site=site,
-                **options.judgement.as_dict(if_typed=["dip_deg"]),
                 tell=tell,
             )
     print_result(contest.as_dict, lambda: of_contest(contest), as_json=options.as_json)

@@ -43,13 +43,16 @@ Example:
 def command(options: Demo) -> int:
     """Simulate a sensor that is tumbled by hand for a minute, calibrate it, and compare with the truth."""
     from flinders.fitting.calibrate import fit
+    from flinders.likelihood.site_field import Site
     from flinders.simulate import angle_error_deg, tumble
 
     simulated = tumble(seed=options.seed, dip_deg=options.judgement.dip_deg)
     if options.path:
         _write(options.path, simulated, force=options.force)
     say(f"simulated: {len(simulated.samples):,} readings in a minute of tumbling, hard and soft iron, 0.5 µT of noise")
-    result = fit(simulated.samples, **options.judgement.as_dict())
+    judgement = options.judgement
+    site = Site(inclination_deg=judgement.dip_deg)
+    result = fit(simulated.samples, target_deg=judgement.target_deg, site=site)
     error = angle_error_deg(result.calibration.matrix, result.calibration.offset, simulated)
     if options.as_json:
         print_json({**result.as_dict(), "true_direction_error_deg": error})

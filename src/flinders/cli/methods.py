@@ -58,9 +58,6 @@ def command(options: Methods) -> None:
     print_result(lambda: fields, lambda: of_methods(ROWS, values), as_json=options.as_json)
 
 
-SITE: Final = ("dip_deg", "field_strength")
-"""What the site says, by ``--dip`` and ``--field-strength``, is no option of a method here."""
-
 TRUTH: Final = {"no": False, "yes": True, "false": False, "true": True}
 
 
@@ -87,7 +84,10 @@ def parsed(words: Iterable[str], method: type[Estimator]) -> dict[str, Any]:
 
 
 def _fields(method: type[Estimator]) -> list[dataclasses.Field[Any]]:
-    return [field for field in dataclasses.fields(cast("Any", method)) if field.name not in SITE]
+    """Options but those that the site says, by ``--dip`` and ``--field-strength``."""
+    from flinders.estimators.base import OF_SITE
+
+    return [field for field in dataclasses.fields(cast("Any", method)) if field.name not in OF_SITE]
 
 
 def _values(default: object, choices: tuple[object, ...]) -> tuple[str, ...]:

@@ -25,6 +25,7 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
+    from flinders.likelihood.site_field import Site
     from flinders.readers._resample import TimeSeries
 
 
@@ -77,7 +78,7 @@ class Refresh(program.Group):
     date: str | None = program.same_as(SiteOptions, "date")
     target_deg: float = option.target()
     dip_deg: float | None = option.dip(
-        "Inclination of the field [default: that of the site, else as CALIBRATION says]."
+        "Inclination of the field [default: that of the site, else as CALIBRATION says].", keywords=("site",)
     )
     force: bool = option.force()
     as_json: bool = option.as_json()
@@ -145,17 +146,19 @@ def _refreshed(opened: list[CountedRecording], previous: Fit, options: Refresh) 
 
     if options.is_course or options.course_log is not None:
         return _on_courses(opened, previous, options)
-    judged = {"target_deg": options.target_deg, **_site(options, opened[0].recording)}
+    site, target_deg = _site(options, opened[0].recording), options.target_deg
     if program.is_typed("slowest") or program.is_typed("crab_deg"):
         raise UsageError("--min-speed and --crab go with --course or --course-log: leave them out")
     if options.headings is None and options.magnetic_headings is None:
         if len(opened) > 1:
             raise UsageError("several recordings go with --heading, one for each: give one recording, or the headings")
         aiding = _aiding(options.names)
-        return refresh(opened[0], previous, aiding=aiding, soft_iron_sigma=options.soft_iron_sigma, **judged)
+        softness = options.soft_iron_sigma
+        return refresh(opened[0], previous, aiding=aiding, site=site, soft_iron_sigma=softness, target_deg=target_deg)
     if options.names or options.soft_iron_sigma:
         raise UsageError("--with and --soft-iron-sigma go with a recording in motion: leave them out with --heading")
-    return refresh_at_headings(opened, previous, _magnetic(options, opened[0].recording), **judged)
+    headings = _magnetic(options, opened[0].recording)
+    return refresh_at_headings(opened, previous, headings, site=site, target_deg=target_deg)
 
 
 def _on_courses(opened: list[CountedRecording], previous: Fit, options: Refresh) -> Fit:
@@ -178,7 +181,7 @@ def _on_courses(opened: list[CountedRecording], previous: Fit, options: Refresh)
         slowest=options.slowest,
         crab_deg=options.crab_deg,
         target_deg=options.target_deg,
-        **_site(options, log),
+        site=_site(options, log),
     )
 
 
@@ -234,8 +237,9 @@ def _aiding(names: tuple[str, ...]) -> tuple[str, ...]:
     return aiding
 
 
-def _site(options: Refresh, recording: object) -> dict[str, Any]:
+def _site(options: Refresh, recording: object) -> Site | None:
     """Site and dip, as they were typed or as the log says."""
+    from flinders.likelihood.site_field import Site
+
     site = SiteOptions(place=options.place, date=options.date, gain_sigma=None)
-    known = {**site.as_options(), **site.told_by(recording)}
-    return known if options.dip_deg is None else {**known, "dip_deg": options.dip_deg}
+    return Site.stated(site.typed_site() or site.told_by(recording), inclination_deg=options.dip_deg)

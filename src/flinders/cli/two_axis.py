@@ -237,16 +237,20 @@ def _is_mean_right(source: CountedRecording, turn: Turn, first: Fit | None, dip_
 
 def _fit(source: CountedRecording, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
     """Fit by the method that was asked for."""
+    from flinders.estimators.ellipse import Ellipse
+    from flinders.estimators.two_axis import TwoAxisRecipe
     from flinders.fitting.calibrate import fit
+    from flinders.likelihood.site_field import Site
     from flinders.readers import Instrument
 
     result = fit(
         source,
-        method=options.method,
-        plane=options.plane,
-        field_strength=options.field_strength if first is None else first.calibration.field_strength,
+        method=(TwoAxisRecipe if options.method == TwoAxisRecipe.name else Ellipse)(plane=options.plane),
         target_deg=options.judgement.target_deg,
-        dip_deg=None if first is None and not program.is_typed("dip_deg") else dip_deg,
+        site=Site.stated(
+            strength=options.field_strength if first is None else first.calibration.field_strength,
+            inclination_deg=None if first is None and not program.is_typed("dip_deg") else dip_deg,
+        ),
         sensor=source.recording.name if isinstance(source.recording, Instrument) else options.sensor,
     )
     if first is None:

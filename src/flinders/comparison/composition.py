@@ -190,10 +190,12 @@ def composed(first: Fit, fit: Fit) -> Fit:
     --------
     >>> from flinders import simulate
     >>> from flinders.fitting import calibrate
+    >>> from flinders.likelihood.site_field import Site
     >>> sweep = simulate.tumble(seed=1, motion="sweep-xy")
     >>> first = calibrate.fit(sweep.samples, method="ellipse")
     >>> loaded = replace(sweep.samples, field=first.calibration.apply(sweep.samples.field))
-    >>> second = calibrate.fit(loaded, method="ellipse", field_strength=first.calibration.field_strength)
+    >>> site = Site(strength=first.calibration.field_strength)
+    >>> second = calibrate.fit(loaded, method="ellipse", site=site)
     >>> both = composed(first, second)      # the same turn once more, which changes nothing
     >>> turns_of(both.method), both.calibration.isclose(first.calibration, tolerance=1e-3)
     (('xy', 'xy'), True)

@@ -45,6 +45,7 @@ from flinders.heading.error_propagation import (
     level_turn,
     upright,
 )
+from flinders.likelihood.site_field import Site
 from flinders.simulate import TwoAxis, swing
 from flinders.simulate.two_axis import Polar
 from flinders.summary.pooling import chance_of, chi_square_of
@@ -359,7 +360,7 @@ def recover(
     swung = swing(compass, seed=seed, points=points, field_strength=field_strength, dip_deg=dip_deg)
     refusal = None
     try:
-        result = fit(swung.samples, method="level", field_strength=field_strength, dip_deg=dip_deg)
+        result = fit(swung.samples, method="level", site=Site(field_strength, dip_deg))
     except Refused as refused:
         result, refusal = refused.fit, refused
     calibration, dip = result.calibration, math.radians(dip_deg)

@@ -190,7 +190,7 @@ class _Field:
                 raise UsageError(
                     f"{part.name} leaves the size of its ellipsoid open by {np.sqrt(variance):.0%}, and not all were "
                     "given a field strength to bring them to one size: calibrate it with that, or leave it out",
-                    hint={"field_strength": None},
+                    hint={"site": None},
                 )
         log_variance = 0.0 if known else float(np.sum(variances)) / len(parts) ** 2
         return cls(strength, known, np.mean(shapes, axis=0), log_variance)

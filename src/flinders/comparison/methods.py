@@ -20,11 +20,11 @@ import numpy as np
 from flinders.comparison.comparison import compare, printed
 from flinders.comparison.cross_validation import BLOCKS, LEAST, NotValidated, cross_validated
 from flinders.core.samples import concatenated
-from flinders.errors import FitError, NeedsSamples, UsageError
+from flinders.errors import FitError, NeedsSamples, UsageError, spell_checked
 from flinders.estimators import METHODS, Readings, method_of, within_range
 from flinders.estimators.auto import Auto
 from flinders.findings import VERDICTS
-from flinders.fitting.calibrate import estimator_of, fit, judged_dip
+from flinders.fitting.calibrate import ELSEWHERE, Request, estimator_of, fit
 from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import Coverage
@@ -155,14 +155,13 @@ class Contest:
         return known | {"methods": [entry.as_dict() for entry in self.entries]}  # what each makes of the recording
 
 
+@spell_checked(ELSEWHERE)
 def compare_methods(
     source: Recording | ArrayLike,
     *,
     methods: Sequence[str] | None = None,
     blocks: int = BLOCKS,
-    field_strength: float | None = None,
     target_deg: float = 1.0,
-    dip_deg: float | None = None,
     site: Site | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> Contest:
@@ -176,7 +175,7 @@ def compare_methods(
         Of `flinders.estimators.METHODS`, all by default; the first is what the others are held against.
     blocks : int
         Of time; fewer where there are not four readings in each.
-    field_strength, target_deg, dip_deg, site
+    target_deg, site
         As for `flinders.fit`.
     tell : callable, optional
         Called with the name of each method before it is run.
@@ -196,17 +195,15 @@ def compare_methods(
     readings = within_range(Readings.of(source))
     stride = max(1, -(-len(readings) // VALIDATED))
     samples = _thinned(readings, stride)
-    judged_deg, _ = judged_dip(dip_deg, site)
-    known_field: dict[str, Any] = {"dip_deg": judged_deg, "field_strength": field_strength}
-    asked: dict[str, Any] = {"target_deg": target_deg, "dip_deg": dip_deg, "site": site}
-    inliers, facing = _inliers_and_dip(readings, samples, judged_deg)
+    request = Request.of(site, target_deg=target_deg)
+    inliers, facing = _inliers_and_dip(readings, samples, request.dip_deg)
     held_back = min(blocks, len(samples) // LEAST)
     entries: list[Entry] = []
     for name in names:
         if tell is not None:
             tell(name)
-        estimator = estimator_of(name, {}, known_field)
-        entry = _fitted(estimator, readings, source, field_strength=field_strength, **asked)
+        estimator = estimator_of(name, request)
+        entry = _fitted(estimator, readings, source, target_deg=target_deg, site=site)
         if entry.fit is not None and held_back > 1:
             entry = _validated(entry, estimator, samples, blocks=held_back, dip_deg=facing, counted=inliers)
             entry = replace(entry, coarser=math.sqrt(stride))
@@ -233,13 +230,15 @@ def known(methods: Sequence[str] | None) -> Sequence[str]:
     return names
 
 
-def _fitted(estimator: Estimator, readings: Readings, source: Recording | ArrayLike, **options: Any) -> Entry:
+def _fitted(
+    estimator: Estimator, readings: Readings, source: Recording | ArrayLike, *, target_deg: float, site: Site | None
+) -> Entry:
     """Fit by one method, and take the time that the method itself needs."""
     begun = time.perf_counter()
     try:
         estimator.estimate(readings)
         seconds = time.perf_counter() - begun
-        fitted = fit(source, method=estimator.name, **options)
+        fitted = fit(source, method=estimator, target_deg=target_deg, site=site)
     except Refused as refusal:
         return Entry(estimator.name, seconds, refusal.fit)
     except FitError as error:

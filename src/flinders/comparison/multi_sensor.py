@@ -28,17 +28,16 @@ import numpy as np
 from flinders.comparison.agreement import Disagreement, disagreements, heading_deg, length_scatter, scatter
 from flinders.comparison.comparison import printed
 from flinders.core.axes import EXCHANGES
-from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.samples import Samples, in_memory
 from flinders.core.time_alignment import Paired, affine_residuals, paired
-from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
+from flinders.errors import FitError, FlindersError, InputError, UsageError, figures, spell_checked
 from flinders.estimators import Readings, within_range
-from flinders.estimators.auto import found_alone
+from flinders.estimators.auto import Auto, found_alone
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
 from flinders.estimators.outliers import with_runs
 from flinders.findings import Finding, Record, by_severity, certain, found_in
 from flinders.fitting.aiding import Aiding
-from flinders.fitting.calibrate import fit, judged_as
+from flinders.fitting.calibrate import ELSEWHERE, fit, judged_as, judged_dip
 from flinders.fitting.result import Fit, Refused, fit_of
 from flinders.likelihood.magnitude import distances
 from flinders.likelihood.prior import SPREAD
@@ -52,6 +51,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
     from flinders.estimators import Estimate
     from flinders.estimators.outliers import Outlier
+    from flinders.fitting.aiding import AnyAiding
     from flinders.likelihood.site_field import Site
 
 COPY: Final = 0.1
@@ -156,16 +156,15 @@ class Together:
         return {**known, "disagreements": runs}  # stretches of time, in their order
 
 
+@spell_checked(ELSEWHERE)
 def fit_multi(
     sources: Mapping[str, Recording],
     *,
     reference: str | None = None,
     target_deg: float = 1.0,
-    dip_deg: float | None = None,
-    field_strength: float | None = None,
-    prior: float = SPREAD,
-    aiding: str | Sequence[str] = (),
     site: Site | None = None,
+    prior: float = SPREAD,
+    aiding: AnyAiding = (),
 ) -> Together:
     """Calibrate several magnetometers of one body, and say whether they agree.
 
@@ -180,17 +179,16 @@ def fit_multi(
         have to be as long as each other, and are taken row by row.
     reference : str, optional
         Into whose axes the others are turned; by default the first.
-    target_deg, dip_deg : float
+    target_deg : float
         As for `flinders.fit`.
-    field_strength : float, optional
-        Strength of the field at the site; for sensors in one unit.
+    site : Site, optional
+        As for `flinders.fit`, with a strength for sensors in one unit. What it states with an uncertainty counts with
+        `aiding` alone.
     prior : float
         Soft iron thought likely where nothing was seen.
-    aiding : str or sequence of str
+    aiding : str, sequence of str or Instruments
         As for `flinders.fit`: what was recorded beside the reference and tells how it sits in the body. Where that is
         seen, corrected readings of all are in the axes of the body, those of gyro and accelerometer.
-    site : Site, optional
-        What is known of the field at the place, with `aiding`.
 
     Raises
     ------
@@ -203,10 +201,9 @@ def fit_multi(
     --------
     See the head of this module.
     """
-    chosen = _checked(sources, reference, field_strength)
-    if dip_deg is None and site is not None:
-        dip_deg = site.inclination_deg
-    options: dict[str, Any] = {"target_deg": target_deg, "dip_deg": dip_deg, "field_strength": field_strength}
+    judged = None if site is None else site.judged
+    chosen = _checked(sources, reference, None if judged is None else judged.fixed_length)
+    options: dict[str, Any] = {"target_deg": target_deg, "site": judged}
     samples: dict[str, Samples] = {}
     silent: dict[str, FlindersError] = {}
     for name, source in sources.items():
@@ -216,7 +213,7 @@ def fit_multi(
             silent[name] = error
     if chosen in silent or len(samples) < 2:
         raise silent[chosen] if chosen in silent else next(iter(silent.values()))
-    mounting = _in_body(sources[chosen], aiding, site, prior, options) if aiding else None
+    mounting = _in_body(sources[chosen], aiding, site, prior, target_deg) if aiding else None
     body = _Body.of({name: sources[name] for name in samples}, samples, chosen, mounting, prior, options)
     together = body.calibrated()
     order = {member.name: member for member in together.members}
@@ -242,7 +239,7 @@ class _Body:
     @property
     def dip_deg(self) -> float:
         """Dip of the field, where none was given the assumed one."""
-        return ASSUMED_DIP_DEG if self.options["dip_deg"] is None else float(self.options["dip_deg"])
+        return judged_dip(self.options["site"])[0]
 
     @classmethod
     def of(
@@ -361,7 +358,7 @@ class _Body:
     def fitted_alone(self, name: str) -> Fit | FitError:
         """The judged fit of one sensor by itself."""
         try:
-            return fit(self.sources[name], sensor=name, prior=self.prior, **self.options)
+            return fit(self.sources[name], sensor=name, method=Auto(self.prior), **self.options)
         except FitError as refusal:
             return refusal
 
@@ -409,12 +406,10 @@ class _Body:
         return alone.outliers
 
 
-def _in_body(
-    source: Recording, aiding: str | Sequence[str], site: Site | None, prior: float, options: dict[str, Any]
-) -> Aiding | None:
+def _in_body(source: Recording, aiding: AnyAiding, site: Site | None, prior: float, target_deg: float) -> Aiding | None:
     """How the reference sits in the body, by what was recorded beside it; None where nothing saw that."""
     try:
-        reference = fit(source, aiding=aiding, site=site, prior=prior, **options)
+        reference = fit(source, aiding=aiding, site=site, method=Auto(prior), target_deg=target_deg)
     except Refused as refusal:
         reference = refusal.fit
     except FitError:

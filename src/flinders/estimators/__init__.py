@@ -25,7 +25,24 @@ from flinders.estimators.data import Readings, within_range
 from flinders.estimators.outliers import outliers_of
 
 if TYPE_CHECKING:
+    from flinders.estimators.algebraic import Algebraic as Algebraic
+    from flinders.estimators.auto import Auto as Auto
+    from flinders.estimators.consistent import Consistent as Consistent
+    from flinders.estimators.ellipse import Ellipse as Ellipse
+    from flinders.estimators.level import Level as Level
+    from flinders.estimators.likelihood import Likelihood as Likelihood
+    from flinders.estimators.reference.alonso_shuster import AlonsoShuster as AlonsoShuster
+    from flinders.estimators.reference.axes import AxisAligned as AxisAligned
+    from flinders.estimators.reference.ekf import Ekf as Ekf
+    from flinders.estimators.reference.ellipsoid import Constrained as Constrained
+    from flinders.estimators.reference.li import Li as Li
+    from flinders.estimators.reference.minmax import MinMax as MinMax
+    from flinders.estimators.reference.sequential import Sequential as Sequential
+    from flinders.estimators.reference.sphere import Sphere as Sphere
     from flinders.estimators.reference.trace import Convergence as Convergence
+    from flinders.estimators.reference.two_step import TwoStep as TwoStep
+    from flinders.estimators.robust import Robust as Robust
+    from flinders.estimators.two_axis import TwoAxisRecipe as TwoAxisRecipe
 
 FIRST: Final = (
     "auto", "likelihood", "robust", "level", "consistent", "li", "algebraic", "ellipsoid", "axes", "sphere", "minmax",
@@ -109,14 +126,17 @@ def table() -> str:
     return f"| method | unknowns | when to use it | source |\n|---|---:|---|---|\n{lines}"
 
 
-def __getattr__(name: str) -> Any:  # noqa: ANN401
-    """The class of a method by its own name, ``flinders.estimators.Likelihood``, and what few methods have."""
-    if name == "Convergence":
-        return import_module(f"{__name__}.reference.trace").Convergence
-    for kind in METHODS.values() if name[0].isupper() else ():
-        if kind.__name__ == name:
-            return kind
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:  # a type checker reads the names and options of methods from the imports above
+
+    def __getattr__(name: str) -> Any:  # noqa: ANN401
+        """The class of a method by its own name, ``flinders.estimators.Likelihood``, and what few methods have."""
+        if name == "Convergence":
+            return import_module(f"{__name__}.reference.trace").Convergence
+        for kind in METHODS.values() if name[0].isupper() else ():
+            if kind.__name__ == name:
+                return kind
+        known = [kind.__name__ for kind in METHODS.values()]
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{did_you_mean(name, known)}")
 
 
 __all__ = [

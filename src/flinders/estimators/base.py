@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, Protocol
 
 import numpy as np
 
@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from flinders.estimators.outliers import Outlier
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
+
+
+OF_SITE: Final = ("dip_deg", "field_strength")
+"""Options of methods that the site says: `flinders.fit` gives them."""
 
 
 @dataclass(frozen=True, slots=True)

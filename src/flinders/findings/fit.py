@@ -122,7 +122,7 @@ ROWS: Final = (
             "tilt the body far about two axes while recording, say how well the accelerometer is calibrated, or "
             "calibrate without aids and measure the mounting"
         ),
-        hint={"acceleration_bias": None},
+        hint={"acceleration_bias_sigma": None},
         plain="How the compass sits in the vehicle was found only roughly: it adds {number:.1f}° to headings.",
         remedy="Tilt the vehicle far about two axes while recording, or measure how the compass sits.",
     ),

@@ -1,19 +1,28 @@
-"""What aiding sensors did to a fit: which were used, and what they tell beside the ellipsoid."""
+"""Aiding sensors: which are asked for and how well they are known; which a fit used, and what they tell.
+
+>>> calibrated = Instruments("rate", gyro_scale_sigma=0.0)
+>>> calibrated.names, Instruments.of(("rate", "dip")).names, bool(Instruments.of(()))
+(('rate',), ('rate', 'dip'), False)
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 import numpy as np
 from msgspec import UNSET
 
 from flinders.core.calibration_file import aiding_record
+from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import symmetric
-from flinders.likelihood.dip import GRAVITY
+from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, GRAVITY
+from flinders.likelihood.gyro import SCALE_SIGMA
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from msgspec import UnsetType
 
     from flinders.arrays import Floats
@@ -23,6 +32,78 @@ if TYPE_CHECKING:
 
 AUTO: Final = "auto"
 """What is asked for where each aiding sensor and disturbance is to be used that makes the calibration better."""
+
+LARGEST_BIAS: Final = 2.0
+"""m/s²: no accelerometer in use has a larger bias, 1 σ."""
+
+LARGEST_SHARE: Final = 0.5
+"""Of a scale or gain: no instrument in use is off by more, 1 σ."""
+
+
+@dataclass(frozen=True, slots=True)
+class Instruments:
+    """Which recorded instruments shall count in a fit, and what their errors may be.
+
+    Raises `UsageError` for errors that no instrument has.
+
+    Parameters
+    ----------
+    names : str or sequence of str
+        ``rate``, ``dip``, ``tilt``, ``attitude``; or ``auto`` for what earns its place, disturbances included.
+    gyro_scale_sigma : float
+        With ``rate``: what the scales of the gyro may be off by, 1 σ; 0 where it has been calibrated.
+    acceleration_bias_sigma : float, m/s²
+        With ``dip``: what the accelerometer may be off by on each axis, 1 σ; 0 where it has been calibrated.
+    acceleration_gain_sigma : float
+        With ``dip``: what its gains may be off by, and its axes from square in rad, 1 σ.
+    """
+
+    names: str | Sequence[str] = ()
+    gyro_scale_sigma: float = SCALE_SIGMA
+    acceleration_bias_sigma: float = ACCELERATION_SIGMA
+    acceleration_gain_sigma: float = GAIN_SIGMA
+
+    def __post_init__(self) -> None:
+        """Refuse errors that no instrument has."""
+        names = (self.names,) * bool(self.names) if isinstance(self.names, str) else tuple(self.names)
+        object.__setattr__(self, "names", names)
+        for what, share, usual in (
+            ("gyro scale", self.gyro_scale_sigma, SCALE_SIGMA),
+            ("acceleration gain", self.acceleration_gain_sigma, GAIN_SIGMA),
+        ):
+            if not 0.0 <= share <= LARGEST_SHARE:
+                raise UsageError(f"{what} is {share:g}: need a share from 0 to {LARGEST_SHARE:g}, such as {usual:g}")
+        if not 0.0 <= self.acceleration_bias_sigma <= LARGEST_BIAS:
+            raise UsageError(
+                f"acceleration bias is {self.acceleration_bias_sigma:g} m/s²: need 0 to {LARGEST_BIAS:g}, such as "
+                f"{ACCELERATION_SIGMA:g}"
+            )
+
+    @classmethod
+    def of(cls, aiding: AnyAiding) -> Instruments:
+        """Take instruments as they are, and names with the usual errors."""
+        return aiding if isinstance(aiding, Instruments) else cls(aiding)
+
+    @property
+    def asked(self) -> str | tuple[str, ...]:
+        """``auto``, or the names."""
+        return AUTO if tuple(self.names) == (AUTO,) else tuple(self.names)
+
+    @property
+    def sigmas(self) -> dict[str, float]:
+        """What `flinders.fitting.aid_selection.aided_by` takes of their errors."""
+        return {
+            "gyro_scale": self.gyro_scale_sigma,
+            "acceleration_bias": self.acceleration_bias_sigma,
+            "acceleration_gain": self.acceleration_gain_sigma,
+        }
+
+    def __bool__(self) -> bool:
+        return bool(self.names)
+
+
+AnyAiding: TypeAlias = "str | Sequence[str] | Instruments"
+"""Aiding sensors as they are asked for."""
 
 
 @dataclass(frozen=True, slots=True)

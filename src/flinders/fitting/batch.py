@@ -33,6 +33,7 @@ from flinders.fitting import calibrate
 from flinders.fitting.record import ASKS_HALVES, ASKS_SWAP
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.likelihood.site_field import Site
 from flinders.native.engine import engine
 
 if TYPE_CHECKING:
@@ -288,7 +289,7 @@ def _named(severities: NDArray[np.uint8]) -> tuple[NDArray[np.object_], NDArray[
 def _alone(one: Samples, *, target_deg: float, dip_deg: float) -> Fit | Exception:
     """What `flinders.fit` makes of one unit: a fit, or the error that it raises."""
     try:
-        return calibrate.fit(one, target_deg=target_deg, dip_deg=dip_deg)
+        return calibrate.fit(one, target_deg=target_deg, site=Site(inclination_deg=dip_deg))
     except UsageError:
         raise
     except Refused as error:

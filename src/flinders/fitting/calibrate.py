@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias, cast
@@ -22,21 +21,20 @@ from flinders.core.samples import Samples, frame_of, in_memory
 from flinders.core.units import Unit
 from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
-from flinders.errors import FitError, UsageError
+from flinders.errors import FitError, UsageError, spell_checked
 from flinders.estimators import Readings, method_of, within_range
 from flinders.estimators.auto import Auto
+from flinders.estimators.base import OF_SITE
 from flinders.estimators.data import recording_of
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.likelihood import estimated
-from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
+from flinders.fitting.aiding import AUTO, Aiding, AidingSensor, Instruments
 from flinders.fitting.claim import claimed, halves_apart
 from flinders.fitting.record import ASKS_HALVES, ASKS_SWAP, Found, add_found, add_reading, farthest, request_of
 from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import judged_quantities, with_findings
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
-from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
-from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.prior import SPREAD
 from flinders.native.engine import engine
 from flinders.summary.coverage import Coverage, RecordCoverage
@@ -55,6 +53,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.disturbance import DisturbanceFit
+    from flinders.fitting.aiding import AnyAiding
     from flinders.fitting.claim import Claim
     from flinders.fitting.linearization import AxisTerms
     from flinders.likelihood.site_field import Site
@@ -63,8 +62,8 @@ if TYPE_CHECKING:
 
     AnyReadings: TypeAlias = Recording | Summary | ArrayLike | AnySource
 
-OF_READING: Final = ("columns", "pattern", "scale", "topic", "as_logged", "start", "end")
-"""Options of `flinders.read`, which a fit of a file takes by their defaults."""
+ELSEWHERE: Final = dict.fromkeys(("columns", "pattern", "scale", "topic", "as_logged", "start", "end"), "flinders.read")
+"""Parameters of other functions that a fit of a file takes by their defaults."""
 
 LOOKED_AT: Final = 5_000
 """Readings of a longer recording that are looked at for a change in time."""
@@ -79,51 +78,30 @@ claim where the body leans."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Instruments:
-    """What a gyro and an accelerometer may be off by, 1 σ."""
-
-    gyro_scale: float = SCALE_SIGMA
-    acceleration_bias: float = ACCELERATION_SIGMA
-    acceleration_gain: float = GAIN_SIGMA
-
-    def __post_init__(self) -> None:
-        """Refuse what none is off by."""
-        for name, share, usual in (
-            ("gyro scale", self.gyro_scale, SCALE_SIGMA),
-            ("acceleration gain", self.acceleration_gain, GAIN_SIGMA),
-        ):
-            if not 0.0 <= share <= 0.5:
-                raise UsageError(f"{name} is {share:g}: need a share from 0 to 0.5, such as {usual:g}")
-        if not 0.0 <= self.acceleration_bias <= 2.0:
-            raise UsageError(
-                f"acceleration bias is {self.acceleration_bias:g} m/s²: need 0 to 2, such as {ACCELERATION_SIGMA:g}"
-            )
-
-
-@dataclass(frozen=True, slots=True)
 class Request:
     """What a fit is asked for, whatever the method; as the parameters of `fit`."""
 
     target_deg: float = 1.0
     dip_deg: float = ASSUMED_DIP_DEG
     dip_assumed: bool = False
-    field_strength: float | None = None
+    field_strength: float | None = None  # length of corrected readings, whatever the readings say
     alignment_sigma_deg: float | None = None
-    site: Site | None = None
+    site: Site | None = None  # what counts in the fit, of the site
     prior: float | None = SPREAD
-    aiding: str | Sequence[str] = ()
-    instruments: _Instruments = field(default_factory=_Instruments)
+    instruments: Instruments = field(default_factory=Instruments)
 
     @classmethod
-    def of(cls, dip_deg: float | None, site: Site | None = None, **others: Any) -> Self:
-        """Ask with the dip that is given, else that of the site, else an assumed one."""
-        judged_deg, is_assumed = judged_dip(dip_deg, site)
-        return cls(dip_deg=judged_deg, dip_assumed=is_assumed, site=site, **others)
+    def of(cls, site: Site | None = None, **others: Any) -> Self:
+        """Ask by the site: with its dip, else an assumed one, its strength and its mounting."""
+        judged_deg, is_assumed = judged_dip(site)
+        of_site: dict[str, Any] = {"dip_deg": judged_deg, "dip_assumed": is_assumed}
+        if site is not None:
+            of_site |= {"field_strength": site.fixed_length, "alignment_sigma_deg": site.alignment_sigma_deg}
+            of_site["site"] = site.evidence
+        return cls(**of_site, **others)
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
-        if self.alignment_sigma_deg is not None and not 0.0 <= self.alignment_sigma_deg <= 180.0:
-            raise UsageError(f"alignment sigma is {self.alignment_sigma_deg:g}°: need an angle from 0° to 180°")
+        """Check the target."""
         if not self.target_deg > 0.0:
             raise UsageError(f"target is {self.target_deg:g}°: need a positive angle")
 
@@ -133,14 +111,14 @@ class Request:
         return Auto(self.prior, dip_deg=self.dip_deg)
 
 
-def judged_dip(dip_deg: float | None, site: Site | None) -> tuple[float, bool]:
-    """Dip that headings are judged at, and whether it is assumed: as given, else that of the site, else 60°.
+def judged_dip(site: Site | None) -> tuple[float, bool]:
+    """Dip that headings are judged at, and whether it is assumed: that of the site, else 60°.
 
     >>> from flinders.likelihood.site_field import Site
-    >>> judged_dip(None, Site(inclination_deg=-66.0)), judged_dip(None, None)
+    >>> judged_dip(Site(inclination_deg=-66.0)), judged_dip(None)
     ((-66.0, False), (60.0, True))
     """
-    known = site.inclination_deg if dip_deg is None and site is not None else dip_deg
+    known = None if site is None else site.inclination_deg
     return (ASSUMED_DIP_DEG, True) if known is None else (known, False)
 
 
@@ -248,25 +226,19 @@ def _doubt(readings: Readings) -> str:
     return doubt(first)
 
 
+@spell_checked(ELSEWHERE)
 def fit(
     source: AnyReadings,
     *,
-    method: str = "auto",
-    field_strength: float | None = None,
+    method: str | Estimator = "auto",
     target_deg: float = 1.0,
-    dip_deg: float | None = None,
-    alignment_sigma_deg: float | None = None,
+    site: Site | None = None,
     unit: str | Unit | None = None,
     axes: str | Axes | None = None,
     sensor: str | None = None,
     disturbances: Sequence[str] = (),
-    aiding: str | Sequence[str] = (),
-    site: Site | None = None,
-    gyro_scale: float = SCALE_SIGMA,
-    acceleration_bias: float = ACCELERATION_SIGMA,
-    acceleration_gain: float = GAIN_SIGMA,
+    aiding: AnyAiding = (),
     linearize: bool = False,
-    **options: Any,
 ) -> Fit:
     """Find the calibration, and say how far to trust it.
 
@@ -275,18 +247,15 @@ def fit(
     source : Samples, Recording, Summary, (N, 3) array-like, path, open file or data frame
         Readings; what `flinders.read` reads is read, with columns chosen by their names. A `Summary` is enough for the
         methods that need only sums; ``auto`` then is ``consistent``.
-    method : str
-        One of `flinders.estimators.METHODS`.
-    field_strength : float, optional
-        Length that corrected readings shall have: the strength of the field at the site, in the
-        unit of the readings. Without it the matrix has determinant 1 and the strength is the radius that results.
+    method : str or Estimator
+        A name of `flinders.estimators.METHODS`; or a method with its options, such as
+        ``flinders.estimators.Likelihood(prior=None)``. What it takes of the site comes from `site`.
     target_deg : float
         Worst heading error that is good enough, in degrees.
-    dip_deg : float, optional
-        Inclination of the field at the site: by default that of `site`, else 60° (`Fit.dip_assumed`).
-    alignment_sigma_deg : float, optional
-        How well the mounting is known, 1 σ about each axis; its heading error is stated separately, since no
-        magnetometer sees it. Of a level turn at a known site it also says how steep a tilt can be, see docs/level.md.
+    site : Site, optional
+        What is known of the field at the place, and of the mounting. Corrected readings have its strength as their
+        length: without it the matrix has determinant 1 and the length is the radius that results. Headings are judged
+        at its inclination, else at 60° (`Fit.dip_assumed`). What it states with an uncertainty counts in the fit, too.
     unit : str or Unit, optional
         What an array or a file is in, as `flinders.read` takes it: ``"uT"``, ``"mG"``; a recording brings its own.
     axes : str or Axes, optional
@@ -297,23 +266,13 @@ def fit(
     disturbances : sequence of str
         What the offset shall follow: ``current``, ``throttle``, ``temperature``, of columns that the recording has;
         ``currents`` and ``throttles`` of each motor by itself, or one by one, as ``current1``.
-    aiding : str or sequence of str
+    aiding : str, sequence of str or Instruments
         What else was recorded and shall count: ``rate``, ``dip``, ``tilt``, ``attitude``; or ``auto`` for what earns
-        its place, disturbances included. See docs/terms.md.
-    site : Site, optional
-        What is known of the field at the place. With its strength, corrected readings have that length.
-    gyro_scale : float
-        With the aid ``rate``: what the scales of the gyro may be off by, 1 σ; 0 where it has been calibrated.
-    acceleration_bias : float, m/s²
-        With the aid ``dip``: what the accelerometer may be off by on each axis, 1 σ; 0 where it has been calibrated.
-    acceleration_gain : float
-        With the aid ``dip``: what its gains may be off by, and its axes from square in rad, 1 σ.
+        its place, disturbances included. `Instruments` says what their errors may be. See docs/terms.md.
     linearize : bool
         Correct axes that are not linear, where chance hardly explains them and the claim becomes smaller
         (`Calibration.linearization`): C and Python hold such a calibration, other targets do not. For one recording in
         memory by ``auto``, without aids and disturbances.
-    **options
-        Those of the method, such as ``prior=None`` or ``bias_correction=False`` for ``likelihood``.
 
     Raises
     ------
@@ -322,8 +281,8 @@ def fit(
     ArrayError
         For readings of the wrong shape.
     UsageError
-        For a method or option that does not exist, or numbers out of range; its `UnitError` and `AxesError` for a unit
-        or axes that cannot be used.
+        For a method or parameter that does not exist, or numbers out of range; its `UnitError` and `AxesError` for a
+        unit or axes that cannot be used.
     InputError
         For a file or table that cannot be read, as `flinders.read`.
     Unmoved
@@ -331,24 +290,10 @@ def fit(
     NotTurned, InputError
         For `disturbances` of a sensor that was not turned, or that were not recorded.
     """
-    request = Request.of(
-        dip_deg,
-        site,
-        target_deg=target_deg,
-        field_strength=field_strength,
-        alignment_sigma_deg=alignment_sigma_deg,
-        prior=options.get("prior", SPREAD),
-        aiding=aiding,
-        instruments=_Instruments(gyro_scale, acceleration_bias, acceleration_gain),
-    )
-    if aiding and (method != "auto" or set(options) - {"prior"}):
-        raise UsageError("aids go with the method auto and its prior alone: leave other methods and options out")
-    if linearize and (aiding or disturbances or method != "auto"):
-        raise UsageError(
-            "linearized axes go with the method auto alone: leave aids, disturbances and other methods out",
-            hint={"linearize": True},
-        )
-    estimator = estimator_of(method, options, {"dip_deg": request.dip_deg, "field_strength": field_strength})
+    request = Request.of(site, target_deg=target_deg, instruments=Instruments.of(aiding))
+    estimator = estimator_of(method, request)
+    request = replace(request, prior=getattr(estimator, "prior", SPREAD))
+    _refuse_combinations(estimator, request, disturbances, linearize=linearize)
     unit = Unit.of(unit) if isinstance(unit, str) else unit
     axes = Axes.of(axes) if isinstance(axes, str) else axes
     source, sensor = recording_of(source, unit, axes, sensor)
@@ -365,7 +310,20 @@ def fit(
     calibration = _turned(_calibration(claim.estimate, request, frame, sensor), evidence.aiding)
     if evidence.linearized is not None:
         calibration = replace(calibration, linearization=evidence.linearized.linearization)
-    return _accepted(_mounted(_judged(claim, evidence, calibration, request), alignment_sigma_deg))
+    return _accepted(mounted(_judged(claim, evidence, calibration, request), request.alignment_sigma_deg))
+
+
+def _refuse_combinations(
+    estimator: Estimator, request: Request, disturbances: Sequence[str], *, linearize: bool
+) -> None:
+    """Refuse aids and linearized axes with a method that has no place for them."""
+    if request.instruments and not (isinstance(estimator, Auto) and not estimator.robust):
+        raise UsageError("aids go with the method auto and its prior alone: leave other methods and options out")
+    if linearize and (request.instruments or disturbances or not isinstance(estimator, Auto)):
+        raise UsageError(
+            "linearized axes go with the method auto alone: leave aids, disturbances and other methods out",
+            hint={"linearize": True},
+        )
 
 
 class _Compensated(NamedTuple):
@@ -379,7 +337,7 @@ class _Compensated(NamedTuple):
 def _compensated(source: Recording | Summary, disturbances: Sequence[str], request: Request) -> _Compensated:
     """Compensate readings for disturbances: those that are named, else with all aiding sensors those that help."""
     tried: tuple[AidingSensor, ...] = ()
-    if request.aiding == AUTO and not disturbances and not isinstance(source, Summary):
+    if request.instruments.asked == AUTO and not disturbances and not isinstance(source, Summary):
         from flinders.fitting.disturbance_selection import earned
 
         disturbances, tried = earned(source, spread=request.prior, dip_deg=request.dip_deg)
@@ -393,7 +351,7 @@ def _compensated(source: Recording | Summary, disturbances: Sequence[str], reque
 
 def _estimated(readings: Readings, estimator: Estimator, request: Request, unit: Unit | None) -> _Evidence:
     """Estimate by the engine's record where it is enough, else by aiding sensors or the method, and the site."""
-    if not request.aiding and not request.site:
+    if not request.instruments and not request.site:
         recorded = _Evidence.of_record(estimator, readings, unit)
         if recorded is not None:
             return recorded
@@ -421,7 +379,7 @@ def _linearized(plain: _Evidence, estimator: Estimator, request: Request, unit: 
         raise UsageError(
             "axes are linearized by one recording, and by no field of a site, as a log may state one: calibrate "
             "recordings one by one, and leave the site out",
-            hint={"linearize": True, "site": None},
+            hint={"linearize": True},
         )
     found, lag = _faults_of_axes(plain.estimate, plain)
     recording = plain.readings.as_read.recording
@@ -481,9 +439,8 @@ def judged_as(
     source: Recording,
     *,
     aiding_result: Aiding | None = None,
-    field_strength: float | None = None,
+    site: Site | None = None,
     target_deg: float = 1.0,
-    dip_deg: float | None = None,
     sensor: str | None = None,
     refreshed: Refreshed | None = None,
 ) -> Fit:
@@ -497,7 +454,7 @@ def judged_as(
         The readings that it belongs to, for coverage and health.
     aiding_result : Aiding, optional
         With the rotation that corrected readings are turned by.
-    field_strength, target_deg, dip_deg, sensor
+    site, target_deg, sensor
         As for `fit`.
     refreshed : Refreshed, optional
         Where the shape is that of an earlier calibration.
@@ -507,7 +464,7 @@ def judged_as(
     Refused
         Where it cannot be trusted; it carries the fit.
     """
-    request = Request.of(dip_deg, target_deg=target_deg, field_strength=field_strength)
+    request = Request.of(site, target_deg=target_deg)
     evidence = _Evidence.of(estimate, within_range(Readings.of(source)), aiding_result)._replace(refreshed=refreshed)
     calibration = _turned(_calibration(estimate, request, _Frame.of(source), sensor), aiding_result)
     claim = claimed(
@@ -518,7 +475,7 @@ def judged_as(
         coverage=evidence.coverage,
         is_joint=True,
     )
-    return _accepted(_judged(claim, evidence, calibration, request))
+    return _accepted(mounted(_judged(claim, evidence, calibration, request), request.alignment_sigma_deg))
 
 
 def _accepted(result: Fit) -> Fit:
@@ -555,7 +512,7 @@ def _turned(calibration: Calibration, aiding_result: Aiding | None) -> Calibrati
     return replace(calibration, matrix=aiding_result.rotation @ calibration.matrix, rotation="estimated")
 
 
-def _mounted(result: Fit, sigma_deg: float | None) -> Fit:
+def mounted(result: Fit, sigma_deg: float | None) -> Fit:
     """Add the heading error of a mounting of stated uncertainty, where it is stated."""
     if sigma_deg is None:
         return result
@@ -563,25 +520,23 @@ def _mounted(result: Fit, sigma_deg: float | None) -> Fit:
     return replace(result, alignment_error_deg=error)
 
 
-def estimator_of(method: str, options: dict[str, Any], site: dict[str, Any]) -> Estimator:
-    """Look a method up and give it its options, and of what is known of the site that which it asks for.
+def estimator_of(method: str | Estimator, request: Request) -> Estimator:
+    """Look a method up, if it is a name, and give it what it asks for of the site.
 
     Raises
     ------
     UsageError
-        For a name or an option that does not exist.
+        For a name that does not exist, what is no method, and a dip or strength other than that of the site.
     """
-    kind = cast("Any", method_of(method))
-    known = kind.__match_args__  # names of its options
-    try:
-        return cast("Estimator", kind(**{name: value for name, value in site.items() if name in known}, **options))
-    except TypeError:
-        own = [name for name in known if name not in site]
-        unknown = [name for name in options if name not in own]
-        of_reading = f": {unknown[0]}= goes to flinders.read" if unknown[0] in OF_READING else ""
-        raise UsageError(
-            f"{method} takes {', '.join(own) or 'no options'}; got {', '.join(unknown)}{of_reading}"
-        ) from None
+    given: Any = method_of(method)() if isinstance(method, str) else method
+    if not hasattr(given, "estimate") or isinstance(given, type):
+        raise UsageError(f"method is {method!r}: need a name, or a method of flinders.estimators with its options")
+    options = getattr(given, "__dataclass_fields__", {})
+    of_site = {name: getattr(request, name) for name in OF_SITE if name in options}
+    for name, known in of_site.items():
+        if (own := getattr(given, name)) not in (known, options[name].default):
+            raise UsageError(f"{given.name} is given {own:g} by itself: state it by the site", hint={"site": None})
+    return cast("Estimator", replace(given, **of_site) if of_site else given)
 
 
 def _aided(readings: Readings, request: Request) -> tuple[Estimate | None, Aiding | None]:
@@ -592,7 +547,8 @@ def _aided(readings: Readings, request: Request) -> tuple[Estimate | None, Aidin
     UsageError
         Where only sums are left.
     """
-    if not request.aiding:
+    asked = request.instruments.asked
+    if not asked:
         return None, None
     if readings.recording is None:
         raise UsageError("aids need what was recorded beside the readings: give the recording, not its summary")
@@ -600,22 +556,22 @@ def _aided(readings: Readings, request: Request) -> tuple[Estimate | None, Aidin
     is_thin = len(samples) >= Level.unknowns and turned_level(samples.field)
     turn = _level_turn(readings, request) if is_thin else None
     if turn is not None and _is_white(turn):
-        return None, _of_no_use(samples, request.aiding)
+        return None, _of_no_use(samples, asked)
     from flinders.fitting.aid_selection import aided_by
 
     aided, result = aided_by(
         samples,
-        request.aiding,
+        asked,
         site=request.site,
         dip_deg=request.dip_deg,
         spread=request.prior or SPREAD,
-        **dataclasses.asdict(request.instruments),
+        **cast("dict[str, Any]", request.instruments.sigmas),
     )
     estimate = aided.estimate() if aided.aiding else None
     if is_thin or is_flat(readings.summary.moments.principal_variances, aided.noise):
         turn = turn or _level_turn(readings, request)
         if turn is None or estimate is None or _is_level(turn, estimate, request.dip_deg):
-            return None, _of_no_use(samples, request.aiding)
+            return None, _of_no_use(samples, asked)
     return estimate, result
 
 
@@ -660,15 +616,13 @@ def _of_no_use(samples: Samples, aiding: str | Sequence[str]) -> Aiding:
 
 
 def _at_site(estimate: Estimate, readings: Readings, request: Request) -> Estimate:
-    """Use the field of the site; where the dip is known better, its strength alone."""
-    site = request.site
+    """Use the field of the site."""
     if estimate.bias is not None or readings.recording is None:
         return estimate
-    if site is not None and site.inclination_deg is not None and site.inclination_deg != request.dip_deg:
-        site = replace(site, inclination_deg=None)
     from flinders.estimators.known_dip import sited
 
-    return sited(estimate, readings, site, dip_deg=request.dip_deg, alignment_sigma_deg=request.alignment_sigma_deg)
+    mounting = {"alignment_sigma_deg": request.alignment_sigma_deg}
+    return sited(estimate, readings, request.site, dip_deg=request.dip_deg, **mounting)
 
 
 def _calibration(estimate: Estimate, request: Request, frame: _Frame, sensor: str | None) -> Calibration:

@@ -7,7 +7,7 @@ made without it too, and the two are compared: a note where they differ by less 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -46,7 +46,11 @@ OF_SINGLE_READINGS: Final = ("saturated", "stale-repeats")
 
 
 def fit_filtered(
-    parts: Sequence[Recording], by: Filter, *, notice: Callable[[str], None] = print, **options: Any
+    parts: Sequence[Recording],
+    by: Filter,
+    *,
+    fitted: Callable[[Recording], Fit] = fit,
+    notice: Callable[[str], None] = print,
 ) -> Fit:
     """Fit recordings together, their readings filtered; a finding says what the filter did.
 
@@ -58,14 +62,14 @@ def fit_filtered(
     ----------
     parts : sequence of Recording
         Of one sensor.
+    fitted : callable
+        Fits a recording, such as `flinders.fit` with its parameters.
     notice : callable
         Takes a line of advice where the filter alone is why there is no calibration.
-    options
-        Of `flinders.fit`.
     """
-    plain, _ = _tried(joined(parts), options)
+    plain, _ = _tried(joined(parts), fitted)
     passed = through(parts, by)
-    result, refusal = _tried(passed, options)
+    result, refusal = _tried(passed, fitted)
     if result is None:
         if plain is not None and plain.verdict != "refused":
             notice("without the filter there is a calibration: leave --filter out")
@@ -80,10 +84,10 @@ def fit_filtered(
     return judged
 
 
-def _tried(recording: Recording, options: dict[str, Any]) -> tuple[Fit | None, FitError | None]:
+def _tried(recording: Recording, fitted: Callable[[Recording], Fit]) -> tuple[Fit | None, FitError | None]:
     """A fit, also one that is refused, and why it is refused."""
     try:
-        return fit(recording, **options), None
+        return fitted(recording), None
     except Refused as refused:
         return refused.fit, refused
     except FitError as error:

@@ -15,7 +15,9 @@ ArduPilot's large vehicle calibration does the same without a claim.
 >>> tumble = simulate.tumble(seed=1)
 >>> earlier = calibrate.fit(tumble.samples)
 >>> reading = tumble.sensor.matrix @ [25.0, 0.0, 43.3] + tumble.sensor.offset
->>> fit = refresh_at_headings([np.tile(reading, (20, 1))], earlier, [0.0], dip_deg=60.0)
+>>> from flinders.likelihood.site_field import Site
+>>> site = Site(inclination_deg=60.0)
+>>> fit = refresh_at_headings([np.tile(reading, (20, 1))], earlier, [0.0], site=site)
 >>> fit.verdict, fit.refreshed.offset_change.round(1) + 0.0
 ('limited', array([0., 0., 0.]))
 
@@ -38,7 +40,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
@@ -46,6 +48,7 @@ from flinders.core.calibration import Calibration
 from flinders.errors import FitError, UsageError
 from flinders.findings import by_severity
 from flinders.findings.catalogue import OF_CALIBRATION
+from flinders.fitting.calibrate import mounted
 from flinders.fitting.record import expected_error
 from flinders.fitting.refreshing import (
     FINEST_SHAPE,
@@ -119,7 +122,6 @@ def refresh_at_headings(
     previous: Fit,
     headings_deg: Sequence[float],
     *,
-    dip_deg: float | None = None,
     site: Site | None = None,
     sigmas: PoseSigmas = SIGMAS,
     target_deg: float = 1.0,
@@ -137,21 +139,18 @@ def refresh_at_headings(
         As for `flinders.refresh`.
     headings_deg : sequence of float
         Magnetic heading of the vehicle at each pose: the true one less the declination.
-    dip_deg : float, optional
-        Inclination of the field; by default that of `site`.
-    site : Site, optional
-        As for `flinders.refresh`.
+    site : Site
+        As for `flinders.refresh`, with its inclination.
     sigmas : PoseSigmas, optional
         What headings, tilts and the dip may be off by.
     target_deg : float
         Worst heading error that is good enough, in degrees.
     """
     refuse_unfit(previous)
-    dip_deg = site.inclination_deg if dip_deg is None and site is not None else dip_deg
-    if dip_deg is None:
+    dip_deg = None if site is None else site.inclination_deg
+    if site is None or dip_deg is None:
         raise UsageError(
-            "a pose needs the dip of the field at the place: give the dip, or the site",
-            hint={"dip_deg": None, "site": None},
+            "a pose needs the dip of the field at the place: give the dip, or the site", hint={"site": None}
         )
     if not poses or len(poses) != len(headings_deg):
         raise UsageError(f"{len(poses)} poses and {len(headings_deg)} headings: need a heading for each pose")
@@ -179,7 +178,7 @@ def refresh_at_headings(
         structure_deg=structure_deg,
         refreshed=refreshed_from(previous, ellipsoid, dip_deg),
     )
-    return _accepted(fit, chance)
+    return _accepted(mounted(fit, site.alignment_sigma_deg), chance)
 
 
 def _accepted(fit: Fit, chance: float) -> Fit:
@@ -390,7 +389,8 @@ def refresh_on_courses(
     declination_deg: float,
     slowest: float = SLOWEST,
     crab_deg: float = CRAB_DEG,
-    **judged: Any,
+    site: Site | None = None,
+    target_deg: float = 1.0,
 ) -> Fit:
     """Renew the hard iron of a calibration from the straight stretches of a drive.
 
@@ -400,8 +400,8 @@ def refresh_on_courses(
 
     Parameters
     ----------
-    recording, previous, **judged
-        As for `refresh_at_headings`: dip, site, target.
+    recording, previous, site, target_deg
+        As for `refresh_at_headings`.
     velocity : TimeSeries
         As for `stretches`, such as `Instrument.velocity`.
     declination_deg : float
@@ -424,7 +424,8 @@ def refresh_on_courses(
     headings = [stretch.course_deg - declination_deg for stretch in steady]
     scatter = float(np.median([stretch.scatter_deg for stretch in steady]))
     sigmas = replace(SIGMAS, heading_deg=min(max(scatter, SIGMAS.heading_deg), 45.0), crab_deg=crab_deg)
-    return refresh_at_headings([stretch.samples for stretch in steady], previous, headings, sigmas=sigmas, **judged)
+    poses = [stretch.samples for stretch in steady]
+    return refresh_at_headings(poses, previous, headings, site=site, sigmas=sigmas, target_deg=target_deg)
 
 
 def _steady(straight: Sequence[Stretch], previous: Fit) -> list[Stretch]:

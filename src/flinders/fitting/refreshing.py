@@ -30,32 +30,31 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from flinders.core.samples import Samples, frame_of, in_memory
 from flinders.diagnostics.soft_iron import Posterior, Refreshed, by_chance, changeable
-from flinders.errors import AxesError, TooFewSamples, UnitError, Unmoved, UsageError
+from flinders.errors import AxesError, TooFewSamples, UnitError, Unmoved, UsageError, spell_checked
 from flinders.estimators.data import recording_of
 from flinders.findings import limit_of
 from flinders.fitting.aid_selection import aided_by
-from flinders.fitting.calibrate import judged_as, judged_dip
+from flinders.fitting.aiding import Instruments
+from flinders.fitting.calibrate import ELSEWHERE, judged_as, judged_dip
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading.error_propagation import raw_error
 from flinders.likelihood.prior import KnownShape
+from flinders.likelihood.site_field import Site
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
     from flinders.estimators.aiding import Aided
-    from flinders.fitting.aiding import Aiding
+    from flinders.fitting.aiding import Aiding, AnyAiding
     from flinders.fitting.calibrate import AnyReadings
     from flinders.fitting.result import Fit
-    from flinders.likelihood.site_field import Site
 
 METHOD: Final = "refresh"
 
@@ -81,15 +80,15 @@ RIDGE: Final = 1e-4
 """Of a reading, in square radii: the offset stays where no reading tells of it, as across a level turn."""
 
 
+@spell_checked(ELSEWHERE)
 def refresh(
     source: AnyReadings,
     previous: Fit,
     *,
-    aiding: str | Sequence[str] = (),
+    aiding: AnyAiding = (),
     site: Site | None = None,
     soft_iron_sigma: float = 0.0,
     target_deg: float = 1.0,
-    dip_deg: float | None = None,
 ) -> Fit:
     """Renew the hard iron of a calibration from a short recording, such as ten seconds of wobbling by 30°.
 
@@ -100,17 +99,16 @@ def refresh(
     previous : Fit
         The earlier calibration of this sensor, fitted or loaded from its file. Without a covariance its shape counts
         as known to 2 % (`SHAPE_SIGMA`).
-    aiding : str or sequence of str
+    aiding : str, sequence of str or Instruments
         What else was recorded and shall count, as for `flinders.fit`, each by its name.
     site : Site, optional
         What is known of the field at the place. With its strength, corrected readings have that length; without it,
-        the field is as strong as at the earlier calibration to 1 % (`STRENGTH_SIGMA`).
+        the field is as strong as at the earlier calibration to 1 % (`STRENGTH_SIGMA`). Headings are judged at its
+        inclination, else at that of `previous`.
     soft_iron_sigma : float
         What the soft iron may have changed by, 1 σ, as a share: 0 for none.
     target_deg : float
         Worst heading error that is good enough, in degrees.
-    dip_deg : float, optional
-        Inclination of the field: by default that of `site`, else the one that `previous` was judged at.
 
     Returns
     -------
@@ -139,17 +137,21 @@ def refresh(
     refuse_unfit(previous)
     samples = samples_of(source, previous)
     _refuse_still(samples.field, previous.ellipsoid.shape)
-    dip_deg, is_unknown = judged_dip(dip_deg, site)
+    dip_deg, is_unknown = judged_dip(site)
     dip_deg = previous.dip_deg if is_unknown else dip_deg
+    here = replace(
+        Site() if site is None else site.judged,
+        strength=strength_of(previous.calibration, site),
+        inclination_deg=dip_deg,
+    )
     known = changeable(known_shape(previous, site), soft_iron_sigma)
-    aided, reported, chance = _solved(samples, previous, known, aiding, site, dip_deg)
+    aided, reported, chance = _solved(samples, previous, known, Instruments.of(aiding), site, dip_deg)
     fit = judged_as(
         replace(aided.estimate(), method=METHOD),
         samples,
         aiding_result=reported if aiding else None,
-        field_strength=strength_of(previous.calibration, site),
+        site=here,
         target_deg=target_deg,
-        dip_deg=dip_deg,
         sensor=previous.calibration.sensor,
         refreshed=refreshed_from(previous, aided.ellipsoid, dip_deg, chance),
     )
@@ -242,18 +244,20 @@ def strength_of(calibration: Calibration, site: Site | None) -> float | None:
     """Length of corrected readings: that of the site, else as it was; None where it was not known."""
     if not calibration.field_strength_known:
         return None
-    return calibration.field_strength if site is None or site.strength is None else site.strength
+    there = None if site is None else site.length or site.strength
+    return calibration.field_strength if there is None else there
 
 
 def _solved(
-    samples: Samples, previous: Fit, known: KnownShape, aiding: str | Sequence[str], site: Site | None, dip_deg: float
+    samples: Samples, previous: Fit, known: KnownShape, aiding: Instruments, site: Site | None, dip_deg: float
 ) -> tuple[Aided, Aiding, float]:
     """Fit with the shape as it was, or with one that may have changed where the readings contradict the former."""
-    of_site = None if site is None or site.inclination_deg is None else replace(site, strength=None)
+    of_site = None if site is None else replace(site, strength=None).evidence
+    options: dict[str, Any] = {"site": of_site, "dip_deg": dip_deg, **aiding.sigmas}
     begin = started(samples.field, previous.calibration.offset, symmetric(known.entries))
     freer = changeable(known, ALLOWED_CHANGE)
     (same, reported), (changed, reported_freer) = (
-        aided_by(samples, aiding, site=of_site, dip_deg=dip_deg, start=begin, shape=shape) for shape in (known, freer)
+        aided_by(samples, aiding.asked, start=begin, shape=shape, **options) for shape in (known, freer)
     )
     posterior = Posterior(upper(changed.parameters.shape), changed.textbook[3:9, 3:9], changed.covariance[3:9, 3:9])
     chance = by_chance(posterior, known, freer)

@@ -25,7 +25,7 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.errors import FlindersError, InputError, OutputError, UsageError, counted
+from flinders.errors import FlindersError, InputError, OutputError, UsageError, counted, spell_checked
 from flinders.estimators.data import CountedRecording, recording_of
 from flinders.fitting.batch import FitColumns, fit_batch
 from flinders.fleet import storage
@@ -115,6 +115,7 @@ def lost(partition: Partition, attempts: int) -> list[UnitResult]:
 # --------------------------------------------------------------------------------------------------------- in memory
 
 
+@spell_checked({})
 def fit_many(
     table: Any,  # noqa: ANN401 - of Arrow, pandas, polars or anything else that hands over Arrow's columns
     *,

@@ -41,6 +41,7 @@ from flinders.fitting.calibrate import fit as fit_samples
 from flinders.fitting.refreshing import refresh
 from flinders.fitting.result import Refused
 from flinders.heading import path_planning
+from flinders.likelihood.site_field import Site
 from flinders.live.messages import PreviousState, Reason
 from flinders.live.session import FITTED, REFRESHED, Evaluated, used_readings
 from flinders.live.session_file import Edits, TrimmedRecording
@@ -145,7 +146,8 @@ def _fit(session: LiveSession, recording: Recording) -> Fit:
     """Fit readings of what is shown, at its site; with the soft iron from before where that is renewed."""
     renewed = session.renewed
     fitted = fit_samples if renewed is None else partial(refresh, previous=renewed)
-    return fitted(recording, target_deg=session.target_deg, dip_deg=session.dip_deg, site=session.shown.known_site)
+    site = Site.stated(session.shown.known_site, inclination_deg=session.dip_deg)
+    return fitted(recording, target_deg=session.target_deg, site=site)
 
 
 def _fitted(session: LiveSession, samples: Samples) -> tuple[Fit | None, str, str]:

@@ -28,6 +28,7 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import UsageError
 from flinders.fitting.calibrate import Request
+from flinders.likelihood.site_field import Site
 from flinders.live.buffer import rows_of
 from flinders.live.evaluation import evaluate, finished
 from flinders.live.messages import Goal, SourceState
@@ -140,7 +141,7 @@ class Session:
             raise UsageError(f"goal is {goal!r}: need {' or '.join(get_args(Goal))}")
         if not (rate_hz > 0.0 and every_s > 0.0):
             raise UsageError(f"rate_hz is {rate_hz:g} and every_s {every_s:g}: need positive numbers")
-        Request.of(dip_deg, target_deg=target_deg)
+        Request.of(Site.stated(inclination_deg=dip_deg), target_deg=target_deg)
         self._unit, self._axes, self._rate_hz, self._every_s = Unit.of(unit), Axes.of(axes), rate_hz, every_s
         series = Series(unit=self._unit, axes=self._axes)
         self._session = LiveSession(source=SOURCE, live=series, target_deg=target_deg, dip_deg=dip_deg, goal=goal)

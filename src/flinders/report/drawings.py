@@ -30,7 +30,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Self, cast
+from typing import TYPE_CHECKING, Final, Self, cast
 
 import numpy as np
 
@@ -38,7 +38,6 @@ from flinders.arrays import runs
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
 from flinders.estimators import Readings, within_range
-from flinders.fitting.calibrate import estimator_of
 from flinders.heading.deviation import NAMES
 from flinders.heading.error_propagation import level_gradients
 from flinders.report.charts import (
@@ -63,7 +62,7 @@ from flinders.report.formatting import degrees, minus, with_uncertainty
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
-    from flinders.estimators import Convergence
+    from flinders.estimators import Convergence, Estimator
     from flinders.estimators.reference.trace import Watched
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import PlaneEllipse, Turn
@@ -267,17 +266,16 @@ class Trace:
 
     @classmethod
     def of(
-        cls, recording: Recording, method: str, options: dict[str, Any], site: dict[str, Any], target_deg: float
+        cls, recording: Recording, method: Estimator, *, dip_deg: float = 60.0, target_deg: float = 1.0
     ) -> Self | None:
-        """Watch a method on a recording, with its own options and those of the site; None where it gives nothing."""
-        estimator = estimator_of(method, options, site)
+        """Watch a method on a recording; None where it gives nothing."""
         try:
-            steps = cast("Watched", estimator).converge(within_range(Readings.of(recording)))
+            steps = cast("Watched", method).converge(within_range(Readings.of(recording)))
         except FitError:
             return None
         if steps.last is None:
             return None
-        return cls(steps, method, unit=recording.unit.inside, dip_deg=site["dip_deg"], target_deg=target_deg)
+        return cls(steps, method.name, unit=recording.unit.inside, dip_deg=dip_deg, target_deg=target_deg)
 
     @cached_property
     def off(self) -> Floats:

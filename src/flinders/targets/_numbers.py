@@ -92,7 +92,7 @@ class Affine:
             raise NotExportable(
                 f"numbers like {largest:.2g} are not those of a magnetometer: check the unit of the recording, and "
                 "the field strength where it was given",
-                hint={"unit": None, "field_strength": None},
+                hint={"unit": None, "site": None},
                 beyond=("matrix", "offset"),
             )
         return affine

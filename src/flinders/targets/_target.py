@@ -555,7 +555,7 @@ class Difference:
             f"rounded to the target's numbers, readings would be off by {off} their length: a field of "
             f"{figures(strength)} {label(calibration.unit)} does not suit their steps. Check the "
             "unit of the recording, and the field strength where it was given",
-            hint={"unit": None, "field_strength": None},
+            hint={"unit": None, "site": None},
             beyond=(),
             error=self.worst,
         )

@@ -264,7 +264,7 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
         raise NotExportable(
             "rounded to the steps of the registers, all readings would lie in a plane: check the unit of the "
             "recording, and the field strength where it was given",
-            hint={"unit": None, "field_strength": None},
+            hint={"unit": None, "site": None},
             beyond=(),
         ) from None
     values: dict[str, Any] = {

@@ -233,7 +233,7 @@ class Reference:
         if reported.count and field_strength is not None:
             raise WrongStrength(
                 "the recording tells the field's strength at each reading, and another was given: give one of them",
-                hint={"field_strength": None},
+                hint={"site": None},
                 mean=reported.mean,
                 field_strength=field_strength,
             )
