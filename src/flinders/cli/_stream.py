@@ -186,10 +186,8 @@ def _spread_limit(fit: Fit) -> float:
     """The spread of lengths from which on readings do not suit, by the noise and the claim of a fit."""
     if not fit.claim.states_uncertainty:
         return UNEVEN
-    noise, claimed = (
-        fit.noise / fit.calibration.ellipsoid.radius,
-        math.radians(fit.claim.direction_error_deg.worst),
-    )  # at any attitude
+    noise = fit.noise / fit.calibration.ellipsoid.radius
+    claimed = math.radians(fit.claim.direction_error_deg.worst)  # at any attitude
     return min(max(SUITED * math.hypot(noise, claimed), LEAST_UNEVEN), UNEVEN)
 
 

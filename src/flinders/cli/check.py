@@ -134,9 +134,8 @@ def _random_walk(recording: Joined, fresh: Fit) -> RandomWalk:
     """How the offset moved through a recording, by the fit to it."""
     from flinders.diagnostics.random_walk import walk_through
 
-    return walk_through(
-        recording, fresh.calibration.ellipsoid, plane=fresh.claim.plane, dip_deg=fresh.heading_error_deg.dip_deg
-    )
+    claim = fresh.claim
+    return walk_through(recording, claim.ellipsoid, plane=claim.plane, dip_deg=claim.heading_error_deg.dip_deg)
 
 
 def _print(

@@ -426,9 +426,8 @@ def _level(fit: Fit, dip_deg: float) -> Fit:
     strength = fit.calibration.field_strength * math.cos(math.radians(dip_deg))
     known = strength if fit.calibration.field_strength_known else None
     rows = to_equator("xy", dip_deg=dip_deg)
-    return as_equator(
-        fit, rows, fit.calibration.ellipsoid.parameters, fit.claim.claimed_covariance, field_strength=known
-    )
+    parameters = fit.calibration.ellipsoid.parameters
+    return as_equator(fit, rows, parameters, fit.claim.claimed_covariance, field_strength=known)
 
 
 def as_equator(
@@ -455,10 +454,8 @@ def _pair(a: Fit, b: Fit) -> tuple[Pairs, bool]:
 
 def _one(fit: Fit) -> EllipsoidPairs:
     """A fit as a batch of one; without a covariance it is exact."""
-    ellipsoid = fit.calibration.ellipsoid
-    return EllipsoidPairs(
-        ellipsoid.centre[np.newaxis], ellipsoid.shape[np.newaxis], fit.claim.claimed_covariance[np.newaxis]
-    )
+    ellipsoid, covariance = fit.calibration.ellipsoid, fit.claim.claimed_covariance
+    return EllipsoidPairs(ellipsoid.centre[np.newaxis], ellipsoid.shape[np.newaxis], covariance[np.newaxis])
 
 
 def refuse_unlike(a: Fit, b: Fit) -> None:

@@ -273,14 +273,13 @@ def _claims(fit: Fit, dip_deg: float, errors: Floats, rotation: RotationDifferen
     # the first two harmonics are all there is to first order.
     heading, down = level_turn(dip_deg)[0], down_of(fit.claim.plane)
     waves = np.array([wave(order * heading) for order in (1, 2) for wave in (np.cos, np.sin)]) * (2 / len(heading))
-    gradient = waves @ level_gradients(fit.calibration.ellipsoid, dip_deg=dip_deg, down=down)
-    chi_square, freedom = chi_square_of(waves @ errors, gradient @ fit.claim.claimed_covariance @ gradient.T)
+    ellipsoid, covariance = fit.calibration.ellipsoid, fit.claim.claimed_covariance
+    gradient = waves @ level_gradients(ellipsoid, dip_deg=dip_deg, down=down)
+    chi_square, freedom = chi_square_of(waves @ errors, gradient @ covariance @ gradient.T)
     turned, about = rotation.chi_square
     return {
         "claimed_heading_deg": fit.claim.level_error(dip_deg),
-        "claimed_bound_deg": level_bound_deg(
-            fit.calibration.ellipsoid, fit.claim.claimed_covariance, dip_deg=dip_deg, down=down
-        ),
+        "claimed_bound_deg": level_bound_deg(ellipsoid, covariance, dip_deg=dip_deg, down=down),
         "claimed_direction_deg": fit.claim.direction_error_deg,
         "offset_sigma": fit.claim.offset_sigma,
         "chi_square": chi_square + turned,

@@ -34,9 +34,8 @@ def attitudes(fit: Fit) -> str:
     if limit >= UPSIDE_DOWN:
         return f"within {target:g}° at any attitude"
     beyond = [tilt for tilt in (*TILTS, UPSIDE_DOWN) if tilt > limit]
-    worse = [
-        f"{angle(fit.claim.tilted_error(tilt).worst)} {_at(tilt)}" for tilt in dict.fromkeys((beyond[0], beyond[-1]))
-    ]
+    tilted = fit.claim.tilted_error
+    worse = [f"{angle(tilted(tilt).worst)} {_at(tilt)}" for tilt in dict.fromkeys((beyond[0], beyond[-1]))]
     if limit < 1.0:
         return f"good to {angle(fit.heading_error_deg.worst)} while level; tilted, {', '.join(worse)}"
     return f"within {target:g}° up to {limit:.0f}° of tilt; {', '.join(worse)}"
@@ -52,7 +51,8 @@ def remedy(fit: Fit) -> str:
         if fit.claim.plane:
             return "the points are not equally spaced in heading, use the method 'ellipse'"
         return "the method's model does not fit this sensor, use 'auto'"
-    if fit.evidence.diagnosis.repeats is not None and fit.evidence.diagnosis.repeats.scatter_deg > fit.claim.target_deg:
+    repeats = fit.evidence.diagnosis.repeats
+    if repeats is not None and repeats.scatter_deg > fit.claim.target_deg:
         return "the recordings contradict each other, use those made in the state of use"
     return movement(fit)
 

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.findings import Condition
+    from flinders.fitting.evidence import Diagnosis
     from flinders.fitting.result import Fit
     from flinders.native.engine import Records
     from flinders.summary.quality import Rail
@@ -125,6 +126,11 @@ class Spoken(NamedTuple):
     statistics: Statistics
     quantities: dict[str, float]
 
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """What diagnostics found."""
+        return self.fit.evidence.diagnosis
+
 
 class _FitRecord(Record):
     """The quantities of a judgement, and the words of `WORDS`, each made when a sentence asks for it."""
@@ -154,11 +160,8 @@ def _independent_readings(fit: Fit) -> str:
 
 def _correlation(fit: Fit) -> str:
     """How much residuals have in common, and what it would be to take no notice of it."""
-    next_one = (
-        ""
-        if fit.evidence.residuals.autocorrelation is None
-        else f"each with the next by {fit.evidence.residuals.autocorrelation:.2f}"
-    )
+    correlation = fit.evidence.residuals.autocorrelation
+    next_one = "" if correlation is None else f"each with the next by {correlation:.2f}"
     textbook = fit.claim.textbook_heading_error_deg
     claim = "" if textbook is None else f"without regard to it {figures(textbook.worst)}° would be claimed"
     words = "; ".join(part for part in (next_one, claim) if part)
@@ -173,7 +176,7 @@ def _across(result: Fit) -> int:
 
 def _is_placed(result: Fit) -> bool:
     """Whether the offset across that plane is known."""
-    return bool(result.claim.offset_sigma[_across(result)] < PLACED * result.calibration.ellipsoid.radius)
+    return bool(result.claim.offset_sigma[_across(result)] < PLACED * result.claim.ellipsoid.radius)
 
 
 def _how_placed(result: Fit) -> str:
@@ -188,9 +191,8 @@ def _assumed(result: Fit) -> str:
 
 def _mounting(result: Fit) -> str:
     """What to say about the mounting where the shape across the plane is not known."""
-    skewed = (
-        float(np.sqrt(np.diag(result.claim.covariance)[[6, 7, 8]].max())) > SKEWED * result.calibration.ellipsoid.radius
-    )
+    claim = result.claim
+    skewed = float(np.sqrt(np.diag(claim.covariance)[[6, 7, 8]].max())) > SKEWED * claim.ellipsoid.radius
     return "say how well the mounting is known, or " if skewed and _is_placed(result) else ""
 
 
@@ -207,7 +209,7 @@ def _why_biased(result: Fit) -> str:
 
 def _halves(spoken: Spoken) -> str:
     """How far the halves of a recording are apart, where that limits the fit."""
-    drift = spoken.fit.evidence.diagnosis.drift
+    drift = spoken.diagnosis.drift
     if drift is None or drift.halves_ratio is None or spoken.quantities["drift_allowed_deg"]:
         return ""
     return f" (its halves differ by {drift.halves_ratio:.1f} times what they claim)"
@@ -320,25 +322,19 @@ WORDS: Final[dict[str, Callable[[Spoken], str]]] = {
     "independent_readings": lambda spoken: _independent_readings(spoken.fit),
     "correlation": lambda spoken: _correlation(spoken.fit),
     "why_biased": lambda spoken: _why_biased(spoken.fit),
-    "nonlinear_axis": lambda spoken: (
-        "" if spoken.fit.evidence.diagnosis.nonlinearity is None else spoken.fit.evidence.diagnosis.nonlinearity.axis
-    ),
-    "axis_lag": lambda spoken: str(spoken.fit.evidence.diagnosis.axis_lag or ""),
+    "nonlinear_axis": lambda spoken: "" if (found := spoken.diagnosis.nonlinearity) is None else found.axis,
+    "axis_lag": lambda spoken: str(spoken.diagnosis.axis_lag or ""),
     "contradiction": lambda spoken: contradiction_words(
-        spoken.fit.evidence.diagnosis.repeats, spoken.quantities, label(spoken.fit.calibration.unit)
+        spoken.diagnosis.repeats, spoken.quantities, label(spoken.fit.calibration.unit)
     ),
     "swap": lambda spoken: _swap(spoken.fit),
     "halves": _halves,
     "leave": lambda spoken: _leave(spoken.fit),
-    "unmodelled": lambda spoken: (
-        "" if spoken.fit.evidence.diagnosis.unmodelled is None else spoken.fit.evidence.diagnosis.unmodelled.name
-    ),
+    "unmodelled": lambda spoken: "" if (found := spoken.diagnosis.unmodelled) is None else found.name,
     "outliers": lambda spoken: counted(sum(run.independent for run in spoken.fit.evidence.outliers), "reading"),
     "runs": lambda spoken: _runs(spoken.fit),
     "again": lambda spoken: _again(spoken.quantities["outlier_share"]),
-    "previous": lambda spoken: (
-        spoken.fit.evidence.diagnosis.refreshed.previous if spoken.fit.evidence.diagnosis.refreshed else ""
-    ),
+    "previous": lambda spoken: "" if (found := spoken.diagnosis.refreshed) is None else found.previous,
     "axes": lambda spoken: str(spoken.fit.calibration.axes),
     "length": lambda spoken: _length(spoken.fit.calibration),
     "rails": lambda spoken: ", ".join(map(_at_rail, spoken.statistics.rails)),
@@ -396,16 +392,13 @@ def judged_parts(
 
 def of_disturbances(fit: Fit) -> Iterator[Finding]:
     """What there is to know of each disturbance that is modelled."""
-    if not fit.evidence.disturbances.estimates:
+    estimates = fit.evidence.disturbances.estimates
+    if not estimates:
         return
-    yield from of_alike(fit.evidence.disturbances.estimates)
-    yield from of_noisy(fit.evidence.disturbances.estimates)
-    motors = [
-        estimate.name
-        for estimate in fit.evidence.disturbances.estimates
-        if estimate.disturbance is not None and motor(estimate.name)[1]
-    ]
-    for estimate in fit.evidence.disturbances.estimates:
+    yield from of_alike(estimates)
+    yield from of_noisy(estimates)
+    motors = [estimate.name for estimate in estimates if estimate.disturbance is not None and motor(estimate.name)[1]]
+    for estimate in estimates:
         if estimate.disturbance is None:
             yield from found_in(_constant_record(estimate), "disturbance-constant")
             continue

@@ -130,9 +130,8 @@ class FigureData:
         if time is None or self.clock != "s" or self.total < FEWEST or not time[-1] > time[0]:
             return None
         dip = fit.heading_error_deg.dip_deg
-        return random_walk_of(
-            self.whole.field, time - time[0], fit.calibration.ellipsoid, plane=self.plane, dip_deg=dip
-        )
+        ellipsoid = fit.calibration.ellipsoid
+        return random_walk_of(self.whole.field, time - time[0], ellipsoid, plane=self.plane, dip_deg=dip)
 
     @property
     def shape(self) -> Floats | None:

@@ -81,12 +81,9 @@ def of_fit(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool = False) -
     """
     is_refused = fit.verdict == "refused"
     result = None if is_refused else numbers(fit.calibration, fit.claim.offset_sigma, fit.noise)
-    if fit.method == "merged" and fit.evidence.diagnosis.repeats is not None:
-        blocks = (
-            _merged_parts(fit.evidence.diagnosis.repeats),
-            result,
-            _merged_verdict(fit, fit.evidence.diagnosis.repeats),
-        )
+    repeats = fit.evidence.diagnosis.repeats
+    if fit.method == "merged" and repeats is not None:
+        blocks = (_merged_parts(repeats), result, _merged_verdict(fit, repeats))
         return Group(page(*blocks), findings(shown_findings(fit), spell))
     tops = () if is_refused else (Text(summary(fit)), of_recipe(fit), _before_and_after(fit), _since(fit))
     turn = "" if fit.verdict == "good" else movement(fit)
@@ -225,17 +222,13 @@ def _graded(quality: Verdict, words: str, *more: str) -> Table:
 
 
 def _before_and_after(fit: Fit) -> Table:
-    unit, (strength, spread) = label(fit.calibration.unit), fit.coverage.raw_strength(fit.calibration.ellipsoid)
+    ellipsoid = fit.calibration.ellipsoid
+    unit, (strength, spread) = label(fit.calibration.unit), fit.coverage.raw_strength(ellipsoid)
     before, after = (
         (name, f"{figures(mean, 4)} {unit}", f"{scatter:.1%}", degrees(error.rms), degrees(error.worst))
         for name, mean, scatter, error in (
             ("before", strength, spread, fit.claim.uncorrected_heading_error_deg),
-            (
-                "after",
-                fit.calibration.field_strength,
-                fit.noise / fit.calibration.ellipsoid.radius,
-                fit.heading_error_deg,
-            ),
+            ("after", fit.calibration.field_strength, fit.noise / ellipsoid.radius, fit.heading_error_deg),
         )
     )
     return table(("", "strength", "spread", "heading error, rms", "worst"), [before, styled("bold", *after)])
@@ -263,9 +256,8 @@ def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str) -> Table
 
 
 def _fit_verdict(fit: Fit) -> Table:
-    is_surface = not (
-        fit.judgement.is_flat or fit.claim.plane or fit.noise > NOISE_REFUSED * fit.calibration.ellipsoid.radius
-    )
+    is_noisy = fit.noise > NOISE_REFUSED * fit.calibration.ellipsoid.radius
+    is_surface = not (fit.judgement.is_flat or fit.claim.plane or is_noisy)
     seen = f", {fit.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
     good = "" if fit.verdict != "good" else f", {reach(fit.claim.attitude_limit_deg)}"

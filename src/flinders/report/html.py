@@ -227,9 +227,8 @@ def _split(number: str) -> tuple[str, str]:
 def disturbance_rows(fit: Fit) -> list[tuple[str, str, list[tuple[str, str]], str]]:
     """Each disturbance that the offset depends on: name, unit, offset in x, y and z for one of it, and words."""
     dip = fit.heading_error_deg.dip_deg
-    known = {
-        estimate.name: estimate for estimate in fit.evidence.disturbances.estimates if estimate.disturbance is not None
-    }
+    estimates = fit.evidence.disturbances.estimates
+    known = {estimate.name: estimate for estimate in estimates if estimate.disturbance is not None}
     motors = {one.name for one in fit.calibration.disturbances if motor(one.name)[1]}
     rows = []
     for place, one in enumerate(fit.calibration.disturbances):
@@ -244,10 +243,11 @@ def disturbance_rows(fit: Fit) -> list[tuple[str, str, list[tuple[str, str]], st
 def _disturbance_offsets(fit: Fit, disturbance: Disturbance, place: int) -> list[tuple[str, str]]:
     """Value and uncertainty of each axis; no uncertainty where none is known."""
     values = disturbance.per_unit.tolist()
-    if fit.evidence.disturbances.covariance is None:
+    covariance = fit.evidence.disturbances.covariance
+    if covariance is None:
         return [_split(f"{value:.4g}") for value in values]
     first = 9 + 3 * place
-    sigma = np.sqrt(np.diag(fit.evidence.disturbances.covariance)[first : first + 3]).tolist()
+    sigma = np.sqrt(np.diag(covariance)[first : first + 3]).tolist()
     return [_split(with_uncertainty(*pair)) for pair in zip(values, sigma, strict=True)]
 
 

@@ -259,17 +259,12 @@ def _drawn(fit: Fit, corrected: Floats) -> dict[str, Any]:
 
 def _claimed(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str, Any]:
     """What rests on a covariance as well."""
-    error = fit.heading_error_deg
+    claim, error = fit.claim, fit.heading_error_deg
     return {
         "heading_error_deg": HeadingErrorView(
-            error.rms,
-            error.worst,
-            fit.claim.heading_bound_deg,
-            error.dip_deg,
-            fit.claim.dip_assumed,
-            fit.claim.target_deg,
+            error.rms, error.worst, claim.heading_bound_deg, error.dip_deg, claim.dip_assumed, claim.target_deg
         ),
-        "attitude_limit_deg": fit.claim.attitude_limit_deg,
+        "attitude_limit_deg": claim.attitude_limit_deg,
         "any_attitude_deg": ErrorView(float(np.sqrt(np.mean(errors_deg**2))), float(errors_deg.max())),
         "turn": turn(fit),
         "guidance": guidance(fit, goal, frame),
@@ -315,9 +310,8 @@ def tile_errors_deg(fit: Fit) -> Floats:
     as to all headings; no mean is removed, since no mounting would explain one.
     """
     directions, dip_deg = tiles().centres @ rotation_of(fit), fit.heading_error_deg.dip_deg
-    return engine().attitude_errors(
-        fit.calibration.ellipsoid.shape, fit.claim.claimed_covariance, directions, dip_deg=dip_deg
-    )
+    claim = fit.claim
+    return engine().attitude_errors(claim.ellipsoid.shape, claim.claimed_covariance, directions, dip_deg=dip_deg)
 
 
 def sentence(fit: Fit, limit_deg: float | None = None) -> str:
@@ -350,9 +344,8 @@ def matrix_sigma(fit: Fit) -> Floats:
     δW = (δF/F) W − W δS S⁻¹, with δF = F tr(S⁻¹ δS)/3 where F is the radius that results, and 0 where it is known.
     """
     is_known = fit.calibration.field_strength_known
-    return engine().matrix_sigmas(
-        fit.calibration.matrix, fit.calibration.ellipsoid.shape, fit.claim.covariance, is_known=is_known
-    )
+    claim = fit.claim
+    return engine().matrix_sigmas(fit.calibration.matrix, claim.ellipsoid.shape, claim.covariance, is_known=is_known)
 
 
 def turn(fit: Fit) -> LevelTurn:
