@@ -141,11 +141,14 @@ def tried(case: tuple[str, str, int]) -> Trial | None:
     except flinders.FlindersError:
         return None
     raw = level(seed, sensor(stream(seed, "sensor")), Effect())
-    own = np.linalg.solve(fit.ellipsoid.shape, (raw - fit.ellipsoid.centre).T).T
-    claimed, aiding = fit.heading_error_deg.worst, fit.aiding
+    own = np.linalg.solve(fit.calibration.ellipsoid.shape, (raw - fit.calibration.ellipsoid.centre).T).T
+    claimed, aiding = fit.heading_error_deg.worst, fit.evidence.aiding
     return Trial(
         (claimed, float(np.abs(headings(own)).max())),
-        (np.hypot(claimed, fit.alignment_error_deg or 0.0), float(np.abs(headings(fit.calibration.apply(raw))).max())),
+        (
+            np.hypot(claimed, fit.claim.alignment_error_deg or 0.0),
+            float(np.abs(headings(fit.calibration.apply(raw))).max()),
+        ),
         is_used=aiding is not None and any(sensor.is_used for sensor in aiding.sensors),
         is_good=fit.verdict == "good",
     )

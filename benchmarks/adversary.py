@@ -527,7 +527,7 @@ def of_structure() -> Floats:
 def of_parameters(fit: Fit) -> Floats:
     """(`DRAWS`, 72) errors of heading that are drawn from the covariance of the fit."""
     iron = fit.calibration.field_strength * np.linalg.inv(fit.calibration.matrix)
-    values, vectors = np.linalg.eigh(fit.covariance)
+    values, vectors = np.linalg.eigh(fit.claim.covariance)
     errors = np.random.default_rng(SEED).standard_normal((DRAWS, 9)) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
     shape = errors[:, [3, 6, 7, 6, 4, 8, 7, 8, 5]].reshape(-1, 3, 3)
     moved = errors[:, None, :3] + np.einsum("dij,hj->dhi", shape, level_field())
@@ -536,8 +536,8 @@ def of_parameters(fit: Fit) -> Floats:
 
 def probability(fit: Fit) -> float:
     """How likely a true claim looks wrong: from errors that are drawn from all that the fit claims."""
-    worst, structure = fit.heading_error_deg.worst, fit.structure_deg
-    if not (np.isfinite(worst) and np.isfinite(fit.covariance).all()):
+    worst, structure = fit.heading_error_deg.worst, fit.claim.structure_deg
+    if not (np.isfinite(worst) and np.isfinite(fit.claim.covariance).all()):
         return 0.0
     rest = np.sqrt(max(worst**2 - structure**2, 0.0))
     largest = np.abs(rest * of_parameters(fit) + structure * of_structure()).max(axis=1)

@@ -119,7 +119,7 @@ def tried(recipe: Callable[[int], Simulated], seed: int, *, textbook: bool = Fal
     off = parameter_error(matrix, offset, recording)
     plain = Auto().estimate(Readings.of(recording.samples.field)).textbook if textbook else None
     return Trial(
-        weighed=_weighed(off, fit.covariance),
+        weighed=_weighed(off, fit.claim.covariance),
         textbook=math.nan if plain is None else _weighed(off, plain),
         bound_deg=bound(recording).angle_deg,
         error_deg=angle_error_deg(matrix, offset, recording),
@@ -438,7 +438,7 @@ def _fit_of_path(path: Callable[[Generator], adversary.Path], seed: int) -> tupl
     """Offset over the field, and error over claim, of a fit that is shrunk; None for any other."""
     effect, of = adversary.Effect(), adversary.sensor(adversary.stream(seed, "sensor"))
     fit = adversary.fitted(adversary.recorded(seed, of, effect, path(adversary.stream(seed, "path 0"))))
-    if fit is None or not fit.is_shrunk:
+    if fit is None or not fit.claim.is_shrunk:
         return None
     off = float(np.abs(adversary.headings(fit.calibration.apply(adversary.level(seed, of, effect)))).max())
     return float(np.linalg.norm(of.offset)) / adversary.STRENGTH_UT, off / fit.heading_error_deg.worst
@@ -493,8 +493,8 @@ def halves(pool: Executor, trials: int) -> Iterator[str]:
             parted = flinders.fit(cut, target_deg=90.0)
         except FlindersError:
             continue
-        if parted.repeats is not None:
-            half = parted.repeats.parts[0]
+        if parted.evidence.diagnosis.repeats is not None:
+            half = parted.evidence.diagnosis.repeats.parts[0]
             ratios.append(half.difference_deg / half.difference_sigma_deg)
             yield _row(
                 str(path.relative_to(FOLDER)), f"{whole.heading_error_deg.worst:.2f}°", f"{half.difference_deg:.2f}°",

@@ -200,11 +200,11 @@ def errors_of(one: Flown) -> tuple[Floats, Floats, list[str]]:
     """(9 + K + lags,) errors, their claimed variances, names: ``b``, ``S``, a disturbance, ``a``, ``lag``."""
     fit = fitted(one)
     calibration, sensor = fit.calibration, one.recording.sensor
-    assert fit.disturbances_covariance is not None
+    assert fit.evidence.disturbances.covariance is not None
     offset, grown = np.array(sensor.offset), 1.0
     error: list[Floats] = []
     names, lags = ["b"] * 3 + ["S"] * 6, []
-    for disturbance, told in zip(calibration.disturbances, fit.disturbances, strict=True):
+    for disturbance, told in zip(calibration.disturbances, fit.evidence.disturbances.estimates, strict=True):
         error.append(disturbance.per_unit - one.per_unit[disturbance.name])
         names += [f"P of {disturbance.name}"] * 3
         if disturbance.name == "temperature":
@@ -219,7 +219,7 @@ def errors_of(one: Flown) -> tuple[Floats, Floats, list[str]]:
         error.append(np.array([calibration.disturbances[-1].gain_per_unit - one.growth / grown]))
         names.append("a")
     squares = np.concatenate([level, *error, [lag for lag, _ in lags]])
-    variances = np.concatenate([np.diag(fit.disturbances_covariance), [variance for _, variance in lags]])
+    variances = np.concatenate([np.diag(fit.evidence.disturbances.covariance), [variance for _, variance in lags]])
     return squares, variances, names + ["lag"] * len(lags)
 
 
@@ -393,10 +393,10 @@ def _onboard_row(samples: Samples, board: Calibration) -> str:
     except Refused as refused:
         fit = refused.fit
     assert samples.current is not None
-    assert fit.disturbances_covariance is not None
+    assert fit.evidence.disturbances.covariance is not None
     drawn = float(np.median(samples.current))
     carried = np.hstack([np.eye(3), np.zeros((3, 6)), drawn * np.eye(3)])
-    sigma = np.sqrt(np.diag(carried @ fit.disturbances_covariance @ carried.T))
+    sigma = np.sqrt(np.diag(carried @ fit.evidence.disturbances.covariance @ carried.T))
     offset = fit.calibration.at(current=drawn).offset
     leaning = np.sqrt(np.diag(fit_disturbances([samples], ("current",)).leaning)[:3])
     return " | ".join(

@@ -160,8 +160,10 @@ def apart_deg(outcome: Any, fit: Fit) -> float:  # noqa: ANN401 - a row of `layo
     own = Ellipsoid(
         outcome["answer"]["offset"], outcome["answer"]["field"] * np.linalg.inv(outcome["answer"]["matrix"])
     )
-    change = own.parameters - fit.ellipsoid.parameters
-    return math.degrees(np.abs(level_gradients(fit.ellipsoid, dip_deg=fit.known_dip_deg) @ change).max())
+    change = own.parameters - fit.calibration.ellipsoid.parameters
+    return math.degrees(
+        np.abs(level_gradients(fit.calibration.ellipsoid, dip_deg=fit.claim.known_dip_deg) @ change).max()
+    )
 
 
 def compared(name: str, floats: Path, doubles: Path, m4: Path | None) -> dict[str, Any] | None:

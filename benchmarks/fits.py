@@ -99,14 +99,14 @@ def recordings() -> list[str]:
 
 def numbers_of(fit: Fit) -> Row:
     """What a fit says, but for its sentences."""
-    error, textbook = fit.heading_error_deg, fit.textbook_heading_error_deg
+    error, textbook = fit.heading_error_deg, fit.claim.textbook_heading_error_deg
     return {
         "verdict": fit.verdict,
         "used": fit.method,
         "samples": fit.samples,
         "offset": fit.calibration.offset.tolist(),
         "matrix": fit.calibration.matrix.tolist(),
-        "covariance": fit.covariance.tolist(),
+        "covariance": fit.claim.covariance.tolist(),
         "field_strength": fit.calibration.field_strength,
         "noise": fit.noise,
         "heading_rms_deg": error.rms,

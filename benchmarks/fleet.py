@@ -297,7 +297,7 @@ def li(field: Floats) -> Ellipsoid:
 
 def by_flinders(field: Floats) -> Ellipsoid:
     """`flinders.fit`, one unit after the other."""
-    return flinders.fit(field).ellipsoid
+    return flinders.fit(field).calibration.ellipsoid
 
 
 PEERS: Final[dict[str, Callable[[Floats], Ellipsoid]]] = {

@@ -129,9 +129,9 @@ class Follower:
         else:
             if fit is None:
                 return self._axis
-            here = path_planning.Belief.of_fit(fit).direction(field[-1])
+            here = path_planning.Belief.of(fit.claim, fit.noise, fit.coverage).direction(field[-1])
             there = guide(
-                fit.ellipsoid, fit.covariance, noise=fit.noise, coverage=fit.coverage, goal="attitude"
+                fit.calibration.ellipsoid, fit.claim.covariance, noise=fit.noise, coverage=fit.coverage, goal="attitude"
             ).direction
         axis: Floats = np.cross(here, there)
         return axis if np.linalg.norm(axis) > 1e-3 else self._axis
@@ -177,7 +177,7 @@ def fitted(field: Floats) -> Fit | None:
 
 def worst_deg(fit: Fit) -> float:
     """What the fit claims."""
-    return float(direction_errors_deg(fit.ellipsoid, fit.covariance, EVERYWHERE).max())
+    return float(direction_errors_deg(fit.calibration.ellipsoid, fit.claim.covariance, EVERYWHERE).max())
 
 
 def true_worst_deg(fit: Fit, sensor: Sensor) -> float:

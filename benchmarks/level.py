@@ -138,7 +138,7 @@ def tried(samples: Samples, **options: object) -> Fit | str:
 def scored(found: Fit, truth: Simulated) -> tuple[list[float], list[float]]:
     """True and claimed heading errors at each tilt."""
     answer = found.calibration.offset, found.calibration.matrix
-    claimed = [found.tilted_error(tilt).rms for tilt in TILTS_DEG]
+    claimed = [found.claim.tilted_error(tilt).rms for tilt in TILTS_DEG]
     return [tilted_error_deg(answer, truth, tilt) for tilt in TILTS_DEG], claimed
 
 
@@ -165,7 +165,7 @@ def turn_table(trials: int) -> Iterator[str]:
                     refused += 1
                     continue
                 scores.append(scored(found, truth))
-                limits.append(found.attitude_limit_deg)
+                limits.append(found.claim.attitude_limit_deg)
             told = f"{row(scores)} | {np.median(limits):.1f}°" if scores else "| | |"
             yield f"| {title} | {known} | {told} | {refused} |"
 

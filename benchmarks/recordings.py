@@ -57,10 +57,10 @@ def row(reference: Reference) -> str:
     """Fit one recording and write its row."""
     fit = flinders.fit(flinders.read(FOLDER / reference.recording))
     apart = float(np.linalg.norm(fit.calibration.offset - reference.offset)) / fit.calibration.field_strength
-    error = fit.heading_error_deg
+    error, (_, spread) = fit.heading_error_deg, fit.coverage.raw_strength(fit.calibration.ellipsoid)
     return (
         f"| {reference.recording} | {fit.samples:,} | {reference.tool} | {apart:.2%} | "
-        f"{fit.uncorrected_strength[1]:.1%} → {fit.noise / fit.calibration.field_strength:.1%} | "
+        f"{spread:.1%} → {fit.noise / fit.calibration.field_strength:.1%} | "
         f"{fit.verdict}, {error.worst:.2f}° |"
     )
 
@@ -78,7 +78,7 @@ def judged(path: Path) -> str | None:
         fit = refusal.fit
     except FitError as refusal:
         return f"| {name} | {len(samples):,} | refused |  |  | {refusal.code} |"
-    error, textbook = fit.heading_error_deg, fit.textbook_heading_error_deg
+    error, textbook = fit.heading_error_deg, fit.claim.textbook_heading_error_deg
     codes = [finding.code if finding.severity != "note" else f"({finding.code})" for finding in fit.findings]
     told = ", ".join(code for code in codes if code.strip("()") not in ALWAYS)
     claimed = "" if fit.verdict == "refused" else f"{error.worst:.2g}°"

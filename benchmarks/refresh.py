@@ -111,9 +111,7 @@ def repeats() -> Floats:
                 fit = flinders.refresh(part, earlier)
             except Refused as refused:
                 fit = refused.fit
-            apart = flinders.compare(
-                replace(fit, name="refreshed"), whole, dip_deg=DIP_DEG
-            ).heading_difference_deg.worst
+            apart = flinders.compare(fit.with_name("refreshed"), whole, dip_deg=DIP_DEG).heading_difference_deg.worst
             ratios.append(apart / math.hypot(fit.heading_error_deg.worst, whole.heading_error_deg.worst))
     return np.array(ratios)
 
@@ -147,7 +145,7 @@ def stood(seed: int, headings: int, crab_deg: float = 0.0) -> Trial | None:
             return None
         fit = refused.fit
     truth = Ellipsoid(sensor.offset, FIELD_UT * sensor.matrix)
-    error = heading_deg(truth, parameters(fit.ellipsoid) - parameters(truth))
+    error = heading_deg(truth, parameters(fit.calibration.ellipsoid) - parameters(truth))
     return Trial(error, fit.heading_error_deg.rms, math.nan, fit.verdict == "good", is_changed=False)
 
 
@@ -173,7 +171,7 @@ def tried(seed: int, motion: str, aiding: Sequence[str], change: float) -> Trial
     codes = {finding.code for finding in fit.findings}
     truth = Ellipsoid(sensor.offset, FIELD_UT * sensor.matrix)
     return Trial(
-        heading_deg(truth, parameters(fit.ellipsoid) - parameters(truth)),
+        heading_deg(truth, parameters(fit.calibration.ellipsoid) - parameters(truth)),
         fit.heading_error_deg.rms,
         bound_deg(short, truth, earlier),
         fit.verdict == "good",

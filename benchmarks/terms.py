@@ -461,13 +461,13 @@ def magnet_trial(motion: str, aiding: str, number: int) -> tuple[str, float, flo
     except FlindersError:
         return "refused", math.nan, math.nan, math.nan
     heading = _heading_ratio(fit, recording)
-    off = (fit.calibration.offset - recording.sensor.offset) / np.sqrt(np.diag(fit.covariance)[:3])
+    off = (fit.calibration.offset - recording.sensor.offset) / np.sqrt(np.diag(fit.claim.covariance)[:3])
     return fit.verdict, heading, float(np.max(np.abs(off))), _rotation_ratio(fit)
 
 
 def _rotation_ratio(fit: Fit) -> float:
     """Largest component of the rotation, which is none in truth, over its claim; NaN where nothing saw it."""
-    aiding = fit.aiding
+    aiding = fit.evidence.aiding
     if aiding is None or aiding.rotation is None or aiding.rotation_covariance is None:
         return math.nan
     ratios = rotation_vectors(aiding.rotation[np.newaxis])[0] / np.sqrt(np.diag(aiding.rotation_covariance))
@@ -531,8 +531,12 @@ def drive_trial(title: str, number: int) -> tuple[float, float, bool, bool]:
     recording, samples = short_drive(disturbed, number)
     alone, aided = (_judged(samples, each) for each in ((), aiding))
     ratios = [math.nan if fit is None else _heading_ratio(fit, recording) for fit in (alone, aided)]
-    is_used = aided is not None and aided.aiding is not None and any(aid.is_used for aid in aided.aiding.sensors)
-    return ratios[0], ratios[1], is_used, alone is not None and bool(alone.plane)
+    is_used = (
+        aided is not None
+        and aided.evidence.aiding is not None
+        and any(aid.is_used for aid in aided.evidence.aiding.sensors)
+    )
+    return ratios[0], ratios[1], is_used, alone is not None and bool(alone.claim.plane)
 
 
 def _judged(samples: Samples, aiding: str | tuple[()]) -> Fit | None:

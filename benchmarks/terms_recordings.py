@@ -246,6 +246,6 @@ def automatic(name: str) -> tuple[str, str]:
         fit = flinders.fit(flinders.read(FOLDER / name), aiding="auto")
     except Refused as refusal:
         fit = refusal.fit
-    each = () if fit.aiding is None else fit.aiding.sensors
+    each = () if fit.evidence.aiding is None else fit.evidence.aiding.sensors
     kept = ", ".join(f"{aid.name} ({aid.heading_change_deg:.2g}°)" for aid in each if aid.is_used)
     return kept or "–", ", ".join(aid.name for aid in each if not aid.is_used) or "–"

@@ -73,9 +73,9 @@ def fitted(samples: Samples) -> Fit | None:
 
 def off_deg(fit: Fit, whole: Fit) -> float:
     """Worst level heading difference, the strength of the field removed."""
-    ours, theirs = fit.ellipsoid.parameters, whole.ellipsoid.parameters
+    ours, theirs = fit.calibration.ellipsoid.parameters, whole.calibration.ellipsoid.parameters
     apart = difference(ours, theirs)
-    return level_error(whole.ellipsoid, np.outer(apart, apart), dip_deg=60.0).worst
+    return level_error(whole.calibration.ellipsoid, np.outer(apart, apart), dip_deg=60.0).worst
 
 
 def difference(ours: Floats, theirs: Floats) -> Floats:
@@ -103,10 +103,10 @@ def parts_of(samples: Samples) -> Iterator[Part]:
         ends = np.linspace(0, len(samples), count + 1).astype(int).tolist()
         for begin, end in pairwise(ends):
             fit = fitted(samples[begin:end])
-            if fit is None or fit.plane:
+            if fit is None or fit.claim.plane:
                 continue
             claims = fit.heading_error_deg.worst, whole.heading_error_deg.worst
-            raw = raw_error(whole.ellipsoid, dip_deg=60.0).worst
+            raw = raw_error(whole.calibration.ellipsoid, dip_deg=60.0).worst
             yield Part(fit.verdict, off_deg(fit, whole), math.hypot(*claims), claims[0], raw)
 
 
@@ -118,7 +118,7 @@ def recordings() -> Iterator[tuple[Samples, Fit]]:
         except FlindersError:
             continue
         whole = fitted(samples)
-        if whole and whole.verdict != "refused" and not whole.plane and whole.heading_error_deg.worst < WORST_DEG:
+        if whole and whole.verdict != "refused" and not whole.claim.plane and whole.heading_error_deg.worst < WORST_DEG:
             yield samples, whole
 
 
@@ -141,9 +141,9 @@ def windows() -> Iterator[str]:
 
 def scaled_off(fit: Fit) -> Floats:
     """(9, 9) covariance of offset and shape, without what the strength of the field adds."""
-    parameters, jacobian = fit.ellipsoid.parameters, np.eye(9)
+    parameters, jacobian = fit.calibration.ellipsoid.parameters, np.eye(9)
     jacobian[3:] -= np.outer(parameters[3:], SIZE) / (SIZE @ parameters)
-    scaled: Floats = jacobian @ fit.covariance @ jacobian.T
+    scaled: Floats = jacobian @ fit.claim.covariance @ jacobian.T
     return scaled
 
 
@@ -167,8 +167,8 @@ def repeats() -> Iterator[str]:
 
 def ratios(first: Fit, second: Fit) -> list[float]:
     """Difference over the claim of it: of all nine, without the strength, of each of `GROUPS` so, of the strength."""
-    ours, theirs = first.ellipsoid.parameters, second.ellipsoid.parameters
-    whole, apart = first.covariance + second.covariance, difference(ours, theirs)
+    ours, theirs = first.calibration.ellipsoid.parameters, second.calibration.ellipsoid.parameters
+    whole, apart = first.claim.covariance + second.claim.covariance, difference(ours, theirs)
     scaled = scaled_off(first) + scaled_off(second)
     each = [chi(apart[part], scaled[part, part], freedom) for part, freedom in GROUPS.values()]
     strength = abs(SIZE @ (ours - theirs)) / math.sqrt(SIZE @ whole @ SIZE)

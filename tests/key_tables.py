@@ -30,6 +30,12 @@ STATED: Final = re.compile(
 )
 """Units that a comment states."""
 
+FIT = (
+    "fitting.result:Fit fitting.evidence:Disturbances fitting.evidence:Residuals fitting.evidence:Diagnosis "
+    "fitting.evidence:Evidence fitting.claim:Claim"
+)
+"""A fit, and the values that it consists of."""
+
 PAGE: Final[Mapping[str, Mapping[str, str]]] = {
     "Calibration file": {
         "top level": "core.calibration_file:Document",
@@ -41,7 +47,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`fit.heading_error_deg`": "core.calibration_file:HeadingErrorRecord",
         "`fit.findings`, each": "core.calibration_file:FindingRecord",
         "`fit.aiding`": "core.calibration_file:AidingRecord",
-        "`provenance`": "core.calibration_file:Provenance",
+        "`provenance`": "core.calibration_file:ProvenanceRecord",
         "`provenance.files`, each": "core.calibration_file:SourceFile",
         "`provenance.files.columns`": "core.calibration_file:ColumnsRecord",
         "`survey`": "core.calibration_file:SurveyRecord",
@@ -71,7 +77,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`change_deg`": "report.fleet:Histogram",
     },
     "Fits": {
-        "`calibrate --json`, `demo`, `merge`, `refresh`, `two-axis`": "fitting.result:Fit",
+        "`calibrate --json`, `demo`, `merge`, `refresh`, `two-axis`": FIT,
         "`heading_error_deg`": "core.calibration_file:HeadingErrorRecord",
         "`findings`, each": "findings.row:Finding",
         "`coverage`": "summary.coverage:Coverage",
@@ -85,7 +91,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`aiding`": "fitting.aiding:Aiding",
         "`aiding.sensors`, each": "fitting.aiding:AidingSensor",
         "`refreshed`": "diagnostics.soft_iron:Refreshed",
-        "`calibrate --minmax --json`": "fitting.axis_extremes:Extremes fitting.result:Fit",
+        "`calibrate --minmax --json`": f"fitting.axis_extremes:Extremes {FIT}",
         "`calibrate --sensor all --joint --json`":
             "comparison.multi_sensor:Together comparison.multi_sensor:Agreement",
         "`disagreements`, each": "comparison.agreement:Disagreement",
@@ -102,7 +108,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`residual`, and `apply --json`": "comparison.comparison:Strength",
         "`evaluate --json`": "comparison.evaluation:Evaluation",
         "`compare-methods --json`": "comparison.methods:Contest",
-        "`methods`, each": "comparison.methods:Entry core.calibration:Calibration fitting.result:Fit",
+        "`methods`, each": f"comparison.methods:Entry core.calibration:Calibration {FIT}",
     },
     "Headings": {
         "`heading --json`": "heading.compass:Voyage",

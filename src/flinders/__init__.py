@@ -12,6 +12,7 @@ Names are looked up when they are first used, so that importing the package cost
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
@@ -92,7 +93,16 @@ def __getattr__(name: str) -> object:
     module = import_module(f"flinders.{home}")
     attribute: Any = module if home.rpartition(".")[2] == name else getattr(module, name)
     globals()[name] = attribute  # looked up once
+    if result := sys.modules.get("flinders.fitting.result"):
+        vars(result)["Fit"]._repr_html_ = _html_of
     return attribute
+
+
+def _html_of(fit: Fit) -> str:
+    """What a notebook shows of a fit: pages are above fits, which therefore do not know of them."""
+    from flinders.report.notebook import html_of
+
+    return html_of(fit)
 
 
 def __dir__() -> list[str]:

@@ -156,7 +156,8 @@ def assert_alike(found: BatchColumns, place: int, fit: Fit) -> None:
     radius = calibration.field_strength
     assert np.abs(found.offset[place] - calibration.offset).max() < AGREED * radius
     for name, expected in (
-        ("matrix", calibration.matrix.ravel()), ("covariance", fit.covariance.ravel()[UPPER]), ("noise", fit.noise),
+        ("matrix", calibration.matrix.ravel()), ("covariance", fit.claim.covariance.ravel()[UPPER]),
+        ("noise", fit.noise),
         ("field_strength", radius), ("coverage", fit.coverage.fraction), ("worst_deg", fit.heading_error_deg.worst),
         ("rms_deg", fit.heading_error_deg.rms), ("dip_deg", fit.heading_error_deg.dip_deg),
     ):  # fmt: skip

@@ -60,7 +60,13 @@ def test_it_says_what_python_says(program: Path, world: dict[str, object]) -> No
         code, _, action = line.partition(": ")
         row = CATALOGUE[code]
         assert action[:12] == (row.fleet_action or row.action)[:12]
-    advice = guide(fit.ellipsoid, fit.covariance, noise=fit.noise, coverage=fit.coverage, dip_deg=fit.known_dip_deg)
+    advice = guide(
+        fit.calibration.ellipsoid,
+        fit.claim.covariance,
+        noise=fit.noise,
+        coverage=fit.coverage,
+        dip_deg=fit.claim.known_dip_deg,
+    )
     assert float(turn.split()[-2]) == pytest.approx(advice.after_deg, rel=0.02)
 
 

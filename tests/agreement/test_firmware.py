@@ -120,7 +120,9 @@ def test_a_board_claims_what_the_library_claims_of_independent_readings(name: st
 def test_a_board_advises_what_the_library_advises(double: Path) -> None:
     fit = flinders.fit(world("tilted"), unit="uT")
     answer = firmware.run(firmware.HOST_DOUBLE, double, world("tilted"))["answer"]
-    advice = guide(fit.ellipsoid, fit.covariance, noise=fit.noise, coverage=fit.coverage, dip_deg=60.0)
+    advice = guide(
+        fit.calibration.ellipsoid, fit.claim.covariance, noise=fit.noise, coverage=fit.coverage, dip_deg=60.0
+    )
     npt.assert_allclose(answer["turn"], advice.direction, atol=1e-9)
     npt.assert_allclose(answer["after_deg"], advice.after_deg, rtol=0.05)
 

@@ -16,7 +16,14 @@ import flinders
 from flinders.core import calibration_file
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
-from flinders.core.calibration_file import Document, FindingRecord, Fitted, HeadingErrorRecord, Provenance, SourceFile
+from flinders.core.calibration_file import (
+    Document,
+    FindingRecord,
+    Fitted,
+    HeadingErrorRecord,
+    ProvenanceRecord,
+    SourceFile,
+)
 from flinders.core.units import Unit
 
 if TYPE_CHECKING:
@@ -53,7 +60,7 @@ def full_document() -> Document:
         ),
     )
     files = (SourceFile(name="tumble µ.csv", sha256="0f" * 32, bytes=123456, rows=3004),)
-    provenance = Provenance(flinders="0.1.0", date=datetime(2026, 11, 21, 10, tzinfo=UTC), files=files)
+    provenance = ProvenanceRecord(flinders="0.1.0", date=datetime(2026, 11, 21, 10, tzinfo=UTC), files=files)
     return calibration.to_document(fit=fit, provenance=provenance)
 
 

@@ -30,7 +30,7 @@ FITS: dict[str, Callable[[], Fit]] = {
     "motors": lambda: flinders.fit(
         simulate.tumble(seed=3, n=1500, disturbances=[MOTORS]).samples, disturbances=("current",)
     ),
-    "imported": lambda: Fit(flinders.Calibration(np.eye(3), np.array([1.0, 2.0, 3.0]), 50.0)),
+    "imported": lambda: Fit.of(flinders.Calibration(np.eye(3), np.array([1.0, 2.0, 3.0]), 50.0)),
 }
 
 
@@ -46,12 +46,12 @@ def test_a_fit_is_loaded_and_written_again_to_the_byte(name: str, tmp_path: Path
 def test_a_loaded_fit_says_what_the_fit_did(name: str) -> None:
     fit = FITS[name]()
     loaded = Fit.from_document(loads(dumps(fit.to_document())))
-    assert (loaded.verdict, loaded.method, loaded.plane) == (fit.verdict, fit.method, fit.plane)
+    assert (loaded.verdict, loaded.method, loaded.claim.plane) == (fit.verdict, fit.method, fit.claim.plane)
     assert [finding.code for finding in loaded.findings] == [finding.code for finding in fit.findings]
     assert repr(loaded) == repr(fit)
-    if fit.states_uncertainty:
-        assert loaded.tilted_error(10.0).worst == pytest.approx(fit.tilted_error(10.0).worst, rel=1e-6)
-        assert loaded.attitude_limit_deg == pytest.approx(fit.attitude_limit_deg, rel=1e-6)
+    if fit.claim.states_uncertainty:
+        assert loaded.claim.tilted_error(10.0).worst == pytest.approx(fit.claim.tilted_error(10.0).worst, rel=1e-6)
+        assert loaded.claim.attitude_limit_deg == pytest.approx(fit.claim.attitude_limit_deg, rel=1e-6)
 
 
 def test_what_needs_the_readings_of_a_loaded_fit_names_the_recording() -> None:
@@ -59,7 +59,8 @@ def test_what_needs_the_readings_of_a_loaded_fit_names_the_recording() -> None:
     loaded = Fit.from_document(fit.to_document())
     assert loaded.coverage.fraction == fit.coverage.fraction
     looks: tuple[Callable[[Fit], Any], ...] = (
-        lambda one: one.coverage.counts, lambda one: one.coverage.readings, lambda one: one.uncorrected_strength,
+        lambda one: one.coverage.counts, lambda one: one.coverage.readings,
+        lambda one: one.coverage.raw_strength(one.calibration.ellipsoid),
     )  # fmt: skip
     for look in looks:
         look(fit)
@@ -74,17 +75,22 @@ def test_a_pickled_fit_counts_directions_and_takes_no_readings_along() -> None:
     assert len(pickled) < 20_000
     assert loaded.coverage.as_dict() == fit.coverage.as_dict()
     np.testing.assert_array_equal(loaded.coverage.counts, fit.coverage.counts)
-    np.testing.assert_allclose(loaded.uncorrected_strength, fit.uncorrected_strength, rtol=1e-12)
+    np.testing.assert_allclose(
+        loaded.coverage.raw_strength(loaded.calibration.ellipsoid),
+        fit.coverage.raw_strength(fit.calibration.ellipsoid),
+        rtol=1e-12,
+    )
 
 
 def test_a_calibration_that_says_nothing_of_itself_is_limited() -> None:
     imported = FITS["imported"]()
-    assert (imported.verdict, imported.states_uncertainty, imported.findings) == ("limited", False, ())
+    assert (imported.verdict, imported.claim.states_uncertainty, imported.findings) == ("limited", False, ())
     assert Fit.from_document(imported.to_document()).verdict == "limited"
 
 
 def test_numbers_that_nobody_stated_are_null_in_json() -> None:
     imported = FITS["imported"]().as_dict()
     assert (imported["noise"], imported["covariance"], imported["heading_error_deg"]) == (None, None, None)
-    silent = replace(FITS["all attitudes"](), heading_error_deg=HeadingError(np.nan, np.nan, np.nan)).as_dict()
-    assert silent["heading_error_deg"] is None
+    fit = FITS["all attitudes"]()
+    silent = replace(fit, claim=replace(fit.claim, heading_error_deg=HeadingError(np.nan, np.nan, np.nan)))
+    assert silent.as_dict()["heading_error_deg"] is None

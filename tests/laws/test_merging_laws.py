@@ -34,7 +34,7 @@ KNOWN = (None, 50.0)
 def judged(seed: int, *, motion: str = "uniform", field_strength: float | None = None) -> Fit:
     recording = simulate.tumble(seed=seed, motion=motion, n=600, sensor=RANDOM_SENSOR)
     fit = flinders.fit(recording.samples, site=flinders.Site(strength=field_strength))
-    return replace(fit, name=f"{motion} {seed}")
+    return fit.with_name(f"{motion} {seed}")
 
 
 def in_field(one: Fit, factor: float) -> Fit:
@@ -43,24 +43,25 @@ def in_field(one: Fit, factor: float) -> Fit:
     stronger = Calibration.from_ellipsoid(
         one.calibration.offset, factor * one.calibration.shape, field_strength=known, raw=one.calibration.raw
     )
-    return replace(one, calibration=stronger, covariance=rescaled(one.covariance, factor))
+    claim = replace(one.claim, covariance=rescaled(one.claim.covariance, factor))
+    return replace(one, claim=claim).with_calibration(stronger)
 
 
 def repeats(merged: Fit) -> Repeats:
-    assert merged.repeats is not None
-    return merged.repeats
+    assert merged.evidence.diagnosis.repeats is not None
+    return merged.evidence.diagnosis.repeats
 
 
 def again(merged: Fit, name: str = "merged") -> Fit:
-    return replace(Fit.from_document(merged.to_document()), name=name)
+    return Fit.from_document(merged.to_document()).with_name(name)
 
 
 def same(found: Fit, expected: Fit, rtol: float = 1e-8) -> None:
     npt.assert_allclose(found.calibration.offset, expected.calibration.offset, rtol=rtol)
     npt.assert_allclose(found.calibration.matrix, expected.calibration.matrix, rtol=rtol, atol=rtol)
-    sigma = np.sqrt(np.diag(expected.covariance))
+    sigma = np.sqrt(np.diag(expected.claim.covariance))
     npt.assert_allclose(
-        found.covariance / np.outer(sigma, sigma), expected.covariance / np.outer(sigma, sigma), atol=1e-5
+        found.claim.covariance / np.outer(sigma, sigma), expected.claim.covariance / np.outer(sigma, sigma), atol=1e-5
     )
 
 
@@ -95,26 +96,28 @@ def test_fields_of_any_strength_give_the_same_correction(factors: list[float]) -
 def test_in_two_steps_it_comes_to_the_same(field_strength: float | None) -> None:
     """As long as nothing scatters beyond its claim, which would be claimed from then on."""
     parts = [judged(seed, field_strength=field_strength) for seed in range(1, 5)]
-    claims = [replace(part, covariance=9.0 * np.asarray(part.covariance)) for part in parts]
+    claims = [
+        replace(part, claim=replace(part.claim, covariance=9.0 * np.asarray(part.claim.covariance))) for part in parts
+    ]
     at_once = merge(claims)
     assert not repeats(at_once).scatter.any()
     in_steps = merge([again(merge(claims[:2]), "first"), again(merge(claims[2:]), "second")])
-    sigma = np.sqrt(np.diag(at_once.covariance))
+    sigma = np.sqrt(np.diag(at_once.claim.covariance))
     off = np.concatenate(
         [
-            in_steps.ellipsoid.centre - at_once.ellipsoid.centre,
-            upper(in_steps.ellipsoid.shape - at_once.ellipsoid.shape),
+            in_steps.calibration.ellipsoid.centre - at_once.calibration.ellipsoid.centre,
+            upper(in_steps.calibration.ellipsoid.shape - at_once.calibration.ellipsoid.shape),
         ]
     )
     assert np.abs(off / sigma).max() < 0.01
-    npt.assert_allclose(np.sqrt(np.diag(in_steps.covariance)), sigma, rtol=0.01)
+    npt.assert_allclose(np.sqrt(np.diag(in_steps.claim.covariance)), sigma, rtol=0.01)
 
 
 def test_with_itself_it_is_refused() -> None:
     with pytest.raises(UsageError, match="uniform 1 is given twice"):
         merge([judged(1), judged(1)])
     with pytest.raises(UsageError, match="uniform 1 and copy are the same calibration"):
-        merge([judged(1), replace(judged(1), name="copy")])
+        merge([judged(1), judged(1).with_name("copy")])
 
 
 @given(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0))

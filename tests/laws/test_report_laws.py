@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from tests.trials import daily, examples
 from tests.truth.test_report import Page, fitted
 
-from flinders.core.calibration_file import Provenance, SourceFile
+from flinders.core.calibration_file import ProvenanceRecord, SourceFile
 from flinders.report.charts import dot_path, ticks
 from flinders.report.colours import STEPS, Theme, class_of, colour_of, seen_ends, seen_level
 from flinders.report.html import Listing, page
@@ -63,13 +63,13 @@ def reported(name: str) -> str:
     fit, samples = fitted()
     calibration = replace(fit.calibration, sensor=name)
     finding = replace(fit.findings[0], advice=name)
-    provenance = Provenance(
+    provenance = ProvenanceRecord(
         flinders="1.2.3",
         date=datetime(2026, 5, 1, 12, 30, tzinfo=UTC),
         files=(SourceFile(name=name, sha256="0" * 64, bytes=1, rows=1),),
     )
     return page(
-        replace(fit, calibration=calibration, findings=(finding,)),
+        replace(fit, calibration=calibration, judgement=replace(fit.judgement, findings=(finding,))),
         replace(samples, source=name),
         provenance=provenance,
         asked={name: name},

@@ -273,10 +273,10 @@ def test_fit_takes_aids_and_says_what_each_changed() -> None:
     plain = flinders.fit(true.samples)
     assert fit.heading_error_deg.worst < plain.heading_error_deg.worst
     assert fit.calibration.rotation == "estimated"
-    assert fit.aiding is not None
-    assert [aid.name for aid in fit.aiding.sensors if aid.is_used] == ["rate", "dip"]
-    assert fit.aiding.dip_deg == pytest.approx(DIP_DEG, abs=3.0 * (fit.aiding.dip_sigma_deg or 0.0))
-    assert fit.aiding.acceleration_bias == pytest.approx(0.0, abs=0.3)
+    assert fit.evidence.aiding is not None
+    assert [aid.name for aid in fit.evidence.aiding.sensors if aid.is_used] == ["rate", "dip"]
+    assert fit.evidence.aiding.dip_deg == pytest.approx(DIP_DEG, abs=3.0 * (fit.evidence.aiding.dip_sigma_deg or 0.0))
+    assert fit.evidence.aiding.acceleration_bias == pytest.approx(0.0, abs=0.3)
     assert "rotation-unknown" not in {finding.code for finding in fit.findings}
     assert fit.as_dict()["aiding"]["sensors"][0]["name"] == "rate"
     again = flinders.Calibration.from_document(fit.to_document())

@@ -57,8 +57,8 @@ def test_a_current_that_follows_the_attitude_limits_a_fit(seed: int) -> None:
     fit = judged(followed(tumbled(seed)))
     assert "attitude-dependent" in codes(fit)
     assert fit.verdict == "limited"
-    assert fit.attitude_dependence is not None
-    assert fit.attitude_dependence.explained > 0.2
+    assert fit.evidence.diagnosis.attitude_dependence is not None
+    assert fit.evidence.diagnosis.attitude_dependence.explained > 0.2
 
 
 def slow(rng: np.random.Generator, samples: Samples) -> Samples:
@@ -91,7 +91,7 @@ def test_the_axes_of_the_accelerometer_do_not_matter() -> None:
     assert samples.acceleration is not None
     fit = judged(samples)
     turned = replace(samples, acceleration=samples.acceleration @ simulate.turns([[0.3, -0.8, 1.1]])[0])
-    one, other = (attitude_dependence_of(some, fit.ellipsoid, dip_deg=60.0) for some in (samples, turned))
+    one, other = (attitude_dependence_of(some, fit.calibration.ellipsoid, dip_deg=60.0) for some in (samples, turned))
     assert one is not None
     assert other is not None
     assert other.significance == pytest.approx(one.significance)
@@ -100,7 +100,7 @@ def test_the_axes_of_the_accelerometer_do_not_matter() -> None:
 
 def test_a_level_turn_tells_nothing() -> None:
     samples = followed(tumbled(1, motion="level"))
-    assert attitude_dependence_of(samples, flinders.fit(tumbled(1)).ellipsoid, dip_deg=60.0) is None
+    assert attitude_dependence_of(samples, flinders.fit(tumbled(1)).calibration.ellipsoid, dip_deg=60.0) is None
 
 
 def test_readings_without_noise_follow_no_attitude() -> None:
@@ -111,4 +111,4 @@ def test_readings_without_noise_follow_no_attitude() -> None:
 def test_an_accelerometer_without_values_tells_nothing() -> None:
     samples = tumbled(1)
     empty = replace(samples, acceleration=np.full((len(samples), 3), np.nan))
-    assert attitude_dependence_of(empty, flinders.fit(samples).ellipsoid, dip_deg=60.0) is None
+    assert attitude_dependence_of(empty, flinders.fit(samples).calibration.ellipsoid, dip_deg=60.0) is None

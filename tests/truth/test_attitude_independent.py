@@ -190,7 +190,7 @@ def test_without_the_strength_the_claim_is_true(varies: float) -> None:
 
 def test_several_recordings_are_held_against_each_other_at_one_strength() -> None:
     fit = flinders.fit(Joined((orbit(1.0, 1), orbit(1.0, 2))), method="alonso-shuster")
-    assert fit.repeats is not None
+    assert fit.evidence.diagnosis.repeats is not None
     assert "recordings-differ" not in {finding.code for finding in fit.findings}
     assert fit.verdict == "good"
 
@@ -256,7 +256,7 @@ def test_half_a_sphere_beside_auto(seed: int) -> None:
     off, good = (np.linalg.norm(fit.calibration.offset - half.sensor.offset) for fit in (ours, auto))
     assert off > 2.0 * good
     for fit, length in ((ours, off), (auto, good)):
-        assert length < 2.5 * np.sqrt(np.trace(fit.covariance[:3, :3]))
+        assert length < 2.5 * np.sqrt(np.trace(fit.claim.covariance[:3, :3]))
     assert ours.heading_error_deg.worst > auto.heading_error_deg.worst
 
 
@@ -266,7 +266,9 @@ def test_a_fit_that_slides_to_minus_one_is_refused_where_auto_is_right(seed: int
     with pytest.raises(Collapsed, match="Use method 'auto'"):
         flinders.fit(deck.samples, method="alonso-shuster")
     fit = flinders.fit(deck.samples)
-    assert np.linalg.norm(fit.calibration.offset - deck.sensor.offset) < 4 * np.sqrt(np.trace(fit.covariance[:3, :3]))
+    assert np.linalg.norm(fit.calibration.offset - deck.sensor.offset) < 4 * np.sqrt(
+        np.trace(fit.claim.covariance[:3, :3])
+    )
 
 
 # One reading after the other.

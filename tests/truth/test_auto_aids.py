@@ -148,11 +148,11 @@ def test_a_rotation_is_kept_where_the_ellipsoid_needs_no_help() -> None:
     """A tumble by hand tells offset and shape by itself, and nothing of how the accelerometer sits."""
     true = simulate.tumble(seed=3, n=1500, imu=simulate.Imu(acceleration_noise=0.5))
     fit = flinders.fit(replace(with_another_mounting(true.samples), rate=None), aiding="auto")
-    assert fit.aiding is not None
-    assert [aid.is_used for aid in fit.aiding.sensors] == [True]
+    assert fit.evidence.aiding is not None
+    assert [aid.is_used for aid in fit.evidence.aiding.sensors] == [True]
     assert fit.calibration.rotation == "estimated"
-    assert fit.aiding.rotation is not None
-    npt.assert_allclose(fit.aiding.rotation, MOUNTING, atol=0.02)
+    assert fit.evidence.aiding.rotation is not None
+    npt.assert_allclose(fit.evidence.aiding.rotation, MOUNTING, atol=0.02)
 
 
 def test_a_current_that_moves_the_offset_is_followed_and_says_what_it_takes_away() -> None:
@@ -160,9 +160,9 @@ def test_a_current_that_moves_the_offset_is_followed_and_says_what_it_takes_away
     flown = simulate.tumble(seed=3, n=1500, disturbances=[motors]).samples
     fit = flinders.fit(flown, aiding="auto")
     assert [disturbance.name for disturbance in fit.calibration.disturbances] == ["current"]
-    assert fit.aiding is not None
-    assert fit.aiding.sensors[0].name == "current"
-    assert fit.aiding.sensors[0].heading_change_deg > 10.0
+    assert fit.evidence.aiding is not None
+    assert fit.evidence.aiding.sensors[0].name == "current"
+    assert fit.evidence.aiding.sensors[0].heading_change_deg > 10.0
 
 
 def test_a_current_that_does_nothing_is_left_out() -> None:
@@ -179,10 +179,12 @@ def test_a_short_drive_that_leans_uses_its_attitude_and_a_level_turn_does_not() 
     """Both lie flat; of the drive the residuals of the ellipse are correlated, as the body leans."""
     drive, turn = (_with_attitude(motion, seed=1002) for motion in ("drive", "level"))
     leaning, level = (flinders.fit(each.samples, aiding="attitude", target_deg=10.0) for each in (drive, turn))
-    assert (leaning.plane, level.plane) == (None, "xy")
-    assert [[aid.is_used for aid in fit.aiding.sensors] for fit in (leaning, level) if fit.aiding] == [[True], [False]]
+    assert (leaning.claim.plane, level.claim.plane) == (None, "xy")
+    assert [
+        [aid.is_used for aid in fit.evidence.aiding.sensors] for fit in (leaning, level) if fit.evidence.aiding
+    ] == [[True], [False]]
     off = np.abs(leaning.calibration.offset - drive.sensor.offset)
-    npt.assert_array_less(off, 3.0 * np.sqrt(np.diag(leaning.covariance)[:3]))
+    npt.assert_array_less(off, 3.0 * np.sqrt(np.diag(leaning.claim.covariance)[:3]))
 
 
 def _with_attitude(motion: str, seed: int) -> Simulated:

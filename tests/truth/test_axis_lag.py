@@ -89,9 +89,9 @@ def test_the_claim_covers_what_a_lag_costs_and_names_the_axis(lag_s: float) -> N
     finding = next(finding for finding in fit.findings if finding.code == "axis-lag")
     assert finding.advice.startswith("axis y is read ")
     assert " ms later than the others" in finding.advice
-    assert fit.axis_lag is not None
-    assert fit.axis_lag.is_timed
-    assert fit.heading_error_deg.worst >= finding.number == fit.axis_lag.heading_deg
+    assert fit.evidence.diagnosis.axis_lag is not None
+    assert fit.evidence.diagnosis.axis_lag.is_timed
+    assert fit.heading_error_deg.worst >= finding.number == fit.evidence.diagnosis.axis_lag.heading_deg
     true = heading_error(sensor, fit)
     assert true < 2.5 * fit.heading_error_deg.worst
 

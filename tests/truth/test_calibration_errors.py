@@ -15,7 +15,7 @@ import pytest
 
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
-from flinders.core.calibration_file import Correction, Document, Fitted, Provenance, Recorded
+from flinders.core.calibration_file import Correction, Document, Fitted, ProvenanceRecord, Recorded
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, DocumentError, FlindersError, OutputError, OutputExists, UsageError
 
@@ -278,7 +278,7 @@ def test_a_document_that_could_not_be_read_again_is_not_written(
 
 def test_numbers_of_numpy_are_written_as_numbers() -> None:
     fit = Fitted(method="auto", samples=np.int64(5), coverage={"seen": np.float32(0.5)})  # type: ignore[arg-type, dict-item]
-    provenance = Provenance(flinders="0.1.0", date=datetime(2026, 11, 21, tzinfo=UTC))
+    provenance = ProvenanceRecord(flinders="0.1.0", date=datetime(2026, 11, 21, tzinfo=UTC))
     kept = calibration_file.loads(
         calibration_file.dumps(Calibration.identity().to_document(fit=fit, provenance=provenance))
     )

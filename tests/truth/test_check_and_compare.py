@@ -150,7 +150,8 @@ def test_calibrations_that_leave_any_angle_say_so() -> None:
     """One of another sensor, whose claim is as wide as it is wrong."""
     first = flinders.Fit.load("monday.json")
     moved = replace(first.calibration, offset=first.calibration.offset + np.array([200.0, 0.0, 0.0]))
-    replace(first, calibration=moved, covariance=1e8 * first.covariance).save("wide.json")
+    claim = replace(first.claim, covariance=1e8 * first.claim.covariance)
+    replace(first, claim=claim).with_calibration(moved).save("wide.json")
     ended = flinders_("compare", "monday.json", "wide.json")
     assert ended.code == 3
     assert "headings any angle apart" in " ".join(ended.out.split())
@@ -374,7 +375,7 @@ def test_the_dip_of_the_calibration_is_that_of_its_comparisons(tmp_path: Path, m
     monkeypatch.chdir(tmp_path)
     upside_down = simulate.tumble(seed=3, motion="flight", dip_deg=-70.0, sensor=simulate.Sensor(noise=0.5)).samples
     fit = judged(upside_down, site=flinders.Site(inclination_deg=70.0))
-    assert fit.known_dip_deg == -70.0
+    assert fit.claim.known_dip_deg == -70.0
     other = judged(simulate.tumble(seed=4, sensor=simulate.Sensor(noise=0.5)).samples)
     assert flinders.compare(fit, other).heading_difference_deg.dip_deg == -70.0
     assert flinders.compare(other, fit).heading_difference_deg.dip_deg == 60.0

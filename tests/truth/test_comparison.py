@@ -44,7 +44,11 @@ def judged(seed: int, *, n: int = 400, field_strength: float | None = None, move
 
 
 def changed(one: Fit, **changes: Any) -> Fit:
-    return replace(one, calibration=replace(one.calibration, **changes))
+    return one.with_calibration(replace(one.calibration, **changes))
+
+
+def claiming(one: Fit, covariance: Floats) -> Fit:
+    return replace(one, claim=replace(one.claim, covariance=covariance))
 
 
 # what chance does
@@ -96,7 +100,7 @@ def test_a_change_of_no_consequence_differs() -> None:
 
 def test_the_heading_difference_is_the_one_of_the_offset() -> None:
     """An offset of δ across a horizontal field of H cos I errs by δ/(H cos I) sin ψ."""
-    one = Fit(Calibration(np.eye(3), np.zeros(3), 50.0))
+    one = Fit.of(Calibration(np.eye(3), np.zeros(3), 50.0))
     other = changed(one, offset=np.array([0.1, 0.0, 0.0]))
     found = compare(one, other, dip_deg=60.0)
     assert found.heading_difference_deg.worst == pytest.approx(np.rad2deg(0.1 / 25.0), rel=0.01)
@@ -123,7 +127,10 @@ def test_two_rotations_that_differ_are_said_to_and_are_no_verdict_on_the_ellipso
     one = judged(0)
     aiding = Aiding(rotation_covariance=np.deg2rad(0.1) ** 2 * np.eye(3))
     first, second, alike = (
-        replace(changed(one, matrix=euler(0, 0, yaw) @ one.calibration.matrix, rotation="estimated"), aiding=aiding)
+        replace(
+            changed(one, matrix=euler(0, 0, yaw) @ one.calibration.matrix, rotation="estimated"),
+            evidence=replace(one.evidence, aiding=aiding),
+        )
         for yaw in (5.0, 8.0, 5.1)
     )
     found = compare(first, second)
@@ -132,13 +139,13 @@ def test_two_rotations_that_differ_are_said_to_and_are_no_verdict_on_the_ellipso
     assert found.rotation.angle_sigma_deg == pytest.approx(0.1 * np.sqrt(2.0))
     assert (found.verdict, found.is_turned) == ("agree", True)
     assert not compare(first, alike).is_turned
-    bare = [Fit(each.calibration) for each in (first, second)]
+    bare = [Fit.of(each.calibration) for each in (first, second)]
     assert (compare(*bare).verdict, compare(bare[0], bare[0]).verdict) == ("contradict", "agree")
 
 
 def test_an_offset_beyond_the_field_is_no_constant_heading() -> None:
     """Where the heading no longer goes round, the difference is all angles, not a mean to be removed."""
-    one = Fit(Calibration(np.eye(3), np.zeros(3), 50.0))
+    one = Fit.of(Calibration(np.eye(3), np.zeros(3), 50.0))
     for far in (200.0, 1e200):
         found = compare(one, changed(one, offset=np.array([far, 0.0, 0.0])))
         assert found.heading_difference_deg.rms > 60.0
@@ -149,13 +156,13 @@ def test_the_scale_counts_where_both_fields_are_known() -> None:
     """The same sensor in a stronger field reads longer; a gain that changed reads longer in the same field."""
     one = judged(0, n=4000)
     shape = 1.1 * one.calibration.shape
-    stronger = replace(one, calibration=Calibration.from_ellipsoid(one.calibration.offset, shape, raw=Unit.of("uT")))
+    stronger = one.with_calibration(Calibration.from_ellipsoid(one.calibration.offset, shape, raw=Unit.of("uT")))
     found = compare(one, stronger)
     assert (found.verdict, found.is_scale_known) == ("agree", False)
     assert found.scale_difference == pytest.approx(0.1)
     assert found.chi_square == pytest.approx(0.0, abs=1e-6)
     known = [
-        replace(one, calibration=Calibration.from_ellipsoid(
+        one.with_calibration(Calibration.from_ellipsoid(
             one.calibration.offset, factor * one.calibration.shape, field_strength=field, raw=Unit.of("uT")
         ))
         for factor, field in ((1.0, 50.0), (1.1, 55.0), (1.1, 50.0))
@@ -189,7 +196,7 @@ def test_it_makes_no_difference_but_of_sign_which_comes_first() -> None:
 
 
 def test_a_calibration_agrees_with_itself() -> None:
-    for one in (judged(0), replace(judged(0), covariance=np.zeros((9, 9)))):
+    for one in (judged(0), claiming(judged(0), np.zeros((9, 9)))):
         found = compare(one, one)
         assert found.verdict == "agree"
         assert found.heading_difference_deg.worst < 1e-9
@@ -200,7 +207,7 @@ def test_a_calibration_agrees_with_itself() -> None:
 
 def test_a_calibration_without_a_covariance_is_exact() -> None:
     first, second = judged(0), judged(1)
-    bare = [replace(one, covariance=np.zeros((9, 9))) for one in (first, second)]
+    bare = [claiming(one, np.zeros((9, 9))) for one in (first, second)]
     both, half, none = compare(first, second), compare(first, bare[1]), compare(*bare)
     assert both.chi_square is not None
     assert half.chi_square is not None
@@ -211,7 +218,7 @@ def test_a_calibration_without_a_covariance_is_exact() -> None:
 
 
 def test_calibrations_that_claim_little_agree_and_do_not_tell() -> None:
-    first, second = (replace(one, covariance=1e4 * np.asarray(one.covariance)) for one in (judged(0), judged(1)))
+    first, second = (claiming(one, 1e4 * np.asarray(one.claim.covariance)) for one in (judged(0), judged(1)))
     found = compare(first, second)
     assert (found.verdict, found.is_conclusive) == ("agree", False)
 
@@ -231,7 +238,7 @@ def test_a_file_says_what_the_fit_did(tmp_path: Path) -> None:
     fit = flinders.fit(simulate.tumble(seed=3, motion="uniform", sensor=RANDOM_SENSOR).samples)
     fit.save(tmp_path / "a.json")
     loaded, kept = Fit.load(tmp_path / "a.json"), fit
-    npt.assert_array_equal(loaded.covariance, kept.covariance)
+    npt.assert_array_equal(loaded.claim.covariance, kept.claim.covariance)
     ours, theirs = compare(kept, judged(0)), compare(loaded, judged(0))
     assert (theirs.verdict, theirs.freedom, theirs.is_conclusive) == (ours.verdict, ours.freedom, ours.is_conclusive)
     for name in ("chi_square", "p_value", "ratio", "direction_difference_deg"):
@@ -242,10 +249,10 @@ def test_the_covariance_of_a_file_is_found_by_its_names() -> None:
     one = judged(0)
     order = [3, 4, 5, 6, 7, 8, 2, 1, 0]
     names = [PARAMETERS[row] for row in order]
-    rows = tuple(map(tuple, one.covariance[np.ix_(order, order)].tolist()))
+    rows = tuple(map(tuple, one.claim.covariance[np.ix_(order, order)].tolist()))
     fitted = Fitted(method="x", samples=1, covariance=rows, covariance_of=tuple(names))
     found = Fit.from_document(one.calibration.to_document(fit=fitted))
-    npt.assert_array_equal(found.covariance, one.covariance)
+    npt.assert_array_equal(found.claim.covariance, one.claim.covariance)
 
 
 @pytest.mark.parametrize(
@@ -266,14 +273,14 @@ def test_a_covariance_that_is_none(covariance: Floats, message: str) -> None:
 def test_what_cannot_be_compared() -> None:
     one = judged(0)
     with pytest.raises(UnitError, match="fit is for readings in µT, other for counts"):
-        compare(one, replace(changed(one, raw=Unit.of("counts")), name="other"))
+        compare(one, changed(one, raw=Unit.of("counts")).with_name("other"))
     with pytest.raises(AxesError, match="axes x,-y,-z"):
         compare(one, changed(one, axes=Axes.of("x,-y,-z")))
     for wrong in ({"target_deg": 0.0}, {"target_deg": float("nan")}, {"dip_deg": 90.0}):
         with pytest.raises(UsageError):
             compare(one, one, **wrong)
     with pytest.raises(ArrayError, match="shape"):
-        replace(one, covariance=np.eye(6))
+        claiming(one, np.eye(6))
 
 
 def test_the_strength_of_readings_adds() -> None:

@@ -13,7 +13,9 @@ from tests.worlds import MOTORS, OFFSET_SENSOR
 import flinders
 from flinders import Fit, simulate
 from flinders.core.samples import Joined
+from flinders.fitting.result import Judgement
 from flinders.report.formatting import condition
+from flinders.report.notebook import html_of
 from flinders.report.view import view
 
 if TYPE_CHECKING:
@@ -111,7 +113,7 @@ def test_a_current_that_follows_the_attitude_is_a_condition_wherever_a_verdict_i
 def test_a_notebook_and_the_live_page_state_it() -> None:
     samples = simulate.tumble(seed=1).samples
     fit = flinders.fit(samples)
-    assert condition(fit) in fit._repr_html_()
+    assert condition(fit) in html_of(fit)
     assert view(fit, samples).condition in condition(fit)
 
 
@@ -119,7 +121,7 @@ def test_a_current_that_is_compensated_is_no_condition() -> None:
     samples = simulate.tumble(seed=3, sensor=OFFSET_SENSOR, disturbances=[MOTORS]).samples
     fit = flinders.fit(samples, disturbances=("current",))
     assert fit.verdict != "good" or fit.conditions == ("uniform-field",)
-    good = replace(fit, findings=(), conditions=())
+    good = replace(fit, judgement=Judgement())
     assert good.verdict == "good"
 
 

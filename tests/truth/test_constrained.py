@@ -111,8 +111,8 @@ def test_a_centre_that_is_not_zero_is_an_error_that_is_told() -> None:
     fit = flinders.fit(field, target_deg=30.0, method=flinders.estimators.Constrained(radii="sphere", centred=True))
     assert fit.method == "ellipsoid sphere centred"
     assert fit.verdict == "limited"
-    assert fit.offset_sigma[0] == pytest.approx(6.0, rel=0.05)
-    assert fit.bias_deg > 5.0
+    assert fit.claim.offset_sigma[0] == pytest.approx(6.0, rel=0.05)
+    assert fit.claim.bias_deg > 5.0
 
 
 @pytest.mark.parametrize("radii", ["aligned", "xy", "sphere"])
@@ -122,9 +122,9 @@ def test_a_constraint_that_does_not_hold_is_in_the_claim(radii: Radii) -> None:
             recorded(SKEW, n=2000, seed=seed), target_deg=60.0, method=flinders.estimators.Constrained(radii=radii)
         )
         off = np.concatenate([fit.calibration.offset - HARD_IRON, (fit.calibration.shape - SKEW)[np.triu_indices(3)]])
-        claimed = np.sqrt(np.diag(fit.covariance)[[0, 1, 2, 3, 6, 7, 4, 8, 5]])
+        claimed = np.sqrt(np.diag(fit.claim.covariance)[[0, 1, 2, 3, 6, 7, 4, 8, 5]])
         assert np.linalg.norm(off) < 1.5 * np.linalg.norm(claimed)
-        assert fit.bias_deg > 3.0
+        assert fit.claim.bias_deg > 3.0
 
 
 def test_equal_diagonal_entries_do_not_make_equal_radii_once_there_are_cross_terms() -> None:

@@ -51,7 +51,7 @@ def claims(record: Callable[[int], Simulated], trials: Trials) -> tuple[float, f
         plain = Auto().estimate(Readings.of(recording.samples.field)).textbook
         assert plain is not None
         found = fit.calibration.matrix, fit.calibration.offset
-        claimed.append(weighed(recording, fit.covariance, *found))
+        claimed.append(weighed(recording, fit.claim.covariance, *found))
         textbook.append(weighed(recording, plain, *found))
     return float(np.mean(claimed)), float(np.mean(textbook))
 
@@ -116,7 +116,9 @@ def test_independent_samples_are_those_of_an_autoregressive_process(memory: floa
     """N (1 − ρ)/(1 + ρ)."""
     claim = trials(12, 5)
     recordings = (remembered(seed, 3000, memory) for seed in claim.seeds)
-    found = [flinders.fit(recording, target_deg=90.0).independent_samples for recording in recordings]
+    found = [
+        flinders.fit(recording, target_deg=90.0).evidence.residuals.independent_samples for recording in recordings
+    ]
     assert float(np.median(found)) == pytest.approx(3000 * (1 - memory) / (1 + memory), rel=0.25 * claim.widening)
 
 
@@ -179,7 +181,7 @@ def test_few_readings_say_nothing_of_their_correlation() -> None:
     found = Likelihood().estimate(Readings.of(tumble(seed=1, motion="uniform", n=49).samples))
     assert found.correlation is None
     fit = flinders.fit(tumble(seed=1, motion="uniform", n=49).samples)
-    assert fit.independent_samples == np.inf
+    assert fit.evidence.residuals.independent_samples == np.inf
     assert fit.as_dict()["independent_samples"] == 49
 
 

@@ -71,7 +71,9 @@ def vehicle(seed: int) -> tuple[Fit, Sensor]:
 def error_deg(fit: Fit, sensor: Sensor) -> float:
     """Error of a level heading, rms over all headings."""
     truth = Ellipsoid(sensor.offset, FIELD_UT * sensor.matrix)
-    off = np.append(fit.ellipsoid.centre - truth.centre, upper(fit.ellipsoid.shape) - upper(truth.shape))
+    off = np.append(
+        fit.calibration.ellipsoid.centre - truth.centre, upper(fit.calibration.ellipsoid.shape) - upper(truth.shape)
+    )
     return level_error(truth, np.outer(off, off), dip_deg=DIP_DEG).rms
 
 

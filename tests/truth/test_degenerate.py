@@ -80,7 +80,7 @@ def test_one_ring_is_refused(method: str, height: float, noise: float) -> None:
     field = read(ring(height), LONG, noise)
     if method == "auto" or method in PLANAR:
         fit = flinders.fit(field, method=method)
-        assert (fit.plane, fit.verdict, fit.findings[0].code) == ("xy", "limited", "level-plane")
+        assert (fit.claim.plane, fit.verdict, fit.findings[0].code) == ("xy", "limited", "level-plane")
         return
     error = refused(field, method)
     assert isinstance(error, Refused | NotAnEllipsoid)
@@ -259,7 +259,7 @@ def test_2_rank_8_two_rings(noise: float) -> None:
     field = read(np.concatenate([ring(0.6), np.roll(ring(0.6), 1, axis=1)]), SKEW, noise)
     fit = judged(field)
     assert severity(fit, "unobservable-parameters") == "limits"
-    assert fit.unobserved == 1
+    assert fit.evidence.unobserved == 1
     with pytest.raises(Undetermined) as caught:
         flinders.fit(field, method=flinders.estimators.Auto(prior=None))
     assert caught.value.evidence["unseen"] == 1

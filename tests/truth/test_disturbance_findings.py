@@ -189,9 +189,9 @@ def test_noisy_meters_of_motors_that_go_together_are_in_the_claim(trials: Choose
     for seed in claim.seeds:
         flight = by_four(seed, 0.3)
         fit = followed(flight.samples, "currents")
-        assert fit.disturbances_covariance is not None
+        assert fit.evidence.disturbances.covariance is not None
         error = np.concatenate([disturbance.per_unit for disturbance in fit.calibration.disturbances]) - ARMS.ravel()
-        nees.append(error @ np.linalg.solve(fit.disturbances_covariance[9:, 9:], error) / len(error))
+        nees.append(error @ np.linalg.solve(fit.evidence.disturbances.covariance[9:, 9:], error) / len(error))
         ratios.append(evaluate(fit, Truth.of(flight)).heading_ratio)
     assert np.mean(nees) < 1.6**claim.widening
     assert np.sqrt(np.mean(np.square(np.array(ratios, float)))) < 1.5**claim.widening
@@ -200,10 +200,10 @@ def test_noisy_meters_of_motors_that_go_together_are_in_the_claim(trials: Choose
 def test_noisy_meters_of_several_motors_are_one_finding_that_names_all() -> None:
     fit = followed(by_four(1, 1.0).samples, "currents")
     [told] = [finding for finding in fit.findings if finding.code == "disturbance-noisy"]
-    noisy = [driven.name for driven in fit.disturbances if driven.attenuation > told.limit]
+    noisy = [driven.name for driven in fit.evidence.disturbances.estimates if driven.attenuation > told.limit]
     assert len(noisy) > 1
     assert f"{', '.join(noisy)}: their meters are noisy" in told.advice
-    assert told.number == max(driven.attenuation for driven in fit.disturbances)
+    assert told.number == max(driven.attenuation for driven in fit.evidence.disturbances.estimates)
     notes = [finding.advice for finding in fit.findings if finding.code == "disturbance"]
     assert all("of it left (1 σ, the other motors running along as they did then)" in note for note in notes)
     alone = next(one.advice for one in followed(flown(), "current").findings if one.code == "disturbance")
@@ -316,10 +316,10 @@ def test_a_field_that_goes_with_the_square_is_named(seed: int) -> None:
     """From no throttle to full: a straight line leaves a sixth of it at either end."""
     throttle = wandering(0.0, 1.0, seed=seed)
     square, line = (driven_by(throttle, made, seed=seed) for made in (20.0 * throttle**2, 20.0 * throttle))
-    [driven] = followed(square, "throttle").disturbances
+    [driven] = followed(square, "throttle").evidence.disturbances.estimates
     assert driven.curvature == pytest.approx(1.0 / 6.0, rel=0.15)
     assert "disturbance-nonlinear" in codes(square, "throttle")
-    assert followed(line, "throttle").disturbances[0].curvature == 0.0
+    assert followed(line, "throttle").evidence.disturbances.estimates[0].curvature == 0.0
     assert not codes(line, "throttle") & {"disturbance-nonlinear", "disturbance-reference"}
 
 

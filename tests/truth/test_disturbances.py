@@ -83,7 +83,7 @@ def test_a_fit_that_follows_motors_is_as_good_as_without_them() -> None:
     calm = flinders.fit(simulate.tumble(seed=3, sensor=OFFSET_SENSOR).samples)
     assert fit.verdict == "good"
     assert fit.noise == pytest.approx(calm.noise, rel=0.01)
-    npt.assert_array_less(np.abs(fit.calibration.offset - OFFSET_SENSOR.offset), 4.0 * fit.offset_sigma)
+    npt.assert_array_less(np.abs(fit.calibration.offset - OFFSET_SENSOR.offset), 4.0 * fit.claim.offset_sigma)
     assert fit.heading_error_deg.worst > calm.heading_error_deg.worst  # b and P are found from the same readings
     assert fit.heading_error_deg.worst < 3.0 * calm.heading_error_deg.worst
     without = flinders.fit(simulated.samples)
@@ -92,7 +92,9 @@ def test_a_fit_that_follows_motors_is_as_good_as_without_them() -> None:
     assert "disturbance" in code
     disturbance = fit.calibration.disturbances[0]
     across = disturbance.highest * np.linalg.norm(PER_AMPERE) / (50.0 * np.cos(np.deg2rad(60.0)))
-    assert fit.disturbances[0].removed_deg == pytest.approx(np.rad2deg(np.arcsin(across)), rel=0.03)  # 27° at 19.6 A
+    assert fit.evidence.disturbances.estimates[0].removed_deg == pytest.approx(
+        np.rad2deg(np.arcsin(across)), rel=0.03
+    )  # 27° at 19.6 A
 
 
 def test_the_file_of_such_a_fit_holds_what_it_claims_of_the_driver() -> None:
@@ -103,7 +105,7 @@ def test_the_file_of_such_a_fit_holds_what_it_claims_of_the_driver() -> None:
     covariance = np.array(document.fit.covariance)
     assert covariance.shape == (12, 12)
     assert np.linalg.eigvalsh(covariance)[0] > 0.0
-    npt.assert_array_equal(flinders.Fit.from_document(document).covariance, fit.covariance)
+    npt.assert_array_equal(flinders.Fit.from_document(document).claim.covariance, fit.claim.covariance)
 
 
 def test_a_lag_is_found_only_where_there_is_one() -> None:
@@ -492,14 +494,16 @@ def test_motors_that_go_together_are_named_and_what_they_do_together_is_known() 
     assert alike.number > 0.99
     assert "current1, current2, current3, current4 rose and fell together" in alike.advice
     assert "disturbance-collinear-attitude" not in {finding.code for finding in fit.findings}
-    assert fit.disturbances_covariance is not None
+    assert fit.evidence.disturbances.covariance is not None
     together = np.tile(np.eye(3), 4)
-    covariance = fit.disturbances_covariance[9:, 9:]
+    covariance = fit.evidence.disturbances.covariance[9:, 9:]
     total = sum(disturbance.per_unit for disturbance in fit.calibration.disturbances)
     sigma = np.sqrt(np.diag(together @ covariance @ together.T))
     assert np.all(np.abs(total - ARMS.sum(axis=0)) < 4.0 * sigma)
     assert np.all(np.sqrt(np.diag(covariance)) > 5.0 * np.tile(sigma, 4) / 4.0)
-    assert max(driven.remaining_deg for driven in fit.disturbances) < 0.5  # where they go along as in the recording
+    assert (
+        max(driven.remaining_deg for driven in fit.evidence.disturbances.estimates) < 0.5
+    )  # where they go along as in the recording
 
 
 def test_the_battery_of_four_motors_leaves_what_they_do_apart() -> None:
@@ -603,10 +607,10 @@ def test_a_claim_that_leans_on_one_reading_says_so(trials: Choose) -> None:
         samples = replace(simulated.samples, field=field)[rows]
         samples = replace(samples, time=np.arange(len(rows)) / 50.0)
         fit, found = flinders.fit(samples, disturbances=("current",)), fit_disturbances([samples], ("current",))
-        assert fit.disturbances_covariance is not None
+        assert fit.evidence.disturbances.covariance is not None
         square = (fit.calibration.offset[2] - sensor.offset[2]) ** 2
-        claimed.append(square / fit.disturbances_covariance[2, 2])
-        leant.append(square / (fit.disturbances_covariance[2, 2] - found.leaning[2, 2]))
+        claimed.append(square / fit.evidence.disturbances.covariance[2, 2])
+        leant.append(square / (fit.evidence.disturbances.covariance[2, 2] - found.leaning[2, 2]))
     assert np.mean(leant) > 10.0
     assert np.mean(claimed) < 4.0
     assert not fit_disturbances([simulate.tumble(seed=1, disturbances=[MOTORS]).samples], ("current",)).leaning.any()

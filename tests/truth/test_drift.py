@@ -111,9 +111,11 @@ def test_the_verdict_tells_it_by_the_heading_that_it_costs(size: float, severity
     for seed in range(5):
         fit = judged(ramped(seed, size * np.eye(3)[0]), target_deg=2.0 if size < 1.0 else 1.0)
         finding = next(finding for finding in fit.findings if finding.code == "field-changed")
-        assert fit.drift is not None
-        assert finding.number == fit.drift.heading_deg == pytest.approx(2.1 * size, rel=0.3, abs=0.15)
-        contradicts = (fit.drift.halves_ratio or 0.0) > 3.0
+        assert fit.evidence.diagnosis.drift is not None
+        assert (
+            finding.number == fit.evidence.diagnosis.drift.heading_deg == pytest.approx(2.1 * size, rel=0.3, abs=0.15)
+        )
+        contradicts = (fit.evidence.diagnosis.drift.halves_ratio or 0.0) > 3.0
         assert finding.severity == ("limits" if contradicts and severity == "note" else severity)
         assert "currents and everything magnetic stay as they are" in finding.advice
 
@@ -125,9 +127,9 @@ def test_a_small_change_limits_where_halves_of_the_recording_contradict_each_oth
     turned = adversary.PATHS[path](adversary.stream(seed, "path 0"))
     fit = judged(adversary.recorded(seed, sensor, creeping, turned))
     finding = next(one for one in fit.findings if one.code == "field-changed")
-    assert fit.drift is not None
-    assert fit.drift.heading_deg < fit.target_deg
-    assert (fit.drift.halves_ratio or 0.0) > 3.0
+    assert fit.evidence.diagnosis.drift is not None
+    assert fit.evidence.diagnosis.drift.heading_deg < fit.claim.target_deg
+    assert (fit.evidence.diagnosis.drift.halves_ratio or 0.0) > 3.0
     assert (finding.severity, fit.verdict) == ("limits", "limited")
     assert "halves differ by" in finding.advice
 
@@ -136,10 +138,10 @@ def test_what_costs_hardly_a_heading_is_no_finding() -> None:
     """1 µT along z, of a vehicle that stays level; it would be 2.1° across."""
     for seed in range(5):
         fit = judged(ramped(seed, np.array([0.0, 0.0, 1.0])))
-        assert fit.drift is not None
-        assert fit.drift.p_value < SLIGHT
-        assert fit.drift.heading_deg < 0.5
-        assert has_changed(fit) == (fit.drift.heading_deg > 0.25)
+        assert fit.evidence.diagnosis.drift is not None
+        assert fit.evidence.diagnosis.drift.p_value < SLIGHT
+        assert fit.evidence.diagnosis.drift.heading_deg < 0.5
+        assert has_changed(fit) == (fit.evidence.diagnosis.drift.heading_deg > 0.25)
 
 
 UNCHANGED: Final[dict[str, Callable[[int], Floats]]] = {
@@ -169,7 +171,7 @@ def test_too_few_readings_tell_nothing() -> None:
     ellipsoid = Likelihood().estimate(Readings.of(field)).ellipsoid
     assert drift_of(field[:99], ellipsoid) is None
     assert drift_of(field[:100], ellipsoid) is not None
-    assert flinders.fit(field[:99]).drift is None
+    assert flinders.fit(field[:99]).evidence.diagnosis.drift is None
 
 
 def test_readings_that_all_hang_together_tell_nothing() -> None:
@@ -182,9 +184,9 @@ def test_readings_that_all_hang_together_tell_nothing() -> None:
 
 def test_several_recordings_and_level_turns_are_not_looked_at() -> None:
     parts = tuple(Samples.of(ramped(seed, np.array([3.0, 0.0, 0.0]))) for seed in (1, 2))
-    assert flinders.fit(Joined(parts), target_deg=90.0).drift is None
+    assert flinders.fit(Joined(parts), target_deg=90.0).evidence.diagnosis.drift is None
     level = flinders.fit(tumbled(1, motion="level"))
-    assert (level.method, level.drift) == ("level", None)
+    assert (level.method, level.evidence.diagnosis.drift) == ("level", None)
 
 
 # What creeps below the noise.

@@ -114,7 +114,7 @@ def test_sixty_coarse_readings_are_fitted_within_what_they_claim(trials: Choose)
         truth = tumble(seed=seed, motion="uniform", n=60, sensor=sensor)
         fit = flinders.fit(truth.samples)
         off = np.concatenate([fit.calibration.offset, upper(fit.calibration.shape)]) - true_parameters(truth)
-        weighed.append(off @ np.linalg.solve(fit.covariance, off))
+        weighed.append(off @ np.linalg.solve(fit.claim.covariance, off))
         angles.append(angle_error_deg(fit.calibration.matrix, fit.calibration.offset, truth))
     assert float(np.mean(weighed)) == pytest.approx(9.0, abs=4.0 * np.sqrt(18.0 / claim.count) + 1.0)
     assert float(np.sqrt(np.mean(np.square(angles)))) < 0.6
@@ -157,7 +157,7 @@ def test_repeated_readings_widen_the_covariance() -> None:
     """A log four times as fast as its sensor holds no more than the sensor gave."""
     field = tumble(seed=9, motion="uniform", n=500).samples.field
     once, fourfold = flinders.fit(field), flinders.fit(np.repeat(field, 4, axis=0))
-    npt.assert_allclose(np.diag(fourfold.covariance), np.diag(once.covariance), rtol=0.1)
+    npt.assert_allclose(np.diag(fourfold.claim.covariance), np.diag(once.claim.covariance), rtol=0.1)
     assert fourfold.samples == 500
     assert "stale-repeats" in {finding.code for finding in fourfold.findings}
 
@@ -187,7 +187,7 @@ def test_a_recording_too_long_to_hold_gives_the_fit_of_the_array(monkeypatch: py
     every_second = flinders.fit(truth.samples[::2])
     assert part.samples == every_second.samples
     npt.assert_allclose(part.calibration.offset, every_second.calibration.offset, rtol=0, atol=1e-6)
-    npt.assert_allclose(part.covariance, every_second.covariance, rtol=1e-3, atol=1e-9)
+    npt.assert_allclose(part.claim.covariance, every_second.claim.covariance, rtol=1e-3, atol=1e-9)
 
 
 def test_the_likelihood_asks_for_readings_where_there_are_only_sums() -> None:

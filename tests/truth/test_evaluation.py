@@ -35,7 +35,7 @@ TRUTH = Truth.of(RECORDING)
 
 
 def calibration(matrix: Floats, offset: Floats, **options: object) -> Fit:
-    return Fit(Calibration(matrix, offset, 50.0, raw=MICROTESLA, **options))  # type: ignore[arg-type]
+    return Fit.of(Calibration(matrix, offset, 50.0, raw=MICROTESLA, **options))  # type: ignore[arg-type]
 
 
 def test_the_truth_itself_has_no_error_and_claims_nothing() -> None:
@@ -79,11 +79,12 @@ def aided() -> tuple[Fit, Truth]:
 
 def with_rotation_error(fit: Fit, off_deg: float, claimed_deg: float) -> Fit:
     """The same turned by so much about the body's x axis, and with that claim about each."""
-    assert fit.aiding is not None
+    assert fit.evidence.aiding is not None
     turn = rotations(np.array([[np.radians(off_deg), 0.0, 0.0]]))[0]
     turned = replace(fit.calibration, matrix=turn @ fit.calibration.matrix)
     covariance = np.radians(claimed_deg) ** 2 * np.eye(3)
-    return replace(fit, calibration=turned, aiding=replace(fit.aiding, rotation_covariance=covariance))
+    aiding = replace(fit.evidence.aiding, rotation_covariance=covariance)
+    return replace(fit.with_calibration(turned), evidence=replace(fit.evidence, aiding=aiding))
 
 
 def test_a_rotation_error_that_is_claimed_is_no_error_beyond_the_claim() -> None:
@@ -113,10 +114,10 @@ def test_a_rotation_that_claims_too_much_is_found_out() -> None:
 def test_the_heading_of_the_body_claims_what_the_fit_states() -> None:
     """Offset and shape, with what the mounting adds."""
     fit, truth = aided()
-    found = evaluate(fit, truth, dip_deg=fit.known_dip_deg)
+    found = evaluate(fit, truth, dip_deg=fit.claim.known_dip_deg)
     assert found.claimed_body_heading_deg is not None
-    assert fit.alignment_error_deg is not None
-    stated = np.hypot(fit.heading_error_deg.rms, fit.alignment_error_deg)
+    assert fit.claim.alignment_error_deg is not None
+    stated = np.hypot(fit.heading_error_deg.rms, fit.claim.alignment_error_deg)
     assert found.claimed_body_heading_deg.rms == pytest.approx(stated, rel=0.02)
 
 
@@ -188,11 +189,11 @@ def test_mapped_axes_are_held_against_the_mapped_truth() -> None:
 
 def test_axes_of_a_mirrored_log_can_be_put_right() -> None:
     mirrored = Calibration(np.eye(3), np.zeros(3), 50.0, raw=MICROTESLA, axes=Axes.of("x,y,-z"))
-    assert evaluate(Fit(mirrored), Truth.of(tumble(n=10, sensor=Sensor()))).heading_error_deg.worst < 1e-7
+    assert evaluate(Fit.of(mirrored), Truth.of(tumble(n=10, sensor=Sensor()))).heading_error_deg.worst < 1e-7
 
 
 def test_another_unit_and_an_impossible_target_are_refused() -> None:
-    counts = Fit(Calibration(np.eye(3), np.zeros(3), 50.0), name="calibration.json")
+    counts = Fit.of(Calibration(np.eye(3), np.zeros(3), 50.0), name="calibration.json")
     with pytest.raises(UnitError, match=r"calibration\.json is for readings in counts, the truth is in µT"):
         evaluate(counts, TRUTH)
     with pytest.raises(UsageError, match="target is 0°"):

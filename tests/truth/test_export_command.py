@@ -208,7 +208,9 @@ def test_what_comes_on_top_of_the_onboard_calibration_does_not_replace_it(target
     raw = calibration_file.SourceFile(name="flight.bin", sha256="0" * 64, bytes=1, rows=1)
     for as_logged, code in ((False, 0), (True, 4)):
         file = calibration_file.SourceFile(name=raw.name, sha256=raw.sha256, bytes=1, rows=1, as_logged=as_logged)
-        made_from = calibration_file.Provenance(flinders="0.1.0", date=datetime(2026, 1, 1, tzinfo=UTC), files=(file,))
+        made_from = calibration_file.ProvenanceRecord(
+            flinders="0.1.0", date=datetime(2026, 1, 1, tzinfo=UTC), files=(file,)
+        )
         found = made(np.eye(3), [1, 2, 3]).to_document(provenance=made_from)
         Path("logged.json").write_text(calibration_file.dumps(found), encoding="utf-8")
         ended = export("--to", target, "logged.json")

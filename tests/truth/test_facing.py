@@ -17,7 +17,7 @@ def test_the_first_seconds_of_a_tumble_claim_the_worse_of_both_ways_up(seed: int
     """They lean by chance; claimed for the side that they lean to, the error was up to seven times as large."""
     tumble = simulate.tumble(seed=seed, motion="hand")
     fit = judged(tumble.samples[:readings])
-    both = [level_error(fit.ellipsoid, fit.covariance, dip_deg=dip).worst for dip in (60.0, -60.0)]
+    both = [level_error(fit.calibration.ellipsoid, fit.claim.covariance, dip_deg=dip).worst for dip in (60.0, -60.0)]
     assert max(both) > 1.5 * min(both)
     assert fit.heading_error_deg.worst == pytest.approx(max(both), rel=0.01)
 

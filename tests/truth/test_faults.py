@@ -95,7 +95,7 @@ def test_what_is_so_throughout_cannot_be_told_from_the_readings(fault: str) -> N
         good, mirrored = (flinders.fit(unit(number, seed=5, fault=name).samples) for name in ("", fault))
         assert mirrored.verdict == good.verdict == "good"
         assert mirrored.noise == pytest.approx(good.noise, rel=1e-6)
-        npt.assert_allclose(mirrored.ellipsoid.semi_axes, good.ellipsoid.semi_axes, rtol=1e-6)
+        npt.assert_allclose(mirrored.calibration.ellipsoid.semi_axes, good.calibration.ellipsoid.semi_axes, rtol=1e-6)
 
 
 def test_good_units_are_not_called_bad() -> None:

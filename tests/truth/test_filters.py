@@ -146,7 +146,7 @@ def test_turns_at_unlike_rates_are_bent_into_a_false_soft_iron(
     """Points are pulled inside unevenly; the offset, by symmetry, stays. Of z alone a level heading sees nothing."""
     fit = flinders.fit(rings(steps_deg, None if by is None else Filter.of(by)), method="algebraic", target_deg=20.0)
     off = off_deg(fit, BARE)
-    assert fit.ellipsoid.radius == pytest.approx(radius, abs=0.02)
+    assert fit.calibration.ellipsoid.radius == pytest.approx(radius, abs=0.02)
     assert heading_deg[0] <= off < heading_deg[1]
     npt.assert_allclose(fit.calibration.offset, BARE.offset, atol=0.1)
 
@@ -180,7 +180,7 @@ def test_a_tumble_by_hand_shrinks_and_its_claim_stays_honest(
         fit = flinders.fit(recording, target_deg=30.0)
         off.append(off_deg(fit, made.sensor))
         claimed.append(fit.heading_error_deg.rms)
-        shrunk.append(50.0 * np.cbrt(np.linalg.det(made.sensor.matrix)) - fit.ellipsoid.radius)
+        shrunk.append(50.0 * np.cbrt(np.linalg.det(made.sensor.matrix)) - fit.calibration.ellipsoid.radius)
     low, high = claim.ratios(0.5, 1.6)
     assert np.mean(shrunk) == pytest.approx(radius, abs=(0.03 + 0.1 * radius) * claim.widening)
     assert np.sqrt(np.mean(np.square(off))) == pytest.approx(true_deg, rel=0.15 * claim.widening)

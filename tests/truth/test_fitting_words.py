@@ -16,6 +16,7 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.comparison.agreement import Disagreement
 from flinders.estimators.outliers import Outlier
+from flinders.fitting.result import Judgement
 from flinders.report.formatting import summary
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def test_a_calibration_that_makes_headings_no_better_is_not_said_to_be_usable(se
     advice = next(finding.advice for finding in fit.findings if finding.code == "corrected-before")
     assert "leave them as they are" in advice
     assert "makes headings no better" in summary(fit)
-    needed = replace(judged(rocked(seed, UNCORRECTED)), findings=())
+    needed = replace(judged(rocked(seed, UNCORRECTED)), judgement=Judgement())
     assert "can be used" in summary(needed) or "is good" in summary(needed)
 
 

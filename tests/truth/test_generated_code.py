@@ -393,7 +393,7 @@ def test_a_clean_reading_is_beyond_its_limits_as_seldom_as_is_said(trials: int) 
 @pytest.mark.parametrize("noise", [math.nan, 60.0])
 def test_a_fit_that_knows_too_little_gives_no_limits(noise: float) -> None:
     found = fit(simulate.tumble(seed=1, n=500).samples)
-    assert gates_of(replace(found, noise=noise)) is None
+    assert gates_of(replace(found, evidence=replace(found.evidence, noise=noise))) is None
 
 
 def test_the_limits_of_a_file_are_those_of_its_fit(tmp_path: Path) -> None:

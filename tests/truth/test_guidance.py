@@ -45,8 +45,8 @@ def judged(field: Floats) -> Fit:
 def advised(fit: Fit, goal: Goal) -> Guidance:
     upside_down = fit.heading_error_deg.dip_deg < 0.0
     return guide(
-        fit.ellipsoid,
-        fit.covariance,
+        fit.calibration.ellipsoid,
+        fit.claim.covariance,
         noise=fit.noise,
         coverage=fit.coverage,
         dip_deg=DIP_DEG,
@@ -167,7 +167,9 @@ def test_a_cap_needs_far_less_than_filling_its_holes(trials: Choose) -> None:
 def test_errors_are_those_of_the_cells_and_the_worst_is_the_goals() -> None:
     fit = judged(begun("tilted", 1, 1.0)[1])
     attitude, heading = advised(fit, "attitude"), advised(fit, "heading")
-    np.testing.assert_allclose(attitude.errors_deg, direction_errors_deg(fit.ellipsoid, fit.covariance, CELLS))
+    np.testing.assert_allclose(
+        attitude.errors_deg, direction_errors_deg(fit.calibration.ellipsoid, fit.claim.covariance, CELLS)
+    )
     np.testing.assert_array_equal(attitude.errors_deg, heading.errors_deg)
     assert attitude.worst_deg == pytest.approx(attitude.errors_deg.max())
     assert heading.worst_deg == pytest.approx(fit.heading_error_deg.worst)
@@ -304,6 +306,6 @@ def test_a_sphere_all_around_is_advised_without_preference_and_done() -> None:
     sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
     recording = simulate.tumble(seed=1, motion="uniform", n=2000, sensor=Sensor(noise=0.5))
     fit = judged(recording.samples.field)
-    advice = guide(sphere, fit.covariance, noise=fit.noise, coverage=fit.coverage, goal="attitude")
+    advice = guide(sphere, fit.claim.covariance, noise=fit.noise, coverage=fit.coverage, goal="attitude")
     assert advice.is_reached(1.0)
     assert 0.9 * advice.worst_deg < advice.after_deg < advice.worst_deg

@@ -156,9 +156,9 @@ def test_a_reversed_accelerometer_is_named_where_only_its_rotation_is_kept() -> 
     reversed_ = replace(true.samples, rate=None, acceleration=turned)
     for aiding in ("auto", "dip"):
         fit = flinders.fit(reversed_, aiding=aiding, site=Site(None, 60.0, inclination_sigma_deg=1.0))
-        assert fit.aiding is not None
-        assert [one.code for one in fit.aiding.mistakes] == ["site-differs"]
-        assert "upside down" in fit.aiding.mistakes[0].words
+        assert fit.evidence.aiding is not None
+        assert [one.code for one in fit.evidence.aiding.mistakes] == ["site-differs"]
+        assert "upside down" in fit.evidence.aiding.mistakes[0].words
 
 
 def test_a_rate_is_the_mean_to_the_next_reading() -> None:

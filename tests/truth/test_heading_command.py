@@ -513,10 +513,10 @@ def test_a_swing_from_a_recording_finds_the_iron_that_is_left(home: Path) -> Non
 def test_a_swing_says_what_its_calibration_claims_and_whether_that_holds(home: Path) -> None:
     calibrated(400)
     judged = Fit.load("calibration.json")
-    assert judged.states_uncertainty
+    assert judged.claim.states_uncertainty
     write("log.csv", swinging(STOPS))
     told = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json").json["calibration"]
-    claimed = deviation_covariance(judged.ellipsoid, judged.covariance, dip_deg=told["dip_deg"])
+    claimed = deviation_covariance(judged.calibration.ellipsoid, judged.claim.covariance, dip_deg=told["dip_deg"])
     npt.assert_allclose(list(told["sigma_deg"].values()), np.sqrt(np.diag(claimed)), rtol=1e-3)
     assert told["dip_from"] == "measured"
     assert told["p_value"] > 0.01
@@ -536,7 +536,8 @@ def with_rotation_error(off_deg: float, claimed_deg: float) -> None:
     turn = rotations(np.array([[np.radians(off_deg), 0.0, 0.0]]))[0]
     turned = replace(known.calibration, matrix=turn @ known.calibration.matrix, rotation="estimated")
     aiding = Aiding(rotation_covariance=np.radians(claimed_deg) ** 2 * np.eye(3))
-    replace(known, calibration=turned, aiding=aiding).save("calibration.json", force=True)
+    known = replace(known, evidence=replace(known.evidence, aiding=aiding)).with_calibration(turned)
+    known.save("calibration.json", force=True)
 
 
 def test_a_rotation_that_is_off_as_it_claims_explains_a_swing(home: Path) -> None:
@@ -721,7 +722,7 @@ def test_what_the_calibration_found_wrong_with_the_accelerometer_is_taken_off(ho
         force = body @ np.array([0.0, 0.0, -gravity]) @ gains
         samples = Samples.of(body @ FIELD, unit="uT", acceleration=force + bias * gravity / 9.80665)
         loaded = Fit.from_document(calibration.to_document(fit=fitted))
-        aiding = loaded.aiding
+        aiding = loaded.evidence.aiding
         assert aiding is not None
         off, matrix = aiding.acceleration_bias, aiding.acceleration_matrix
         compass = Compass(loaded.calibration, gravity=gravity, acceleration_bias=off, acceleration_matrix=matrix)

@@ -66,7 +66,9 @@ def test_the_strength_is_that_of_the_truth_and_stands_beside_the_model(bench: Pa
     """It is the size of the ellipsoid, by whatever method: soft iron makes it another one than the field's."""
     found = info(str(bench), "--at", "43.77,11.26", "--date", "2026-06-01")
     (sensor,) = found["sensors"]
-    assert sensor["strength"] == pytest.approx(flinders.fit(flinders.open_recording(bench)).ellipsoid.radius, rel=1e-3)
+    assert sensor["strength"] == pytest.approx(
+        flinders.fit(flinders.open_recording(bench)).calibration.ellipsoid.radius, rel=1e-3
+    )
     assert found["site"]["strength"] == pytest.approx(47.46, abs=0.01)
     shown = CliRunner().invoke(main, ["info", str(bench), "--at", "43.77,11.26", "--date", "2026-06-01"])
     assert f"{sensor['strength'] / 47.46:.2f} of the field there" in shown.stdout

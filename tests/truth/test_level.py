@@ -215,9 +215,9 @@ def test_headings_of_a_tilted_vehicle_are_no_worse_than_claimed(trials: Choose) 
         )
         right.append([rms(headings_off(fit, recording, tilt).ravel().tolist()) for tilt in tilts])
         wrong.append([rms(headings_off(other, recording, tilt).ravel().tolist()) for tilt in tilts])
-        claimed.append([np.radians(fit.tilted_error(tilt).rms) for tilt in tilts])
-        assert fit.tilted_error(5.0).worst > 2.0
-        assert fit.findings[0].number == fit.attitude_limit_deg < 5.0
+        claimed.append([np.radians(fit.claim.tilted_error(tilt).rms) for tilt in tilts])
+        assert fit.claim.tilted_error(5.0).worst > 2.0
+        assert fit.findings[0].number == fit.claim.attitude_limit_deg < 5.0
     for tilt, true, beyond, claims in zip(tilts, *map(np.transpose, (right, wrong, claimed)), strict=True):
         low, high = claim.ratios(0.5, 2.5)
         assert rms(true) < 1.1**claim.widening * rms(claims), tilt
@@ -274,7 +274,7 @@ def test_a_file_an_array_and_blocks_give_the_same(tmp_path: Path) -> None:
     for other in (file, blocks):
         npt.assert_allclose(other.calibration.offset, array.calibration.offset, atol=1e-7)
         npt.assert_allclose(other.calibration.matrix, array.calibration.matrix, atol=1e-9)
-        npt.assert_allclose(other.covariance, array.covariance, rtol=1e-5, atol=1e-8)
+        npt.assert_allclose(other.claim.covariance, array.claim.covariance, rtol=1e-5, atol=1e-8)
         assert codes(other) == codes(array)
 
 

@@ -53,7 +53,7 @@ def known(mounting: tuple[float, float, float]) -> Fit:
 def turned(samples: Samples) -> Fit:
     """A fresh fit to a level turn, which is one of x and y alone."""
     fresh = flinders.fit(samples)
-    assert fresh.plane == "xy"
+    assert fresh.claim.plane == "xy"
     return fresh
 
 
@@ -95,6 +95,6 @@ def test_what_moved_in_the_plane_of_the_turn_is_found_and_what_moved_across_it_i
 
 def test_a_calibration_that_is_taken_as_exact_adds_nothing_to_the_claim() -> None:
     samples = reading(level_turn(), (0.0, 0.0, 0.0), 6)
-    exact = Fit(known((0.0, 0.0, 0.0)).calibration)
+    exact = Fit.of(known((0.0, 0.0, 0.0)).calibration)
     held = Levelled.of(exact, turned(samples), samples)
-    assert (held.known.states_uncertainty, held.fresh.states_uncertainty) == (False, True)
+    assert (held.known.claim.states_uncertainty, held.fresh.claim.states_uncertainty) == (False, True)

@@ -201,7 +201,7 @@ def test_the_strength_of_a_place_counts_for_readings_in_microtesla(unit: str) ->
     fit = evaluate(session).fit
     assert fit is not None
     assert fit.calibration.field_strength_known == (unit == "uT")
-    assert fit.dip_deg == pytest.approx(68.3, abs=0.3)
+    assert fit.claim.dip_deg == pytest.approx(68.3, abs=0.3)
 
 
 def test_a_log_that_states_its_place_is_judged_there_until_somebody_says_otherwise(tmp_path: Path) -> None:
@@ -214,7 +214,7 @@ def test_a_log_that_states_its_place_is_judged_there_until_somebody_says_otherwi
     shown, fit = session_state(session), evaluate(session).fit
     assert (shown.dip_deg, shown.dip_assumed) == (60.2, False)
     assert fit is not None
-    assert fit.dip_deg == pytest.approx(60.2, abs=0.05)
+    assert fit.claim.dip_deg == pytest.approx(60.2, abs=0.05)
     assert fit.calibration.field_strength_known
     session, _ = step(session, Requested(2.0, SetPlace(52.5, 13.4, 2026.5)))
     assert session_state(session).dip_deg == pytest.approx(68.3, abs=0.3)
@@ -287,7 +287,7 @@ def test_advice_speaks_of_a_vehicle_where_its_axes_are_known() -> None:
 def test_the_calibration_from_before_agrees_or_does_not() -> None:
     sensor = simulate.Sensor(offset=np.array([20.0, -10.0, 5.0]), noise=0.5)
     moved = simulate.Sensor(offset=np.array([23.0, -10.0, 5.0]), noise=0.5)
-    before = replace(calibrate.fit(simulate.tumble(seed=2, sensor=sensor).samples), name="monday.json")
+    before = calibrate.fit(simulate.tumble(seed=2, sensor=sensor).samples).with_name("monday.json")
     for now, word, low, high in ((sensor, "agrees", 0.0, 0.3), (moved, "contradicts", 4.0, 9.0)):
         session = after(simulate.tumble(seed=3, sensor=now).samples)
         session = fitted(step(session, GotPrevious(61.0, before))[0])
@@ -300,7 +300,7 @@ def test_the_calibration_from_before_agrees_or_does_not() -> None:
 
 def test_a_calibration_in_another_unit_is_not_compared_and_says_why() -> None:
     counts = replace(simulate.tumble(seed=2).samples, unit=Unit.of("counts"))
-    before = replace(calibrate.fit(counts), name="monday.json")
+    before = calibrate.fit(counts).with_name("monday.json")
     session = after(simulate.tumble(seed=3).samples)
     shown = session_state(fitted(step(session, GotPrevious(61.0, before))[0])).previous
     assert shown is not None
@@ -308,7 +308,7 @@ def test_a_calibration_in_another_unit_is_not_compared_and_says_why() -> None:
     assert "counts" in shown.words
 
 
-EARLIER = replace(calibrate.fit(simulate.tumble(seed=2).samples), name="monday.json")
+EARLIER = calibrate.fit(simulate.tumble(seed=2).samples).with_name("monday.json")
 VEHICLE = simulate.tumble(seed=2).sensor
 """The sensor of it."""
 
@@ -329,7 +329,7 @@ def test_the_hard_iron_of_an_earlier_calibration_is_renewed_by_a_wobble() -> Non
     assert fit is not None
     assert session_state(afresh).phase == "collecting"
     assert (fit.method, finished(session, None, {}).fit.method) == ("refresh", "refresh")
-    assert np.all(np.abs(fit.calibration.offset - moved.offset) < 4.0 * fit.offset_sigma)
+    assert np.all(np.abs(fit.calibration.offset - moved.offset) < 4.0 * fit.claim.offset_sigma)
     assert shown.previous is not None
     assert shown.previous.words.startswith("its soft iron is kept; the offset has moved by 10.0 µT")
 
@@ -350,7 +350,7 @@ def test_renewing_needs_an_earlier_calibration_that_can_be_renewed() -> None:
     asked = Requested(0.0, SetRefresh(refresh=True))
     with pytest.raises(UsageError, match="choose its file first"):
         step(LiveSession(source=SENSOR), asked)
-    flat = replace(calibrate.fit(simulate.tumble(seed=1, motion="level").samples), name="flat.json")
+    flat = calibrate.fit(simulate.tumble(seed=1, motion="level").samples).with_name("flat.json")
     session, _ = step(LiveSession(source=SENSOR), GotPrevious(0.0, flat))
     with pytest.raises(UsageError, match=r"flat\.json comes from a level turn"):
         step(session, asked)

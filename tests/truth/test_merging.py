@@ -24,7 +24,8 @@ from flinders.core.axes import Axes
 from flinders.core.units import Unit
 from flinders.errors import AxesError, UnitError, UsageError
 from flinders.findings import Finding
-from flinders.fitting.result import Fit
+from flinders.fitting.claim import Claim
+from flinders.fitting.result import Fit, Judgement
 from flinders.geometry.ellipsoid import upper
 from flinders.summary.pooling import chi_square_of
 
@@ -49,12 +50,12 @@ def judged(
     seed: int, name: str = "", *, n: int = 1000, motion: str = "uniform", by: float = 0.0, method: str = "auto"
 ) -> Fit:
     recording = simulate.tumble(seed=seed, motion=motion, n=n, sensor=moved(by))
-    return replace(flinders.fit(recording.samples, method=method), name=name or f"{motion} {seed}")
+    return flinders.fit(recording.samples, method=method).with_name(name or f"{motion} {seed}")
 
 
 def repeats(merged: Fit) -> Repeats:
-    assert merged.repeats is not None
-    return merged.repeats
+    assert merged.evidence.diagnosis.repeats is not None
+    return merged.evidence.diagnosis.repeats
 
 
 def parameters(calibration: Calibration) -> Floats:
@@ -80,12 +81,12 @@ def test_it_is_as_good_as_it_claims(known: bool, fields: tuple[float, float], mo
                 seed=2 * trial + part, sensor=sensor, motion=motion, n=500, field_strength=field
             ).samples
             fit = flinders.fit(samples, site=flinders.Site(strength=field if known else None))
-            parts.append(replace(fit, name=f"part {part}"))
+            parts.append(fit.with_name(f"part {part}"))
         merged = merge(parts)
         assert merged.calibration.field_strength_known is known
         turn, gains, _ = np.linalg.svd(sensor.matrix)
         true = np.concatenate([sensor.offset, upper(np.sqrt(np.prod(fields)) * (turn * gains) @ turn.T)])
-        square, freedom = chi_square_of(parameters(merged.calibration) - true, merged.covariance)
+        square, freedom = chi_square_of(parameters(merged.calibration) - true, merged.claim.covariance)
         assert freedom == 9
         squares.append(square)
     low, high = claim.ratios(0.7, 1.35)
@@ -105,14 +106,14 @@ def test_two_halves_merged_are_the_joint_fit(field_strength: float | None) -> No
     for seed in range(12):
         recording = simulate.tumble(seed=seed, motion="uniform", n=2000, sensor=RANDOM_SENSOR)
         whole, parts = halves(recording.samples, site=flinders.Site(strength=field_strength))
-        merged = merge([replace(part, name=name) for part, name in zip(parts, "ab", strict=True)])
-        sigma = np.sqrt(np.diag(whole.covariance))
+        merged = merge([part.with_name(name) for part, name in zip(parts, "ab", strict=True)])
+        sigma = np.sqrt(np.diag(whole.claim.covariance))
         off = parameters(merged.calibration) - parameters(whole.calibration)
-        if any(part.independent_samples < part.samples for part in parts):
+        if any(part.evidence.residuals.independent_samples < part.samples for part in parts):
             continue
         assert np.abs(off / sigma).max() < 0.1
         if not repeats(merged).scatter.any():
-            npt.assert_allclose(np.sqrt(np.diag(merged.covariance)), sigma, rtol=0.08)
+            npt.assert_allclose(np.sqrt(np.diag(merged.claim.covariance)), sigma, rtol=0.08)
             ratios.append(merged.heading_error_deg.worst / whole.heading_error_deg.worst)
     assert len(ratios) >= 3
     assert np.median(ratios) == pytest.approx(1.0, abs=0.03)
@@ -120,7 +121,7 @@ def test_two_halves_merged_are_the_joint_fit(field_strength: float | None) -> No
 
 def test_two_hemispheres_make_up_for_each_other() -> None:
     """Each is weak where the other is strong; the plain mean would be as weak as the weaker."""
-    down, up = (replace(one, name=name) for one, name in ((judged(1, motion="hemisphere"), "a"), (judged(2), "b")))
+    down, up = (one.with_name(name) for one, name in ((judged(1, motion="hemisphere"), "a"), (judged(2), "b")))
     merged = merge([down, up])
     assert merged.heading_error_deg.worst < min(part.claimed_deg for part in repeats(merged).parts)
     assert merged.verdict == "good"
@@ -130,7 +131,7 @@ def test_unlike_fields_of_unknown_strength_merge_well() -> None:
     parts = []
     for seed, field in enumerate((25.0, 50.0, 65.0)):
         samples = simulate.tumble(seed=seed, motion="uniform", sensor=RANDOM_SENSOR, field_strength=field).samples
-        parts.append(replace(flinders.fit(samples), name=f"{field:g} µT"))
+        parts.append(flinders.fit(samples).with_name(f"{field:g} µT"))
     merged = merge(parts)
     assert merged.verdict == "good"
     assert repeats(merged).p_value > 0.01
@@ -184,7 +185,7 @@ def test_what_they_differ_by_is_in_the_heading_error() -> None:
 
 
 def limited_by(one: Fit, code: str) -> Fit:
-    return replace(one, findings=(Finding(code, "limits", 0.5, 0.1, f"{code} it is"),))
+    return replace(one, judgement=Judgement((Finding(code, "limits", 0.5, 0.1, f"{code} it is"),)))
 
 
 def test_what_one_lacks_another_makes_up_for() -> None:
@@ -218,11 +219,11 @@ def turned(one: Fit) -> Fit:
 
 
 def with_(**changes: Any) -> Callable[[Fit], Fit]:
-    return lambda one: replace(one, calibration=replace(one.calibration, **changes))
+    return lambda one: one.with_calibration(replace(one.calibration, **changes))
 
 
 def refused(one: Fit) -> Fit:
-    return replace(one, stated_verdict="refused")
+    return replace(one, judgement=replace(one.judgement, stated_verdict="refused"))
 
 
 @pytest.mark.parametrize(
@@ -234,7 +235,11 @@ def refused(one: Fit) -> Fit:
         (with_(matrix=np.diag([1.0, 1.0, -1.0])), UsageError, "other mirrors an axis"),
         (turned, UsageError, "other holds a rotation"),
         (refused, UsageError, "other was refused"),
-        (lambda one: replace(one, covariance=np.zeros((9, 9))), UsageError, "other states no uncertainty"),
+        (
+            lambda one: replace(one, claim=replace(one.claim, covariance=np.zeros((9, 9)))),
+            UsageError,
+            "other states no uncertainty",
+        ),
     ],
 )
 def test_what_cannot_be_merged(change: Callable[[Fit], Fit], error: type[Exception], message: str) -> None:
@@ -256,7 +261,7 @@ def test_a_simpler_method_is_not_weighted_as_exact() -> None:
         flinders.fit(simulate.tumble(seed=seed, motion="uniform", sensor=sensor).samples, method=method)
         for seed, method in ((1, "auto"), (2, "sphere"))
     ]
-    parts = [replace(fit, name=fit.method) for fit in fits]
+    parts = [fit.with_name(fit.method) for fit in fits]
     with pytest.raises(UsageError, match=r"sphere leaves \d of 8 parameters free"):
         merge(parts)
 
@@ -271,7 +276,7 @@ def test_two_level_turns_are_as_limited_as_each() -> None:
         merge([judged(seed, motion="level", method="level") for seed in (1, 2)])
     recordings = [simulate.tumble(seed=seed, motion="level", sensor=RANDOM_SENSOR).samples for seed in (1, 2)]
     fits = [flinders.fit(recording, method="level", site=flinders.Site(strength=50.0)) for recording in recordings]
-    merged = merge([replace(fit, name=f"turn {number}") for number, fit in enumerate(fits)])
+    merged = merge([fit.with_name(f"turn {number}") for number, fit in enumerate(fits)])
     assert merged.verdict == "limited"
     assert "level-plane" in [finding.code for finding in merged.findings]
     assert merged.heading_error_deg.worst < min(part.claimed_deg for part in repeats(merged).parts)
@@ -285,7 +290,7 @@ def test_the_scale_is_known_only_where_all_know_it() -> None:
         )
         for seed, field in ((1, 50.0), (2, 50.0), (3, None))
     ]
-    parts = [replace(fit, name=f"{seed}") for seed, fit in enumerate(fits)]
+    parts = [fit.with_name(f"{seed}") for seed, fit in enumerate(fits)]
     known, mixed = merge(parts[:2]), merge(parts)
     assert known.calibration.field_strength_known
     assert known.calibration.field_strength == pytest.approx(50.0)
@@ -310,11 +315,15 @@ def test_numbers_out_of_range() -> None:
 def test_the_dip_is_that_of_the_calibrations() -> None:
     def at(dip: float, seed: int) -> Fit:
         samples = simulate.tumble(seed=seed, motion="uniform", sensor=RANDOM_SENSOR).samples
-        return replace(flinders.fit(samples, site=flinders.Site(inclination_deg=dip)), name=f"dip {dip:g}")
+        return flinders.fit(samples, site=flinders.Site(inclination_deg=dip)).with_name(f"dip {dip:g}")
 
     assert merge([at(50.0, 1), at(70.0, 2)]).heading_error_deg.dip_deg == 70.0
     assert merge([at(50.0, 1), at(70.0, 2)], dip_deg=40.0).heading_error_deg.dip_deg == 40.0
-    bare = [Fit(one.calibration, covariance=one.covariance, name=one.name) for one in (judged(1), judged(2))]
+    fits = (judged(1), judged(2))
+    bare = [
+        replace(Fit.of(one.calibration, name=name), claim=Claim(one.calibration, one.claim.covariance))
+        for one, name in zip(fits, "ab", strict=True)
+    ]
     found = merge(bare)
     assert (found.heading_error_deg.dip_deg, found.samples, np.isnan(found.noise)) == (60.0, 0, True)
 

@@ -81,7 +81,7 @@ def test_the_variants_differ_in_scale_alone() -> None:
         flinders.fit(field, method=flinders.estimators.MinMax(variant=v)) for v in ("mean", "largest", "full-range")
     ]
     for fit in fits[1:]:
-        npt.assert_allclose(fit.covariance, fits[0].covariance)
+        npt.assert_allclose(fit.claim.covariance, fits[0].claim.covariance)
         assert fit.heading_error_deg == fits[0].heading_error_deg
         assert [finding.code for finding in fit.findings] == [finding.code for finding in fits[0].findings]
 
@@ -150,7 +150,7 @@ def test_the_claim_covers_the_error(iron: str, motion: str, n: int) -> None:
         except FitError:
             continue
         off = np.linalg.norm(fit.calibration.offset - HARD_IRON)
-        offsets.append(off / np.sqrt(np.trace(fit.covariance[:3, :3])))
+        offsets.append(off / np.sqrt(np.trace(fit.claim.covariance[:3, :3])))
         headings.append(heading_rms(fit, IRON[iron]) / fit.heading_error_deg.rms)
     assert len(offsets) >= 8
     assert max(offsets) < 2.0
@@ -173,13 +173,13 @@ def test_half_a_sphere_is_never_good() -> None:
     for seed in range(5):
         fit = flinders.fit(recorded("none", "hemisphere", 500, seed), method="minmax", target_deg=100.0)
         assert np.linalg.norm(fit.calibration.offset - HARD_IRON) > 20.0
-        assert fit.offset_sigma[2] > 20.0
+        assert fit.claim.offset_sigma[2] > 20.0
         assert fit.verdict == "limited"
 
 
 def test_soft_iron_across_the_axes_is_a_bias_that_is_told() -> None:
     fit = flinders.fit(recorded("skew", "uniform", 2000, 1), method="minmax", target_deg=20.0)
-    assert fit.bias_deg > 3.0
+    assert fit.claim.bias_deg > 3.0
     assert "bias" in [finding.code for finding in fit.findings]
 
 
@@ -227,7 +227,7 @@ def test_trimming_tells_what_it_left_out() -> None:
     fit = flinders.fit(spoilt(), target_deg=5.0, method=flinders.estimators.MinMax(trim=True))
     assert "outliers" in [finding.code for finding in fit.findings]
     assert fit.samples <= 2000 - 3
-    assert np.all(np.abs(fit.calibration.offset - HARD_IRON) < 3 * fit.offset_sigma)
+    assert np.all(np.abs(fit.calibration.offset - HARD_IRON) < 3 * fit.claim.offset_sigma)
 
 
 def test_a_clump_on_the_surface_changes_no_extreme() -> None:
@@ -283,7 +283,7 @@ def test_typed_extremes_claim_nothing_and_are_never_good(tmp_path: Path) -> None
         assert (fields["heading_error_deg"], fields["noise"], fields["covariance"]) == (None, None, None)
         found.save(tmp_path / "typed.json", force=True)
         loaded = Fit.load(tmp_path / "typed.json")
-        assert (loaded.states_uncertainty, loaded.samples, loaded.verdict) == (False, 0, "limited")
+        assert (loaded.claim.states_uncertainty, loaded.samples, loaded.verdict) == (False, 0, "limited")
     assert found.findings[0].number == 0.0
 
 

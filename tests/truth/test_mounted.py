@@ -129,7 +129,9 @@ def test_a_rotation_is_known_better_where_the_accelerometer_is_calibrated() -> N
     samples = recorded(attitudes(0.5), np.eye(3), bias=np.zeros(3))
     errors = []
     for sigma in (0.3, 0.0):
-        aiding = flinders.fit(samples, aiding=flinders.Instruments("dip", acceleration_bias_sigma=sigma)).aiding
+        aiding = flinders.fit(
+            samples, aiding=flinders.Instruments("dip", acceleration_bias_sigma=sigma)
+        ).evidence.aiding
         assert aiding is not None
         errors.append(aiding.alignment_error_deg(60.0) or np.nan)
     assert errors[1] < 0.5 * errors[0]
@@ -200,8 +202,8 @@ def test_a_vertical_that_leans_in_turns_is_left_out() -> None:
     """An aircraft in coordinated turns feels no sideways pull."""
     fit = fitted_anyway(simulate.tumble(seed=1, motion="flight", n=1500).samples)
     assert "leans-in-turns" in [finding.code for finding in fit.findings]
-    assert fit.aiding is not None
-    assert not any(sensor.is_used for sensor in fit.aiding.sensors)
+    assert fit.evidence.aiding is not None
+    assert not any(sensor.is_used for sensor in fit.evidence.aiding.sensors)
 
 
 def fitted_anyway(samples: Samples) -> Fit:

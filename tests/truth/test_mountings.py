@@ -18,7 +18,7 @@ from tests.trials import daily
 
 from flinders.arrays import floats
 from flinders.core.calibration import Calibration
-from flinders.core.calibration_file import Provenance, SourceFile
+from flinders.core.calibration_file import ProvenanceRecord, SourceFile
 from flinders.core.units import Unit
 from flinders.errors import NotExportable, UsageError
 from flinders.fitting.export import export_fit
@@ -232,7 +232,7 @@ def test_the_log_says_how_the_compass_was_mounted() -> None:
 
 def fit_of(found: Calibration, *files: SourceFile) -> Fit:
     document = found.to_document(
-        provenance=Provenance(flinders="1", date=datetime(2026, 3, 1, tzinfo=UTC), files=files)
+        provenance=ProvenanceRecord(flinders="1", date=datetime(2026, 3, 1, tzinfo=UTC), files=files)
     )
     return Fit.from_document(document)
 

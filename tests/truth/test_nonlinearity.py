@@ -50,7 +50,7 @@ def curved(seed: int, *, quadratic: float = 0.0, cubic: float = 0.0, rows: int =
 @pytest.mark.parametrize(("quadratic", "cubic"), [(0.02, 0.0), (0.0, 0.05), (-0.015, 0.03)])
 def test_the_terms_of_an_axis_are_found(quadratic: float, cubic: float) -> None:
     fit = flinders.fit(curved(3, quadratic=quadratic, cubic=cubic))
-    found = fit.nonlinearity
+    found = fit.evidence.diagnosis.nonlinearity
     assert found is not None
     assert found.is_proven
     assert found.axis == "y"
@@ -65,7 +65,7 @@ def test_the_claim_covers_what_the_axis_costs() -> None:
     """Without the terms the claim would be a tenth of the error."""
     truth, fit = flinders.fit(curved(5)), flinders.fit(curved(5, quadratic=0.02))
     worst = worst_error(fit.calibration, truth.calibration, 0.02, 0.0)
-    assert worst > 5.0 * (fit.textbook_heading_error_deg or fit.heading_error_deg).worst
+    assert worst > 5.0 * (fit.claim.textbook_heading_error_deg or fit.heading_error_deg).worst
     assert worst < 2.0 * fit.heading_error_deg.worst
 
 
@@ -173,7 +173,7 @@ def test_a_linearized_fit_claims_what_it_is_off_in_every_direction(
         directions = fibonacci(400)
         raw = _bent(sensor.unapply(STRENGTH * directions), sensor.offset[1], quadratic, cubic)
         off = angles_between(fit.calibration.apply(raw), directions)
-        ratios.append(off.max() / fit.direction_error_deg.worst)
+        ratios.append(off.max() / fit.claim.direction_error_deg.worst)
         verdicts.add(fit.verdict)
     assert len(ratios) >= 2
     assert verdicts == {"good" if seen_to > 1.0 else "limited"}
@@ -206,11 +206,15 @@ def test_a_disturbed_reading_does_not_fold_back() -> None:
 
 def test_why_nothing_was_linearized_is_said() -> None:
     fit = flinders.fit(curved(7), linearize=True)
-    assert fit.nonlinearity is not None
+    assert fit.evidence.diagnosis.nonlinearity is not None
     assert unchanged(fit).startswith("the axes are linear as far as the readings tell")
-    likely, lag = replace(fit.nonlinearity, p_value=1e-6), AxisLag((0.02, -0.01, -0.01), True, 0.5, 1e-9)
-    assert "not make the heading error smaller" in unchanged(replace(fit, nonlinearity=likely, axis_lag=None))
-    assert "at different moments" in unchanged(replace(fit, nonlinearity=likely, axis_lag=lag))
+    likely, lag = (
+        replace(fit.evidence.diagnosis.nonlinearity, p_value=1e-6),
+        AxisLag((0.02, -0.01, -0.01), True, 0.5, 1e-9),
+    )
+    for axis_lag, words in ((None, "not make the heading error smaller"), (lag, "at different moments")):
+        diagnosis = replace(fit.evidence.diagnosis, nonlinearity=likely, axis_lag=axis_lag)
+        assert words in unchanged(replace(fit, evidence=replace(fit.evidence, diagnosis=diagnosis)))
 
 
 def displacements(surface: Ellipsoid, directions: Floats) -> Floats:
@@ -232,8 +236,8 @@ def test_the_file_keeps_terms_and_claim(tmp_path: Path) -> None:
     loaded = flinders.Fit.load(tmp_path / "bent.json")
     assert loaded.calibration.isclose(fit.calibration, tolerance=0.0)
     assert loaded.heading_error_deg == fit.heading_error_deg
-    assert loaded.heading_bound_deg == fit.heading_bound_deg
-    assert loaded.structure_deg == pytest.approx(fit.structure_deg, rel=1e-6)
+    assert loaded.claim.heading_bound_deg == fit.claim.heading_bound_deg
+    assert loaded.claim.structure_deg == pytest.approx(fit.claim.structure_deg, rel=1e-6)
 
 
 @pytest.mark.parametrize(

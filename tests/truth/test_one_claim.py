@@ -19,6 +19,7 @@ from flinders.comparison.comparison import compare
 from flinders.comparison.evaluation import evaluate
 from flinders.comparison.merging import merge
 from flinders.fitting.batch import fit_batch
+from flinders.fitting.words import heading_words
 from flinders.geometry.rotation import rotations
 from flinders.likelihood.site_field import Site
 from flinders.report.fit_pages import of_file, of_fit
@@ -86,33 +87,33 @@ def fit(request: pytest.FixtureRequest) -> Fit:
 
 
 def test_every_door_states_one_number(fit: Fit) -> None:
-    claim, bound = fit.heading_error_deg.worst, fit.heading_bound_deg
-    assert fit.level_error().worst == pytest.approx(claim, rel=1e-9)
+    claim, bound = fit.heading_error_deg.worst, fit.claim.heading_bound_deg
+    assert fit.claim.level_error().worst == pytest.approx(claim, rel=1e-9)
     assert claim < bound < 4.0 * claim
     stated = fit.as_dict()["heading_error_deg"]
     assert (stated["worst"], stated["bound_95"]) == (claim, bound)
     drawn = view(fit, SAMPLES).heading_error_deg
     assert drawn is None or (drawn.worst, drawn.bound_95) == (claim, bound)
     loaded = Fit.from_document(fit.to_document())
-    assert loaded.level_error().worst == pytest.approx(claim, rel=1e-6)
-    assert loaded.heading_bound_deg == pytest.approx(bound, rel=1e-6)
-    if fit.alignment_error_deg is not None:
-        assert loaded.alignment_error_deg == pytest.approx(fit.alignment_error_deg, rel=1e-6)
+    assert loaded.claim.level_error().worst == pytest.approx(claim, rel=1e-6)
+    assert loaded.claim.heading_bound_deg == pytest.approx(bound, rel=1e-6)
+    if fit.claim.alignment_error_deg is not None:
+        assert loaded.claim.alignment_error_deg == pytest.approx(fit.claim.alignment_error_deg, rel=1e-6)
 
 
 def test_the_terminal_says_it(fit: Fit) -> None:
     if fit.verdict != "refused":
         console = Console(file=io.StringIO(), width=200)
         console.print(of_fit(fit))
-        assert fit.heading_words.removesuffix(")") in console.file.getvalue()  # type: ignore[attr-defined]
+        assert heading_words(fit.claim).removesuffix(")") in console.file.getvalue()  # type: ignore[attr-defined]
 
 
 def test_it_is_held_against_the_truth_and_against_other_calibrations(fit: Fit) -> None:
-    claim, bound = fit.heading_error_deg.worst, fit.heading_bound_deg
+    claim, bound = fit.heading_error_deg.worst, fit.claim.heading_bound_deg
     compared = compare(fit, exact(fit))
     assert compared.claimed_deg is not None
     assert (compared.claimed_deg.worst, compared.claimed_bound_deg) == pytest.approx((claim, bound), rel=1e-3)
-    found = evaluate(fit, Truth.of(RECORDING), dip_deg=fit.known_dip_deg)
+    found = evaluate(fit, Truth.of(RECORDING), dip_deg=fit.claim.known_dip_deg)
     assert found.claimed_heading_deg is not None
     assert found.claimed_heading_deg.worst == pytest.approx(claim, rel=1e-9)
     assert found.claimed_bound_deg == pytest.approx(bound, rel=1e-3)
@@ -120,7 +121,7 @@ def test_it_is_held_against_the_truth_and_against_other_calibrations(fit: Fit) -
 
 def exact(fit: Fit) -> Fit:
     """The same without any uncertainty."""
-    return replace(fit, covariance=np.zeros((9, 9)), structure_deg=0.0)
+    return replace(fit, claim=replace(fit.claim, covariance=np.zeros((9, 9)), structure_deg=0.0))
 
 
 @pytest.mark.parametrize("aiding", [(), ("dip",)], ids=["alone", "with dip"])
@@ -133,7 +134,7 @@ def test_commands_file_and_page_state_one_number(
     words = ("--with", ",".join(aiding)) if aiding else ()
     made = flinders_("calibrate", "hand.csv", *words, "-o", "fit.json", "--json").json
     fit = Fit.load("fit.json")
-    Fit(fit.calibration).save("exact.json")
+    Fit.of(fit.calibration).save("exact.json")
     stated = made["heading_error_deg"]
     claims = {
         "the file": json.loads(Path("fit.json").read_text())["fit"]["heading_error_deg"],
@@ -161,7 +162,7 @@ def test_a_fleet_states_it(change: Callable[[Floats], Floats]) -> None:
     fit, columns = judged(samples), fit_batch([samples])
     assert columns.by_record.all() or fit.verdict == "refused"
     assert columns.worst_deg[0] == pytest.approx(fit.heading_error_deg.worst, rel=1e-9)
-    assert fit.verdict == "refused" or columns.bound_95_deg[0] == pytest.approx(fit.heading_bound_deg, rel=1e-3)
+    assert fit.verdict == "refused" or columns.bound_95_deg[0] == pytest.approx(fit.claim.heading_bound_deg, rel=1e-3)
 
 
 def test_what_the_mounting_adds_is_said_wherever_the_rotation_was_seen() -> None:
@@ -171,34 +172,33 @@ def test_what_the_mounting_adds_is_said_wherever_the_rotation_was_seen() -> None
     for page in (of_fit(fit), of_file(loaded, is_verbose=False)):
         console = Console(file=io.StringIO(), width=200)
         console.print(page)
-        assert f"adds {degrees(fit.alignment_error_deg or 0.0)} (1 σ)" in console.file.getvalue()  # type: ignore[attr-defined]
+        assert f"adds {degrees(fit.claim.alignment_error_deg or 0.0)} (1 σ)" in console.file.getvalue()  # type: ignore[attr-defined]
 
 
 def test_before_and_after_are_of_the_same_axes() -> None:
     """The turn that a page draws is that of the numbers beside it, also where the sensor sits turned in the body."""
     fit = FITS["clean"]()
     turn = rotations(np.array([[0.3, -0.2, 1.4]]))[0]
-    mounted = replace(
-        fit, calibration=replace(fit.calibration, matrix=turn @ fit.calibration.matrix, rotation="composed")
-    )
+    turned = replace(fit.calibration, matrix=turn @ fit.calibration.matrix, rotation="composed")
+    mounted = fit.with_calibration(turned)
     drawn = view(mounted, SAMPLES).turn
     assert drawn is not None
-    assert max(map(abs, drawn.before_deg)) == pytest.approx(mounted.uncorrected_heading_error_deg.worst, abs=1e-3)
+    assert max(map(abs, drawn.before_deg)) == pytest.approx(mounted.claim.uncorrected_heading_error_deg.worst, abs=1e-3)
 
 
 def test_a_merged_calibration_has_what_belongs_to_the_direction() -> None:
     """Two recordings of one sensor do not average it out."""
     parts = [
-        replace(judged(in_ut(structured(simulate.tumble(seed=seed, n=1500, sensor=SENSOR).samples.field))), name=name)
+        judged(in_ut(structured(simulate.tumble(seed=seed, n=1500, sensor=SENSOR).samples.field))).with_name(name)
         for seed, name in ((1, "a"), (2, "b"))
     ]
     merged = merge(parts)
-    assert merged.structure_deg == pytest.approx(max(part.structure_deg for part in parts), rel=0.05)
-    assert merged.heading_error_deg.worst > merged.structure_deg
+    assert merged.claim.structure_deg == pytest.approx(max(part.claim.structure_deg for part in parts), rel=0.05)
+    assert merged.heading_error_deg.worst > merged.claim.structure_deg
 
 
 def test_what_belongs_to_the_direction_is_in_the_claim() -> None:
     """Else the doors above would agree on too small a number."""
     for name in ("structure", "a nonlinear axis", "a late axis"):
         fit = FITS[name]()
-        assert fit.heading_error_deg.worst > fit.structure_deg > 0.1, name
+        assert fit.heading_error_deg.worst > fit.claim.structure_deg > 0.1, name

@@ -15,6 +15,7 @@ from flinders.fitting.result import Fit
 from flinders.live.guided import Session
 from flinders.report.html import TITLES
 from flinders.report.html_file import asset
+from flinders.report.notebook import html_of
 from flinders.simulate.recording import write_csv
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def test_all_renderings_have_the_word(verdict: str, tmp_path: Path, monkeypatch:
     else:
         loaded = Fit.load("c.json")
         assert loaded.verdict == verdict
-        assert f" {verdict}: " in loaded._repr_html_()
+        assert f" {verdict}: " in html_of(loaded)
 
 
 @pytest.mark.parametrize("verdict", CASES)

@@ -46,9 +46,11 @@ def test_the_offset_is_right_within_its_claim(earlier: Fit, motion: str, aiding:
     fit = flinders.refresh(recorded(motion=motion).samples, earlier, aiding=aiding)
     assert fit.verdict == "good"
     assert fit.heading_error_deg.worst < 0.6
-    assert np.all(np.abs(fit.calibration.offset - TUMBLED_SENSOR.offset - MOVED) < 4.0 * fit.offset_sigma)
-    assert fit.refreshed is not None
-    assert np.allclose(fit.refreshed.offset_change, fit.calibration.offset - earlier.calibration.offset)
+    assert np.all(np.abs(fit.calibration.offset - TUMBLED_SENSOR.offset - MOVED) < 4.0 * fit.claim.offset_sigma)
+    assert fit.evidence.diagnosis.refreshed is not None
+    assert np.allclose(
+        fit.evidence.diagnosis.refreshed.offset_change, fit.calibration.offset - earlier.calibration.offset
+    )
 
 
 def test_a_fresh_fit_of_the_same_readings_is_refused() -> None:
@@ -68,7 +70,7 @@ def test_steel_is_noticed_and_allowed_for(earlier: Fit) -> None:
     assert "soft-iron-changed" in {finding.code for finding in fit.findings}
     assert fit.verdict == "limited"
     error = fit.calibration.offset - made.sensor.offset
-    assert np.all(np.abs(error) < 4.0 * fit.offset_sigma)
+    assert np.all(np.abs(error) < 4.0 * fit.claim.offset_sigma)
 
 
 def test_a_share_of_change_widens_the_claim(earlier: Fit) -> None:
@@ -103,10 +105,10 @@ def test_another_place_has_another_strength() -> None:
 
 
 def test_a_calibration_without_uncertainty_counts_as_known_to_two_per_cent(earlier: Fit) -> None:
-    imported = replace(earlier, covariance=np.zeros((9, 9)))
+    imported = replace(earlier, claim=replace(earlier.claim, covariance=np.zeros((9, 9))))
     fit = flinders.refresh(recorded().samples, imported)
     assert fit.heading_error_deg.worst > 1.5 * flinders.refresh(recorded().samples, earlier).heading_error_deg.worst
-    assert np.all(np.abs(fit.calibration.offset - TUMBLED_SENSOR.offset - MOVED) < 4.0 * fit.offset_sigma)
+    assert np.all(np.abs(fit.calibration.offset - TUMBLED_SENSOR.offset - MOVED) < 4.0 * fit.claim.offset_sigma)
 
 
 def test_what_cannot_be_refreshed_is_refused(earlier: Fit) -> None:
@@ -148,7 +150,7 @@ def poses(headings: Sequence[float], *, pitch_deg: float = 0.0) -> list[Samples]
 def test_poses_at_known_headings_give_the_offset(earlier: Fit, headings: list[float], verdict: str) -> None:
     fit = refresh_at_headings(poses(headings), earlier, headings, site=flinders.Site(inclination_deg=60.0))
     assert fit.verdict == verdict
-    assert np.all(np.abs(fit.calibration.offset - TUMBLED_SENSOR.offset - MOVED) < 3.0 * fit.offset_sigma)
+    assert np.all(np.abs(fit.calibration.offset - TUMBLED_SENSOR.offset - MOVED) < 3.0 * fit.claim.offset_sigma)
     assert fit.conditions == (() if verdict == "limited" else ("same-soft-iron", "uniform-field", "constant-iron"))
 
 

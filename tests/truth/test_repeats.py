@@ -58,8 +58,8 @@ def test_clean_repeats_have_no_finding(motion: str, n: int, trials: Choose) -> N
     for seed in trials(20, 5).seeds:
         parts = [recording(3 * seed + k, motion=motion, n=n).samples for k in range(2 + seed % 2)]
         fit = judged(*parts)
-        assert fit.repeats is not None
-        assert len(fit.repeats.parts) == len(parts)
+        assert fit.evidence.diagnosis.repeats is not None
+        assert len(fit.evidence.diagnosis.repeats.parts) == len(parts)
         assert differing(fit) is None, seed
 
 
@@ -69,8 +69,8 @@ def test_the_difference_of_two_clean_recordings_is_that_of_their_fits_and_as_cla
     for seed in claim.seeds:
         parts = [recording(2 * seed + k).samples for k in (0, 1)]
         fit, one, other = judged(*parts), flinders.fit(parts[0]), flinders.fit(parts[1])
-        assert fit.repeats is not None
-        first = fit.repeats.parts[0]
+        assert fit.evidence.diagnosis.repeats is not None
+        first = fit.evidence.diagnosis.repeats.parts[0]
         apart = float(np.linalg.norm(one.calibration.offset - other.calibration.offset))
         assert first.offset_difference == pytest.approx(apart, rel=1e-6)
         assert first.claimed_deg == pytest.approx(one.heading_error_deg.worst, rel=1e-6)
@@ -88,8 +88,8 @@ def test_an_offset_that_moved_by_3_microtesla_is_refused_naming_both(trials: Cho
         assert finding is not None
         assert (finding.severity, finding.limit) == ("refuses", 1.0)
         assert finding.number > 2.0
-        assert caught.value.fit.repeats is not None
-        assert caught.value.fit.repeats.farthest.offset_difference == pytest.approx(3.0, abs=0.3)
+        assert caught.value.fit.evidence.diagnosis.repeats is not None
+        assert caught.value.fit.evidence.diagnosis.repeats.farthest.offset_difference == pytest.approx(3.0, abs=0.3)
         assert caught.value.evidence["recordings-differ"] == finding.number
 
 
@@ -130,27 +130,27 @@ def test_of_three_recordings_the_one_that_moved_is_named(which: int, trials: Cho
         assert finding is not None
         assert finding.advice.startswith(f"{which}.csv is ")
         assert "off the other recordings (1." in finding.advice
-        assert fit.repeats is not None
-        assert fit.repeats.farthest.source == f"{which}.csv"
+        assert fit.evidence.diagnosis.repeats is not None
+        assert fit.evidence.diagnosis.repeats.farthest.source == f"{which}.csv"
 
 
 def test_a_recording_too_short_to_stand_alone_is_passed_over() -> None:
     long, short, again = named("a", recording(1)), named("b", recording(2, n=9)), named("c", recording(3))
-    assert judged(long, short).repeats is None
+    assert judged(long, short).evidence.diagnosis.repeats is None
     fit = judged(long, short, again)
-    assert fit.repeats is not None
-    assert [part.source for part in fit.repeats.parts] == ["a", "c"]
+    assert fit.evidence.diagnosis.repeats is not None
+    assert [part.source for part in fit.evidence.diagnosis.repeats.parts] == ["a", "c"]
     assert fit.samples == 2009
 
 
 def test_a_level_turn_beside_a_tumble_is_passed_over() -> None:
     """Alone it rests on the dip, which the tumble finds."""
     turn, one, other = named("turn", recording(1, motion="level")), named("b", recording(2)), named("c", recording(3))
-    assert judged(turn, one).repeats is None
+    assert judged(turn, one).evidence.diagnosis.repeats is None
     fit = judged(turn, one, other)
     assert (fit.method, fit.verdict) == ("likelihood", "good")
-    assert fit.repeats is not None
-    assert [part.source for part in fit.repeats.parts] == ["b", "c"]
+    assert fit.evidence.diagnosis.repeats is not None
+    assert [part.source for part in fit.evidence.diagnosis.repeats.parts] == ["b", "c"]
 
 
 def test_other_field_strengths_with_the_same_headings_are_noted() -> None:
@@ -170,8 +170,8 @@ def test_level_turns_are_held_against_each_other(moved: float, severity: str | N
     parts = recording(1, motion="level").samples, recording(2, (moved, 0.0, 0.0), motion="level").samples
     fit = judged(*parts)
     assert fit.method == "level"
-    assert fit.repeats is not None
-    assert len(fit.repeats.parts) == 2
+    assert fit.evidence.diagnosis.repeats is not None
+    assert len(fit.evidence.diagnosis.repeats.parts) == 2
     finding = differing(fit)
     assert (finding and finding.severity) == severity
 
@@ -179,15 +179,16 @@ def test_level_turns_are_held_against_each_other(moved: float, severity: str | N
 def test_what_scatters_is_in_the_covariance_and_in_json() -> None:
     parts = [named(f"{k}", recording(k, (0.4 * k, 0.0, 0.0))) for k in range(3)]
     fit = judged(*parts)
-    assert fit.repeats is not None
-    assert fit.repeats.p_value < 1e-6
-    assert np.linalg.eigvalsh(fit.covariance - fit.repeats.scatter)[0] > -1e-9
-    assert fit.offset_sigma[0] > 0.3
+    assert fit.evidence.diagnosis.repeats is not None
+    assert fit.evidence.diagnosis.repeats.p_value < 1e-6
+    assert np.linalg.eigvalsh(fit.claim.covariance - fit.evidence.diagnosis.repeats.scatter)[0] > -1e-9
+    assert fit.claim.offset_sigma[0] > 0.3
     fields = json.loads(json.dumps(fit.as_dict()))["repeats"]
-    assert fields["scatter_deg"] == fit.repeats.scatter_deg
+    assert fields["scatter_deg"] == fit.evidence.diagnosis.repeats.scatter_deg
     assert [part["source"] for part in fields["parts"]] == ["0", "1", "2"]
     npt.assert_allclose(
-        [part["difference_deg"] for part in fields["parts"]], [p.difference_deg for p in fit.repeats.parts]
+        [part["difference_deg"] for part in fields["parts"]],
+        [p.difference_deg for p in fit.evidence.diagnosis.repeats.parts],
     )
 
 

@@ -17,6 +17,7 @@ import numpy.testing as npt
 import pytest
 from tests.trials import daily
 
+import flinders
 from flinders import simulate
 from flinders.core.calibration import Calibration
 from flinders.core.disturbance import Disturbance
@@ -33,6 +34,7 @@ from flinders.report.figure_data import FigureData, doubts, restored
 from flinders.report.figures import coverage_map, error_map, offset_over_time, projections
 from flinders.report.formatting import degrees, mounting
 from flinders.report.html import listings_of, page, python_of
+from flinders.report.notebook import html_of
 from flinders.report.terminal import plot
 from flinders.report.view import tile_errors_deg
 
@@ -254,7 +256,7 @@ def test_a_calibration_that_was_written_gives_the_same_report_numbers() -> None:
         fit, samples = fitted(motion)
         again = restored(Fit.from_document(fit.to_document()), samples)
         assert again.verdict == fit.verdict
-        assert again.plane == fit.plane
+        assert again.claim.plane == fit.claim.plane
         npt.assert_allclose(again.heading_error_deg.worst, fit.heading_error_deg.worst, rtol=1e-6)
         npt.assert_allclose(again.heading_error_deg.rms, fit.heading_error_deg.rms, rtol=1e-6)
         npt.assert_allclose(again.noise, fit.noise)
@@ -269,7 +271,7 @@ def test_what_is_known_of_z_at_a_level_turn_is_told_of_the_file_as_of_the_fit(kn
     fit = calibrate.fit(turned, site=Site(50.0, 60.0, gain_sigma=0.05, inclination_sigma_deg=1.0))
     fit.save(tmp_path / "calibration.json")
     again = restored(Fit.load(tmp_path / "calibration.json"), turned)
-    assert again.z_down is fit.z_down is {"shown": True, "elsewhere": False, "open": None}[known]
+    assert again.evidence.z_down is fit.evidence.z_down is {"shown": True, "elsewhere": False, "open": None}[known]
     advice = next(finding.advice for finding in fit.findings if finding.code == "level-plane")
     assert advice[1:].rstrip(".") in Page.of(page(again, turned)).words
 
@@ -277,17 +279,17 @@ def test_what_is_known_of_z_at_a_level_turn_is_told_of_the_file_as_of_the_fit(kn
 def test_what_belongs_to_the_direction_is_found_in_the_file_again() -> None:
     fit, samples = fitted()
     error = fit.heading_error_deg.combined(0.7)
-    bent = replace(fit, structure_deg=0.7, heading_error_deg=error)
+    bent = replace(fit, claim=replace(fit.claim, structure_deg=0.7, heading_error_deg=error))
     again = restored(Fit.from_document(bent.to_document()), samples)
-    assert again.structure_deg == 0.7
-    level = fit.ellipsoid.radius * math.cos(math.radians(fit.known_dip_deg))
-    npt.assert_allclose(again.distortion, math.radians(0.7) * level, rtol=1e-6)
-    npt.assert_allclose(again.attitude_limit_deg, bent.attitude_limit_deg, rtol=1e-6)
+    assert again.claim.structure_deg == 0.7
+    level = fit.calibration.ellipsoid.radius * math.cos(math.radians(fit.claim.known_dip_deg))
+    npt.assert_allclose(again.evidence.residuals.distortion, math.radians(0.7) * level, rtol=1e-6)
+    npt.assert_allclose(again.claim.attitude_limit_deg, bent.claim.attitude_limit_deg, rtol=1e-6)
 
 
 def test_a_calibration_without_uncertainty_claims_nothing() -> None:
     fit, samples = fitted()
-    found = Page.of(page(restored(Fit(fit.calibration), samples), samples))
+    found = Page.of(page(restored(Fit.of(fit.calibration), samples), samples))
     assert "Of unknown quality" in found.words
     assert "states no uncertainty" in found.words
     assert "Worst heading off by" not in found.words
@@ -320,7 +322,7 @@ def test_a_report_tells_what_the_offset_follows_and_its_python_does_so_too() -> 
     found = Page.of(page(fit, flight))
     assert "What the offset follows" in found.words
     assert "Current, µT per A" in found.words
-    sigma = np.sqrt(np.diag(fit.disturbances_covariance)[9:12])  # type: ignore[arg-type]
+    sigma = np.sqrt(np.diag(fit.evidence.disturbances.covariance)[9:12])  # type: ignore[arg-type]
     assert f"± {sigma[0]:.4f}" in found.words
     assert flight.current is not None
     names: dict[str, Any] = {"raw": flight.field, "current": flight.current}
@@ -346,7 +348,8 @@ def test_a_rotation_that_was_found_is_not_said_to_be_unseen() -> None:
     assert "no magnetometer can see" not in text
     assert "as told by the gyro and accelerometer" in text
     assert "as the gyro and accelerometer tell it, adds" in mounting(fit)
-    stated = replace(fitted()[0], alignment_error_deg=0.5)
+    fit = fitted()[0]
+    stated = replace(fit, claim=replace(fit.claim, alignment_error_deg=0.5))
     assert "no magnetometer can see" in mounting(stated)
 
 
@@ -357,7 +360,7 @@ def test_a_report_says_for_how_long_the_calibration_holds_as_the_terminal_does()
     for motion in ("hand", "level"):
         fit, samples = fitted(motion)
         dip = fit.heading_error_deg.dip_deg
-        walk = walk_through(samples, fit.ellipsoid, plane=fit.plane, dip_deg=dip)
+        walk = walk_through(samples, fit.calibration.ellipsoid, plane=fit.claim.plane, dip_deg=dip)
         told = Page.of(page(fit, samples)).words.split(CONSTANT)[1]
         assert f"T{walk.words('µT', dip_deg=dip)[1:]}." in told
         assert "No movement is told from chance" in told
@@ -380,9 +383,9 @@ def test_without_times_of_one_recording_or_with_few_readings_no_path_is_drawn() 
 
 def test_of_a_recording_that_does_not_go_with_the_calibration_no_path_is_drawn() -> None:
     other = simulate.tumble(seed=9, n=500).samples
-    for judged in (fitted()[0], Fit(fitted()[0].calibration), fitted("level")[0]):
+    for judged in (fitted()[0], Fit.of(fitted()[0].calibration), fitted("level")[0]):
         assert CONSTANT not in page(restored(judged, other), other)
-    assert CONSTANT in page(restored(Fit(fitted()[0].calibration), fitted()[1]), fitted()[1])
+    assert CONSTANT in page(restored(Fit.of(fitted()[0].calibration), fitted()[1]), fitted()[1])
 
 
 def test_the_path_of_an_offset_is_drawn_for_the_axes_that_were_seen() -> None:
@@ -401,7 +404,7 @@ def test_the_map_is_in_the_axes_of_corrected_readings() -> None:
     fit, _ = fitted("tilted")
     turn = rotations(np.array([[0.2, -0.4, 0.9]]))[0]
     matrix = turn @ fit.calibration.matrix
-    turned = replace(fit, calibration=replace(fit.calibration, matrix=matrix, rotation="estimated"))
+    turned = fit.with_calibration(replace(fit.calibration, matrix=matrix, rotation="estimated"))
     errors, moved = tile_errors_deg(fit), tile_errors_deg(turned)
     there = tile_of(tiles().centres @ turn)
     npt.assert_allclose(moved, errors[there], rtol=0.25)
@@ -437,17 +440,18 @@ def test_a_terminal_of_plain_letters_and_one_that_is_narrow() -> None:
 def test_a_notebook_shows_a_fit_and_escapes_its_sensor() -> None:
     fit, _ = fitted()
     named = replace(fit.calibration, sensor="<script>alert(1)</script>")
-    for shown in (named._repr_html_(), replace(fit, calibration=named)._repr_html_()):
+    for shown in (named._repr_html_(), html_of(replace(fit, calibration=named))):
         assert "<script" not in shown
         assert "offset, µT" in shown
         assert len(re.sub(r"base64,[\w+/=]+", "", shown)) < 2000
-    assert degrees(fit.heading_error_deg.worst) in fit._repr_html_()
-    assert "± " in fit._repr_html_()
+    assert degrees(fit.heading_error_deg.worst) in html_of(fit)
+    assert "± " in html_of(fit)
+    assert vars(flinders.Fit)["_repr_html_"](fit) == html_of(fit)  # which a notebook calls
 
 
 def test_a_notebook_shows_no_number_of_a_refused_fit() -> None:
     refused, _ = flat()
-    shown = refused.fit._repr_html_()
+    shown = html_of(refused.fit)
     assert "<table" not in shown
     assert "one plane" in shown
 
@@ -456,16 +460,14 @@ def test_a_notebook_shows_sphere_and_deviation_as_images_that_need_no_file(tmp_p
     fit, _ = fitted()
     fit.save(tmp_path / "c.json")
     for each in (fit, Fit.load(tmp_path / "c.json")):
-        sphere, turn = re.findall(
-            r'<img alt="([^"]+)"[^>]* src="data:image/svg\+xml;base64,([^"]+)"', each._repr_html_()
-        )
+        sphere, turn = re.findall(r'<img alt="([^"]+)"[^>]* src="data:image/svg\+xml;base64,([^"]+)"', html_of(each))
         assert (sphere[0], turn[0]) == (
             "Predicted heading error in each direction",
             "Deviation over the heading, before and after",
         )
         for _, image in (sphere, turn):
             ElementTree.fromstring(base64.b64decode(image))
-    assert "<img" not in Fit(fit.calibration)._repr_html_()
+    assert "<img" not in html_of(Fit.of(fit.calibration))
 
 
 def test_an_identity_is_shown_too() -> None:

@@ -69,7 +69,7 @@ def test_rests_beside_a_turn_are_left_out_and_a_note_has_their_times() -> None:
     (note,) = [finding for finding in fit.findings if finding.code == "at-rest"]
     assert (note.severity, round(note.number, 3)) == ("note", 0.333)
     assert "(30.0–45.0 s): rests are left out" in note.advice
-    assert not fit.outliers
+    assert not fit.evidence.outliers
     assert fit.samples == 1500
 
 
@@ -79,7 +79,7 @@ def test_a_pose_that_does_not_fit_is_left_out_with_its_time() -> None:
     strength = of.field_strength * np.where(np.arange(60) == 12, 1.2, 1.0)[:, np.newaxis]
     samples = timed(of.sensor.read(np.repeat(strength * simulate.uniform(rng, 60), 50, axis=0), rng))
     fit = judged(samples)
-    (pose,) = fit.outliers
+    (pose,) = fit.evidence.outliers
     npt.assert_allclose([pose.start_s, pose.end_s], [12.0, 12.98], atol=0.1)
     npt.assert_allclose([pose.readings, pose.independent], [50, 1], atol=4)
     assert str(pose).endswith("readings at rest")
@@ -178,7 +178,7 @@ def test_outliers_of_several_recordings_have_the_rows_that_were_read() -> None:
     each = [np.concatenate([still(of, 4.0, 0.03), half]) for half in np.split(of.samples.field, 2)]
     each[1][775] *= 1.5
     fit = judged(Joined(tuple(map(timed, each))), method="level")
-    assert [(run.first, run.last) for run in fit.outliers if run.readings == 1] == [(1976, 1976)]
+    assert [(run.first, run.last) for run in fit.evidence.outliers if run.readings == 1] == [(1976, 1976)]
 
 
 def test_a_closed_form_claims_what_its_readings_tell() -> None:

@@ -93,7 +93,7 @@ def test_a_magnet_that_passes_is_told_with_its_rows_its_time_and_how_far_it_pull
     fit = flinders.fit(samples, site=flinders.Site(strength=50.0))
     assert fit.method == "robust"
     assert np.linalg.norm(fit.calibration.offset - truth.sensor.offset) < 0.2
-    largest = max(fit.outliers, key=lambda outlier: outlier.readings)
+    largest = max(fit.evidence.outliers, key=lambda outlier: outlier.readings)
     assert largest.readings > 60
     assert PASSED.start - 25 < largest.first <= largest.last <= PASSED.stop + 25
     assert samples.time is not None
@@ -125,13 +125,13 @@ def test_the_rows_of_a_stray_are_those_of_the_recording() -> None:
     for row in (0, 99, 599):
         field[row] = SENSOR.offset + np.array([200.0, 0.0, 0.0])
     fit = flinders.fit(field)
-    assert [(outlier.first, outlier.last, outlier.readings) for outlier in fit.outliers] == [
+    assert [(outlier.first, outlier.last, outlier.readings) for outlier in fit.evidence.outliers] == [
         (1, 1, 1),
         (100, 100, 1),
         (600, 600, 1),
     ]
-    assert [str(outlier) for outlier in fit.outliers][1] == "reading 100"
-    assert all(np.isnan(outlier.start_s) for outlier in fit.outliers)
+    assert [str(outlier) for outlier in fit.evidence.outliers][1] == "reading 100"
+    assert all(np.isnan(outlier.start_s) for outlier in fit.evidence.outliers)
     assert fit.samples == 597
 
 
@@ -142,8 +142,8 @@ def test_a_stream_too_long_to_hold_lists_the_same_strays(monkeypatch: pytest.Mon
     monkeypatch.setattr(data, "HELD", 1000)
     streamed = flinders.fit(Streamed(samples))
     apart = np.abs(streamed.calibration.offset - whole.calibration.offset)
-    assert (apart < 3.0 * streamed.offset_sigma).all()
-    for one, other in zip(whole.outliers, streamed.outliers, strict=True):
+    assert (apart < 3.0 * streamed.claim.offset_sigma).all()
+    for one, other in zip(whole.evidence.outliers, streamed.evidence.outliers, strict=True):
         assert (one.first, one.last, one.start_s, one.end_s) == (other.first, other.last, other.start_s, other.end_s)
 
 
@@ -165,9 +165,9 @@ def test_asked_for_it_costs_clean_readings_next_to_nothing() -> None:
         assert (plain.method, robust.method) == ("likelihood", "robust")
         assert robust.samples >= 1996
         npt.assert_allclose(
-            robust.calibration.offset, plain.calibration.offset, rtol=0, atol=0.4 * plain.offset_sigma.max()
+            robust.calibration.offset, plain.calibration.offset, rtol=0, atol=0.4 * plain.claim.offset_sigma.max()
         )
-        npt.assert_allclose(np.diag(robust.covariance), np.diag(plain.covariance), rtol=0.05)
+        npt.assert_allclose(np.diag(robust.claim.covariance), np.diag(plain.claim.covariance), rtol=0.05)
 
 
 def test_the_method_and_the_option_are_the_same() -> None:
@@ -180,7 +180,7 @@ def test_the_method_and_the_option_are_the_same() -> None:
     assert {fit.method for fit in fits} == {"robust"}
     for fit in fits:
         npt.assert_array_equal(fit.calibration.offset, fits[0].calibration.offset)
-        assert fit.outliers == fits[0].outliers
+        assert fit.evidence.outliers == fits[0].evidence.outliers
     assert Robust().estimate(Readings.of(field)).rejected_beyond < 3.0
 
 
@@ -191,7 +191,7 @@ def test_a_sensor_that_lies_still_most_of_the_time_is_not_rejected(method: str) 
         truth = tumble(seed=seed, motion="clumped", n=1250, sensor=SENSOR)
         for field in (truth.samples.field, truth.samples.field[::-1]):
             fit = flinders.fit(field, method=method)
-            assert sum(outlier.readings for outlier in fit.outliers) <= 2
+            assert sum(outlier.readings for outlier in fit.evidence.outliers) <= 2
             assert np.linalg.norm(fit.calibration.offset - SENSOR.offset) < 0.3
 
 
@@ -214,7 +214,7 @@ def test_coverage_does_not_count_directions_of_strays() -> None:
     assert fit.coverage.fraction < 0.6
     assert fit.coverage.hole_deg > 60.0
     summary = Readings.of(np.concatenate([field, below])).summary
-    assert Coverage.through(summary.cloud, fit.ellipsoid).fraction > 0.75
+    assert Coverage.through(summary.cloud, fit.calibration.ellipsoid).fraction > 0.75
 
 
 def test_nonsense_is_no_minority() -> None:

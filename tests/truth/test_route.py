@@ -44,16 +44,23 @@ def test_a_hand_that_strays_still_gets_there_sooner_than_chance(trials: Choose) 
 
 def partly_known() -> path_planning.Belief:
     fit = flinders.fit(simulate.tumble(seed=3, motion="tilted").samples)
-    return path_planning.Belief.of_fit(fit)
+    return path_planning.Belief.of(fit.claim, fit.noise, fit.coverage)
 
 
 def test_the_way_is_no_worse_than_standing_still_and_beats_any_single_direction() -> None:
     fit = flinders.fit(simulate.tumble(seed=3, motion="tilted", n=300).samples)
-    belief = path_planning.Belief.of_fit(fit)
+    belief = path_planning.Belief.of(fit.claim, fit.noise, fit.coverage)
     way = path_planning.plan(belief, [0.0, 0.0, 1.0], goal="attitude", target_deg=1e-3)
     assert way.after_deg < way.worst_deg
     taken = path_planning.READINGS_PER_DEG * 35.0 * 6
-    one = guide(fit.ellipsoid, fit.covariance, noise=fit.noise, coverage=fit.coverage, goal="attitude", batch=taken)
+    one = guide(
+        fit.calibration.ellipsoid,
+        fit.claim.covariance,
+        noise=fit.noise,
+        coverage=fit.coverage,
+        goal="attitude",
+        batch=taken,
+    )
     assert way.after_deg < one.after_deg
 
 

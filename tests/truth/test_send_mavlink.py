@@ -27,7 +27,7 @@ from tests.waiting import PATIENCE_S, wait_until
 from flinders.cli import main
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
-from flinders.core.calibration_file import Provenance, SourceFile, write
+from flinders.core.calibration_file import ProvenanceRecord, SourceFile, write
 from flinders.core.units import Unit
 from flinders.errors import LinkError, NotConfirmed, NotExportable, NotSent, UsageError
 from flinders.live import mavlink
@@ -505,7 +505,9 @@ def test_a_calibration_goes_to_the_compass_of_its_log(
 ) -> None:
     file = SourceFile(name="f.bin", sha256="0" * 64, bytes=1, rows=1, autopilot="ardupilot", **known)
     date = datetime(2026, 3, 1, tzinfo=UTC)
-    write(found().to_document(provenance=Provenance(flinders="1", date=date, files=(file,))), "cal.json", force=True)
+    write(
+        found().to_document(provenance=ProvenanceRecord(flinders="1", date=date, files=(file,))), "cal.json", force=True
+    )
     with at() as (_, address):
         ended = send("--mavlink", address, "--system", "1", "--dry-run", *words, "cal.json")
     assert ended.exit_code == code, ended.output

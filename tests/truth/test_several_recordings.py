@@ -107,7 +107,7 @@ def test_of_a_recording_that_is_too_long_for_memory_a_part_is_fitted(
         monkeypatch.setattr(data, "HELD", room)
         part = flinders.fit(joined, method=method)
         off = part.calibration.offset - whole.calibration.offset
-        assert np.all(np.abs(off) < 3.0 * np.hypot(part.offset_sigma, whole.offset_sigma))
+        assert np.all(np.abs(off) < 3.0 * np.hypot(part.claim.offset_sigma, whole.claim.offset_sigma))
         assert part.verdict == whole.verdict
         if method != "li":
             assert used - 10 <= part.samples <= used

@@ -65,7 +65,7 @@ def test_a_compass_that_was_good_stays_good(trials: Choose) -> None:
     fits = [judged(rocked(seed, CORRECTED)) for seed in range(chosen.count)]
     alone = [judged(rocked(seed, CORRECTED), method="likelihood") for seed in range(chosen.count)]
     off, off_alone = ([error_deg(fit, CORRECTED) for fit in some] for some in (fits, alone))
-    assert sum(fit.is_shrunk for fit in fits) >= 0.9 * chosen.count
+    assert sum(fit.claim.is_shrunk for fit in fits) >= 0.9 * chosen.count
     assert np.median(off) < 0.5 * np.median(off_alone)
     ratios = [true / fit.heading_error_deg.worst for true, fit in zip(off, fits, strict=True)]
     assert np.median(ratios) < 1.3
@@ -75,7 +75,7 @@ def test_a_compass_that_was_good_stays_good(trials: Choose) -> None:
 def test_an_uncorrected_sensor_is_fitted_as_ever() -> None:
     samples = rocked(1, UNCORRECTED)
     fit, alone = judged(samples), judged(samples, method="likelihood")
-    assert not fit.is_shrunk
+    assert not fit.claim.is_shrunk
     assert np.allclose(fit.calibration.offset, alone.calibration.offset, atol=1e-9)
 
 
@@ -98,9 +98,9 @@ def test_offset_taken_off_and_iron_left_is_worth_a_calibration() -> None:
 def test_a_batch_shrinks_the_same_units_by_their_records(sensor: Sensor) -> None:
     samples = rocked(3, sensor, tilt_deg=35.0)
     fit, found = judged(samples), fit_batch([samples, rocked(4, sensor, tilt_deg=35.0)])
-    assert fit.is_shrunk == (sensor is CORRECTED)
+    assert fit.claim.is_shrunk == (sensor is CORRECTED)
     assert found.by_record.all()
-    assert ("corrected-before" in found.findings[0]) == fit.is_shrunk
+    assert ("corrected-before" in found.findings[0]) == fit.claim.is_shrunk
     assert np.allclose(found.offset[0], fit.calibration.offset, atol=1e-9)
     assert found.worst_deg[0] == pytest.approx(fit.heading_error_deg.worst, rel=1e-9)
 

@@ -71,9 +71,9 @@ def test_a_stated_mounting_makes_tilts_usable_and_the_claim_true(mounted_deg: fl
     for number in range(10):
         truth, site = Turned(mounted_deg=mounted_deg).record(number, 300)
         fit = refit(truth.samples, site=replace(site, alignment_sigma_deg=mounted_deg))
-        ratios += [off(fit, truth, tilt) / fit.tilted_error(tilt).rms for tilt in (5.0, 10.0)]
-        limits.append(fit.attitude_limit_deg)
-        loose.append(refit(truth.samples).attitude_limit_deg)
+        ratios += [off(fit, truth, tilt) / fit.claim.tilted_error(tilt).rms for tilt in (5.0, 10.0)]
+        limits.append(fit.claim.attitude_limit_deg)
+        loose.append(refit(truth.samples).claim.attitude_limit_deg)
     assert 0.6 < rms(ratios) < 1.25
     assert max(ratios) < 3.5
     assert np.median(limits) > 5.0 * np.median(loose)
@@ -84,7 +84,7 @@ def test_without_a_stated_mounting_the_prior_holds_what_lies_across() -> None:
     for number in range(8):
         truth, site = Turned(mounted_deg=5.0).record(number, 300)
         fit = refit(truth.samples, site=site)
-        ratios += [off(fit, truth, tilt) / fit.tilted_error(tilt).rms for tilt in (5.0, 10.0)]
+        ratios += [off(fit, truth, tilt) / fit.claim.tilted_error(tilt).rms for tilt in (5.0, 10.0)]
     assert rms(ratios) < 1.0
     assert max(ratios) < 2.0
 
@@ -95,8 +95,8 @@ def test_the_third_offset_is_found_as_well_as_is_claimed() -> None:
     for number in range(10):
         truth, site = Turned(mounted_deg=2.0).record(number, 300)
         fit = refit(truth.samples, site=replace(site, alignment_sigma_deg=2.0))
-        weighed.append(float((fit.calibration.offset[2] - truth.sensor.offset[2]) / fit.offset_sigma[2]))
-        assert fit.offset_sigma[2] < 10.0 < refit(truth.samples).offset_sigma[2]
+        weighed.append(float((fit.calibration.offset[2] - truth.sensor.offset[2]) / fit.claim.offset_sigma[2]))
+        assert fit.claim.offset_sigma[2] < 10.0 < refit(truth.samples).claim.offset_sigma[2]
     assert 0.5 < rms(weighed) < 2.0
 
 
@@ -111,7 +111,7 @@ def test_no_turn_is_claimed_better_than_it_is(turned: Turned) -> None:
     for number in range(8):
         truth, site = replace(turned, mounted_deg=2.0).record(number, 300)
         fit = refit(truth.samples, site=replace(site, alignment_sigma_deg=2.0))
-        ratios += [off(fit, truth, tilt) / fit.tilted_error(tilt).rms for tilt in (0.0, 2.0, 5.0, 10.0)]
+        ratios += [off(fit, truth, tilt) / fit.claim.tilted_error(tilt).rms for tilt in (0.0, 2.0, 5.0, 10.0)]
     assert rms(ratios) < 1.3
     assert max(ratios) < 4.0
 
@@ -141,8 +141,8 @@ def test_aids_of_a_level_turn_are_left_out_and_named(aiding: str | tuple[str, ..
     truth, site = Turned(mounted_deg=2.0).record(2, 300)
     fit = flinders.fit(truth.samples, aiding=aiding, site=site)
     assert fit.method == "level"
-    assert fit.aiding is not None
-    assert all(not aid.is_used and "one plane" in aid.reason for aid in fit.aiding.sensors)
+    assert fit.evidence.aiding is not None
+    assert all(not aid.is_used and "one plane" in aid.reason for aid in fit.evidence.aiding.sensors)
     npt.assert_array_equal(fit.calibration.matrix, flinders.fit(truth.samples, site=site).calibration.matrix)
 
 
@@ -168,8 +168,8 @@ def test_a_sensor_upside_down_is_not_placed_by_the_dip() -> None:
     over = [1.0, -1.0, -1.0]
     assert truth.samples.acceleration is not None
     turned = replace(truth.samples, field=truth.samples.field * over, acceleration=truth.samples.acceleration * over)
-    assert refit(truth.samples, site=site).offset_sigma[2] < 15.0
-    assert refit(turned, site=site).offset_sigma[2] > 25.0
+    assert refit(truth.samples, site=site).claim.offset_sigma[2] < 15.0
+    assert refit(turned, site=site).claim.offset_sigma[2] > 25.0
 
 
 def test_what_is_taken_for_granted_of_z_is_said() -> None:
@@ -192,7 +192,7 @@ def test_what_is_taken_for_granted_of_z_is_said() -> None:
         fit = refit(samples, site=at)
         (advice,) = [finding.advice for finding in fit.findings if finding.code == "level-plane"]
         assert {each for each in (taken, left_out, neither) if each in advice} == words
-        assert fit.z_down is z_down
+        assert fit.evidence.z_down is z_down
 
 
 OVER = np.array([1.0, -1.0, -1.0])
@@ -211,7 +211,9 @@ def test_where_nothing_shows_which_way_z_points_the_claim_is_true_of_both(mounte
             over = np.diag(turned)
             corrected = over @ fit.calibration.offset, over @ fit.calibration.matrix @ over
             tilts = (0.0, 2.0, 5.0, 10.0)
-            ratios.append([tilted_error_deg(corrected, truth, tilt) / fit.tilted_error(tilt).rms for tilt in tilts])
+            ratios.append(
+                [tilted_error_deg(corrected, truth, tilt) / fit.claim.tilted_error(tilt).rms for tilt in tilts]
+            )
     npt.assert_allclose(np.sqrt(np.mean(np.square(ratios), axis=0)), 1.0, atol=0.2)
     assert np.max(ratios) < 2.0
 
@@ -226,7 +228,7 @@ def test_a_level_heading_does_not_care_which_way_z_points() -> None:
         npt.assert_allclose(either.heading_error_deg.worst, down.heading_error_deg.worst, rtol=1e-6)
         npt.assert_array_equal(either.calibration.matrix, down.calibration.matrix)
         npt.assert_array_equal(either.calibration.offset, down.calibration.offset)
-        assert either.offset_sigma[2] > 50.0 > 3.0 * down.offset_sigma[2]
+        assert either.claim.offset_sigma[2] > 50.0 > 3.0 * down.claim.offset_sigma[2]
 
 
 def test_axes_that_were_mapped_and_those_of_a_vehicle_have_z_down() -> None:
@@ -236,7 +238,7 @@ def test_axes_that_were_mapped_and_those_of_a_vehicle_have_z_down() -> None:
     for samples, z_down in (
         (recorded_axes, None), (mapped, True), (replace(recorded_axes, frame="vehicle"), True)
     ):  # fmt: skip
-        assert refit(samples, site=site).z_down is z_down
+        assert refit(samples, site=site).evidence.z_down is z_down
 
 
 @pytest.mark.parametrize(("day", "dip_deg"), [("2012-06-01", 69.23), ("2019.9", 69.0), ("2026-11-21", 68.75)])
@@ -281,10 +283,10 @@ def test_the_strength_is_that_of_corrected_readings() -> None:
 
 def test_a_dip_that_is_given_goes_before_that_of_the_site() -> None:
     truth, site = Turned().record(1, 300)
-    assert flinders.fit(truth.samples, method="level", site=site).dip_deg == site.inclination_deg
+    assert flinders.fit(truth.samples, method="level", site=site).claim.dip_deg == site.inclination_deg
     fit = refit(truth.samples, site=Site.stated(site, inclination_deg=40.0))
-    assert fit.dip_deg == 40.0
-    assert fit.offset_sigma[2] > 25.0
+    assert fit.claim.dip_deg == 40.0
+    assert fit.claim.offset_sigma[2] > 25.0
 
 
 def test_the_finding_says_how_fast_it_degrades_and_what_would_help() -> None:
@@ -294,8 +296,8 @@ def test_the_finding_says_how_fast_it_degrades_and_what_would_help() -> None:
     for fit in (alone, loose, known):
         (finding,) = [finding for finding in fit.findings if finding.code == "level-plane"]
         assert "° for each degree from the plane that it was turned in" in finding.advice
-        assert finding.number == fit.attitude_limit_deg
-    assert alone.per_degree_of_tilt > 3.0 * loose.per_degree_of_tilt > 6.0 * known.per_degree_of_tilt
+        assert finding.number == fit.claim.attitude_limit_deg
+    assert alone.claim.per_degree_of_tilt > 3.0 * loose.claim.per_degree_of_tilt > 6.0 * known.claim.per_degree_of_tilt
     assert "say how well the mounting is known" in loose.findings[0].advice
     assert "say how well the mounting is known" not in known.findings[0].advice + alone.findings[0].advice
     assert "in z by the site's field" in known.findings[0].advice

@@ -118,7 +118,7 @@ def test_more_coverage_is_not_claimed_of_a_body_that_was_not_turned_over() -> No
     found = fit_multi(recordings)
     assert not found.is_joint
     assert all("not-together" in codes(member) for member in found.members)
-    assert all(member.fit is member.alone or fit_of(member).plane for member in found.members)
+    assert all(member.fit is member.alone or fit_of(member).claim.plane for member in found.members)
 
 
 def test_what_lies_beside_the_reference_turns_all_into_the_body() -> None:
@@ -242,7 +242,7 @@ def test_a_copy_is_no_second_witness() -> None:
     assert found["d"].copy_of == "a"
     assert codes(found["d"]) == {"copied-sensor"}
     without = fit_multi(recordings)
-    npt.assert_allclose(fit_of(found["a"]).covariance, fit_of(without["a"]).covariance, rtol=1e-6)
+    npt.assert_allclose(fit_of(found["a"]).claim.covariance, fit_of(without["a"]).claim.covariance, rtol=1e-6)
 
 
 def test_readings_at_the_limit_do_not_count() -> None:
@@ -252,7 +252,7 @@ def test_readings_at_the_limit_do_not_count() -> None:
     found = fit_multi({"a": recordings["a"], "b": cut})
     assert "saturated" in {finding.code for finding in fit_of(found["b"]).findings}
     error = fit_of(found["b"]).calibration.offset - sensors[1].offset
-    assert np.all(np.abs(error) < 4.0 * fit_of(found["b"]).offset_sigma)
+    assert np.all(np.abs(error) < 4.0 * fit_of(found["b"]).claim.offset_sigma)
 
 
 def test_a_sensor_that_departs_for_a_while_is_told_by_the_others() -> None:

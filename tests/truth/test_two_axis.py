@@ -90,7 +90,7 @@ def test_36_points_without_noise_are_exact(method: str, plane: Plane) -> None:
     npt.assert_allclose(found.offset, COMPASS.offset, atol=1e-9)
     npt.assert_allclose(found.scale, COMPASS.scale, atol=1e-9)
     assert found.skew_deg == pytest.approx(COMPASS.skew_deg, abs=1e-7)
-    assert (fit.method, fit.plane) == (f"{method} {plane}", plane)
+    assert (fit.method, fit.claim.plane) == (f"{method} {plane}", plane)
     assert fit.calibration.offset[order[2]] == 0.0
     npt.assert_allclose(fit.calibration.matrix[order[2]], np.eye(3)[order[2]], atol=1e-12)
 
@@ -267,7 +267,7 @@ def test_a_stray_reading_spoils_the_mean_and_not_the_ellipse() -> None:
     mean, ellipse = (judged(field, method=method, target_deg=50.0) for method in METHODS)
     assert np.abs(off_deg(mean.calibration)).max() > 10.0
     assert np.abs(off_deg(ellipse.calibration)).max() < 1.0
-    assert sum(outlier.readings for outlier in ellipse.outliers) == 6
+    assert sum(outlier.readings for outlier in ellipse.evidence.outliers) == 6
 
 
 def test_a_vehicle_turned_by_hand_is_not_evenly_spaced(recordings: Callable[[str], Path]) -> None:
@@ -299,7 +299,7 @@ def test_two_thousand_headings_at_random_are_not_even() -> None:
     """Their harmonics are about 1/√N: a degree, where the ellipse is right to a twentieth."""
     recording = simulate.tumble(seed=3, motion="level", n=2000)
     mean, ellipse = (flinders.fit(recording.samples, method=method) for method in METHODS)
-    assert mean.bias_deg == pytest.approx(0.8, abs=0.1)
+    assert mean.claim.bias_deg == pytest.approx(0.8, abs=0.1)
     assert ellipse.heading_error_deg.rms < 0.06
 
 
@@ -340,7 +340,7 @@ def test_a_third_axis_far_from_zero_changes_nothing() -> None:
         field[:, 2] = height
         fit = flinders.fit(field, method="ellipse")
         assert fit.heading_error_deg.worst == pytest.approx(0.1137, rel=0.01)
-        assert fit.offset_sigma[2] > abs(height)
+        assert fit.claim.offset_sigma[2] > abs(height)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -523,7 +523,7 @@ def test_a_composition_has_findings_of_its_own() -> None:
     _, second, third = composed(iron(1, 0.1), PLANES, np.random.default_rng(0))
     for step in (second, third):
         assert [finding.code for finding in step.findings] == ["composed", "scale-unknown"]
-        assert (step.verdict, step.plane, step.states_uncertainty) == ("limited", None, False)
+        assert (step.verdict, step.claim.plane, step.claim.states_uncertainty) == ("limited", None, False)
     assert "(xy, then yz); not turned yet in zx" in second.findings[0].advice
     assert (second.samples, third.samples) == (72, 108)
 
@@ -619,9 +619,9 @@ def test_three_planes_through_the_command_compose() -> None:
     npt.assert_allclose(loaded.offset, wanted.offset, atol=1e-6)
     assert loaded.rotation == "composed"
     fit = flinders.Fit.load("2.json")
-    assert not fit.states_uncertainty
+    assert not fit.claim.states_uncertainty
     assert fit.method == "two-axis xy, then two-axis yz, then two-axis zx"
-    assert [file.name for file in fit.files] == ["sweep.csv"] * 3
+    assert [file.name for file in fit.provenance.files] == ["sweep.csv"] * 3
 
 
 @pytest.mark.parametrize(

@@ -111,8 +111,8 @@ def test_half_a_sphere_beside_auto_in_degrees(seed: int) -> None:
     assert off["orthogonal"] > 2.0 * off["auto"]
     assert off["non-orthogonal"] > 2.0 * off["auto"]
     for name, fit in fits.items():
-        assert off[name] < 2.5 * np.sqrt(np.trace(fit.covariance[:3, :3])), name
-    assert fits["orthogonal"].bias_deg > 1.0
+        assert off[name] < 2.5 * np.sqrt(np.trace(fit.claim.covariance[:3, :3])), name
+    assert fits["orthogonal"].claim.bias_deg > 1.0
 
 
 def test_options_that_mean_nothing_are_refused(tmp_path: object) -> None:

@@ -248,7 +248,7 @@ def test_a_recording_without_noise_is_good(n: int, offset: float, kept: type) ->
     """To the digits of double and of single precision: rounding says nothing of how readings hang together."""
     fit = flinders.fit((exact(n) + np.array([offset, 0.0, -offset])).astype(kept))
     assert fit.verdict == "good"
-    assert fit.independent_samples > 0.99 * n  # a turn by hand has its pauses
+    assert fit.evidence.residuals.independent_samples > 0.99 * n  # a turn by hand has its pauses
     always = {"unit-unknown", "scale-unknown", "rotation-unknown"}
     codes = {finding.code for finding in fit.findings} - {"outliers"}  # the mean of a pause is off by 1e-5 of the field
     assert codes == always | ({"unordered"} if n == 200 else set())
@@ -258,7 +258,7 @@ def test_a_recording_without_noise_is_good(n: int, offset: float, kept: type) ->
 def test_a_recording_that_is_exact_to_its_resolution_is_good(resolution: float) -> None:
     fit = flinders.fit(exact(resolution=resolution))
     assert fit.verdict == "good"
-    assert fit.independent_samples > 100
+    assert fit.evidence.residuals.independent_samples > 100
 
 
 def test_noise_that_hangs_together_is_still_seen_just_above_the_floor() -> None:
@@ -268,7 +268,7 @@ def test_noise_that_hangs_together_is_still_seen_just_above_the_floor() -> None:
     shaken = 1e-3 * (shaken - np.convolve(shaken[:, 0], np.ones(51) / 51, mode="same")[:, np.newaxis]) / shaken.std()
     field = exact()
     fit = flinders.fit(field * (1.0 + shaken / FIELD))
-    assert fit.independent_samples < 1500
+    assert fit.evidence.residuals.independent_samples < 1500
 
 
 def test_the_terminal_calls_a_recording_without_noise_good(tmp_path: Path) -> None:

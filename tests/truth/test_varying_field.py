@@ -46,8 +46,8 @@ def test_terms_that_are_not_the_same_throughout_stay_in_the_heading_error() -> N
     assert np.isnan(record["nonlinear_deg"])
     assert np.degrees(record["distortion"] / (record["radius"] * np.cos(np.radians(record["dip_deg"])))) > 1.0
     fit = judged(samples)
-    assert fit.structure_deg > 1.0
-    assert fit.heading_error_deg.worst > fit.structure_deg
+    assert fit.claim.structure_deg > 1.0
+    assert fit.heading_error_deg.worst > fit.claim.structure_deg
 
 
 def test_a_break_of_the_path_in_a_varying_field_is_no_swap() -> None:
@@ -75,8 +75,8 @@ def test_axes_that_changed_in_a_clean_tumble_are_told(axes: str, rows: tuple[int
 def test_an_axis_that_is_not_linear_throughout_is_told(quadratic: float, cubic: float) -> None:
     fit = judged(curved(22, quadratic=quadratic, cubic=cubic, rows=1500))
     assert "nonlinear-axis" in {finding.code for finding in fit.findings}
-    assert fit.nonlinearity is not None
-    assert fit.nonlinearity.axis == "y"
+    assert fit.evidence.diagnosis.nonlinearity is not None
+    assert fit.evidence.diagnosis.nonlinearity.axis == "y"
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from tests.worlds import judged, with_slow_noise
 import flinders
 from flinders import simulate
 from flinders.core.axes import Axes
-from flinders.core.calibration_file import Provenance, SourceFile
+from flinders.core.calibration_file import ProvenanceRecord, SourceFile
 from flinders.core.samples import Joined, Samples
 from flinders.errors import FitError, StuckAxis, TooFewSamples
 from flinders.findings import CATALOGUE, REFUSALS
@@ -435,7 +435,7 @@ def test_a_refused_fit_gives_no_number_to_copy_and_keeps_its_evidence() -> None:
     assert (fields["calibration"], fields["uncorrected_heading_error_deg"]) == (None, None)
     assert fields["noise"] == fit.noise
     assert fields["coverage"] == fit.coverage.as_dict()
-    assert fields["covariance"] == fit.covariance.tolist()
+    assert fields["covariance"] == fit.claim.covariance.tolist()
     assert "noise" in [finding["code"] for finding in fields["findings"]]
     assert fields["heading_error_deg"]["worst"] == fit.heading_error_deg.worst
     assert fit.calibration.matrix.shape == (3, 3)
@@ -445,7 +445,7 @@ def test_of_flat_readings_nothing_is_told_that_rests_on_a_surface() -> None:
     fit = flat()
     fields = fit.as_dict()
     told = {key for key, value in fields.items() if value is not None}
-    assert fit.is_flat
+    assert fit.judgement.is_flat
     assert {"findings", "covariance", "noise", "samples", "unobserved", "prior_influence"} <= told
     assert not told & {"calibration", "coverage", "heading_error_deg", "direction_error_deg", "bias_deg"}
 
@@ -453,19 +453,19 @@ def test_of_flat_readings_nothing_is_told_that_rests_on_a_surface() -> None:
 def test_the_fit_has_what_its_json_has() -> None:
     fit = leaning_on_the_prior()
     fields = fit.as_dict()
-    assert fields["direction_error_deg"] == fit.direction_error_deg._asdict()
-    assert 0.0 < fit.direction_error_deg.rms < fit.direction_error_deg.worst
+    assert fields["direction_error_deg"] == fit.claim.direction_error_deg._asdict()
+    assert 0.0 < fit.claim.direction_error_deg.rms < fit.claim.direction_error_deg.worst
     assert (fields["prior_influence"], fields["unobserved"], fields["bias_deg"]) == (
-        fit.prior_influence,
-        fit.unobserved,
-        fit.bias_deg,
+        fit.evidence.prior_influence,
+        fit.evidence.unobserved,
+        fit.claim.bias_deg,
     )
-    assert fit.prior_influence > 0.1
+    assert fit.evidence.prior_influence > 0.1
 
 
 # in plain words
 
-READ: Final = Provenance(
+READ: Final = ProvenanceRecord(
     flinders="1.2.3",
     date=datetime(2026, 5, 1, 12, 30, tzinfo=UTC),
     files=(SourceFile(name="tumble.csv", sha256="0" * 64, bytes=1, rows=1000),),

@@ -52,8 +52,8 @@ def attitudes(fit: Fit) -> tuple[Floats, Floats]:
     """For each tile: which way is down, and east, at the attitude that is predicted to be the worst."""
     from flinders.heading.error_propagation import direction_gradients
 
-    gradients = direction_gradients(fit.ellipsoid, tiles().centres)
-    _, vectors = np.linalg.eigh(gradients @ fit.covariance @ np.swapaxes(gradients, 1, 2))
+    gradients = direction_gradients(fit.calibration.ellipsoid, tiles().centres)
+    _, vectors = np.linalg.eigh(gradients @ fit.claim.covariance @ np.swapaxes(gradients, 1, 2))
     east = vectors[:, :, -1]
     towards = np.cross(tiles().centres, east)
     return np.sin(DIP) * tiles().centres + np.cos(DIP) * towards, east
@@ -112,7 +112,8 @@ def test_a_tile_is_at_least_as_bad_as_a_level_heading_through_it() -> None:
 
 
 def test_structure_is_in_every_tile() -> None:
-    fit = replace(fitted(simulate.tumble(seed=1).samples), structure_deg=4.0)
+    fit = fitted(simulate.tumble(seed=1).samples)
+    fit = replace(fit, claim=replace(fit.claim, structure_deg=4.0))
     assert tile_errors_deg(fit).min() >= 4.0 - 1e-9
 
 
@@ -121,7 +122,7 @@ def test_the_turn_is_that_of_the_fit() -> None:
     seen = view(fit, simulate.tumble(seed=1).samples)
     assert seen.turn is not None
     assert max(seen.turn.sigma_deg) == pytest.approx(fit.heading_error_deg.worst, abs=1e-3)
-    assert max(map(abs, seen.turn.before_deg)) == pytest.approx(fit.uncorrected_heading_error_deg.worst, abs=1e-3)
+    assert max(map(abs, seen.turn.before_deg)) == pytest.approx(fit.claim.uncorrected_heading_error_deg.worst, abs=1e-3)
     assert len(seen.turn.heading_deg) == 72
 
 
@@ -167,7 +168,7 @@ def test_good_readings_between_strays_are_counted_as_the_fit_counts_them() -> No
     field[710, 1] = rail
     samples = Samples(field, unit=Unit.of("uT"))
     fit = fitted(samples)
-    assert sum(outlier.last - outlier.first + 1 - outlier.readings for outlier in fit.outliers) > 5
+    assert sum(outlier.last - outlier.first + 1 - outlier.readings for outlier in fit.evidence.outliers) > 5
     seen = view(fit, samples)
     assert seen.residuals is not None
     assert sum(seen.tiles_seen) == sum(seen.residuals.counts) == seen.samples == fit.samples
@@ -189,7 +190,7 @@ def test_a_refused_fit_shows_no_number_to_copy_but_a_picture() -> None:
 def test_flat_readings_show_nothing_that_rests_on_a_surface() -> None:
     samples = simulate.tumble(seed=7, motion="sweep-yz").samples
     fit = fitted(samples)
-    assert fit.is_flat
+    assert fit.judgement.is_flat
     seen = view(fit, samples)
     hidden = (seen.shown, seen.turn, seen.guidance, seen.heading_error_deg, seen.residuals)
     assert hidden == (None,) * 5

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 def settled(samples: Samples) -> Ellipsoid:
     """The ellipsoid of a fit, also of one that is refused for having changed."""
     try:
-        return flinders.fit(samples).ellipsoid
+        return flinders.fit(samples).calibration.ellipsoid
     except Refused as refused:
-        return refused.fit.ellipsoid
+        return refused.fit.calibration.ellipsoid
 
 
 def test_a_walk_is_found_with_a_path_that_is_as_good_as_claimed() -> None:
@@ -101,7 +101,11 @@ def test_a_level_turn_tells_of_the_plane_that_it_was_turned_in() -> None:
         late = samples.time > samples.time[-1] / 2.0
         readings = samples.field + np.outer(late, [step, 0.0, 0.0]) + [0.0, 0.0, 40.0]
         walk = random_walk_of(
-            readings, samples.time, fit.ellipsoid, plane=fit.plane, dip_deg=fit.heading_error_deg.dip_deg
+            readings,
+            samples.time,
+            fit.calibration.ellipsoid,
+            plane=fit.claim.plane,
+            dip_deg=fit.heading_error_deg.dip_deg,
         )
         assert walk.is_proven == (step > 0.0)
         assert np.ptp(walk.path[:, 0]) == pytest.approx(step, abs=0.5)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.core.calibration import Calibration
-    from flinders.core.calibration_file import ColumnsRecord, Provenance, SourceFile
+    from flinders.core.calibration_file import ColumnsRecord, ProvenanceRecord, SourceFile
     from flinders.core.compensation import Compensator
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Recording, Skipped
@@ -91,14 +90,14 @@ def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
     return ", ".join(words)
 
 
-def provenance(parts: Iterable[CountedRecording] = (), files: Iterable[SourceFile] = ()) -> Provenance:
+def provenance(parts: Iterable[CountedRecording] = (), files: Iterable[SourceFile] = ()) -> ProvenanceRecord:
     """Which release made it, when, from which files: those of the parts that were read, after `files`."""
     from datetime import UTC, datetime
 
     from flinders import __version__
-    from flinders.core.calibration_file import Provenance
+    from flinders.core.calibration_file import ProvenanceRecord
 
-    return Provenance(
+    return ProvenanceRecord(
         flinders=__version__,
         date=datetime.now(UTC).replace(microsecond=0),
         files=(*files, *(source_file(part) for part in parts)),
@@ -190,7 +189,7 @@ def in_use(command: str, path: str, recordings: Sequence[str], fixed: Iterable[s
 
     fit = load(command, path, recordings)
     compensator = Compensator(_at_fixed(fit.calibration, fixed_values(fixed)))
-    return replace(fit, calibration=compensator.calibration.affine), compensator
+    return fit.with_calibration(compensator.calibration.affine), compensator
 
 
 def _at_fixed(calibration: Calibration, values: dict[str, float]) -> Calibration:
@@ -237,7 +236,7 @@ def open_with(fit: Fit, recording: str, *, sensor: str | None = None, **reading:
     from flinders.readers._names import Form
 
     calibration = fit.calibration
-    known = (file.columns for file in reversed(fit.files) if file.columns)
+    known = (file.columns for file in reversed(fit.provenance.files) if file.columns)
     forms = tuple(Form(each.field, each.width, each.names, each.increasing) for each in known)
     choice = Choice(sensor, calibration.sensor, forms=forms)
     opened = open_recording(recording, axes=str(calibration.axes), sensor=choice, **reading)
@@ -280,7 +279,7 @@ def load(command: str, path: str, recordings: Sequence[str] = ()) -> Fit:
 def say_exact(*fits: Fit) -> None:
     """Say which calibrations state no uncertainty."""
     for fit in fits:
-        if not fit.states_uncertainty:
+        if not fit.claim.states_uncertainty:
             say(f"{fit.name} states no uncertainty: it is taken as exact")
 
 

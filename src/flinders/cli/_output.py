@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from flinders.core.disturbance import Disturbance
     from flinders.core.samples import Recording
     from flinders.errors import FlindersError, Spelling
+    from flinders.findings import Finding
+    from flinders.fitting.aiding import Aiding
     from flinders.fitting.result import Fit
 
 T = TypeVar("T")
@@ -73,7 +75,7 @@ def print_fit(fit: Fit, spell: Spelling = in_options, *, err: bool = False, is_v
     from flinders.report.fit_pages import of_fit
 
     show(of_fit(fit, spell, is_verbose=is_verbose), err=err)
-    for line in aiding_lines(fit):
+    for line in aiding_lines(fit.evidence.aiding, fit.findings):
         say(line)
 
 
@@ -306,31 +308,30 @@ def refuse_report(path: str | None, option: str) -> None:
         )
 
 
-def aiding_lines(fit: Fit) -> list[str]:
+def aiding_lines(aiding: Aiding | None, findings: Iterable[Finding]) -> list[str]:
     r"""What each aiding sensor changed; nothing where there were none.
 
-    >>> from types import SimpleNamespace
     >>> from flinders.fitting.aiding import Aiding, AidingSensor
     >>> rate = AidingSensor("rate", True, 0.4, 2.0, 0.5)
     >>> dip = AidingSensor("dip", False, reason="claims no less: 0.60° with it, 0.50° without")
-    >>> print(*aiding_lines(SimpleNamespace(aiding=Aiding((rate, dip)), findings=())), sep="\n")
+    >>> print(*aiding_lines(Aiding((rate, dip)), ()), sep="\n")
     rate changed the heading by 0.40°: worst error 2.00° without it, 0.50° with it
     dip was left out: claims no less: 0.60° with it, 0.50° without
     """
-    if fit.aiding is None:
+    if aiding is None:
         return []
-    lines, said = [], [finding.advice for finding in fit.findings]
-    for aid in fit.aiding.sensors:
+    lines, said = [], [finding.advice for finding in findings]
+    for aid in aiding.sensors:
         claims = aid.reason or f"worst error {aid.before_deg:.2f}° without it, {aid.after_deg:.2f}° with it"
         lines.append(
             f"{aid.name} changed the heading by {aid.heading_change_deg:.2f}°: {claims}"
             if aid.is_used
             else f"{aid.name} was left out{', as said above' if aid.reason in said else f': {aid.reason}'}"
         )
-    if fit.aiding.acceleration_bias is not None and fit.aiding.acceleration_bias_sigma is not None:
-        x, y, z = (f"{value:.3f}" for value in fit.aiding.acceleration_bias_sigma)
+    if aiding.acceleration_bias is not None and aiding.acceleration_bias_sigma is not None:
+        x, y, z = (f"{value:.3f}" for value in aiding.acceleration_bias_sigma)
         lines.append(
-            f"{bias_words(fit.aiding.acceleration_bias)} (1 σ: {x}, {y}, {z}); the calibration file keeps it, and "
+            f"{bias_words(aiding.acceleration_bias)} (1 σ: {x}, {y}, {z}); the calibration file keeps it, and "
             "flinders heading uses it"
         )
     return lines

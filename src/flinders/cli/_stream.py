@@ -184,9 +184,10 @@ class Corrector:
 
 def _spread_limit(fit: Fit) -> float:
     """The spread of lengths from which on readings do not suit, by the noise and the claim of a fit."""
-    if not fit.states_uncertainty:
+    if not fit.claim.states_uncertainty:
         return UNEVEN
-    noise, claimed = fit.noise / fit.ellipsoid.radius, math.radians(fit.direction_error_deg.worst)  # at any attitude
+    noise = fit.noise / fit.calibration.ellipsoid.radius
+    claimed = math.radians(fit.claim.direction_error_deg.worst)  # at any attitude
     return min(max(SUITED * math.hypot(noise, claimed), LEAST_UNEVEN), UNEVEN)
 
 
@@ -275,7 +276,7 @@ class HeadingLog:
         own = self.fit.heading_error_deg.dip_deg
         known = {
             "given": self.dip_deg,
-            "calibration": own if is_level and self.fit.plane == "xy" else None,
+            "calibration": own if is_level and self.fit.claim.plane == "xy" else None,
             "model": self.site.inclination_deg if self.site else None,
             "measured": self.voyage.frames.dip_deg[0] if is_seen else None,
         }
@@ -294,7 +295,7 @@ class HeadingLog:
 
     def mounting_error_deg(self, dip_deg: float) -> float | None:
         """What the rotation into the body adds to headings, 1 σ; None where the calibration claims none."""
-        aiding = self.fit.aiding
+        aiding = self.fit.evidence.aiding
         return None if aiding is None else aiding.alignment_error_deg(dip_deg)
 
     def down_in_body(self) -> Floats:
@@ -351,8 +352,9 @@ def open_log(
     declination = declination_deg if site is None else site.declination_deg
     is_level = accelerometer.is_level
     compass = Compass(fit.calibration, LEVEL if is_level else formula, turned, declination)
-    if not is_level and fit.aiding is not None and fit.aiding.acceleration_bias is not None:
-        bias, matrix = fit.aiding.acceleration_bias, fit.aiding.acceleration_matrix
+    aiding = fit.evidence.aiding
+    if not is_level and aiding is not None and aiding.acceleration_bias is not None:
+        bias, matrix = aiding.acceleration_bias, aiding.acceleration_matrix
         gains = "" if matrix is None else ", and its gains and angles between its axes"
         say(f"{bias_words(bias)}, by {calibration}: removed{gains}")
         compass = replace(compass, acceleration_bias=bias, acceleration_matrix=matrix)
@@ -371,7 +373,7 @@ def _as_it_is(recording: str, **reading: Any) -> tuple[Fit, Compensator]:
     opened = open_recording(recording, **reading)
     length = float(np.median(np.linalg.norm(next(iter(opened.blocks())).field, axis=1)))
     calibration = Calibration.identity(field_strength=length, raw=opened.unit, axes=opened.axes)
-    return Fit(calibration, name="no calibration"), Compensator(calibration)
+    return Fit.of(calibration, name="no calibration"), Compensator(calibration)
 
 
 def _name_acceleration(recording: Recording, columns: str) -> None:

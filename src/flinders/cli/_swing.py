@@ -472,12 +472,12 @@ def _expected(log: HeadingLog) -> Expected | None:
     from flinders.heading.deviation import Expected
     from flinders.heading.error_propagation import deviation_covariance
 
-    if not log.fit.states_uncertainty:
+    if not log.fit.claim.states_uncertainty:
         return None
     dip, source = log.site_dip()
     covariance = deviation_covariance(
-        log.fit.ellipsoid,
-        log.fit.claimed_covariance,
+        log.fit.calibration.ellipsoid,
+        log.fit.claim.claimed_covariance,
         dip_deg=dip,
         down=log.down_in_body(),
         rotation=log.fit.calibration.rotation_matrix,

@@ -56,6 +56,8 @@ def command(options: Apply) -> int:
     vehicle's log, is written as a table of comma-separated text, in microtesla where its unit is known. What the
     calibration follows, such as a current, has to be among the columns.
     """
+    from flinders.fitting.words import tilt_words
+
     calibration, recording = options.calibration, options.recording
     outputs = options.checked_outputs()
     fit, compensator = in_use("apply", calibration, [recording], options.fixed)
@@ -73,8 +75,8 @@ def command(options: Apply) -> int:
         ) as file:
             file.writelines(lines)
     _say_strength(source, corrector)
-    if fit.tilt_words:
-        say(f"! {fit.tilt_words}")
+    if level := tilt_words(fit):
+        say(f"! {level}")
     prepared = preparation.say()
     if corrector.doubt:
         say(f"! {corrector.doubt}")

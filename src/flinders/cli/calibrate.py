@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.core.calibration import Calibration
-    from flinders.core.calibration_file import Provenance
+    from flinders.core.calibration_file import ProvenanceRecord
     from flinders.core.samples import Recording
     from flinders.estimators import Estimator
     from flinders.fitting.aiding import Instruments
@@ -546,7 +546,7 @@ class _Run:
         self.asked = asked
 
     @cached_property
-    def provenance(self) -> Provenance:
+    def provenance(self) -> ProvenanceRecord:
         """Of the recordings."""
         return provenance(self.parts)
 

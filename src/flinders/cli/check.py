@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 import click
@@ -125,8 +124,8 @@ def _compared(known: Fit, fresh: Fit, recording: Joined, *, dip_deg: float, targ
     from flinders.comparison.comparison import compare
     from flinders.comparison.level_plane import compare_turned
 
-    fresh = replace(fresh, name="fresh fit")
-    if fresh.plane == "xy" and known.plane is None:
+    fresh = fresh.with_name("fresh fit")
+    if fresh.claim.plane == "xy" and known.claim.plane is None:
         return compare_turned(known, fresh, recording, target_deg=target_deg)
     return compare(known, fresh, dip_deg=dip_deg, target_deg=target_deg)
 
@@ -135,7 +134,8 @@ def _random_walk(recording: Joined, fresh: Fit) -> RandomWalk:
     """How the offset moved through a recording, by the fit to it."""
     from flinders.diagnostics.random_walk import walk_through
 
-    return walk_through(recording, fresh.ellipsoid, plane=fresh.plane, dip_deg=fresh.heading_error_deg.dip_deg)
+    claim = fresh.claim
+    return walk_through(recording, claim.ellipsoid, plane=claim.plane, dip_deg=claim.heading_error_deg.dip_deg)
 
 
 def _print(
@@ -179,7 +179,7 @@ def _refused(
     target_deg, walk = options.target_deg, None
     if options.is_followed:
         with contextlib.suppress(NeedsSamples, TooFewSamples):
-            walk = walk_through(recording, known.ellipsoid, dip_deg=dip_deg, is_own=False)
+            walk = walk_through(recording, known.calibration.ellipsoid, dip_deg=dip_deg, is_own=False)
     if options.as_json:
         fields: dict[str, Any] = {"residual": {"calibration": strength.as_dict()}, "fresh": refused.fit.as_dict()}
         drift = {} if walk is None else {"drift": walk.as_dict(level_deg=target_deg, dip_deg=abs(dip_deg))}

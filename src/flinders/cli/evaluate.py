@@ -56,7 +56,7 @@ def command(options: Evaluate) -> int:
     fit, truth = _load(options.calibration, options.truth)
     say_references(fit)
     evaluation = evaluate(fit, truth, dip_deg=options.dip_deg, target_deg=options.target_deg)
-    if not fit.states_uncertainty:
+    if not fit.claim.states_uncertainty:
         say(f"{options.calibration} states no uncertainty: there is no claim to hold against the truth")
     print_result(evaluation.as_dict, lambda: of_evaluation(evaluation), as_json=options.as_json)
     faults = (not evaluation.is_on_target) + (evaluation.verdict == "worse than claimed")

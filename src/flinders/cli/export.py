@@ -129,7 +129,9 @@ def write_exports(
     calibration: str | None,
 ) -> None:
     """Write a fit for targets, after its `calibration` file; `files` are what it was made from."""
-    fit = replace(fit, name=", ".join(file.name for file in files), provenance=provenance(files=files))
+    from flinders.fitting.result import Provenance
+
+    fit = replace(fit, provenance=Provenance(", ".join(file.name for file in files), provenance(files=files)))
     failed: list[FlindersError] = []
     for target, path in exports:
         try:

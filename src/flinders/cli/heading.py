@@ -71,6 +71,8 @@ def command(options: Heading) -> int:
     north. LOG is a file, or - for
     standard input, which may go on as long as it likes: lines are written as they come.
     """
+    from flinders.fitting.words import tilt_words
+
     outputs = options.checked_outputs()
     with progress("heading") as bar:
         log = _opened(options, bar)
@@ -85,8 +87,8 @@ def command(options: Heading) -> int:
     prepared = log.preparation.say()
     claimed = claims(log)
     limits = _say_how_good(log, claimed)
-    if log.fit.tilt_words:
-        say(f"! {log.fit.tilt_words}")
+    if level := tilt_words(log.fit):
+        say(f"! {level}")
     outputs.say_written()
     if options.as_json:
         print_json({**summary(log, claimed), **prepared, "limits": limits})
@@ -153,11 +155,11 @@ def claims(log: HeadingLog) -> dict[str, Any]:
     claimed: dict[str, Any] = {"dip_deg": dip, "dip_from": source, "level": None, "bound": None, "tilted": None}
     claimed["tilt_error_deg"] = log.tilt_error_deg
     claimed["mounting_error_deg"] = log.mounting_error_deg(dip)
-    if not log.fit.states_uncertainty:
+    if not log.fit.claim.states_uncertainty:
         return claimed
     ellipsoid, covariance, down, tilt_deg = (
-        log.fit.ellipsoid,
-        log.fit.claimed_covariance,
+        log.fit.calibration.ellipsoid,
+        log.fit.claim.claimed_covariance,
         log.down(),
         log.voyage.tilt_deg,
     )

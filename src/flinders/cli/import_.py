@@ -16,7 +16,7 @@ from flinders.errors import ArrayError, DocumentError, UsageError, figures
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
-    from flinders.core.calibration_file import Provenance
+    from flinders.core.calibration_file import ProvenanceRecord
 
 LARGEST: Final = 4 * 2**20
 """Bytes; files of parameters have some ten thousand."""
@@ -84,7 +84,7 @@ def command(options: Import) -> None:
     outputs.say_written()
 
 
-def _provenance(content: bytes, file: str, name: str, compass: int | None) -> Provenance | None:
+def _provenance(content: bytes, file: str, name: str, compass: int | None) -> ProvenanceRecord | None:
     """Of which compass of the vehicle it is, where there are several: it goes back to that one."""
     from flinders.readers._source import printable
     from flinders.targets import find

@@ -124,7 +124,7 @@ def command(options: Refresh) -> int:
     opened = [_opened(path, previous, options) for path in options.recordings]
     with saying_what_was_read(opened):
         fit = _refreshed(opened, previous, options)
-    outputs.write(dumps(fit.to_document(provenance(opened, files=previous.files))), options.output)
+    outputs.write(dumps(fit.to_document(provenance(opened, files=previous.provenance.files))), options.output)
     outputs.print(fit.as_dict, lambda: of_fit(fit, in_options))
     outputs.say_written("nothing was written: name a file with -o refreshed.json")
     return EXITS[fit.verdict]

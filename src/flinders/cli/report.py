@@ -13,7 +13,7 @@ from flinders.cli._output import print_json, progress, refuse_report, say
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
-    from flinders.core.calibration_file import Provenance
+    from flinders.core.calibration_file import ProvenanceRecord
     from flinders.core.samples import Joined, Recording
     from flinders.errors import FitError
     from flinders.fitting.result import Fit
@@ -55,7 +55,7 @@ class Pair(program.Group):
                 fit = restored(loaded, recording, target_deg=self.target_deg, dip_deg=self.dip_deg)
             others = len(parts) - len(made_from(path, parts))
             notes = doubts(loaded.calibration.affine, recording) if others else []
-        if loaded.files and others:
+        if loaded.provenance.files and others:
             notes.append(OTHER)
         for note in notes:
             say(f"! {note}")
@@ -139,13 +139,15 @@ def command(options: Report) -> None:
         print_json({"report": path, "pdf": pdf, "verdict": fit.verdict, "notes": notes})
 
 
-def report_of(outcome: Fit | FitError, recording: Recording, provenance: Provenance, asked: dict[str, str]) -> str:
+def report_of(
+    outcome: Fit | FitError, recording: Recording, provenance: ProvenanceRecord, asked: dict[str, str]
+) -> str:
     """The report of a fit, or of a refusal, as `provenance` and the options that were typed tell of it."""
-    from flinders.fitting.result import Fit
+    from flinders.fitting.result import Fit, Provenance
     from flinders.report.html import listings_of, page
 
     listed: list[Listing] = []
     if isinstance(outcome, Fit):
         name = ", ".join(file.name for file in provenance.files)
-        listed = listings_of(replace(outcome, name=name, provenance=provenance))
+        listed = listings_of(replace(outcome, provenance=Provenance(name, provenance)))
     return page(outcome, recording, provenance=provenance, asked=asked, listings=listed)

@@ -42,5 +42,5 @@ def command(options: Show) -> None:
         click.echo(dumps(fit.to_document()), nl=False)
         return
     show(of_file(fit, in_options, is_verbose=options.verbose))
-    path, target = options.calibration, likely_target(fit.files)
+    path, target = options.calibration, likely_target(fit.provenance.files)
     say(f"use it: flinders apply {path} raw.csv; flinders export --to {target} {path}")

@@ -142,7 +142,7 @@ def command(options: TwoAxis) -> int:
             raise
     both = None if first is None else composed(first, fit)
     if options.output:
-        made_from = provenance([source], first.files if first else ())
+        made_from = provenance([source], first.provenance.files if first else ())
         options.outputs.write(dumps((both or fit).to_document(made_from)), options.output)
     _draw(turn, fit, options)
     _show(fit, turn, both, options)
@@ -256,7 +256,7 @@ def _fit(source: CountedRecording, first: Fit | None, dip_deg: float, options: T
     if first is None:
         return result
     known = first.calibration.field_strength_known
-    return replace(result, calibration=replace(result.calibration, field_strength_known=known))
+    return result.with_calibration(replace(result.calibration, field_strength_known=known))
 
 
 def _draw(turn: Turn, fit: Fit, options: TwoAxis) -> None:
@@ -287,7 +287,7 @@ def _as_dict(fit: Fit, turn: Turn, both: Fit | None) -> dict[str, Any]:
     """JSON-ready: a fit, the turn, and what is to be loaded where it is composed."""
     from flinders.comparison.composition import as_dict
 
-    even = turn.spacing.is_even(within_deg=fit.target_deg)
+    even = turn.spacing.is_even(within_deg=fit.claim.target_deg)
     return {
         **fit.as_dict(),
         "turn": {**turn.as_dict(), "is_mean_trusted": even},

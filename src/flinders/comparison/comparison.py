@@ -348,7 +348,7 @@ def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float =
     """
     if dip_deg is None:
         dip_deg = judged_at(a, b)
-    if "xy" in (a.plane, b.plane):
+    if "xy" in (a.claim.plane, b.claim.plane):
         refuse_unlike(a, b)
         comparison = compare_level(_level(a, dip_deg), _level(b, dip_deg), dip_deg=dip_deg, target_deg=target_deg)
     else:
@@ -385,7 +385,7 @@ def _compared(a: Fit, b: Fit, *, dip_deg: float, target_deg: float, is_flat: boo
     claimed = [float(each[0]) for each in pair.sigmas_deg(turn_dip_deg)]
     middle = Ellipsoid(pair.moved[0], pair.middle[0])
     chi_square, freedom = pair.chi_square(IN_PLANE if is_flat else range(9))
-    stated = a.states_uncertainty or b.states_uncertainty
+    stated = a.claim.states_uncertainty or b.claim.states_uncertainty
     return Comparison(
         heading_difference_deg=HeadingError(rms, worst, float(dip_deg)),
         heading_mean_deg=mean,
@@ -414,19 +414,20 @@ def _left_out_deg(a: Fit, b: Fit) -> float | None:
 
 def rotation_covariance(fit: Fit) -> Floats | None:
     """(3, 3) rad², about the axes of the body; None where it is not known."""
-    covariance = None if fit.aiding is None else fit.aiding.rotation_covariance
+    covariance = None if fit.evidence.aiding is None else fit.evidence.aiding.rotation_covariance
     return covariance if covariance is not None and np.isfinite(covariance).all() else None
 
 
 def _level(fit: Fit, dip_deg: float) -> Fit:
     """What a fit says of a turn in x and y alone: an ellipsoid whose equator is the ellipse of that turn."""
     # One that rests on a level turn has its own dip.
-    if fit.plane is not None and math.isfinite(fit.heading_error_deg.dip_deg):
+    if fit.claim.plane is not None and math.isfinite(fit.heading_error_deg.dip_deg):
         dip_deg = fit.heading_error_deg.dip_deg
     strength = fit.calibration.field_strength * math.cos(math.radians(dip_deg))
     known = strength if fit.calibration.field_strength_known else None
     rows = to_equator("xy", dip_deg=dip_deg)
-    return as_equator(fit, rows, fit.ellipsoid.parameters, fit.claimed_covariance, field_strength=known)
+    parameters = fit.calibration.ellipsoid.parameters
+    return as_equator(fit, rows, parameters, fit.claim.claimed_covariance, field_strength=known)
 
 
 def as_equator(
@@ -438,7 +439,9 @@ def as_equator(
         flat[:3], symmetric(flat[3:]), field_strength=field_strength, raw=old.raw, axes=old.axes, frame=old.frame
     )
     claimed: Floats = rows @ covariance @ rows.T
-    return replace(fit, calibration=calibration, covariance=claimed, structure_deg=0.0, distortion=0.0)
+    claim = replace(fit.claim, calibration=calibration, covariance=claimed, structure_deg=0.0)
+    residuals = replace(fit.evidence.residuals, distortion=0.0)
+    return replace(fit, calibration=calibration, claim=claim, evidence=replace(fit.evidence, residuals=residuals))
 
 
 def _pair(a: Fit, b: Fit) -> tuple[Pairs, bool]:
@@ -451,8 +454,8 @@ def _pair(a: Fit, b: Fit) -> tuple[Pairs, bool]:
 
 def _one(fit: Fit) -> EllipsoidPairs:
     """A fit as a batch of one; without a covariance it is exact."""
-    ellipsoid = fit.ellipsoid
-    return EllipsoidPairs(ellipsoid.centre[np.newaxis], ellipsoid.shape[np.newaxis], fit.claimed_covariance[np.newaxis])
+    ellipsoid, covariance = fit.calibration.ellipsoid, fit.claim.claimed_covariance
+    return EllipsoidPairs(ellipsoid.centre[np.newaxis], ellipsoid.shape[np.newaxis], covariance[np.newaxis])
 
 
 def refuse_unlike(a: Fit, b: Fit) -> None:

@@ -200,23 +200,23 @@ def composed(first: Fit, fit: Fit) -> Fit:
     >>> turns_of(both.method), both.calibration.isclose(first.calibration, tolerance=1e-3)
     (('xy', 'xy'), True)
     """
-    before = first.method if first.is_described else "a calibration"
+    before = first.method if first.evidence.is_described else "a calibration"
     method = f"{before}{THEN}{fit.method}"
     turns = turns_of(method)
     known = first.calibration.field_strength_known
     calibration = replace(fit.calibration @ first.calibration, field_strength_known=known)
     left = rotation_error(calibration.matrix, turns, dip_deg=fit.heading_error_deg.dip_deg)
-    both = replace(
-        fit,
+    claim = replace(
+        fit.claim,
         calibration=calibration,
-        method=method,
-        samples=first.samples + fit.samples,
         covariance=np.zeros((9, 9)),
-        coverage=Coverage(),
         heading_error_deg=_claimed(first, fit, turns, left),
         plane=None,
     )
-    return replace(both, findings=by_severity([_finding(turns, left.worst, fit.target_deg), *of_calibration(both)]))
+    evidence = replace(fit.evidence, method=method, samples=first.samples + fit.samples, coverage=Coverage())
+    findings = by_severity([_finding(turns, left.worst, claim.target_deg), *of_calibration(calibration)])
+    judgement = replace(fit.judgement, findings=findings)
+    return replace(fit, calibration=calibration, evidence=evidence, claim=claim, judgement=judgement)
 
 
 def as_dict(both: Fit) -> dict[str, Any]:
@@ -234,7 +234,7 @@ def as_dict(both: Fit) -> dict[str, Any]:
 def _claimed(first: Fit, fit: Fit, turns: Sequence[str], left: HeadingError) -> HeadingError:
     """What is claimed of a level heading; the rotation of the matrix counts as it is now, not as it was before."""
     own, stated = fit.heading_error_deg, first.heading_error_deg
-    if fit.plane == "xy":
+    if fit.claim.plane == "xy":
         return own
     if math.isnan(stated.worst) or not {"xy", ""} & set(turns[:-1]):
         return HeadingError(ANY_ANGLE, ANY_ANGLE, own.dip_deg)

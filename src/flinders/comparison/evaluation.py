@@ -210,11 +210,11 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
         raise UsageError(f"{fit.name} linearizes its axes, and those of the truth are linear: fit without linearize")
     dip_deg = truth.field.dip_deg if dip_deg is None else dip_deg
     true = _true_calibration(truth, fit.calibration.axes)
-    left = np.linalg.solve(fit.ellipsoid.shape, true.ellipsoid.shape)
+    left = np.linalg.solve(fit.calibration.ellipsoid.shape, true.ellipsoid.shape)
     values = np.linalg.svd(left, compute_uv=False)
     scale = float(np.cbrt(np.prod(values)))
-    heading, directions = level_turn(dip_deg, down_of(fit.plane))
-    errors, mean = heading_errors(_levelled(_corrected(fit, true, directions), fit.plane), heading)
+    heading, directions = level_turn(dip_deg, down_of(fit.claim.plane))
+    errors, mean = heading_errors(_levelled(_corrected(fit, true, directions), fit.claim.plane), heading)
     seen = fit.calibration.rotation_matrix @ _corrected(fit, true, true.rotation_matrix.T @ DIRECTIONS)
     rotation = RotationDifference.between(true, fit.calibration, rotation_covariance(fit))
     return Evaluation(
@@ -229,7 +229,7 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
         field_strength=truth.field.strength,
         target_deg=float(target_deg),
         unit=truth.unit,
-        **(_claims(fit, dip_deg, errors, rotation) if fit.states_uncertainty else {}),
+        **(_claims(fit, dip_deg, errors, rotation) if fit.claim.states_uncertainty else {}),
         **_of_the_body(fit, true, dip_deg),
     )
 
@@ -258,7 +258,7 @@ def _true_calibration(truth: Truth, axes: Axes) -> Calibration:
 def _corrected(fit: Fit, true: Calibration, directions: Floats) -> Floats:
     """(3, K) what comes out for (3, K) unit directions, both in the magnetometer's own axes."""
     moved = (true.offset - fit.calibration.offset)[:, np.newaxis]
-    corrected: Floats = np.linalg.solve(fit.ellipsoid.shape, moved + true.ellipsoid.shape @ directions)
+    corrected: Floats = np.linalg.solve(fit.calibration.ellipsoid.shape, moved + true.ellipsoid.shape @ directions)
     return corrected
 
 
@@ -272,16 +272,17 @@ def _claims(fit: Fit, dip_deg: float, errors: Floats, rotation: RotationDifferen
     """What a fit claims, and how the level heading errors (72,) in rad, and the rotation's, bear it out."""
     # A small error of the offset moves headings by a circle around the compass, one of the shape by a figure of eight:
     # the first two harmonics are all there is to first order.
-    heading, down = level_turn(dip_deg)[0], down_of(fit.plane)
+    heading, down = level_turn(dip_deg)[0], down_of(fit.claim.plane)
     waves = np.array([wave(order * heading) for order in (1, 2) for wave in (np.cos, np.sin)]) * (2 / len(heading))
-    gradient = waves @ level_gradients(fit.ellipsoid, dip_deg=dip_deg, down=down)
-    chi_square, freedom = chi_square_of(waves @ errors, gradient @ fit.claimed_covariance @ gradient.T)
+    ellipsoid, covariance = fit.calibration.ellipsoid, fit.claim.claimed_covariance
+    gradient = waves @ level_gradients(ellipsoid, dip_deg=dip_deg, down=down)
+    chi_square, freedom = chi_square_of(waves @ errors, gradient @ covariance @ gradient.T)
     turned, about = rotation.chi_square
     return {
-        "claimed_heading_deg": fit.level_error(dip_deg),
-        "claimed_bound_deg": level_bound_deg(fit.ellipsoid, fit.claimed_covariance, dip_deg=dip_deg, down=down),
-        "claimed_direction_deg": fit.direction_error_deg,
-        "offset_sigma": fit.offset_sigma,
+        "claimed_heading_deg": fit.claim.level_error(dip_deg),
+        "claimed_bound_deg": level_bound_deg(ellipsoid, covariance, dip_deg=dip_deg, down=down),
+        "claimed_direction_deg": fit.claim.direction_error_deg,
+        "offset_sigma": fit.claim.offset_sigma,
         "chi_square": chi_square + turned,
         "freedom": freedom + about,
     }
@@ -290,14 +291,14 @@ def _claims(fit: Fit, dip_deg: float, errors: Floats, rotation: RotationDifferen
 def _of_the_body(fit: Fit, true: Calibration, dip_deg: float) -> dict[str, Any]:
     """The heading error of the level body and its claim, where a rotation is claimed."""
     covariance, turn = rotation_covariance(fit), fit.calibration.rotation_matrix
-    if covariance is None or not fit.states_uncertainty:
+    if covariance is None or not fit.claim.states_uncertainty:
         return {}
     heading, directions = level_turn(dip_deg)
     errors, mean = heading_errors(turn @ _corrected(fit, true, true.rotation_matrix.T @ directions), heading)
     return {
         "body_heading_error_deg": HeadingError(*DirectionError.of(np.rad2deg(errors + mean)), float(dip_deg)),
         "claimed_body_heading_deg": body_error(
-            fit.ellipsoid, fit.claimed_covariance, turn, covariance, dip_deg=dip_deg
+            fit.calibration.ellipsoid, fit.claim.claimed_covariance, turn, covariance, dip_deg=dip_deg
         ),
     }
 

@@ -111,20 +111,20 @@ class _Turn:
     def of(cls, known: Fit, fresh: Fit, recording: Recording) -> Self:
         """Lay a plane through the readings."""
         dip_deg = fresh.heading_error_deg.dip_deg if math.isfinite(fresh.heading_error_deg.dip_deg) else 60.0
-        ellipse = equator(fresh.ellipsoid, "xy", dip_deg=dip_deg)
+        ellipse = equator(fresh.calibration.ellipsoid, "xy", dip_deg=dip_deg)
         noise = fresh.noise if math.isfinite(fresh.noise) else 0.0
         heights = _heights(recording, ellipse.centre[:2], noise)
         numbers = np.concatenate([ellipse.parameters[IN_PLANE], [heights.height], heights.slopes])
         covariance = np.zeros((8, 8))
         rows = to_equator("xy", dip_deg=dip_deg)[IN_PLANE]
-        covariance[:5, :5] = rows @ fresh.claimed_covariance @ rows.T
+        covariance[:5, :5] = rows @ fresh.claim.claimed_covariance @ rows.T
         covariance[5:, 5:] = heights.covariance
         return cls(known, numbers, covariance)
 
     @property
     def inverse(self) -> Floats:
         """(3, 3) F S⁻¹ of the calibration, without a rotation."""
-        inverse: Floats = self.known.calibration.field_strength * np.linalg.inv(self.known.ellipsoid.shape)
+        inverse: Floats = self.known.calibration.field_strength * np.linalg.inv(self.known.calibration.ellipsoid.shape)
         return inverse
 
     def levelling(self, slopes: Floats) -> Floats:
@@ -142,7 +142,7 @@ class _Turn:
 
     def seen_covariance(self) -> Floats:
         """(5, 5) of that middle and shape, as the turn claims them."""
-        scale = np.full(8, STEP * self.known.ellipsoid.radius)
+        scale = np.full(8, STEP * self.known.calibration.ellipsoid.radius)
         scale[6:] = STEP
         changes = [self.ellipse(self.numbers + step) - self.ellipse(self.numbers - step) for step in np.diag(scale)]
         jacobian = np.stack(changes, axis=1) / (2.0 * scale)
@@ -165,7 +165,7 @@ class _Turn:
             change = (change + change.T) / 2.0
             rows[:2, 3 + place] = 2.0 * math.sin(dip) * change[:2, 2]
             rows[2:, 3 + place] = math.cos(dip) * np.array([change[0, 0], change[1, 1], change[0, 1]])
-        covariance: Floats = rows @ self.known.claimed_covariance @ rows.T
+        covariance: Floats = rows @ self.known.claim.claimed_covariance @ rows.T
         return covariance
 
 

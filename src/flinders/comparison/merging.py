@@ -14,7 +14,7 @@ other are not averaged: the merger is limited or refused, and says which of them
 >>> merged = merge([monday, tuesday])
 >>> merged.verdict, merged.samples
 ('good', 2000)
->>> merged.heading_error_deg.worst < merged.repeats.parts[0].claimed_deg
+>>> merged.heading_error_deg.worst < merged.evidence.diagnosis.repeats.parts[0].claimed_deg
 True
 >>> moved = replace(tuesday, calibration=replace(tuesday.calibration, offset=tuesday.calibration.offset + [3, 0, 0]))
 >>> merge([monday, moved])
@@ -40,8 +40,10 @@ from flinders.diagnostics.repeatability import RecordingFit, compared
 from flinders.errors import UsageError, counted, figures
 from flinders.findings import by_severity
 from flinders.findings.catalogue import OF_CALIBRATION
+from flinders.fitting.claim import Claim
+from flinders.fitting.evidence import Diagnosis, Evidence, Residuals
 from flinders.fitting.record import expected_error
-from flinders.fitting.result import Fit, Refused
+from flinders.fitting.result import Fit, Judgement, Provenance, Refused
 from flinders.fitting.verdict import contradiction_words, judged_parts
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.summary.pooling import chi_square_of, pool
@@ -115,7 +117,7 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
     -------
     Fit
         With the covariance of the mean and of what they scatter beyond their claims, the readings of all and their
-        noise; `Fit.repeats` holds the calibrations against each other.
+        noise; `Diagnosis.repeats` holds the calibrations against each other.
 
     Raises
     ------
@@ -143,21 +145,24 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
     repeats = compared(brought, dip_deg=dip)
     distortion = max(map(_distortion, parts))
     error, structure_deg = expected_error(ellipsoid, covariance, dip_deg=dip, distortion=distortion)
-    merged = Fit(
-        calibration=_calibration(parts, ellipsoid, field),
+    calibration = _calibration(parts, ellipsoid, field)
+    evidence = Evidence(
         method=METHOD,
-        covariance=covariance,
         samples=sum(part.samples for part in parts),
         noise=_noise(parts),
-        target_deg=float(target_deg),
-        dip_deg=abs(dip),
-        distortion=distortion,
+        residuals=Residuals(distortion=distortion),
+        diagnosis=Diagnosis(repeats=repeats),
+    )
+    claim = Claim(
+        calibration,
+        covariance,
         heading_error_deg=error,
         structure_deg=structure_deg,
-        repeats=repeats,
-        name=METHOD,
+        dip_deg=abs(dip),
+        target_deg=float(target_deg),
     )
-    merged = replace(merged, findings=_judged(merged, repeats, parts))
+    merged = Fit(calibration, evidence, claim, Judgement(), Provenance(METHOD))
+    merged = replace(merged, judgement=Judgement(_judged(merged, repeats, parts)))
     if merged.verdict == "refused":
         raise NotMerged(merged)
     return merged
@@ -165,7 +170,7 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
 
 def source_files(parts: Sequence[Fit]) -> tuple[SourceFile, ...]:
     """The recordings that calibrations came from, each once, by name."""
-    files = {file.sha256: file for part in parts for file in part.files}
+    files = {file.sha256: file for part in parts for file in part.provenance.files}
     return tuple(sorted(files.values(), key=lambda file: (file.name, file.sha256)))
 
 
@@ -242,18 +247,18 @@ def _log_size_variance(part: Fit) -> float:
 
 def _claim(part: Fit) -> Floats:
     """(9, 9) the covariance that a calibration is weighted with."""
-    if not part.states_uncertainty:
+    if not part.claim.states_uncertainty:
         raise UsageError(
             f"{part.name} states no uncertainty, and cannot be weighted: calibrate again from its recording, "
             "or leave it out"
         )
-    return part.covariance
+    return part.claim.covariance
 
 
 def _distortion(part: Fit) -> float:
     """What belongs to the direction in a calibration, in its unit: every other one of the sensor has it too."""
-    across = math.radians(part.structure_deg) * math.cos(math.radians(part.known_dip_deg))
-    return across * part.ellipsoid.radius
+    across = math.radians(part.claim.structure_deg) * math.cos(math.radians(part.claim.known_dip_deg))
+    return across * part.calibration.ellipsoid.radius
 
 
 def _refuse_alone(part: Fit) -> None:
@@ -278,7 +283,8 @@ def _refuse_alone(part: Fit) -> None:
     gains = np.linalg.eigvalsh(part.calibration.matrix)
     if not gains[0] > 0.0:
         raise UsageError(
-            f"{part.name} mirrors an axis, which no fit does: map its axes, and calibrate again", hint={"axes": None}
+            f"{part.name} mirrors an axis, which no fit does: map its axes, and calibrate again",
+            hint={"axes": None},
         )
     radius = _radius(part)
     offset, variances = float(np.abs(part.calibration.offset).max()), np.diag(_claim(part))
@@ -316,14 +322,14 @@ def _refuse_pair(a: Fit, b: Fit) -> None:
             f"{a.name} and {b.name} are the same calibration: counted twice it would seem better than it is, "
             "leave one out"
         )
-    shared = {file.sha256 for file in b.files}
-    same = [file.name for file in a.files if file.sha256 in shared]
+    shared = {file.sha256 for file in b.provenance.files}
+    same = [file.name for file in a.provenance.files if file.sha256 in shared]
     if same:
         raise UsageError(
             f"{a.name} and {b.name} were both made from {' and '.join(same)}: readings that are counted twice seem "
             "better than they are, leave one out"
         )
-    turns = [one.plane is not None for one in (a, b)]
+    turns = [one.claim.plane is not None for one in (a, b)]
     if turns[0] != turns[1]:
         level, other = (a, b) if turns[0] else (b, a)
         raise UsageError(
@@ -385,9 +391,9 @@ def _judged(merged: Fit, repeats: Repeats, parts: Sequence[Fit]) -> tuple[Findin
     unit = label(merged.calibration.unit)
     found = tuple(
         judged_parts(
-            merged,
+            merged.calibration,
             ("recordings-differ", "heading-error", *OF_CALIBRATION),
-            target_deg=merged.target_deg,
+            target_deg=merged.claim.target_deg,
             words={
                 "contradiction": lambda quantities: contradiction_words(repeats, quantities, unit),
                 "why": lambda _: why,

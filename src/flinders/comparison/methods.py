@@ -81,7 +81,7 @@ class Entry:
         if self.fit is None or self.validation is None:
             return False
         claimed, shown = self.fit.heading_error_deg, self.validation.heading_error_deg
-        return shown.rms > OVERCLAIMS * self.coarser * claimed.rms and shown.worst > self.fit.target_deg
+        return shown.rms > OVERCLAIMS * self.coarser * claimed.rms and shown.worst > self.fit.claim.target_deg
 
     @property
     def objections(self) -> tuple[tuple[str, str], ...]:

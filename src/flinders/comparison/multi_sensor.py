@@ -403,7 +403,7 @@ class _Body:
         outliers = _own_outliers(self.common.fields[place][np.newaxis], [self.starts[place]])[0]
         if alone is None or not outliers.any() or np.mean(is_inlier[outliers]) > MOST_OUTLIERS:
             return ()
-        return alone.outliers
+        return alone.evidence.outliers
 
 
 def _in_body(source: Recording, aiding: AnyAiding, site: Site | None, prior: float, target_deg: float) -> Aiding | None:
@@ -414,7 +414,7 @@ def _in_body(source: Recording, aiding: AnyAiding, site: Site | None, prior: flo
         reference = refusal.fit
     except FitError:
         return None
-    aiding_result = reference.aiding
+    aiding_result = reference.evidence.aiding
     return (
         None
         if aiding_result is None or aiding_result.rotation is None or aiding_result.rotation_covariance is None
@@ -433,7 +433,7 @@ def _turned(rotation: Floats, covariance: Floats, body: Aiding | None) -> Aiding
 def _better(member: Member) -> Member:
     """A member, as it is by itself where that is clearly better known than it is with the others."""
     joint, alone = fit_of(member.fit), fit_of(member.alone)
-    if member.copy_of or joint is None or alone is None or alone.plane or alone.unobserved:
+    if member.copy_of or joint is None or alone is None or alone.claim.plane or alone.evidence.unobserved:
         return member
     worst = joint.heading_error_deg.worst
     if worst <= WORSE * alone.heading_error_deg.worst:
@@ -577,7 +577,8 @@ def _judged(together: Together, place: int, target_deg: float) -> Member:
     judged = fit_of(member.fit)
     if judged is None:
         return replace(member, findings=findings)
-    judged = replace(judged, findings=by_severity((*judged.findings, *findings)))
+    judgement = replace(judged.judgement, findings=by_severity((*judged.findings, *findings)))
+    judged = replace(judged, judgement=judgement)
     return replace(member, fit=Refused(judged) if judged.verdict == "refused" else judged, findings=findings)
 
 

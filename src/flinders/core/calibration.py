@@ -30,7 +30,7 @@ from flinders.core.calibration_file import (
     Document,
     Fitted,
     LinearizationRecord,
-    Provenance,
+    ProvenanceRecord,
     Recorded,
     Rotation,
     read,
@@ -511,7 +511,7 @@ class Calibration(Value):
         except (ArrayError, UnitError, AxesError, UsageError) as error:
             raise DocumentError(f"{source}: {error.message}", hint=error.hint, **error.evidence) from None
 
-    def to_document(self, *, fit: Fitted | None = None, provenance: Provenance | None = None) -> Document:
+    def to_document(self, *, fit: Fitted | None = None, provenance: ProvenanceRecord | None = None) -> Document:
         """Make the content of a calibration file, with how it was found where that is known."""
         rows, offset = map(tuple, self.matrix.tolist()), self.offset.tolist()
         content: dict[str, Any] = {**self.as_dict(), "matrix": tuple(rows), "offset": tuple(offset)}

@@ -231,7 +231,7 @@ class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, 
     columns: ColumnsRecord | None = None  #: which of a table were asked for; others of its form are read so too
 
 
-class Provenance(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class ProvenanceRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Which release made a calibration, when, and from which recordings."""
 
     flinders: str  #: version of the release
@@ -257,7 +257,7 @@ class Document(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
     calibration: Correction  #: the correction
     raw: Recorded  #: how the readings that it corrects are recorded
     fit: Fitted | None = None  #: how it was found, and how far to trust it; null where nothing is known
-    provenance: Provenance | None = None  #: which release made it, when, and from what
+    provenance: ProvenanceRecord | None = None  #: which release made it, when, and from what
     survey: SurveyRecord | UnsetType = UNSET  #: what a survey instrument has besides
 
 

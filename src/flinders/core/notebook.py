@@ -1,6 +1,6 @@
 """Calibrations and fits as a notebook shows them: a small table, without a script, a colour or a size of its own.
 
-This knows plain numbers only, and so lies below what it shows; `Calibration` and `Fit` call it.
+This knows plain numbers only, and so lies below what it shows; `Calibration` and `flinders.report.notebook` call it.
 
 >>> told = correction([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [1.0, 2.0, -3.0], "µT", title="<b>")
 >>> "&lt;b&gt;" in told, "−3" in told, "<script" in told

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
-    from flinders.core.calibration_file import Document, Fitted, Provenance
+    from flinders.core.calibration_file import Document, Fitted, ProvenanceRecord
     from flinders.core.samples import Samples
     from flinders.core.units import Unit
 
@@ -117,7 +117,7 @@ class SurveyCalibration:
             survey.quadratic,
         )
 
-    def to_document(self, *, fit: Fitted | None = None, provenance: Provenance | None = None) -> Document:
+    def to_document(self, *, fit: Fitted | None = None, provenance: ProvenanceRecord | None = None) -> Document:
         """A calibration file: that of the magnetometer, with the accelerometer and the axis of the laser."""
         gravity = self.accelerometer.to_document()
         record = SurveyRecord(

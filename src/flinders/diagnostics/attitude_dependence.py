@@ -13,7 +13,7 @@ recording. `PROVEN` and `MUCH` come from simulated noise (``python -m benchmarks
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
 >>> drive = simulate.tumble(seed=1).samples
->>> attitude_dependence_of(drive, calibrate.fit(drive).ellipsoid, dip_deg=60.0) is None
+>>> attitude_dependence_of(drive, calibrate.fit(drive).calibration.ellipsoid, dip_deg=60.0) is None
 True
 """
 

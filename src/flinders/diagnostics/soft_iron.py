@@ -41,7 +41,7 @@ class Refreshed:
     # heading error at the worst heading of a level vehicle that goes on with the earlier calibration
     heading_change_deg: float
     soft_iron_p_value: float  # how often chance alone makes as much of a change of the soft iron as the readings show
-    distortion: float = 0.0  # `Fit.distortion` of the earlier calibration: it belongs to the sensor
+    distortion: float = 0.0  # `Residuals.distortion` of the earlier calibration: it belongs to the sensor
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""

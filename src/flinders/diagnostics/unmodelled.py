@@ -8,10 +8,10 @@ counts where it explains far more than correlated residuals could by chance (`di
 >>> from flinders.fitting import calibrate
 >>> motors = simulate.MotorCurrent(per_ampere=[0.3, 0.0, 0.0], amperes=20.0)
 >>> flight = simulate.tumble(seed=3, disturbances=[motors]).samples
->>> unmodelled = unmodelled_of(flight, calibrate.fit(flight).ellipsoid, dip_deg=60.0)
+>>> unmodelled = unmodelled_of(flight, calibrate.fit(flight).calibration.ellipsoid, dip_deg=60.0)
 >>> unmodelled.name, round(unmodelled.heading_deg)
 ('current', 6)
->>> unmodelled_of(simulate.tumble(seed=3).samples, calibrate.fit(flight).ellipsoid, dip_deg=60.0) is None
+>>> unmodelled_of(simulate.tumble(seed=3).samples, calibrate.fit(flight).calibration.ellipsoid, dip_deg=60.0) is None
 True
 """
 

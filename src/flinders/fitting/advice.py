@@ -30,11 +30,12 @@ UPSIDE_DOWN: Final = 180.0
 
 def attitudes(fit: Fit) -> str:
     """Say up to which tilt the heading is within the target, and how fast it degrades beyond."""
-    limit, target = fit.attitude_limit_deg, fit.target_deg
+    limit, target = fit.claim.attitude_limit_deg, fit.claim.target_deg
     if limit >= UPSIDE_DOWN:
         return f"within {target:g}° at any attitude"
     beyond = [tilt for tilt in (*TILTS, UPSIDE_DOWN) if tilt > limit]
-    worse = [f"{angle(fit.tilted_error(tilt).worst)} {_at(tilt)}" for tilt in dict.fromkeys((beyond[0], beyond[-1]))]
+    tilted = fit.claim.tilted_error
+    worse = [f"{angle(tilted(tilt).worst)} {_at(tilt)}" for tilt in dict.fromkeys((beyond[0], beyond[-1]))]
     if limit < 1.0:
         return f"good to {angle(fit.heading_error_deg.worst)} while level; tilted, {', '.join(worse)}"
     return f"within {target:g}° up to {limit:.0f}° of tilt; {', '.join(worse)}"
@@ -46,18 +47,19 @@ def _at(tilt: float) -> str:
 
 def remedy(fit: Fit) -> str:
     """Say what would make the heading error smaller."""
-    if fit.bias_deg > fit.target_deg:
-        if fit.plane:
+    if fit.claim.bias_deg > fit.claim.target_deg:
+        if fit.claim.plane:
             return "the points are not equally spaced in heading, use the method 'ellipse'"
         return "the method's model does not fit this sensor, use 'auto'"
-    if fit.repeats is not None and fit.repeats.scatter_deg > fit.target_deg:
+    repeats = fit.evidence.diagnosis.repeats
+    if repeats is not None and repeats.scatter_deg > fit.claim.target_deg:
         return "the recordings contradict each other, use those made in the state of use"
     return movement(fit)
 
 
 def movement(fit: Fit) -> str:
     """Say which way to turn the sensor next: where readings would tell most, or all round where none tells more."""
-    if fit.plane:
+    if fit.claim.plane:
         return "turn it all the way round, more than once, keeping it level"
     advice = advised(fit)
     if advice.after_deg > (1.0 - WORTH_IT) * advice.worst_deg:
@@ -67,18 +69,18 @@ def movement(fit: Fit) -> str:
 
 def advised(fit: Fit) -> Guidance:
     """Where the next readings would help most: a level heading while that is not good enough, then all attitudes."""
-    return guided(fit, "heading" if fit.heading_error_deg.worst > fit.target_deg else "attitude")
+    return guided(fit, "heading" if fit.heading_error_deg.worst > fit.claim.target_deg else "attitude")
 
 
 def guided(fit: Fit, goal: Goal) -> Guidance:
     """Where the next readings would help most, for one of the goals."""
-    seen_from_below = fit.heading_error_deg.dip_deg * fit.dip_deg < 0.0
+    seen_from_below = fit.heading_error_deg.dip_deg * fit.claim.dip_deg < 0.0
     return guide(
-        fit.ellipsoid,
-        fit.covariance,
+        fit.calibration.ellipsoid,
+        fit.claim.covariance,
         noise=fit.noise,
         coverage=fit.coverage,
-        dip_deg=fit.dip_deg,
+        dip_deg=fit.claim.dip_deg,
         down=np.array([0.0, 0.0, -1.0]) if seen_from_below else None,
         goal=goal,
     )

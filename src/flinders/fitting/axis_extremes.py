@@ -28,7 +28,7 @@ from flinders.errors import UsageError, figures
 from flinders.estimators.data import LARGEST, SMALLEST
 from flinders.estimators.reference.minmax import MinMax, spanned, strength_of
 from flinders.findings import Finding, Record, by_severity, certain
-from flinders.fitting.result import Outcome
+from flinders.fitting.result import Judged, Outcome
 from flinders.fitting.verdict import of_calibration
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import level_error
@@ -38,14 +38,14 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
-    from flinders.core.calibration_file import Document, Provenance
+    from flinders.core.calibration_file import Document, ProvenanceRecord
     from flinders.estimators.reference.minmax import Variant
 
 TYPED: Final = "typed-extremes"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Extremes(Outcome):
+class Extremes(Judged, Outcome):
     """A calibration from six numbers, of which nobody knows how far to trust it."""
 
     calibration: Calibration  #: the correction
@@ -79,7 +79,7 @@ class Extremes(Outcome):
             "findings": [finding.as_dict() for finding in self.findings],
         }
 
-    def to_document(self, provenance: Provenance | None = None) -> Document:
+    def to_document(self, provenance: ProvenanceRecord | None = None) -> Document:
         """The calibration file, in which nothing is claimed."""
         record = Fitted(method=MinMax.name, samples=0, verdict=self.verdict, findings=self.finding_records)
         return self.calibration.to_document(fit=record, provenance=provenance)
@@ -130,7 +130,9 @@ def from_extremes(
         sensor=sensor,
     )
     extremes = Extremes(replace(calibration, field_strength_known=field_strength is not None), low, high)
-    return replace(extremes, findings=by_severity([_typed(extremes, target_deg, dip_deg), *of_calibration(extremes)]))
+    return replace(
+        extremes, findings=by_severity([_typed(extremes, target_deg, dip_deg), *of_calibration(extremes.calibration)])
+    )
 
 
 def _pairs(numbers: ArrayLike) -> Floats:

@@ -104,8 +104,8 @@ class FitColumns:
     rms_deg: Floats  #: (U,): the same over all headings
     bound_95_deg: Floats  #: (U,): that it stays within at all headings with a probability of 95 %
     dip_deg: Floats  #: (U,): heading error of a level vehicle, 1 σ, where the field dips by `dip_deg`
-    #: (U, 3), (U, 9), (U, 45), in `unit_of_field`: of the calibration; the upper triangle of `Fit.claimed_covariance`,
-    #: row by row
+    #: (U, 3), (U, 9), (U, 45), in `unit_of_field`: of the calibration; the upper triangle, row by row, of
+    #: `Claim.claimed_covariance`
     offset: Floats
     matrix: Floats
     covariance: Floats
@@ -325,5 +325,5 @@ def fill_row(columns: FitColumns, place: int, result: Fit | Exception) -> None:
         return
     columns.offset[place], columns.field_strength[place] = result.calibration.offset, result.calibration.field_strength
     columns.matrix[place] = result.calibration.matrix.ravel()
-    columns.covariance[place] = result.claimed_covariance.ravel()[UPPER]
-    columns.bound_95_deg[place] = result.heading_bound_deg
+    columns.covariance[place] = result.claim.claimed_covariance.ravel()[UPPER]
+    columns.bound_95_deg[place] = result.claim.heading_bound_deg

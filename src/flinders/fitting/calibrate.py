@@ -29,10 +29,20 @@ from flinders.estimators.data import recording_of
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.likelihood import estimated
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor, Instruments
-from flinders.fitting.claim import claimed, halves_apart
-from flinders.fitting.record import ASKS_HALVES, ASKS_SWAP, Found, add_found, add_reading, farthest, request_of
-from flinders.fitting.result import Fit, Refused
+from flinders.fitting.claim import Claim
+from flinders.fitting.evidence import Diagnosis, Disturbances, Evidence, Residuals
+from flinders.fitting.record import (
+    ASKS_HALVES,
+    ASKS_SWAP,
+    add_diagnosis,
+    add_reading,
+    farthest,
+    request_of,
+    sources_of,
+)
+from flinders.fitting.result import Fit, Judgement, Refused
 from flinders.fitting.verdict import judged_quantities, with_findings
+from flinders.fitting.widening import claimed, halves_apart
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
 from flinders.likelihood.prior import SPREAD
@@ -54,8 +64,8 @@ if TYPE_CHECKING:
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.disturbance import DisturbanceFit
     from flinders.fitting.aiding import AnyAiding
-    from flinders.fitting.claim import Claim
     from flinders.fitting.linearization import AxisTerms
+    from flinders.fitting.widening import Widened
     from flinders.likelihood.site_field import Site
     from flinders.native.engine import Records
     from flinders.readers import AnySource
@@ -149,7 +159,7 @@ class _Frame(NamedTuple):
         return cls(recording.unit, recording.axes, frame_of(recording))
 
 
-class _Evidence(NamedTuple):
+class _Estimated(NamedTuple):
     """An estimate with what is known of the readings that it was made of.
 
     Attributes
@@ -255,7 +265,7 @@ def fit(
     site : Site, optional
         What is known of the field at the place, and of the mounting. Corrected readings have its strength as their
         length: without it the matrix has determinant 1 and the length is the radius that results. Headings are judged
-        at its inclination, else at 60° (`Fit.dip_assumed`). What it states with an uncertainty counts in the fit, too.
+        at its inclination, else at 60° (`Claim.dip_assumed`). What it states with an uncertainty counts in the fit.
     unit : str or Unit, optional
         What an array or a file is in, as `flinders.read` takes it: ``"uT"``, ``"mG"``; a recording brings its own.
     axes : str or Axes, optional
@@ -349,10 +359,10 @@ def _compensated(source: Recording | Summary, disturbances: Sequence[str], reque
     return _Compensated(recording, disturbed, tried)
 
 
-def _estimated(readings: Readings, estimator: Estimator, request: Request, unit: Unit | None) -> _Evidence:
+def _estimated(readings: Readings, estimator: Estimator, request: Request, unit: Unit | None) -> _Estimated:
     """Estimate by the engine's record where it is enough, else by aiding sensors or the method, and the site."""
     if not request.instruments and not request.site:
-        recorded = _Evidence.of_record(estimator, readings, unit)
+        recorded = _Estimated.of_record(estimator, readings, unit)
         if recorded is not None:
             return recorded
     readings = within_range(_moved(readings, estimator, unit))
@@ -360,14 +370,14 @@ def _estimated(readings: Readings, estimator: Estimator, request: Request, unit:
         readings = readings.fitted()
     joint, aiding = _aided(readings.as_read, request)
     if joint is not None:
-        return _Evidence.of(joint, readings, aiding)._replace(is_joint=True)
+        return _Estimated.of(joint, readings, aiding)._replace(is_joint=True)
     from flinders.estimators.reference.attitude_independent import at_one_strength
 
     estimate = _at_site(estimator.estimate(readings), readings, request)
-    return _Evidence.of(estimate, at_one_strength(readings, estimate), aiding)
+    return _Estimated.of(estimate, at_one_strength(readings, estimate), aiding)
 
 
-def _linearized(plain: _Evidence, estimator: Estimator, request: Request, unit: Unit | None) -> _Evidence:
+def _linearized(plain: _Estimated, estimator: Estimator, request: Request, unit: Unit | None) -> _Estimated:
     """Evidence of linear readings, where axes are hardly linear and a smaller claim is left; else as it was.
 
     Raises
@@ -392,7 +402,7 @@ def _linearized(plain: _Evidence, estimator: Estimator, request: Request, unit: 
     terms, evidence = AxisTerms.of(found, plain.estimate.ellipsoid), plain
     for _ in range(ROUNDS):
         linear = Readings.of(replace(recording, field=terms.linear(recording.field)))
-        fitted = _Evidence.of_record(estimator, linear, unit, has_sigma=True)
+        fitted = _Estimated.of_record(estimator, linear, unit, has_sigma=True)
         if fitted is None or fitted.record is None:
             return plain
         left = nonlinearity_in(fitted.record)
@@ -403,7 +413,7 @@ def _linearized(plain: _Evidence, estimator: Estimator, request: Request, unit: 
     return linearized if _expected_deg(linearized) < _expected_deg(plain) else plain
 
 
-def _expected_deg(evidence: _Evidence) -> float:
+def _expected_deg(evidence: _Estimated) -> float:
     """Worst level heading error by the engine's record, with what belongs to the direction."""
     assert evidence.record is not None
     record = evidence.record.copy()
@@ -412,7 +422,7 @@ def _expected_deg(evidence: _Evidence) -> float:
     return float(engine().judge(record, engine().request(shrinks=0))["worst_deg"])
 
 
-def _claimed(evidence: _Evidence, estimator: Estimator, request: Request) -> Claim:
+def _claimed(evidence: _Estimated, estimator: Estimator, request: Request) -> Widened:
     """Widen the covariance of an estimate by what its method does not know of, and by its disturbances.
 
     An estimate of `auto` by the magnitude alone, with a prior, is shrunk where its readings were corrected before.
@@ -465,7 +475,7 @@ def judged_as(
         Where it cannot be trusted; it carries the fit.
     """
     request = Request.of(site, target_deg=target_deg)
-    evidence = _Evidence.of(estimate, within_range(Readings.of(source)), aiding_result)._replace(refreshed=refreshed)
+    evidence = _Estimated.of(estimate, within_range(Readings.of(source)), aiding_result)._replace(refreshed=refreshed)
     calibration = _turned(_calibration(estimate, request, _Frame.of(source), sensor), aiding_result)
     claim = claimed(
         estimate,
@@ -517,7 +527,7 @@ def mounted(result: Fit, sigma_deg: float | None) -> Fit:
     if sigma_deg is None:
         return result
     error = alignment_error_deg(sigma_deg, dip_deg=result.heading_error_deg.dip_deg)
-    return replace(result, alignment_error_deg=error)
+    return replace(result, claim=replace(result.claim, alignment_error_deg=error))
 
 
 def estimator_of(method: str | Estimator, request: Request) -> Estimator:
@@ -645,7 +655,7 @@ def _calibration(estimate: Estimate, request: Request, frame: _Frame, sensor: st
     return replace(calibration, field_strength_known=is_known)
 
 
-def _drift(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Drift | None:
+def _drift(estimate: Estimate, evidence: _Estimated, dip_deg: float) -> Drift | None:
     """Whether something changed while one recording was made: if so, its residuals are not white.
 
     What a model is too simple for looks like a change, too, and is stated as a bias.
@@ -669,7 +679,7 @@ def _with_halves(drift: Drift, estimate: Estimate, readings: Readings, request: 
     return replace(drift, halves_ratio=halves_apart(samples, request.likelihood, estimate))
 
 
-def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlinearity | None, AxisLag | None]:
+def _faults_of_axes(estimate: Estimate, evidence: _Estimated) -> tuple[Nonlinearity | None, AxisLag | None]:
     """Whether axes answer along a curve, or late, by an ellipsoid that was fitted to readings that nothing drives."""
     if evidence.record is None or evidence.disturbed or estimate.plane or estimate.unobserved:
         return None, None
@@ -679,7 +689,9 @@ def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlineari
     return nonlinearity_in(evidence.record) if terms is None else terms.corrected(evidence.record), lag
 
 
-def _add_faults(record: Records, estimate: Estimate, evidence: _Evidence) -> tuple[Nonlinearity | None, AxisLag | None]:
+def _add_faults(
+    record: Records, estimate: Estimate, evidence: _Estimated
+) -> tuple[Nonlinearity | None, AxisLag | None]:
     """Put faults of axes into a record, and what is left of those that are corrected."""
     nonlinearity, lag = faults = _faults_of_axes(estimate, evidence)
     record["nonlinear_deg"] = record["lag_deg"] = math.nan
@@ -703,7 +715,7 @@ def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
     return axis_swap_of(samples.field, estimate.noise)
 
 
-def _unmodelled(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Unmodelled | None:
+def _unmodelled(estimate: Estimate, evidence: _Estimated, dip_deg: float) -> Unmodelled | None:
     """Test whether a recorded disturbance moves the readings of one recording in memory while none is modelled."""
     samples = evidence.readings.recording
     if estimate.unobserved or evidence.disturbed or not isinstance(samples, Samples) or not samples.disturbances:
@@ -714,7 +726,7 @@ def _unmodelled(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Unmo
     return unmodelled_of(samples, estimate.ellipsoid, dip_deg=dip_deg, time=time, limit=estimate.rejected_beyond)
 
 
-def _attitude_dependence(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> AttitudeDependence | None:
+def _attitude_dependence(estimate: Estimate, evidence: _Estimated, dip_deg: float) -> AttitudeDependence | None:
     """Test whether something moves the readings of one recording in memory with the attitude: no white residuals."""
     samples, correlation = evidence.readings.recording, estimate.correlation
     if estimate.plane or estimate.unobserved or (correlation is not None and correlation.is_white):
@@ -726,7 +738,7 @@ def _attitude_dependence(estimate: Estimate, evidence: _Evidence, dip_deg: float
     return attitude_dependence_of(samples, estimate.ellipsoid, dip_deg=dip_deg, limit=estimate.rejected_beyond)
 
 
-def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Evidence) -> float:
+def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Estimated) -> float:
     """What the vertical of the accelerometer adds to a heading; NaN in a plane, and where a fit corrects it."""
     samples, aiding = evidence.readings.as_read.recording, evidence.aiding
     if estimate.plane or not isinstance(samples, Samples) or samples.acceleration is None:
@@ -746,112 +758,134 @@ def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
     return level_error(estimate.ellipsoid, bias, dip_deg=dip_deg, down=down).rms
 
 
-def _judged(claim: Claim, evidence: _Evidence, calibration: Calibration, request: Request) -> Fit:
+def _judged(widened: Widened, found: _Estimated, calibration: Calibration, request: Request) -> Fit:
     """Put together what is known and judge it."""
-    record = claim.record
-    estimate = evidence.estimate if record["is_shrunk"] > 0 else claim.estimate
-    found, faults = _found(claim, estimate, evidence, calibration), _add_faults(record, estimate, evidence)
-    found, judgement = _judgement(found, record, estimate, evidence, calibration, request)
-    quantities = judged_quantities(judgement)
-    fit = Fit(
-        calibration=calibration,
+    record = widened.record
+    estimate = found.estimate if record["is_shrunk"] > 0 else widened.estimate
+    diagnosis = _diagnosis(widened, estimate, found, calibration)
+    diagnosis, judgement = _judgement(diagnosis, record, estimate, found, calibration, request)
+    if found.disturbed is not None:
+        calibration = replace(calibration, disturbances=found.disturbed.disturbances)
+    claim = _claim(widened, judgement, calibration, request)
+    evidence = Evidence(
         method=estimate.method,
-        covariance=claim.estimate.covariance,
-        noise=estimate.noise,
         samples=int(record["used"]),
-        coverage=evidence.coverage,
-        heading_error_deg=HeadingError(
-            float(judgement["rms_deg"]), float(judgement["worst_deg"]), float(record["dip_deg"])
-        ),
-        structure_deg=float(judgement["structure_deg"]),
-        distortion=0.0 if estimate.plane or math.isnan(record["distortion"]) else float(record["distortion"]),
-        nonlinearity=faults[0],
-        axis_lag=faults[1],
-        target_deg=request.target_deg,
-        dip_deg=request.dip_deg,
-        dip_assumed=request.dip_assumed,
+        noise=estimate.noise,
+        coverage=found.coverage,
+        outliers=estimate.outliers,
+        residuals=_residuals(record, estimate, judgement),
         prior_influence=estimate.prior_influence,
         unobserved=estimate.unobserved,
-        textbook_covariance=claim.estimate.textbook,
-        independent_samples=np.inf if estimate.correlation is None else quantities["independent"],
-        autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
-        outliers=estimate.outliers,
+        z_down=estimate.z_down,
+        diagnosis=diagnosis,
+        disturbances=_disturbances(claim, found.disturbed),
+        aiding=found.aiding,
+    )
+    return with_findings(Fit(calibration, evidence, claim, Judgement()), judgement, found.statistics)
+
+
+def _claim(widened: Widened, judgement: Records, calibration: Calibration, request: Request) -> Claim:
+    """What is claimed of a calibration by a record and its judgement."""
+    record, estimate = widened.record, widened.estimate
+    alignment_deg = float(record["alignment_deg"])
+    return Claim(
+        calibration,
+        estimate.covariance,
+        estimate.textbook,
+        HeadingError(float(judgement["rms_deg"]), float(judgement["worst_deg"]), float(record["dip_deg"])),
+        structure_deg=float(judgement["structure_deg"]),
+        dip_deg=request.dip_deg,
+        dip_assumed=request.dip_assumed,
+        target_deg=request.target_deg,
+        alignment_error_deg=None if math.isnan(alignment_deg) else alignment_deg,
+        bias_deg=float(record["bias_deg"]),
         is_shrunk=bool(record["is_shrunk"] > 0),
         plane=estimate.plane,
-        z_down=estimate.z_down,
-        **found.as_fields(),
     )
-    if evidence.disturbed is not None:
-        fit = replace(fit, **_disturbances(fit, evidence.disturbed))
-    return with_findings(fit, judgement, evidence.statistics)
 
 
-def _found(claim: Claim, estimate: Estimate, evidence: _Evidence, calibration: Calibration) -> Found:
-    """Find out what follows from more than the surface and its residuals."""
-    dip_deg, aiding = float(claim.record["dip_deg"]), evidence.aiding
-    return Found(
+def _residuals(record: Records, estimate: Estimate, judgement: Records) -> Residuals:
+    """What the residuals of an estimate tell."""
+    distortion = 0.0 if estimate.plane or math.isnan(record["distortion"]) else float(record["distortion"])
+    if estimate.correlation is None:
+        return Residuals(distortion=distortion)
+    return Residuals(judged_quantities(judgement)["independent"], estimate.correlation.lag_one, distortion)
+
+
+def _diagnosis(widened: Widened, estimate: Estimate, evidence: _Estimated, calibration: Calibration) -> Diagnosis:
+    """Find out what follows from more than the surface and its residuals, and put it into the record."""
+    dip_deg = float(widened.record["dip_deg"])
+    nonlinearity, axis_lag = _add_faults(widened.record, estimate, evidence)
+    return Diagnosis(
         drift=_drift(estimate, evidence, dip_deg),
+        nonlinearity=nonlinearity,
+        axis_lag=axis_lag,
         unmodelled=_unmodelled(estimate, evidence, dip_deg),
         attitude_dependence=_attitude_dependence(estimate, evidence, dip_deg),
-        repeats=claim.repeats,
+        repeats=widened.repeats,
         refreshed=evidence.refreshed,
-        aiding=aiding,
-        alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(dip_deg),
-        tilt_error_deg=_tilt_error_deg(claim.estimate, calibration, evidence),
-        bias_deg=_bias_deg(estimate, dip_deg),
+        tilt_error_deg=_tilt_error_deg(widened.estimate, calibration, evidence),
     )
 
 
 def _judgement(
-    found: Found,
+    diagnosis: Diagnosis,
     record: Records,
     estimate: Estimate,
-    evidence: _Evidence,
+    evidence: _Estimated,
     calibration: Calibration,
     request: Request,
-) -> tuple[Found, Records]:
-    """Judge a record with what was found out beside it, and once more where that asks for a closer look."""
+) -> tuple[Diagnosis, Records]:
+    """Judge a record with what diagnostics found, and once more where that asks for a closer look."""
     asked = request_of(calibration, target_deg=request.target_deg)
-    sources = {"is_aided": estimate.method == "aided", "is_compensated": evidence.disturbed is not None}
+    aiding, dip_deg = evidence.aiding, float(record["dip_deg"])
+    alignment_deg = None if aiding is None else aiding.alignment_error_deg(dip_deg)
+    record["alignment_deg"] = math.nan if alignment_deg is None else alignment_deg
+    record["bias_deg"] = _bias_deg(estimate, dip_deg)
+    record["sources"] = sources_of(
+        aiding,
+        is_aided=estimate.method == "aided",
+        is_compensated=evidence.disturbed is not None,
+        is_refreshed=evidence.refreshed is not None,
+    )
     if evidence.record is not None:
         add_reading(record, evidence.statistics)
         record["farthest"] = farthest(estimate.outliers)
-    add_found(record, found, **sources)
+    add_diagnosis(record, diagnosis)
     judgement = engine().judge(record, asked)
-    closer = _looked_closer(int(judgement["asks"]), found, estimate, evidence, request)
-    if closer is found:
-        return found, judgement
-    add_found(record, closer, **sources)
+    closer = _looked_closer(int(judgement["asks"]), diagnosis, estimate, evidence, request)
+    if closer is diagnosis:
+        return diagnosis, judgement
+    add_diagnosis(record, closer)
     return closer, engine().judge(record, asked)
 
 
-def _looked_closer(asks: int, found: Found, estimate: Estimate, evidence: _Evidence, request: Request) -> Found:
+def _looked_closer(
+    asks: int, diagnosis: Diagnosis, estimate: Estimate, evidence: _Estimated, request: Request
+) -> Diagnosis:
     """Find out what a judgement asks for."""
-    if asks & ASKS_HALVES and found.drift is not None:
-        found = replace(found, drift=_with_halves(found.drift, estimate, evidence.readings, request))
+    if asks & ASKS_HALVES and diagnosis.drift is not None:
+        drift = _with_halves(diagnosis.drift, estimate, evidence.readings, request)
+        diagnosis = replace(diagnosis, drift=drift)
     if asks & ASKS_SWAP:
-        found = replace(found, axis_swap=_axis_swap(estimate, evidence.readings))
-    return found
+        diagnosis = replace(diagnosis, axis_swap=_axis_swap(estimate, evidence.readings))
+    return diagnosis
 
 
-def _disturbances(result: Fit, disturbed: DisturbanceFit) -> dict[str, Any]:
-    """What is known of the disturbances of a fit to compensated readings, and its calibration with them."""
+def _disturbances(claim: Claim, disturbed: DisturbanceFit | None) -> Disturbances:
+    """What is known of the disturbances of a calibration, by readings that were compensated for them."""
+    if disturbed is None:
+        return Disturbances()
     from flinders.estimators.regressors import DisturbanceEstimate
 
-    calibration = replace(result.calibration, disturbances=disturbed.disturbances)
-    dip, down = result.heading_error_deg.dip_deg, down_of(result.plane)
+    dip, down, ellipsoid = claim.heading_error_deg.dip_deg, down_of(claim.plane), claim.ellipsoid
     estimates = [
         replace(
             estimate,
-            removed_deg=calibration.disturbance_deg(disturbance, dip_deg=dip),
-            remaining_deg=disturbed.remaining_error(result.ellipsoid, place, dip_deg=dip, down=down).worst,
+            removed_deg=claim.calibration.disturbance_deg(disturbance, dip_deg=dip),
+            remaining_deg=disturbed.remaining_error(ellipsoid, place, dip_deg=dip, down=down).worst,
         )
         for place, (disturbance, estimate) in enumerate(zip(disturbed.disturbances, disturbed.estimates, strict=True))
     ]
     constant = [DisturbanceEstimate(name) for name in disturbed.constant]
-    return {
-        "calibration": calibration,
-        "disturbances": (*estimates, *constant),
-        "disturbances_covariance": disturbed.joint(result.covariance),
-        "noise_uncompensated": disturbed.noise_without,
-    }
+    return Disturbances((*estimates, *constant), disturbed.joint(claim.covariance), disturbed.noise_without)

@@ -1,204 +1,166 @@
-"""What a fit may claim: a method's covariance, widened by all that the method does not know of.
-
-The residuals of real recordings are correlated, readings are repeated, methods have a bias, few readings leave the
-noise itself uncertain, and several recordings of one sensor differ by more than each of them claims. The engine widens
-by repeated and by few readings (``claim.c``); what needs other fits is added here.
+"""How far a calibration may err: its covariance, and the errors of heading and direction that follow of it.
 
 >>> from flinders import simulate
->>> from flinders.estimators import Readings
->>> from flinders.estimators.auto import Auto
->>> readings = Readings.of(simulate.tumble(seed=1, n=300).samples)
->>> claim = claimed(Auto().estimate(readings), readings, Auto(), readings.summary.statistics)
->>> float(claim.record["repetition"]), claim.repeats is None
-(1.0, True)
+>>> from flinders.fitting import calibrate
+>>> claim = calibrate.fit(simulate.tumble(seed=1).samples).claim
+>>> claim.heading_error_deg, round(claim.heading_bound_deg, 2), claim.attitude_limit_deg
+(HeadingError(rms=0.06°, worst=0.07°, dip=60°), 0.16, 180.0)
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.samples import Joined
-from flinders.errors import FitError
-from flinders.estimators import ROWS, Readings
-from flinders.estimators.covariance import beyond_chance
-from flinders.fitting.record import record_of
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.core.geomag import ASSUMED_DIP_DEG
+from flinders.errors import ArrayError
+from flinders.geometry.plane import down_of
+from flinders.heading.error_propagation import (
+    DirectionError,
+    HeadingError,
+    attitude_limit_deg,
+    direction_error_deg,
+    level_bound_deg,
+    level_error,
+    raw_error,
+    tilted_error,
+)
 from flinders.native.engine import engine
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.core.samples import Samples
-    from flinders.diagnostics.repeatability import Repeats
-    from flinders.estimators import Estimate
-    from flinders.estimators.auto import Auto
-    from flinders.native.engine import Records
-    from flinders.summary.coverage import Coverage
-    from flinders.summary.summary import Statistics
+    from flinders.core.calibration import Calibration
+    from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.geometry.plane import Plane
+
+NO_ERROR: Final = HeadingError(math.nan, math.nan, math.nan)
 
 
-class Claim(NamedTuple):
-    """An estimate with the covariance that it may claim.
+@dataclass(frozen=True, slots=True, eq=False)
+class Claim:
+    """What is claimed of a calibration: its covariance, and the errors that follow of it, 1 σ."""
 
-    Attributes
-    ----------
-    estimate : Estimate
-    record : Records
-        Of the engine, claimed.
-    repeats : Repeats, optional
-        Recordings of one sensor, compared with each other.
-    """
+    calibration: Calibration  #: the correction that it is about
+    #: (9, 9): of the offset b and the shape S = F W⁻¹, in the order b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the
+    #: square of the calibration's unit. Singular where the method holds some of them; zeros where no uncertainty is
+    #: stated, see `states_uncertainty`.
+    covariance: Floats = field(default_factory=lambda: np.zeros((9, 9)))
+    textbook_covariance: Floats | None = None  #: (9, 9): as `covariance`, if residuals were independent
+    heading_error_deg: HeadingError = NO_ERROR  #: expected of a level vehicle, 1 σ; NaN if not stated
+    #: part of the heading error that belongs to the direction: as much across the field as the distortion is along it
+    #: (1 σ), or that of axes that are proven not to be linear or to be late (at the worst heading), whichever is larger
+    structure_deg: float = 0.0
+    #: inclination of the field at the site. That of `heading_error_deg` has the sign that the recording shows: the
+    #: other one for a sensor mounted upside down.
+    dip_deg: float = ASSUMED_DIP_DEG
+    dip_assumed: bool = False  #: nobody said where the readings were taken, and `dip_deg` is a guess
+    target_deg: float = 1.0  #: the worst heading error that was asked for
+    #: heading error (1 σ) from a mounting of the stated uncertainty, beside `heading_error_deg`
+    alignment_error_deg: float | None = None
+    #: heading error (rms) that the method's own bias and misfit cost, as far as the readings show; in the covariance
+    bias_deg: float = 0.0
+    #: whether the readings were corrected before, and the fit is shrunk towards leaving them as they are:
+    #: `flinders.fitting.shrinkage`
+    is_shrunk: bool = False
+    #: ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on: headings are then those of a
+    #: turn about the third axis
+    plane: Plane | None = None
 
-    estimate: Estimate
-    record: Records
-    repeats: Repeats | None = None
+    def __post_init__(self) -> None:
+        """Refuse a covariance of another shape.
 
-    def widened(self, covariance: Floats) -> Claim:
-        """The same with another covariance (9, 9); level errors are not known then."""
-        self.record["covariance"] = covariance.ravel()
-        self.record["level_worst_deg"] = self.record["level_rms_deg"] = np.nan
-        return self._replace(estimate=replace(self.estimate, covariance=covariance))
+        Raises
+        ------
+        ArrayError
+        """
+        if np.shape(self.covariance) != (9, 9):
+            raise ArrayError(f"covariance has shape {np.shape(self.covariance)}: need (9, 9), of offset and shape")
 
-    def shrunk(self) -> Claim:
-        """The same with the estimate of the record, which was shrunk."""
-        ellipsoid = Ellipsoid(self.record["centre"].copy(), symmetric(self.record["shape"]))
-        covariance = self.record["covariance"].reshape(9, 9).copy()
-        return self._replace(estimate=replace(self.estimate, ellipsoid=ellipsoid, covariance=covariance, textbook=None))
+    @property
+    def ellipsoid(self) -> Ellipsoid:
+        """The ellipsoid that the calibration makes a sphere, in the magnetometer's own axes: it knows no rotation."""
+        return self.calibration.ellipsoid
 
+    @property
+    def states_uncertainty(self) -> bool:
+        """Whether it has a covariance; an imported calibration, or one composed of several turns, has none."""
+        return bool(self.covariance.any())
 
-def claimed(
-    estimate: Estimate,
-    readings: Readings,
-    likelihood: Auto,
-    statistics: Statistics,
-    *,
-    coverage: Coverage | None = None,
-    record: Records | None = None,
-    is_biased: bool = False,
-    is_joint: bool = False,
-) -> Claim:
-    """Widen the covariance of an estimate.
+    @property
+    def known_dip_deg(self) -> float:
+        """Inclination of the field with the sign that the recording shows; that of the site where none is stated."""
+        dip_deg = self.heading_error_deg.dip_deg
+        return self.dip_deg if math.isnan(dip_deg) else dip_deg
 
-    Parameters
-    ----------
-    estimate : Estimate
-    readings : Readings
-        That it was made of.
-    likelihood : Auto
-        What a method that does not look at residuals is compared with.
-    statistics : Statistics
-        Of the readings.
-    coverage : Coverage, optional
-        Of the readings.
-    record : Records, optional
-        Of the engine, which made the estimate.
-    is_biased : bool
-        The method has a bias of its own.
-    is_joint : bool
-        The estimate is of several instruments, and knows how its residuals are correlated and that readings are few.
-    """
-    is_wide = record is not None or estimate.correlation is not None or estimate.plane or readings.recording is None
-    reference = None if is_joint or (is_wide and not is_biased) else _reference(readings, likelihood)
-    if reference is not None and not is_wide and not reference.plane and not reference.unobserved:
-        estimate = as_correlated(estimate, reference)
-    filled = record_of(estimate, statistics, coverage, dip_deg=likelihood.dip_deg) if record is None else record.copy()
-    engine().claim(filled, engine().request(parameters=0 if is_joint else _parameters(estimate), shrinks=0))
-    claim = Claim(replace(estimate, covariance=filled["covariance"].reshape(9, 9).copy()), filled)
-    if reference is not None and is_biased:
-        biased = with_bias(claim.estimate, reference)
-        claim = claim.widened(biased.covariance)._replace(estimate=biased)
-    repeats = _compared(readings, likelihood, claim.estimate)
-    return (
-        claim
-        if repeats is None
-        else claim.widened(claim.estimate.covariance + repeats.scatter)._replace(repeats=repeats)
-    )
+    @property
+    def offset_sigma(self) -> Floats:
+        """(3,) standard deviation of the offset, in the calibration's unit."""
+        return np.sqrt(np.diag(self.covariance)[:3])
 
+    @property
+    def claimed_covariance(self) -> Floats:
+        """(9, 9) covariance of which every stated error of heading and direction follows, at any dip and attitude.
 
-def _reference(readings: Readings, likelihood: Auto) -> Estimate | None:
-    """The likelihood's estimate; None of too few readings to see beyond the simpler model."""
-    try:
-        return likelihood.estimate(readings)
-    except FitError:
-        return None
+        That of offset and shape, with what belongs to the direction as an uncertain offset P = σ² S Sᵀ: it moves the
+        corrected field by σ in every direction, and a level heading by σ / cos I = `structure_deg` at every heading.
+        """
+        if not self.structure_deg:
+            return self.covariance
+        return engine().with_structure(
+            self.ellipsoid.shape, self.covariance, structure_deg=self.structure_deg, dip_deg=self.known_dip_deg
+        )
 
+    @property
+    def direction_error_deg(self) -> DirectionError:
+        """What to expect of the direction of the corrected field over the whole sphere, 1 σ."""
+        return direction_error_deg(self.ellipsoid, self.claimed_covariance)
 
-def _parameters(estimate: Estimate) -> int:
-    """How many parameters its method finds."""
-    name = estimate.method.partition(" ")[0]  # without its variant
-    return ROWS[name].parameters if name in ROWS else 5 if estimate.plane else 9
+    @property
+    def textbook_heading_error_deg(self) -> HeadingError | None:
+        """What the covariance for independent residuals would claim."""
+        if self.textbook_covariance is None:
+            return None
+        down = down_of(self.plane)
+        return level_error(self.ellipsoid, self.textbook_covariance, dip_deg=self.known_dip_deg, down=down)
 
+    def level_error(self, dip_deg: float | None = None) -> HeadingError:
+        """What to expect of the heading of a level vehicle, 1 σ; by default at the dip that the fit was judged at."""
+        dip = self.known_dip_deg if dip_deg is None else dip_deg
+        return level_error(self.ellipsoid, self.claimed_covariance, dip_deg=dip, down=down_of(self.plane))
 
-def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:
-    """Widen a claim that takes residuals for independent as much as that of the likelihood is widened.
+    @property
+    def heading_bound_deg(self) -> float:
+        """What a level heading errs by at most, at all headings, with a probability of 95 %; NaN if not stated.
 
-    The factor is the mean over the variances of all nine parameters.
+        `flinders.heading.error_propagation` of `claimed_covariance`.
+        """
+        if not self.states_uncertainty:
+            return math.nan
+        dip, down = self.known_dip_deg, down_of(self.plane)
+        bound_deg = level_bound_deg(self.ellipsoid, self.claimed_covariance, dip_deg=dip, down=down)
+        return float(f"{bound_deg:.4g}")  # a file that is read and written again has the same digits
 
-    Parameters
-    ----------
-    estimate, likelihood : Estimate
-        Of the same readings.
-    """
-    if estimate.correlation is not None or likelihood.textbook is None:
-        return estimate
-    factor = max(1.0, likelihood.variance_inflation())
-    return replace(
-        estimate,
-        covariance=estimate.covariance * factor,
-        textbook=estimate.covariance,
-        correlation=likelihood.correlation,
-    )
+    def tilted_error(self, tilt_deg: float) -> HeadingError:
+        """What to expect of the heading of a vehicle that is rolled or pitched, and knows how far."""
+        dip, down = self.known_dip_deg, down_of(self.plane)
+        return tilted_error(self.ellipsoid, self.claimed_covariance, dip_deg=dip, tilt_deg=tilt_deg, down=down)
 
+    @property
+    def attitude_limit_deg(self) -> float:
+        """Tilt up to which the worst heading error is within the target: 0 where even level it is not, 180 for all."""
+        dip, down = self.known_dip_deg, down_of(self.plane)
+        claimed, limit = self.claimed_covariance, self.target_deg
+        return attitude_limit_deg(self.ellipsoid, claimed, dip_deg=dip, limit_deg=limit, down=down)
 
-def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
-    """Add ddᵀ to the covariance, where d separates an estimate from the likelihood's `beyond_chance`.
+    @property
+    def per_degree_of_tilt(self) -> float:
+        """Degrees by which a degree of tilt adds to the worst heading error, independent of what a level one has."""
+        return float(np.sqrt(max(self.tilted_error(1.0).worst ** 2 - self.heading_error_deg.worst**2, 0.0)))
 
-    Parameters
-    ----------
-    estimate, likelihood : Estimate
-        Of the same readings.
-    """
-    difference = estimate.ellipsoid.parameters - likelihood.ellipsoid.parameters
-    bias = beyond_chance(difference, estimate.covariance + likelihood.covariance)
-    covariance = estimate.covariance + np.outer(bias, bias)
-    if likelihood.unobserved:  # where the readings leave it open, nobody knows how far off a method is
-        covariance = covariance + likelihood.covariance
-    return replace(estimate, covariance=covariance, bias=bias if bias.any() else None)
-
-
-def halves_apart(samples: Samples, likelihood: Auto, estimate: Estimate) -> float | None:
-    """How far the halves of a recording are apart at the worst heading, over what both claim of it."""
-    middle = len(samples) // 2
-    repeats = _compared(Readings.of(Joined((samples[:middle], samples[middle:]))), likelihood, estimate)
-    return (
-        None
-        if repeats is None
-        else float(max(part.difference_deg / part.difference_sigma_deg for part in repeats.parts))
-    )
-
-
-def _compared(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeats | None:
-    """Compare the recordings of a sensor, those that determine a calibration by themselves.
-
-    Level turns are only compared with each other: each rests on the dip, and elsewhere that is estimated.
-    """
-    if not readings.parts:
-        return None
-    from flinders.diagnostics.repeatability import RecordingFit, compared
-
-    turns: list[RecordingFit] = []
-    others: list[RecordingFit] = []
-    for part in readings.parts:
-        try:
-            alone = likelihood.estimate(part)
-        except FitError:
-            continue
-        if alone.plane or not alone.unobserved:
-            source = "" if part.recording is None else part.recording.source
-            widening = engine().widening_by_few(len(part.summary) - _parameters(alone))
-            fits = turns if alone.plane else others
-            fits.append(RecordingFit(source, alone.used, alone.ellipsoid, alone.covariance * widening))
-    fits = turns if estimate.plane or len(others) < 2 else others
-    return compared(fits, dip_deg=likelihood.dip_deg) if len(fits) > 1 else None
+    @property
+    def uncorrected_heading_error_deg(self) -> HeadingError:
+        """What the heading of the same vehicle errs by without the calibration, if the calibration is right."""
+        return raw_error(self.ellipsoid, dip_deg=self.known_dip_deg, down=down_of(self.plane))

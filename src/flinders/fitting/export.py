@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NotExportable, UsageError
+from flinders.fitting.words import heading_words
 from flinders.geometry.ellipsoid import gathered
 from flinders.geometry.sphere import fibonacci
 from flinders.targets import ExportOptions, mounting_table
@@ -93,7 +94,7 @@ def _compass_of(fit: Fit, target: Target, asked: int | None) -> tuple[int | None
 
 def known_numbers(fit: Fit, autopilot: str, attribute: str) -> set[int]:
     """The ``compass`` or ``device_id`` of each file of an autopilot that a fit was made from, where it is known."""
-    values = (getattr(file, attribute) for file in fit.files if file.autopilot == autopilot)
+    values = (getattr(file, attribute) for file in fit.provenance.files if file.autopilot == autopilot)
     return {value for value in values if value is not None}
 
 
@@ -110,7 +111,7 @@ def mounting_of(fit: Fit, target: Target, words: str | None) -> Floats | None:
 
 def known_mountings(fit: Fit, autopilot: str) -> set[Angles]:
     """Roll, pitch and yaw of the compass in each log of an autopilot that a fit was made from, where it is known."""
-    return {file.mounting for file in fit.files if file.autopilot == autopilot and file.mounting is not None}
+    return {file.mounting for file in fit.provenance.files if file.autopilot == autopilot and file.mounting is not None}
 
 
 def only_number(fit: Fit, known: set[int], what: str, keyword: str) -> int | None:
@@ -131,7 +132,9 @@ def refuse_unfit(fit: Fit) -> None:
     """Refuse a fit that was refused; raises NotExportable."""
     if fit.verdict == "refused":
         raise NotExportable(
-            f"{fit.name} was refused as not fit for use: record anew and calibrate again", beyond=(), verdict="refused"
+            f"{fit.name} was refused as not fit for use: record anew and calibrate again",
+            beyond=(),
+            verdict="refused",
         )
 
 
@@ -140,7 +143,7 @@ def refuse_on_top(fit: Fit, autopilot: str) -> None:
 
     Raises `NotExportable`.
     """
-    logged = [file.name for file in fit.files if file.as_logged]
+    logged = [file.name for file in fit.provenance.files if file.as_logged]
     if logged:
         raise NotExportable(
             f"{fit.name} was made from {logged[0]} as logged, after the calibration that was in force on board: its "
@@ -156,9 +159,9 @@ def origin_lines(fit: Fit) -> list[str]:
     """Where the numbers come from, what is claimed of them, and what limits them."""
     sensor = f", sensor {fit.calibration.sensor}" if fit.calibration.sensor else ""
     lines = [f"from {fit.name}{sensor}"]
-    if fit.is_described:
+    if fit.evidence.is_described:
         is_stated = not math.isnan(fit.heading_error_deg.worst)
-        worst = f": headings good to {fit.heading_words}" if is_stated else ""
+        worst = f": headings good to {heading_words(fit.claim)}" if is_stated else ""
         lines.append(f"the calibration is {fit.verdict}{worst}")
     return [*lines, *limit_lines(fit)]
 
@@ -178,14 +181,14 @@ def gates_of(fit: Fit) -> Gates | None:
     >>> round(gates.strength_limit, 1), gates.has_dip
     (2.4, False)
     """
-    if not math.isfinite(fit.noise) or not fit.covariance.any():
+    if not math.isfinite(fit.noise) or not fit.claim.covariance.any():
         return None
     errors = _errors(fit)
     along = np.einsum("ni,nij,nj->n", DIRECTIONS, errors, DIRECTIONS)
     strength = SIGMAS * fit.calibration.field_strength * float(np.sqrt(along.max()))
     if not strength < fit.calibration.field_strength:
         return None
-    aiding = fit.aiding
+    aiding = fit.evidence.aiding
     if fit.calibration.rotation != "estimated" or aiding is None or aiding.dip_deg is None:
         return Gates(strength)
     across = float(np.linalg.eigvalsh(errors)[:, -1].max()) + _mounting(aiding)
@@ -198,7 +201,7 @@ def _errors(fit: Fit) -> Floats:
     ellipsoid = fit.calibration.ellipsoid
     inverse = np.linalg.inv(ellipsoid.shape)
     rows = np.stack([gathered(np.tile(row, (len(DIRECTIONS), 1)).T, DIRECTIONS.T) for row in inverse], axis=1)
-    carried: Floats = rows @ np.asarray(fit.covariance) @ np.swapaxes(rows, 1, 2)
+    carried: Floats = rows @ np.asarray(fit.claim.covariance) @ np.swapaxes(rows, 1, 2)
     return carried + fit.noise**2 * inverse @ inverse.T
 
 

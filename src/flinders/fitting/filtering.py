@@ -78,7 +78,8 @@ def fit_filtered(
     of_fit = [finding for finding in result.findings if finding.code not in OF_SINGLE_READINGS]
     recorded = [] if plain is None else [each for each in plain.findings if each.code in OF_SINGLE_READINGS]
     finding = filtered_finding(result, plain, by, dropped)
-    judged = replace(result, findings=by_severity([*of_fit, *recorded, finding]))
+    findings = by_severity([*of_fit, *recorded, finding])
+    judged = replace(result, judgement=replace(result.judgement, findings=findings))
     if refusal is not None:
         raise Refused(judged)
     return judged
@@ -116,9 +117,9 @@ def filtered_finding(fit: Fit, plain: Fit | None, by: Filter, dropped: int) -> F
 
 def _effect(fit: Fit, plain: Fit) -> tuple[float, str]:
     """Degrees by which a filter moved the heading at the worst, and what it did in words."""
-    ours, theirs = fit.ellipsoid, plain.ellipsoid
+    ours, theirs = fit.calibration.ellipsoid, plain.calibration.ellipsoid
     apart = ours.parameters - theirs.parameters
-    dip, down = fit.heading_error_deg.dip_deg, down_of(fit.plane)
+    dip, down = fit.heading_error_deg.dip_deg, down_of(fit.claim.plane)
     moved = level_error(theirs, np.outer(apart, apart), dip_deg=dip, down=down).worst
     smaller = 1.0 - ours.radius / theirs.radius
     size = f"{figures(abs(100 * smaller))}% {'smaller' if smaller > 0 else 'larger'}"

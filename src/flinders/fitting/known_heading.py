@@ -18,7 +18,7 @@ ArduPilot's large vehicle calibration does the same without a claim.
 >>> from flinders.likelihood.site_field import Site
 >>> site = Site(inclination_deg=60.0)
 >>> fit = refresh_at_headings([np.tile(reading, (20, 1))], earlier, [0.0], site=site)
->>> fit.verdict, fit.refreshed.offset_change.round(1) + 0.0
+>>> fit.verdict, fit.evidence.diagnosis.refreshed.offset_change.round(1) + 0.0
 ('limited', array([0., 0., 0.]))
 
 Known headings of a drive are the courses over ground on straight stretches, of a vehicle that points where it goes.
@@ -49,6 +49,8 @@ from flinders.errors import FitError, UsageError
 from flinders.findings import by_severity
 from flinders.findings.catalogue import OF_CALIBRATION
 from flinders.fitting.calibrate import mounted
+from flinders.fitting.claim import Claim
+from flinders.fitting.evidence import Diagnosis, Evidence, Residuals
 from flinders.fitting.record import expected_error
 from flinders.fitting.refreshing import (
     FINEST_SHAPE,
@@ -59,7 +61,7 @@ from flinders.fitting.refreshing import (
     strength_of,
     turned,
 )
-from flinders.fitting.result import Fit, Refused
+from flinders.fitting.result import Fit, Judgement, Refused
 from flinders.fitting.verdict import judged_parts
 from flinders.geometry.angles import wrapped
 from flinders.geometry.ellipsoid import Ellipsoid, gathered, symmetric
@@ -163,30 +165,36 @@ def refresh_at_headings(
     equations = _Equations.of(seen, np.radians(headings_deg), math.radians(dip_deg), sigmas, shape, rotation)
     parameters, covariance, chance = equations.solved(known.entries, known.covariance)
     ellipsoid = Ellipsoid.of_parameters(parameters)
-    error, structure_deg = expected_error(ellipsoid, covariance, dip_deg=dip_deg, distortion=previous.distortion)
-    fit = Fit(
-        _calibration(ellipsoid, previous, site),
+    distortion = previous.evidence.residuals.distortion
+    error, structure_deg = expected_error(ellipsoid, covariance, dip_deg=dip_deg, distortion=distortion)
+    evidence = Evidence(
         method=METHOD,
-        covariance=covariance,
-        noise=math.sqrt(sum(pose.noise**2 for pose in seen) / len(seen)),
         samples=len(readings),
+        noise=math.sqrt(sum(pose.noise**2 for pose in seen) / len(seen)),
         coverage=Coverage.through(Summary.of(readings).cloud, ellipsoid),
-        target_deg=target_deg,
-        dip_deg=dip_deg,
-        distortion=previous.distortion,
+        residuals=Residuals(distortion=distortion),
+        diagnosis=Diagnosis(refreshed=refreshed_from(previous, ellipsoid, dip_deg)),
+    )
+    calibration = _calibration(ellipsoid, previous, site)
+    claim = Claim(
+        calibration,
+        covariance,
         heading_error_deg=error,
         structure_deg=structure_deg,
-        refreshed=refreshed_from(previous, ellipsoid, dip_deg),
+        dip_deg=dip_deg,
+        target_deg=target_deg,
     )
+    fit = Fit(calibration, evidence, claim, Judgement())
     return _accepted(mounted(fit, site.alignment_sigma_deg), chance)
 
 
 def _accepted(fit: Fit, chance: float) -> Fit:
     """The fit with its findings and what it rests on, unless its verdict refuses it."""
-    fit = replace(fit, findings=by_severity(_judged(fit, chance)))
-    if fit.verdict == "refused":
-        raise Refused(fit)
-    return replace(fit, conditions=CONDITIONS_OF_POSES) if fit.verdict == "good" else fit
+    judgement = Judgement(by_severity(_judged(fit, chance)))
+    if judgement.verdict == "refused":
+        raise Refused(replace(fit, judgement=judgement))
+    conditions = CONDITIONS_OF_POSES if judgement.verdict == "good" else ()
+    return replace(fit, judgement=replace(judgement, conditions=conditions))
 
 
 def is_still(field: Floats, shape: Floats) -> bool:
@@ -317,9 +325,9 @@ def _calibration(ellipsoid: Ellipsoid, previous: Fit, site: Site | None) -> Cali
 def _judged(fit: Fit, chance: float) -> Iterator[Finding]:
     """What there is to know of a fit to poses."""
     yield from judged_parts(
-        fit,
+        fit.calibration,
         ("poses-contradict", "heading-error", *OF_CALIBRATION),
-        target_deg=fit.target_deg,
+        target_deg=fit.claim.target_deg,
         words={"why": lambda _: "", "remedy": lambda _: "add poses at other headings, or turn the vehicle"},
         level_worst_deg=fit.heading_error_deg.worst,
         poses_by_chance=chance,

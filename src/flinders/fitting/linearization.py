@@ -99,7 +99,7 @@ class AxisTerms:
 
 def unchanged(fit: Fit) -> str:
     """Why a fit that was asked to linearize its axes did not."""
-    found, lag = fit.nonlinearity, fit.axis_lag
+    found, lag = fit.evidence.diagnosis.nonlinearity, fit.evidence.diagnosis.axis_lag
     if found is None or not found.is_likely:
         return "the axes are linear as far as the readings tell, or not linear in the same way throughout"
     if lag is not None and lag.is_proven and lag.p_value < found.p_value:

@@ -12,8 +12,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from flinders.core.units import MICROTESLA
 from flinders.geometry.ellipsoid import upper
@@ -27,16 +26,11 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
-    from flinders.diagnostics.attitude_dependence import AttitudeDependence
-    from flinders.diagnostics.axis_swap import AxisSwap
-    from flinders.diagnostics.repeatability import Repeats
-    from flinders.diagnostics.soft_iron import Refreshed
-    from flinders.diagnostics.systematic import Drift
-    from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.estimators import Estimate
     from flinders.estimators.base import Correlation
     from flinders.estimators.outliers import Outlier
     from flinders.fitting.aiding import Aiding
+    from flinders.fitting.evidence import Diagnosis
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
     from flinders.native.engine import Records
@@ -154,32 +148,9 @@ def _add_rail(record: Records, rail: Rail) -> None:
     record["end_counts"][end] = round(rail.share * float(record["rows"]))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
-    """What was found out beside a fit; None, or NaN, where nobody looked or nothing was found."""
-
-    drift: Drift | None = None
-    axis_swap: AxisSwap | None = None
-    unmodelled: Unmodelled | None = None
-    attitude_dependence: AttitudeDependence | None = None
-    repeats: Repeats | None = None
-    refreshed: Refreshed | None = None
-    aiding: Aiding | None = None
-    alignment_error_deg: float | None = None
-    tilt_error_deg: float = math.nan
-    bias_deg: float = 0.0
-
-    def as_fields(self) -> dict[str, Any]:
-        """The fields of `Fit` that hold the same."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
-
-
-def add_found(record: Records, found: Found, *, is_aided: bool = False, is_compensated: bool = False) -> None:
-    """Put into a record what was found out beside the fit.
-
-    `is_aided`: the surface is that of the magnetometer and other sensors; `is_compensated`: of disturbances.
-    """
-    drift, repeats = found.drift, found.repeats
+def add_diagnosis(record: Records, diagnosis: Diagnosis) -> None:
+    """Put into a record what diagnostics found."""
+    drift, repeats, refreshed = diagnosis.drift, diagnosis.repeats, diagnosis.refreshed
     record["drift_deg"] = math.nan if drift is None else drift.heading_deg
     if drift is not None:
         record["drift_offset"], record["drift_by_chance"] = drift.offset, drift.p_value
@@ -188,22 +159,27 @@ def add_found(record: Records, found: Found, *, is_aided: bool = False, is_compe
         part = repeats.farthest
         record["apart_deg"], record["apart_sigma_deg"] = part.difference_deg, part.difference_sigma_deg
         record["apart_by_chance"] = part.p_value
-    record["swap_gain"] = math.nan if found.axis_swap is None else found.axis_swap.gain
-    record["unmodelled_deg"] = math.nan if found.unmodelled is None else found.unmodelled.heading_deg
-    dependence = found.attitude_dependence
+    record["swap_gain"] = math.nan if diagnosis.axis_swap is None else diagnosis.axis_swap.gain
+    record["unmodelled_deg"] = math.nan if diagnosis.unmodelled is None else diagnosis.unmodelled.heading_deg
+    dependence = diagnosis.attitude_dependence
     record["attitude_dependent_deg"] = math.nan if dependence is None else dependence.heading_deg
-    record["tilt_error_deg"], record["bias_deg"] = found.tilt_error_deg, found.bias_deg
-    record["alignment_deg"] = math.nan if found.alignment_error_deg is None else found.alignment_error_deg
-    kept = () if found.aiding is None else (sensor.name for sensor in found.aiding.sensors if sensor.is_used)
-    record["sources"] = (
+    record["tilt_error_deg"] = diagnosis.tilt_error_deg
+    if refreshed is not None:
+        record["soft_iron_p_value"], record["distortion"] = refreshed.soft_iron_p_value, refreshed.distortion
+
+
+def sources_of(aiding: Aiding | None, *, is_aided: bool, is_compensated: bool, is_refreshed: bool) -> int:
+    """What a fit is made of beside the readings of one magnetometer, as bits.
+
+    `is_aided`: the surface is that of the magnetometer and other sensors; `is_compensated`: of disturbances.
+    """
+    kept = () if aiding is None else (sensor.name for sensor in aiding.sensors if sensor.is_used)
+    return (
         AIDED * is_aided
         | AIDED_BY_FIELD * bool(SEES_THE_FIELD & set(kept))
         | COMPENSATED * is_compensated
-        | REFRESHED * (found.refreshed is not None)
+        | REFRESHED * is_refreshed
     )
-    if found.refreshed is not None:
-        record["soft_iron_p_value"] = found.refreshed.soft_iron_p_value
-        record["distortion"] = found.refreshed.distortion
 
 
 def request_of(calibration: Calibration, *, target_deg: float) -> Records:

@@ -20,9 +20,9 @@ A few readings within 30° see a change of a hundredth of the soft iron seldom, 
 >>> moved = replace(tumble.sensor, offset=tumble.sensor.offset + [8.0, -5.0, 3.0])
 >>> wobble = simulate.tumble(seed=2, motion="wobble", sensor=moved)
 >>> fresh = refresh(wobble.samples, earlier)
->>> fresh.verdict, bool(np.all(np.abs(fresh.calibration.offset - moved.offset) < 4.0 * fresh.offset_sigma))
+>>> fresh.verdict, bool(np.all(np.abs(fresh.calibration.offset - moved.offset) < 4.0 * fresh.claim.offset_sigma))
 ('good', True)
->>> fresh.refreshed.offset_change.round(), fresh.conditions[0]
+>>> fresh.evidence.diagnosis.refreshed.offset_change.round(), fresh.conditions[0]
 (array([ 8., -5.,  3.]), 'same-soft-iron')
 """
 
@@ -113,7 +113,7 @@ def refresh(
     Returns
     -------
     Fit
-        With `Fit.refreshed`.
+        With `Diagnosis.refreshed`.
 
     Raises
     ------
@@ -136,9 +136,9 @@ def refresh(
         raise UsageError(f"soft iron sigma is {soft_iron_sigma:g}: need a share from 0 to 0.5, such as 0.005")
     refuse_unfit(previous)
     samples = samples_of(source, previous)
-    _refuse_still(samples.field, previous.ellipsoid.shape)
+    _refuse_still(samples.field, previous.calibration.ellipsoid.shape)
     dip_deg, is_unknown = judged_dip(site)
-    dip_deg = previous.dip_deg if is_unknown else dip_deg
+    dip_deg = previous.claim.dip_deg if is_unknown else dip_deg
     here = replace(
         Site() if site is None else site.judged,
         strength=strength_of(previous.calibration, site),
@@ -155,10 +155,10 @@ def refresh(
         sensor=previous.calibration.sensor,
         refreshed=refreshed_from(previous, aided.ellipsoid, dip_deg, chance),
     )
-    fit = replace(fit, dip_assumed=is_unknown and previous.dip_assumed)
-    return (
-        fit if fit.calibration.rotation == "estimated" else replace(fit, calibration=turned(fit.calibration, previous))
-    )
+    fit = replace(fit, claim=replace(fit.claim, dip_assumed=is_unknown and previous.claim.dip_assumed))
+    if fit.calibration.rotation == "estimated":
+        return fit
+    return fit.with_calibration(turned(fit.calibration, previous))
 
 
 def known_shape(previous: Fit, site: Site | None = None) -> KnownShape:
@@ -166,17 +166,19 @@ def known_shape(previous: Fit, site: Site | None = None) -> KnownShape:
 
     >>> from flinders.core.calibration import Calibration
     >>> from flinders.fitting.result import Fit
-    >>> imported = Fit(Calibration.identity(field_strength=50.0))                              # states no uncertainty
+    >>> imported = Fit.of(Calibration.identity(field_strength=50.0))                           # states no uncertainty
     >>> shape = known_shape(imported)
     >>> shape.entries, np.sqrt(np.diag(shape.covariance)).round(2)
     (array([50., 50., 50.,  0.,  0.,  0.]), array([1.12, 1.12, 1.12, 1.  , 1.  , 1.  ]))
     """
     strength = strength_of(previous.calibration, site)
     factor = 1.0 if strength is None else strength / previous.calibration.field_strength
-    entries = factor * upper(previous.ellipsoid.shape)
-    radius = previous.ellipsoid.radius
+    entries = factor * upper(previous.calibration.ellipsoid.shape)
+    radius = previous.calibration.ellipsoid.radius
     covariance = (
-        previous.covariance[3:, 3:] if previous.states_uncertainty else np.square(SHAPE_SIGMA * radius) * np.eye(6)
+        previous.claim.covariance[3:, 3:]
+        if previous.claim.states_uncertainty
+        else np.square(SHAPE_SIGMA * radius) * np.eye(6)
     )
     rounding = np.square(FINEST_SHAPE * radius) * np.eye(6)
     size = np.square(STRENGTH_SIGMA) * np.outer(entries, entries)
@@ -199,7 +201,7 @@ def refuse_unfit(previous: Fit) -> None:
     """Refuse an earlier calibration that cannot be renewed."""
     if previous.verdict == "refused":
         raise UsageError(f"{previous.name} was refused when it was made: calibrate again, from a full tumble")
-    if previous.plane:
+    if previous.claim.plane:
         raise UsageError(f"{previous.name} comes from a level turn, which tells no soft iron: calibrate again as then")
     if previous.calibration.disturbances:
         names = " and ".join(disturbance.name for disturbance in previous.calibration.disturbances)
@@ -268,9 +270,9 @@ def _solved(
 def refreshed_from(previous: Fit, ellipsoid: Ellipsoid, dip_deg: float, soft_iron_p_value: float = 1.0) -> Refreshed:
     """What has changed since an earlier calibration, and what it would do to the headings of a level vehicle now."""
     change = ellipsoid.centre - previous.calibration.offset
-    off = Ellipsoid(np.linalg.solve(previous.ellipsoid.shape, change), np.eye(3))
+    off = Ellipsoid(np.linalg.solve(previous.calibration.ellipsoid.shape, change), np.eye(3))
     worst = raw_error(off, dip_deg=dip_deg).worst
-    return Refreshed(previous.name, change, worst, soft_iron_p_value, previous.distortion)
+    return Refreshed(previous.name, change, worst, soft_iron_p_value, previous.evidence.residuals.distortion)
 
 
 def turned(calibration: Calibration, previous: Fit) -> Calibration:

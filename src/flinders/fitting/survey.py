@@ -33,7 +33,7 @@ from flinders.core.calibration_file import Fitted, HeadingErrorRecord
 from flinders.core.survey import FORWARD_RIGHT_DOWN, Angles, SurveyCalibration
 from flinders.errors import FitError, counted, figures
 from flinders.findings import Record, by_severity, found_in
-from flinders.fitting.result import Outcome
+from flinders.fitting.result import Judged, Outcome
 from flinders.geometry.rotation import lengths
 from flinders.heading.axis_consistency import WANDERS
 from flinders.heading.pointing_error import angle_gradients, next_directions, pointing_errors
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
-    from flinders.core.calibration_file import Document, Provenance
+    from flinders.core.calibration_file import Document, ProvenanceRecord
     from flinders.core.survey import Shots
     from flinders.core.units import Unit
     from flinders.findings import Finding
@@ -113,7 +113,7 @@ class ShotErrors:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SurveyFit(Outcome):
+class SurveyFit(Judged, Outcome):
     """A calibration of a survey instrument, how it was found and how far to trust it."""
 
     calibration: SurveyCalibration
@@ -128,7 +128,7 @@ class SurveyFit(Outcome):
     next_directions: tuple[NextDirection, ...]  #: where more shots would help most
     findings: tuple[Finding, ...]  #: most severe first
 
-    def to_document(self, provenance: Provenance | None = None) -> Document:
+    def to_document(self, provenance: ProvenanceRecord | None = None) -> Document:
         """The calibration file with all of this in it."""
         error = self.azimuth_error_deg
         heading = HeadingErrorRecord(rms=error.rms, worst=error.worst, dip_deg=self.dip_deg, target_deg=self.target_deg)

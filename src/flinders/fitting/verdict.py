@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from flinders.findings.row import CONDITIONS
 from flinders.findings.rules import SEVERITIES
 from flinders.fitting.advice import attitudes, movement, remedy
 from flinders.fitting.record import record_of_ellipsoid, request_of
+from flinders.fitting.result import Judgement
 from flinders.geometry.plane import order_of
 from flinders.native.engine import engine
 
@@ -46,8 +47,8 @@ if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.findings import Condition
+    from flinders.fitting.evidence import Diagnosis
     from flinders.fitting.result import Fit
-    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.native.engine import Records
     from flinders.summary.quality import Rail
     from flinders.summary.summary import Statistics
@@ -87,7 +88,7 @@ def with_findings(result: Fit, judgement: Records, statistics: Statistics) -> Fi
         )
     findings = by_severity([*supported, *found_by(judgement, record, OF_RECORDING)])
     is_good = all(finding.severity == "note" for finding in findings)
-    return replace(result, findings=findings, conditions=_conditions(judgement) if is_good else ())
+    return replace(result, judgement=Judgement(findings, _conditions(judgement) if is_good else ()))
 
 
 def judged_quantities(judgement: Records) -> dict[str, float]:
@@ -125,6 +126,11 @@ class Spoken(NamedTuple):
     statistics: Statistics
     quantities: dict[str, float]
 
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """What diagnostics found."""
+        return self.fit.evidence.diagnosis
+
 
 class _FitRecord(Record):
     """The quantities of a judgement, and the words of `WORDS`, each made when a sentence asks for it."""
@@ -146,7 +152,7 @@ def _where_flat(spoken: Spoken) -> str:
 
 def _independent_readings(fit: Fit) -> str:
     """How many readings there are to go by."""
-    independent = min(fit.independent_samples, float(fit.samples))
+    independent = min(fit.evidence.residuals.independent_samples, float(fit.samples))
     alike = "the others repeat them, or err alike, as where the field is not the same everywhere"
     others = "" if independent == fit.samples else f" (of {fit.samples:,}: {alike})"
     return f"{counted(independent, 'independent reading')}{others}"
@@ -154,8 +160,9 @@ def _independent_readings(fit: Fit) -> str:
 
 def _correlation(fit: Fit) -> str:
     """How much residuals have in common, and what it would be to take no notice of it."""
-    next_one = "" if fit.autocorrelation is None else f"each with the next by {fit.autocorrelation:.2f}"
-    textbook = fit.textbook_heading_error_deg
+    correlation = fit.evidence.residuals.autocorrelation
+    next_one = "" if correlation is None else f"each with the next by {correlation:.2f}"
+    textbook = fit.claim.textbook_heading_error_deg
     claim = "" if textbook is None else f"without regard to it {figures(textbook.worst)}° would be claimed"
     words = "; ".join(part for part in (next_one, claim) if part)
     return f" ({words})" if words else ""
@@ -163,13 +170,13 @@ def _correlation(fit: Fit) -> str:
 
 def _across(result: Fit) -> int:
     """The axis across the plane of a turn in one plane."""
-    assert result.plane is not None
-    return order_of(result.plane)[2]
+    assert result.claim.plane is not None
+    return order_of(result.claim.plane)[2]
 
 
 def _is_placed(result: Fit) -> bool:
     """Whether the offset across that plane is known."""
-    return bool(result.offset_sigma[_across(result)] < PLACED * result.ellipsoid.radius)
+    return bool(result.claim.offset_sigma[_across(result)] < PLACED * result.claim.ellipsoid.radius)
 
 
 def _how_placed(result: Fit) -> str:
@@ -178,30 +185,31 @@ def _how_placed(result: Fit) -> str:
 
 def _assumed(result: Fit) -> str:
     """What the offset across the plane rests on."""
-    side = f"{'xyz'[_across(result)]} down, and " if result.z_down else ""
+    side = f"{'xyz'[_across(result)]} down, and " if result.evidence.z_down else ""
     return f" (with {side}the floor level unless an accelerometer was recorded)" if _is_placed(result) else ""
 
 
 def _mounting(result: Fit) -> str:
     """What to say about the mounting where the shape across the plane is not known."""
-    skewed = float(np.sqrt(np.diag(result.covariance)[[6, 7, 8]].max())) > SKEWED * result.ellipsoid.radius
+    claim = result.claim
+    skewed = float(np.sqrt(np.diag(claim.covariance)[[6, 7, 8]].max())) > SKEWED * claim.ellipsoid.radius
     return "say how well the mounting is known, or " if skewed and _is_placed(result) else ""
 
 
 def _z_words(result: Fit) -> str:
     """Where z points, unless down."""
-    return "" if result.z_down else fit.Z_OPEN if result.z_down is None else fit.Z_ELSEWHERE
+    return "" if result.evidence.z_down else fit.Z_OPEN if result.evidence.z_down is None else fit.Z_ELSEWHERE
 
 
 def _why_biased(result: Fit) -> str:
-    if result.plane:
+    if result.claim.plane:
         return "the points are not equally spaced in heading, or some do not belong; use 'ellipse'"
     return "its model is too simple for this sensor, or its equation is biased by noise; use 'auto'"
 
 
 def _halves(spoken: Spoken) -> str:
     """How far the halves of a recording are apart, where that limits the fit."""
-    drift = spoken.fit.drift
+    drift = spoken.diagnosis.drift
     if drift is None or drift.halves_ratio is None or spoken.quantities["drift_allowed_deg"]:
         return ""
     return f" (its halves differ by {drift.halves_ratio:.1f} times what they claim)"
@@ -209,8 +217,8 @@ def _halves(spoken: Spoken) -> str:
 
 def improves(fit: Fit) -> bool:
     """Whether headings are better with a calibration; of readings that were corrected before, by more than chance."""
-    better = NOT_BY_CHANCE if fit.is_shrunk else 1.0
-    return fit.uncorrected_heading_error_deg.worst > better * fit.heading_error_deg.worst
+    better = NOT_BY_CHANCE if fit.claim.is_shrunk else 1.0
+    return fit.claim.uncorrected_heading_error_deg.worst > better * fit.heading_error_deg.worst
 
 
 def _leave(fit: Fit) -> str:
@@ -223,7 +231,7 @@ def _leave(fit: Fit) -> str:
 
 def _swap(fit: Fit) -> str:
     """Which axes changed their sign or their place, when, and how often."""
-    swap = fit.axis_swap
+    swap = fit.evidence.diagnosis.axis_swap
     if swap is None:
         return ""
     letters, others = swap.axes, len(swap.rows) - 1
@@ -253,13 +261,13 @@ def contradiction_words(repeats: Repeats | None, quantities: Mapping[str, float]
 
 def _of_aiding(fit: Fit) -> Iterator[Finding]:
     """What does not fit together among the instruments."""
-    yield from () if fit.aiding is None else (mistake.finding for mistake in fit.aiding.mistakes)
+    yield from () if fit.evidence.aiding is None else (mistake.finding for mistake in fit.evidence.aiding.mistakes)
 
 
 def _runs(fit: Fit) -> str:
     """The three longest runs of outliers."""
-    worst = sorted(fit.outliers, key=lambda run: -run.readings)[:3]
-    return "; ".join(str(run) for run in worst) + ("; …" if len(fit.outliers) > len(worst) else "")
+    worst = sorted(fit.evidence.outliers, key=lambda run: -run.readings)[:3]
+    return "; ".join(str(run) for run in worst) + ("; …" if len(fit.evidence.outliers) > len(worst) else "")
 
 
 def _at_rail(rail: Rail) -> str:
@@ -305,28 +313,28 @@ WORDS: Final[dict[str, Callable[[Spoken], str]]] = {
     "method": lambda spoken: spoken.fit.method,
     "unit": lambda spoken: label(spoken.fit.calibration.unit),
     "where_flat": _where_flat,
-    "plane_axes": lambda spoken: " and ".join(str(spoken.fit.plane)),
+    "plane_axes": lambda spoken: " and ".join(str(spoken.fit.claim.plane)),
     "how": lambda spoken: _how_placed(spoken.fit),
     "assumed": lambda spoken: _assumed(spoken.fit),
     "up": lambda spoken: _z_words(spoken.fit),
     "mounting": lambda spoken: _mounting(spoken.fit),
-    "rings": lambda spoken: ", as two rings of readings would" if spoken.fit.unobserved == 1 else "",
+    "rings": lambda spoken: ", as two rings of readings would" if spoken.fit.evidence.unobserved == 1 else "",
     "independent_readings": lambda spoken: _independent_readings(spoken.fit),
     "correlation": lambda spoken: _correlation(spoken.fit),
     "why_biased": lambda spoken: _why_biased(spoken.fit),
-    "nonlinear_axis": lambda spoken: "" if spoken.fit.nonlinearity is None else spoken.fit.nonlinearity.axis,
-    "axis_lag": lambda spoken: str(spoken.fit.axis_lag or ""),
+    "nonlinear_axis": lambda spoken: "" if (found := spoken.diagnosis.nonlinearity) is None else found.axis,
+    "axis_lag": lambda spoken: str(spoken.diagnosis.axis_lag or ""),
     "contradiction": lambda spoken: contradiction_words(
-        spoken.fit.repeats, spoken.quantities, label(spoken.fit.calibration.unit)
+        spoken.diagnosis.repeats, spoken.quantities, label(spoken.fit.calibration.unit)
     ),
     "swap": lambda spoken: _swap(spoken.fit),
     "halves": _halves,
     "leave": lambda spoken: _leave(spoken.fit),
-    "unmodelled": lambda spoken: "" if spoken.fit.unmodelled is None else spoken.fit.unmodelled.name,
-    "outliers": lambda spoken: counted(sum(run.independent for run in spoken.fit.outliers), "reading"),
+    "unmodelled": lambda spoken: "" if (found := spoken.diagnosis.unmodelled) is None else found.name,
+    "outliers": lambda spoken: counted(sum(run.independent for run in spoken.fit.evidence.outliers), "reading"),
     "runs": lambda spoken: _runs(spoken.fit),
     "again": lambda spoken: _again(spoken.quantities["outlier_share"]),
-    "previous": lambda spoken: spoken.fit.refreshed.previous if spoken.fit.refreshed else "",
+    "previous": lambda spoken: "" if (found := spoken.diagnosis.refreshed) is None else found.previous,
     "axes": lambda spoken: str(spoken.fit.calibration.axes),
     "length": lambda spoken: _length(spoken.fit.calibration),
     "rails": lambda spoken: ", ".join(map(_at_rail, spoken.statistics.rails)),
@@ -344,25 +352,13 @@ WORDS: Final[dict[str, Callable[[Spoken], str]]] = {
 """Words of the sentences about a fit."""
 
 
-class Corrected(Protocol):
-    """What has a calibration in it: a fit, or calibrations put together."""
-
-    @property
-    def calibration(self) -> Calibration:
-        """The correction."""
-
-    @property
-    def ellipsoid(self) -> Ellipsoid:
-        """What it makes a sphere."""
-
-
-def of_calibration(corrected: Corrected) -> Iterator[Finding]:
+def of_calibration(calibration: Calibration) -> Iterator[Finding]:
     """Say what the calibration alone tells, whatever it was made from."""
-    yield from judged_parts(corrected, OF_CALIBRATION)
+    yield from judged_parts(calibration, OF_CALIBRATION)
 
 
 def judged_parts(
-    corrected: Corrected,
+    calibration: Calibration,
     codes: Iterable[str],
     *,
     target_deg: float = 1.0,
@@ -373,7 +369,7 @@ def judged_parts(
 
     Parameters
     ----------
-    corrected : Corrected
+    calibration : Calibration
     codes : iterable of str
         Of `flinders.findings.catalogue.OF_A_FIT`.
     target_deg : float
@@ -383,7 +379,7 @@ def judged_parts(
     **numbers
         Fields of the record, such as ``level_worst_deg``.
     """
-    calibration, record = corrected.calibration, record_of_ellipsoid(corrected.ellipsoid)
+    record = record_of_ellipsoid(calibration.ellipsoid)
     record["is_claimed"] = True
     for name, number in numbers.items():
         record[name] = number
@@ -396,19 +392,18 @@ def judged_parts(
 
 def of_disturbances(fit: Fit) -> Iterator[Finding]:
     """What there is to know of each disturbance that is modelled."""
-    if not fit.disturbances:
+    estimates = fit.evidence.disturbances.estimates
+    if not estimates:
         return
-    yield from of_alike(fit.disturbances)
-    yield from of_noisy(fit.disturbances)
-    motors = [
-        estimate.name for estimate in fit.disturbances if estimate.disturbance is not None and motor(estimate.name)[1]
-    ]
-    for estimate in fit.disturbances:
+    yield from of_alike(estimates)
+    yield from of_noisy(estimates)
+    motors = [estimate.name for estimate in estimates if estimate.disturbance is not None and motor(estimate.name)[1]]
+    for estimate in estimates:
         if estimate.disturbance is None:
             yield from found_in(_constant_record(estimate), "disturbance-constant")
             continue
-        record = _disturbance_record(estimate, estimate.disturbance, UNSAID * fit.target_deg)
-        record |= Record({"target_deg": fit.target_deg, "left_at_most_deg": min(estimate.remaining_deg, 180.0)})
+        record = _disturbance_record(estimate, estimate.disturbance, UNSAID * fit.claim.target_deg)
+        record |= Record({"target_deg": fit.claim.target_deg, "left_at_most_deg": min(estimate.remaining_deg, 180.0)})
         runs_along = bool(motors[1:]) and estimate.name in motors
         record |= {
             "unit": label(fit.calibration.unit),
@@ -425,9 +420,8 @@ OF_A_COLUMN: Final = tuple(f"disturbance-{fault}" for fault in ("monotone", "lag
 
 def _without(fit: Fit) -> str:
     """What readings would be off by, if nothing were modelled."""
-    if fit.noise_uncompensated is None:
-        return ""
-    return f"; without, readings lie {figures(fit.noise_uncompensated)} off instead of {figures(fit.noise)}"
+    noise = fit.evidence.disturbances.noise_uncompensated
+    return "" if noise is None else f"; without, readings lie {figures(noise)} off instead of {figures(fit.noise)}"
 
 
 def _constant_record(estimate: DisturbanceEstimate) -> Record:

@@ -89,7 +89,7 @@ class UnitResult:
     dip_deg: float = math.nan  #: dip of the field that heading errors are for
     offset: tuple[float, ...] = _missing(3)  #: 3 float, in `unit_of_field`
     matrix: tuple[float, ...] = _missing(9)  #: 9 float: row by row
-    #: 45 float: of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Fit.claimed_covariance`: its upper triangle, row by row
+    #: 45 float: of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Claim.claimed_covariance`: its upper triangle, row by row
     covariance: tuple[float, ...] = _missing(45)
     noise: float = math.nan  #: of the readings about the ellipsoid, in `unit_of_field`
     field_strength: float = math.nan  # strength of the corrected field, in `unit_of_field`

@@ -14,7 +14,7 @@ covariance, which sends the walk out of the plane.
 >>> from flinders.fitting import calibrate
 >>> recording = simulate.tumble(seed=1, motion="tilted")           # never beyond 35° of tilt
 >>> fit = calibrate.fit(recording.samples)
->>> way = plan(Belief.of_fit(fit), [0.5, 0.0, 0.87], target_deg=0.5, goal="attitude")
+>>> way = plan(Belief.of(fit.claim, fit.noise, fit.coverage), [0.5, 0.0, 0.87], target_deg=0.5, goal="attitude")
 >>> way
 Route(4 waypoints, worst 1.78°, at its end 0.44°)
 >>> way.words("vehicle")
@@ -59,20 +59,14 @@ READINGS_PER_DEG: Final = 50.0 / 90.0
 """What a sensor of 50 Hz gives that is turned by 90° a second."""
 
 
-class FittedSurface(Protocol):
-    """What is taken of a fit."""
+class UncertainEllipsoid(Protocol):
+    """What is taken of the claim of a fit."""
 
     @property
     def ellipsoid(self) -> Ellipsoid: ...  # noqa: D102
 
     @property
     def covariance(self) -> Floats: ...  # noqa: D102
-
-    @property
-    def noise(self) -> float: ...  # noqa: D102
-
-    @property
-    def coverage(self) -> Coverage: ...  # noqa: D102
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,10 +79,10 @@ class Belief:
     is_rough: bool = False  # it comes from `rough` and no fit
 
     @classmethod
-    def of_fit(cls, fit: FittedSurface) -> Self:
+    def of(cls, claim: UncertainEllipsoid, noise: float, coverage: Coverage) -> Self:
         """What a fit claims. A refused one may claim nothing that makes sense: see `rough`."""
-        variance = reading_variance(fit.ellipsoid, fit.covariance, fit.noise, fit.coverage.counts)
-        return cls(fit.ellipsoid, fit.covariance, variance)
+        variance = reading_variance(claim.ellipsoid, claim.covariance, noise, coverage.counts)
+        return cls(claim.ellipsoid, claim.covariance, variance)
 
     def direction(self, reading: ArrayLike) -> Floats:
         """(3,) where the corrected field of a raw reading points; `ArrayError` where that is not three numbers."""

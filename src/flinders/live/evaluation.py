@@ -40,6 +40,7 @@ from flinders.findings import CATALOGUE, first_causes
 from flinders.fitting.calibrate import fit as fit_samples
 from flinders.fitting.refreshing import refresh
 from flinders.fitting.result import Refused
+from flinders.fitting.words import heading_words
 from flinders.heading import path_planning
 from flinders.likelihood.site_field import Site
 from flinders.live.messages import PreviousState, Reason
@@ -135,7 +136,7 @@ def evaluate(session: LiveSession) -> Evaluated:
 
 def _beyond_level(page_view: View, fit: Fit) -> View:
     """Say what is missing of a calibration that is good while level: more level turns would add nothing."""
-    is_done = fit.plane and fit.verdict == "limited" and fit.heading_error_deg.worst <= fit.target_deg
+    is_done = fit.claim.plane and fit.verdict == "limited" and fit.heading_error_deg.worst <= fit.claim.target_deg
     if not is_done or page_view.guidance is None:
         return page_view
     words = "it is good while level; for headings that hold when it is tilted, turn it tilted and upside down too"
@@ -173,7 +174,7 @@ def _of_fit(fit: Fit | None, samples: Samples) -> Iterator[Reason]:
     if fit is None:
         return
     converged = (
-        fit.heading_error_deg.worst < CONVERGED * fit.target_deg
+        fit.heading_error_deg.worst < CONVERGED * fit.claim.target_deg
         or fit.coverage.fraction >= CONVERGED_FRACTION
         or _seconds(samples) >= CONVERGED_S
     )
@@ -183,7 +184,7 @@ def _of_fit(fit: Fit | None, samples: Samples) -> Iterator[Reason]:
             yield Reason(finding.code, finding.advice, spans=spans if finding.code in DISTURBED else ())
         elif finding.code in INFORMATIVE:
             yield Reason(finding.code, finding.advice, "info")
-    if converged and not fit.is_flat:
+    if converged and not fit.judgement.is_flat:
         yield from _of_unit(fit)
 
 
@@ -191,7 +192,7 @@ def _disturbed(fit: Fit) -> tuple[Span, ...]:
     """The longest intervals that outliers fill; none where these are few, since the fit does without them."""
     if all(finding.code != "outliers" or finding.severity == "note" for finding in fit.findings):
         return ()
-    spans = [(run.start_s, run.end_s) for run in _joined(fit.outliers) if run.start_s < run.end_s]
+    spans = [(run.start_s, run.end_s) for run in _joined(fit.evidence.outliers) if run.start_s < run.end_s]
     longest = sorted(spans, key=lambda span: span[0] - span[1])[:OFFERED]
     return tuple(sorted(longest))
 
@@ -232,7 +233,7 @@ def _seconds(samples: Samples) -> float:
 
 def _of_unit(fit: Fit) -> Iterator[Reason]:
     """Whether the field is none of the earth's, and which other unit would explain it."""
-    calibration, radius = fit.calibration, fit.ellipsoid.radius
+    calibration, radius = fit.calibration, fit.calibration.ellipsoid.radius
     low, high = EARTH_UT
     if calibration.unit != MICROTESLA or low <= radius <= high:
         return
@@ -254,7 +255,7 @@ def _of_motion(samples: Samples, fit: Fit | None) -> Iterator[Reason]:
     elif frozen := _frozen(samples.field, time):
         axis, seconds = frozen
         yield Reason("frozen-axis", SAID["frozen-axis"].format(axis=axis, seconds=f"{seconds:.1f}"))
-    elif fit is not None and not fit.is_flat and time[-1] - time[0] > STILL_S:
+    elif fit is not None and not fit.judgement.is_flat and time[-1] - time[0] > STILL_S:
         newest = samples.field[time >= time[-1] - STILL_S]
         if len(newest) > 3 and _widest_deg(fit.calibration.apply(newest)) < STILL_DEG:
             yield Reason("no-rotation", SAID["no-rotation"].format(seconds=f"{STILL_S:.0f}"), "info")
@@ -312,10 +313,10 @@ def _compared(fit: Fit | None, session: LiveSession) -> PreviousState | None:
         return None
     if fit is None or fit.verdict == "refused":
         return PreviousState(previous.name, None, "nothing to compare with yet")
-    if fit.refreshed is not None:
-        return _renewed(fit.refreshed, label(fit.calibration.unit))
+    if fit.evidence.diagnosis.refreshed is not None:
+        return _renewed(fit.evidence.diagnosis.refreshed, label(fit.calibration.unit))
     try:
-        apart = compare(previous, replace(fit, name="this one"), dip_deg=fit.dip_deg, target_deg=session.target_deg)
+        apart = compare(previous, fit.with_name("this one"), dip_deg=fit.claim.dip_deg, target_deg=session.target_deg)
     except FlindersError as error:
         return PreviousState(previous.name, None, error.message)
     worst = apart.heading_difference_deg.worst
@@ -349,7 +350,7 @@ def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", fr
     >>> guided(view(fit, samples), fit, samples).guidance.words
     'follow the arrow: turn it about x (y towards z), then about z (x towards y)'
     """
-    if fit.plane or not len(samples):
+    if fit.claim.plane or not len(samples):
         return view
     belief = believe(fit, samples.field)
     if belief is None:
@@ -357,17 +358,17 @@ def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", fr
     here = belief.direction(samples.field[-1])
     if not here.any():
         return view
-    is_seen_from_below = fit.heading_error_deg.dip_deg * fit.dip_deg < 0.0
+    is_seen_from_below = fit.heading_error_deg.dip_deg * fit.claim.dip_deg < 0.0
     path = path_planning.plan(
         belief,
         here,
-        target_deg=fit.target_deg,
+        target_deg=fit.claim.target_deg,
         goal=goal,
-        dip_deg=fit.dip_deg,
+        dip_deg=fit.claim.dip_deg,
         down=np.array([0.0, 0.0, -1.0]) if is_seen_from_below else None,
         readings_per_deg=_readings_per_deg(samples),
     )
-    if not len(path.waypoints) or (path.worst_deg <= fit.target_deg and not belief.is_rough):
+    if not len(path.waypoints) or (path.worst_deg <= fit.claim.target_deg and not belief.is_rough):
         return view
     words = f"follow the arrow: {path.words(frame)}"
     leads = GuidanceView(triple(path.waypoints[0]), words, path.worst_deg, path.after_deg, goal, frame)
@@ -376,9 +377,9 @@ def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", fr
 
 def believe(fit: Fit | None, readings: ArrayLike) -> path_planning.Belief | None:
     """What is known after a fit of (N, 3) readings, also a refused one: what it claims, or else a sphere."""
-    if fit is None or fit.is_flat or fit.direction_error_deg.worst > KNOWN_DEG:
+    if fit is None or fit.judgement.is_flat or fit.claim.direction_error_deg.worst > KNOWN_DEG:
         return path_planning.rough(readings)
-    return path_planning.Belief.of_fit(fit)
+    return path_planning.Belief.of(fit.claim, fit.noise, fit.coverage)
 
 
 def _readings_per_deg(samples: Samples) -> float:
@@ -422,7 +423,7 @@ class Finished:
         """Where the numbers come from and what is claimed of them, for the head of an export."""
         return [
             f"from {self.name}",
-            f"the calibration is {self.fit.verdict}: headings good to {self.fit.heading_words}",
+            f"the calibration is {self.fit.verdict}: headings good to {heading_words(self.fit.claim)}",
             *(f"limited: {limit}" for limit in self.limits),
         ]
 
@@ -434,7 +435,7 @@ def finished(session: LiveSession, path: Path | None, reading: dict[str, Any]) -
     log, what is in memory is all.
     """
     key, name = session.shown.key, session.opened_name or session.source.name
-    earlier = () if session.renewed is None else session.renewed.files
+    earlier = () if session.renewed is None else session.renewed.provenance.files
     if session.opened is not None or path is None:
         samples = used_readings(session, None)[0]
         return Finished(key, name, samples, _outcome(session, samples), earlier)

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp
     from starlette.websockets import WebSocket
 
-    from flinders.core.calibration_file import Provenance
+    from flinders.core.calibration_file import ProvenanceRecord
     from flinders.live.evaluation import Finished
 
 STATIC: Final = Path(__file__).resolve().parent.parent / "static"
@@ -172,11 +172,13 @@ async def _report(request: Request) -> Response:
     return _download(text.encode(), "report.html", "text/html; charset=utf-8")
 
 
-def _provenance(finished: Finished) -> Provenance:
+def _provenance(finished: Finished) -> ProvenanceRecord:
     """Which release made a calibration, when, of which file."""
-    from flinders.core.calibration_file import Provenance
+    from flinders.core.calibration_file import ProvenanceRecord
 
-    return Provenance(flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=finished.files)
+    return ProvenanceRecord(
+        flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=finished.files
+    )
 
 
 async def _export(request: Request) -> Response:

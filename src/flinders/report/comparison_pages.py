@@ -124,7 +124,7 @@ def of_untold(known: Fit, fit: Fit, strength: Strength, spell: Spelling = in_pyt
     words = (
         f"whether {known.name} holds, as no fit of this recording can be used; corrected, its strength is "
         f"{strength.mean:.3f} of the field with a spread of {strength.spread:.1%}, where {known.name} was made one of "
-        f"{known.noise / known.ellipsoid.radius:.1%}:"
+        f"{known.noise / known.calibration.ellipsoid.radius:.1%}:"
     )
     reasons = ((finding.severity, advice(finding, spell)) for finding in shown_findings(fit))
     return Group(page(verdict(UNTOLD, "limited", words, basis)), notes(reasons))

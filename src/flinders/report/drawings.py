@@ -38,6 +38,7 @@ from flinders.arrays import runs
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
 from flinders.estimators import Readings, within_range
+from flinders.fitting.words import heading_words
 from flinders.heading.deviation import NAMES
 from flinders.heading.error_propagation import level_gradients
 from flinders.report.charts import (
@@ -147,7 +148,7 @@ def turn_drawing(turn: Turn, fit: Fit) -> str:
     """Draw a turn before and after the correction of a fit; of a refused one it says so, and gives no number of it."""
     loaded, unit = turn.recipe if is_mean(fit) else turn.ellipse, label(fit.calibration.unit)
     title = f"Turn in the plane {turn.plane}: {turn.spacing.points:,} points"
-    subtitle = f"method {fit.method}; {evenness(turn, fit.target_deg, is_mean=is_mean(fit))}"
+    subtitle = f"method {fit.method}; {evenness(turn, fit.claim.target_deg, is_mean=is_mean(fit))}"
     points, ellipse = thinned(turn.points, SHOWN), loaded.centre + CIRCLE @ loaded.shape
     return drawing(
         800,
@@ -215,16 +216,16 @@ def _words_before(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
     offset = ", ".join(minus(figures(value, 3)) for value in loaded.centre.tolist())
     return (
         f"offset {offset} {unit}; axis ratio {loaded.ratio:.3f}",
-        f"heading off by up to {degrees(fit.uncorrected_heading_error_deg.worst)}",
+        f"heading off by up to {degrees(fit.claim.uncorrected_heading_error_deg.worst)}",
     )
 
 
 def _words_after(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
     if fit.verdict == "refused":
-        return f"heading off by up to {fit.heading_words}", "not to be used"
+        return f"heading off by up to {heading_words(fit.claim)}", "not to be used"
     return (
         f"circle of {figures(loaded.radius, 4)} {unit}, points {figures(fit.noise)} {unit} off (1 σ)",
-        f"heading good to {fit.heading_words}",
+        f"heading good to {heading_words(fit.claim)}",
     )
 
 

@@ -104,7 +104,7 @@ class FigureData:
             len(samples),
             stride,
             label(recording.unit.inside),
-            None if fit is None else fit.plane,
+            None if fit is None else fit.claim.plane,
         )
 
     @property
@@ -130,7 +130,8 @@ class FigureData:
         if time is None or self.clock != "s" or self.total < FEWEST or not time[-1] > time[0]:
             return None
         dip = fit.heading_error_deg.dip_deg
-        return random_walk_of(self.whole.field, time - time[0], fit.ellipsoid, plane=self.plane, dip_deg=dip)
+        ellipsoid = fit.calibration.ellipsoid
+        return random_walk_of(self.whole.field, time - time[0], ellipsoid, plane=self.plane, dip_deg=dip)
 
     @property
     def shape(self) -> Floats | None:
@@ -154,7 +155,7 @@ def _under(shown: Shown, field: Floats) -> Floats:
 
 def _seen(fit: Fit, samples: Samples) -> View:
     """The view, with advice for what is still to be reached: headings, then all attitudes, then nothing."""
-    seen = view(fit, samples, goal="heading" if fit.heading_error_deg.worst > fit.target_deg else "attitude")
+    seen = view(fit, samples, goal="heading" if fit.heading_error_deg.worst > fit.claim.target_deg else "attitude")
     return msgspec.structs.replace(seen, guidance=None) if fit.verdict == "good" else seen
 
 
@@ -193,22 +194,26 @@ def restored(fit: Fit, recording: Recording, *, target_deg: float | None = None,
     of the file, else 1° and 60°, unless given; for another dip the heading error is computed anew.
     """
     field = in_memory(recording).field
-    dip = fit.known_dip_deg if dip_deg is None else math.copysign(dip_deg, dip_deg * fit.known_dip_deg)
-    unstated = () if fit.states_uncertainty else (NO_UNCERTAINTY,)
+    dip = fit.claim.known_dip_deg if dip_deg is None else math.copysign(dip_deg, dip_deg * fit.claim.known_dip_deg)
+    unstated = () if fit.claim.states_uncertainty else (NO_UNCERTAINTY,)
     strength = Strength.under(fit.calibration.affine, field)
     noise = fit.calibration.field_strength * math.hypot(strength.mean - 1.0, strength.spread)
-    return replace(
-        fit,
+    evidence = replace(
+        fit.evidence,
         noise=noise if math.isnan(fit.noise) else fit.noise,
-        samples=fit.samples if fit.is_described else len(field),
-        coverage=_coverage(field, fit.ellipsoid),
-        heading_error_deg=fit.level_error(dip),
-        target_deg=target_deg or fit.target_deg,
-        dip_deg=abs(dip) if dip_deg is None else dip_deg,
-        disturbances_covariance=None,
+        samples=fit.samples if fit.evidence.is_described else len(field),
+        coverage=_coverage(field, fit.calibration.ellipsoid),
+        disturbances=replace(fit.evidence.disturbances, covariance=None),
         aiding=None,
-        findings=by_severity([*fit.findings, *unstated]),
     )
+    claim = replace(
+        fit.claim,
+        heading_error_deg=fit.claim.level_error(dip),
+        target_deg=target_deg or fit.claim.target_deg,
+        dip_deg=abs(dip) if dip_deg is None else dip_deg,
+    )
+    judgement = replace(fit.judgement, findings=by_severity([*fit.findings, *unstated]))
+    return replace(fit, evidence=evidence, claim=claim, judgement=judgement)
 
 
 def doubts(calibration: Calibration, recording: Recording) -> list[str]:

@@ -529,10 +529,10 @@ def _runs(angle: Floats) -> list[slice]:
 
 def correlation(fit: Fit) -> str:
     """How the errors of the nine parameters are correlated: a square for each pair, the number in hundredths."""
-    sigma = np.sqrt(np.diag(fit.covariance).clip(min=0.0))
+    sigma = np.sqrt(np.diag(fit.claim.covariance).clip(min=0.0))
     is_free = sigma > 0.0
     scale = np.where(is_free, sigma, 1.0)
-    values = np.where(np.outer(is_free, is_free), fit.covariance / np.outer(scale, scale), np.nan).clip(-1.0, 1.0)
+    values = np.where(np.outer(is_free, is_free), fit.claim.covariance / np.outer(scale, scale), np.nan).clip(-1.0, 1.0)
     side, first = 34, 40
     parts = []
     for row, name in enumerate(PARAMETERS):

@@ -28,6 +28,7 @@ from flinders.findings import advice, first_causes, limit_of
 from flinders.fitting.advice import movement
 from flinders.fitting.axis_extremes import Extremes
 from flinders.fitting.result import Fit, fit_of
+from flinders.fitting.words import dip_words, heading_words
 from flinders.geometry.plane import across
 from flinders.report.formatting import (
     aligned,
@@ -79,9 +80,10 @@ def of_fit(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool = False) -
     below, `spell` writes the arguments that carry out an advice.
     """
     is_refused = fit.verdict == "refused"
-    result = None if is_refused else numbers(fit.calibration, fit.offset_sigma, fit.noise)
-    if fit.method == "merged" and fit.repeats is not None:
-        blocks = _merged_parts(fit.repeats), result, _merged_verdict(fit, fit.repeats)
+    result = None if is_refused else numbers(fit.calibration, fit.claim.offset_sigma, fit.noise)
+    repeats = fit.evidence.diagnosis.repeats
+    if fit.method == "merged" and repeats is not None:
+        blocks = (_merged_parts(repeats), result, _merged_verdict(fit, repeats))
         return Group(page(*blocks), findings(shown_findings(fit), spell))
     tops = () if is_refused else (Text(summary(fit)), of_recipe(fit), _before_and_after(fit), _since(fit))
     turn = "" if fit.verdict == "good" else movement(fit)
@@ -97,7 +99,7 @@ def of_recipe(fit: Fit) -> RenderableType | None:
     """Lay out what a recipe of the extremes publishes: its table; None for any other method."""
     if not fit.method.startswith(MinMax.name):
         return None
-    centre, half = fit.ellipsoid.centre, fit.ellipsoid.shape.diagonal()
+    centre, half = fit.calibration.ellipsoid.centre, fit.calibration.ellipsoid.shape.diagonal()
     return extremes_table(Extremes(fit.calibration, centre - half, centre + half))
 
 
@@ -109,18 +111,18 @@ def of_refused_recipe(fit: Fit) -> RenderableType:
 
 def of_file(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool) -> RenderableType:
     """Lay out a calibration that was loaded: where it comes from, its numbers, and what its file claims of them."""
-    provenance, calibration = fit.provenance, fit.calibration
-    files = [f"{file.name}, {counted(file.rows, 'reading')}" for file in provenance.files] if provenance else []
+    provenance, calibration = fit.provenance.record, fit.calibration
+    files = [f"{file.name}, {counted(file.rows, 'reading')}" for file in fit.provenance.files]
     origin = [
         ("made", f"{date_of(provenance.date)}, Flinders {provenance.flinders}" if provenance else ""),
         ("from", "; ".join(files)),
         ("sensor", calibration.sensor or ""),
         ("readings", f"in {calibration.raw.name}, axes {calibration.axes}"),
     ]
-    sigma = fit.offset_sigma if fit.states_uncertainty else np.full(3, np.nan)
+    sigma = fit.claim.offset_sigma if fit.claim.states_uncertainty else np.full(3, np.nan)
     basis = f"{counted(fit.samples, 'reading')}; {fit.method}"
     said: RenderableType = "Its uncertainty is not stated."
-    if fit.states_uncertainty:
+    if fit.claim.states_uncertainty:
         said = _quality(fit, "", "as its file says", basis, *_more(fit))
     known = facts([(name, words) for name, words in origin if words])
     return Group(
@@ -177,7 +179,7 @@ def of_turn(
         Column("least squares", justify="right", style=least_style),
     )
     recipe = table(headings, plane_rows(turn, label(fit.calibration.unit)))
-    words = spacing_words(turn, fit.target_deg, is_mean=is_mean(fit))
+    words = spacing_words(turn, fit.claim.target_deg, is_mean=is_mean(fit))
     more = [] if composed is None else [_composed(composed, after, spell)]
     return Group(page(recipe, words), of_fit(fit, spell), *more)
 
@@ -211,7 +213,7 @@ def findings(findings: Iterable[Finding], spell: Spelling, turn: str = "") -> Re
 
 def good_to(fit: Fit) -> str:
     """Say to how much the worst heading is good, and to how much it should be."""
-    return f"headings good to {fit.heading_words.removesuffix(')')}; target {fit.target_deg:g}°)"
+    return f"headings good to {heading_words(fit.claim).removesuffix(')')}; target {fit.claim.target_deg:g}°)"
 
 
 def _graded(quality: Verdict, words: str, *more: str) -> Table:
@@ -220,12 +222,13 @@ def _graded(quality: Verdict, words: str, *more: str) -> Table:
 
 
 def _before_and_after(fit: Fit) -> Table:
-    unit, (strength, spread) = label(fit.calibration.unit), fit.uncorrected_strength
+    ellipsoid = fit.calibration.ellipsoid
+    unit, (strength, spread) = label(fit.calibration.unit), fit.coverage.raw_strength(ellipsoid)
     before, after = (
         (name, f"{figures(mean, 4)} {unit}", f"{scatter:.1%}", degrees(error.rms), degrees(error.worst))
         for name, mean, scatter, error in (
-            ("before", strength, spread, fit.uncorrected_heading_error_deg),
-            ("after", fit.calibration.field_strength, fit.noise / fit.ellipsoid.radius, fit.heading_error_deg),
+            ("before", strength, spread, fit.claim.uncorrected_heading_error_deg),
+            ("after", fit.calibration.field_strength, fit.noise / ellipsoid.radius, fit.heading_error_deg),
         )
     )
     return table(("", "strength", "spread", "heading error, rms", "worst"), [before, styled("bold", *after)])
@@ -233,7 +236,7 @@ def _before_and_after(fit: Fit) -> Table:
 
 def _since(fit: Fit) -> Text | None:
     """What changed since the calibration whose soft iron it has; None of any other fit."""
-    known = fit.refreshed
+    known = fit.evidence.diagnosis.refreshed
     if known is None:
         return None
     change = ", ".join(f"{number:+.1f}" for number in known.offset_change)
@@ -249,14 +252,15 @@ def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str) -> Table
         return _graded(fit.verdict, f"not fit for use, {refused}", basis)
     within = good_to(fit)
     words = f"{within}{good}" if fit.verdict == "good" else f"{within}, with limits:"
-    return _graded(fit.verdict, words, f"{basis}; level, {fit.dip_words}", *more)
+    return _graded(fit.verdict, words, f"{basis}; level, {dip_words(fit.claim)}", *more)
 
 
 def _fit_verdict(fit: Fit) -> Table:
-    is_surface = not (fit.is_flat or fit.plane or fit.noise > NOISE_REFUSED * fit.ellipsoid.radius)
+    is_noisy = fit.noise > NOISE_REFUSED * fit.calibration.ellipsoid.radius
+    is_surface = not (fit.judgement.is_flat or fit.claim.plane or is_noisy)
     seen = f", {fit.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
-    good = "" if fit.verdict != "good" else f", {reach(fit.attitude_limit_deg)}"
+    good = "" if fit.verdict != "good" else f", {reach(fit.claim.attitude_limit_deg)}"
     return _quality(fit, good, "no calibration was written", basis, *_more(fit))
 
 

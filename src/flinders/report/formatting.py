@@ -223,7 +223,7 @@ def summary(fit: Fit) -> str:
 
 def uncorrected(fit: Fit) -> str:
     """How far headings are off without the calibration."""
-    worst = fit.uncorrected_heading_error_deg.worst
+    worst = fit.claim.uncorrected_heading_error_deg.worst
     return "any angle: the compass does not work" if worst > 100 else f"up to {degrees(worst)}"
 
 
@@ -240,7 +240,7 @@ def mounting(fit: Fit) -> str:
 
     An estimated rotation is observed by an aiding sensor; one that was stated is observed by nothing.
     """
-    error = fit.alignment_error_deg
+    error = fit.claim.alignment_error_deg
     if error is None:
         return ""
     if fit.calibration.rotation != "estimated":
@@ -258,7 +258,7 @@ def reach(limit_deg: float) -> str:
 
 def sources(fit: Fit) -> str:
     """The aiding sensors that are in the fit."""
-    each = () if fit.aiding is None else fit.aiding.sensors
+    each = () if fit.evidence.aiding is None else fit.evidence.aiding.sensors
     names = [SOURCES[aid.name] for aid in each if aid.is_used and aid.name in SOURCES]
     return f"the {' and '.join(names)}" if names else "what was recorded beside"
 

@@ -30,13 +30,14 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import msgspec
 import numpy as np
 
-from flinders.core.calibration_file import Provenance
+from flinders.core.calibration_file import ProvenanceRecord
 from flinders.core.disturbance import motor
 from flinders.core.units import label
 from flinders.errors import FlindersError, counted, figures
 from flinders.fitting.advice import UPSIDE_DOWN
 from flinders.fitting.export import export_fit, origin_lines
 from flinders.fitting.result import Fit, fit_of
+from flinders.fitting.words import dip_words
 from flinders.report import figures as drawing
 from flinders.report.colours import STEPS
 from flinders.report.figure_data import FigureData
@@ -97,7 +98,7 @@ def page(
     outcome: Fit | FitError,
     recording: Recording | None = None,
     *,
-    provenance: Provenance | None = None,
+    provenance: ProvenanceRecord | None = None,
     asked: Mapping[str, str] | None = None,
     listings: Sequence[Listing] = (),
     notes: Sequence[str] = (),
@@ -113,7 +114,7 @@ def page(
     recording : Recording, optional
         The readings that were fitted, as they were recorded; they are all in memory meanwhile. Without them there
         are no figures.
-    provenance : Provenance, optional
+    provenance : ProvenanceRecord, optional
         Release, date and files; by default this release, now, and none.
     asked : mapping of str to str, optional
         Options that the fit was made with, by name.
@@ -142,7 +143,7 @@ def page(
         "names": SOURCES,
         "notes": notes,
         "asked": asked or {},
-        "provenance": provenance or Provenance(flinders=version("flinders"), date=datetime.now(UTC), files=()),
+        "provenance": provenance or ProvenanceRecord(flinders=version("flinders"), date=datetime.now(UTC), files=()),
         "source": "" if recording is None else recording.source,
         "drawn": drawn,
         "view": view,
@@ -174,7 +175,7 @@ def goes_with(fit: Fit, drawn: FigureData) -> bool:
     if not len(drawn.residuals) or not drawn.is_used.any():
         return False
     off = drawn.residuals[drawn.is_used]
-    noise = fit.noise if fit.states_uncertainty else 0.0
+    noise = fit.noise if fit.claim.states_uncertainty else 0.0
     return math.sqrt(float(np.mean(off**2))) <= max(ASTRAY * fit.calibration.field_strength, NOISY * noise)
 
 
@@ -197,23 +198,23 @@ def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
     if fit is None:
         why = cast("FitError", outcome).message.rstrip(".")
         return {"verdict": "refused", "title": "No calibration", "sentence": f"{why}."}
-    title = TITLES[fit.verdict] if fit.states_uncertainty else "Of unknown quality"
+    title = TITLES[fit.verdict] if fit.claim.states_uncertainty else "Of unknown quality"
     said = " ".join(map(as_sentence, filter(None, (sentence(fit), condition(fit)))))
     return {"verdict": fit.verdict, "title": title, "sentence": said}
 
 
 def _walk_words(walk: RandomWalk, fit: Fit) -> str:
     """Whether the offset stayed, in words; for how long that is good enough, where anything is claimed at all."""
-    is_claimed = fit.verdict != "refused" and fit.states_uncertainty
+    is_claimed = fit.verdict != "refused" and fit.claim.states_uncertainty
     say, dip = walk.words if is_claimed else walk.story, abs(fit.heading_error_deg.dip_deg)
-    return as_sentence(say(label(fit.calibration.unit), level_deg=fit.target_deg, dip_deg=dip))
+    return as_sentence(say(label(fit.calibration.unit), level_deg=fit.claim.target_deg, dip_deg=dip))
 
 
 def _parameters(fit: Fit) -> list[tuple[str, list[tuple[str, str]]]]:
     """Rows x, y and z of offset and matrix, each number as value and uncertainty."""
-    sigma = matrix_sigma(fit) if fit.states_uncertainty else None
+    sigma = matrix_sigma(fit) if fit.claim.states_uncertainty else None
     matrix = matrix_entries(fit.calibration.matrix, sigma)
-    rows = zip("xyz", offset_entries(fit.calibration, fit.offset_sigma), matrix, strict=True)
+    rows = zip("xyz", offset_entries(fit.calibration, fit.claim.offset_sigma), matrix, strict=True)
     return [(axis, [_split(number) for number in (offset, *row)]) for axis, offset, row in rows]
 
 
@@ -226,7 +227,8 @@ def _split(number: str) -> tuple[str, str]:
 def disturbance_rows(fit: Fit) -> list[tuple[str, str, list[tuple[str, str]], str]]:
     """Each disturbance that the offset depends on: name, unit, offset in x, y and z for one of it, and words."""
     dip = fit.heading_error_deg.dip_deg
-    known = {estimate.name: estimate for estimate in fit.disturbances if estimate.disturbance is not None}
+    estimates = fit.evidence.disturbances.estimates
+    known = {estimate.name: estimate for estimate in estimates if estimate.disturbance is not None}
     motors = {one.name for one in fit.calibration.disturbances if motor(one.name)[1]}
     rows = []
     for place, one in enumerate(fit.calibration.disturbances):
@@ -241,10 +243,11 @@ def disturbance_rows(fit: Fit) -> list[tuple[str, str, list[tuple[str, str]], st
 def _disturbance_offsets(fit: Fit, disturbance: Disturbance, place: int) -> list[tuple[str, str]]:
     """Value and uncertainty of each axis; no uncertainty where none is known."""
     values = disturbance.per_unit.tolist()
-    if fit.disturbances_covariance is None:
+    covariance = fit.evidence.disturbances.covariance
+    if covariance is None:
         return [_split(f"{value:.4g}") for value in values]
     first = 9 + 3 * place
-    sigma = np.sqrt(np.diag(fit.disturbances_covariance)[first : first + 3]).tolist()
+    sigma = np.sqrt(np.diag(covariance)[first : first + 3]).tolist()
     return [_split(with_uncertainty(*pair)) for pair in zip(values, sigma, strict=True)]
 
 
@@ -299,7 +302,7 @@ def _figures(drawn: FigureData | None, fit: Fit | None, walk: RandomWalk | None)
     drawings: defaultdict[str, Any] = defaultdict(lambda: None)
     if drawn is None or not len(drawn.raw):
         return drawings
-    view, target = drawn.view, 1.0 if fit is None else fit.target_deg
+    view, target = drawn.view, 1.0 if fit is None else fit.claim.target_deg
     drawings["before"] = drawing.projections(drawn, is_corrected=False)
     drawings["pictures"] = drawing.pictures(drawn, target)
     if view is None or view.shown is None:
@@ -316,7 +319,7 @@ def _figures(drawn: FigureData | None, fit: Fit | None, walk: RandomWalk | None)
         "offset_over_time": walk and drawing.offset_over_time(walk, drawn.unit, drawn.plane),
     }
     if fit is not None and fit.verdict != "refused":
-        drawings["correlation"] = drawing.correlation(fit) if fit.states_uncertainty else None
+        drawings["correlation"] = drawing.correlation(fit) if fit.claim.states_uncertainty else None
         drawings["compensated"] = [drawing.compensated(drawn, one) for one in fit.calibration.disturbances]
     return drawings
 
@@ -327,7 +330,7 @@ def _data(drawn: FigureData, view: View, fit: Fit | None) -> str:
         "tiles": tiles_view(),
         "field": base64.b64encode(drawn.raw.astype("<f4").tobytes()).decode(),
         "stride": drawn.stride,
-        "target_deg": 1.0 if fit is None else fit.target_deg,
+        "target_deg": 1.0 if fit is None else fit.claim.target_deg,
     }
     return msgspec.json.encode(content).decode().replace("<", "\\u003c")
 
@@ -351,5 +354,6 @@ def _style() -> str:
 FILTERS: Final = {
     "counted": counted, "figures": figures, "degrees": degrees, "sentence": as_sentence, "instruments": instrument_rows,
     "label": label, "strength": length, "date": date_of, "minus": minus, "sources": sources,
+    "dip_words": dip_words,
 }  # fmt: skip
 """How the page writes numbers."""

@@ -203,7 +203,7 @@ def _deviation(part: SubFigure, drawn: FigureData, fit: Fit) -> None:
     """What the raw compass is off over the heading, and 1 σ and 2 σ of the corrected one."""
     assert drawn.view is not None
     both = part.subplots(2, 1, sharex=True)
-    for axes, panel in zip(both, drawing.deviations(drawn.view, fit.target_deg), strict=True):
+    for axes, panel in zip(both, drawing.deviations(drawn.view, fit.claim.target_deg), strict=True):
         _draw(axes, panel)
         axes.set(xticks=np.arange(0.0, 361.0, 45.0), xlabel="")
     both[1].set_xlabel("heading of a level vehicle, °")
@@ -222,7 +222,7 @@ def _coverage(part: SubFigure, drawn: FigureData, fit: Fit) -> None:
     """Readings and predicted error in all directions: two hemispheres each, in a projection that keeps areas."""
     from matplotlib.patches import Patch
 
-    view, target = drawn.view, fit.target_deg
+    view, target = drawn.view, fit.claim.target_deg
     assert view is not None
     maps = (
         ("predicted error", drawing.error_classes(view, target), drawing.error_legend(target), "left"),

@@ -1,8 +1,8 @@
-"""What a notebook draws of a fit: the predicted error over the sphere, and the deviation over the heading.
+"""A fit as a notebook shows it: its words and numbers, the predicted error over the sphere, and the deviation.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
->>> shown = pictures(calibrate.fit(simulate.tumble(seed=1).samples))
+>>> shown = html_of(calibrate.fit(simulate.tumble(seed=1).samples))
 >>> shown.count("<img "), "<script" in shown
 (2, False)
 """
@@ -10,8 +10,15 @@
 from __future__ import annotations
 
 import base64
+import math
 from typing import TYPE_CHECKING
 
+from flinders.core.notebook import SIGNS, correction, refusal
+from flinders.core.units import label
+from flinders.errors import counted
+from flinders.findings import advice, first_causes
+from flinders.findings.row import stated
+from flinders.fitting.words import dip_words, heading_words
 from flinders.report import figures
 from flinders.report.charts import as_file
 from flinders.report.colours import STEPS, colour_of
@@ -22,14 +29,38 @@ if TYPE_CHECKING:
     from flinders.report.colours import Theme
 
 
-def pictures(fit: Fit) -> str:
+def html_of(fit: Fit) -> str:
+    """What a notebook shows of a fit; of a refused one no number of the calibration."""
+    is_described = fit.evidence.is_described
+    title = f"{SIGNS[fit.verdict]} {fit.verdict}: "
+    title += f"{fit.method}, {counted(fit.samples, 'reading')}" if is_described else "nothing is stated"
+    causes = [finding for finding in first_causes(fit.findings) if finding.severity != "note"]
+    words = [f"{SIGNS[finding.severity]} {advice(finding)}" for finding in causes]
+    if fit.verdict == "refused":
+        return refusal(title, words)
+    calibration, claim = fit.calibration, fit.claim
+    good = f"headings good to {heading_words(claim)}, level, {dip_words(claim)}; the target is {claim.target_deg:g}°"
+    good = "no heading error stated" if math.isnan(claim.heading_error_deg.worst) else good
+    return correction(
+        calibration.matrix.tolist(),
+        calibration.offset.tolist(),
+        label(calibration.unit),
+        title=title,
+        words=[good, *filter(None, [stated(fit.conditions)]), *words],
+        offset_sigma=claim.offset_sigma.tolist() if claim.states_uncertainty else None,
+        terms=None if calibration.linearization is None else calibration.linearization.as_dict(),
+        pictures=_pictures(fit) if claim.states_uncertainty else "",
+    )
+
+
+def _pictures(fit: Fit) -> str:
     """Sphere and deviation of a fit that states its uncertainty, as HTML: images, whose styles stay in them."""
     view = view_alone(fit)
     drawn = (
-        (figures.ball(view, fit.target_deg), "Predicted heading error in each direction", "14rem"),
-        (figures.deviation(view, fit.target_deg), "Deviation over the heading, before and after", "32rem"),
+        (figures.ball(view, fit.claim.target_deg), "Predicted heading error in each direction", "14rem"),
+        (figures.deviation(view, fit.claim.target_deg), "Deviation over the heading, before and after", "32rem"),
     )
-    least, *_, most, _ = (words for _, words in figures.error_legend(fit.target_deg))
+    least, *_, most, _ = (words for _, words in figures.error_legend(fit.claim.target_deg))
     caption = f"Sphere: heading error to expect where the field points, from {least} (green) to {most} (red)"
     unseen = "" if all(view.tiles_seen) else "; hatched where no reading was taken"
     return f"<div>{''.join(_image(*each) for each in drawn)}<br><small>{caption}{unseen}.</small></div>"

@@ -41,7 +41,7 @@ from flinders.report.html_file import filled
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from flinders.core.calibration_file import Provenance
+    from flinders.core.calibration_file import ProvenanceRecord
     from flinders.errors import FitError
     from flinders.findings import Finding
 
@@ -52,7 +52,7 @@ RUNS: Final = 8
 """Runs of outliers that are listed."""
 
 
-def page(outcome: Fit | FitError, provenance: Provenance) -> str:
+def page(outcome: Fit | FitError, provenance: ProvenanceRecord) -> str:
     """Write a fit, or why there is none, in plain words, with release, date and recordings."""
     fit = fit_of(outcome)
     why, remedies = _of_no_fit(cast("FitError", outcome)) if fit is None else _of_findings(fit)
@@ -70,9 +70,9 @@ def page(outcome: Fit | FitError, provenance: Provenance) -> str:
 
 def _of_fit(fit: Fit) -> dict[str, Any]:
     """Numbers to copy, and what the words on heading and attitudes need."""
-    offsets = on_the_point(offset_entries(fit.calibration, fit.offset_sigma))
+    offsets = on_the_point(offset_entries(fit.calibration, fit.claim.offset_sigma))
     rows = aligned(*matrix_entries(fit.calibration.matrix))
-    is_whole = bool(fit.plane) or fit.coverage.hole_deg <= limit_of("coverage")
+    is_whole = bool(fit.claim.plane) or fit.coverage.hole_deg <= limit_of("coverage")
     return {
         "offset": math.hypot(*fit.calibration.offset),
         "offsets": [(axis, value.rstrip()) for axis, value in zip("xyz", offsets, strict=True)],
@@ -81,7 +81,7 @@ def _of_fit(fit: Fit) -> dict[str, Any]:
         "improves": improves(fit),
         "uncorrected": uncorrected(fit),
         "upside_down": UPSIDE_DOWN,
-        "tilt": next((tilt for tilt in TILTS if tilt > fit.attitude_limit_deg), UPSIDE_DOWN),
+        "tilt": next((tilt for tilt in TILTS if tilt > fit.claim.attitude_limit_deg), UPSIDE_DOWN),
         "side": "" if is_whole else unseen_side(fit.coverage),
     }
 
@@ -112,11 +112,11 @@ def _in_words(fit: Fit, finding: Finding) -> str:
     )
 
 
-def _read(outcome: Fit | FitError, fit: Fit | None, provenance: Provenance) -> list[str]:
+def _read(outcome: Fit | FitError, fit: Fit | None, provenance: ProvenanceRecord) -> list[str]:
     """The recordings, and what of them was left out."""
     items = [f"{file.name}: {counted(file.rows, 'reading')}." for file in provenance.files]
-    if fit and fit.outliers:
-        runs = [str(outlier) for outlier in fit.outliers]
+    if fit and fit.evidence.outliers:
+        runs = [str(outlier) for outlier in fit.evidence.outliers]
         more = f"; and {counted(len(runs) - RUNS, 'more run')}" if len(runs) > RUNS else ""
         items.append(f"Left out, as they do not belong to the rest: {'; '.join(runs[:RUNS])}{more}.")
     findings = fit.findings if fit else ()

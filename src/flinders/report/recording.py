@@ -219,7 +219,7 @@ def _seen(summary: Summary) -> tuple[float | None, float | None]:
     if surface is None:
         return None, None
     coverage = float(surface.coverage.fraction)
-    return coverage, float(surface.ellipsoid.radius) if coverage >= ENOUGH_SEEN else None
+    return coverage, float(surface.calibration.ellipsoid.radius) if coverage >= ENOUGH_SEEN else None
 
 
 def _unmoved(summary: Summary, unit: str) -> str:

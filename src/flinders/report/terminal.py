@@ -160,7 +160,7 @@ def plot(drawn: FigureData, fit: Fit, *, is_plain: bool = False, width: int = 80
         text.append("\n")
     if rows:
         within, open_within, above, open_above = tuple(LETTERS[is_plain])
-        words = f"{within} {open_within} within {fit.target_deg:g}°, {above} {open_above} above; "
+        words = f"{within} {open_within} within {fit.claim.target_deg:g}°, {above} {open_above} above; "
         words += f"{open_within} {open_above} not recorded"
         text.append("+ is zero".ljust(WIDTH - len(words)) + words, "dim")
     return text
@@ -209,7 +209,7 @@ def _map(view: View, fit: Fit) -> Iterator[list[int]]:
         errors = [view.tiles_deg[tile] for tile in tile_of(directions).tolist()]
         is_seen = fit.coverage.counts[cells_of(directions)] > 0.0
         yield [
-            (0 if error is not None and error <= fit.target_deg else 2) + (0 if seen else 1)
+            (0 if error is not None and error <= fit.claim.target_deg else 2) + (0 if seen else 1)
             for error, seen in zip(errors, is_seen.tolist(), strict=True)
         ]
 

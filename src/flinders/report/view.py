@@ -32,6 +32,7 @@ from flinders.errors import NeedsRecording
 from flinders.findings import first_causes
 from flinders.findings.row import ANY_ANGLE_DEG, resting_on
 from flinders.fitting.advice import WORTH_IT, guided, movement
+from flinders.fitting.words import heading_words
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.native.engine import engine
@@ -183,8 +184,8 @@ def view(
     """
     is_rejected, rejected = _rejected(fit, samples)
     numbered = np.arange(len(samples)) if numbers is None else np.asarray(numbers)
-    corrected = np.empty((0, 3)) if fit.is_flat else fit.calibration.affine.apply(samples.field[~is_rejected])
-    is_known = fit.states_uncertainty and not fit.is_flat
+    corrected = np.empty((0, 3)) if fit.judgement.is_flat else fit.calibration.affine.apply(samples.field[~is_rejected])
+    is_known = fit.claim.states_uncertainty and not fit.judgement.is_flat
     errors = tile_errors_deg(fit) if is_known else np.full(len(tiles().centres), np.nan)
     claims = _claimed(fit, errors, goal, frame) if is_known else {}
     return View(
@@ -200,7 +201,7 @@ def view(
         **({} if fit.verdict == "refused" else _copied(fit)),
         sentence=sentence(fit, claims.get("attitude_limit_deg")),
         condition=resting_on(fit.conditions),
-        **({} if fit.is_flat else _drawn(fit, corrected)),
+        **({} if fit.judgement.is_flat else _drawn(fit, corrected)),
         **claims,
     )
 
@@ -235,14 +236,14 @@ def _shown_errors(errors_deg: Floats) -> tuple[float | None, ...]:
 
 def _copied(fit: Fit) -> dict[str, Any]:
     """What somebody could copy: not given of a refused fit."""
-    calibration, raw = fit.calibration, fit.uncorrected_heading_error_deg
-    sigmas = {"offset_sigma": triple(fit.offset_sigma), "matrix_sigma": _matrix(matrix_sigma(fit))}
+    calibration, raw = fit.calibration, fit.claim.uncorrected_heading_error_deg
+    sigmas = {"offset_sigma": triple(fit.claim.offset_sigma), "matrix_sigma": _matrix(matrix_sigma(fit))}
     return {
         "field_strength": calibration.field_strength,
         "offset": triple(calibration.offset),
         "matrix": _matrix(calibration.matrix),
         "uncorrected_heading_error_deg": ErrorView(raw.rms, raw.worst),
-        **(sigmas if fit.states_uncertainty else {}),
+        **(sigmas if fit.claim.states_uncertainty else {}),
     }
 
 
@@ -258,12 +259,12 @@ def _drawn(fit: Fit, corrected: Floats) -> dict[str, Any]:
 
 def _claimed(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str, Any]:
     """What rests on a covariance as well."""
-    error = fit.heading_error_deg
+    claim, error = fit.claim, fit.heading_error_deg
     return {
         "heading_error_deg": HeadingErrorView(
-            error.rms, error.worst, fit.heading_bound_deg, error.dip_deg, fit.dip_assumed, fit.target_deg
+            error.rms, error.worst, claim.heading_bound_deg, error.dip_deg, claim.dip_assumed, claim.target_deg
         ),
-        "attitude_limit_deg": fit.attitude_limit_deg,
+        "attitude_limit_deg": claim.attitude_limit_deg,
         "any_attitude_deg": ErrorView(float(np.sqrt(np.mean(errors_deg**2))), float(errors_deg.max())),
         "turn": turn(fit),
         "guidance": guidance(fit, goal, frame),
@@ -281,7 +282,7 @@ def _rejected(fit: Fit, samples: Samples) -> tuple[NDArray[np.bool_], list[tuple
         is_at_rail |= samples.field[:, rail.axis] == rail.value
     free, is_rejected = np.flatnonzero(~is_at_rail), is_at_rail.copy()
     ends = [(run.start, run.stop - 1) for run in runs(is_at_rail)]
-    for outlier in fit.outliers:
+    for outlier in fit.evidence.outliers:
         first, last = int(free[outlier.first - 1]), int(free[outlier.last - 1])
         inside = slice(first, last + 1)
         lengths = np.linalg.norm(fit.calibration.affine.apply(samples.field[inside]), axis=1)
@@ -295,7 +296,7 @@ def rotation_of(fit: Fit) -> Floats:
     """(3, 3) from the magnetometer's axes, in which the covariance is, to those of corrected readings."""
     if fit.calibration.rotation == "symmetric":
         return np.eye(3)
-    rotation: Floats = fit.calibration.matrix @ fit.ellipsoid.shape / fit.calibration.field_strength
+    rotation: Floats = fit.calibration.matrix @ fit.calibration.ellipsoid.shape / fit.calibration.field_strength
     return rotation
 
 
@@ -309,7 +310,8 @@ def tile_errors_deg(fit: Fit) -> Floats:
     as to all headings; no mean is removed, since no mounting would explain one.
     """
     directions, dip_deg = tiles().centres @ rotation_of(fit), fit.heading_error_deg.dip_deg
-    return engine().attitude_errors(fit.ellipsoid.shape, fit.claimed_covariance, directions, dip_deg=dip_deg)
+    claim = fit.claim
+    return engine().attitude_errors(claim.ellipsoid.shape, claim.claimed_covariance, directions, dip_deg=dip_deg)
 
 
 def sentence(fit: Fit, limit_deg: float | None = None) -> str:
@@ -320,20 +322,20 @@ def sentence(fit: Fit, limit_deg: float | None = None) -> str:
     >>> sentence(calibrate.fit(simulate.tumble(seed=1, motion="tilted").samples))
     'Headings are good to 0.27° (95 % within 0.64°), up to 30° of tilt. The target is 1°.'
     """
-    if fit.is_flat:
+    if fit.judgement.is_flat:
         return "All readings lie in one plane, so nothing is known about other attitudes."
-    if not fit.states_uncertainty:
+    if not fit.claim.states_uncertainty:
         return UNSTATED
-    worst, target = fit.heading_error_deg.worst, f"The target is {fit.target_deg:g}°."
+    worst, target = fit.heading_error_deg.worst, f"The target is {fit.claim.target_deg:g}°."
     if fit.verdict == "refused":
-        if worst > fit.target_deg:
-            much = fit.heading_words if worst < ANY_ANGLE_DEG else "any angle"
+        if worst > fit.claim.target_deg:
+            much = heading_words(fit.claim) if worst < ANY_ANGLE_DEG else "any angle"
             return f"Headings may be off by {much}. {target}"
         return f"Not fit for use: {first_causes(fit.findings)[0].advice}"
-    limit = fit.attitude_limit_deg if limit_deg is None else limit_deg
+    limit = fit.claim.attitude_limit_deg if limit_deg is None else limit_deg
     attitudes = "while level" if limit < 1.0 else reach(limit)
-    good = "are good to" if worst <= fit.target_deg else "may be off by"
-    return f"Headings {good} {fit.heading_words}, {attitudes}. {target}"
+    good = "are good to" if worst <= fit.claim.target_deg else "may be off by"
+    return f"Headings {good} {heading_words(fit.claim)}, {attitudes}. {target}"
 
 
 def matrix_sigma(fit: Fit) -> Floats:
@@ -342,13 +344,14 @@ def matrix_sigma(fit: Fit) -> Floats:
     δW = (δF/F) W − W δS S⁻¹, with δF = F tr(S⁻¹ δS)/3 where F is the radius that results, and 0 where it is known.
     """
     is_known = fit.calibration.field_strength_known
-    return engine().matrix_sigmas(fit.calibration.matrix, fit.ellipsoid.shape, fit.covariance, is_known=is_known)
+    claim = fit.claim
+    return engine().matrix_sigmas(fit.calibration.matrix, claim.ellipsoid.shape, claim.covariance, is_known=is_known)
 
 
 def turn(fit: Fit) -> LevelTurn:
     """What a compass does over a level turn, before and after."""
-    dip, down = fit.heading_error_deg.dip_deg, down_of(fit.plane)
-    ellipsoid, covariance = fit.ellipsoid, fit.claimed_covariance
+    dip, down = fit.heading_error_deg.dip_deg, down_of(fit.claim.plane)
+    ellipsoid, covariance = fit.calibration.ellipsoid, fit.claim.claimed_covariance
     columns = engine().level_turn(ellipsoid.centre, ellipsoid.shape, covariance, dip_deg=dip, down=down)
     return LevelTurn(*(tuple(column.round(4).tolist()) for column in columns))
 
@@ -357,7 +360,7 @@ def residuals(fit: Fit, corrected: Floats) -> ResidualHistogram:
     """Count how far (N, 3) corrected readings are from the sphere; of one plane alone, from the circle in it."""
     widest = max(WIDEST * fit.noise, np.finfo(float).tiny)
     edges = np.linspace(-widest, widest, BINS + 1)
-    lengths = lengths_off(corrected, fit.calibration.field_strength, fit.plane)
+    lengths = lengths_off(corrected, fit.calibration.field_strength, fit.claim.plane)
     counts, _ = np.histogram(lengths.clip(-widest, widest), edges)
     return ResidualHistogram(tuple(edges.tolist()), tuple(counts.tolist()))
 
@@ -378,11 +381,11 @@ def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
     """
     next_turn = guided(fit, goal)
     direction, words = None, "turn it slowly through all directions, away from iron and from currents"
-    if fit.plane:
+    if fit.claim.plane:
         words = movement(fit)
     elif next_turn.after_deg <= (1.0 - WORTH_IT) * next_turn.worst_deg:
         direction, words = triple(rotation_of(fit) @ next_turn.direction), next_turn.words(frame)
-    worst, after = (math.hypot(error, fit.structure_deg) for error in (next_turn.worst_deg, next_turn.after_deg))
+    worst, after = (math.hypot(error, fit.claim.structure_deg) for error in (next_turn.worst_deg, next_turn.after_deg))
     return GuidanceView(direction, words, worst, after, goal, frame)
 
 

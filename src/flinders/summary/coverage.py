@@ -132,6 +132,14 @@ class Coverage:
         facing, is_open = engine().facing(self.counts, dip_deg)
         return (dip_deg, -dip_deg) if is_open else (facing,)
 
+    def raw_strength(self, ellipsoid: Ellipsoid) -> tuple[float, float]:
+        """Mean length of the raw readings over the directions recorded, and its spread as a fraction of the mean."""
+        readings = ellipsoid.centre + CELLS @ ellipsoid.shape
+        lengths = np.linalg.norm(readings, axis=1)
+        mean = float(np.average(lengths, weights=self.counts))
+        spread = float(np.sqrt(np.average((lengths - mean) ** 2, weights=self.counts)))
+        return mean, spread / mean
+
     def as_dict(self) -> dict[str, float]:
         """JSON-ready numbers; none where they are not known."""
         if math.isnan(self.fraction):
