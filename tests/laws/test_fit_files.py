@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -94,3 +94,10 @@ def test_numbers_that_nobody_stated_are_null_in_json() -> None:
     fit = FITS["all attitudes"]()
     silent = replace(fit, claim=replace(fit.claim, heading_error_deg=HeadingError(np.nan, np.nan, np.nan)))
     assert silent.as_dict()["heading_error_deg"] is None
+
+
+def test_a_fit_has_five_values_of_at_most_a_dozen_fields() -> None:
+    fit = FITS["all attitudes"]()
+    values = [getattr(fit, each.name) for each in fields(fit)]
+    assert len(values) == 5
+    assert max(len(fields(value)) for value in values[1:]) <= 12

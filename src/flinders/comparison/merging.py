@@ -8,7 +8,7 @@ other are not averaged: the merger is limited or refused, and says which of them
 >>> from flinders.fitting import calibrate
 >>> sensor = simulate.Sensor.random(np.random.default_rng(7))
 >>> monday, tuesday = (
-...     replace(calibrate.fit(simulate.tumble(seed=seed, sensor=sensor, motion="uniform").samples), name=name)
+...     calibrate.fit(simulate.tumble(seed=seed, sensor=sensor, motion="uniform").samples).with_name(name)
 ...     for seed, name in ((1, "monday"), (2, "tuesday"))
 ... )
 >>> merged = merge([monday, tuesday])
@@ -16,8 +16,8 @@ other are not averaged: the merger is limited or refused, and says which of them
 ('good', 2000)
 >>> merged.heading_error_deg.worst < merged.evidence.diagnosis.repeats.parts[0].claimed_deg
 True
->>> moved = replace(tuesday, calibration=replace(tuesday.calibration, offset=tuesday.calibration.offset + [3, 0, 0]))
->>> merge([monday, moved])
+>>> moved = replace(tuesday.calibration, offset=tuesday.calibration.offset + [3, 0, 0])
+>>> merge([monday, tuesday.with_calibration(moved)])
 Traceback (most recent call last):
 flinders.comparison.merging.NotMerged: monday and tuesday are 6.4° of heading apart (3.0 µT in the offset), \
 which is not chance: something magnetic changed in between; use recordings made in the state of use

@@ -32,9 +32,10 @@ approach to linear filtering and prediction problems*, 1960, eq. 21–25.
 >>> from flinders.estimators.data import Readings
 >>> turned = simulate.tumble(seed=3, motion="level", sensor=simulate.Sensor(offset=[10.0, 20.0, -30.0], noise=0.1))
 >>> from flinders.likelihood.site_field import Site
+>>> site = Site(strength=50.0, gain_sigma=0.05, inclination_deg=60.0, inclination_sigma_deg=1.0)
 >>> readings = Readings.of(turned.samples)
 >>> alone = Level(dip_deg=60.0).estimate(readings)
->>> located = sited(alone, readings, Site(strength=50.0, inclination_deg=60.0), alignment_sigma_deg=1.0)
+>>> located = sited(alone, readings, site, alignment_sigma_deg=1.0)
 >>> located.ellipsoid.centre.round(0), bool(np.sqrt(located.covariance[2, 2]) < 0.2 * np.sqrt(alone.covariance[2, 2]))
 (array([ 10.,  20., -30.]), True)
 """

@@ -62,8 +62,7 @@ class Claim:
     alignment_error_deg: float | None = None
     #: heading error (rms) that the method's own bias and misfit cost, as far as the readings show; in the covariance
     bias_deg: float = 0.0
-    #: whether the readings were corrected before, and the fit is shrunk towards leaving them as they are:
-    #: `flinders.fitting.shrinkage`
+    #: whether the readings were corrected before, and the fit is shrunk towards leaving them as they are (``claim.c``)
     is_shrunk: bool = False
     #: ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on: headings are then those of a
     #: turn about the third axis

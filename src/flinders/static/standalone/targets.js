@@ -328,7 +328,7 @@ function hexadecimal(bytes) {
  * @param {Calibration} calibration
  * @param {object} [more]
  * @param {object | null} [more.fit] How far to trust it, by the field names of `Fitted` of `core/calibration_file.py`.
- * @param {object | null} [more.provenance] Release, date and files, by the names of `Provenance`.
+ * @param {object | null} [more.provenance] Release, date and files, by the names of `ProvenanceRecord`.
  * @returns {string} JSON.
  */
 export function calibrationFile({ targets }, calibration, { fit = null, provenance = null } = {}) {
