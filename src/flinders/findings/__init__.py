@@ -13,22 +13,23 @@ from typing import TYPE_CHECKING
 from flinders.errors import in_python, with_hint
 from flinders.findings.catalogue import CATALOGUE as CATALOGUE
 from flinders.findings.catalogue import OF_ONE_MAGNETOMETER as OF_ONE_MAGNETOMETER
+from flinders.findings.finding import Finding as Finding  # noqa: TC001 - for others
+from flinders.findings.finding import by_severity as by_severity
 from flinders.findings.refusal import REFUSALS as REFUSALS
 from flinders.findings.row import CAUSES as CAUSES
 from flinders.findings.row import VERDICTS as VERDICTS
 from flinders.findings.row import CatalogueRow as CatalogueRow
 from flinders.findings.row import Condition as Condition
-from flinders.findings.row import Finding as Finding  # noqa: TC001 - for others
 from flinders.findings.row import Quantity as Quantity
 from flinders.findings.row import Record as Record
 from flinders.findings.row import Severity as Severity
 from flinders.findings.row import Verdict as Verdict
-from flinders.findings.row import by_severity as by_severity
 from flinders.findings.rules import certain as certain
 from flinders.findings.rules import finding_in as finding_in
 from flinders.findings.rules import first_causes as first_causes
 from flinders.findings.rules import found_in as found_in
 from flinders.findings.rules import limit_of as limit_of
+from flinders.findings.rules import linked as linked
 
 if TYPE_CHECKING:
     from flinders.errors import Spelling
@@ -37,8 +38,8 @@ if TYPE_CHECKING:
 def advice(finding: Finding, spell: Spelling = in_python) -> str:
     """Advice with the arguments that carry it out, as an interface spells them.
 
-    >>> advice(Finding("unit-unknown", "note", 1.0, 0.0, "name the unit"))
-    'name the unit (unit=, scale=)'
+    >>> advice(Finding("unit-unknown", "note", {"field_strength": 48.0}))
+    'no unit known, so all is in counts: name it, or what one count is in µT (unit=, scale=)'
     """
     row = CATALOGUE.get(finding.code)
     return with_hint(finding.advice, spell(row.hint)) if row else finding.advice

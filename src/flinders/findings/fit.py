@@ -6,16 +6,6 @@ from typing import Final
 
 from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 
-Z_ELSEWHERE: Final = (
-    "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the axes so "
-    "that it does"
-)
-Z_OPEN: Final = (
-    "; nothing shows whether z points down or up, so that its offset is open by twice the field along it: record an "
-    "accelerometer as well, or state axes with z down"
-)
-"""What the finding ``level-plane`` says of z, by which a file that is loaded tells it again."""
-
 _WITHIN_TARGET: Final = (Needs("worst_deg", "<", 1.0, "target_deg"), Needs("is_planar", "<", 1.0))
 """Of findings that say why a claim may be too small: a larger one, and a level turn, have limits of their own."""
 
@@ -45,9 +35,9 @@ ROWS: Final = (
         action="keep the vehicle level, or turn the sensor onto its sides and upside down too",
         rule=Rule("is_planar", (Grade("limits", 0.0),), number="attitude_limit_deg", limit=Limit(180.0)),
         said=(
-            "a level turn, corrected in {plane_axes} {how}{assumed}, for places where the field dips as here: "
-            "{attitudes}; {per_degree_of_tilt}° for each degree from the plane that it was turned in{up}. For all"
-            " attitudes {mounting}also turn the sensor onto its sides and upside down"
+            "a level turn, corrected in {plane_axes} {where_placed}{assumed}, for places where the field dips as here: "
+            "{attitudes}; {per_degree_of_tilt}° for each degree from the plane that it was turned in{where_z_points}. "
+            "For all attitudes {mounting}also turn the sensor onto its sides and upside down"
         ),
         plain="The sensor was turned level only. The correction is for a vehicle that stays level.",
         remedy="For all attitudes, turn the sensor onto its sides and upside down too while recording.",
@@ -61,7 +51,7 @@ ROWS: Final = (
         fleet_action="turn the sensor through all directions and record for longer, or ask for less",
         rule=Rule("worst_deg", (Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg"))),
         said=(
-            "the heading may be off by {worst_deg:angle} (1 σ, worst heading; the target is {target_deg:g}°{why}): "
+            "the heading may be off by {worst_deg:angle} (1 σ, worst heading; the target is {target_deg:g}°{because}): "
             "{remedy}"
         ),
         plain="At the worst heading the compass may be off by {angle}, and {limit:g}° is the target.",

@@ -44,7 +44,7 @@ import numpy as np
 
 from flinders.core.calibration import Calibration
 from flinders.errors import FitError, UsageError
-from flinders.findings import by_severity
+from flinders.findings import linked
 from flinders.findings.catalogue import OF_CALIBRATION
 from flinders.fitting.record import expected_error
 from flinders.fitting.refreshing import (
@@ -184,7 +184,7 @@ def refresh_at_headings(
 
 def _accepted(fit: Fit, chance: float) -> Fit:
     """The fit with its findings and what it rests on, unless its verdict refuses it."""
-    fit = replace(fit, findings=by_severity(_judged(fit, chance)))
+    fit = replace(fit, findings=linked(_judged(fit, chance)))
     if fit.verdict == "refused":
         raise Refused(fit)
     return replace(fit, conditions=CONDITIONS_OF_POSES) if fit.verdict == "good" else fit
@@ -321,7 +321,7 @@ def _judged(fit: Fit, chance: float) -> Iterator[Finding]:
         fit,
         ("poses-contradict", "heading-error", *OF_CALIBRATION),
         target_deg=fit.target_deg,
-        words={"why": lambda _: "", "remedy": lambda _: "add poses at other headings, or turn the vehicle"},
+        values={"next_step": ("add-poses",)},
         level_worst_deg=fit.heading_error_deg.worst,
         poses_by_chance=chance,
     )

@@ -22,20 +22,21 @@ import math
 import os
 from dataclasses import dataclass, field, replace
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import msgspec
 import numpy as np
 from msgspec import UNSET
 
 from flinders.core.calibration import Calibration
-from flinders.core.calibration_file import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, read, write
+from flinders.core.calibration_file import PARAMETERS, Fitted, HeadingErrorRecord, read, write
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
 from flinders.errors import ArrayError, DocumentError, FitError, counted, figures
 from flinders.findings import VERDICTS, Finding, Verdict, advice, first_causes
-from flinders.findings.row import ANY_ANGLE_DEG, stated
+from flinders.findings.row import stated
+from flinders.findings.words import ANY_ANGLE_DEG
 from flinders.fitting.aiding import Aiding
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import (
@@ -53,7 +54,7 @@ from flinders.summary.coverage import CELLS, Coverage
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.core.calibration_file import Document, Provenance, SourceFile
+    from flinders.core.calibration_file import Document, FindingRecord, Provenance, SourceFile
     from flinders.diagnostics.attitude_dependence import AttitudeDependence
     from flinders.diagnostics.axis_swap import AxisSwap
     from flinders.diagnostics.repeatability import Repeats
@@ -63,7 +64,7 @@ if TYPE_CHECKING:
     from flinders.errors import FlindersError
     from flinders.estimators.outliers import Outlier
     from flinders.estimators.regressors import DisturbanceEstimate
-    from flinders.findings import Condition, Severity
+    from flinders.findings import Condition
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
 
@@ -91,7 +92,7 @@ class Outcome:
     @property
     def finding_records(self) -> tuple[FindingRecord, ...]:
         """The findings as they stand in a file."""
-        return tuple(FindingRecord(**finding.as_dict()) for finding in self.findings)
+        return tuple(finding.to_record() for finding in self.findings)
 
     def to_document(self, provenance: Provenance | None = None) -> Document:
         """The calibration file with all of this in it."""
@@ -524,7 +525,7 @@ _OF_THE_COVARIANCE: Final = (
 
 def _with_record(fit: Fit, record: Fitted) -> Fit:
     """A calibration with what its file states of the fit."""
-    findings = tuple(_finding(each) for each in record.findings)
+    findings = tuple(Finding.from_record(each, fit.name) for each in record.findings)
     error = record.heading_error_deg
     loaded = replace(
         fit,
@@ -594,13 +595,6 @@ def _refuse_no_covariance(covariance: Floats, name: str) -> None:
     lowest = float(np.linalg.eigvalsh(covariance)[0])
     if lowest < -1e-6 * largest:
         raise DocumentError(f"{name}: fit.covariance has the eigenvalue {lowest:.3g}: no variance is negative")
-
-
-def _finding(record: FindingRecord) -> Finding:
-    """A finding as its file states it."""
-    number, limit = (math.nan if value is None else value for value in (record.number, record.limit))
-    severity = record.severity if record.severity in ("note", "limits", "refuses") else "note"
-    return Finding(record.code, cast("Severity", severity), number, limit, record.advice)
 
 
 def _rms_and_worst(error: HeadingError | DirectionError | None) -> dict[str, float] | None:

@@ -57,8 +57,9 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording, Samples
     from flinders.diagnostics.soft_iron import Refreshed
     from flinders.estimators.outliers import Outlier
+    from flinders.findings.poses import Frame
     from flinders.fitting.result import Fit
-    from flinders.heading.guidance import Frame, Goal
+    from flinders.heading.guidance import Goal
     from flinders.live.messages import Span
     from flinders.live.session import LiveSession
     from flinders.report.view import View

@@ -30,7 +30,9 @@ from flinders.arrays import runs
 from flinders.core.units import label
 from flinders.errors import NeedsRecording
 from flinders.findings import first_causes
-from flinders.findings.row import ANY_ANGLE_DEG, resting_on
+from flinders.findings.finding import plain
+from flinders.findings.row import resting_on
+from flinders.findings.words import ANY_ANGLE_DEG
 from flinders.fitting.advice import WORTH_IT, guided, movement
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
@@ -44,9 +46,11 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
+    from flinders.findings import Finding
+    from flinders.findings.poses import Frame
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
-    from flinders.heading.guidance import Frame, Goal
+    from flinders.heading.guidance import Goal
 
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
@@ -193,7 +197,7 @@ def view(
         unit=label(fit.calibration.unit),
         field_strength_known=fit.calibration.field_strength_known,
         samples=fit.samples,
-        findings=tuple(FindingView(**finding.as_dict()) for finding in first_causes(fit.findings)),
+        findings=tuple(map(_finding, first_causes(fit.findings))),
         tiles_deg=_shown_errors(errors),
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
         rejected=tuple((int(numbered[first]), int(numbered[last])) for first, last in sorted(rejected)),
@@ -310,6 +314,12 @@ def tile_errors_deg(fit: Fit) -> Floats:
     """
     directions, dip_deg = tiles().centres @ rotation_of(fit), fit.heading_error_deg.dip_deg
     return engine().attitude_errors(fit.ellipsoid.shape, fit.claimed_covariance, directions, dip_deg=dip_deg)
+
+
+def _finding(finding: Finding) -> FindingView:
+    """A finding with its sentence."""
+    number, limit = plain(finding.number), plain(finding.limit)
+    return FindingView(finding.code, finding.severity, number, limit, finding.advice)
 
 
 def sentence(fit: Fit, limit_deg: float | None = None) -> str:

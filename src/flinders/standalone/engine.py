@@ -1,6 +1,7 @@
 """What the page takes from the program: sentences of the catalogue, tables, and where the fields of structs lie.
 
-The engine judges, as everywhere; `static/standalone/findings.js` has the words of the sentences beside quantities.
+The engine judges, as everywhere; `static/standalone/findings.js` has the values of findings beside quantities, and the
+words.
 
 >>> tables = data()
 >>> [row["code"] for row in tables["rows"]][:3]
@@ -20,9 +21,11 @@ from flinders.errors import Unmoved
 from flinders.estimators import auto
 from flinders.findings import CATALOGUE, limit_of
 from flinders.findings.catalogue import OF_A_FIT, QUANTITIES_OF_A_FIT
+from flinders.findings.poses import POSE_WORDS
 from flinders.findings.row import OF_A_TUMBLE, resting_on
+from flinders.findings.words import STEPS
 from flinders.fitting import advice, calibrate, verdict
-from flinders.heading import guidance, path_planning
+from flinders.heading import path_planning
 from flinders.live import evaluation
 from flinders.native.engine import (
     ADVICE,
@@ -100,7 +103,8 @@ def data() -> dict[str, Any]:
         "at_once": sorted(evaluation.AT_ONCE),
         "informative": evaluation.INFORMATIVE,
         "other_units": evaluation.OTHER_UNITS,
-        "poses": guidance.POSE_WORDS["sensor"],
+        "steps": STEPS,
+        "poses": POSE_WORDS["sensor"],
         "turns": path_planning.TURNS["sensor"],
         "tiles": msgspec.to_builtins(tiles_view()),
         "swaps": axis_swap.SWAPS,
@@ -115,6 +119,7 @@ def _row(row: CatalogueRow) -> dict[str, Any]:
         "alarm": row.alarm,
         "number": row.rule.number or row.rule.quantity,
         "limit": row.rule.stated_limit,
+        "values": row.names,
     }
 
 

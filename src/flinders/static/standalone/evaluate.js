@@ -80,6 +80,18 @@ function ordered(reasons) {
 }
 
 /**
+ * Values as JSON has them: null for a number that there is none of.
+ * @param {any} value
+ * @returns {any}
+ */
+function plain(value) {
+    if (typeof value === "number") return Number.isFinite(value) ? value : null;
+    if (typeof value !== "object") return value;
+    if (Array.isArray(value)) return value.map(plain);
+    return Object.fromEntries(Object.entries(value).map(([name, member]) => [name, plain(member)]));
+}
+
+/**
  * What a calibration file says of a fit, as `flinders.core.calibration_file.Fitted`.
  * @param {Fit} fit
  * @param {Finding[]} findings
@@ -99,7 +111,12 @@ function recordOf(fit, findings, view) {
         verdict: verdictOf(fit),
         heading_error_deg: view.heading_error_deg,
         coverage: { fraction: record.coverage, hole_deg: Number(record.hole_deg.toFixed(3)), hole_x: x, hole_y: y, hole_z: z },
-        findings: findings.map((finding) => ({ ...finding, number: known(finding.number), limit: known(finding.limit) })),
+        findings: findings.map((finding) => ({
+            ...finding,
+            number: known(finding.number),
+            limit: known(finding.limit),
+            values: plain(finding.values),
+        })),
         ...(view.condition ? { conditions: data.conditions } : {}),
     };
 }
