@@ -245,7 +245,7 @@ return [NAMES.values, NAMES.words, Object.keys(quantities).filter((name) => !Num
     looked_for = [CATALOGUE[code] for code in OF_A_FIT if CATALOGUE[code].rule.compared <= set(known)]
     assert {"heading-error", "few-samples", "structure", "stale-repeats"} <= {row.code for row in looked_for}
     for row in looked_for:
-        named = {name for _, name, _, _ in Formatter().parse(row.said) if name}
+        named = {name for _, name, _, _ in Formatter().parse(row.template) if name}
         assert row.code in NEVER_ON_THE_PAGE or named <= {*words, *values, *QUANTITIES_OF_A_FIT}, row.code
         assert row.code in NEVER_ON_THE_PAGE or {*row.names} <= {*values, *NEVER_THERE, *QUANTITIES_OF_A_FIT}, row.code
 

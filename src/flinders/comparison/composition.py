@@ -63,15 +63,6 @@ def turns_of(method: str) -> tuple[str, ...]:
     return tuple(word if word in PLANES else "" for word in words)
 
 
-def in_words(turns: Sequence[str]) -> str:
-    """Name turns, and what is no turn.
-
-    >>> in_words(("", "xy"))
-    'all attitudes, then xy'
-    """
-    return THEN.join(plane or "all attitudes" for plane in turns)
-
-
 def rotation_error(matrix: Floats, turns: Sequence[str], *, dip_deg: float) -> HeadingError:
     """What the rotation of a composed matrix costs a level vehicle; see above.
 

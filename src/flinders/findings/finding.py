@@ -58,13 +58,23 @@ class Finding:
     @property
     def advice(self) -> str:
         """What was found, and what to do, in a sentence; of values that are not stated what the catalogue advises."""
-        row = CATALOGUE.get(self.code)
-        if row is None:
-            return self.code
-        said = row.sentence(self.values) if self.values.keys() >= set(row.names) else row.action.replace("`", "")
+        said = self._said()
         for name, is_best in self.values.get("parts", ()):
             said = f"not even the best of them, {name}, is whole: {said}" if is_best else f"{name}: {said}"
         return said
+
+    @property
+    def fault(self) -> str:
+        """What is wrong, without what to do, where a fit is refused in a line."""
+        return self._said(is_short=True)
+
+    def _said(self, *, is_short: bool = False) -> str:
+        """The sentence of the catalogue, or the first part of it."""
+        row = CATALOGUE.get(self.code)
+        if row is None:
+            return self.code
+        is_stated = self.values.keys() >= set(row.names)
+        return row.sentence(self.values, is_short=is_short) if is_stated else row.action.replace("`", "")
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields, and the sentence for whoever reads them; a number that there is none of is None."""

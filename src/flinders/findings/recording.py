@@ -23,11 +23,11 @@ ROWS: Final = (
             number="next_correlation",
             limit=Limit(1.0, "alternating_limit"),
         ),
-        said=(
+        fault=(
             "readings err in turns to one side and to the other (correlation {next_correlation:.2f}), by about "
-            "{alternating_deg}° of heading: readings of two sensors are mixed, or something switches as fast as is "
-            "read; record one sensor alone"
+            "{alternating_deg}° of heading"
         ),
+        said="readings of two sensors are mixed, or something switches as fast as is read; record one sensor alone",
         plain="Every second reading is off to the other side, as where the readings of two sensors are mixed.",
         remedy="Record one sensor alone.",
         alarm=True,
@@ -58,7 +58,8 @@ ROWS: Final = (
         number="largest share of the readings at the very end of an axis; they are left out",
         action="choose a larger range of the sensor, or move it away from magnets",
         rule=Rule("rail_share", (Grade("limits", 0.0),), limit=Limit(0.01)),
-        said=("of the readings {rails}, and are left out: choose a larger range, or move the sensor away from magnets"),
+        fault="of the readings {rails}, and are left out",
+        said="choose a larger range, or move the sensor away from magnets",
         plain="The sensor was at the end of its range in {number:.1%} of the readings.",
         remedy="Choose a larger range of the sensor, or move it away from magnets, and record again.",
         alarm=True,

@@ -133,9 +133,10 @@ class CatalogueRow:
     rule: Rule  #: when it is found
     number: str  #: for the table of docs/findings.md: meaning and unit of the number
     action: str  #: what to do
-    said: str  #: the technical sentence, a format of values and of `WORDS`
+    said: str  #: the technical sentence, or what of it follows `fault`: a format of values and of `WORDS`
     plain: str  #: what it means for whoever uses the compass, without the mathematics
     remedy: str = ""  #: what that person does about it
+    fault: str = ""  #: the beginning of the sentence, which says what is wrong where a fit is refused in a line
     #: arguments that carry out the advice: each interface spells them, and the sentences name none
     hint: Hint = field(default_factory=dict)
     limit: str | None = None  #: meaning of the limit; None where it is that number of the rule, or share of the target
@@ -148,11 +149,16 @@ class CatalogueRow:
     def names(self) -> tuple[str, ...]:
         """Names of the values that a finding has: those of number and limit, of the sentence and of its words."""
         stated = (self.rule.number or self.rule.quantity, self.rule.stated_limit.times)
-        return tuple(name for name in dict.fromkeys((*stated, *_values_of(self.said))) if name)
+        return tuple(name for name in dict.fromkeys((*stated, *_values_of(self.template))) if name)
 
-    def sentence(self, values: Mapping[str, Any]) -> str:
-        """The technical sentence."""
-        return self.said.format_map(_Stated(values))
+    @property
+    def template(self) -> str:
+        """Format of the technical sentence."""
+        return f"{self.fault}: {self.said}" if self.fault else self.said
+
+    def sentence(self, values: Mapping[str, Any], *, is_short: bool = False) -> str:
+        """The technical sentence; `is_short`: that part of it that says what is wrong, of a row that has one."""
+        return (self.fault if is_short and self.fault else self.template).format_map(_Stated(values))
 
     @property
     def severities(self) -> str:

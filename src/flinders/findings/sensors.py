@@ -153,10 +153,11 @@ ROWS: Final = (
         limit="the target (`target_deg`, `--target`)",
         action="shoot the directions that the page names, with four rolls each",
         rule=Rule("pointing_deg", (Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg"))),
-        said=(
+        fault=(
             "azimuth may be off by {azimuth_deg:angle} and inclination by {inclination_deg:angle} (1 σ, worst pose; "
-            "the target is {target_deg:g}°): " + SHOOT_AT_REST
+            "the target is {target_deg:g}°)"
         ),
+        said=SHOOT_AT_REST,
         plain="At worst the instrument may be off by {angle}, and {limit:g}° is the target.",
         remedy="Take more shots, in other directions, with four rolls each.",
     ),

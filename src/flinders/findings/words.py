@@ -55,6 +55,7 @@ STEPS: Final = {
     "turn-level": "turn it all the way round, more than once, keeping it level",
     "record-longer": "record for longer while turning through all directions, away from iron and currents",
     "hold": "hold the sensor {} and turn it slowly once around, keeping it so",
+    "as-above": "turn the sensor as above",
     "use-ellipse": "the points are not equally spaced in heading, use the method 'ellipse'",
     "use-auto": "the method's model does not fit this sensor, use 'auto'",
     "use-own-state": "the recordings contradict each other, use those made in the state of use",
@@ -181,15 +182,16 @@ def contradiction(
     who = f"{sources[0]} and {sources[1]} are" if pair else f"{sources[0]} is"
     others = "apart" if pair else "off the other recordings"
     if apart_beyond_claim_deg:
-        return (
-            f"{who} {figures(apart_deg)}° of heading {others} ({figures(offset_apart)} {unit} in "
-            "the offset), which is not chance: something magnetic changed in between; use "
-            "recordings made in the state of use"
-        )
-    return (
-        f"{who} {others} by more than both claim, though hardly in heading ({figures(apart_deg)}°): the "
-        "heading error allows for it"
-    )
+        amount = f"{figures(offset_apart)} {unit} in the offset"
+        return f"{who} {figures(apart_deg)}° of heading {others} ({amount}), which is not chance"
+    return f"{who} {others} by more than both claim, though hardly in heading ({figures(apart_deg)}°)"
+
+
+def after_contradiction(apart_beyond_claim_deg: float) -> str:
+    """What follows from recordings that are apart."""
+    if apart_beyond_claim_deg:
+        return "something magnetic changed in between; use recordings made in the state of use"
+    return "the heading error allows for it"
 
 
 def halves(halves_ratio: float, drift_allowed_deg: float) -> str:
@@ -204,7 +206,7 @@ def swap(swapped_axes: str, swap_row: float, swap_count: float) -> str:
     first, second = swapped_axes[0], swapped_axes[-1]
     what = f"the sign of {first} turned" if len(swapped_axes) == 1 else f"{first} and {second} changed places"
     again = f" and back and forth, {counted(swap_count - 1.0, 'time')} more" if swap_count > 1.0 else ""
-    return f"{swap_row:,.0f} on {what}{again}:"
+    return f"{swap_row:,.0f} on {what}{again}"
 
 
 def axis_lag(late_axis: str, late_by: float, is_timed: float) -> str:
@@ -369,7 +371,19 @@ def _named(*functions: Callable[..., str]) -> dict[str, Callable[..., str]]:
 
 WORDS: Final = _named(
     *(attitudes, movement, remedy, because, where_flat, plane_axes, where_placed, assumed, where_z_points, mounting),
-    *(leave, why_biased, rings, independent_readings, correlation, contradiction, halves, swap, axis_lag, outliers),
+    *(
+        leave,
+        why_biased,
+        rings,
+        independent_readings,
+        correlation,
+        contradiction,
+        after_contradiction,
+        halves,
+        swap,
+        axis_lag,
+        outliers,
+    ),
     *(runs, again, rails, rests, rests_treated, often, skipped_rows, silent_rows, check, supply, length, turned_short),
     *(turns, composition, dropped_words, filter_effect),
 )

@@ -324,9 +324,13 @@ class Fit(Outcome):
     @property
     def heading_words(self) -> str:
         """The worst heading error, 1 σ, and its bound, as ``0.32° (95 % within 0.71°)``."""
+        return f"{figures(self.heading_error_deg.worst)}° ({self.bound_words})"
+
+    @property
+    def bound_words(self) -> str:
+        """The bound of a level heading; where there is none, what the heading error itself is."""
         bound_deg = self.heading_bound_deg
-        bound = f"95 % within {figures(bound_deg)}°" if bound_deg < ANY_ANGLE_DEG else "1 σ"
-        return f"{figures(self.heading_error_deg.worst)}° ({bound})"
+        return f"95 % within {figures(bound_deg)}°" if bound_deg < ANY_ANGLE_DEG else "1 σ"
 
     @property
     def dip_words(self) -> str:

@@ -115,7 +115,7 @@ def _row(row: CatalogueRow) -> dict[str, Any]:
     """What the page says of a finding of the engine, and the number and the limit that it states."""
     return {
         "code": row.code,
-        "said": SAID.get(row.code, row.said),
+        "said": SAID.get(row.code, row.template),
         "alarm": row.alarm,
         "number": row.rule.number or row.rule.quantity,
         "limit": row.rule.stated_limit,

@@ -244,7 +244,7 @@ function lagWords({ late_axis: axis, late_by: by, is_timed: isTimed }) {
 function swapWords({ swapped_axes: axes, swap_row: row, swap_count: count }) {
     const what = axes.length === 1 ? `the sign of ${axes} turned` : `${axes[0]} and ${axes[1]} changed places`;
     const again = count > 1 ? ` and back and forth, ${counted(count - 1, "time")} more` : "";
-    return `${grouped(row)} on ${what}${again}:`;
+    return `${grouped(row)} on ${what}${again}`;
 }
 
 /** @param {Values} values */
