@@ -124,6 +124,7 @@ def evaluate(session: LiveSession) -> Evaluated:
         fit=fit,
         view=page_view,
         refusal=refusal,
+        refusal_code=code,
         reasons=tuple(sorted(reasons, key=lambda reason: reason.severity != "warning")),
         used=used,
         rejected=0 if page_view is None else len(samples) - used,
@@ -369,7 +370,7 @@ def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", fr
     if not len(path.waypoints) or (path.worst_deg <= fit.target_deg and not belief.is_rough):
         return view
     words = f"follow the arrow: {path.words(frame)}"
-    leads = GuidanceView(triple(path.waypoints[0]), words, path.worst_deg, path.after_deg, goal, frame)
+    leads = GuidanceView(triple(path.waypoints[0]), words, path.worst_deg, path.after_deg, goal, frame, is_path=True)
     return msgspec.structs.replace(view, guidance=leads, shown=_round(belief) if belief.is_rough else view.shown)
 
 

@@ -100,6 +100,7 @@ class Evaluated:
     fit: Fit | None = None
     view: View | None = None
     refusal: str = ""
+    refusal_code: str = ""
     reasons: tuple[Reason, ...] = ()
     used: int = 0
     rejected: int = 0

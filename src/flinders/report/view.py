@@ -124,6 +124,7 @@ class GuidanceView(Struct, frozen=True):
     after_deg: float  # and after some readings there
     goal: Literal["heading", "attitude"]  # of a level vehicle, or of one at any attitude
     frame: Literal["vehicle", "sensor"] = "sensor"  # whose axes the direction is in, and whose words are used
+    is_path: bool = False  # it is the first step of a path from the newest reading, which an arrow shows
 
 
 class View(Struct, frozen=True, kw_only=True):

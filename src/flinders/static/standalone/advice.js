@@ -110,6 +110,7 @@ export function guided(view, fit, readings, isFlat, goal) {
         after_deg: route.after_deg,
         goal,
         frame: /** @type {const} */ ("sensor"),
+        is_path: true,
     };
     return { ...view, guidance, shown: isRough ? round(belief) : view.shown };
 }

@@ -31,6 +31,7 @@ import { viewOf } from "./view.js";
  * @property {View | null} view
  * @property {Reason[]} reasons Warnings first.
  * @property {string} refusal Why there is no fit.
+ * @property {string} refusalCode Code of that.
  * @property {string[]} alarms Codes of warnings that more turning may end.
  * @property {number} used
  * @property {number} rejected
@@ -51,7 +52,7 @@ export function evaluate(engine, data, asked) {
     const readings = { field, time };
     if (!(fit instanceof Fit)) {
         const reasons = ofRefusal(fit).concat(ofMotion(readings, null, false, data));
-        return { view: null, reasons: ordered(reasons), refusal: fit.words, alarms: [], used: 0, rejected: 0, coverage: 0, record: null };
+        return { view: null, reasons: ordered(reasons), refusal: fit.words, refusalCode: fit.code, alarms: [], used: 0, rejected: 0, coverage: 0, record: null };
     }
     const findings = findingsOf(fit);
     const view = viewOf(fit, findings, { field, numbers, goal });
@@ -63,6 +64,7 @@ export function evaluate(engine, data, asked) {
         view: isFollowed ? guided(view, fit, readings, isFlat, goal) : view,
         reasons: ordered([...ofMotion(readings, fit, isFlat, data), ...found]),
         refusal: "",
+        refusalCode: "",
         alarms: alarms.map(({ code }) => code),
         used,
         rejected: time.length - used,

@@ -205,6 +205,7 @@ function guidance(fit, goal) {
         after_deg: Math.hypot(advice.afterDeg, fit.structureDeg),
         goal,
         frame: "sensor",
+        is_path: false,
     };
 }
 
