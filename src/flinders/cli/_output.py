@@ -319,13 +319,14 @@ def aiding_lines(fit: Fit) -> list[str]:
     """
     if fit.aiding is None:
         return []
-    lines, said = [], [finding.advice for finding in fit.findings]
+    lines = []
+    said = {(mistake.aid, mistake.code) for mistake in fit.aiding.mistakes if mistake.finding in fit.findings}
     for aid in fit.aiding.sensors:
         claims = aid.reason or f"worst error {aid.before_deg:.2f}° without it, {aid.after_deg:.2f}° with it"
         lines.append(
             f"{aid.name} changed the heading by {aid.heading_change_deg:.2f}°: {claims}"
             if aid.is_used
-            else f"{aid.name} was left out{', as said above' if aid.reason in said else f': {aid.reason}'}"
+            else f"{aid.name} was left out{', as said above' if (aid.name, aid.code) in said else f': {aid.reason}'}"
         )
     if fit.aiding.acceleration_bias is not None and fit.aiding.acceleration_bias_sigma is not None:
         x, y, z = (f"{value:.3f}" for value in fit.aiding.acceleration_bias_sigma)
