@@ -21,7 +21,9 @@ from tests.worlds import carried_about
 
 import flinders
 from flinders import simulate
+from flinders.core.calibration_file import FindingRecord
 from flinders.core.samples import Samples
+from flinders.findings import Finding
 from flinders.findings.catalogue import CATALOGUE, OF_A_FIT, QUANTITIES_OF_A_FIT
 from flinders.live.evaluation import evaluate
 from flinders.live.messages import SourceState
@@ -149,6 +151,23 @@ def test_simulated_recordings_get_verdict_reasons_and_sentences_of_the_program()
     assert {code for row in rows for code, _ in row.findings[1]} >= {
         *("corrected-before", "coverage", "axis-swap", "inflation", "heading-error", "axis-ratio", "field-strength")
     }
+
+
+def test_a_file_of_the_page_says_of_a_fit_what_the_program_says() -> None:
+    cases = [session_of(samples) for samples in worlds().values()]
+    checked = 0
+    for session, page in zip(cases, page_answers(cases)["answers"], strict=True):
+        if page["record"] is None:
+            continue
+        fit = evaluate(session).fit
+        assert fit is not None
+        records = msgspec.convert(page["record"]["findings"], tuple[FindingRecord, ...])
+        loaded = [Finding.from_record(record, "page") for record in records]
+        assert [finding.advice for finding in loaded] == [finding.advice for finding in fit.findings]
+        assert [finding.follows_from for finding in loaded] == [finding.follows_from for finding in fit.findings]
+        assert [finding.values.keys() for finding in loaded] == [finding.values.keys() for finding in fit.findings]
+        checked += 1
+    assert checked > 5
 
 
 def test_a_level_turn_is_refused() -> None:

@@ -1,9 +1,10 @@
 """The catalogue of findings: all that can be said of a fit, a row each.
 
 A row has the code, the rule with its limits, the sentence for an engineer, the sentence and the remedy for whoever uses
-the compass, and what the table of docs/findings.md says. Verdict, terminal, page, reports and fleets read it. To add a
-finding, add its row to the file of its subject; a quantity that its rule or sentence takes and that the record does not
-have yet is made where the engine makes the others (``judge.c``), or of other sensors where their record is made.
+the compass, and what the table of docs/findings.md says. A sentence is made from the values of a finding, where it is
+shown: terminal, page, reports and fleets read the row. To add a finding, add its row to the file of its subject; a
+quantity that its rule or sentence takes and that the record does not have yet is made where the engine makes the others
+(``judge.c``), or of other sensors where their record is made.
 """
 
 from __future__ import annotations
