@@ -79,7 +79,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
     "Fits": {
         "`calibrate --json`, `demo`, `merge`, `refresh`, `two-axis`": FIT,
         "`heading_error_deg`": "core.calibration_file:HeadingErrorRecord",
-        "`findings`, each": "findings.row:Finding",
+        "`findings`, each": "findings.finding:Finding",
         "`coverage`": "summary.coverage:Coverage",
         "`outliers`, each": "estimators.outliers:Outlier",
         "`drift`": "diagnostics.systematic:Drift",

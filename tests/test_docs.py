@@ -120,10 +120,12 @@ def test_the_table_of_a_fit_has_the_keys_that_are_printed() -> None:
 
 def test_sentences_of_findings_are_for_python_the_command_line_and_pages_alike() -> None:
     from flinders.findings import CATALOGUE
-    from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
+    from flinders.findings.words import STEPS, Z_ELSEWHERE, Z_OPEN
 
-    sentences = [words for row in CATALOGUE.values() for words in (row.said, row.plain, row.remedy)]
-    assert not [words for words in (*sentences, Z_OPEN, Z_ELSEWHERE) if re.search(r"--[a-z]|\w=\W", words)]
+    sentences = [words for row in CATALOGUE.values() for words in (row.template, row.plain, row.remedy)]
+    assert not [
+        words for words in (*sentences, *STEPS.values(), Z_OPEN, Z_ELSEWHERE) if re.search(r"--[a-z]|\w=\W", words)
+    ]
 
 
 def test_exit_codes_are_the_same_in_readme_and_docs() -> None:

@@ -21,7 +21,9 @@ from tests.worlds import carried_about
 
 import flinders
 from flinders import simulate
+from flinders.core.calibration_file import FindingRecord
 from flinders.core.samples import Samples
+from flinders.findings import Finding
 from flinders.findings.catalogue import CATALOGUE, OF_A_FIT, QUANTITIES_OF_A_FIT
 from flinders.live.evaluation import evaluate
 from flinders.live.messages import SourceState
@@ -151,6 +153,23 @@ def test_simulated_recordings_get_verdict_reasons_and_sentences_of_the_program()
     }
 
 
+def test_a_file_of_the_page_says_of_a_fit_what_the_program_says() -> None:
+    cases = [session_of(samples) for samples in worlds().values()]
+    checked = 0
+    for session, page in zip(cases, page_answers(cases)["answers"], strict=True):
+        if page["record"] is None:
+            continue
+        fit = evaluate(session).fit
+        assert fit is not None
+        records = msgspec.convert(page["record"]["findings"], tuple[FindingRecord, ...])
+        loaded = [Finding.from_record(record, "page") for record in records]
+        assert [finding.advice for finding in loaded] == [finding.advice for finding in fit.findings]
+        assert [finding.follows_from for finding in loaded] == [finding.follows_from for finding in fit.findings]
+        assert [finding.values.keys() for finding in loaded] == [finding.values.keys() for finding in fit.findings]
+        checked += 1
+    assert checked > 5
+
+
 def test_a_level_turn_is_refused() -> None:
     (answer,) = page_answers([session_of(simulate.tumble(seed=1, n=800, motion="level").samples)])["answers"]
     assert answer["view"]["verdict"] == "refused"
@@ -224,6 +243,9 @@ def followed(samples: Samples, goal: Goal) -> LiveSession:
 NEVER_ON_THE_PAGE = frozenset({"level-plane", "mirrored-axes"})
 """Findings of what the page does not do: it fits no level turn, and maps no axes."""
 
+NEVER_THERE = frozenset({"halves_ratio", "differ_deg"})
+"""Values that are no number on the page: it compares neither halves of a recording nor calibrations."""
+
 
 def test_the_page_knows_every_word_of_a_finding_that_it_looks_for() -> None:
     samples = simulate.tumble(seed=1, n=100).samples
@@ -233,15 +255,18 @@ const [{ fitOf }, { NAMES }, { loadEngine }] = modules;
 const loaded = await loadEngine(Uint8Array.from(Buffer.from(given.wasm, "base64")), given.data.layouts);
 const field = new Float64Array(Uint8Array.from(Buffer.from(given.asked.field, "base64")).buffer);
 const { quantities } = fitOf(loaded, given.data, { ...given.asked, field, time: null });
-return [NAMES, Object.keys(quantities).filter((name) => !Number.isNaN(quantities[name]))];
+return [NAMES.values, NAMES.words, Object.keys(quantities).filter((name) => !Number.isNaN(quantities[name]))];
 """
     wasm = build.library(target=build.WEB).read_bytes()
-    words, known = run(program, {"wasm": packed(wasm), "data": engine.data(), "asked": asked(session_of(samples))})
+    values, words, known = run(
+        program, {"wasm": packed(wasm), "data": engine.data(), "asked": asked(session_of(samples))}
+    )
     looked_for = [CATALOGUE[code] for code in OF_A_FIT if CATALOGUE[code].rule.compared <= set(known)]
     assert {"heading-error", "few-samples", "structure", "stale-repeats"} <= {row.code for row in looked_for}
     for row in looked_for:
-        named = {name for _, name, _, _ in Formatter().parse(row.said) if name}
-        assert row.code in NEVER_ON_THE_PAGE or named <= {*words, *QUANTITIES_OF_A_FIT}, row.code
+        named = {name for _, name, _, _ in Formatter().parse(row.template) if name}
+        assert row.code in NEVER_ON_THE_PAGE or named <= {*words, *values, *QUANTITIES_OF_A_FIT}, row.code
+        assert row.code in NEVER_ON_THE_PAGE or {*row.names} <= {*values, *NEVER_THERE, *QUANTITIES_OF_A_FIT}, row.code
 
 
 def packed(content: bytes) -> str:

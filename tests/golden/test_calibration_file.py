@@ -54,7 +54,12 @@ def full_document() -> Document:
         coverage={"directions": 0.82, "widest_gap_deg": 41.0},
         findings=(
             FindingRecord(
-                code="unseen", severity="warning", number=41.0, limit=30.0, advice="turn it nose down, then rotate"
+                code="coverage",
+                severity="limits",
+                number=71.0,
+                limit=60.0,
+                values={"hole_deg": 71.0, "covered": 0.5, "tilted": ([90.0, 2.5], [180.0, None]), "plane": ""},
+                follows_from="noise",
             ),
             FindingRecord(code="scale-unknown", severity="note"),
         ),

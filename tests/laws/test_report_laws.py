@@ -16,6 +16,7 @@ from tests.trials import daily, examples
 from tests.truth.test_report import Page, fitted
 
 from flinders.core.calibration_file import ProvenanceRecord, SourceFile
+from flinders.findings import Finding
 from flinders.report.charts import dot_path, ticks
 from flinders.report.colours import STEPS, Theme, class_of, colour_of, seen_ends, seen_level
 from flinders.report.html import Listing, page
@@ -62,7 +63,7 @@ def reported(name: str) -> str:
 
     fit, samples = fitted()
     calibration = replace(fit.calibration, sensor=name)
-    finding = replace(fit.findings[0], advice=name)
+    finding = Finding("like-gravity", "limits", {"is_doubtful": 1.0, "doubt": name})
     provenance = ProvenanceRecord(
         flinders="1.2.3",
         date=datetime(2026, 5, 1, 12, 30, tzinfo=UTC),

@@ -11,7 +11,10 @@ from tests.worlds import judged
 
 from flinders import simulate
 from flinders.core.samples import Samples
-from flinders.findings import CATALOGUE, CAUSES, Finding, first_causes
+from flinders.findings import CATALOGUE, CAUSES, Finding, first_causes, linked
+from flinders.findings.catalogue import OF_A_FIT
+from flinders.findings.rules import SEVERITIES
+from flinders.native.engine import engine
 from flinders.report.fit_pages import of_fit
 
 if TYPE_CHECKING:
@@ -69,18 +72,20 @@ def test_nothing_is_seen_of_a_sphere_that_is_noise() -> None:
 
 
 def found(code: str, severity: Severity) -> Finding:
-    return Finding(code, severity, 1.0, 0.0, "")
+    return Finding(code, severity, {})
 
 
 def test_what_follows_from_nothing_stays_in_its_place() -> None:
     findings = [found("coverage", "limits"), found("axis-ratio", "limits"), found("scale-unknown", "note")]
-    assert first_causes(findings) == tuple(findings)
+    assert first_causes(linked(findings)) == tuple(findings)
     twice = [found("disturbance", "note"), found("disturbance", "note")]
-    assert first_causes(twice) == tuple(twice)
+    assert first_causes(linked(twice)) == tuple(twice)
 
 
 def test_a_note_explains_nothing_that_limits() -> None:
-    codes = {finding.code for finding in first_causes([found("field-changed", "note"), found("noise", "limits")])}
+    codes = {
+        finding.code for finding in first_causes(linked([found("field-changed", "note"), found("noise", "limits")]))
+    }
     assert codes == {"field-changed", "noise"}
 
 
@@ -88,3 +93,16 @@ def test_the_table_speaks_of_findings() -> None:
     for cause in CAUSES:
         assert {cause.code, *cause.consequences} <= set(CATALOGUE)
         assert cause.code not in cause.consequences
+
+
+def test_findings_are_shown_in_the_order_of_the_engine() -> None:
+    rng = np.random.default_rng(1)
+    causes = sorted({cause.code for cause in CAUSES} | {code for cause in CAUSES for code in cause.consequences})
+    for _ in range(200):
+        present = {code: int(rng.integers(1, 4)) for code in causes if rng.random() < 0.3}
+        severities = np.array([present.get(code, 0) for code in OF_A_FIT], dtype=np.uint8)
+        judgement = engine().causes(severities)
+        order = [rule for rule in judgement["order"].tolist() if rule < len(OF_A_FIT)]
+        findings = linked(found(code, SEVERITIES[present[code]] or "note") for code in OF_A_FIT if code in present)
+        shown = [(finding.code, finding.severity) for finding in first_causes(findings)]
+        assert shown == [(OF_A_FIT[rule], SEVERITIES[judgement["shown"][rule]]) for rule in order]

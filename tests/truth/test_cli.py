@@ -168,7 +168,8 @@ def test_json_has_the_promised_keys(home: Path) -> None:
     }  # fmt: skip
     assert {"offset", "matrix", "field_strength", "unit"} <= set(found["calibration"])
     assert {"rms", "worst"} <= set(found["heading_error_deg"])
-    assert all(set(finding) == {"code", "severity", "number", "limit", "advice"} for finding in found["findings"])
+    keys = {"code", "severity", "number", "limit", "values", "follows_from", "advice"}
+    assert all(set(finding) == keys for finding in found["findings"])
     assert found["verdict"] == "good"
 
 

@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from tests.trials import Choose
 
     from flinders.arrays import Floats
+    from flinders.findings.poses import Frame
     from flinders.fitting.result import Fit
-    from flinders.heading.guidance import Frame, Goal
+    from flinders.heading.guidance import Goal
 
 DIP_DEG: Final = 60.0
 BATCH: Final = 10

@@ -185,20 +185,21 @@ def test_what_they_differ_by_is_in_the_heading_error() -> None:
 
 
 def limited_by(one: Fit, code: str) -> Fit:
-    return replace(one, judgement=Judgement((Finding(code, "limits", 0.5, 0.1, f"{code} it is"),)))
+    return replace(one, judgement=Judgement((Finding(code, "limits", {}),)))
 
 
 def test_what_one_lacks_another_makes_up_for() -> None:
     assert merge([limited_by(judged(1), "coverage"), judged(2)]).verdict == "good"
     both = merge([limited_by(judged(1), "coverage"), limited_by(judged(2), "unobservable-parameters")])
     assert both.verdict == "limited"
-    assert "not even the best of them" in both.findings[0].advice
+    assert [is_best for _, is_best in both.findings[0].values["parts"]] == [1.0]
 
 
 def test_what_was_wrong_with_one_stays_wrong() -> None:
     merged = merge([limited_by(judged(1, "monday"), "saturated"), judged(2)])
     assert merged.verdict == "limited"
-    assert merged.findings[0].advice == "monday: saturated it is"
+    assert merged.findings[0].values["parts"] == (("monday", 0.0),)
+    assert merged.findings[0].advice.startswith("monday: choose a larger range")
 
 
 # what cannot be merged

@@ -289,7 +289,9 @@ def test_what_belongs_to_the_direction_is_found_in_the_file_again() -> None:
 
 def test_a_calibration_without_uncertainty_claims_nothing() -> None:
     fit, samples = fitted()
-    found = Page.of(page(restored(Fit.of(fit.calibration), samples), samples))
+    unstated = restored(Fit.of(fit.calibration), samples)
+    assert [finding.code for finding in unstated.findings] == ["no-uncertainty"]
+    found = Page.of(page(unstated, samples))
     assert "Of unknown quality" in found.words
     assert "states no uncertainty" in found.words
     assert "Worst heading off by" not in found.words

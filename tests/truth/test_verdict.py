@@ -5,21 +5,22 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.claims import by_hand
+from msgspec import json, structs
 from tests.worlds import judged, with_slow_noise
 
 import flinders
 from flinders import simulate
 from flinders.core.axes import Axes
-from flinders.core.calibration_file import ProvenanceRecord, SourceFile
+from flinders.core.calibration_file import FindingRecord, ProvenanceRecord, SourceFile
 from flinders.core.samples import Joined, Samples
-from flinders.errors import FitError, StuckAxis, TooFewSamples
-from flinders.findings import CATALOGUE, REFUSALS
+from flinders.errors import DocumentError, FitError, StuckAxis, TooFewSamples
+from flinders.findings import CATALOGUE, REFUSALS, Finding
 from flinders.fitting.advice import advised
 from flinders.fitting.result import Refused
 from flinders.report.plain import page
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.arrays import Floats
-    from flinders.findings import Finding
     from flinders.fitting.result import Fit
 
 BARE: Final = Sensor(np.eye(3), np.array([20.0, -30.0, 10.0]), 0.2)
@@ -321,6 +321,7 @@ ELSEWHERE: Final = {
     "test_gravity.py": ("like-gravity",),
     "test_rests.py": ("at-rest",),
     "test_minmax.py": ("typed-extremes",),
+    "test_report.py": ("no-uncertainty",),
     "test_filters.py": ("filtered",),
     "test_two_axis.py": ("composed",),
     "test_nonlinearity.py": ("nonlinear-axis", "linearized"),
@@ -362,12 +363,43 @@ def test_the_finding_is_there_with_its_severity_and_number(
     assert finding.severity == severity
     assert between[0] <= finding.number <= between[1]
     assert finding.advice
-    assert finding.as_dict() == {
-        "code": code, "severity": severity, "number": finding.number, "limit": finding.limit, "advice": finding.advice
+    stated = finding.as_dict()
+    assert stated.pop("values").keys() == set(CATALOGUE[code].names)
+    assert stated == {
+        "code": code, "severity": severity, "number": finding.number, "limit": finding.limit,
+        "follows_from": finding.follows_from, "advice": finding.advice,
     }  # fmt: skip
     assert {"note": ("good", "limited", "refused"), "limits": ("limited", "refused"), "refuses": ("refused",)}[
         severity
     ].count(fit.verdict) == 1
+
+
+@pytest.mark.parametrize(
+    "recording", dict.fromkeys(case[2] for case in CASES), ids=lambda recording: recording.__name__
+)
+def test_a_file_has_no_sentence_and_a_loaded_finding_has_the_same(recording: Callable[[], Fit]) -> None:
+    for finding in recording().findings:
+        record = json.decode(json.encode(finding.to_record()), type=FindingRecord)
+        assert "advice" not in record.__struct_fields__
+        loaded = Finding.from_record(record, "calibration.json")
+        assert (loaded, loaded.advice) == (finding, finding.advice)
+
+
+@pytest.mark.parametrize(
+    "values", [{"hole_deg": "far"}, {"attitude_limit_deg": 5.0, "tilted": 1.0}, {"next_movement": ["up"]}]
+)
+def test_values_that_make_no_sentence_are_refused(values: dict[str, Any]) -> None:
+    record = only(half_unseen(), "coverage").to_record()
+    wrong = structs.replace(record, values={**record.values, **values})
+    with pytest.raises(DocumentError, match="coverage make no sentence"):
+        Finding.from_record(wrong, "calibration.json")
+
+
+def test_a_finding_without_its_values_says_what_the_catalogue_advises() -> None:
+    finding = Finding.from_record(FindingRecord(code="noise", severity="limits", number=0.1, limit=0.05), "bare.json")
+    assert (finding.number, finding.limit, finding.values) == (0.1, 0.05, {"number": 0.1, "limit": 0.05})
+    assert finding.advice == CATALOGUE["noise"].action
+    assert Finding.from_record(FindingRecord(code="new", severity="grave"), "bare.json").advice == "new"
 
 
 def test_every_code_is_tried() -> None:

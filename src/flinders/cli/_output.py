@@ -320,13 +320,14 @@ def aiding_lines(aiding: Aiding | None, findings: Iterable[Finding]) -> list[str
     """
     if aiding is None:
         return []
-    lines, said = [], [finding.advice for finding in findings]
+    lines = []
+    said = {(mistake.aid, mistake.code) for mistake in aiding.mistakes if mistake.finding in findings}
     for aid in aiding.sensors:
         claims = aid.reason or f"worst error {aid.before_deg:.2f}° without it, {aid.after_deg:.2f}° with it"
         lines.append(
             f"{aid.name} changed the heading by {aid.heading_change_deg:.2f}°: {claims}"
             if aid.is_used
-            else f"{aid.name} was left out{', as said above' if aid.reason in said else f': {aid.reason}'}"
+            else f"{aid.name} was left out{', as said above' if (aid.name, aid.code) in said else f': {aid.reason}'}"
         )
     if aiding.acceleration_bias is not None and aiding.acceleration_bias_sigma is not None:
         x, y, z = (f"{value:.3f}" for value in aiding.acceleration_bias_sigma)

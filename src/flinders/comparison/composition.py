@@ -24,7 +24,7 @@ import numpy as np
 
 from flinders.core.units import label
 from flinders.errors import UsageError, figures
-from flinders.findings import Finding, Record, by_severity, certain
+from flinders.findings import Finding, certain, linked
 from flinders.fitting.verdict import of_calibration
 from flinders.geometry.plane import PLANES, heading_errors, order_of
 from flinders.heading.error_propagation import HeadingError, level_turn
@@ -61,15 +61,6 @@ def turns_of(method: str) -> tuple[str, ...]:
     """
     words = ("xy" if part == "level" else part.rpartition(" ")[2] for part in method.split(THEN))
     return tuple(word if word in PLANES else "" for word in words)
-
-
-def in_words(turns: Sequence[str]) -> str:
-    """Name turns, and what is no turn.
-
-    >>> in_words(("", "xy"))
-    'all attitudes, then xy'
-    """
-    return THEN.join(plane or "all attitudes" for plane in turns)
 
 
 def rotation_error(matrix: Floats, turns: Sequence[str], *, dip_deg: float) -> HeadingError:
@@ -214,7 +205,7 @@ def composed(first: Fit, fit: Fit) -> Fit:
         plane=None,
     )
     evidence = replace(fit.evidence, method=method, samples=first.samples + fit.samples, coverage=Coverage())
-    findings = by_severity([_finding(turns, left.worst, claim.target_deg), *of_calibration(calibration)])
+    findings = linked([_finding(turns, left.worst, claim.target_deg), *of_calibration(calibration)])
     judgement = replace(fit.judgement, findings=findings)
     return replace(fit, calibration=calibration, evidence=evidence, claim=claim, judgement=judgement)
 
@@ -251,24 +242,9 @@ def _claimed(first: Fit, fit: Fit, turns: Sequence[str], left: HeadingError) -> 
 
 def _finding(turns: Sequence[str], left_deg: float, target_deg: float) -> Finding:
     """Say what the turns so far leave open."""
-    named = in_words(turns)
-    missing = [] if "" in turns else [plane for plane in PLANES if plane not in turns]
-    open_still = f"; not turned yet in {' and '.join(missing)}" if missing else ""
-    if not {"xy", ""} & set(turns):
-        left_deg, what = ANY_ANGLE, f" of which none is in xy: nothing is claimed of a level heading{open_still}"
-    else:
-        level = (
-            "a level heading rests on the last turn, and has nothing of it"
-            if turns[-1] == "xy"
-            else f"{figures(left_deg)}° of a level heading, which its error allows for; a turn in xy at the end takes "
-            "that off"
-        )
-        what = (
-            f"{open_still}. A rotation of second order in the soft iron stays, which no turn sees: {level}. Nothing is "
-            "claimed of other attitudes; what was recorded unloaded, flinders calibrate fits together"
-        )
+    left_deg = left_deg if {"xy", ""} & set(turns) else ANY_ANGLE
     numbers = {"is_composed": 1.0, "rotation_left_deg": left_deg, "target_deg": target_deg}
-    return certain(Record(numbers, turns=named, composition=what), "composed")
+    return certain({**numbers, "planes": turns}, "composed")
 
 
 def _listed(values: Floats) -> str:

@@ -38,13 +38,13 @@ from flinders.core.calibration import Calibration
 from flinders.core.units import Unit, label
 from flinders.diagnostics.repeatability import RecordingFit, compared
 from flinders.errors import UsageError, counted, figures
-from flinders.findings import by_severity
+from flinders.findings import linked
 from flinders.findings.catalogue import OF_CALIBRATION
 from flinders.fitting.claim import Claim
 from flinders.fitting.evidence import Diagnosis, Evidence, Residuals
 from flinders.fitting.record import expected_error
 from flinders.fitting.result import Fit, Judgement, Provenance, Refused
-from flinders.fitting.verdict import contradiction_words, judged_parts
+from flinders.fitting.verdict import judged_parts, of_contradiction
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.summary.pooling import chi_square_of, pool
 
@@ -57,9 +57,6 @@ if TYPE_CHECKING:
     from flinders.findings import Finding
 
 METHOD: Final = "merged"
-
-MERGE_OTHERS: Final = "merge calibrations that were made in the state of use, of sensors turned through all directions"
-"""What makes the heading error of a merged calibration smaller."""
 
 LACKING: Final = frozenset({"coverage", "unobservable-parameters", "prior", "inflation", "level-plane"})
 """Findings of something that a recording did not see: one that did makes up for it."""
@@ -386,18 +383,15 @@ def _calibration(parts: Sequence[Fit], ellipsoid: Ellipsoid, field: _Field) -> C
 def _judged(merged: Fit, repeats: Repeats, parts: Sequence[Fit]) -> tuple[Finding, ...]:
     """Say what there is to know, the most severe first."""
     part, worst_deg, scatter_deg = repeats.farthest, merged.heading_error_deg.worst, repeats.scatter_deg
-    is_apart = scatter_deg > worst_deg / 2.0
-    why = f", {figures(min(scatter_deg, worst_deg))}° of it because they differ" if is_apart else ""
-    unit = label(merged.calibration.unit)
     found = tuple(
         judged_parts(
             merged.calibration,
             ("recordings-differ", "heading-error", *OF_CALIBRATION),
             target_deg=merged.claim.target_deg,
-            words={
-                "contradiction": lambda quantities: contradiction_words(repeats, quantities, unit),
-                "why": lambda _: why,
-                "remedy": lambda _: MERGE_OTHERS,
+            values={
+                **of_contradiction(repeats, label(merged.calibration.unit)),
+                "differ_deg": min(scatter_deg, worst_deg) if scatter_deg > worst_deg / 2.0 else math.nan,
+                "next_step": ("merge-others",),
             },
             level_worst_deg=worst_deg,
             apart_deg=part.difference_deg,
@@ -409,7 +403,7 @@ def _judged(merged: Fit, repeats: Repeats, parts: Sequence[Fit]) -> tuple[Findin
     apart = [finding for finding in found if finding.code == "recordings-differ"]
     accuracy = [finding for finding in found if finding.code == "heading-error" and not is_said]
     own = [finding for finding in found if finding.code in OF_CALIBRATION]
-    return by_severity([*apart, *accuracy, *_carried(repeats, parts), *own])
+    return linked([*apart, *accuracy, *_carried(repeats, parts), *own])
 
 
 def _carried(repeats: Repeats, parts: Sequence[Fit]) -> Iterator[Finding]:
@@ -420,11 +414,17 @@ def _carried(repeats: Repeats, parts: Sequence[Fit]) -> Iterator[Finding]:
         claims = [part.claimed_deg for part in repeats.parts]
         best = int(np.argmin(claims))
         for lack in lacks[best]:
-            yield replace(lack, advice=f"not even the best of them, {parts[best].name}, is whole: {lack.advice}")
+            yield _of_part(lack, parts[best], is_best=True)
     for part, those in zip(parts, limits, strict=True):
         for limit in those:
             if limit.code not in LACKING:
-                yield replace(limit, advice=f"{part.name}: {limit.advice}")
+                yield _of_part(limit, part)
+
+
+def _of_part(finding: Finding, part: Fit, *, is_best: bool = False) -> Finding:
+    """A finding of a calibration as one of what is merged of it and others; `is_best`: all of them have it."""
+    parts = (*finding.values.get("parts", ()), (part.name, float(is_best)))
+    return replace(finding, values={**finding.values, "parts": parts})
 
 
 def _limits(part: Fit) -> Iterator[Finding]:

@@ -30,12 +30,12 @@ from flinders.comparison.comparison import printed
 from flinders.core.axes import EXCHANGES
 from flinders.core.samples import Samples, in_memory
 from flinders.core.time_alignment import Paired, affine_residuals, paired
-from flinders.errors import FitError, FlindersError, InputError, UsageError, figures, spell_checked
+from flinders.errors import FitError, FlindersError, InputError, UsageError, spell_checked
 from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import Auto, found_alone
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
 from flinders.estimators.outliers import with_runs
-from flinders.findings import Finding, Record, by_severity, certain, found_in
+from flinders.findings import Finding, certain, found_in, linked
 from flinders.fitting.aiding import Aiding
 from flinders.fitting.calibrate import ELSEWHERE, fit, judged_as, judged_dip
 from flinders.fitting.result import Fit, Refused, fit_of
@@ -573,11 +573,11 @@ def nearest_axes(rotation: Floats) -> tuple[str, float]:
 def _judged(together: Together, place: int, target_deg: float) -> Member:
     """Add to a member, and to its fit, what the others tell of it."""
     member = together.members[place]
-    findings = by_severity(_findings(together, place, target_deg))
+    findings = linked(_findings(together, place, target_deg))
     judged = fit_of(member.fit)
     if judged is None:
         return replace(member, findings=findings)
-    judgement = replace(judged.judgement, findings=by_severity((*judged.findings, *findings)))
+    judgement = replace(judged.judgement, findings=linked((*judged.findings, *findings)))
     judged = replace(judged, judgement=judgement)
     return replace(member, fit=Refused(judged) if judged.verdict == "refused" else judged, findings=findings)
 
@@ -586,7 +586,7 @@ def _findings(together: Together, place: int, target_deg: float) -> Iterator[Fin
     """What there is to know of a member beside its own fit."""
     member, reference = together.members[place], together.reference
     if member.copy_of:
-        yield _certain("copied-sensor", {"is_copy": 1.0}, other=member.copy_of)
+        yield certain({"is_copy": 1.0, "other": member.copy_of}, "copied-sensor")
         return
     if together.agreement.apart_deg:
         yield _apart_throughout(together.agreement.apart_deg, target_deg)
@@ -594,53 +594,36 @@ def _findings(together: Together, place: int, target_deg: float) -> Iterator[Fin
     if member.is_kept:
         yield _better_alone(member)
     elif not together.is_joint:
-        why = (
-            "the readings leave open how the magnetometers are turned against each other, and each has what it finds "
-            "by itself: turn the body about all its axes"
-        )
-        yield _certain("not-together", {"is_alone": 1.0, "together_deg": 0.0, "alone_deg": 0.0}, why=why)
+        yield certain({"is_alone": 1.0, "together_deg": 0.0, "alone_deg": 0.0}, "not-together")
         return
     yield from _of_axes(together, member)
     yield from _of_clock(member, reference)
     others = [other.scatter_deg for other in together.members if other is not member and not other.copy_of]
     numbers = {"scatter_deg": member.scatter_deg, "best_other_deg": min(others, default=math.inf)}
-    yield from found_in(Record({**numbers, "target_deg": target_deg}), "sensor-deviates-throughout")
+    yield from found_in({**numbers, "target_deg": target_deg}, "sensor-deviates-throughout")
     yield from _of_disagreements(together, place, target_deg)
-
-
-def _certain(code: str, numbers: dict[str, float], **words: str) -> Finding:
-    """What the catalogue says where code has decided."""
-    return certain(Record(numbers, **words), code)
 
 
 def _apart_throughout(apart_deg: float, target_deg: float) -> Finding:
     """Two that disagree all the time."""
-    disagreement = f"even averaged over a second the two are {figures(apart_deg)}° of heading apart all the time (1 σ)"
-    alone = ". Each has what it finds by itself: see whether one is loose or its clock off, or fit a third"
-    numbers = {"apart_deg": apart_deg, "target_deg": target_deg}
-    return _certain("disagree", numbers, disagreement=disagreement, alone=alone)
+    numbers = {"apart_deg": apart_deg, "target_deg": target_deg, "apart_share": math.nan}
+    return certain({**numbers, **_when(())}, "disagree")
 
 
 def _better_alone(member: Member) -> Finding:
     """One that would be known worse with the others."""
     worst = cast("Fit", fit_of(member.alone)).heading_error_deg.worst
-    why = (
-        f"with the others its worst heading error would be {figures(member.joint_deg)}°, and by itself it is "
-        f"{figures(worst)}°: it has what it finds by itself, in its own axes. Look at what is wrong with the others, "
-        "and at their clocks"
-    )
-    return _certain("not-together", {"is_alone": 1.0, "together_deg": member.joint_deg, "alone_deg": worst}, why=why)
+    return certain({"is_alone": 1.0, "together_deg": member.joint_deg, "alone_deg": worst}, "not-together")
 
 
-def _handed(together: Together) -> str:
-    """Which sensors are most likely not right-handed: those that are fewer."""
+def _left_handed(together: Together) -> list[str]:
+    """Which sensors are most likely not right-handed: those that are fewer, if any are."""
     turned = [member for member in together.members if member.rotation is not None and not member.copy_of]
     mirrored = sum(member.is_mirrored for member in turned)
     rest = len(turned) - mirrored
     if mirrored == rest:
-        return "One of the two is not right-handed: check which, and map its axes"
-    fewer = [member.name for member in turned if member.is_mirrored == (mirrored < rest)]
-    return f"Most likely {' and '.join(fewer)} is not right-handed, as the others agree: map its axes"
+        return []
+    return [member.name for member in turned if member.is_mirrored == (mirrored < rest)]
 
 
 def _of_axes(together: Together, member: Member) -> Iterator[Finding]:
@@ -648,17 +631,20 @@ def _of_axes(together: Together, member: Member) -> Iterator[Finding]:
     reference = together.reference
     if member.rotation is None or member.rotation_sigma_deg is None or member.name == reference:
         return
-    words = {"reference": reference, "axes": str(member.axes)}
+    named = {"reference": reference, "axes": str(member.axes)}
     if member.is_mirrored:
-        yield _certain("mirrored-sensor", {"handedness": -1.0}, **words, who=_handed(together))
-    worst = float(member.rotation_sigma_deg.max())
-    where = "" if together.in_body else "; their mounting in the vehicle is not known"
-    turned = {"is_turned": 1.0, "rotation_sigma_deg": worst, "misalignment_deg": member.misalignment_deg}
-    yield _certain("turned-to", turned, **words, where=where)
+        yield certain({**named, "handedness": -1.0, "left_handed": _left_handed(together)}, "mirrored-sensor")
+    turned = {
+        "is_turned": 1.0,
+        "rotation_sigma_deg": float(member.rotation_sigma_deg.max()),
+        "misalignment_deg": member.misalignment_deg,
+        "is_in_body": together.in_body,
+    }
+    yield certain({**named, **turned}, "turned-to")
     decades = round(math.log10(member.length_ratio))
     if decades and abs(math.log10(member.length_ratio) - decades) < DECADE * 0.5:
         numbers = {"is_decades_off": 1.0, "times_as_long": member.length_ratio, "decade": 10.0**decades}
-        yield _certain("unlike-units", numbers, reference=reference)
+        yield certain({**numbers, "reference": reference}, "unlike-units")
 
 
 def _of_clock(member: Member, reference: str) -> Iterator[Finding]:
@@ -670,9 +656,7 @@ def _of_clock(member: Member, reference: str) -> Iterator[Finding]:
             "delay_ms": 1e3 * abs(member.delay_s),
             "delay_sigma_ms": 1e3 * member.delay_sigma_s,
         }
-        yield _certain(
-            "clock-differs", numbers, reference=reference, behind="behind" if member.delay_s > 0 else "ahead of"
-        )
+        yield certain({**numbers, "reference": reference}, "clock-differs")
 
 
 def _of_disagreements(together: Together, place: int, target_deg: float) -> Iterator[Finding]:
@@ -684,22 +668,13 @@ def _of_disagreements(together: Together, place: int, target_deg: float) -> Iter
             "departs_deg": max(run.heading_deg for run in runs),
             "target_deg": target_deg,
         }
-        yield _certain(
-            "sensor-deviates",
-            numbers,
-            when=_when(runs),
-            why="the length of its readings changes" if all(run.is_by_length for run in runs) else "the others agree",
-            rests="" if together.members[place].is_kept else ". The calibration does not rest on that",
-        )
+        told = {"is_by_length": all(run.is_by_length for run in runs), "is_alone": together.members[place].is_kept}
+        yield certain({**numbers, **told, **_when(runs)}, "sensor-deviates")
     unsettled = [run for run in together.agreement.disagreements if run.sensor is None]
     if unsettled and (len(together.members) == 2 or together.members[place].name == together.reference):
         worst, share = max(run.heading_deg for run in unsettled), _share(unsettled, together)
-        disagreement = (
-            f"magnetometers disagree by up to {figures(worst)}° of heading, for {share:.0%} of the time "
-            f"({_when(unsettled)})"
-        )
-        numbers = {"apart_deg": worst, "target_deg": target_deg}
-        yield _certain("disagree", numbers, disagreement=disagreement, alone="")
+        numbers = {"apart_deg": worst, "target_deg": target_deg, "apart_share": share}
+        yield certain({**numbers, **_when(unsettled)}, "disagree")
 
 
 def _share(runs: Sequence[Disagreement], together: Together) -> float:
@@ -707,12 +682,9 @@ def _share(runs: Sequence[Disagreement], together: Together) -> float:
     return sum(run.last - run.first + 1 for run in runs) / max(together.agreement.instants, 1)
 
 
-def _when(runs: Sequence[Disagreement]) -> str:
-    """The three that cost most heading, in the order of time.
-
-    >>> _when([Disagreement(0, False, 0, 9, 1.0, 2.0, 3.0, 6.0, 0.0)])
-    '1.0–2.0 s'
-    """
+def _when(runs: Sequence[Disagreement]) -> dict[str, Any]:
+    """The three that cost most heading, in the order of time, and how many there are."""
     chosen = sorted(runs, key=lambda run: -run.heading_deg)[:3]
-    named = "; ".join(str(run) for run in sorted(chosen, key=lambda run: run.start_s))
-    return named + ("; …" if len(runs) > len(chosen) else "")
+    listed = sorted(chosen, key=lambda run: run.start_s)
+    spans = [(run.first + 1, run.last + 1, run.start_s, run.end_s) for run in listed]
+    return {"deviation_spans": spans, "deviation_count": len(runs)}

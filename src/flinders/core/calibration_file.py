@@ -140,13 +140,15 @@ class HeadingErrorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class FindingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Something to know about a fit: its number, the limit it is compared with, what to do."""
+    """Something to know about a fit: its number, the limit it is compared with, and what its sentence is made from."""
 
     code: str  #: stable name, see the table of findings
     severity: str  #: ``note``, ``limits`` or ``refuses``
     number: float | None = None  #: what was found; its meaning and unit belong to the code
     limit: float | None = None  #: what it was compared with
-    advice: str = ""  #: what was found, and what to do, in a sentence
+    #: numbers and short names, by the names that the sentence of the code has for them; lists where several are listed
+    values: dict[str, float | str | tuple[Any, ...] | None] = {}
+    follows_from: str | None = None  #: code of the finding that it follows from
 
 
 class AidingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -35,7 +35,7 @@ from flinders.estimators.mounting import (
     by_vertical,
     second_axis,
 )
-from flinders.findings import Finding, Record, certain, finding_in
+from flinders.findings import Finding, certain, finding_in
 from flinders.geometry.rotation import lengths
 from flinders.heading.attitude import magnetic_heading_deg, tilt_error_deg
 from flinders.heading.deviation import design
@@ -117,15 +117,15 @@ class Mistake:
         return self.finding.advice
 
 
-def _mistake(code: str, aid: str, numbers: dict[str, float], *, drops: bool = True, **words: str) -> Mistake | None:
-    """What the catalogue makes of some numbers."""
-    finding = finding_in(Record(numbers, aid=aid, **words), code)
+def _mistake(code: str, aid: str, values: dict[str, Any], *, drops: bool = True) -> Mistake | None:
+    """What the catalogue makes of some values."""
+    finding = finding_in({**values, "aid": aid}, code)
     return None if finding is None else Mistake(aid, finding, drops)
 
 
-def _certain(code: str, aid: str, numbers: dict[str, float], *, drops: bool = True, **words: str) -> Mistake:
+def _certain(code: str, aid: str, values: dict[str, Any], *, drops: bool = True) -> Mistake:
     """The same, where it was decided already."""
-    return Mistake(aid, certain(Record(numbers, aid=aid, **words), code), drops)
+    return Mistake(aid, certain({**values, "aid": aid}, code), drops)
 
 
 def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) -> tuple[Axes | None, list[Mistake]]:
@@ -183,21 +183,12 @@ def of_scales(off: float) -> Mistake:
     >>> of_scales(0.2).words[:76]
     "the gyro's scales would be off by 20%, and those of gyros are by 2% or so: c"
     """
-    numbers = {"scales_off": min(off, 1.0), "usual": SCALE_SIGMA}
-    return _certain("gyro-scales", "rate", numbers, amount=_share(off))
+    return _certain("gyro-scales", "rate", {"scales_off": min(off, 1.0), "scale_error": off, "usual": SCALE_SIGMA})
 
 
 def of_aid_and_gyro(aid: str, off: float) -> Mistake:
     """Say that an aid does not go with a gyro that by itself goes with the magnetometer."""
-    why = (
-        "it leans, as an accelerometer does in steady turns" if aid == "dip" else "it lags, or is that of another body"
-    )
-    return _certain("aids-disagree", aid, {"scales_off": min(off, 1.0)}, amount=_share(off), why=why)
-
-
-def _share(off: float) -> str:
-    """An error of a scale; of a fit that went astray no more than that it is absurd."""
-    return f"{off:.0%}" if off <= 1.0 else "more than 100%"
+    return _certain("aids-disagree", aid, {"scales_off": min(off, 1.0), "scale_error": off})
 
 
 def of_turns(samples: Samples, aided: Aided, claimed_deg: float = 0.0) -> Mistake | None:
@@ -241,12 +232,7 @@ def is_implausible(aided: Aided, aid: str) -> Mistake | None:
     off = aided.vertical_noise
     if aid not in UPRIGHT or off is None:
         return None
-    why = (
-        "the body was accelerated all the time, or the accelerometer is that of another"
-        if aid == "dip"
-        else "its quaternions turn from world to body or have w last, its times are other ones, or it is another body's"
-    )
-    return _mistake("aid-astray", aid, {"astray_rad": off, "astray_deg": float(np.rad2deg(off))}, why=why)
+    return _mistake("aid-astray", aid, {"astray_rad": off, "astray_deg": float(np.rad2deg(off))})
 
 
 def one_axis(rate: Floats) -> list[Mistake]:
@@ -284,16 +270,13 @@ accelerometer that lies level reads −g on z; the site was not used'
     """
     there = site.inclination_deg or 0.0
     if abs(seen_deg + there) <= FAR_SITE_DEG:
-        check = "the vertical seems to be upside down, as an accelerometer that lies level reads −g on z"
+        fault = "reversed"
     elif seen_deg * there < 0.0 and min(abs(seen_deg), abs(there)) > STEEP_DEG:
-        check = (
-            "the vertical is upside down, as an accelerometer that lies level reads −g on z, or an axis of the "
-            "magnetometer is turned round"
-        )
+        fault = "turned"
     else:
-        check = "check place and date, and whether iron was near"
+        fault = "elsewhere"
     numbers = {"dip_deg": seen_deg, "site_dip_deg": there, "dip_off_deg": abs(seen_deg - there)}
-    return _certain("site-differs", "site", numbers, check=check)
+    return _certain("site-differs", "site", {**numbers, "site_fault": fault})
 
 
 def dip_of(aided: Aided) -> float:
@@ -376,14 +359,14 @@ def _empty(samples: Samples, aid: str) -> Mistake | None:
     """Say where a column is there and nothing is in it; one that is not there is no matter of this."""
     if aid == "rate" and samples.rate is not None and samples.time is not None:
         inside = gyro.windows(samples.time, samples.rate)
-        usable, what = inside.size, "a rate, and a time that goes on from one to the next"
+        usable = inside.size
     elif aid == "dip" and samples.acceleration is not None:
-        usable, what = int(np.count_nonzero(dip.verticals(samples.acceleration)[1])), "an acceleration"
+        usable = int(np.count_nonzero(dip.verticals(samples.acceleration)[1]))
     elif aid in ("tilt", "attitude") and samples.attitude is not None:
-        usable, what = int(np.count_nonzero(np.isfinite(samples.attitude).all(axis=1))), "an attitude"
+        usable = int(np.count_nonzero(np.isfinite(samples.attitude).all(axis=1)))
     else:
         return None
-    return _mistake("aid-empty", aid, {"usable": usable, "samples": len(samples)}, what=what)
+    return _mistake("aid-empty", aid, {"usable": usable, "samples": len(samples)})
 
 
 def _clipped(samples: Samples, aid: str) -> Mistake | None:
@@ -398,8 +381,8 @@ def _clipped(samples: Samples, aid: str) -> Mistake | None:
         next_to_it = float(inside[inside > 0.0].min(initial=np.inf))
         before = int(np.count_nonzero((inside > 0.0) & (inside <= max(width, next_to_it))))
         if at_the_end > MANY_MORE * before:
-            numbers = {"clipped_share": rail.share, "gyro_range": abs(rail.value)}
-            return _mistake("gyro-clipped", "rate", numbers, axis="xyz"[rail.axis])
+            values = {"clipped_share": rail.share, "gyro_range": abs(rail.value), "axis": "xyz"[rail.axis]}
+            return _mistake("gyro-clipped", "rate", values)
     return None
 
 
@@ -410,35 +393,15 @@ def _strange(mounted: Mounted) -> Mistake:
 
 def _misread(aid: str, mounted: Mounted, *, contradicted: bool) -> Mistake:
     """What is wrong with an instrument, and whether it can be used all the same."""
-    what, other = ("gyro", "accelerometer") if aid == "rate" else ("accelerometer", "gyro")
-    better = {"times_better": mounted.better}
     if mounted.unit != RAD_S or (aid == "rate" and mounted.axes == REVERSED):
-        as_what = f"as {mounted.unit}" if mounted.unit != RAD_S else "with the other sign"
-        if mounted.unit != RAD_S and not mounted.axes.is_identity:
-            as_what += f" with axes {mounted.axes}"
-        return _certain("gyro-unit", aid, better, as_what=as_what)
-    if mounted.axes.is_mirror:
-        how = (
-            f"as a mirror image, {mounted.axes} of the magnetometer's axes: one of them has a wrong sign, correct it "
-            "where it is recorded; it was not used"
-        )
-    elif contradicted:
-        how = (
-            f"with the magnetometer's axes turned by {mounted.axes}, and the {other} does not: the {what} sits "
-            "otherwise than the two, turn its columns; it was not used"
-        )
-    elif not mounted.is_clear:
-        how = (
-            f"with the magnetometer's axes turned, such as by {mounted.axes}, and too little turning to tell how: turn "
-            f"the {what}'s columns to be as the magnetometer's; it was not used"
-        )
-    else:
-        how = (
-            f"with the magnetometer's axes turned by {mounted.axes}: they do not sit alike, and the correction turns "
-            f"readings into the {what}'s axes"
-        )
+        rate_unit = "" if mounted.unit == RAD_S else mounted.unit
+        axes = "" if mounted.axes.is_identity else str(mounted.axes)
+        return _certain("gyro-unit", aid, {"times_better": mounted.better, "rate_unit": rate_unit, "axes": axes})
     drops = contradicted or not mounted.is_clear or mounted.axes.is_mirror
-    return _certain("swapped-axes", aid, better, drops=drops, instrument=what, how=how)
+    seat = "contradicted" if contradicted else "clear" if mounted.is_clear else "unclear"
+    seat = "mirrored" if mounted.axes.is_mirror else seat
+    values = {"times_better": mounted.better, "axes": str(mounted.axes), "seat": seat}
+    return _certain("swapped-axes", aid, values, drops=drops)
 
 
 def _from_the_middle(matrices: Floats, corrected: Floats) -> Floats:

@@ -47,6 +47,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
+from flinders.findings.words import axis_lag
 from flinders.native.engine import engine
 
 if TYPE_CHECKING:
@@ -155,16 +156,27 @@ class AxisLag:
         """Whether chance does not explain them."""
         return self.p_value < BY_CHANCE
 
+    @property
+    def axis(self) -> str:
+        """The axis that differs most from the other two."""
+        return "xyz"[self._place]
+
+    @property
+    def apart(self) -> float:
+        """How much later that axis is read than the mean of the other two."""
+        return 1.5 * self.lags[self._place]
+
+    @property
+    def _place(self) -> int:
+        return int(np.argmax(np.abs(self.lags)))
+
     def __str__(self) -> str:
         """The axis that differs most from the other two, and by how much.
 
         >>> str(AxisLag((0.02, -0.01, -0.01), True, 0.8, 0.0)), str(AxisLag((0.4, 0.3, -0.7), False, 0.8, 0.0))
         ('axis x is read 30 ms later than the others', 'axis z is read 1.05 readings earlier than the others')
         """
-        axis = int(np.argmax(np.abs(self.lags)))
-        apart = 1.5 * self.lags[axis]  # from the mean of the other two
-        amount = f"{abs(apart) * 1000.0:.0f} ms" if self.is_timed else f"{abs(apart):.2f} readings"
-        return f"axis {'xyz'[axis]} is read {amount} {'later' if apart > 0.0 else 'earlier'} than the others"
+        return axis_lag(self.axis, self.apart, self.is_timed)
 
 
 def lag_in(record: Records) -> AxisLag | None:

@@ -61,7 +61,7 @@ class Estimate:
     # (9, 9): of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit²; singular where a method holds some of them
     covariance: Floats
     noise: float  # standard deviation of the distance from the ellipsoid, in the unit of the readings
-    method: str  # what was run in the end
+    method: str  # what was run in the end, with its variant
     # (9,): difference from the likelihood (from the consistent fit where there are only sums), as far as chance does
     # not explain it, and None where it does; in the covariance already
     bias: Floats | None = None
@@ -85,6 +85,7 @@ class Estimate:
     # False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
     # that dip was used and neither an accelerometer nor anybody says which way z points
     z_down: bool | None = True
+    estimator: str = ""  # row of the table of methods that made it, where `method` says more than its name
 
     def variance_inflation(self, parameters: Iterable[int] = range(9)) -> float:
         """Mean ratio of variances to those that would hold for independent residuals; 1 where these are not known."""

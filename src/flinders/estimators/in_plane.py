@@ -221,6 +221,7 @@ def lifted(
         else lifted_covariance(flat.textbook, lift, unclaimed)[np.ix_(rows, rows)],
         bias=None if flat.bias is None else (lift @ flat.bias)[rows],
         method=f"{name} {plane}",
+        estimator=name,
         plane=plane,
     )
 

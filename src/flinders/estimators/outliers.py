@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.core.samples import Samples
+from flinders.findings.words import outlier_run
 from flinders.likelihood import magnitude
 from flinders.native.engine import OUTLIER, constant, engine
 
@@ -75,15 +76,7 @@ class Outlier:
         return {name: None if value != value else value for name, value in fields.items()}  # noqa: PLR0124
 
     def __str__(self) -> str:
-        rows = f"{self.readings:,} readings" if self.readings > 1 else "a reading"
-        rows += " at rest" if self.readings > 1 == self.independent else ""
-        if not self.start_s <= self.end_s:  # no time, or a clock that stepped back
-            if self.first == self.last:
-                return f"reading {self.first}"
-            return f"readings {self.first}–{self.last}: {rows}"
-        return (
-            f"{self.start_s:.1f} s: {rows}" if self.readings == 1 else f"{self.start_s:.1f}–{self.end_s:.1f} s: {rows}"
-        )
+        return outlier_run(self.first, self.last, self.readings, self.start_s, self.end_s, self.independent)
 
 
 def outliers_among(readings: Readings, ellipsoid: Ellipsoid, limit: float, dense: int) -> tuple[Outlier, ...]:

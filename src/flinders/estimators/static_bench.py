@@ -45,7 +45,7 @@ from flinders.estimators.regressor_quality import (
 )
 from flinders.estimators.regressors import DisturbanceEstimate, Logged
 from flinders.estimators.time_delay import Shifted, grid_of, lagging, profile, proven_lags, scattered
-from flinders.findings import Finding, Record, found_in
+from flinders.findings import Finding, found_in
 from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class Still:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What speaks against this bench: a sensor that moved, once or along with a disturbance."""
-        record = Record({"step": self.step, "noise": self.noise, "tilted_deg": self.tilted_deg})
+        record = {"step": self.step, "noise": self.noise, "tilted_deg": self.tilted_deg}
         return tuple(found_in(record, "bench-moved", "bench-tilted"))
 
 

@@ -1,9 +1,10 @@
 """The catalogue of findings: all that can be said of a fit, a row each.
 
 A row has the code, the rule with its limits, the sentence for an engineer, the sentence and the remedy for whoever uses
-the compass, and what the table of docs/findings.md says. Verdict, terminal, page, reports and fleets read it. To add a
-finding, add its row to the file of its subject; a quantity that its rule or sentence takes and that the record does not
-have yet is made where the engine makes the others (``judge.c``), or of other sensors where their record is made.
+the compass, and what the table of docs/findings.md says. A sentence is made from the values of a finding, where it is
+shown: terminal, page, reports and fleets read the row. To add a finding, add its row to the file of its subject; a
+quantity that its rule or sentence takes and that the record does not have yet is made where the engine makes the others
+(``judge.c``), or of other sensors where their record is made.
 """
 
 from __future__ import annotations
@@ -13,22 +14,23 @@ from typing import TYPE_CHECKING
 from flinders.errors import in_python, with_hint
 from flinders.findings.catalogue import CATALOGUE as CATALOGUE
 from flinders.findings.catalogue import OF_ONE_MAGNETOMETER as OF_ONE_MAGNETOMETER
+from flinders.findings.finding import Finding as Finding  # noqa: TC001 - for others
+from flinders.findings.finding import by_severity as by_severity
 from flinders.findings.refusal import REFUSALS as REFUSALS
 from flinders.findings.row import CAUSES as CAUSES
 from flinders.findings.row import VERDICTS as VERDICTS
 from flinders.findings.row import CatalogueRow as CatalogueRow
 from flinders.findings.row import Condition as Condition
-from flinders.findings.row import Finding as Finding  # noqa: TC001 - for others
 from flinders.findings.row import Quantity as Quantity
 from flinders.findings.row import Record as Record
 from flinders.findings.row import Severity as Severity
 from flinders.findings.row import Verdict as Verdict
-from flinders.findings.row import by_severity as by_severity
 from flinders.findings.rules import certain as certain
 from flinders.findings.rules import finding_in as finding_in
 from flinders.findings.rules import first_causes as first_causes
 from flinders.findings.rules import found_in as found_in
 from flinders.findings.rules import limit_of as limit_of
+from flinders.findings.rules import linked as linked
 
 if TYPE_CHECKING:
     from flinders.errors import Spelling
@@ -37,8 +39,8 @@ if TYPE_CHECKING:
 def advice(finding: Finding, spell: Spelling = in_python) -> str:
     """Advice with the arguments that carry it out, as an interface spells them.
 
-    >>> advice(Finding("unit-unknown", "note", 1.0, 0.0, "name the unit"))
-    'name the unit (unit=, scale=)'
+    >>> advice(Finding("unit-unknown", "note", {"field_strength": 48.0}))
+    'no unit known, so all is in counts: name it, or what one count is in µT (unit=, scale=)'
     """
     row = CATALOGUE.get(finding.code)
     return with_hint(finding.advice, spell(row.hint)) if row else finding.advice

@@ -102,7 +102,7 @@ ROWS: Final = (
         rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
             "beside {aid!r} the gyro's scales would be off by {amount}, and without it they are not: "
-            "{why}; it was not used, leave {aid!r} out"
+            "{why_disagree}; it was not used, leave {aid!r} out"
         ),
         plain="Gyro and vertical do not go together. The vertical was not used.",
         remedy="Leave the vertical out, as it leans in turns; or record while turning on the spot.",
@@ -133,7 +133,7 @@ ROWS: Final = (
         rule=Rule("astray_rad", (Grade("limits", 0.2),), number="astray_deg", limit=Limit(math.degrees(0.2))),
         said=(
             "{aid!r} is off by {astray_deg:.0f}° (1 σ) from what the field says, however the magnetometer sits: "
-            "{why}; it was not used"
+            "{why_astray}; it was not used"
         ),
         plain="What was recorded of how the body was held does not go with the compass. It was not used.",
         remedy="Check in which direction the recorded attitude turns, its times, and that it is of the same body.",
@@ -156,7 +156,10 @@ ROWS: Final = (
         number="readings that have what an aid goes by",
         action="record it, or leave the aid out; it was not used",
         rule=Rule("usable", (Grade("limits", 12.0),), comparison="<"),
-        said="{usable:.0f} of {samples:,.0f} readings have {what}: record it, or leave {aid!r} out; it was not used",
+        said=(
+            "{usable:.0f} of {samples:,.0f} readings have {what_is_empty}: record it, or leave {aid!r} out; it was not "
+            "used"
+        ),
         plain="Something that should have helped was recorded as empty. It was not used.",
         remedy="Check what is recorded beside the compass.",
     ),
@@ -168,7 +171,7 @@ ROWS: Final = (
             "instrument's axes"
         ),
         rule=Rule("times_better", (Grade("limits", 0.0),), limit=Limit(2.0)),
-        said="the {instrument} fits {times_better:.0f} times better {how}",
+        said="the {instrument} fits {times_better:.0f} times better {how_it_sits}",
         plain="The compass and the instrument beside it do not agree on which way is forward, right and down.",
         remedy="Check how both are mounted, and the axes mapping.",
     ),
@@ -193,7 +196,7 @@ ROWS: Final = (
         action="check place and date, whether iron was near, and the accelerometer's sign; the site was not used",
         rule=Rule("dip_off_deg", (Grade("limits", 0.0),), limit=Limit(2.0)),
         said=(
-            "the field dips by {dip_deg:.1f}°, at the site it should by {site_dip_deg:.1f}°: {check}; the site "
+            "the field dips by {dip_deg:.1f}°, at the site it should by {site_dip_deg:.1f}°: {site_check}; the site "
             "was not used"
         ),
         plain="The field points down {number:.0f}° more or less steeply than it should at the place that was given.",

@@ -103,7 +103,7 @@ ROWS: Final = (
         rule=Rule("is_typed", (Grade("limits", 0.0),), number="unturned_deg", limit=Limit(1.0, "target_deg")),
         said=(
             "six typed numbers: they do not show how many readings they are the extremes of, how noisy those were or "
-            "how far the turn went, so no heading error can be claimed; {turn}Check it on known bearings, and "
+            "how far the turn went, so no heading error can be claimed; {turned_short}Check it on known bearings, and "
             "record the readings where that can be done"
         ),
         plain=(
@@ -143,11 +143,24 @@ ROWS: Final = (
         rule=Rule(
             "moved_deg", (Grade("note", -1.0), Grade("limits", 1.0, "allowed_deg")), limit=Limit(1.0, "claimed_deg")
         ),
-        said="filtered ({by}){effect}",
+        said="filtered ({filter}{dropped_words}){filter_effect}",
         plain="The readings went through a filter, which moved the heading by {angle} at the worst.",
         remedy=(
             "If the filter moved the heading by more than the error given here, calibrate again without it, or "
             "turn the sensor more slowly."
         ),
+    ),
+    CatalogueRow(
+        code="no-uncertainty",
+        number="",
+        limit="",
+        action="calibrate from a recording to know how good headings are",
+        rule=Rule("is_unstated", (Grade("limits", 0.0),), number="unstated_deg", limit=Limit(1.0, "unstated_deg")),
+        said=(
+            "the calibration file states no uncertainty, as one does that was imported: how good headings are is not "
+            "known. Calibrate from a recording to know it"
+        ),
+        plain="The calibration file does not say how good it is, as one does that was imported.",
+        remedy="Calibrate from a recording.",
     ),
 )

@@ -33,8 +33,8 @@ OF_THE_FIT: Final = tuple(row.code for row in fit.ROWS)
 OF_RESIDUALS: Final = ("alternating", "outliers")
 """Findings of a recording that need a surface."""
 
-OF_OTHER_ORIGIN: Final = ("typed-extremes", "composed", "filtered")
-"""Findings of calibrations that were put together, or of readings that went through a filter."""
+OF_OTHER_ORIGIN: Final = ("typed-extremes", "composed", "filtered", "no-uncertainty")
+"""Findings of calibrations that were put together or imported, or of readings that went through a filter."""
 
 OF_CALIBRATION: Final = tuple(row.code for row in calibration.ROWS if row.code not in OF_OTHER_ORIGIN)
 """Findings of a calibration, whatever it was made from."""

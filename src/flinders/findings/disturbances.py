@@ -195,9 +195,9 @@ ROWS: Final = (
             (Grade("note", 0.25), Grade("limits", 1.0, "reference_limit")),
         ),
         said=(
-            "the offset is told for {reference} of {name}, and it was recorded from {lowest:.3g} to {highest}: "
-            "there it is extrapolated along a straight line, by {reference_outside:.0%} of that range; record "
-            "with {reference} as well, or use the calibration in that range alone"
+            "the offset is told for {reference_amount} of {name}, and it was recorded from {lowest:.3g} to "
+            "{highest_amount}: there it is extrapolated along a straight line, by {reference_outside:.0%} of that "
+            "range; record with {reference_amount} as well, or use the calibration in that range alone"
         ),
         plain=(
             "What the compass follows was never as low while recording as the correction takes for its starting "

@@ -6,16 +6,6 @@ from typing import Final
 
 from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 
-Z_ELSEWHERE: Final = (
-    "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the axes so "
-    "that it does"
-)
-Z_OPEN: Final = (
-    "; nothing shows whether z points down or up, so that its offset is open by twice the field along it: record an "
-    "accelerometer as well, or state axes with z down"
-)
-"""What the finding ``level-plane`` says of z, by which a file that is loaded tells it again."""
-
 _WITHIN_TARGET: Final = (Needs("worst_deg", "<", 1.0, "target_deg"), Needs("is_planar", "<", 1.0))
 """Of findings that say why a claim may be too small: a larger one, and a level turn, have limits of their own."""
 
@@ -28,9 +18,10 @@ ROWS: Final = (
             "turn the sensor about its other axes too, onto its side and upside down; a turn on a table is not enough"
         ),
         rule=Rule("flatness", (Grade("refuses", 1.0, "flatness_limit"),), comparison="<"),
+        fault="all readings lie {where_flat}",
         said=(
-            "all readings lie {where_flat}: also turn the sensor about its other axes, onto its side and upside down. "
-            "If it is on a vehicle that cannot be turned over, map the vertical axis to z"
+            "also turn the sensor about its other axes, onto its side and upside down. If it is on a vehicle that "
+            "cannot be turned over, map the vertical axis to z"
         ),
         hint={"axes": None},
         plain=(
@@ -45,9 +36,9 @@ ROWS: Final = (
         action="keep the vehicle level, or turn the sensor onto its sides and upside down too",
         rule=Rule("is_planar", (Grade("limits", 0.0),), number="attitude_limit_deg", limit=Limit(180.0)),
         said=(
-            "a level turn, corrected in {plane_axes} {how}{assumed}, for places where the field dips as here: "
-            "{attitudes}; {per_degree_of_tilt}° for each degree from the plane that it was turned in{up}. For all"
-            " attitudes {mounting}also turn the sensor onto its sides and upside down"
+            "a level turn, corrected in {plane_axes} {where_placed}{assumed}, for places where the field dips as here: "
+            "{attitudes}; {per_degree_of_tilt}° for each degree from the plane that it was turned in{where_z_points}. "
+            "For all attitudes {mounting}also turn the sensor onto its sides and upside down"
         ),
         plain="The sensor was turned level only. The correction is for a vehicle that stays level.",
         remedy="For all attitudes, turn the sensor onto its sides and upside down too while recording.",
@@ -60,10 +51,10 @@ ROWS: Final = (
         action="turn the sensor as the advice says; record for longer; or ask for less",
         fleet_action="turn the sensor through all directions and record for longer, or ask for less",
         rule=Rule("worst_deg", (Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg"))),
-        said=(
-            "the heading may be off by {worst_deg:angle} (1 σ, worst heading; the target is {target_deg:g}°{why}): "
-            "{remedy}"
+        fault=(
+            "the heading may be off by {worst_deg:angle} (1 σ, worst heading; the target is {target_deg:g}°{because})"
         ),
+        said="{remedy}",
         plain="At the worst heading the compass may be off by {angle}, and {limit:g}° is the target.",
         remedy="{remedy}",
     ),
@@ -86,10 +77,11 @@ ROWS: Final = (
         number="how often chance alone makes the readings contradict the soft iron of the earlier calibration as much",
         action="tumble the sensor again and calibrate: what was renewed allows the soft iron a change of 5 %",
         rule=Rule("soft_iron_p_value", (Grade("limits", 0.001),), comparison="<"),
-        said=(
+        fault=(
             "the soft iron of {previous} no longer fits the readings (chance: {soft_iron_p_value:.1g}), so that it "
-            "was allowed to have changed by 5 %: tumble the sensor again, and calibrate afresh"
+            "was allowed to have changed by 5 %"
         ),
+        said="tumble the sensor again, and calibrate afresh",
         plain="The soft iron is not as it was at the earlier calibration.",
         remedy="Turn the sensor through all directions again, and calibrate afresh.",
         alarm=True,
@@ -99,9 +91,10 @@ ROWS: Final = (
         number="how often chance alone makes poses at known headings contradict each other as much",
         action="check each heading, the dip, and that no iron is near; soft iron that has changed needs a full tumble",
         rule=Rule("poses_by_chance", (Grade("refuses", 0.001),), comparison="<"),
+        fault="the poses contradict each other (chance: {poses_by_chance:.1g})",
         said=(
-            "the poses contradict each other (chance: {poses_by_chance:.1g}): check each heading and the dip of the "
-            "place, and that no iron is near; soft iron that has changed needs a full tumble"
+            "check each heading and the dip of the place, and that no iron is near; soft iron that has changed needs "
+            "a full tumble"
         ),
         plain="The readings at the known headings do not agree with each other.",
         remedy="Check each heading, and record away from iron.",
@@ -148,10 +141,8 @@ ROWS: Final = (
         ),
         fleet_action="turn the sensor through the directions without readings too",
         rule=Rule("hole_deg", (Grade("limits", 60.0),)),
-        said=(
-            "some directions are {hole_deg:.0f}° from the nearest reading ({covered:.0%} of the sphere is "
-            "covered): {attitudes}; for all attitudes, {movement}"
-        ),
+        fault="some directions are {hole_deg:.0f}° from the nearest reading ({covered:.0%} of the sphere is covered)",
+        said="{attitudes}; for all attitudes, {movement}",
         plain="No readings were taken in a large part of all attitudes, so the accuracy there is not known.",
         remedy="{remedy}",
     ),
@@ -163,9 +154,10 @@ ROWS: Final = (
             "record again away from iron and currents, with nothing magnetic moving near the sensor; check the columns"
         ),
         rule=Rule("noise_share", (Grade("limits", 0.05), Grade("refuses", 0.2))),
+        fault="the readings lie {noise_share:.0%} of the field off the ellipsoid",
         said=(
-            "the readings lie {noise_share:.0%} of the field off the ellipsoid: record again away from iron and "
-            "currents, without moving anything magnetic near the sensor, and check the columns"
+            "record again away from iron and currents, without moving anything magnetic near the sensor, and check "
+            "the columns"
         ),
         plain=(
             "After the best correction the strength of the field still varies by {number:.1%} as the sensor "
@@ -214,7 +206,8 @@ ROWS: Final = (
         limit="15, or 20 where residuals are correlated",
         action="record for longer, turning all the time, away from iron",
         rule=Rule("independent", (Grade("limits", 1.0, "independent_needed"),), comparison="<"),
-        said="only {independent_readings}: record for longer, turning all the time, away from iron",
+        fault="only {independent_readings}",
+        said="record for longer, turning all the time, away from iron",
         plain="The number of independent readings is only {number:.0f}, which is little to go by.",
         remedy="Record for longer, turning all the time, away from iron.",
     ),
@@ -254,10 +247,11 @@ ROWS: Final = (
                 Needs("unlike_correlation", ">=", 0.15),
             ),
         ),
-        said=(
-            "noise lasts for more than a third of the recording (probability {noise_lasts:.0%}), so that how large it "
-            "is, and the heading error, is known from one or two swings of it: record for longer, turning all the time"
+        fault=(
+            "noise lasts for more than a third of the recording (probability {noise_lasts:.0%}), so that how large "
+            "it is, and the heading error, is known from one or two swings of it"
         ),
+        said="record for longer, turning all the time",
         plain="The noise is so slow that the recording shows little of it: the errors given here may be too small.",
         remedy="Record for longer, turning all the time.",
         alarm=True,
@@ -288,7 +282,8 @@ ROWS: Final = (
         action="turn the sensor as the advice says: the readings lie on a small patch",
         fleet_action="turn the sensor further: the readings lie on a small patch",
         rule=Rule("inflation", (Grade("limits", 2.0),)),
-        said="the ellipsoid is {inflation} times as wide as its readings, which lie on a small patch of it: {movement}",
+        fault="the ellipsoid is {inflation} times as wide as its readings, which lie on a small patch of it",
+        said="{movement}",
         plain="The readings lie on a small patch of the sphere that they should go round. The rest of it is a guess.",
         remedy="{remedy}",
     ),
@@ -307,7 +302,8 @@ ROWS: Final = (
             number="apart_deg",
             limit=Limit(1.0, "target_deg"),
         ),
-        said="{contradiction}",
+        fault="{contradiction}",
+        said="{after_contradiction}",
         plain="The recordings do not agree with each other: one is {angle} of heading off the others.",
         remedy=(
             "Find out what changed from one recording to the next, and use those made in the state in which the "
@@ -336,10 +332,11 @@ ROWS: Final = (
             needs=(Needs("drift_by_chance", "<", 1e-4),),
             limit=Limit(1.0, "target_deg"),
         ),
-        said=(
-            "the offset changed by {drift} {unit} from the beginning of the recording to its end, {drift_deg}° of"
-            " heading{halves}: record again while temperature, currents and everything magnetic stay as they are in use"
+        fault=(
+            "the offset changed by {drift} {unit} from the beginning of the recording to its end, {drift_deg}° of "
+            "heading{halves}"
         ),
+        said="record again while temperature, currents and everything magnetic stay as they are in use",
         plain="Something changed while the recording was made: from its beginning to its end, by {angle} of heading.",
         remedy="Record again while temperature, currents and everything magnetic stay as they are in use.",
         alarm=True,
@@ -355,9 +352,10 @@ ROWS: Final = (
             "throughout [cannot be told](faults.md)"
         ),
         rule=Rule("swap_gain", (Grade("limits", 1.1),)),
+        fault="from reading {swap}",
         said=(
-            "from reading {swap} put right, the readings lie {swap_gain} times closer to an ellipsoid; find out "
-            "what the driver did then, and record again"
+            "put right, the readings lie {swap_gain} times closer to an ellipsoid; find out what the driver did "
+            "then, and record again"
         ),
         plain="While this was recorded, an axis changed its sign, or two axes changed places.",
         remedy="Find out what the driver of the sensor did then, and record again.",
@@ -371,10 +369,11 @@ ROWS: Final = (
         ),
         action="calibrate `--with` it, or record without",
         rule=Rule("unmodelled_deg", (Grade("limits", 0.5, "target_deg"),)),
-        said=(
-            "readings follow the {unmodelled} that was recorded with them, by up to {unmodelled_deg}° of heading,"
-            " which is not in the heading error: let the calibration follow the {unmodelled}, or record without"
+        fault=(
+            "readings follow the {unmodelled} that was recorded with them, by up to {unmodelled_deg}° of heading, "
+            "which is not in the heading error"
         ),
+        said="let the calibration follow the {unmodelled}, or record without",
         hint={"disturbances": None},
         plain=(
             "What was recorded beside the compass, such as the current of a motor, moves it by up to {angle} of "
@@ -392,10 +391,13 @@ ROWS: Final = (
             "record the current and calibrate `--with` it; fasten what is loose; or record far from iron and compare"
         ),
         rule=Rule("attitude_dependent_deg", (Grade("limits", 0.5, "target_deg"),)),
-        said=(
+        fault=(
             "readings are disturbed in step with the attitude, by {attitude_dependent_deg}° of heading and by what "
-            "hides in offset and soft iron: a current follows the attitude, a magnetic part is loose, or iron is close;"
-            " record the current and calibrate with it, fasten the part, or record elsewhere"
+            "hides in offset and soft iron"
+        ),
+        said=(
+            "a current follows the attitude, a magnetic part is loose, or iron is close; record the current and "
+            "calibrate with it, fasten the part, or record elsewhere"
         ),
         hint={"disturbances": None},
         plain=(
@@ -443,10 +445,11 @@ ROWS: Final = (
             (Grade("note", -1.0), Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg")),
             limit=Limit(1.0, "target_deg"),
         ),
+        fault="axis {nonlinear_axis} is not linear",
         said=(
-            "axis {nonlinear_axis} is not linear: it is off a straight line by {nonlinear_share:.1%} of the field, "
-            "{nonlinear_deg}° of heading, which the heading error allows for; check whether the sensor is near the "
-            "end of its range, or near a magnet; for C or Python code the axes can be linearized"
+            "it is off a straight line by {nonlinear_share:.1%} of the field, {nonlinear_deg}° of heading, which the "
+            "heading error allows for; check whether the sensor is near the end of its range, or near a magnet; for "
+            "C or Python code the axes can be linearized"
         ),
         hint={"linearize": True},
         plain=(
@@ -488,9 +491,10 @@ ROWS: Final = (
             (Grade("note", 0.1, "target_deg"), Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg")),
             limit=Limit(1.0, "target_deg"),
         ),
+        fault="{axis_lag}",
         said=(
-            "{axis_lag}: {lag_deg}° of heading, which the heading error allows for; read all axes at once (in one "
-            "burst, with block data update), or turn the sensor more slowly"
+            "{lag_deg}° of heading, which the heading error allows for; read all axes at once (in one burst, with "
+            "block data update), or turn the sensor more slowly"
         ),
         plain=(
             "The axes of the sensor are not read at the same moment, which spoils a calibration of a sensor that is "

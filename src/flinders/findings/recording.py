@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
+from flinders.findings.words import MANY_OUTLIERS, MANY_ROWS
 
 ROWS: Final = (
     CatalogueRow(
@@ -22,11 +23,11 @@ ROWS: Final = (
             number="next_correlation",
             limit=Limit(1.0, "alternating_limit"),
         ),
-        said=(
+        fault=(
             "readings err in turns to one side and to the other (correlation {next_correlation:.2f}), by about "
-            "{alternating_deg}° of heading: readings of two sensors are mixed, or something switches as fast as is "
-            "read; record one sensor alone"
+            "{alternating_deg}° of heading"
         ),
+        said="readings of two sensors are mixed, or something switches as fast as is read; record one sensor alone",
         plain="Every second reading is off to the other side, as where the readings of two sensors are mixed.",
         remedy="Record one sensor alone.",
         alarm=True,
@@ -40,7 +41,7 @@ ROWS: Final = (
             "bits were lost on the way"
         ),
         fleet_action="look for what passed by, a cable that moved, or bits lost on the way",
-        rule=Rule("outlier_share", (Grade("note", 0.0), Grade("limits", 0.1)), limit=Limit(0.1)),
+        rule=Rule("outlier_share", (Grade("note", 0.0), Grade("limits", MANY_OUTLIERS)), limit=Limit(MANY_OUTLIERS)),
         said=(
             "{outliers} ({outlier_share:.1%}), up to {farthest} {unit} off the rest, left out ({runs}): something"
             " magnetic passed by, or bits were lost on the way{again}"
@@ -57,7 +58,8 @@ ROWS: Final = (
         number="largest share of the readings at the very end of an axis; they are left out",
         action="choose a larger range of the sensor, or move it away from magnets",
         rule=Rule("rail_share", (Grade("limits", 0.0),), limit=Limit(0.01)),
-        said=("of the readings {rails}, and are left out: choose a larger range, or move the sensor away from magnets"),
+        fault="of the readings {rails}, and are left out",
+        said="choose a larger range, or move the sensor away from magnets",
         plain="The sensor was at the end of its range in {number:.1%} of the readings.",
         remedy="Choose a larger range of the sensor, or move it away from magnets, and record again.",
         alarm=True,
@@ -93,8 +95,8 @@ ROWS: Final = (
         action="nothing: a rest counts as one reading, or as none beside a long turn",
         rule=Rule("at_rest_share", (Grade("note", 0.1),), needs=(Needs("repeated_share", "<", 0.1),)),
         said=(
-            "{at_rest_share:.0%} of the readings were made at rest ({rests}): rests {rests_count}, since the field may "
-            "differ there"
+            "{at_rest_share:.0%} of the readings were made at rest ({rests}): rests {rests_treated}, since the "
+            "field may differ there"
         ),
         plain=(
             "While {number:.0%} of the readings were made, the sensor lay still. However long, a rest counts as one "
@@ -148,7 +150,7 @@ ROWS: Final = (
         limit="a tenth of the rows",
         action="check its supply and its bus, and read the sensor only when it has a new reading; they are left out",
         fleet_action="check the sensor's supply and bus",
-        rule=Rule("silent", (Grade("note", 0.0), Grade("limits", 0.1, "rows")), limit=Limit(0.1, "rows")),
+        rule=Rule("silent", (Grade("note", 0.0), Grade("limits", MANY_ROWS, "rows")), limit=Limit(MANY_ROWS, "rows")),
         said="{silent_rows}; left out{supply}",
         plain="At some readings the sensor did not answer (number of readings: {number:,.0f}). They were left out.",
         remedy="Check the sensor's wires, its supply, and how it is read.",
@@ -172,7 +174,7 @@ ROWS: Final = (
         limit="a tenth of the rows",
         action="look at the lines that the advice names; check the sensor, its cable and what was saved",
         fleet_action="check the sensor, its cable and what was saved",
-        rule=Rule("skipped", (Grade("note", 0.0), Grade("limits", 0.1, "rows")), limit=Limit(0.1, "rows")),
+        rule=Rule("skipped", (Grade("note", 0.0), Grade("limits", MANY_ROWS, "rows")), limit=Limit(MANY_ROWS, "rows")),
         said="left out: {skipped_rows}{check}",
         plain="Some lines could not be used (number of lines: {number:,.0f}); they are named below.",
         remedy="Look at the lines that could not be used.",

@@ -7,20 +7,24 @@ A rule is data: comparisons of plain numbers with limits, which the engine appli
 ...     rule=Rule("celsius", (Grade("note", 60.0), Grade("limits", 80.0))),
 ...     said="the sensor was at {celsius:.0f} °C", plain="It was hot.", remedy="Cool it.", action="cool it",
 ... )
->>> hot.stated({"celsius": 85.0}, "limits")
-Finding(code='hot', severity='limits', number=85.0, limit=60.0, advice='the sensor was at 85 °C')
+>>> hot.names, hot.sentence({"celsius": 85.0}), hot.rule.stated({"celsius": 85.0})
+(('celsius',), 'the sensor was at 85 °C', (85.0, 60.0))
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
+from functools import cache
+from string import Formatter
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 from flinders.errors import figures
+from flinders.findings.sensor_words import SENSOR_WORDS
+from flinders.findings.words import WORDS as FIT_WORDS
+from flinders.findings.words import angle, taken_by
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from flinders.errors import Hint
 
@@ -52,32 +56,10 @@ CERTAINTY: Final[dict[Condition, str]] = {
 
 Comparison = Literal["<", ">", ">="]
 
-ANY_ANGLE_DEG: Final = 90.0
+WORDS: Final[Mapping[str, Callable[..., str]]] = {**FIT_WORDS, **SENSOR_WORDS}
+"""Words that sentences take beside values, each made from values."""
 
 _OF_THE_TARGET: Final = {1.0: "the target", 0.5: "half the target", 0.1: "a tenth of the target"}
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """Something to know about a fit."""
-
-    code: str  #: stable name, one of `flinders.findings.CATALOGUE`
-    #: ``note``: good to know; ``limits``: the calibration holds with limits; ``refuses``: it is not given
-    severity: Severity
-    number: float  #: what was found; its meaning and unit belong to the code
-    limit: float  #: what it was compared with
-    advice: str  #: what was found, and what to do, in a sentence
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready fields; a number that there is none of is None."""
-        number, limit = (None if math.isnan(value) else value for value in (self.number, self.limit))
-        return {"code": self.code, "severity": self.severity, "number": number, "limit": limit, "advice": self.advice}
-
-
-def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Put the most severe findings first, those of one severity as they came."""
-    order = list(VERDICTS)
-    return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
 
 
 class Limit(NamedTuple):
@@ -128,14 +110,19 @@ class Rule:
         return frozenset({self.quantity, *graded, *needed} - {""})
 
     @property
+    def stated_names(self) -> set[str]:
+        """Names of the quantities that number and limit are."""
+        return {self.number or self.quantity, self.stated_limit.times} - {""}
+
+    @property
     def names(self) -> frozenset[str]:
         """Names of the quantities that it compares or states."""
-        return self.compared | {name for name in (self.number, self.limit.times if self.limit else "") if name}
+        return self.compared | self.stated_names
 
-    def stated(self, record: Mapping[str, Any]) -> tuple[float, float]:
+    def stated(self, values: Mapping[str, Any]) -> tuple[float, float]:
         """Number and limit as a finding states them."""
         factor, times = self.stated_limit
-        return record[self.number or self.quantity], factor * record[times] if times else factor
+        return float(values[self.number or self.quantity]), float(factor * values[times] if times else factor)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,9 +133,10 @@ class CatalogueRow:
     rule: Rule  #: when it is found
     number: str  #: for the table of docs/findings.md: meaning and unit of the number
     action: str  #: what to do
-    said: str  #: the technical sentence, a format of quantities and words of the record
+    said: str  #: the technical sentence, or what of it follows `fault`: a format of values and of `WORDS`
     plain: str  #: what it means for whoever uses the compass, without the mathematics
     remedy: str = ""  #: what that person does about it
+    fault: str = ""  #: the beginning of the sentence, which says what is wrong where a fit is refused in a line
     #: arguments that carry out the advice: each interface spells them, and the sentences name none
     hint: Hint = field(default_factory=dict)
     limit: str | None = None  #: meaning of the limit; None where it is that number of the rule, or share of the target
@@ -157,16 +145,20 @@ class CatalogueRow:
     #: what to do in a report of many units, where `action` speaks of what the advice to one unit names
     fleet_action: str = ""
 
-    def stated(self, record: Mapping[str, Any], severity: Severity) -> Finding:
-        """State it, with a severity that its rule has.
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the values that a finding has: those of number and limit, of the sentence and of its words."""
+        stated = (self.rule.number or self.rule.quantity, self.rule.stated_limit.times)
+        return tuple(name for name in dict.fromkeys((*stated, *_values_of(self.template))) if name)
 
-        Parameters
-        ----------
-        record : mapping
-            Quantities of the rule by name, and what the sentence takes.
-        """
-        number, limit = self.rule.stated(record)
-        return Finding(self.code, severity, float(number), float(limit), self.said.format_map(_Stated(record)))
+    @property
+    def template(self) -> str:
+        """Format of the technical sentence."""
+        return f"{self.fault}: {self.said}" if self.fault else self.said
+
+    def sentence(self, values: Mapping[str, Any], *, is_short: bool = False) -> str:
+        """The technical sentence; `is_short`: that part of it that says what is wrong, of a row that has one."""
+        return (self.fault if is_short and self.fault else self.template).format_map(_Stated(values))
 
     @property
     def severities(self) -> str:
@@ -191,37 +183,46 @@ class Quantity(float):
 
     def __format__(self, spec: str) -> str:
         if spec == "angle":
-            return f"{figures(float(self))}°" if self < ANY_ANGLE_DEG else "any angle"
+            return angle(float(self))
         return format(float(self), spec) if spec else figures(float(self))
 
 
 class Record(dict[str, Any]):
-    """Quantities by name, and words of a sentence, which may be made when a sentence asks for them.
+    """Quantities by name, and other values, each made when a finding takes it.
 
     >>> record = Record({"noise": 0.12}, who=lambda: "somebody")
     >>> record["noise"], record["who"]
     (0.12, 'somebody')
     """
 
-    def __init__(self, numbers: Mapping[str, Any], **words: Callable[[], str] | str) -> None:
+    def __init__(self, numbers: Mapping[str, Any], **made: Callable[[], Any]) -> None:
         super().__init__(numbers)
-        self._words = words
+        self._made = made
 
-    def __missing__(self, name: str) -> str:
-        word = self._words[name]
-        return word if isinstance(word, str) else word()
+    def __missing__(self, name: str) -> Any:  # noqa: ANN401 - a number, a name, or a list of either
+        self[name] = self._made[name]()
+        return self[name]
 
 
 class _Stated(dict[str, Any]):
-    """A record as a sentence takes it: its numbers to two figures."""
+    """Values as a sentence takes them: numbers to two figures, and words made of them."""
 
-    def __init__(self, record: Mapping[str, Any]) -> None:
+    def __init__(self, values: Mapping[str, Any]) -> None:
         super().__init__()
-        self._record = record
+        self._values = values
 
     def __missing__(self, name: str) -> Any:  # noqa: ANN401 - a quantity, or a word
-        entry = self._record[name]
-        return entry if isinstance(entry, str) else Quantity(entry)
+        if name in WORDS:
+            return WORDS[name](**{taken: self._values[taken] for taken in taken_by(WORDS[name])})
+        value = self._values[name]
+        return value if isinstance(value, str) else Quantity(value)
+
+
+@cache
+def _values_of(said: str) -> tuple[str, ...]:
+    """Names of the values that a sentence and its words take."""
+    named = [name for _, name, _, _ in Formatter().parse(said) if name]
+    return tuple(taken for name in named for taken in (taken_by(WORDS[name]) if name in WORDS else (name,)))
 
 
 def resting_on(conditions: Sequence[Condition]) -> str:

@@ -5,8 +5,8 @@
 
 Findings that follow from others are not shown: who removes the cause need not read of them.
 
->>> given = [Finding(code, "limits", 1.0, 0.0, "…") for code in ("noise", "coverage", "axis-swap")]
->>> [finding.code for finding in first_causes(given)]
+>>> given = [Finding(code, "limits", {}) for code in ("noise", "coverage", "axis-swap")]
+>>> [finding.code for finding in first_causes(linked(given))]
 ['axis-swap', 'coverage']
 """
 
@@ -18,13 +18,15 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.findings.catalogue import CATALOGUE, OF_A_FIT, QUANTITIES, RULES
-from flinders.findings.row import VERDICTS, Finding, by_severity
+from flinders.findings.finding import Finding, by_severity, stated
+from flinders.findings.row import CAUSES, VERDICTS
 from flinders.native.engine import engine
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Container, Iterable, Iterator, Mapping
 
     from flinders.findings.row import Severity
+    from flinders.native.engine import Records
 
 SEVERITIES: Final[tuple[Severity | None, ...]] = (None, *reversed(VERDICTS))
 """Severities by the engine's numbers."""
@@ -42,12 +44,12 @@ def finding_in(record: Mapping[str, Any], code: str) -> Finding | None:
     record : mapping
         Quantities of the rule by name, and what the sentence takes.
     """
-    row = CATALOGUE[code]
+    rule = CATALOGUE[code].rule
     quantities = np.full(len(QUANTITIES), np.nan)
-    for name in row.rule.compared:
+    for name in rule.compared:
         quantities[_QUANTITIES[name]] = record[name]
     severity = SEVERITIES[engine().severity(_RULES[code], quantities)]
-    return None if severity is None else row.stated(record, severity)
+    return None if severity is None else stated(code, record, severity)
 
 
 def found_in(record: Mapping[str, Any], *codes: str) -> Iterator[Finding]:
@@ -62,27 +64,48 @@ def certain(record: Mapping[str, Any], code: str) -> Finding:
     return finding
 
 
+def linked(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Findings of several judgements of one fit, by severity, each with the code of the one that it follows from."""
+    given = by_severity(findings)
+    severities = np.zeros(len(OF_A_FIT), dtype=np.uint8)
+    for finding in given:
+        if (rule := _OF_A_FIT.get(finding.code)) is not None:
+            severities[rule] = max(int(severities[rule]), SEVERITIES.index(finding.severity))
+    causes = causes_of(engine().causes(severities))
+    return tuple(replace(finding, follows_from=causes.get(finding.code)) for finding in given)
+
+
+def causes_of(judgement: Records) -> dict[str, str]:
+    """Code of the cause of each finding of a judgement that follows from another."""
+    causes = judgement["causes"].tolist()
+    return {OF_A_FIT[rule]: OF_A_FIT[cause - 1] for rule, cause in enumerate(causes) if cause and cause != rule + 1}
+
+
 def first_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Findings that follow from no other, by severity, causes first; a cause is as severe as what follows from it.
 
     `findings`: of one fit.
     """
-    given = [(_OF_A_FIT.get(finding.code), finding) for finding in findings]
-    severities = np.zeros(len(OF_A_FIT), dtype=np.uint8)
-    for rule, finding in given:
-        if rule is not None:
-            severities[rule] = max(int(severities[rule]), SEVERITIES.index(finding.severity))
-    judgement = engine().causes(severities)
-    shown, causes = judgement["shown"], judgement["causes"]
-    firsts = [rule for rule in judgement["order"].tolist() if rule < len(OF_A_FIT) and causes[rule] == rule + 1]
-    first = [
-        replace(finding, severity=SEVERITIES[int(shown[cause])] or finding.severity)
-        for cause in firsts
-        for rule, finding in given
-        if rule == cause
-    ]
-    left = [finding for rule, finding in given if rule is None or (shown[rule] and rule not in firsts)]
-    return by_severity([*first, *left])
+    given = tuple(findings)
+    worst = {finding.follows_from: finding.severity for finding in reversed(by_severity(given)) if finding.follows_from}
+    there = {finding.code for finding in given}
+    shown = [finding for finding in given if finding.follows_from is None]
+    shown.sort(key=lambda finding: _place(finding, there))
+    return by_severity(replace(one, severity=_worse(one.severity, worst.get(one.code))) for one in shown)
+
+
+def _place(finding: Finding, there: Container[str]) -> int:
+    """Place of a finding among the causes; behind them where it is none as severe as it is."""
+    for place, cause in enumerate(CAUSES):
+        is_severe = SEVERITIES.index(finding.severity) >= SEVERITIES.index(cause.severity)
+        if finding.code == cause.code and is_severe and cause.unless not in there:
+            return place
+    return len(CAUSES)
+
+
+def _worse(one: Severity, other: Severity | None) -> Severity:
+    """The more severe of two."""
+    return one if other is None else max(one, other, key=SEVERITIES.index)
 
 
 def limit_of(code: str, name: Severity | str = "limits") -> float:

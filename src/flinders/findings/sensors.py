@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
+from flinders.findings.words import SHOOT_AT_REST
 
 ROWS: Final = (
     CatalogueRow(
@@ -26,7 +27,7 @@ ROWS: Final = (
         ),
         said=(
             "it deviates from the others, by up to {departs_deg}° of heading, for {departs_share:.0%} of the time "
-            "({when}), while {why}: something magnetic was near it then, or a current flowed{rests}"
+            "({when}), while {why_deviates}: something magnetic was near it then, or a current flowed{does_not_rest}"
         ),
         plain=(
             "For a while the compass was up to {angle} of heading off the others of its vehicle: something "
@@ -61,7 +62,7 @@ ROWS: Final = (
         number="heading that sensors of one body are apart for a while, or of two all the time (1 σ), degrees",
         action="neither a majority nor a length tells which is off: compare with a known bearing, or fit a third",
         rule=Rule("apart_deg", (Grade("limits", 0.0),), limit=Limit(1.0, "target_deg")),
-        said="{disagreement}, and it cannot be told which of them is off: no length tells, and no majority{alone}",
+        said="{disagreement}, and it cannot be told which of them is off: no length tells, and no majority{each_alone}",
         plain="Compasses of the vehicle were {angle} of heading apart, and nobody can tell which of them was off.",
         remedy="Compare them with a known bearing, or fit a third.",
     ),
@@ -86,7 +87,7 @@ ROWS: Final = (
             "its axes (`--axes`)"
         ),
         rule=Rule("handedness", (Grade("limits", 1.0),), comparison="<"),
-        said="its axes are a mirror image of those of {reference}: as {axes} they fit. {who}",
+        said="its axes are a mirror image of those of {reference}: as {axes} they fit. {who_is_mirrored}",
         hint={"axes": None},
         plain=(
             "The axes of this sensor and those of another are mirror images of each other: one of the two has an "
@@ -102,7 +103,7 @@ ROWS: Final = (
         rule=Rule("is_turned", (Grade("note", 0.0),), number="rotation_sigma_deg", limit=Limit(0.0)),
         said=(
             "turned into the axes of {reference}: {axes}, and {misalignment_deg}° off that, known to "
-            "{rotation_sigma_deg}° (1 σ){where}"
+            "{rotation_sigma_deg}° (1 σ){in_the_vehicle}"
         ),
         plain="Corrected readings are in the axes of another sensor of the vehicle, but for an uncertainty of {angle}.",
     ),
@@ -139,7 +140,7 @@ ROWS: Final = (
             " their clocks: it has what it finds by itself"
         ),
         rule=Rule("is_alone", (Grade("note", 0.0),), number="together_deg", limit=Limit(1.5, "alone_deg")),
-        said="{why}",
+        said="{why_alone}",
         plain=(
             "The sensor was corrected by itself: together with the others of the vehicle it would be known no better."
         ),
@@ -152,10 +153,11 @@ ROWS: Final = (
         limit="the target (`target_deg`, `--target`)",
         action="shoot the directions that the page names, with four rolls each",
         rule=Rule("pointing_deg", (Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg"))),
-        said=(
+        fault=(
             "azimuth may be off by {azimuth_deg:angle} and inclination by {inclination_deg:angle} (1 σ, worst pose; "
-            "the target is {target_deg:g}°): {remedy}"
+            "the target is {target_deg:g}°)"
         ),
+        said=SHOOT_AT_REST,
         plain="At worst the instrument may be off by {angle}, and {limit:g}° is the target.",
         remedy="Take more shots, in other directions, with four rolls each.",
     ),

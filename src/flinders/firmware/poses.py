@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from flinders.heading.guidance import POSE_WORDS
+from flinders.findings.poses import POSE_WORDS
 
 MADE: Final = "Made by `flinders firmware` from the library's attitudes."
 

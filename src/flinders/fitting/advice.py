@@ -2,8 +2,8 @@
 
 >>> from flinders import simulate
 >>> from flinders.fitting.calibrate import fit
->>> attitudes(fit(simulate.tumble(seed=1).samples))
-'within 1° at any attitude'
+>>> movement(fit(simulate.tumble(seed=1).samples))
+'record for longer while turning through all directions, away from iron and currents'
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.errors import figures
-from flinders.findings.row import ANY_ANGLE_DEG
+from flinders.findings import words
+from flinders.findings.words import UPSIDE_DOWN
 from flinders.fitting.result import TILTS
 from flinders.heading.guidance import guide
 
@@ -25,46 +25,43 @@ if TYPE_CHECKING:
 WORTH_IT: Final = 0.05
 """Share of the error that a hundredth of the readings must save where they are advised for one attitude to be named."""
 
-UPSIDE_DOWN: Final = 180.0
+Step = tuple[str] | tuple[str, float]
+"""A name of `flinders.findings.words.STEPS`, and the number of a pose where it takes one."""
 
 
-def attitudes(fit: Fit) -> str:
-    """Say up to which tilt the heading is within the target, and how fast it degrades beyond."""
-    limit, target = fit.claim.attitude_limit_deg, fit.claim.target_deg
-    if limit >= UPSIDE_DOWN:
-        return f"within {target:g}° at any attitude"
-    beyond = [tilt for tilt in (*TILTS, UPSIDE_DOWN) if tilt > limit]
-    tilted = fit.claim.tilted_error
-    worse = [f"{angle(tilted(tilt).worst)} {_at(tilt)}" for tilt in dict.fromkeys((beyond[0], beyond[-1]))]
-    if limit < 1.0:
-        return f"good to {angle(fit.heading_error_deg.worst)} while level; tilted, {', '.join(worse)}"
-    return f"within {target:g}° up to {limit:.0f}° of tilt; {', '.join(worse)}"
+def tilted_errors(fit: Fit, limit_deg: float) -> list[tuple[float, float]]:
+    """The first and the last tilt beyond that up to which a heading is within the target, and the errors there."""
+    beyond = [tilt for tilt in (*TILTS, UPSIDE_DOWN) if tilt > limit_deg]
+    return [(tilt, fit.claim.tilted_error(tilt).worst) for tilt in dict.fromkeys((*beyond[:1], *beyond[-1:]))]
 
 
-def _at(tilt: float) -> str:
-    return "upside down" if tilt == UPSIDE_DOWN else f"at {tilt:g}°"
+def next_step(fit: Fit) -> Step:
+    """What would make the heading error smaller, by its name in `flinders.findings.words.STEPS`."""
+    if fit.claim.bias_deg > fit.claim.target_deg:
+        return ("use-ellipse",) if fit.claim.plane else ("use-auto",)
+    if fit.evidence.diagnosis.repeats is not None and fit.evidence.diagnosis.repeats.scatter_deg > fit.claim.target_deg:
+        return ("use-own-state",)
+    return next_movement(fit)
+
+
+def next_movement(fit: Fit) -> Step:
+    """Which way to turn the sensor next: where readings would tell most, or all round where none tells more."""
+    if fit.claim.plane:
+        return ("turn-level",)
+    advice = advised(fit)
+    if advice.after_deg > (1.0 - WORTH_IT) * advice.worst_deg:
+        return ("record-longer",)
+    return "hold", float(advice.pose_number("sensor"))
 
 
 def remedy(fit: Fit) -> str:
     """Say what would make the heading error smaller."""
-    if fit.claim.bias_deg > fit.claim.target_deg:
-        if fit.claim.plane:
-            return "the points are not equally spaced in heading, use the method 'ellipse'"
-        return "the method's model does not fit this sensor, use 'auto'"
-    repeats = fit.evidence.diagnosis.repeats
-    if repeats is not None and repeats.scatter_deg > fit.claim.target_deg:
-        return "the recordings contradict each other, use those made in the state of use"
-    return movement(fit)
+    return words.remedy(next_step(fit))
 
 
 def movement(fit: Fit) -> str:
-    """Say which way to turn the sensor next: where readings would tell most, or all round where none tells more."""
-    if fit.claim.plane:
-        return "turn it all the way round, more than once, keeping it level"
-    advice = advised(fit)
-    if advice.after_deg > (1.0 - WORTH_IT) * advice.worst_deg:
-        return "record for longer while turning through all directions, away from iron and currents"
-    return advice.words("sensor").replace("hold it", "hold the sensor", 1)
+    """Say which way to turn the sensor next."""
+    return words.movement(next_movement(fit))
 
 
 def advised(fit: Fit) -> Guidance:
@@ -99,12 +96,3 @@ def unseen_side(coverage: Coverage) -> str:
         if abs(part) > 0.4
     ]
     return f"{named[0]} side" if len(named) == 1 else f"corner between {' and '.join(named)}"
-
-
-def angle(degrees: float) -> str:
-    """Write an error in degrees; beyond a right angle it says nothing.
-
-    >>> angle(2.04), angle(120.0)
-    ('2.0°', 'any angle')
-    """
-    return f"{figures(degrees)}°" if degrees < ANY_ANGLE_DEG else "any angle"

@@ -170,7 +170,7 @@ class _Selection:
     def try_sensor(self, name: str) -> None:
         """Use a sensor that can be trusted and, with ``auto``, earns its place; say why another is left out."""
         if (mistake := self._mistake_of(name)) is not None:
-            self.reports.append(AidingSensor(name, is_used=False, reason=mistake.words))
+            self.reports.append(AidingSensor(name, is_used=False, reason=mistake.words, code=mistake.code))
             return
         replaced = [used for used in self.used if name in UPRIGHT and used in UPRIGHT]
         tried = (*(used for used in self.used if used not in replaced), name)
@@ -179,7 +179,8 @@ class _Selection:
         claims = claim_deg(self.best, self.dip_deg), claim_deg(aided, self.dip_deg)
         if (contradiction := _contradiction(self.samples, aided, name) or is_diverged(name, *claims)) is not None:
             self.mistakes += [] if self.is_auto else [contradiction]
-            self.reports.append(AidingSensor(name, is_used=False, reason=contradiction.words))
+            report = AidingSensor(name, is_used=False, reason=contradiction.words, code=contradiction.code)
+            self.reports.append(report)
             return
         report = AidingSensor(name, True, change_deg(self.best, aided, self.dip_deg), *claims)
         trial = _AidTrial(self.standing, _Candidate(self.samples, aided, self.rotation))

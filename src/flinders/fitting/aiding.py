@@ -116,6 +116,7 @@ class AidingSensor:
     before_deg: float = 0.0  # worst heading error claimed without it
     after_deg: float = 0.0  # worst heading error claimed with it
     reason: str = ""  # why it was left out
+    code: str = ""  # of the finding that says the same
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,10 +24,10 @@ from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted
 from flinders.core.units import Unit, label
-from flinders.errors import UsageError, figures
+from flinders.errors import UsageError
 from flinders.estimators.data import LARGEST, SMALLEST
 from flinders.estimators.reference.minmax import MinMax, spanned, strength_of
-from flinders.findings import Finding, Record, by_severity, certain
+from flinders.findings import Finding, certain, linked
 from flinders.fitting.result import Judged, Outcome
 from flinders.fitting.verdict import of_calibration
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -130,9 +130,8 @@ def from_extremes(
         sensor=sensor,
     )
     extremes = Extremes(replace(calibration, field_strength_known=field_strength is not None), low, high)
-    return replace(
-        extremes, findings=by_severity([_typed(extremes, target_deg, dip_deg), *of_calibration(extremes.calibration)])
-    )
+    findings = linked([_typed(extremes, target_deg, dip_deg), *of_calibration(extremes.calibration)])
+    return replace(extremes, findings=findings)
 
 
 def _pairs(numbers: ArrayLike) -> Floats:
@@ -154,13 +153,10 @@ def _typed(extremes: Extremes, target_deg: float, dip_deg: float) -> Finding:
     """Say that nobody knows how good it is; and what it would cost if the turn had not reached the shorter ends."""
     half = extremes.ellipsoid.shape.diagonal()
     short = half.max() - half
-    if not short.any():
-        return certain(Record({"is_typed": 1.0, "unturned_deg": 0.0, "target_deg": target_deg}, turn=""), TYPED)
-    covariance = np.diag(np.append(short**2, np.zeros(6)))
-    sphere = Ellipsoid(extremes.ellipsoid.centre, half.max() * np.eye(3))
-    worst = level_error(sphere, covariance, dip_deg=dip_deg).worst
-    turn = (
-        f"were the axes alike and the shorter ones only not turned to their ends, the offset would be off by up to "
-        f"{figures(float(short.max()))} {label(extremes.calibration.unit)} and a level heading by {figures(worst)}°. "
-    )
-    return certain(Record({"is_typed": 1.0, "unturned_deg": worst, "target_deg": target_deg}, turn=turn), TYPED)
+    shortfall, worst = float(short.max()), 0.0
+    if shortfall:
+        covariance = np.diag(np.append(short**2, np.zeros(6)))
+        sphere = Ellipsoid(extremes.ellipsoid.centre, half.max() * np.eye(3))
+        worst = level_error(sphere, covariance, dip_deg=dip_deg).worst
+    values = {"is_typed": 1.0, "unturned_deg": worst, "target_deg": target_deg, "shortfall": shortfall}
+    return certain({**values, "unit": label(extremes.calibration.unit)}, TYPED)

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.samples import joined
-from flinders.errors import FitError, counted, figures
+from flinders.errors import FitError
 from flinders.estimators.data import WithinRange
-from flinders.findings import Record, by_severity, certain
+from flinders.findings import certain, linked
 from flinders.fitting.calibrate import fit
 from flinders.fitting.result import Refused
 from flinders.geometry.plane import down_of
@@ -31,15 +31,6 @@ if TYPE_CHECKING:
 
 UNKNOWN_DEG: Final = 180.0
 """What a filter may have moved the heading by, where there is nothing to compare it with."""
-
-UNCOMPARED: Final = (
-    "; without the filter there is no calibration to compare with, so the effect of the filter is not known: "
-    "record again, turning slowly"
-)
-BEYOND: Final = (
-    ", more than the {}° that are claimed. A filter takes spikes off, and pulls the readings of a turning sensor "
-    "inside the ellipsoid: turn more slowly, or use 'auto' without --filter, which leaves spikes out by itself"
-)
 
 OF_SINGLE_READINGS: Final = ("saturated", "stale-repeats")
 """Findings that a filter blurs, and a median invents: they are those of the readings as recorded."""
@@ -78,7 +69,7 @@ def fit_filtered(
     of_fit = [finding for finding in result.findings if finding.code not in OF_SINGLE_READINGS]
     recorded = [] if plain is None else [each for each in plain.findings if each.code in OF_SINGLE_READINGS]
     finding = filtered_finding(result, plain, by, dropped)
-    findings = by_severity([*of_fit, *recorded, finding])
+    findings = linked([*of_fit, *recorded, finding])
     judged = replace(result, judgement=replace(result.judgement, findings=findings))
     if refusal is not None:
         raise Refused(judged)
@@ -104,27 +95,28 @@ def filtered_finding(fit: Fit, plain: Fit | None, by: Filter, dropped: int) -> F
     dropped.
     """
     claimed = fit.heading_error_deg.worst
-    moved, effect = (UNKNOWN_DEG, UNCOMPARED) if plain is None else _effect(fit, plain)
+    moved, smaller = (UNKNOWN_DEG, 0.0) if plain is None else _effect(fit, plain)
     is_to_blame = plain is None or fit.verdict == "refused" != plain.verdict
-    if plain is not None and is_to_blame:
-        effect += f"; without the filter the verdict is {plain.verdict}: leave --filter out, or turn more slowly"
-    elif plain is not None:
-        effect += ", within what is claimed" if moved <= claimed else BEYOND.format(figures(claimed))
-    out = f", {counted(dropped, 'reading')} dropped" if dropped else ""
-    numbers = {"moved_deg": moved, "claimed_deg": claimed, "allowed_deg": -1.0 if is_to_blame else claimed}
-    return certain(Record(numbers, by=f"{by}{out}", effect=effect), "filtered")
+    values = {
+        "moved_deg": moved,
+        "claimed_deg": claimed,
+        "allowed_deg": -1.0 if is_to_blame else claimed,
+        "filter": str(by),
+        "dropped": dropped,
+        "smaller_share": smaller,
+        "unfiltered": "" if plain is None else plain.verdict,
+        "is_to_blame": is_to_blame,
+    }
+    return certain(values, "filtered")
 
 
-def _effect(fit: Fit, plain: Fit) -> tuple[float, str]:
-    """Degrees by which a filter moved the heading at the worst, and what it did in words."""
+def _effect(fit: Fit, plain: Fit) -> tuple[float, float]:
+    """Degrees by which a filter moved the heading at the worst, and by which share it made the field smaller."""
     ours, theirs = fit.calibration.ellipsoid, plain.calibration.ellipsoid
     apart = ours.parameters - theirs.parameters
     dip, down = fit.heading_error_deg.dip_deg, down_of(fit.claim.plane)
     moved = level_error(theirs, np.outer(apart, apart), dip_deg=dip, down=down).worst
-    smaller = 1.0 - ours.radius / theirs.radius
-    size = f"{figures(abs(100 * smaller))}% {'smaller' if smaller > 0 else 'larger'}"
-    words = f": that moves the heading by {figures(moved)}° at the worst and makes the field {size}"
-    return float(np.nan_to_num(moved, nan=UNKNOWN_DEG)), words
+    return float(np.nan_to_num(moved, nan=UNKNOWN_DEG)), 1.0 - ours.radius / theirs.radius
 
 
 def through(parts: Sequence[Recording], by: Filter) -> Recording:

@@ -46,7 +46,7 @@ import numpy as np
 
 from flinders.core.calibration import Calibration
 from flinders.errors import FitError, UsageError
-from flinders.findings import by_severity
+from flinders.findings import linked
 from flinders.findings.catalogue import OF_CALIBRATION
 from flinders.fitting.calibrate import mounted
 from flinders.fitting.claim import Claim
@@ -190,7 +190,7 @@ def refresh_at_headings(
 
 def _accepted(fit: Fit, chance: float) -> Fit:
     """The fit with its findings and what it rests on, unless its verdict refuses it."""
-    judgement = Judgement(by_severity(_judged(fit, chance)))
+    judgement = Judgement(linked(_judged(fit, chance)))
     if judgement.verdict == "refused":
         raise Refused(replace(fit, judgement=judgement))
     conditions = CONDITIONS_OF_POSES if judgement.verdict == "good" else ()
@@ -328,7 +328,7 @@ def _judged(fit: Fit, chance: float) -> Iterator[Finding]:
         fit.calibration,
         ("poses-contradict", "heading-error", *OF_CALIBRATION),
         target_deg=fit.claim.target_deg,
-        words={"why": lambda _: "", "remedy": lambda _: "add poses at other headings, or turn the vehicle"},
+        values={"next_step": ("add-poses",)},
         level_worst_deg=fit.heading_error_deg.worst,
         poses_by_chance=chance,
     )

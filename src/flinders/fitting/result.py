@@ -20,14 +20,14 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import msgspec
 import numpy as np
 from msgspec import UNSET
 
 from flinders.core.calibration import Calibration
-from flinders.core.calibration_file import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, read, write
+from flinders.core.calibration_file import PARAMETERS, Fitted, HeadingErrorRecord, read, write
 from flinders.core.units import label
 from flinders.errors import DocumentError, FitError, counted, figures
 from flinders.findings import VERDICTS, Finding, Verdict, first_causes
@@ -39,9 +39,9 @@ from flinders.summary.coverage import Coverage
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.core.calibration_file import Document, ProvenanceRecord, SourceFile
+    from flinders.core.calibration_file import Document, FindingRecord, ProvenanceRecord, SourceFile
     from flinders.errors import FlindersError
-    from flinders.findings import Condition, Severity
+    from flinders.findings import Condition
 
 TILTS: Final = (10.0, 30.0, 90.0)
 """Degrees of tilt at which it is said how much worse headings get."""
@@ -62,7 +62,7 @@ class Judged:
     @property
     def finding_records(self) -> tuple[FindingRecord, ...]:
         """The findings as they stand in a file."""
-        return tuple(FindingRecord(**finding.as_dict()) for finding in self.findings)
+        return tuple(finding.to_record() for finding in self.findings)
 
 
 class Outcome:
@@ -376,7 +376,8 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
     if error is not None and error.structure_deg:
         across = math.radians(error.structure_deg) * math.cos(math.radians(claim.known_dip_deg))
         evidence = replace(evidence, residuals=Residuals(distortion=across * fit.calibration.ellipsoid.radius))
-    judgement = Judgement(tuple(_finding(each) for each in record.findings), record.conditions or ())
+    findings = tuple(Finding.from_record(each, fit.name) for each in record.findings)
+    judgement = Judgement(findings, record.conditions or ())
     if record.verdict != judgement.verdict:
         judgement = replace(judgement, stated_verdict=record.verdict or "limited")
     loaded = replace(fit, evidence=evidence, claim=claim, judgement=judgement)
@@ -437,13 +438,6 @@ def _refuse_no_covariance(covariance: Floats, name: str) -> None:
     lowest = float(np.linalg.eigvalsh(covariance)[0])
     if lowest < -1e-6 * largest:
         raise DocumentError(f"{name}: fit.covariance has the eigenvalue {lowest:.3g}: no variance is negative")
-
-
-def _finding(record: FindingRecord) -> Finding:
-    """A finding as its file states it."""
-    number, limit = (math.nan if value is None else value for value in (record.number, record.limit))
-    severity = record.severity if record.severity in ("note", "limits", "refuses") else "note"
-    return Finding(record.code, cast("Severity", severity), number, limit, record.advice)
 
 
 def _rms_and_worst(error: HeadingError | DirectionError | None) -> dict[str, float] | None:

@@ -32,7 +32,8 @@ from flinders.core.calibration import UNSTATED, Calibration
 from flinders.core.calibration_file import Fitted, HeadingErrorRecord
 from flinders.core.survey import FORWARD_RIGHT_DOWN, Angles, SurveyCalibration
 from flinders.errors import FitError, counted, figures
-from flinders.findings import Record, by_severity, found_in
+from flinders.findings import by_severity, found_in
+from flinders.findings.words import SHOOT_AT_REST
 from flinders.fitting.result import Judged, Outcome
 from flinders.geometry.rotation import lengths
 from flinders.heading.axis_consistency import WANDERS
@@ -68,11 +69,6 @@ CONTRADICTS: Final = 3.0
 
 MOST_LEFT_OUT: Final = 0.2
 """Share of the shots: where more contradict each other, the model is wrong and not the shots."""
-
-REST: Final = (
-    "take each shot at rest, four to a direction with a quarter turn about the laser between them, in directions all "
-    "around, up and down"
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -247,7 +243,9 @@ def _apart(directions: Floats) -> NDArray[np.intp]:
 def _refuse_count(count: int) -> None:
     """Refuse too few shots, and a recording that is none of shots."""
     if count < FEWEST:
-        raise FitError(f"{counted(count, 'shot')}: need at least {FEWEST}, better 24 or 56; {REST}", found=count)
+        raise FitError(
+            f"{counted(count, 'shot')}: need at least {FEWEST}, better 24 or 56; {SHOOT_AT_REST}", found=count
+        )
     if count > MOST:
         raise FitError(
             f"{count:,} readings: need one for each shot, {MOST} at most: take the mean of the readings of each shot "
@@ -262,7 +260,7 @@ def _begun(magnetic: Floats, gravity: Floats) -> SurveyParameters:
         start = begin(magnetic, gravity)
     except np.linalg.LinAlgError:
         raise FitError(
-            f"readings of a sensor are all alike, or lie on no sphere: {REST}, and check the columns"
+            f"readings of a sensor are all alike, or lie on no sphere: {SHOOT_AT_REST}, and check the columns"
         ) from None
     field, down = (vectors / lengths(vectors)[:, np.newaxis] for vectors in start.corrected(magnetic, gravity))
     scatter = float(np.std(np.einsum("ni,ni->n", field, down)))
@@ -282,7 +280,7 @@ def _refuse_unrolled(groups: NDArray[np.intp]) -> None:
     if len(np.unique(groups)) == len(groups):
         raise FitError(
             f"no two shots that follow each other point within {SAME_DEG:.0f}° of the same direction: the axis of the "
-            f"laser cannot be seen; {REST}, and check which axis is the laser's",
+            f"laser cannot be seen; {SHOOT_AT_REST}, and check which axis is the laser's",
             hint={"pointing": None},
             same_deg=SAME_DEG,
         )
@@ -356,6 +354,5 @@ def _findings(
         "target_deg": target_deg,
         "contradicting": float(errors.excluded.mean()),
     }
-    named = ", ".join(str(number) for number, out in zip(errors.numbers, errors.excluded, strict=True) if out)
-    record = Record(numbers, remedy=REST, shots=f"shot {named}")
-    return by_severity(found_in(record, "pointing-error", "shots-contradict"))
+    left_out = [number for number, out in zip(errors.numbers, errors.excluded, strict=True) if out]
+    return by_severity(found_in({**numbers, "shot_numbers": left_out}, "pointing-error", "shots-contradict"))

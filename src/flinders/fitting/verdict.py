@@ -1,7 +1,7 @@
-"""What there is to say of a judged fit: findings with their sentences, and what a good verdict rests on.
+"""What there is to know of a judged fit: its findings, and what a good verdict rests on.
 
-The engine judges (`flinders.native`, ``judge.c``); `flinders.findings` has rules and sentences. Here are the words that
-sentences take beside the quantities of a judgement, and the findings of disturbances and aiding sensors.
+The engine judges (`flinders.native`, ``judge.c``); `flinders.findings` has rules and sentences. Here are the values
+that findings have beside the quantities of a judgement, and the findings of disturbances and aiding sensors.
 
 >>> from flinders import simulate
 >>> from flinders.fitting.calibrate import fit
@@ -13,15 +13,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.core.compensation import beyond_words
 from flinders.core.disturbance import known, motor
 from flinders.core.units import label
-from flinders.errors import counted, figures
-from flinders.findings import CATALOGUE, Finding, Record, by_severity, fit, found_in, limit_of
+from flinders.findings import Finding, Record, by_severity, found_in, limit_of
 from flinders.findings.catalogue import (
     OF_A_FIT,
     OF_CALIBRATION,
@@ -30,9 +28,10 @@ from flinders.findings.catalogue import (
     OF_THE_FIT,
     QUANTITIES_OF_A_FIT,
 )
+from flinders.findings.finding import stated
 from flinders.findings.row import CONDITIONS
-from flinders.findings.rules import SEVERITIES
-from flinders.fitting.advice import attitudes, movement, remedy
+from flinders.findings.rules import SEVERITIES, causes_of
+from flinders.fitting.advice import next_movement, next_step, tilted_errors
 from flinders.fitting.record import record_of_ellipsoid, request_of
 from flinders.fitting.result import Judgement
 from flinders.geometry.plane import order_of
@@ -43,15 +42,12 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Disturbance
-    from flinders.core.samples import Skipped
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.findings import Condition
-    from flinders.fitting.evidence import Diagnosis
     from flinders.fitting.result import Fit
     from flinders.native.engine import Records
-    from flinders.summary.quality import Rail
-    from flinders.summary.summary import Statistics
+    from flinders.summary.summary import RestSpan, Statistics
 
 PLACED, SKEWED = 0.5, 0.15
 """Of the field: an offset across a level turn is known, a shape across it is not."""
@@ -59,6 +55,8 @@ NOT_BY_CHANCE: Final = 2.0
 """Claims by which readings that were corrected before have to err for another calibration to be worth having."""
 UNSAID: Final = 0.5
 """Of the target: a curve of a disturbance that costs less heading is left unsaid."""
+LISTED: Final = 3
+"""Runs, rests or lines that a finding lists."""
 STRAIGHT: Final = "current"
 """A field goes in proportion to the current that makes it, and may be extrapolated."""
 
@@ -75,7 +73,7 @@ def with_findings(result: Fit, judgement: Records, statistics: Statistics) -> Fi
     statistics : Statistics
         Of the recording it came from.
     """
-    record = _FitRecord(Spoken(result, statistics, judged_quantities(judgement)))
+    record = FitRecord(result, statistics, judged_quantities(judgement))
     supported: tuple[Finding, ...] = tuple(found_by(judgement, record, OF_THE_FIT))
     if not any(finding.code == "one-plane" for finding in supported):
         # what follows from a surface that nothing supports is no finding
@@ -97,11 +95,11 @@ def judged_quantities(judgement: Records) -> dict[str, float]:
 
 
 def found_by(judgement: Records, record: Mapping[str, Any], codes: Iterable[str]) -> Iterator[Finding]:
-    """Of some findings of a fit those that its judgement has, stated by a record."""
-    severities = dict(zip(OF_A_FIT, judgement["severities"].tolist(), strict=True))
+    """Of some findings of a fit those that its judgement has, with values of a record."""
+    severities, causes = dict(zip(OF_A_FIT, judgement["severities"].tolist(), strict=True)), causes_of(judgement)
     for code in codes:
         if (severity := SEVERITIES[severities[code]]) is not None:
-            yield CATALOGUE[code].stated(record, severity)
+            yield replace(stated(code, record, severity), follows_from=causes.get(code))
 
 
 def _conditions(judgement: Records) -> tuple[Condition, ...]:
@@ -110,109 +108,32 @@ def _conditions(judgement: Records) -> tuple[Condition, ...]:
     return tuple(code for place, code in enumerate(CONDITIONS) if bits >> place & 1)
 
 
-class Spoken(NamedTuple):
-    """What the sentences about a fit speak of.
+class FitRecord(Record):
+    """The quantities of the judgement of a fit, and the values of `VALUES`, each made once, when a finding takes it."""
 
-    Attributes
-    ----------
-    fit : Fit
-    statistics : Statistics
-        Of its recording.
-    quantities : dict
-        Of its judgement, by name.
-    """
+    def __init__(self, fit: Fit, statistics: Statistics, quantities: Mapping[str, float]) -> None:
+        super().__init__({name: value for name, value in quantities.items() if not math.isnan(value)})
+        self.fit, self.statistics = fit, statistics  # of its recording
+        self.claim, self.evidence, self.diagnosis = fit.claim, fit.evidence, fit.evidence.diagnosis
 
-    fit: Fit
-    statistics: Statistics
-    quantities: dict[str, float]
-
-    @property
-    def diagnosis(self) -> Diagnosis:
-        """What diagnostics found."""
-        return self.fit.evidence.diagnosis
-
-
-class _FitRecord(Record):
-    """The quantities of a judgement, and the words of `WORDS`, each made when a sentence asks for it."""
-
-    def __init__(self, spoken: Spoken) -> None:
-        super().__init__(spoken.quantities)
-        self._spoken = spoken
-
-    def __missing__(self, name: str) -> str:
-        return WORDS[name](self._spoken)
-
-
-def _where_flat(spoken: Spoken) -> str:
-    """What readings in one plane, or on one line, leave open."""
-    if spoken.quantities["breadth"] > spoken.quantities["flatness_limit"]:
-        return "in one plane, as in a level turn, and tell nothing of the direction across it"
-    return "on one line, as of two attitudes, and tell nothing of the directions across it"
-
-
-def _independent_readings(fit: Fit) -> str:
-    """How many readings there are to go by."""
-    independent = min(fit.evidence.residuals.independent_samples, float(fit.samples))
-    alike = "the others repeat them, or err alike, as where the field is not the same everywhere"
-    others = "" if independent == fit.samples else f" (of {fit.samples:,}: {alike})"
-    return f"{counted(independent, 'independent reading')}{others}"
-
-
-def _correlation(fit: Fit) -> str:
-    """How much residuals have in common, and what it would be to take no notice of it."""
-    correlation = fit.evidence.residuals.autocorrelation
-    next_one = "" if correlation is None else f"each with the next by {correlation:.2f}"
-    textbook = fit.claim.textbook_heading_error_deg
-    claim = "" if textbook is None else f"without regard to it {figures(textbook.worst)}° would be claimed"
-    words = "; ".join(part for part in (next_one, claim) if part)
-    return f" ({words})" if words else ""
-
-
-def _across(result: Fit) -> int:
-    """The axis across the plane of a turn in one plane."""
-    assert result.claim.plane is not None
-    return order_of(result.claim.plane)[2]
+    def __missing__(self, name: str) -> Any:  # noqa: ANN401 - a number, a name, or a list of either
+        self[name] = VALUES[name](self) if name in VALUES else math.nan
+        return self[name]
 
 
 def _is_placed(result: Fit) -> bool:
-    """Whether the offset across that plane is known."""
-    return bool(result.claim.offset_sigma[_across(result)] < PLACED * result.claim.ellipsoid.radius)
+    """Whether the offset across the plane of a turn is known."""
+    assert result.claim.plane is not None
+    return bool(
+        result.claim.offset_sigma[order_of(result.claim.plane)[2]] < PLACED * result.calibration.ellipsoid.radius
+    )
 
 
-def _how_placed(result: Fit) -> str:
-    return f"and in {'xyz'[_across(result)]} by the site's field" if _is_placed(result) else "only"
-
-
-def _assumed(result: Fit) -> str:
-    """What the offset across the plane rests on."""
-    side = f"{'xyz'[_across(result)]} down, and " if result.evidence.z_down else ""
-    return f" (with {side}the floor level unless an accelerometer was recorded)" if _is_placed(result) else ""
-
-
-def _mounting(result: Fit) -> str:
-    """What to say about the mounting where the shape across the plane is not known."""
-    claim = result.claim
-    skewed = float(np.sqrt(np.diag(claim.covariance)[[6, 7, 8]].max())) > SKEWED * claim.ellipsoid.radius
-    return "say how well the mounting is known, or " if skewed and _is_placed(result) else ""
-
-
-def _z_words(result: Fit) -> str:
-    """Where z points, unless down."""
-    return "" if result.evidence.z_down else fit.Z_OPEN if result.evidence.z_down is None else fit.Z_ELSEWHERE
-
-
-def _why_biased(result: Fit) -> str:
-    if result.claim.plane:
-        return "the points are not equally spaced in heading, or some do not belong; use 'ellipse'"
-    return "its model is too simple for this sensor, or its equation is biased by noise; use 'auto'"
-
-
-def _halves(spoken: Spoken) -> str:
-    """How far the halves of a recording are apart, where that limits the fit."""
-    drift = spoken.diagnosis.drift
-    if drift is None or drift.halves_ratio is None or spoken.quantities["drift_allowed_deg"]:
-        return ""
-    return f" (its halves differ by {drift.halves_ratio:.1f} times what they claim)"
+def _is_skewed(result: Fit) -> bool:
+    """Whether the shape across the plane of a turn is not known."""
+    return (
+        float(np.sqrt(np.diag(result.claim.covariance)[[6, 7, 8]].max())) > SKEWED * result.calibration.ellipsoid.radius
+    )
 
 
 def improves(fit: Fit) -> bool:
@@ -221,42 +142,17 @@ def improves(fit: Fit) -> bool:
     return fit.claim.uncorrected_heading_error_deg.worst > better * fit.heading_error_deg.worst
 
 
-def _leave(fit: Fit) -> str:
-    """Whether the readings of a sensor that was corrected before are as good without the calibration."""
-    if improves(fit):
-        return "the calibration is worth having"
-    is_covered = fit.coverage.hole_deg <= limit_of("coverage")
-    return "leave them as they are" if is_covered else "leave them as they are, or turn the sensor further"
+def of_contradiction(repeats: Repeats, unit: str) -> dict[str, Any]:
+    """Which recording is off the others, or which two are apart, and by how much in the offset."""
+    pair = [part.source for part in repeats.parts]
+    sources = pair if len(pair) == 2 else [repeats.farthest.source]
+    return {"sources": sources, "offset_apart": repeats.farthest.offset_difference, "unit": unit}
 
 
-def _swap(fit: Fit) -> str:
-    """Which axes changed their sign or their place, when, and how often."""
-    swap = fit.evidence.diagnosis.axis_swap
-    if swap is None:
-        return ""
-    letters, others = swap.axes, len(swap.rows) - 1
-    what = f"the sign of {letters} turned" if len(letters) == 1 else f"{letters[0]} and {letters[1]} changed places"
-    again = f" and back and forth, {counted(others, 'time')} more" if others else ""
-    return f"{swap.rows[0] + 1:,} on {what}{again}:"
-
-
-def contradiction_words(repeats: Repeats | None, quantities: Mapping[str, float], unit: str) -> str:
-    """Which recording is off the others, and by how much."""
-    if repeats is None:
-        return ""
-    part, pair = repeats.farthest, len(repeats.parts) == 2
-    who = f"{repeats.parts[0].source} and {repeats.parts[1].source} are" if pair else f"{part.source} is"
-    others = "apart" if pair else "off the other recordings"
-    if quantities["apart_beyond_claim_deg"]:
-        return (
-            f"{who} {figures(part.difference_deg)}° of heading {others} ({figures(part.offset_difference)} {unit} in "
-            "the offset), which is not chance: something magnetic changed in between; use "
-            "recordings made in the state of use"
-        )
-    return (
-        f"{who} {others} by more than both claim, though hardly in heading ({figures(part.difference_deg)}°): the "
-        "heading error allows for it"
-    )
+def _contradiction(judged: FitRecord) -> dict[str, Any]:
+    """The same of a fit; nothing where it has one recording."""
+    repeats = judged.diagnosis.repeats
+    return {} if repeats is None else of_contradiction(repeats, label(judged.fit.calibration.unit))
 
 
 def _of_aiding(fit: Fit) -> Iterator[Finding]:
@@ -264,92 +160,80 @@ def _of_aiding(fit: Fit) -> Iterator[Finding]:
     yield from () if fit.evidence.aiding is None else (mistake.finding for mistake in fit.evidence.aiding.mistakes)
 
 
-def _runs(fit: Fit) -> str:
+def _runs(fit: Fit) -> list[tuple[float, ...]]:
     """The three longest runs of outliers."""
-    worst = sorted(fit.evidence.outliers, key=lambda run: -run.readings)[:3]
-    return "; ".join(str(run) for run in worst) + ("; …" if len(fit.evidence.outliers) > len(worst) else "")
+    worst = sorted(fit.evidence.outliers, key=lambda run: -run.readings)[:LISTED]
+    return [(run.first, run.last, run.readings, run.start_s, run.end_s, run.independent) for run in worst]
 
 
-def _at_rail(rail: Rail) -> str:
-    return f"{rail.share:.1%} sit at the {rail.end} value of {'xyz'[rail.axis]} ({rail.value:g})"
+def _rails(statistics: Statistics) -> list[tuple[str, str, float, float]]:
+    """Ends of axes at which the sensor was at its limit."""
+    return [("xyz"[rail.axis], rail.end, rail.value, rail.share) for rail in statistics.rails]
 
 
-def _rests(health: Statistics) -> str:
+def _rests(statistics: Statistics) -> list[RestSpan]:
     """The three longest rests."""
-    longest = sorted(health.rest_spans, key=lambda span: span.first - span.last)[:3]
-    return "; ".join(map(str, longest)) + ("; …" if health.rests > len(longest) else "")
+    return sorted(statistics.rest_spans, key=lambda span: span.first - span.last)[:LISTED]
 
 
-def _again(share: float) -> str:
-    """What to do about outliers, where they limit the fit."""
-    return "; see what it was, and record again without" if share > limit_of("outliers") else ""
+def _skipped(statistics: Statistics, *, is_silent: bool) -> list[tuple[Any, ...]]:
+    """Rows that should have been readings, a kind each."""
+    return [
+        (part.reason, part.rows, part.lines[:LISTED], part.example)
+        for part in statistics.skipped
+        if part.is_silent == is_silent and part.is_loss
+    ]
 
 
-def _length(calibration: Calibration) -> str:
-    """Strength of the field of corrected readings."""
-    return f"{figures(calibration.field_strength, 4)} {label(calibration.unit)}"
+def _textbook_deg(fit: Fit) -> float:
+    """Worst heading error for independent residuals; NaN where nothing is known of it."""
+    textbook = fit.claim.textbook_heading_error_deg
+    return math.nan if textbook is None else textbook.worst
 
 
-def _times(count: int) -> str:
-    """How often something happened."""
-    return "once" if count == 1 else f"{count:,} times"
-
-
-def _lost(statistics: Statistics) -> list[Skipped]:
-    """Rows that could not be read."""
-    return [part for part in statistics.skipped if part.is_loss and not part.is_silent]
-
-
-def _if_many(spoken: Spoken, quantity: str, words: str) -> str:
-    """Words where more than a tenth of the rows are concerned."""
-    return words if spoken.quantities[quantity] > 0.1 * spoken.quantities["rows"] else ""
-
-
-WORDS: Final[dict[str, Callable[[Spoken], str]]] = {
-    "attitudes": lambda spoken: attitudes(spoken.fit),
-    "movement": lambda spoken: movement(spoken.fit),
-    "remedy": lambda spoken: remedy(spoken.fit),
-    "why": lambda _: "",
-    "method": lambda spoken: spoken.fit.method,
-    "unit": lambda spoken: label(spoken.fit.calibration.unit),
-    "where_flat": _where_flat,
-    "plane_axes": lambda spoken: " and ".join(str(spoken.fit.claim.plane)),
-    "how": lambda spoken: _how_placed(spoken.fit),
-    "assumed": lambda spoken: _assumed(spoken.fit),
-    "up": lambda spoken: _z_words(spoken.fit),
-    "mounting": lambda spoken: _mounting(spoken.fit),
-    "rings": lambda spoken: ", as two rings of readings would" if spoken.fit.evidence.unobserved == 1 else "",
-    "independent_readings": lambda spoken: _independent_readings(spoken.fit),
-    "correlation": lambda spoken: _correlation(spoken.fit),
-    "why_biased": lambda spoken: _why_biased(spoken.fit),
-    "nonlinear_axis": lambda spoken: "" if (found := spoken.diagnosis.nonlinearity) is None else found.axis,
-    "axis_lag": lambda spoken: str(spoken.diagnosis.axis_lag or ""),
-    "contradiction": lambda spoken: contradiction_words(
-        spoken.diagnosis.repeats, spoken.quantities, label(spoken.fit.calibration.unit)
+VALUES: Final[dict[str, Callable[[FitRecord], Any]]] = {
+    "attitude_limit_deg": lambda judged: judged.claim.attitude_limit_deg,
+    "tilted": lambda judged: tilted_errors(judged.fit, judged["attitude_limit_deg"]),
+    "next_movement": lambda judged: next_movement(judged.fit),
+    "next_step": lambda judged: next_step(judged.fit),
+    "method": lambda judged: judged.fit.method,
+    "corrected_length": lambda judged: judged.fit.calibration.field_strength,
+    "unit": lambda judged: label(judged.fit.calibration.unit),
+    "plane": lambda judged: judged.claim.plane or "",
+    "is_placed": lambda judged: _is_placed(judged.fit),
+    "is_skewed": lambda judged: _is_skewed(judged.fit),
+    "z_down": lambda judged: judged.evidence.z_down,
+    "autocorrelation": lambda judged: judged.evidence.residuals.autocorrelation,
+    "textbook_deg": lambda judged: _textbook_deg(judged.fit),
+    "nonlinear_axis": lambda judged: (
+        "" if judged.diagnosis.nonlinearity is None else judged.diagnosis.nonlinearity.axis
     ),
-    "swap": lambda spoken: _swap(spoken.fit),
-    "halves": _halves,
-    "leave": lambda spoken: _leave(spoken.fit),
-    "unmodelled": lambda spoken: "" if (found := spoken.diagnosis.unmodelled) is None else found.name,
-    "outliers": lambda spoken: counted(sum(run.independent for run in spoken.fit.evidence.outliers), "reading"),
-    "runs": lambda spoken: _runs(spoken.fit),
-    "again": lambda spoken: _again(spoken.quantities["outlier_share"]),
-    "previous": lambda spoken: "" if (found := spoken.diagnosis.refreshed) is None else found.previous,
-    "axes": lambda spoken: str(spoken.fit.calibration.axes),
-    "length": lambda spoken: _length(spoken.fit.calibration),
-    "rails": lambda spoken: ", ".join(map(_at_rail, spoken.statistics.rails)),
-    "rests": lambda spoken: _rests(spoken.statistics),
-    "rests_count": lambda spoken: (
-        "are left out" if spoken.statistics.are_rests_left_out else "count as one reading each"
-    ),
-    "often": lambda spoken: _times(spoken.statistics.clock.backward_steps),
-    "skipped_rows": lambda spoken: "; ".join(map(str, _lost(spoken.statistics))),
-    "check": lambda spoken: _if_many(spoken, "skipped", ". Check the sensor, its cable, and what was saved"),
-    "doubt": lambda spoken: spoken.statistics.doubt,
-    "silent_rows": lambda spoken: "; ".join(str(part) for part in spoken.statistics.skipped if part.is_silent),
-    "supply": lambda spoken: _if_many(spoken, "silent", ". Check its supply and its bus, and how it is read"),
+    "late_axis": lambda judged: "" if judged.diagnosis.axis_lag is None else judged.diagnosis.axis_lag.axis,
+    "late_by": lambda judged: None if judged.diagnosis.axis_lag is None else judged.diagnosis.axis_lag.apart,
+    "is_timed": lambda judged: judged.diagnosis.axis_lag is not None and judged.diagnosis.axis_lag.is_timed,
+    "sources": lambda judged: _contradiction(judged).get("sources", ()),
+    "offset_apart": lambda judged: _contradiction(judged).get("offset_apart"),
+    "swapped_axes": lambda judged: "" if judged.diagnosis.axis_swap is None else judged.diagnosis.axis_swap.axes,
+    "swap_row": lambda judged: None if judged.diagnosis.axis_swap is None else judged.diagnosis.axis_swap.rows[0] + 1,
+    "swap_count": lambda judged: None if judged.diagnosis.axis_swap is None else len(judged.diagnosis.axis_swap.rows),
+    "halves_ratio": lambda judged: None if judged.diagnosis.drift is None else judged.diagnosis.drift.halves_ratio,
+    "is_better": lambda judged: improves(judged.fit),
+    "is_covered": lambda judged: judged.fit.coverage.hole_deg <= limit_of("coverage"),
+    "unmodelled": lambda judged: "" if judged.diagnosis.unmodelled is None else judged.diagnosis.unmodelled.name,
+    "outlier_count": lambda judged: sum(run.independent for run in judged.evidence.outliers),
+    "outlier_runs": lambda judged: _runs(judged.fit),
+    "outlier_run_count": lambda judged: len(judged.evidence.outliers),
+    "previous": lambda judged: judged.diagnosis.refreshed.previous if judged.diagnosis.refreshed else "",
+    "axes": lambda judged: str(judged.fit.calibration.axes),
+    "rail_ends": lambda judged: _rails(judged.statistics),
+    "rest_spans": lambda judged: _rests(judged.statistics),
+    "rest_count": lambda judged: judged.statistics.rests,
+    "are_rests_left_out": lambda judged: judged.statistics.are_rests_left_out,
+    "doubt": lambda judged: judged.statistics.doubt,
+    "skipped_kinds": lambda judged: _skipped(judged.statistics, is_silent=False),
+    "silent_kinds": lambda judged: _skipped(judged.statistics, is_silent=True),
 }
-"""Words of the sentences about a fit."""
+"""Values of the findings of a fit beside the quantities of its judgement; others are not numbers."""
 
 
 def of_calibration(calibration: Calibration) -> Iterator[Finding]:
@@ -362,7 +246,7 @@ def judged_parts(
     codes: Iterable[str],
     *,
     target_deg: float = 1.0,
-    words: Mapping[str, Callable[[Mapping[str, float]], str]] | None = None,
+    values: Mapping[str, Any] | None = None,
     **numbers: float,
 ) -> Iterator[Finding]:
     """Judge a calibration that no recording is at hand of, by some findings alone.
@@ -374,8 +258,8 @@ def judged_parts(
         Of `flinders.findings.catalogue.OF_A_FIT`.
     target_deg : float
         Worst heading error that is good enough.
-    words : mapping, optional
-        Words that the sentences take, from the quantities.
+    values : mapping, optional
+        Values of the findings beside the quantities.
     **numbers
         Fields of the record, such as ``level_worst_deg``.
     """
@@ -384,10 +268,13 @@ def judged_parts(
     for name, number in numbers.items():
         record[name] = number
     judgement = engine().judge(record, request_of(calibration, target_deg=target_deg))
-    quantities = judged_quantities(judgement)
-    made = {name: (lambda word=word: word(quantities)) for name, word in (words or {}).items()}
-    own = {"axes": str(calibration.axes), "length": _length(calibration)}
-    yield from found_by(judgement, Record(quantities, **own, **made), codes)
+    own = {
+        "axes": str(calibration.axes),
+        "unit": label(calibration.unit),
+        "corrected_length": calibration.field_strength,
+        "differ_deg": math.nan,
+    }
+    yield from found_by(judgement, {**judged_quantities(judgement), **own, **(values or {})}, codes)
 
 
 def of_disturbances(fit: Fit) -> Iterator[Finding]:
@@ -402,13 +289,14 @@ def of_disturbances(fit: Fit) -> Iterator[Finding]:
         if estimate.disturbance is None:
             yield from found_in(_constant_record(estimate), "disturbance-constant")
             continue
-        record = _disturbance_record(estimate, estimate.disturbance, UNSAID * fit.claim.target_deg)
-        record |= Record({"target_deg": fit.claim.target_deg, "left_at_most_deg": min(estimate.remaining_deg, 180.0)})
-        runs_along = bool(motors[1:]) and estimate.name in motors
-        record |= {
+        record = {
+            **_disturbance_record(estimate, estimate.disturbance, UNSAID * fit.claim.target_deg),
+            "target_deg": fit.claim.target_deg,
+            "left_at_most_deg": min(estimate.remaining_deg, 180.0),
             "unit": label(fit.calibration.unit),
-            "running": ", the other motors running along as they did then" if runs_along else "",
-            "without": _without(fit),
+            "runs_along": bool(motors[1:]) and estimate.name in motors,
+            "noise_uncompensated": fit.evidence.disturbances.noise_uncompensated,
+            "noise": fit.noise,
         }
         first = ("disturbance", "disturbance-uncertain", "disturbance-collinear-attitude")
         yield from found_in(record, *first, *OF_A_COLUMN)
@@ -418,45 +306,40 @@ OF_A_COLUMN: Final = tuple(f"disturbance-{fault}" for fault in ("monotone", "lag
 """Findings of what was logged of a disturbance, turned or on a bench."""
 
 
-def _without(fit: Fit) -> str:
-    """What readings would be off by, if nothing were modelled."""
-    noise = fit.evidence.disturbances.noise_uncompensated
-    return "" if noise is None else f"; without, readings lie {figures(noise)} off instead of {figures(fit.noise)}"
+def _constant_record(estimate: DisturbanceEstimate) -> dict[str, Any]:
+    return {"is_constant": 1.0, "nothing": 0.0, "least_range": known(estimate.name).least, "name": estimate.name}
 
 
-def _constant_record(estimate: DisturbanceEstimate) -> Record:
-    kind = known(estimate.name)
-    numbers = {"is_constant": 1.0, "nothing": 0.0, "least_range": kind.least}
-    return Record(numbers, name=lambda: estimate.name, range_unit=lambda: kind.unit)
-
-
-def _disturbance_record(estimate: DisturbanceEstimate, disturbance: Disturbance, unsaid_deg: float = 0.0) -> Record:
+def _disturbance_record(
+    estimate: DisturbanceEstimate, disturbance: Disturbance, unsaid_deg: float = 0.0
+) -> dict[str, Any]:
     """What the findings of a disturbance compare and state."""
-    name, is_throttle = estimate.name, motor(estimate.name)[0] == "throttle"
-    other = "record the current instead, which the field follows, or " if is_throttle else ""
-    return Record(
-        {
-            "removed_deg": estimate.removed_deg,
-            "remaining_deg": estimate.remaining_deg,
-            "attitude_collinearity": estimate.attitude_collinearity,
-            "monotonicity": estimate.monotonicity,
-            "is_lag_at_limit": float(estimate.is_lag_at_limit),
-            "lag_s": disturbance.lag_s,
-            "curvature": estimate.curvature,
-            "curvature_deg": estimate.curvature * estimate.removed_deg,
-            "unsaid_deg": unsaid_deg,
-            "lowest": disturbance.lowest,
-            **_range(disturbance),
-            **_reference(disturbance),
-        },
-        name=lambda: name,
-        disturbance=lambda: str(disturbance),
-        at_end=lambda: f"at {disturbance.amount(disturbance.farthest)}",
-        highest=lambda: disturbance.amount(disturbance.highest),
-        reference=lambda: disturbance.amount(disturbance.reference),
-        other_column=lambda: other,
-        out_of_range=lambda: _out_of_range(disturbance),
-    )
+    return {
+        "removed_deg": estimate.removed_deg,
+        "remaining_deg": estimate.remaining_deg,
+        "attitude_collinearity": estimate.attitude_collinearity,
+        "monotonicity": estimate.monotonicity,
+        "is_lag_at_limit": float(estimate.is_lag_at_limit),
+        "curvature": estimate.curvature,
+        "curvature_deg": estimate.curvature * estimate.removed_deg,
+        "unsaid_deg": unsaid_deg,
+        **_numbers(disturbance),
+        **_range(disturbance),
+        **_reference(disturbance),
+    }
+
+
+def _numbers(disturbance: Disturbance) -> dict[str, Any]:
+    """Its own numbers."""
+    return {
+        "name": disturbance.name,
+        "per_unit": disturbance.per_unit.tolist(),
+        "reference": disturbance.reference,
+        "lowest": disturbance.lowest,
+        "highest": disturbance.highest,
+        "lag_s": disturbance.lag_s,
+        "gain_per_unit": disturbance.gain_per_unit,
+    }
 
 
 def _reference(disturbance: Disturbance) -> dict[str, float]:
@@ -482,28 +365,11 @@ def _range(disturbance: Disturbance) -> dict[str, float]:
     return {"is_out_of_range": float(is_negative), "range_number": disturbance.lowest, "range_end": 0.0}
 
 
-def _out_of_range(disturbance: Disturbance) -> str:
-    """What is wrong with the values."""
-    far = max(disturbance.lowest, disturbance.highest, key=abs)
-    if not disturbance.kind.plausible[0] <= far <= disturbance.kind.plausible[1]:
-        return (
-            f"{disturbance.name} was recorded at up to {disturbance.amount(far)}: it is in another unit than "
-            f"{disturbance.kind.per}; convert the column, or what is exported is off by as much"
-        )
-    return (
-        f"{disturbance.name} was recorded from {disturbance.lowest:.3g} to "
-        f"{disturbance.amount(disturbance.highest)}: what is drawn counts negative there, "
-        "and positive for autopilots; turn the sign of the column round"
-    )
-
-
 def of_alike(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
     """Whether disturbances are collinear, so that what one does cannot be distinguished from what another does."""
     names = [one.name for one in estimates if one.collinearity > limit_of("disturbances-collinear")]
-    record = Record(
-        {"most_alike": max((one.collinearity for one in estimates), default=0.0)}, alike=lambda: ", ".join(names)
-    )
-    yield from found_in(record, "disturbances-collinear")
+    most = max((one.collinearity for one in estimates), default=0.0)
+    yield from found_in({"most_alike": most, "collinear": names}, "disturbances-collinear")
 
 
 def of_noisy(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
@@ -511,24 +377,12 @@ def of_noisy(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
     limit = limit_of("disturbance-noisy")
     noisy = [one for one in estimates if one.disturbance is not None and one.attenuation > limit]
     shares = [one.attenuation for one in noisy]
-    names = ", ".join(one.name for one in noisy)
-    is_one = len(noisy) == 1
-    record = Record(
-        {"most_attenuation": max(shares, default=0.0)},
-        noisy=names,
-        noisy_what=(
-            "its meter is noisy, and what was found of it is"
-            if is_one
-            else "their meters are noisy, and what was found of each is, by its own course,"
-        ),
-        noisy_share=lambda: _share(min(shares), max(shares)),
-        noisy_remedy=f"a smoother {names}" if is_one else "them smoother",
-    )
+    record = {
+        "most_attenuation": max(shares, default=0.0),
+        "least_attenuation": min(shares, default=0.0),
+        "noisy_names": [one.name for one in noisy],
+    }
     yield from found_in(record, "disturbance-noisy")
-
-
-def _share(least: float, most: float) -> str:
-    return f"{most:.0%}" if f"{least:.0%}" == f"{most:.0%}" else f"{100.0 * least:.0f} to {most:.0%}"
 
 
 def of_column(estimate: DisturbanceEstimate) -> Iterator[Finding]:
@@ -550,6 +404,5 @@ def of_extrapolation(correction: Calibration, beyond: Mapping[str, float]) -> It
     [('disturbance-beyond', 0.25)]
     """
     for disturbance in correction.disturbances:
-        share = beyond.get(disturbance.name, 0.0)
-        words = {"beyond_words": lambda disturbance=disturbance, share=share: beyond_words(disturbance, share)}
-        yield from found_in(Record({"beyond": share}, **words), "disturbance-beyond")
+        record = {**_numbers(disturbance), "beyond": beyond.get(disturbance.name, 0.0)}
+        yield from found_in(record, "disturbance-beyond")

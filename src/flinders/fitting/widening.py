@@ -127,7 +127,7 @@ def _reference(readings: Readings, likelihood: Auto) -> Estimate | None:
 
 def _parameters(estimate: Estimate) -> int:
     """How many parameters its method finds."""
-    name = estimate.method.partition(" ")[0]  # without its variant
+    name = estimate.estimator or estimate.method
     return ROWS[name].parameters if name in ROWS else 5 if estimate.plane else 9
 
 

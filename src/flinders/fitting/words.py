@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from flinders.errors import figures
-from flinders.findings.row import ANY_ANGLE_DEG
+from flinders.findings.words import ANY_ANGLE_DEG
 
 if TYPE_CHECKING:
     from flinders.fitting.claim import Claim

@@ -36,26 +36,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import combinations, product
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
+from flinders.findings.poses import POSE_WORDS
 from flinders.heading.error_propagation import direction_errors_deg, require_headings
 from flinders.native.engine import GOAL, engine
 from flinders.summary.coverage import CELLS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from flinders.arrays import Floats
+    from flinders.findings.poses import Frame
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.native.engine import Records
     from flinders.summary.coverage import Coverage
 
 Goal = Literal["heading", "attitude"]
-Frame = Literal["vehicle", "sensor"]
-
 FRAMES: Final[tuple[Frame, ...]] = ("vehicle", "sensor")
 """Axes that an attitude is named in, in the order of their numbers in flinders.h."""
 
@@ -83,8 +80,12 @@ class Guidance:
         own vertical, wherever north is. So an attitude will do if its vertical makes that angle with the advised
         direction. One of `poses` does to within 15°, usually to a few, for dips up to 75°; it is the simplest such.
         """
+        return poses(frame)[self.pose_number(frame)]
+
+    def pose_number(self, frame: Frame) -> int:
+        """The number of that attitude among those of a frame."""
         goal = goal_row(self.goal, dip_deg=self.dip_deg, down=self.down)
-        return poses(frame)[engine().pose_towards(FRAMES.index(frame), goal, self.direction)]
+        return engine().pose_towards(FRAMES.index(frame), goal, self.direction)
 
     def words(self, frame: Frame = "vehicle") -> str:
         """Say what to do, to somebody who knows neither where north is nor which way the field points.
@@ -180,43 +181,6 @@ def reading_variance(ellipsoid: Ellipsoid, covariance: Floats, noise: float, cou
     3.0
     """
     return float(engine().believe(ellipsoid.centre, ellipsoid.shape, covariance, noise, counts)["variance"])
-
-
-_ROLLS: Final = {
-    0: "", 45: "rolled 45° to its right", 90: "on its right side", 135: "rolled 135° to its right",
-    180: "upside down", -135: "rolled 135° to its left", -90: "on its left side", -45: "rolled 45° to its left",
-}  # fmt: skip
-_PITCHES: Final = {
-    0: "", -30: "with its nose 30° down", -60: "with its nose 60° down",
-    30: "with its nose 30° up", 60: "with its nose 60° up",
-}  # fmt: skip
-_SIDES: Final = ("+x", "+y", "+z", "−x", "−y", "−z")
-
-
-def _vehicle_words() -> Iterator[str]:
-    """Nose straight down and up, and five pitches with eight rolls about the nose."""
-    yield "with its nose straight down"
-    yield "with its nose straight up"
-    for pitch_deg, roll_deg in product(_PITCHES, _ROLLS):
-        yield f"{_ROLLS[roll_deg]} {_PITCHES[pitch_deg]}".strip() or "level"
-
-
-def _sensor_words() -> Iterator[str]:
-    """Sides, edges and corners of a box along the axes, and sides with a neighbour lowered."""
-    for side in _SIDES:
-        yield f"with its {side} side down"
-    for one, two in combinations(_SIDES, 2):
-        if one[1] != two[1]:
-            yield f"with the edge between its {one} and {two} sides down"
-            for low, lowered in ((one, two), (two, one)):
-                yield f"with its {low} side down and its {lowered} side lowered by 30°"
-    for signs in product("+−", repeat=3):
-        one, two, three = (sign + axis for sign, axis in zip(signs, "xyz", strict=True))
-        yield f"with the corner of its {one}, {two} and {three} sides down"
-
-
-POSE_WORDS: Final[dict[Frame, tuple[str, ...]]] = {"vehicle": tuple(_vehicle_words()), "sensor": tuple(_sensor_words())}
-"""Names of the engine's attitudes in each frame, after "hold it"."""
 
 
 @cache

@@ -51,7 +51,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
-    from flinders.heading.guidance import Frame, Goal
+    from flinders.findings.poses import Frame
+    from flinders.heading.guidance import Goal
     from flinders.native.engine import Records
     from flinders.summary.coverage import Coverage
 

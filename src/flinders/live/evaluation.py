@@ -59,8 +59,9 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording, Samples
     from flinders.diagnostics.soft_iron import Refreshed
     from flinders.estimators.outliers import Outlier
+    from flinders.findings.poses import Frame
     from flinders.fitting.result import Fit
-    from flinders.heading.guidance import Frame, Goal
+    from flinders.heading.guidance import Goal
     from flinders.live.messages import Span
     from flinders.live.session import LiveSession
     from flinders.report.view import View
@@ -125,6 +126,7 @@ def evaluate(session: LiveSession) -> Evaluated:
         fit=fit,
         view=page_view,
         refusal=refusal,
+        refusal_code=code,
         reasons=tuple(sorted(reasons, key=lambda reason: reason.severity != "warning")),
         used=used,
         rejected=0 if page_view is None else len(samples) - used,
@@ -371,7 +373,7 @@ def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", fr
     if not len(path.waypoints) or (path.worst_deg <= fit.claim.target_deg and not belief.is_rough):
         return view
     words = f"follow the arrow: {path.words(frame)}"
-    leads = GuidanceView(triple(path.waypoints[0]), words, path.worst_deg, path.after_deg, goal, frame)
+    leads = GuidanceView(triple(path.waypoints[0]), words, path.worst_deg, path.after_deg, goal, frame, is_path=True)
     return msgspec.structs.replace(view, guidance=leads, shown=_round(belief) if belief.is_rough else view.shown)
 
 

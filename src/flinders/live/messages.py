@@ -81,6 +81,8 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
         Time of the newest reading since the session began; None where a log has no times.
     words : str
         The phase in a sentence.
+    told : str or None
+        Code of the reason that `words` say.
     reasons : list of Reason
         By severity.
     dip_assumed : bool
@@ -110,6 +112,7 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
     seconds: float | None
     phase: Phase
     words: str
+    told: str | None
     reasons: tuple[Reason, ...]
     target_deg: float
     dip_deg: float

@@ -31,7 +31,7 @@ LEVEL_DEG: Final = 89.0  # A calibration that is good to so much tilt needs no w
 def session_state(session: LiveSession) -> SessionState:
     """The state message of a session."""
     shown, evaluated = session.shown, session.shown.evaluated
-    phase, words, reasons = _phase(session)
+    phase, words, told, reasons = _phase(session)
     dip_deg = _known_dip_deg(session)
     return SessionState(
         revision=session.revision,
@@ -45,6 +45,7 @@ def session_state(session: LiveSession) -> SessionState:
         seconds=shown.buffer.seconds if shown.is_timed else None,
         phase=phase,
         words=words,
+        told=told,
         reasons=reasons,
         target_deg=session.target_deg,
         dip_deg=ASSUMED_DIP_DEG if dip_deg is None else dip_deg,
@@ -84,18 +85,20 @@ def _rate_hz(session: LiveSession) -> float | None:
     return sum(count for _, _, count in arrivals[1:]) / (last[1] - first[1])
 
 
-def _phase(session: LiveSession) -> tuple[Phase, str, tuple[Reason, ...]]:
-    """Phase of the session, a sentence about it, and the reasons against it."""
+def _phase(session: LiveSession) -> tuple[Phase, str, str | None, tuple[Reason, ...]]:
+    """Phase of the session, a sentence about it, the code of the reason that it says, and the reasons against it."""
     link = [] if session.opened is not None else _of_link(session)
     unrecorded = [Reason("not-recorded", session.unrecorded, "info")] if session.unrecorded else []
     reasons = (*link, *_settled(session), *unrecorded)
     wrong = next((reason for reason in reasons if reason.severity == "warning"), None)
     if wrong is not None:
-        return "wrong", _sentence(wrong.advice), reasons
+        return "wrong", _sentence(wrong.advice), wrong.code, reasons
     if not session.shown.buffer.total and session.source.link != "ended":
-        return "waiting", f"Waiting for readings from {session.source.name}.", reasons
-    phase, words = _of_view(session)
-    return phase, words, reasons
+        return "waiting", f"Waiting for readings from {session.source.name}.", None, reasons
+    if session.view is None:
+        return "collecting", *_before_a_fit(session), reasons
+    phase, words = _of_view(session, session.view)
+    return phase, words, None, reasons
 
 
 def _settled(session: LiveSession) -> tuple[Reason, ...]:
@@ -107,11 +110,8 @@ def _settled(session: LiveSession) -> tuple[Reason, ...]:
     return tuple(sorted(reasons, key=lambda reason: reason.severity != "warning"))
 
 
-def _of_view(session: LiveSession) -> tuple[Phase, str]:
+def _of_view(session: LiveSession, view: View) -> tuple[Phase, str]:
     """How far the newest fit has come."""
-    view = session.view
-    if view is None:
-        return "collecting", _before_a_fit(session)
     target, worst = f"the target {session.target_deg:g}°", worst_deg(session, view)
     if worst is None:
         return "collecting", view.sentence
@@ -161,16 +161,17 @@ def _is_sure(session: LiveSession) -> bool:
     return is_repeated or is_over(session)
 
 
-def _before_a_fit(session: LiveSession) -> str:
-    """What to say while there are no numbers."""
+def _before_a_fit(session: LiveSession) -> tuple[str, str | None]:
+    """What to say while there are no numbers, and the code of the reason that it is."""
     if not session.shown.buffer.total:
-        return f"{session.source.name} has ended without a reading."
+        return f"{session.source.name} has ended without a reading.", None
     turn = "turn the sensor slowly through all directions" if session.renewed is None else TILT
     if any(reason.code == "no-rotation" for reason in session.shown.evaluated.reasons):
-        return f"Start turning: {turn}."
-    if not session.shown.evaluated.refusal:
-        return f"Looking at the first readings. {_sentence(turn)}"
-    return _sentence(session.shown.evaluated.refusal)
+        return f"Start turning: {turn}.", None
+    evaluated = session.shown.evaluated
+    if not evaluated.refusal:
+        return f"Looking at the first readings. {_sentence(turn)}", None
+    return _sentence(evaluated.refusal), evaluated.refusal_code or None
 
 
 def _sentence(words: str) -> str:

@@ -65,8 +65,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.findings.poses import Frame
     from flinders.fitting.result import Fit
-    from flinders.heading.guidance import Frame, Goal
+    from flinders.heading.guidance import Goal
     from flinders.likelihood.site_field import Site
     from flinders.live.messages import Link, PreviousState, Reason
     from flinders.report.view import View
@@ -99,6 +100,7 @@ class Evaluated:
     fit: Fit | None = None
     view: View | None = None
     refusal: str = ""
+    refusal_code: str = ""
     reasons: tuple[Reason, ...] = ()
     used: int = 0
     rejected: int = 0

@@ -236,7 +236,7 @@ def open_log(
         format=reader.title,
         instruments=tuple(several or [_as_instrument(table)]),
         begun=_begun(table.columns),
-        notes=() if several else (table.describe().removeprefix(f"{table.source}: "),),
+        notes=() if several else (table.contents(),),
         is_table=True,
     )
 
@@ -470,7 +470,8 @@ def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
         axes=table.axes,
         frames=(frame_of(table), frame_of(table)),
         readings=table.readings if isinstance(table, TableRecording) else None,
-        notes=(table.describe().removeprefix(f"{table.source}: {table.name}, "),) if table.name else (),
+        notes=(table.contents(is_named=False),) if table.name else (),
+        fields=tuple(table.columns.field.names),
         unread_time=table.columns.unread_time,
         file=getattr(table, "original", None) or table.file,
     )

@@ -208,13 +208,16 @@ class Columns:
 
     def describe(self, unit: str) -> str:
         """Say which columns are read, in which unit; of several magnetometers, which one."""
-        which = f"{self.name}, " if self.name else ""
+        return f"{f'{self.name}, ' if self.name else ''}{self.contents(unit)}"
+
+    def contents(self, unit: str) -> str:
+        """Say which columns are read, in which unit."""
         time = f", time in {' and '.join(self.time.names)}" if self.time else ""
         chip = next((word for word in label(self.field.names[0]) if kind_of_chip(word) == FIELD), "")
         known = f" ({chip.upper()} is a magnetometer)" if chip else ""
         less = f" less {', '.join(self.reset.names)}, halved," if self.reset else ""
         rows = f", of rows with {' '.join(self.device.words)}" if self.device and not self.name else ""
-        return f"{which}columns {', '.join(self.field.names)}{less}{known} in {unit}{time}{rows}"
+        return f"columns {', '.join(self.field.names)}{less}{known} in {unit}{time}{rows}"
 
     def remarks(self) -> list[str]:
         """Say what is left out, which other magnetometers there are, and what is named like one."""
@@ -942,12 +945,17 @@ class ColumnsRecording:
 
     def describe(self) -> str:
         """Say in one line what was recognised and is used."""
-        unit = f"counts of {self.unit.scale:g} µT" if self.unit.name == COUNTS != self.unit.inside else self.unit.name
-        parts = [f"{self.source}: {self.columns.describe(unit)}", self.written()]
-        parts += [f"axes {self.axes}"] * (not self.axes.is_identity) + [str(self.span)] * (not self.span.is_all)
-        return "; ".join(parts + self.columns.remarks())
+        return f"{self.source}: {self.contents()}"
 
     __str__ = describe
+
+    def contents(self, *, is_named: bool = True) -> str:
+        """The same without the name of the file; unless `is_named`, without that of the magnetometer, too."""
+        unit = f"counts of {self.unit.scale:g} µT" if self.unit.name == COUNTS != self.unit.inside else self.unit.name
+        columns = self.columns.describe(unit) if is_named else self.columns.contents(unit)
+        parts = [columns, self.written()]
+        parts += [f"axes {self.axes}"] * (not self.axes.is_identity) + [str(self.span)] * (not self.span.is_all)
+        return "; ".join(parts + self.columns.remarks())
 
 
 def unit_of(columns: Columns, name: str, unit: str | None, scale: float | None) -> Unit:

@@ -109,6 +109,7 @@ class Instrument:
     beginning: float = np.nan
     readings: int | None = None  #: how many `columns` yields, where that is known beforehand
     notes: tuple[str, ...] = ()  #: what to know about it, a sentence each
+    fields: tuple[str, ...] = ()  #: of a table, names of the columns of x, y and z
     unread_time: str = ""  #: names of columns that are called as a time, where none is read
     others: tuple[str, ...] = ()  #: names of the log's other magnetometers, where nobody has said which is meant
     damage: tuple[str, ...] = ()  #: what of the file could not be read, where it was cut short or is broken

@@ -28,7 +28,7 @@ from flinders.comparison.comparison import CHANCE
 from flinders.core.units import label
 from flinders.errors import counted, figures, in_python, percent
 from flinders.findings import VERDICTS, advice
-from flinders.findings.row import ANY_ANGLE_DEG
+from flinders.findings.words import ANY_ANGLE_DEG
 from flinders.geometry.ellipsoid import upper
 from flinders.report.fit_pages import plane_rows
 from flinders.report.fleet import STATES, about_order, chance, common_unit, when

@@ -31,7 +31,7 @@ from flinders.core.compensation import compensated
 from flinders.core.samples import Samples, in_memory, singles
 from flinders.core.units import label
 from flinders.diagnostics.random_walk import FEWEST, random_walk_of
-from flinders.findings import Finding, by_severity
+from flinders.findings import by_severity, certain
 from flinders.report.view import lengths_off, view
 from flinders.summary.cloud import Cloud
 from flinders.summary.coverage import Coverage
@@ -177,15 +177,6 @@ ODD_STRENGTH: Final = (
     "may be that of another sensor, or something has changed since. flinders check tells more."
 )
 
-NO_UNCERTAINTY: Final = Finding(
-    "no-uncertainty",
-    "limits",
-    math.nan,
-    math.nan,
-    "the calibration file states no uncertainty, as one does that was imported: how good headings are is not known. "
-    "Calibrate from a recording to know it",
-)
-
 
 def restored(fit: Fit, recording: Recording, *, target_deg: float | None = None, dip_deg: float | None = None) -> Fit:
     """Put a fit that was loaded from its file and a recording, in its unit and axes, together.
@@ -195,7 +186,8 @@ def restored(fit: Fit, recording: Recording, *, target_deg: float | None = None,
     """
     field = in_memory(recording).field
     dip = fit.claim.known_dip_deg if dip_deg is None else math.copysign(dip_deg, dip_deg * fit.claim.known_dip_deg)
-    unstated = () if fit.claim.states_uncertainty else (NO_UNCERTAINTY,)
+    no_uncertainty = certain({"is_unstated": 1.0, "unstated_deg": math.nan}, "no-uncertainty")
+    unstated = () if fit.claim.states_uncertainty else (no_uncertainty,)
     strength = Strength.under(fit.calibration.affine, field)
     noise = fit.calibration.field_strength * math.hypot(strength.mean - 1.0, strength.spread)
     evidence = replace(

@@ -13,19 +13,20 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, cast
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 from rich.console import Group
 from rich.table import Column
 from rich.text import Text
 
-from flinders.comparison.composition import ANY_ANGLE, in_words, turns_of
+from flinders.comparison.composition import ANY_ANGLE, turns_of
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures, in_python
 from flinders.estimators.reference.minmax import MinMax
 from flinders.findings import advice, first_causes, limit_of
-from flinders.fitting.advice import movement
+from flinders.findings.words import turns
 from flinders.fitting.axis_extremes import Extremes
 from flinders.fitting.result import Fit, fit_of
 from flinders.fitting.words import dip_words, heading_words
@@ -86,8 +87,8 @@ def of_fit(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool = False) -
         blocks = (_merged_parts(repeats), result, _merged_verdict(fit, repeats))
         return Group(page(*blocks), findings(shown_findings(fit), spell))
     tops = () if is_refused else (Text(summary(fit)), of_recipe(fit), _before_and_after(fit), _since(fit))
-    turn = "" if fit.verdict == "good" else movement(fit)
-    return Group(page(*tops, result, _fit_verdict(fit)), findings(_shown(fit, is_verbose=is_verbose), spell, turn))
+    shown = _said_once(_shown(fit, is_verbose=is_verbose))
+    return Group(page(*tops, result, _fit_verdict(fit)), findings(shown, spell))
 
 
 def _shown(fit: Fit, *, is_verbose: bool) -> list[Finding]:
@@ -199,16 +200,19 @@ def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Tex
     return lines(list(zip(names, shown, units, strict=True)))
 
 
-def findings(findings: Iterable[Finding], spell: Spelling, turn: str = "") -> RenderableType:
-    """What limits it and what to do; how to move on, which is `turn`, is said once."""
-    said: list[tuple[str, str]] = []
-    is_repeated = False
+def findings(findings: Iterable[Finding], spell: Spelling) -> RenderableType:
+    """What limits it and what to do."""
+    return notes((finding.severity, advice(finding, spell)) for finding in findings)
+
+
+def _said_once(findings: Iterable[Finding]) -> Iterator[Finding]:
+    """Findings of which one alone says how to move on, and others point to it."""
+    above: set[Any] = set()
     for finding in findings:
-        words = advice(finding, spell)
-        words = words.replace(turn, "turn the sensor as above") if is_repeated else words
-        is_repeated = is_repeated or bool(turn and turn in finding.advice)
-        said.append((finding.severity, words))
-    return notes(said)
+        steps = {name: finding.values[name] for name in ("next_step", "next_movement") if name in finding.values}
+        again = {name: ("as-above",) for name, step in steps.items() if step in above}
+        above.update(steps.values())
+        yield replace(finding, values={**finding.values, **again})
 
 
 def good_to(fit: Fit) -> str:
@@ -349,7 +353,7 @@ def _why_refused(outcome: Fit | FitError) -> str:
     if fit is None:
         return outcome.message
     reasons = (finding for finding in first_causes(fit.findings) if finding.severity == "refuses")
-    return "; ".join(finding.advice.partition(":")[0] for finding in reasons)
+    return "; ".join(finding.fault for finding in reasons)
 
 
 def _error(outcome: Fit | FlindersError) -> str:
@@ -447,7 +451,7 @@ def _composed(composed: Fit, after: str | None, spell: Spelling) -> RenderableTy
     """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
     error = composed.heading_error_deg
     words = good_to(composed) if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
-    basis = f"{in_words(turns_of(composed.method))}; level, dip {error.dip_deg:.3g}°"
+    basis = f"{turns(turns_of(composed.method))}; level, dip {error.dip_deg:.3g}°"
     said = _graded(composed.verdict, f"{words}, with limits:", basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
     result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))

@@ -17,8 +17,8 @@ import numpy as np
 from flinders.errors import figures
 from flinders.findings import first_causes
 from flinders.findings.catalogue import OF_RECORDING
-from flinders.findings.row import ANY_ANGLE_DEG, stated
-from flinders.fitting.advice import UPSIDE_DOWN
+from flinders.findings.row import stated
+from flinders.findings.words import ANY_ANGLE_DEG, UPSIDE_DOWN
 from flinders.fitting.verdict import improves
 from flinders.likelihood.parameters import TERMS
 

@@ -34,7 +34,7 @@ from flinders.core.calibration_file import ProvenanceRecord
 from flinders.core.disturbance import motor
 from flinders.core.units import label
 from flinders.errors import FlindersError, counted, figures
-from flinders.fitting.advice import UPSIDE_DOWN
+from flinders.findings.words import UPSIDE_DOWN
 from flinders.fitting.export import export_fit, origin_lines
 from flinders.fitting.result import Fit, fit_of
 from flinders.fitting.words import dip_words

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, Final, cast
 from flinders.core.units import label
 from flinders.errors import counted, figures
 from flinders.findings import CATALOGUE, REFUSALS, limit_of
-from flinders.fitting.advice import UPSIDE_DOWN, remedy, unseen_side
+from flinders.findings.words import UPSIDE_DOWN
+from flinders.fitting.advice import remedy, unseen_side
 from flinders.fitting.result import TILTS, Fit, fit_of
 from flinders.fitting.verdict import improves
 from flinders.report.formatting import (

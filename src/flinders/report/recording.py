@@ -71,6 +71,7 @@ class RecordedSensor:
     unmoved: str = ""  # why the sensor was hardly turned, in words; nothing where it was
     coverage: float | None = None  # of all directions; None where no ellipsoid fits, or the sensor was hardly turned
     strength: float | None = None  # of the field by that ellipsoid; None where too little is seen
+    columns: tuple[str, ...] = ()  # of a table, names of those of x, y and z
     resembles: str = ""  # what its values look like, such as gravity, where no name says that it is a magnetometer
     ignored_time: str = ""  # names of columns that are called as a time, where none is read
     notes: tuple[str, ...] = ()  # what else to know, a sentence each
@@ -107,6 +108,7 @@ class RecordedSensor:
             unmoved=unmoved,
             coverage=coverage,
             strength=strength,
+            columns=instrument.fields,
             resembles=_likeness(instrument, watched.first) if unit is None and columns is None else "",
             ignored_time=instrument.unread_time,
             notes=(*filter(None, (remark,)), *instrument.notes, *map(str, health.skipped)),
@@ -346,8 +348,8 @@ def _of_values(sensor: RecordedSensor) -> list[str]:
     """What is odd about the values of a sensor that was turned."""
     doubts = []
     if sensor.resembles:
-        columns = sensor.name.removeprefix("columns ").replace(", ", ",")
-        doubts.append(looks_like(sensor.resembles, f"--columns {shlex.quote(columns)}"))
+        columns = shlex.quote(",".join(sensor.columns))
+        doubts.append(looks_like(sensor.resembles, f"--columns {columns}"))
     if sensor.repeats > STALE * sensor.readings:
         doubts.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
     if sensor.rails:

@@ -30,7 +30,9 @@ from flinders.arrays import runs
 from flinders.core.units import label
 from flinders.errors import NeedsRecording
 from flinders.findings import first_causes
-from flinders.findings.row import ANY_ANGLE_DEG, resting_on
+from flinders.findings.finding import plain
+from flinders.findings.row import resting_on
+from flinders.findings.words import ANY_ANGLE_DEG
 from flinders.fitting.advice import WORTH_IT, guided, movement
 from flinders.fitting.words import heading_words
 from flinders.geometry.plane import down_of
@@ -45,9 +47,11 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
+    from flinders.findings import Finding
+    from flinders.findings.poses import Frame
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
-    from flinders.heading.guidance import Frame, Goal
+    from flinders.heading.guidance import Goal
 
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
@@ -121,6 +125,7 @@ class GuidanceView(Struct, frozen=True):
     after_deg: float  # and after some readings there
     goal: Literal["heading", "attitude"]  # of a level vehicle, or of one at any attitude
     frame: Literal["vehicle", "sensor"] = "sensor"  # whose axes the direction is in, and whose words are used
+    is_path: bool = False  # it is the first step of a path from the newest reading, which an arrow shows
 
 
 class View(Struct, frozen=True, kw_only=True):
@@ -194,7 +199,7 @@ def view(
         unit=label(fit.calibration.unit),
         field_strength_known=fit.calibration.field_strength_known,
         samples=fit.samples,
-        findings=tuple(FindingView(**finding.as_dict()) for finding in first_causes(fit.findings)),
+        findings=tuple(map(_finding, first_causes(fit.findings))),
         tiles_deg=_shown_errors(errors),
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
         rejected=tuple((int(numbered[first]), int(numbered[last])) for first, last in sorted(rejected)),
@@ -312,6 +317,12 @@ def tile_errors_deg(fit: Fit) -> Floats:
     directions, dip_deg = tiles().centres @ rotation_of(fit), fit.heading_error_deg.dip_deg
     claim = fit.claim
     return engine().attitude_errors(claim.ellipsoid.shape, claim.claimed_covariance, directions, dip_deg=dip_deg)
+
+
+def _finding(finding: Finding) -> FindingView:
+    """A finding with its sentence."""
+    number, limit = plain(finding.number), plain(finding.limit)
+    return FindingView(finding.code, finding.severity, number, limit, finding.advice)
 
 
 def sentence(fit: Fit, limit_deg: float | None = None) -> str:

@@ -1,6 +1,7 @@
 """What the page takes from the program: sentences of the catalogue, tables, and where the fields of structs lie.
 
-The engine judges, as everywhere; `static/standalone/findings.js` has the words of the sentences beside quantities.
+The engine judges, as everywhere; `static/standalone/findings.js` has the values of findings beside quantities, and the
+words.
 
 >>> tables = data()
 >>> [row["code"] for row in tables["rows"]][:3]
@@ -19,9 +20,11 @@ from flinders.diagnostics import axis_swap
 from flinders.errors import Unmoved
 from flinders.findings import CATALOGUE, limit_of
 from flinders.findings.catalogue import OF_A_FIT, QUANTITIES_OF_A_FIT
+from flinders.findings.poses import POSE_WORDS
 from flinders.findings.row import OF_A_TUMBLE, resting_on
+from flinders.findings.words import STEPS
 from flinders.fitting import advice, calibrate, verdict
-from flinders.heading import guidance, path_planning
+from flinders.heading import path_planning
 from flinders.live import evaluation
 from flinders.native.engine import (
     ADVICE,
@@ -98,7 +101,8 @@ def data() -> dict[str, Any]:
         "at_once": sorted(evaluation.AT_ONCE),
         "informative": evaluation.INFORMATIVE,
         "other_units": evaluation.OTHER_UNITS,
-        "poses": guidance.POSE_WORDS["sensor"],
+        "steps": STEPS,
+        "poses": POSE_WORDS["sensor"],
         "turns": path_planning.TURNS["sensor"],
         "tiles": msgspec.to_builtins(tiles_view()),
         "swaps": axis_swap.SWAPS,
@@ -109,10 +113,11 @@ def _row(row: CatalogueRow) -> dict[str, Any]:
     """What the page says of a finding of the engine, and the number and the limit that it states."""
     return {
         "code": row.code,
-        "said": SAID.get(row.code, row.said),
+        "said": SAID.get(row.code, row.template),
         "alarm": row.alarm,
         "number": row.rule.number or row.rule.quantity,
         "limit": row.rule.stated_limit,
+        "values": row.names,
     }
 
 

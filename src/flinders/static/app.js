@@ -216,11 +216,11 @@ function drawPhase(state) {
     const strong = title.querySelector("strong");
     const phase = PHASES[state.phase] ?? state.phase;
     const phaseTitle = state.paused ? "Paused" : phase;
-    const words = phaseTitle === phase && state.words.startsWith(`${phase}: `) ? capital(state.words.slice(phase.length + 2)) : state.words;
+    const words = phaseTitle === PHASES.good ? capital(state.words.slice(PHASES.good.length + 2)) : state.words; // "Good: …"
     if (strong) setText(strong, phaseTitle);
     const shown = state.phase === "waiting" || isStill(state, store.view) ? "" : words; // which the middle of the page says
     setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravest(state) : shown);
-    const others = state.reasons.filter(({ advice }) => sentence(advice) !== sentence(state.words));
+    const others = state.reasons.filter(({ code }) => code !== state.told);
     setList(byId("reasons", HTMLElement), others, (reason) => {
         const row = element("li", sentence(reason.advice));
         row.dataset.severity = reason.severity;
@@ -347,7 +347,7 @@ function advice(state, view) {
     if (state.phase === "wrong") return sentence(brief(state.words)[0]);
     if (!goesOn(state) && state.readings > 0) {
         if (state.phase === "good" || state.phase === "limited") return "Done: press Finish.";
-        const next = guidance && !hasLetters(guidance) && !guidance.words.includes("arrow") ? sentence(guidance.words) : AROUND;
+        const next = guidance && !hasLetters(guidance) && !guidance.is_path ? sentence(guidance.words) : AROUND;
         return `The recording has ended. To do better, record again: ${next.replace(/^\w/, (letter) => letter.toLowerCase())}`;
     }
     if (state.phase === "good") return "Done: press Finish, or keep turning to make it better.";

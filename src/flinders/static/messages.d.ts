@@ -55,6 +55,7 @@ export interface SessionState {
   seconds: number | null;
   phase: "waiting" | "collecting" | "good" | "limited" | "wrong";
   words: string;
+  told: string | null;
   reasons: Array<Reason>;
   target_deg: number;
   dip_deg: number;
@@ -118,6 +119,7 @@ export interface GuidanceView {
   after_deg: number;
   goal: "heading" | "attitude";
   frame: "vehicle" | "sensor";
+  is_path: boolean;
 }
 
 /** The correction that readings are drawn under, for drawing only: ``matrix @ (raw - offset) / strength``. */

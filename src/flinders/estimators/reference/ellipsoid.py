@@ -5,7 +5,7 @@ The model is a choice of its own here: whatever is known of the sensor is not le
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -117,7 +117,8 @@ class Constrained:
         basis = np.zeros((9, 3 + entries.shape[1]))
         basis[:3, :3], basis[3:, 3:] = np.eye(3), entries
         words = [self.name, *([] if radii == "free" else [radii]), *(["centred"] if self.centred else [])]
-        return claimed(readings, ellipsoid, " ".join(words), basis[:, 3:] if self.centred else basis)
+        made = claimed(readings, ellipsoid, " ".join(words), basis[:, 3:] if self.centred else basis)
+        return replace(made, estimator=self.name)
 
     def chosen(self, readings: Readings) -> tuple[Radii, Ellipsoid]:
         """Go from the sphere to the free ellipsoid and take each that leaves a smaller `fit_error`, as ``magcal``.

@@ -123,7 +123,8 @@ class MinMax:
         covariance = np.zeros((9, 9))
         covariance[range(6), range(6)] = np.tile(ends, 2) / 2.0
         named = self.name if self.variant == "mean" else f"{self.name} {self.variant}"
-        return Estimate(ellipsoid, covariance, noise, named, strength=strength_of(half, self.variant))
+        strength = strength_of(half, self.variant)
+        return Estimate(ellipsoid, covariance, noise, named, strength=strength, estimator=self.name)
 
     def _trimmed(self, readings: Readings) -> Estimate:
         """Take the extremes of those that a robust fit keeps."""

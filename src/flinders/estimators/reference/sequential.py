@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
@@ -200,7 +200,8 @@ class Sequential:
         inverse = np.linalg.inv(jacobian(b, d))
         covariance = inverse @ covariance @ inverse.T
         named = self.name if find == "all" else f"{self.name} offset"
-        return estimate_of(reference, b, d, covariance, named, on_the_way=on_the_way)
+        made = estimate_of(reference, b, d, covariance, named, on_the_way=on_the_way)
+        return replace(made, estimator=self.name)
 
 
 class SequentialState(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
@@ -106,7 +106,7 @@ class TwoStep:
             raise NotAnEllipsoid(tuple(float(value) / largest for value in coefficients[:3]), self.name)
         basis = AXES_ALIGNED if self.model == "orthogonal" else EVERYTHING
         named = self.name if self.model == "orthogonal" else f"{self.name} {self.model}"
-        return claimed(readings, frame.placed(coefficients, self.name), named, basis)
+        return replace(claimed(readings, frame.placed(coefficients, self.name), named, basis), estimator=self.name)
 
 
 class Triangular(NamedTuple):

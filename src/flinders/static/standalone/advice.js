@@ -19,6 +19,7 @@ import { apply } from "./linear.js";
  * @property {number} worstDeg The error that matters: of a level heading, or of any direction.
  * @property {number} afterDeg That after a batch there.
  * @property {number[]} direction Of the field, in corrected axes.
+ * @property {number} pose Number of the attitude to hold.
  * @property {string} words
  */
 
@@ -32,8 +33,9 @@ export function guide(fit, goal) {
     const { engine, data } = fit;
     const wanted = wantedOf(fit, goal);
     const { worst_deg: worstDeg, after_deg: afterDeg, direction } = engine.guidance(claimOf(fit), wanted);
-    const pose = data.poses[engine.pose(wanted, direction)];
-    return { worstDeg, afterDeg, direction, words: `hold it ${pose} and turn it slowly once around, keeping it so` };
+    const pose = engine.pose(wanted, direction);
+    const words = `hold it ${data.poses[pose]} and turn it slowly once around, keeping it so`;
+    return { worstDeg, afterDeg, direction, pose, words };
 }
 
 /**
@@ -60,16 +62,13 @@ function wantedOf({ dipDeg, targetDeg, headingError }, goal) {
 }
 
 /**
- * Which way to turn the sensor next, in words: a level heading while that is not good enough, then all attitudes.
+ * Which way to turn the sensor next: a level heading while that is not good enough, then all attitudes.
  * @param {Fit} fit
- * @returns {string}
+ * @returns {[string] | [string, number]} A name of `steps`, and the number of a pose where it takes one.
  */
-export function movement(fit) {
+export function nextMovement(fit) {
     const advice = guide(fit, fit.headingError.worst > fit.targetDeg ? "heading" : "attitude");
-    if (isIdle(advice, fit.data)) {
-        return "record for longer while turning through all directions, away from iron and currents";
-    }
-    return advice.words.replace("hold it", "hold the sensor");
+    return isIdle(advice, fit.data) ? ["record-longer"] : ["hold", advice.pose];
 }
 
 /**
@@ -111,6 +110,7 @@ export function guided(view, fit, readings, isFlat, goal) {
         after_deg: route.after_deg,
         goal,
         frame: /** @type {const} */ ("sensor"),
+        is_path: true,
     };
     return { ...view, guidance, shown: isRough ? round(belief) : view.shown };
 }

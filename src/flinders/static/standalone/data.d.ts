@@ -13,6 +13,7 @@ export interface Row {
   alarm: boolean;
   number: string; // the quantity that is stated
   limit: Limit;
+  values: string[]; // names of all that it and its sentence take
 }
 
 /** What `flinders.standalone.engine.data` gives: the tables and numbers of the program. */
@@ -30,6 +31,7 @@ export interface EngineData {
   at_once: string[];
   informative: string[];
   other_units: Record<string, number>;
+  steps: Record<string, string>; // what to do next, by name
   poses: string[]; // after "hold it"
   turns: [right: string, left: string][]; // about x, y and z
   tiles: TilesView;

@@ -60,6 +60,7 @@
  * @property {number} conditions
  * @property {number} asks
  * @property {number[]} severities Of each finding.
+ * @property {number[]} causes 1 + the finding that each follows from, of a cause itself; 0: of others.
  * @property {number[]} shown Of those that follow from no other.
  * @property {number[]} order These, the most important first.
  * @property {number[]} quantities

@@ -31,6 +31,7 @@ import { viewOf } from "./view.js";
  * @property {View | null} view
  * @property {Reason[]} reasons Warnings first.
  * @property {string} refusal Why there is no fit.
+ * @property {string} refusalCode Code of that.
  * @property {string[]} alarms Codes of warnings that more turning may end.
  * @property {number} used
  * @property {number} rejected
@@ -51,7 +52,7 @@ export function evaluate(engine, data, asked) {
     const readings = { field, time };
     if (!(fit instanceof Fit)) {
         const reasons = ofRefusal(fit).concat(ofMotion(readings, null, false, data));
-        return { view: null, reasons: ordered(reasons), refusal: fit.words, alarms: [], used: 0, rejected: 0, coverage: 0, record: null };
+        return { view: null, reasons: ordered(reasons), refusal: fit.words, refusalCode: fit.code, alarms: [], used: 0, rejected: 0, coverage: 0, record: null };
     }
     const findings = findingsOf(fit);
     const view = viewOf(fit, findings, { field, numbers, goal });
@@ -63,6 +64,7 @@ export function evaluate(engine, data, asked) {
         view: isFollowed ? guided(view, fit, readings, isFlat, goal) : view,
         reasons: ordered([...ofMotion(readings, fit, isFlat, data), ...found]),
         refusal: "",
+        refusalCode: "",
         alarms: alarms.map(({ code }) => code),
         used,
         rejected: time.length - used,
@@ -77,6 +79,18 @@ export function evaluate(engine, data, asked) {
  */
 function ordered(reasons) {
     return reasons.sort((one, other) => Number(one.severity !== "warning") - Number(other.severity !== "warning"));
+}
+
+/**
+ * Values as JSON has them: null for a number that there is none of.
+ * @param {any} value
+ * @returns {any}
+ */
+function plain(value) {
+    if (typeof value === "number") return Number.isFinite(value) ? value : null;
+    if (typeof value !== "object") return value;
+    if (Array.isArray(value)) return value.map(plain);
+    return Object.fromEntries(Object.entries(value).map(([name, member]) => [name, plain(member)]));
 }
 
 /**
@@ -99,7 +113,12 @@ function recordOf(fit, findings, view) {
         verdict: verdictOf(fit),
         heading_error_deg: view.heading_error_deg,
         coverage: { fraction: record.coverage, hole_deg: Number(record.hole_deg.toFixed(3)), hole_x: x, hole_y: y, hole_z: z },
-        findings: findings.map((finding) => ({ ...finding, number: known(finding.number), limit: known(finding.limit) })),
+        findings: findings.map((finding) => ({
+            ...finding,
+            number: known(finding.number),
+            limit: known(finding.limit),
+            values: plain(finding.values),
+        })),
         ...(view.condition ? { conditions: data.conditions } : {}),
     };
 }

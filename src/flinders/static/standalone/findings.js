@@ -1,17 +1,28 @@
-/** What there is to say of a judged fit: the sentences of the catalogue of findings, with their words. */
+/**
+ * What there is to know of a judged fit: findings with the values that their sentences take, and the sentences of the
+ * catalogue of findings: `flinders.fitting.verdict` and `flinders.findings.words`.
+ */
 
-import { movement } from "./advice.js";
-import { longestRuns, outlierCount } from "./outliers.js";
+import { nextMovement } from "./advice.js";
+import { longestRuns, outlierRows, runWords } from "./outliers.js";
 import { figures, general, grouped } from "./numbers.js";
-import { longestRests } from "./rests.js";
+import { longestRests, restWords } from "./rests.js";
 import { angle, counted, filled } from "./wording.js";
 
+/** @typedef {import("./data.d.ts").EngineData} EngineData */
 /** @typedef {import("./data.d.ts").Severity} Severity */
 /** @typedef {import("./fit.js").Fit} Fit */
+/** Numbers, names, and lists of either, by name. @typedef {Record<string, any>} Values */
 
 /**
  * Something to know about a fit.
- * @typedef {{code: string, severity: Severity, number: number, limit: number, advice: string}} Finding
+ * @typedef {object} Finding
+ * @property {string} code
+ * @property {Severity} severity
+ * @property {number} number
+ * @property {number} limit
+ * @property {Values} values All that its sentence takes.
+ * @property {string | null} follows_from Code of the finding that it follows from.
  */
 
 const UPSIDE_DOWN = 180;
@@ -22,7 +33,7 @@ const SEVERITIES = ["", "note", "limits", "refuses"];
 const VERDICTS = ["good", "good", "limited", "refused"];
 
 /**
- * What there is to say about a fit, the most severe first.
+ * What there is to know of a fit, the most severe first.
  * @param {Fit} fit
  * @returns {Finding[]}
  */
@@ -52,89 +63,111 @@ export function verdictOf(fit) {
 }
 
 /**
+ * What was found, and what to do, in a sentence.
+ * @param {Finding} finding
+ * @param {EngineData} data
+ * @returns {string}
+ */
+export function adviceOf({ code, values }, data) {
+    const said = data.rows.find((row) => row.code === code)?.said ?? code;
+    return filled(said, (name) => (WORDS[name] ? WORDS[name](values, data) : values[name]));
+}
+
+/**
  * @param {Fit} fit
  * @param {number} rule
  * @param {number} severity
  * @returns {Finding}
  */
 function stated(fit, rule, severity) {
-    const { code, said, number, limit: [factor, of] } = fit.data.rows[rule]; // prettier-ignore
-    const { quantities } = fit;
+    const { code, number, limit: [factor, of], values: names } = fit.data.rows[rule]; // prettier-ignore
+    const values = Object.fromEntries(names.map((name) => [name, valueOf(fit, name)]));
+    const cause = fit.judgement.causes[rule];
     return {
         code,
         severity: /** @type {Severity} */ (SEVERITIES[severity]),
-        number: quantities[number],
-        limit: of ? factor * quantities[of] : factor,
-        advice: filled(said, (name) => quantities[name] ?? WORDS[name](fit)),
+        number: values[number],
+        limit: of ? factor * values[of] : factor,
+        values,
+        follows_from: cause && cause !== rule + 1 ? fit.data.rows[cause - 1].code : null,
     };
 }
 
-/** @type {Record<string, (fit: Fit) => string>} */
+/**
+ * A quantity of the judgement, or another value; NaN where there is none.
+ * @param {Fit} fit
+ * @param {string} name
+ * @returns {any}
+ */
+function valueOf(fit, name) {
+    const quantity = fit.quantities[name] ?? NaN;
+    return Number.isNaN(quantity) && VALUES[name] ? VALUES[name](fit) : quantity;
+}
+
+/** Values of findings beside the quantities. @type {Record<string, (fit: Fit) => any>} */
+const VALUES = {
+    attitude_limit_deg: ({ attitudeLimitDeg }) => attitudeLimitDeg,
+    tilted: tiltedErrors,
+    next_movement: nextMovement,
+    next_step: nextMovement,
+    corrected_length: ({ surface }) => surface.radius,
+    unit: ({ unit }) => unit,
+    autocorrelation: ({ record: { lag_one: lagOne } }) => lagOne,
+    textbook_deg: ({ isShrunk, textbookWorstDeg }) => (isShrunk ? NaN : textbookWorstDeg),
+    nonlinear_axis: nonlinearAxis,
+    late_axis: ({ record: { axis_lag: lags } }) => "xyz"[mostLate(lags)],
+    late_by: ({ record: { axis_lag: lags } }) => 1.5 * lags[mostLate(lags)],
+    is_timed: ({ isTimed }) => Number(isTimed),
+    swapped_axes: ({ swap }) => swap?.axes ?? "",
+    swap_row: ({ swap }) => (swap ? swap.rows[0] + 1 : NaN),
+    swap_count: ({ swap }) => swap?.rows.length ?? NaN,
+    is_better: isBetter,
+    is_covered: ({ record, data: { numbers } }) => Number(record.hole_deg <= numbers.COVERAGE_LIMIT),
+    outlier_count: ({ left }) => outlierRows(left.outliers),
+    outlier_runs: ({ left }) => longestRuns(left.outliers),
+    outlier_run_count: ({ left }) => left.outliers.length,
+    rail_ends: ({ rails }) => rails.map(({ axis, end, value, share }) => ["xyz"[axis], end, value, share]),
+    rest_spans: ({ left: { rests, when } }) => longestRests(rests, when),
+    rest_count: ({ left }) => left.rests.bounds.length,
+    are_rests_left_out: ({ left }) => Number(left.rests.areLeftOut),
+};
+
+/** Words made of values, by the names that sentences have for them. @type {Record<string, (values: Values, data: EngineData) => string>} */
 const WORDS = {
     attitudes,
-    movement,
-    remedy: movement,
-    why: () => "",
-    unit: ({ unit }) => unit,
-    length: ({ surface, unit }) => `${figures(surface.radius, 4)} ${unit}`,
-    rings: ({ record }) => (record.unobserved === 1 ? ", as two rings of readings would" : ""),
+    movement: ({ next_movement: next }, data) => stepWords(next, data),
+    remedy: ({ next_step: next }, data) => stepWords(next, data),
+    because: () => "",
+    length: ({ corrected_length: strength, unit }) => `${figures(strength, 4)} ${unit}`,
+    rings: ({ unobserved }) => (unobserved === 1 ? ", as two rings of readings would" : ""),
     where_flat: whereFlat,
     independent_readings: independentReadings,
-    correlation: correlationWords,
-    nonlinear_axis: nonlinearAxis,
+    correlation,
     axis_lag: lagWords,
     swap: swapWords,
     halves: () => "",
     leave,
-    outliers: ({ left }) => outlierCount(left.outliers),
-    runs: ({ left }) => longestRuns(left.outliers),
+    outliers: ({ outlier_count: count }) => counted(count, "reading"),
+    runs: ({ outlier_runs: runs, outlier_run_count: count }) => listed(runs.map(runWords), count),
     again,
-    rests: ({ left: { rests, when } }) => longestRests(rests, when),
-    rests_count: ({ left }) => (left.rests.areLeftOut ? "are left out" : "count as one reading each"),
-    rails: ({ rails }) => rails.map(railWords).join(", "),
-    often: ({ record: { backward_steps: times } }) => (times === 1 ? "once" : `${grouped(times)} times`),
+    rests: ({ rest_spans: rests, rest_count: count }) => listed(rests.map(restWords), count),
+    rests_treated: ({ are_rests_left_out: areOut }) => (areOut ? "are left out" : "count as one reading each"),
+    rails: ({ rail_ends: ends }) => ends.map(railWords).join(", "),
+    often: ({ backward_steps: times }) => (times === 1 ? "once" : `${grouped(times)} times`),
 };
 
-/** Words that sentences may take, beside the quantities. */
-export const NAMES = Object.keys(WORDS);
+/** Names of what sentences may take beside the quantities. */
+export const NAMES = { values: Object.keys(VALUES), words: Object.keys(WORDS) };
 
 /**
- * Up to which tilt the heading is within the target, and how fast it degrades beyond.
+ * The first tilt beyond which a heading is not within the target, and the last, with the worst error at each.
  * @param {Fit} fit
- * @returns {string}
+ * @returns {number[][]}
  */
-function attitudes(fit) {
-    const { attitudeLimitDeg: limit, targetDeg } = fit;
-    if (limit >= UPSIDE_DOWN) return `within ${general(targetDeg)}° at any attitude`;
-    const beyond = [...TILTS, UPSIDE_DOWN].filter((tilt) => tilt > limit);
-    const at = (/** @type {number} */ tilt) => (tilt === UPSIDE_DOWN ? "upside down" : `at ${tilt}°`);
-    const worse = [...new Set([beyond[0], beyond[beyond.length - 1]])].map(
-        (tilt) => `${angle(fit.tiltedWorstDeg(tilt))} ${at(tilt)}`,
-    );
-    if (limit < 1) return `good to ${angle(fit.headingError.worst)} while level; tilted, ${worse.join(", ")}`;
-    return `within ${general(targetDeg)}° up to ${limit.toFixed(0)}° of tilt; ${worse.join(", ")}`;
-}
-
-/** @param {Fit} fit */
-function whereFlat({ quantities }) {
-    return quantities.breadth > quantities.flatness_limit
-        ? "in one plane, as in a level turn, and tell nothing of the direction across it"
-        : "on one line, as of two attitudes, and tell nothing of the directions across it";
-}
-
-/** @param {Fit} fit */
-function independentReadings({ quantities: { independent, samples } }) {
-    const alike = "the others repeat them, or err alike, as where the field is not the same everywhere";
-    const others = independent === samples ? "" : ` (of ${grouped(samples)}: ${alike})`;
-    return `${counted(independent, "independent reading")}${others}`;
-}
-
-/** @param {Fit} fit */
-function correlationWords({ record: { lag_one: lagOne }, isShrunk, textbookWorstDeg }) {
-    const next = Number.isNaN(lagOne) ? "" : `each with the next by ${lagOne.toFixed(2)}`;
-    const claim = isShrunk ? "" : `without regard to it ${figures(textbookWorstDeg)}° would be claimed`;
-    const parts = [next, claim].filter(Boolean);
-    return parts.length ? ` (${parts.join("; ")})` : "";
+function tiltedErrors(fit) {
+    const beyond = [...TILTS, UPSIDE_DOWN].filter((tilt) => tilt > fit.attitudeLimitDeg);
+    const ends = beyond.length ? [...new Set([beyond[0], beyond[beyond.length - 1]])] : [];
+    return ends.map((tilt) => [tilt, fit.tiltedWorstDeg(tilt)]);
 }
 
 /** @param {Fit} fit */
@@ -143,36 +176,102 @@ function nonlinearAxis({ record: { nonlinearity } }) {
     return "xyz"[sizes.indexOf(Math.max(...sizes))];
 }
 
-/** @param {Fit} fit */
-function lagWords({ record: { axis_lag: lags }, isTimed }) {
-    const axis = lags.reduce((most, lag, i) => (Math.abs(lag) > Math.abs(lags[most]) ? i : most), 0);
-    const apart = 1.5 * lags[axis];
-    const amount = isTimed ? `${Math.abs(apart * 1000).toFixed(0)} ms` : `${Math.abs(apart).toFixed(2)} readings`;
-    return `axis ${"xyz"[axis]} is read ${amount} ${apart > 0 ? "later" : "earlier"} than the others`;
+/**
+ * The axis that differs most from the others.
+ * @param {number[]} lags
+ * @returns {number}
+ */
+function mostLate(lags) {
+    return lags.reduce((most, lag, i) => (Math.abs(lag) > Math.abs(lags[most]) ? i : most), 0);
 }
 
 /** @param {Fit} fit */
-function swapWords({ swap }) {
-    if (!swap) return "";
-    const { axes, rows } = swap;
+function isBetter({ quantities, data: { numbers } }) {
+    return Number(quantities.uncorrected_deg > numbers.NOT_BY_CHANCE * quantities.worst_deg);
+}
+
+/**
+ * Up to which tilt the heading is within the target, and how fast it degrades beyond.
+ * @param {Values} values
+ * @returns {string}
+ */
+function attitudes({ attitude_limit_deg: limit, target_deg: target, worst_deg: worst, tilted }) {
+    if (limit >= UPSIDE_DOWN) return `within ${general(target)}° at any attitude`;
+    const at = (/** @type {number} */ tilt) => (tilt === UPSIDE_DOWN ? "upside down" : `at ${tilt}°`);
+    const worse = tilted.map((/** @type {number[]} */ [tilt, error]) => `${angle(error)} ${at(tilt)}`).join(", ");
+    if (limit < 1) return `good to ${angle(worst)} while level; tilted, ${worse}`;
+    return `within ${general(target)}° up to ${limit.toFixed(0)}° of tilt; ${worse}`;
+}
+
+/**
+ * @param {[string] | [string, number]} next
+ * @param {EngineData} data
+ * @returns {string}
+ */
+function stepWords([name, pose], { steps, poses }) {
+    return steps[name].replace("{}", pose === undefined ? "" : poses[pose]);
+}
+
+/** @param {Values} values */
+function whereFlat({ breadth, flatness_limit: limit }) {
+    return breadth > limit
+        ? "in one plane, as in a level turn, and tell nothing of the direction across it"
+        : "on one line, as of two attitudes, and tell nothing of the directions across it";
+}
+
+/** @param {Values} values */
+function independentReadings({ independent, samples }) {
+    const alike = "the others repeat them, or err alike, as where the field is not the same everywhere";
+    const others = independent === samples ? "" : ` (of ${grouped(samples)}: ${alike})`;
+    return `${counted(independent, "independent reading")}${others}`;
+}
+
+/** @param {Values} values */
+function correlation({ autocorrelation: lagOne, textbook_deg: textbook }) {
+    const next = Number.isNaN(lagOne) ? "" : `each with the next by ${lagOne.toFixed(2)}`;
+    const claim = Number.isNaN(textbook) ? "" : `without regard to it ${figures(textbook)}° would be claimed`;
+    const parts = [next, claim].filter(Boolean);
+    return parts.length ? ` (${parts.join("; ")})` : "";
+}
+
+/** @param {Values} values */
+function lagWords({ late_axis: axis, late_by: by, is_timed: isTimed }) {
+    const amount = isTimed ? `${Math.abs(by * 1000).toFixed(0)} ms` : `${Math.abs(by).toFixed(2)} readings`;
+    return `axis ${axis} is read ${amount} ${by > 0 ? "later" : "earlier"} than the others`;
+}
+
+/** @param {Values} values */
+function swapWords({ swapped_axes: axes, swap_row: row, swap_count: count }) {
     const what = axes.length === 1 ? `the sign of ${axes} turned` : `${axes[0]} and ${axes[1]} changed places`;
-    const again = rows.length > 1 ? ` and back and forth, ${counted(rows.length - 1, "time")} more` : "";
-    return `${grouped(rows[0] + 1)} on ${what}${again}:`;
+    const again = count > 1 ? ` and back and forth, ${counted(count - 1, "time")} more` : "";
+    return `${grouped(row)} on ${what}${again}`;
 }
 
-/** @param {Fit} fit */
-function leave({ quantities, record, data: { numbers } }) {
-    if (quantities.uncorrected_deg > numbers.NOT_BY_CHANCE * quantities.worst_deg) return "the calibration is worth having";
-    const isCovered = record.hole_deg <= numbers.COVERAGE_LIMIT;
+/** @param {Values} values */
+function leave({ is_better: is, is_covered: isCovered }) {
+    if (is) return "the calibration is worth having";
     return isCovered ? "leave them as they are" : "leave them as they are, or turn the sensor further";
 }
 
-/** @param {Fit} fit */
-function again({ quantities, data: { numbers } }) {
-    return quantities.outlier_share > numbers.OUTLIERS_LIMIT ? "; see what it was, and record again without" : "";
+/**
+ * @param {Values} values
+ * @param {EngineData} data
+ */
+function again({ outlier_share: share }, { numbers }) {
+    return share > numbers.OUTLIERS_LIMIT ? "; see what it was, and record again without" : "";
 }
 
-/** @param {import("./fit.js").Rail} rail */
-function railWords({ share, end, axis, value }) {
-    return `${(100 * share).toFixed(1)}% sit at the ${end} value of ${"xyz"[axis]} (${general(value)})`;
+/** @param {[string, string, number, number]} end */
+function railWords([axis, end, value, share]) {
+    return `${(100 * share).toFixed(1)}% sit at the ${end} value of ${axis} (${general(value)})`;
+}
+
+/**
+ * Some of so many.
+ * @param {string[]} some
+ * @param {number} count
+ * @returns {string}
+ */
+function listed(some, count) {
+    return some.join("; ") + (count > some.length ? "; …" : "");
 }

@@ -62,6 +62,6 @@ function faultOf(words) {
  * @returns {Timed}
  */
 function refused({ key }, refusal) {
-    const evaluated = { key, view: null, refusal, reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
+    const evaluated = { key, view: null, refusal, refusalCode: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
     return { evaluated, seconds: 1 };
 }

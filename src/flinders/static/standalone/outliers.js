@@ -1,7 +1,6 @@
 /** Runs of readings that a fit left out, in words: `flinders.estimators.outliers`. */
 
 import { grouped } from "./numbers.js";
-import { counted } from "./wording.js";
 
 /**
  * A run of readings that do not belong to the rest.
@@ -16,11 +15,11 @@ import { counted } from "./wording.js";
  */
 
 /**
- * A run in words.
- * @param {Outlier} run
+ * A run in words: `flinders.findings.words.outlier_run`.
+ * @param {number[]} run First and last reading, outliers, first and last time, those that a fit would have gone by.
  * @returns {string}
  */
-function runWords({ first, last, rows, fitted, start, end }) {
+export function runWords([first, last, rows, start, end, fitted]) {
     const many = rows > 1 ? `${grouped(rows)} readings${fitted === 1 ? " at rest" : ""}` : "a reading";
     if (start <= end) {
         return rows === 1 ? `${start.toFixed(1)} s: ${many}` : `${start.toFixed(1)}–${end.toFixed(1)} s: ${many}`;
@@ -29,22 +28,13 @@ function runWords({ first, last, rows, fitted, start, end }) {
 }
 
 /**
- * The three longest runs in words.
+ * The three longest runs, as `runWords` takes them.
  * @param {Outlier[]} runs
- * @returns {string}
+ * @returns {number[][]}
  */
 export function longestRuns(runs) {
     const worst = [...runs].sort((one, other) => other.rows - one.rows).slice(0, 3);
-    return worst.map(runWords).join("; ") + (runs.length > worst.length ? "; …" : "");
-}
-
-/**
- * How many readings they are, each rest as one or none.
- * @param {Outlier[]} runs
- * @returns {string}
- */
-export function outlierCount(runs) {
-    return counted(outlierRows(runs), "reading");
+    return worst.map(({ first, last, rows, start, end, fitted }) => [first, last, rows, start, end, fitted]);
 }
 
 /**

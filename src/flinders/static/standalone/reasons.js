@@ -3,7 +3,7 @@
 import { corrected, threes } from "./coverage.js";
 import { dot } from "./linear.js";
 import { figures, general } from "./numbers.js";
-import { firstCauses } from "./findings.js";
+import { adviceOf, firstCauses } from "./findings.js";
 import { counted, filled } from "./wording.js";
 
 /** @typedef {import("../messages.d.ts").Reason} Reason */
@@ -52,11 +52,12 @@ export function ofFit(fit, findings, { time }) {
         time[time.length - 1] - time[0] >= numbers.CONVERGED_S;
     const spans = disturbedSpans(fit, findings);
     const isAlarm = new Set(rows.filter(({ alarm }) => alarm).map(({ code }) => code));
-    const reasons = firstCauses(fit).flatMap(({ code, severity, advice }) => {
+    const reasons = firstCauses(fit).flatMap((finding) => {
+        const { code, severity } = finding;
         if (isAlarm.has(code) && severity !== "note" && (isConverged || at_once.includes(code))) {
-            return [reason(code, advice, "warning", disturbed.includes(code) ? spans : [])];
+            return [reason(code, adviceOf(finding, fit.data), "warning", disturbed.includes(code) ? spans : [])];
         }
-        return informative.includes(code) ? [reason(code, advice, "info")] : [];
+        return informative.includes(code) ? [reason(code, adviceOf(finding, fit.data), "info")] : [];
     });
     const isFlat = findings.some(({ code }) => code === "one-plane");
     return isConverged && !isFlat ? [...reasons, ...ofUnit(fit)] : reasons;

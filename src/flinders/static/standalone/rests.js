@@ -35,18 +35,23 @@ export function fittedOnce(field, { bounds, areLeftOut }) {
 }
 
 /**
- * The three longest rests in words.
+ * The three longest rests: first and last reading, first and last time of each.
  * @param {Rests} rests
  * @param {Float64Array | null} time
- * @returns {string}
+ * @returns {number[][]}
  */
 export function longestRests({ bounds }, time) {
     const longest = [...bounds].sort((one, other) => one[0] - one[1] - (other[0] - other[1])).slice(0, 3);
-    const spans = longest.map(([begin, end]) => {
-        const [start, stop] = time ? [time[begin], time[end - 1]] : [NaN, NaN];
-        return start <= stop ? `${start.toFixed(1)}–${stop.toFixed(1)} s` : `readings ${begin + 1}–${end}`;
-    });
-    return spans.join("; ") + (bounds.length > longest.length ? "; …" : "");
+    return longest.map(([begin, end]) => [begin + 1, end, ...(time ? [time[begin], time[end - 1]] : [NaN, NaN])]);
+}
+
+/**
+ * A rest in words.
+ * @param {number[]} rest
+ * @returns {string}
+ */
+export function restWords([first, last, start, end]) {
+    return start <= end ? `${start.toFixed(1)}–${end.toFixed(1)} s` : `readings ${first}–${last}`;
 }
 
 /**

@@ -56,6 +56,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {number} key  of the series that was fitted
  * @property {View | null} view
  * @property {string} refusal
+ * @property {string} refusalCode
  * @property {Reason[]} reasons
  * @property {number} used
  * @property {number} rejected
@@ -81,7 +82,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  */
 
 /** @type {Evaluated} */
-const NO_FIT = { key: -1, view: null, refusal: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
+const NO_FIT = { key: -1, view: null, refusal: "", refusalCode: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
 const A_LOG = "a log is shown, and nothing arrives in it: go back to the sensor first";
 const NO_PLACE = "this page has no model of the earth's field: look up the inclination at your place, and type it as dip";
 

@@ -19,7 +19,7 @@ const RATE_STEPS = 2;
 export function sessionState(session) {
     const { shown, live } = session;
     const { buffer, evaluated, exclusions, excluded } = shown;
-    const [phase, words, reasons] = phaseOf(session);
+    const [phase, words, told, reasons] = phaseOf(session);
     const [dipDeg, dipAssumed] = session.judgedDip;
     return {
         type: "state",
@@ -34,6 +34,7 @@ export function sessionState(session) {
         seconds: shown.isTimed ? buffer.seconds : null,
         phase,
         words,
+        told,
         reasons,
         target_deg: session.targetDeg,
         dip_deg: dipDeg,
@@ -66,18 +67,20 @@ function rateHz({ arrivals, at, rules }) {
 }
 
 /**
- * Phase of the session, a sentence about it, and the reasons against it.
+ * Phase of the session, a sentence about it, the code of the reason that it says, and the reasons against it.
  * @param {Session} session
- * @returns {[State["phase"], string, Reason[]]}
+ * @returns {[State["phase"], string, string | null, Reason[]]}
  */
 function phaseOf(session) {
     const reasons = [...(session.opened ? [] : ofLink(session)), ...settled(session)];
     const wrong = reasons.find(({ severity }) => severity === "warning");
-    if (wrong) return ["wrong", sentence(wrong.advice), reasons];
+    if (wrong) return ["wrong", sentence(wrong.advice), wrong.code, reasons];
     if (session.shown.buffer.total === 0 && session.source.link !== "ended") {
-        return ["waiting", `Waiting for readings from ${session.source.name}.`, reasons];
+        return ["waiting", `Waiting for readings from ${session.source.name}.`, null, reasons];
     }
-    return [...ofView(session), reasons];
+    const { view } = session.shown.evaluated;
+    if (view === null) return ["collecting", ...beforeAFit(session), reasons];
+    return [...ofView(session, view), null, reasons];
 }
 
 /**
@@ -95,11 +98,11 @@ function settled(session) {
 /**
  * How far the newest fit has come.
  * @param {Session} session
+ * @param {View} view
  * @returns {[State["phase"], string]}
  */
-function ofView(session) {
-    const { view, alarms } = session.shown.evaluated;
-    if (view === null) return ["collecting", beforeAFit(session)];
+function ofView(session, view) {
+    const { alarms } = session.shown.evaluated;
     const target = `the target ${general(session.targetDeg)}°`;
     const worst = session.worstDeg(view);
     if (worst === null) return ["collecting", view.sentence];
@@ -148,14 +151,17 @@ function isSure({ shown: { within }, rules, isOver }) {
 }
 
 /**
- * What to say while there are no numbers.
+ * What to say while there are no numbers, and the code of the reason that it is.
  * @param {Session} session
+ * @returns {[string, string | null]}
  */
 function beforeAFit({ shown: { buffer, evaluated }, source }) {
-    if (buffer.total === 0) return `${source.name} has ended without a reading.`;
-    if (evaluated.reasons.some(({ code }) => code === "no-rotation")) return "Start turning: turn the sensor slowly through all directions.";
-    if (!evaluated.refusal) return "Looking at the first readings. Turn the sensor slowly through all directions.";
-    return sentence(evaluated.refusal);
+    if (buffer.total === 0) return [`${source.name} has ended without a reading.`, null];
+    if (evaluated.reasons.some(({ code }) => code === "no-rotation")) {
+        return ["Start turning: turn the sensor slowly through all directions.", null];
+    }
+    if (!evaluated.refusal) return ["Looking at the first readings. Turn the sensor slowly through all directions.", null];
+    return [sentence(evaluated.refusal), evaluated.refusalCode || null];
 }
 
 /**

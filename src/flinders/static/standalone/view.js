@@ -2,7 +2,7 @@
 
 import { guide, isIdle } from "./advice.js";
 import { corrected, threes, tileCounts } from "./coverage.js";
-import { firstCauses, verdictOf } from "./findings.js";
+import { adviceOf, firstCauses, verdictOf } from "./findings.js";
 import { figures, general } from "./numbers.js";
 
 /** @typedef {import("../messages.d.ts").View} View */
@@ -40,13 +40,24 @@ export function viewOf(fit, findings, { field, numbers, goal }) {
         unit: fit.unit,
         field_strength_known: false,
         samples: fit.samples,
-        findings: shown.map((finding) => ({ ...finding, number: known(finding.number), limit: known(finding.limit) })),
+        findings: shown.map((finding) => viewOfFinding(finding, fit.data)),
         tiles_deg: shownErrors,
         tiles_seen: tileCounts(vectors, centres),
         rejected: rejectedRuns(fit, numbers),
         ...(verdict === "refused" ? UNTOLD : copied(fit, turn)),
         ...(isFlat ? UNDRAWN : { ...drawn(fit, vectors), ...claimed(fit, turn, errors, goal) }),
     };
+}
+
+/**
+ * A finding with its sentence.
+ * @param {Finding} finding
+ * @param {import("./data.d.ts").EngineData} data
+ * @returns {View["findings"][number]}
+ */
+function viewOfFinding(finding, data) {
+    const { code, severity, number, limit } = finding;
+    return { code, severity, number: known(number), limit: known(limit), advice: adviceOf(finding, data) };
 }
 
 const UNTOLD = {
@@ -194,6 +205,7 @@ function guidance(fit, goal) {
         after_deg: Math.hypot(advice.afterDeg, fit.structureDeg),
         goal,
         frame: "sensor",
+        is_path: false,
     };
 }
 
@@ -233,7 +245,7 @@ function sentence(fit, shown, verdict) {
         const much = headingError.worst < ANY_ANGLE_DEG ? headingWords(fit) : "any angle";
         return `Headings may be off by ${much}. ${target}`;
     }
-    if (verdict === "refused") return `Not fit for use: ${shown[0].advice}`;
+    if (verdict === "refused") return `Not fit for use: ${adviceOf(shown[0], fit.data)}`;
     const limit = fit.attitudeLimitDeg;
     const reach = limit >= 180 ? "at any attitude" : `up to ${limit.toFixed(0)}° of tilt`;
     const good = headingError.worst <= targetDeg ? "are good to" : "may be off by";

@@ -1,0 +1,294 @@
+"""Words of the sentences about what is beside a magnetometer: disturbances, aiding sensors, other magnetometers.
+
+As in `flinders.findings.words`, each is made from values of the finding alone.
+
+>>> noisy_share(0.021, 0.08), amount(1.7)
+('2 to 8%', 'more than 100%')
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+from flinders.core.compensation import beyond_words as beyond_range
+from flinders.core.disturbance import Disturbance, known, motor
+from flinders.errors import figures
+from flinders.findings.words import spans
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    Row = Sequence[Any]
+
+
+# ------------------------------------------------------------------------------------------------------- disturbances
+
+
+def alike(collinear: Sequence[str]) -> str:
+    """Disturbances that rose and fell together."""
+    return ", ".join(collinear)
+
+
+def noisy(noisy_names: Sequence[str]) -> str:
+    """Disturbances whose columns are noisy."""
+    return ", ".join(noisy_names)
+
+
+def noisy_what(noisy_names: Sequence[str]) -> str:
+    """What a noisy column does to what was found of it."""
+    if len(noisy_names) == 1:
+        return "its meter is noisy, and what was found of it is"
+    return "their meters are noisy, and what was found of each is, by its own course,"
+
+
+def noisy_share(least_attenuation: float, most_attenuation: float) -> str:
+    """By how much what was found of noisy disturbances is too small."""
+    least, most = f"{least_attenuation:.0%}", f"{most_attenuation:.0%}"
+    return most if least == most else f"{100.0 * least_attenuation:.0f} to {most}"
+
+
+def noisy_remedy(noisy_names: Sequence[str]) -> str:
+    """What to log instead."""
+    return f"a smoother {noisy_names[0]}" if len(noisy_names) == 1 else "them smoother"
+
+
+def range_unit(name: str) -> str:
+    """What stands behind the numbers of a disturbance."""
+    return known(name).unit
+
+
+def disturbance(
+    name: str,
+    per_unit: Sequence[float],
+    reference: float,
+    lowest: float,
+    highest: float,
+    lag_s: float,
+    gain_per_unit: float,
+) -> str:
+    """An offset that follows something, with its numbers."""
+    return str(Disturbance(name, per_unit, reference, lowest, highest, lag_s, gain_per_unit))  # type: ignore[arg-type]
+
+
+def _ranged(name: str, reference: float, lowest: float, highest: float) -> Disturbance:
+    """A disturbance of which the range matters alone."""
+    return Disturbance(name, (0.0, 0.0, 0.0), reference, lowest, highest)  # type: ignore[arg-type]
+
+
+def at_end(name: str, reference: float, lowest: float, highest: float) -> str:
+    """At the far end of the recorded range."""
+    ranged = _ranged(name, reference, lowest, highest)
+    return f"at {ranged.amount(ranged.farthest)}"
+
+
+def highest_amount(name: str, highest: float) -> str:
+    """Most of it that was recorded."""
+    return f"{highest:.3g}{known(name).unit}"
+
+
+def reference_amount(name: str, reference: float) -> str:
+    """Where the offset of the calibration holds."""
+    return f"{reference:.3g}{known(name).unit}"
+
+
+def running(runs_along: float) -> str:
+    """That the other motors ran along with one of several."""
+    return ", the other motors running along as they did then" if runs_along else ""
+
+
+def without(noise_uncompensated: float, noise: float) -> str:
+    """What readings would be off by, if nothing were modelled."""
+    if math.isnan(noise_uncompensated):
+        return ""
+    return f"; without, readings lie {figures(noise_uncompensated)} off instead of {figures(noise)}"
+
+
+def other_column(name: str) -> str:
+    """What to record instead of a throttle."""
+    is_throttle = motor(name)[0] == "throttle"
+    return "record the current instead, which the field follows, or " if is_throttle else ""
+
+
+def out_of_range(name: str, lowest: float, highest: float) -> str:
+    """What is wrong with the values of a disturbance."""
+    kind, far = known(name), max(lowest, highest, key=abs)
+    if not kind.plausible[0] <= far <= kind.plausible[1]:
+        return (
+            f"{name} was recorded at up to {far:.3g}{kind.unit}: it is in another unit than "
+            f"{kind.per}; convert the column, or what is exported is off by as much"
+        )
+    return (
+        f"{name} was recorded from {lowest:.3g} to "
+        f"{highest:.3g}{kind.unit}: what is drawn counts negative there, "
+        "and positive for autopilots; turn the sign of the column round"
+    )
+
+
+def beyond_words(name: str, lowest: float, highest: float, beyond: float) -> str:
+    """That a disturbance was seen outside the range that it was found in."""
+    return beyond_range(_ranged(name, 0.0, lowest, highest), beyond)
+
+
+# ----------------------------------------------------------------------------------------------------- aiding sensors
+
+
+def as_what(rate_unit: str, axes: str) -> str:
+    """How a gyro fits better: in another unit, and with other axes; or with the other sign where neither is."""
+    if not rate_unit:
+        return "with the other sign"
+    return f"as {rate_unit}{f' with axes {axes}' if axes else ''}"
+
+
+def amount(scale_error: float) -> str:
+    """An error of a scale; of a fit that went astray no more than that it is absurd."""
+    return f"{scale_error:.0%}" if scale_error <= 1.0 else "more than 100%"
+
+
+def why_disagree(aid: str) -> str:
+    """Why an aid does not go with a gyro."""
+    if aid == "dip":
+        return "it leans, as an accelerometer does in steady turns"
+    return "it lags, or is that of another body"
+
+
+def why_astray(aid: str) -> str:
+    """Why a vertical or an attitude does not go with the readings."""
+    if aid == "dip":
+        return "the body was accelerated all the time, or the accelerometer is that of another"
+    return "its quaternions turn from world to body or have w last, its times are other ones, or it is another body's"
+
+
+def what_is_empty(aid: str) -> str:
+    """What readings have to have for an aid."""
+    if aid == "rate":
+        return "a rate, and a time that goes on from one to the next"
+    return "an acceleration" if aid == "dip" else "an attitude"
+
+
+def instrument(aid: str) -> str:
+    """The instrument that an aid is of."""
+    return "gyro" if aid == "rate" else "accelerometer"
+
+
+def how_it_sits(aid: str, axes: str, seat: str) -> str:
+    """How an instrument sits against the magnetometer: ``mirrored``, ``contradicted``, ``unclear`` or ``clear``."""
+    what, other = instrument(aid), instrument("dip" if aid == "rate" else "rate")
+    if seat == "mirrored":
+        return (
+            f"as a mirror image, {axes} of the magnetometer's axes: one of them has a wrong sign, correct it "
+            "where it is recorded; it was not used"
+        )
+    if seat == "contradicted":
+        return (
+            f"with the magnetometer's axes turned by {axes}, and the {other} does not: the {what} sits "
+            "otherwise than the two, turn its columns; it was not used"
+        )
+    if seat == "unclear":
+        return (
+            f"with the magnetometer's axes turned, such as by {axes}, and too little turning to tell how: turn "
+            f"the {what}'s columns to be as the magnetometer's; it was not used"
+        )
+    return (
+        f"with the magnetometer's axes turned by {axes}: they do not sit alike, and the correction turns "
+        f"readings into the {what}'s axes"
+    )
+
+
+SITE_FAULTS: Final = {
+    "reversed": "the vertical seems to be upside down, as an accelerometer that lies level reads −g on z",
+    "turned": (
+        "the vertical is upside down, as an accelerometer that lies level reads −g on z, or an axis of the "
+        "magnetometer is turned round"
+    ),
+    "elsewhere": "check place and date, and whether iron was near",
+}
+"""What may be wrong where the dip is not that of the site, by a name."""
+
+
+def site_check(site_fault: str) -> str:
+    """What to check where the dip is not that of the site."""
+    return SITE_FAULTS[site_fault]
+
+
+# ----------------------------------------------------------------------------------------------- several magnetometers
+
+
+def when(deviation_spans: Sequence[Row], deviation_count: float) -> str:
+    """When a sensor deviates from the others."""
+    return spans(deviation_spans, deviation_count)
+
+
+def why_deviates(is_by_length: float) -> str:
+    """What tells that a sensor deviates."""
+    return "the length of its readings changes" if is_by_length else "the others agree"
+
+
+def does_not_rest(is_alone: float) -> str:
+    """That a calibration does not rest on stretches that deviate."""
+    return "" if is_alone else ". The calibration does not rest on that"
+
+
+def disagreement(apart_deg: float, apart_share: float, deviation_spans: Sequence[Row], deviation_count: float) -> str:
+    """How far two sensors are apart, for a share of the time; all the time where no share is known."""
+    if math.isnan(apart_share):
+        return f"even averaged over a second the two are {figures(apart_deg)}° of heading apart all the time (1 σ)"
+    return (
+        f"magnetometers disagree by up to {figures(apart_deg)}° of heading, for {apart_share:.0%} of the time "
+        f"({spans(deviation_spans, deviation_count)})"
+    )
+
+
+def each_alone(apart_share: float) -> str:
+    """What follows where two sensors disagree all the time."""
+    if not math.isnan(apart_share):
+        return ""
+    return ". Each has what it finds by itself: see whether one is loose or its clock off, or fit a third"
+
+
+def who_is_mirrored(left_handed: Sequence[str]) -> str:
+    """Which sensors are most likely not right-handed; none are named where it may be either of two."""
+    if not left_handed:
+        return "One of the two is not right-handed: check which, and map its axes"
+    return f"Most likely {' and '.join(left_handed)} is not right-handed, as the others agree: map its axes"
+
+
+def in_the_vehicle(is_in_body: float) -> str:
+    """Whether the mounting in the vehicle is known."""
+    return "" if is_in_body else "; their mounting in the vehicle is not known"
+
+
+def behind(delay_s: float) -> str:
+    """On which side of another clock a clock is."""
+    return "behind" if delay_s > 0 else "ahead of"
+
+
+def why_alone(together_deg: float, alone_deg: float) -> str:
+    """Why a sensor is not fitted together with the others."""
+    if not together_deg and not alone_deg:
+        return (
+            "the readings leave open how the magnetometers are turned against each other, and each has what it finds "
+            "by itself: turn the body about all its axes"
+        )
+    return (
+        f"with the others its worst heading error would be {figures(together_deg)}°, and by itself it is "
+        f"{figures(alone_deg)}°: it has what it finds by itself, in its own axes. Look at what is wrong with the "
+        "others, and at their clocks"
+    )
+
+
+def shots(shot_numbers: Sequence[float]) -> str:
+    """Shots of a survey by their numbers."""
+    return f"shot {', '.join(f'{number:.0f}' for number in shot_numbers)}"
+
+
+SENSOR_WORDS: Final[dict[str, Callable[..., str]]] = {
+    word.__name__: word
+    for word in (
+        *(alike, noisy, noisy_what, noisy_share, noisy_remedy, range_unit, disturbance, at_end, highest_amount),
+        *(reference_amount, running, without, other_column, out_of_range, beyond_words, as_what, amount, why_disagree),
+        *(why_astray, what_is_empty, instrument, how_it_sits, site_check, when, why_deviates, does_not_rest),
+        *(disagreement, each_alone, who_is_mirrored, in_the_vehicle, behind, why_alone, shots),
+    )
+}
+"""Words of other sensors by the names that sentences have for them."""

@@ -1,0 +1,400 @@
+"""Words of the sentences about findings, each made from values of the finding alone.
+
+A sentence of the catalogue names values and words; a word is a function here, or in `flinders.findings.sensor_words`,
+and its parameters are names of values. So a finding that was read from a file says what it said when it was found.
+
+>>> attitudes(attitude_limit_deg=34.6, target_deg=1.0, worst_deg=0.4, tilted=((90.0, 2.04), (180.0, 120.0)))
+'within 1° up to 35° of tilt; 2.0° at 90°, any angle upside down'
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+from flinders.core.samples import Skipped
+from flinders.errors import counted, figures
+from flinders.findings.poses import POSE_WORDS
+from flinders.geometry.plane import across
+from flinders.summary.summary import RestSpan
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from flinders.geometry.plane import Plane
+
+    Row = Sequence[Any]
+
+ANY_ANGLE_DEG: Final = 90.0
+"""An error of a direction beyond this says nothing."""
+
+UPSIDE_DOWN: Final = 180.0
+
+MANY_OUTLIERS: Final = 0.1
+"""Share of outliers that limits a fit."""
+
+MANY_ROWS: Final = 0.1
+"""Share of rows without a reading that limits a fit."""
+
+Z_ELSEWHERE: Final = (
+    "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the axes so "
+    "that it does"
+)
+Z_OPEN: Final = (
+    "; nothing shows whether z points down or up, so that its offset is open by twice the field along it: record an "
+    "accelerometer as well, or state axes with z down"
+)
+
+SHOOT_AT_REST: Final = (
+    "take each shot at rest, four to a direction with a quarter turn about the laser between them, in directions all "
+    "around, up and down"
+)
+"""How the shots of a survey instrument are taken."""
+
+STEPS: Final = {
+    "turn-level": "turn it all the way round, more than once, keeping it level",
+    "record-longer": "record for longer while turning through all directions, away from iron and currents",
+    "hold": "hold the sensor {} and turn it slowly once around, keeping it so",
+    "as-above": "turn the sensor as above",
+    "use-ellipse": "the points are not equally spaced in heading, use the method 'ellipse'",
+    "use-auto": "the method's model does not fit this sensor, use 'auto'",
+    "use-own-state": "the recordings contradict each other, use those made in the state of use",
+    "merge-others": "merge calibrations that were made in the state of use, of sensors turned through all directions",
+    "add-poses": "add poses at other headings, or turn the vehicle",
+}
+"""What to do next, by a name; ``hold`` comes with the number of a pose."""
+
+
+def angle(degrees: float) -> str:
+    """Write an error in degrees; beyond a right angle it says nothing.
+
+    >>> angle(2.04), angle(120.0)
+    ('2.0°', 'any angle')
+    """
+    return f"{figures(degrees)}°" if degrees < ANY_ANGLE_DEG else "any angle"
+
+
+def attitudes(attitude_limit_deg: float, target_deg: float, worst_deg: float, tilted: Sequence[Row]) -> str:
+    """Say up to which tilt the heading is within the target, and how fast it degrades beyond.
+
+    `tilted`: a tilt and the worst heading error there, each.
+    """
+    if attitude_limit_deg >= UPSIDE_DOWN:
+        return f"within {target_deg:g}° at any attitude"
+    worse = ", ".join(f"{angle(error)} {_at(tilt)}" for tilt, error in tilted)
+    if attitude_limit_deg < 1.0:
+        return f"good to {angle(worst_deg)} while level; tilted, {worse}"
+    return f"within {target_deg:g}° up to {attitude_limit_deg:.0f}° of tilt; {worse}"
+
+
+def _at(tilt_deg: float) -> str:
+    return "upside down" if tilt_deg == UPSIDE_DOWN else f"at {tilt_deg:g}°"
+
+
+def movement(next_movement: Row) -> str:
+    """Which way to turn the sensor next: a name of `STEPS`, and the number of a pose where it takes one."""
+    name, *poses = next_movement
+    return STEPS[name].format(*(POSE_WORDS["sensor"][round(pose)] for pose in poses))
+
+
+def remedy(next_step: Row) -> str:
+    """What would make the heading error smaller, likewise."""
+    return movement(next_step)
+
+
+def because(differ_deg: float) -> str:
+    """How much of a heading error comes from calibrations that differ."""
+    return "" if math.isnan(differ_deg) else f", {figures(differ_deg)}° of it because they differ"
+
+
+def where_flat(breadth: float, flatness_limit: float) -> str:
+    """What readings in one plane, or on one line, leave open."""
+    if breadth > flatness_limit:
+        return "in one plane, as in a level turn, and tell nothing of the direction across it"
+    return "on one line, as of two attitudes, and tell nothing of the directions across it"
+
+
+def plane_axes(plane: str) -> str:
+    """The axes of a plane."""
+    return " and ".join(plane)
+
+
+def where_placed(plane: Plane, is_placed: float) -> str:
+    """Whether the offset across the plane of a turn is known."""
+    return f"and in {across(plane)} by the site's field" if is_placed else "only"
+
+
+def assumed(plane: Plane, is_placed: float, z_down: float) -> str:
+    """What the offset across the plane rests on."""
+    side = "" if z_down == 0.0 or math.isnan(z_down) else f"{across(plane)} down, and "
+    return f" (with {side}the floor level unless an accelerometer was recorded)" if is_placed else ""
+
+
+def where_z_points(z_down: float) -> str:
+    """Where z points, unless down."""
+    return Z_OPEN if math.isnan(z_down) else "" if z_down else Z_ELSEWHERE
+
+
+def mounting(is_skewed: float, is_placed: float) -> str:
+    """What to say about the mounting where the shape across the plane is not known."""
+    return "say how well the mounting is known, or " if is_skewed and is_placed else ""
+
+
+def leave(is_better: float, is_covered: float) -> str:
+    """Whether the readings of a sensor that was corrected before are as good without the calibration."""
+    if is_better:
+        return "the calibration is worth having"
+    return "leave them as they are" if is_covered else "leave them as they are, or turn the sensor further"
+
+
+def why_biased(plane: str) -> str:
+    """Why a method is off the likelihood."""
+    if plane:
+        return "the points are not equally spaced in heading, or some do not belong; use 'ellipse'"
+    return "its model is too simple for this sensor, or its equation is biased by noise; use 'auto'"
+
+
+def rings(unobserved: float) -> str:
+    """What readings look like that leave one parameter open."""
+    return ", as two rings of readings would" if unobserved == 1.0 else ""
+
+
+def independent_readings(independent: float, samples: float) -> str:
+    """How many readings there are to go by."""
+    alike = "the others repeat them, or err alike, as where the field is not the same everywhere"
+    others = "" if independent == samples else f" (of {samples:,.0f}: {alike})"
+    return f"{counted(independent, 'independent reading')}{others}"
+
+
+def correlation(autocorrelation: float, textbook_deg: float) -> str:
+    """How much residuals have in common, and what it would be to take no notice of it."""
+    next_one = "" if math.isnan(autocorrelation) else f"each with the next by {autocorrelation:.2f}"
+    claim = "" if math.isnan(textbook_deg) else f"without regard to it {figures(textbook_deg)}° would be claimed"
+    words = "; ".join(part for part in (next_one, claim) if part)
+    return f" ({words})" if words else ""
+
+
+def contradiction(
+    sources: Sequence[str], apart_deg: float, offset_apart: float, unit: str, apart_beyond_claim_deg: float
+) -> str:
+    """Which recording is off the others, and by how much; of two recordings both are named."""
+    pair = len(sources) == 2
+    who = f"{sources[0]} and {sources[1]} are" if pair else f"{sources[0]} is"
+    others = "apart" if pair else "off the other recordings"
+    if apart_beyond_claim_deg:
+        amount = f"{figures(offset_apart)} {unit} in the offset"
+        return f"{who} {figures(apart_deg)}° of heading {others} ({amount}), which is not chance"
+    return f"{who} {others} by more than both claim, though hardly in heading ({figures(apart_deg)}°)"
+
+
+def after_contradiction(apart_beyond_claim_deg: float) -> str:
+    """What follows from recordings that are apart."""
+    if apart_beyond_claim_deg:
+        return "something magnetic changed in between; use recordings made in the state of use"
+    return "the heading error allows for it"
+
+
+def halves(halves_ratio: float, drift_allowed_deg: float) -> str:
+    """How far the halves of a recording are apart, where that limits the fit."""
+    if math.isnan(halves_ratio) or drift_allowed_deg:
+        return ""
+    return f" (its halves differ by {halves_ratio:.1f} times what they claim)"
+
+
+def swap(swapped_axes: str, swap_row: float, swap_count: float) -> str:
+    """Which axes changed their sign or their place, at which reading, and how often."""
+    first, second = swapped_axes[0], swapped_axes[-1]
+    what = f"the sign of {first} turned" if len(swapped_axes) == 1 else f"{first} and {second} changed places"
+    again = f" and back and forth, {counted(swap_count - 1.0, 'time')} more" if swap_count > 1.0 else ""
+    return f"{swap_row:,.0f} on {what}{again}"
+
+
+def axis_lag(late_axis: str, late_by: float, is_timed: float) -> str:
+    """Which axis is read at another moment than the others; `late_by` in seconds, or in readings without times."""
+    amount = f"{abs(late_by) * 1000.0:.0f} ms" if is_timed else f"{abs(late_by):.2f} readings"
+    return f"axis {late_axis} is read {amount} {'later' if late_by > 0.0 else 'earlier'} than the others"
+
+
+def outlier_run(first: float, last: float, readings: float, start_s: float, end_s: float, independent: float) -> str:
+    """A run of readings that were left out: its times, or its rows where there are none, and how many they are."""
+    rows = f"{readings:,.0f} readings" if readings > 1 else "a reading"
+    rows += " at rest" if readings > 1 == independent else ""
+    if not start_s <= end_s:  # no time, or a clock that stepped back
+        return f"reading {first:.0f}" if first == last else f"readings {first:.0f}–{last:.0f}: {rows}"
+    return f"{start_s:.1f} s: {rows}" if readings == 1 else f"{start_s:.1f}–{end_s:.1f} s: {rows}"
+
+
+def outliers(outlier_count: float) -> str:
+    """How many readings were left out."""
+    return counted(outlier_count, "reading")
+
+
+def runs(outlier_runs: Sequence[Row], outlier_run_count: float) -> str:
+    """The longest runs of outliers."""
+    return "; ".join(outlier_run(*run) for run in outlier_runs) + _more(outlier_runs, outlier_run_count)
+
+
+def again(outlier_share: float) -> str:
+    """What to do about outliers, where they limit the fit."""
+    return "; see what it was, and record again without" if outlier_share > MANY_OUTLIERS else ""
+
+
+def rails(rail_ends: Sequence[Row]) -> str:
+    """Ends of axes with their share of the readings."""
+    return ", ".join(
+        f"{share:.1%} sit at the {end} value of {axis} ({value:g})" for axis, end, value, share in rail_ends
+    )
+
+
+def spans(rows: Sequence[Row], count: float) -> str:
+    """Some of so many stretches, each first and last reading, and first and last time."""
+    return "; ".join(span(*row) for row in rows) + _more(rows, count)
+
+
+def span(first: float, last: float, start_s: float, end_s: float) -> str:
+    """A stretch of time, or of readings where there are no times."""
+    return str(RestSpan(round(first), round(last), start_s, end_s))
+
+
+def _more(some: Sequence[Row], count: float) -> str:
+    """That there are more than those that are listed."""
+    return "; …" if count > len(some) else ""
+
+
+def rests(rest_spans: Sequence[Row], rest_count: float) -> str:
+    """The longest rests."""
+    return spans(rest_spans, rest_count)
+
+
+def rests_treated(are_rests_left_out: float) -> str:
+    """What a fit makes of rests."""
+    return "are left out" if are_rests_left_out else "count as one reading each"
+
+
+def often(backward_steps: float) -> str:
+    """How often something happened."""
+    return "once" if backward_steps == 1.0 else f"{backward_steps:,.0f} times"
+
+
+def skipped_rows(skipped_kinds: Sequence[Row]) -> str:
+    """Rows that were left out, a kind each: reason, how many, numbers of the first lines, and what the first says."""
+    return "; ".join(
+        str(Skipped(reason, round(rows), tuple(map(round, lines)), example))
+        for reason, rows, lines, example in skipped_kinds
+    )
+
+
+def silent_rows(silent_kinds: Sequence[Row]) -> str:
+    """Rows at which the sensor did not answer, likewise."""
+    return skipped_rows(silent_kinds)
+
+
+def check(skipped: float, rows: float) -> str:
+    """What to check where many rows could not be read."""
+    return ". Check the sensor, its cable, and what was saved" if skipped > MANY_ROWS * rows else ""
+
+
+def supply(silent: float, rows: float) -> str:
+    """What to check where the sensor often did not answer."""
+    return ". Check its supply and its bus, and how it is read" if silent > MANY_ROWS * rows else ""
+
+
+def length(corrected_length: float, unit: str) -> str:
+    """Strength of the field of corrected readings."""
+    return f"{figures(corrected_length, 4)} {unit}"
+
+
+def turned_short(shortfall: float, unturned_deg: float, unit: str) -> str:
+    """What it would cost if a turn had not reached the ends of the shorter axes; nothing where they are alike."""
+    if not shortfall:
+        return ""
+    return (
+        f"were the axes alike and the shorter ones only not turned to their ends, the offset would be off by up to "
+        f"{figures(shortfall)} {unit} and a level heading by {figures(unturned_deg)}°. "
+    )
+
+
+def turns(planes: Sequence[str]) -> str:
+    """Name turns by their planes, an empty one for what is no turn."""
+    return ", then ".join(plane or "all attitudes" for plane in planes)
+
+
+def composition(planes: Sequence[str], rotation_left_deg: float) -> str:
+    """What turns in one plane after the other leave open."""
+    missing = [] if "" in planes else [plane for plane in ("xy", "yz", "zx") if plane not in planes]
+    open_still = f"; not turned yet in {' and '.join(missing)}" if missing else ""
+    if not {"xy", ""} & set(planes):
+        return f" of which none is in xy: nothing is claimed of a level heading{open_still}"
+    level = (
+        "a level heading rests on the last turn, and has nothing of it"
+        if planes[-1] == "xy"
+        else f"{figures(rotation_left_deg)}° of a level heading, which its error allows for; a turn in xy at the end "
+        "takes that off"
+    )
+    return (
+        f"{open_still}. A rotation of second order in the soft iron stays, which no turn sees: {level}. Nothing is "
+        "claimed of other attitudes; what was recorded unloaded, flinders calibrate fits together"
+    )
+
+
+def dropped_words(dropped: float) -> str:
+    """How many readings a filter dropped."""
+    return f", {counted(dropped, 'reading')} dropped" if dropped else ""
+
+
+def filter_effect(
+    moved_deg: float, claimed_deg: float, smaller_share: float, unfiltered: str, is_to_blame: float
+) -> str:
+    """What a filter did to a calibration; `unfiltered`: the verdict without it, empty where there is none."""
+    if not unfiltered:
+        return (
+            "; without the filter there is no calibration to compare with, so the effect of the filter is not known: "
+            "record again, turning slowly"
+        )
+    size = f"{figures(abs(100 * smaller_share))}% {'smaller' if smaller_share > 0 else 'larger'}"
+    moved = f": that moves the heading by {figures(moved_deg)}° at the worst and makes the field {size}"
+    if is_to_blame:
+        return f"{moved}; without the filter the verdict is {unfiltered}: leave --filter out, or turn more slowly"
+    if moved_deg <= claimed_deg:
+        return f"{moved}, within what is claimed"
+    return (
+        f"{moved}, more than the {figures(claimed_deg)}° that are claimed. A filter takes spikes off, and pulls the "
+        "readings of a turning sensor inside the ellipsoid: turn more slowly, or use 'auto' without --filter, which "
+        "leaves spikes out by itself"
+    )
+
+
+def _named(*functions: Callable[..., str]) -> dict[str, Callable[..., str]]:
+    """Functions by their names."""
+    return {function.__name__: function for function in functions}
+
+
+WORDS: Final = _named(
+    *(attitudes, movement, remedy, because, where_flat, plane_axes, where_placed, assumed, where_z_points, mounting),
+    *(
+        leave,
+        why_biased,
+        rings,
+        independent_readings,
+        correlation,
+        contradiction,
+        after_contradiction,
+        halves,
+        swap,
+        axis_lag,
+        outliers,
+    ),
+    *(runs, again, rails, rests, rests_treated, often, skipped_rows, silent_rows, check, supply, length, turned_short),
+    *(turns, composition, dropped_words, filter_effect),
+)
+"""Words of a fit of one magnetometer by the names that sentences have for them."""
+
+
+def taken_by(word: Callable[..., str]) -> tuple[str, ...]:
+    """Names of the values that a word takes.
+
+    >>> taken_by(rings)
+    ('unobserved',)
+    """
+    code = word.__code__
+    return code.co_varnames[: code.co_argcount]
