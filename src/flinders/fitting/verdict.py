@@ -124,16 +124,14 @@ class FitRecord(Record):
 def _is_placed(result: Fit) -> bool:
     """Whether the offset across the plane of a turn is known."""
     assert result.claim.plane is not None
-    return bool(
-        result.claim.offset_sigma[order_of(result.claim.plane)[2]] < PLACED * result.calibration.ellipsoid.radius
-    )
+    across = order_of(result.claim.plane)[2]
+    return bool(result.claim.offset_sigma[across] < PLACED * result.claim.ellipsoid.radius)
 
 
 def _is_skewed(result: Fit) -> bool:
     """Whether the shape across the plane of a turn is not known."""
-    return (
-        float(np.sqrt(np.diag(result.claim.covariance)[[6, 7, 8]].max())) > SKEWED * result.calibration.ellipsoid.radius
-    )
+    sigma = float(np.sqrt(np.diag(result.claim.covariance)[[6, 7, 8]].max()))
+    return sigma > SKEWED * result.claim.ellipsoid.radius
 
 
 def improves(fit: Fit) -> bool:
