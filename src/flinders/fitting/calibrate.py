@@ -859,7 +859,7 @@ def _judgement(
 ) -> tuple[Found, Records]:
     """Judge a record with what was found out beside it, and once more where that asks for a closer look."""
     asked = request_of(calibration, target_deg=request.target_deg)
-    sources = {"is_aided": estimate.method == "aided", "is_compensated": evidence.disturbed is not None}
+    sources = {"is_aided": estimate.is_aided, "is_compensated": evidence.disturbed is not None}
     if evidence.record is not None:
         add_reading(record, evidence.statistics)
         record["farthest"] = farthest(estimate.outliers)
