@@ -563,7 +563,7 @@ def test_a_sensor_that_was_calibrated_all_round_may_be_put_into_a_vehicle() -> N
     turn = Turn.of("xy", points[:, :2], PlaneEllipse.of_points(points[:, :2]))
     refuse_unloaded(bench, turn, dip_deg=60.0, source="turn.csv")
     found = composition.composed(bench, fit)
-    assert turns_of(found.method) == ("", "xy")
+    assert turns_of(found) == ("", "xy")
     assert found.heading_error_deg == fit.heading_error_deg
     corrected = found.calibration.apply(bench.calibration.unapply(points))
     npt.assert_allclose(corrected[:, :2].mean(axis=0), 0.0, atol=0.2)

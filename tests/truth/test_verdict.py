@@ -386,7 +386,8 @@ def test_a_file_has_no_sentence_and_a_loaded_finding_has_the_same(recording: Cal
 
 
 @pytest.mark.parametrize(
-    "values", [{"hole_deg": "far"}, {"attitude_limit_deg": 5.0, "tilted": 1.0}, {"next_movement": ["up"]}]
+    "values",
+    [{"hole_deg": "far"}, {"attitude_limit_deg": 5.0, "tilted": 1.0}, {"next_movement": ["up"]}, {"parts": [{}]}],
 )
 def test_values_that_make_no_sentence_are_refused(values: dict[str, Any]) -> None:
     record = only(half_unseen(), "coverage").to_record()

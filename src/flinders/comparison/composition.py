@@ -37,9 +37,6 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane, Turn
 
-THEN: Final = ", then "
-"""Between the methods of turns that were made one after the other."""
-
 FAR: Final = 0.2
 """Of the field: an offset that is smaller does not tell whether it has been removed, as soft iron lends as much."""
 
@@ -53,14 +50,13 @@ ANY_ANGLE: Final = 180.0
 """What a heading may be off by where nothing is claimed of it."""
 
 
-def turns_of(method: str) -> tuple[str, ...]:
-    """The plane of each turn that a method names, in their order; an empty one for what is no turn.
-
-    >>> turns_of("two-axis xy, then ellipse yz"), turns_of("auto, then two-axis zx"), turns_of("level")
-    (('xy', 'yz'), ('', 'zx'), ('xy',))
-    """
-    words = ("xy" if part == "level" else part.rpartition(" ")[2] for part in method.split(THEN))
-    return tuple(word if word in PLANES else "" for word in words)
+def turns_of(fit: Fit) -> tuple[str, ...]:
+    """The plane of each turn that a fit rests on, in their order; an empty one for what is no turn."""
+    composition = next((finding for finding in fit.findings if finding.code == "composed"), None)
+    planes: tuple[str, ...] = (
+        (fit.claim.plane or "",) if composition is None else composition.values.get("planes", ("",))
+    )
+    return planes
 
 
 def rotation_error(matrix: Floats, turns: Sequence[str], *, dip_deg: float) -> HeadingError:
@@ -127,7 +123,7 @@ def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> N
     source : str
         What the message calls the recording.
     """
-    turns = turns_of(first.method)
+    turns = turns_of(first)
     known = "xyz" if "" in turns else "".join(turns)
     seen = [place for place, axis in enumerate(turn.plane) if axis in known]
     if not seen:
@@ -172,7 +168,7 @@ def composed(first: Fit, fit: Fit) -> Fit:
     Returns
     -------
     Fit
-        To be loaded in place of the first; `turns_of` its method are all turns so far. The heading error of a level
+        To be loaded in place of the first; `turns_of` it are all turns so far. The heading error of a level
         vehicle is what the turns claim together, and what the rotation of the matrix costs: it rests on the last turn
         in xy and those after it. 180° where nobody can say: there was no turn in xy yet, or what was loaded claims
         nothing. It has no covariance, as offset and matrix of several turns are correlated.
@@ -188,12 +184,12 @@ def composed(first: Fit, fit: Fit) -> Fit:
     >>> site = Site(strength=first.calibration.field_strength)
     >>> second = calibrate.fit(loaded, method="ellipse", site=site)
     >>> both = composed(first, second)      # the same turn once more, which changes nothing
-    >>> turns_of(both.method), both.calibration.isclose(first.calibration, tolerance=1e-3)
+    >>> turns_of(both), both.calibration.isclose(first.calibration, tolerance=1e-3)
     (('xy', 'xy'), True)
     """
     before = first.method if first.evidence.is_described else "a calibration"
-    method = f"{before}{THEN}{fit.method}"
-    turns = turns_of(method)
+    method = f"{before}, then {fit.method}"
+    turns = (*turns_of(first), *turns_of(fit))
     known = first.calibration.field_strength_known
     calibration = replace(fit.calibration @ first.calibration, field_strength_known=known)
     left = rotation_error(calibration.matrix, turns, dip_deg=fit.heading_error_deg.dip_deg)
@@ -212,7 +208,7 @@ def composed(first: Fit, fit: Fit) -> Fit:
 
 def as_dict(both: Fit) -> dict[str, Any]:
     """JSON-ready, of `composed`: the calibration, what is claimed of it, and what is open."""
-    error, turns = both.heading_error_deg, turns_of(both.method)
+    error, turns = both.heading_error_deg, turns_of(both)
     return {
         **both.calibration.as_dict(),
         "turns": list(turns),

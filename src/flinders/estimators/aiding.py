@@ -167,6 +167,7 @@ class Aided:
             prior_influence=self.prior_influence,
             textbook=self.textbook[:9, :9],
             used=self.used,
+            is_aided=True,
         )
 
 

@@ -85,6 +85,7 @@ class Estimate:
     # False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
     # that dip was used and neither an accelerometer nor anybody says which way z points
     z_down: bool | None = True
+    is_aided: bool = False  # the surface is that of the magnetometer and of aiding sensors
     estimator: str = ""  # row of the table of methods that made it, where `method` says more than its name
 
     def variance_inflation(self, parameters: Iterable[int] = range(9)) -> float:

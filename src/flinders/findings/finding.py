@@ -103,15 +103,14 @@ class Finding:
         DocumentError
             For values that make no sentence; `source` names the file.
         """
-        severity = record.severity if record.severity in VERDICTS else "note"
-        stated = {"number": record.number, "limit": record.limit}
         row = CATALOGUE.get(record.code)
-        if row is not None and row.rule.stated_names <= record.values.keys():
-            stated = {}
-        values = {name: _value(value) for name, value in {**stated, **record.values}.items()}
-        finding = cls(record.code, severity, values, record.follows_from)
+        is_stated = row is not None and row.rule.stated_names <= record.values.keys()
+        given = record.values if is_stated else {"number": record.number, "limit": record.limit, **record.values}
+        severity = record.severity if record.severity in VERDICTS else "note"
         try:
-            finding.advice  # noqa: B018 - made to see whether it can be
+            values = {name: _value(value) for name, value in given.items()}
+            finding = cls(record.code, severity, values, record.follows_from)
+            finding.as_dict()
         except (ArithmeticError, LookupError, TypeError, ValueError, FlindersError) as error:
             raise DocumentError(f"{source}: fit.findings: values of {record.code} make no sentence: {error}") from None
         return finding

@@ -844,7 +844,7 @@ def _judgement(
     record["bias_deg"] = _bias_deg(estimate, dip_deg)
     record["sources"] = sources_of(
         aiding,
-        is_aided=estimate.method == "aided",
+        is_aided=estimate.is_aided,
         is_compensated=evidence.disturbed is not None,
         is_refreshed=evidence.refreshed is not None,
     )

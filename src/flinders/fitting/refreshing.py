@@ -147,7 +147,7 @@ def refresh(
     known = changeable(known_shape(previous, site), soft_iron_sigma)
     aided, reported, chance = _solved(samples, previous, known, Instruments.of(aiding), site, dip_deg)
     fit = judged_as(
-        replace(aided.estimate(), method=METHOD),
+        replace(aided.estimate(), method=METHOD, is_aided=False),
         samples,
         aiding_result=reported if aiding else None,
         site=here,

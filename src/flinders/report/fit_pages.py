@@ -25,6 +25,7 @@ from flinders.comparison.composition import ANY_ANGLE, turns_of
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures, in_python
 from flinders.estimators.reference.minmax import MinMax
+from flinders.estimators.two_axis import TwoAxisRecipe
 from flinders.findings import advice, first_causes, limit_of
 from flinders.findings.words import turns
 from flinders.fitting.axis_extremes import Extremes
@@ -98,7 +99,7 @@ def _shown(fit: Fit, *, is_verbose: bool) -> list[Finding]:
 
 def of_recipe(fit: Fit) -> RenderableType | None:
     """Lay out what a recipe of the extremes publishes: its table; None for any other method."""
-    if not fit.method.startswith(MinMax.name):
+    if fit.method not in MinMax.LABELS.values():
         return None
     centre, half = fit.calibration.ellipsoid.centre, fit.calibration.ellipsoid.shape.diagonal()
     return extremes_table(Extremes(fit.calibration, centre - half, centre + half))
@@ -398,7 +399,7 @@ def _agreed(together: Together) -> str:
 
 def is_mean(fit: Fit) -> bool:
     """Whether the offset is the mean of the points."""
-    return fit.method.startswith("two-axis")
+    return fit.method == f"{TwoAxisRecipe.name} {fit.claim.plane}"
 
 
 def plane_rows(turn: Turn, unit: str) -> list[tuple[str, str, str]]:
@@ -451,7 +452,7 @@ def _composed(composed: Fit, after: str | None, spell: Spelling) -> RenderableTy
     """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
     error = composed.heading_error_deg
     words = good_to(composed) if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
-    basis = f"{turns(turns_of(composed.method))}; level, dip {error.dip_deg:.3g}°"
+    basis = f"{turns(turns_of(composed))}; level, dip {error.dip_deg:.3g}°"
     said = _graded(composed.verdict, f"{words}, with limits:", basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
     result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))

@@ -90,6 +90,10 @@ class MinMax:
     trim: bool = False
 
     name: ClassVar[str] = "minmax"
+    LABELS: ClassVar[dict[Variant, str]] = {
+        "mean": "minmax", "largest": "minmax largest", "full-range": "minmax full-range",
+    }  # fmt: skip
+    """Method of its estimates, by their variants."""
     unknowns: ClassVar[int] = 7
     is_biased: ClassVar[bool] = True
 
@@ -122,9 +126,8 @@ class MinMax:
         ends = max(noise, FINEST * ellipsoid.radius) ** 2 + 8.0 * half**2 / ((places + 1) * (places + 2))
         covariance = np.zeros((9, 9))
         covariance[range(6), range(6)] = np.tile(ends, 2) / 2.0
-        named = self.name if self.variant == "mean" else f"{self.name} {self.variant}"
         strength = strength_of(half, self.variant)
-        return Estimate(ellipsoid, covariance, noise, named, strength=strength, estimator=self.name)
+        return Estimate(ellipsoid, covariance, noise, self.LABELS[self.variant], strength=strength, estimator=self.name)
 
     def _trimmed(self, readings: Readings) -> Estimate:
         """Take the extremes of those that a robust fit keeps."""
