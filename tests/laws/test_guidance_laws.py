@@ -10,11 +10,12 @@ import numpy.testing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.directions import direction_gradients
 
 from flinders import simulate
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
-from flinders.heading.error_propagation import direction_errors_deg, direction_gradients, level_error, level_gradients
+from flinders.heading.error_propagation import direction_errors_deg, level_error, level_gradients
 from flinders.heading.guidance import guide, reading_variance
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import CELLS, Coverage

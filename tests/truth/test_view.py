@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.directions import direction_gradients
 from tests.javascript import node
 
 from flinders import simulate
@@ -50,8 +51,6 @@ def trials() -> tuple[list[Fit], simulate.Simulated]:
 
 def attitudes(fit: Fit) -> tuple[Floats, Floats]:
     """For each tile: which way is down, and east, at the attitude that is predicted to be the worst."""
-    from flinders.heading.error_propagation import direction_gradients
-
     gradients = direction_gradients(fit.calibration.ellipsoid, tiles().centres)
     _, vectors = np.linalg.eigh(gradients @ fit.claim.covariance @ np.swapaxes(gradients, 1, 2))
     east = vectors[:, :, -1]

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 from flinders.errors import in_python, with_hint
 from flinders.findings.catalogue import CATALOGUE as CATALOGUE
-from flinders.findings.catalogue import OF_ONE_MAGNETOMETER as OF_ONE_MAGNETOMETER
 from flinders.findings.finding import Finding as Finding  # noqa: TC001 - for others
 from flinders.findings.finding import by_severity as by_severity
 from flinders.findings.refusal import REFUSALS as REFUSALS

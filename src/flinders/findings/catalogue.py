@@ -24,9 +24,6 @@ CATALOGUE: Final[dict[str, CatalogueRow]] = {
 }
 """Every finding there is, by its code."""
 
-OF_ONE_MAGNETOMETER: Final = (*fit.ROWS, *recording.ROWS, *calibration.ROWS)
-"""Findings that a magnetometer can have by itself, for programs in other languages that calibrate one."""
-
 OF_THE_FIT: Final = tuple(row.code for row in fit.ROWS)
 """Findings of a fit by itself."""
 

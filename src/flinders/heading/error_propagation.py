@@ -254,16 +254,6 @@ def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: F
     return engine().direction_errors(ellipsoid.shape, covariance, directions)
 
 
-def direction_gradients(ellipsoid: Ellipsoid, directions: Floats) -> Floats:
-    """(K, 3, 9) how the corrected field's direction changes with (b, S) at each of (K, 3) unit directions, rad/unit.
-
-    Three rows a direction, of which two would do: the rows of (1 − uuᵀ) S⁻¹, so that no axis is preferred.
-    """
-    across = np.eye(3)[:, np.newaxis] - directions.T[:, :, np.newaxis] * directions  # (3, K, 3), the columns of 1 − uuᵀ
-    vectors = np.linalg.solve(ellipsoid.shape, across.reshape(3, -1))
-    return gathered(vectors, np.repeat(directions.T, 3, axis=1)).reshape(-1, 3, 9)
-
-
 def alignment_error_deg(sigma_deg: float, *, dip_deg: float = 60.0) -> float:
     """Heading error (1 σ) of a level vehicle from a mounting that is known to `sigma_deg` about each axis.
 

@@ -118,20 +118,6 @@ class Coverage:
         """
         return engine().facing(self.counts, dip_deg)[0]
 
-    def facings(self, dip_deg: float) -> tuple[float, ...]:
-        """The dip with each sign that the recording leaves open: one that leans, yet not as a vehicle's does, both.
-
-        Held level, or nearly so, the field is at the height sin I on average. The first seconds of a tumble may lean
-        to either side by less, and say nothing of which way up the sensor will be used.
-
-        >>> from flinders.geometry.sphere import fibonacci
-        >>> all_around = fibonacci(400)
-        >>> [Coverage.of(all_around[all_around[:, 2] < top]).facings(60.0) for top in (1.0, 0.2, -0.5)]
-        [(60.0,), (60.0, -60.0), (-60.0,)]
-        """
-        facing, is_open = engine().facing(self.counts, dip_deg)
-        return (dip_deg, -dip_deg) if is_open else (facing,)
-
     def raw_strength(self, ellipsoid: Ellipsoid) -> tuple[float, float]:
         """Mean length of the raw readings over the directions recorded, and its spread as a fraction of the mean."""
         readings = ellipsoid.centre + CELLS @ ellipsoid.shape
