@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from flinders.core.disturbance import Disturbance
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators.regressors import DisturbanceEstimate
-    from flinders.findings import Condition
+    from flinders.findings import Condition, Severity
     from flinders.fitting.result import Fit
     from flinders.native.engine import Records
     from flinders.summary.summary import RestSpan, Statistics
@@ -73,18 +73,18 @@ def with_findings(result: Fit, judgement: Records, statistics: Statistics) -> Fi
     statistics : Statistics
         Of the recording it came from.
     """
-    record = FitRecord(result, statistics, judged_quantities(judgement))
-    supported: tuple[Finding, ...] = tuple(found_by(judgement, record, OF_THE_FIT))
+    record, said = FitRecord(result, statistics, judged_quantities(judgement)), Said.by(judgement)
+    supported = said.findings(record, OF_THE_FIT)
     if not any(finding.code == "one-plane" for finding in supported):
         # what follows from a surface that nothing supports is no finding
-        supported = (
+        supported = [
             *supported,
             *_of_aiding(result),
-            *found_by(judgement, record, OF_RESIDUALS),
+            *said.findings(record, OF_RESIDUALS),
             *of_disturbances(result),
-            *found_by(judgement, record, OF_CALIBRATION),
-        )
-    findings = by_severity([*supported, *found_by(judgement, record, OF_RECORDING)])
+            *said.findings(record, OF_CALIBRATION),
+        ]
+    findings = by_severity([*supported, *said.findings(record, OF_RECORDING)])
     is_good = all(finding.severity == "note" for finding in findings)
     return replace(result, judgement=Judgement(findings, _conditions(judgement) if is_good else ()))
 
@@ -94,12 +94,34 @@ def judged_quantities(judgement: Records) -> dict[str, float]:
     return dict(zip(QUANTITIES_OF_A_FIT, judgement["quantities"].tolist(), strict=True))
 
 
-def found_by(judgement: Records, record: Mapping[str, Any], codes: Iterable[str]) -> Iterator[Finding]:
-    """Of some findings of a fit those that its judgement has, with values of a record."""
-    severities, causes = dict(zip(OF_A_FIT, judgement["severities"].tolist(), strict=True)), causes_of(judgement)
-    for code in codes:
-        if (severity := SEVERITIES[severities[code]]) is not None:
-            yield replace(stated(code, record, severity), follows_from=causes.get(code))
+class Said(NamedTuple):
+    """What a judgement says of a fit.
+
+    Attributes
+    ----------
+    severities : dict
+        Of the findings that it has, by code.
+    causes : dict
+        Code of the finding that one follows from, by its code.
+    """
+
+    severities: dict[str, Severity]
+    causes: dict[str, str]
+
+    @classmethod
+    def by(cls, judgement: Records) -> Said:
+        """Take it from a judgement of the engine."""
+        severities = zip(OF_A_FIT, judgement["severities"].tolist(), strict=True)
+        said = {code: severity for code, each in severities if (severity := SEVERITIES[each]) is not None}
+        return cls(said, causes_of(judgement))
+
+    def findings(self, record: Mapping[str, Any], codes: Iterable[str]) -> list[Finding]:
+        """Of some findings those that there are, with values of a record."""
+        return [
+            replace(stated(code, record, self.severities[code]), follows_from=self.causes.get(code))
+            for code in codes
+            if code in self.severities
+        ]
 
 
 def _conditions(judgement: Records) -> tuple[Condition, ...]:
@@ -272,7 +294,7 @@ def judged_parts(
         "corrected_length": calibration.field_strength,
         "differ_deg": math.nan,
     }
-    yield from found_by(judgement, {**judged_quantities(judgement), **own, **(values or {})}, codes)
+    yield from Said.by(judgement).findings({**judged_quantities(judgement), **own, **(values or {})}, codes)
 
 
 def of_disturbances(fit: Fit) -> Iterator[Finding]:
