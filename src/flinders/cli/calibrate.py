@@ -185,7 +185,8 @@ class Estimation(program.Group, heading=program.METHOD):
             self._refuse_but_recipes()
         if self.robust and self.method != "auto":
             raise UsageError(
-                f"--robust goes with --method auto: leave it out, or use --method robust instead of {self.method}"
+                "--robust goes with --method auto: leave it out"
+                + ("" if self.method == "robust" else f", or use --method robust instead of {self.method}")
             )
         if self.prior is None:
             return

@@ -117,7 +117,7 @@ class _Tables:
             ]
             self.comparisons += [_comparison(need.quantity, need.comparison, need) for need in rule.needs]
             self.comparisons.append(_comparison(rule.number or rule.quantity, ">", rule.stated_limit))
-            words = f"{_text(row.code)}, {_text(row.fleet_action or row.action)}"
+            words = f"{text(row.code)}, {text(row.fleet_action or row.action)}"
             self.rules.append(f"    {{{words}, {first}, {len(rule.grades)}, {len(rule.needs)}}},")
 
 
@@ -151,7 +151,7 @@ def _condition(code: str) -> str:
     return f"FLINDERS_IF_{code.upper().replace('-', '_')}"
 
 
-def _text(words: str) -> str:
+def text(words: str) -> str:
     """A string in ASCII, which every serial monitor shows."""
     plain = words.replace("−", "-").replace("°", " degrees").replace("`", "").replace('"', "'")
     return f'"{plain.encode("ascii", "replace").decode()}"'

@@ -111,7 +111,7 @@ class Finding:
             values = {name: _value(value) for name, value in given.items()}
             finding = cls(record.code, severity, values, record.follows_from)
             finding.as_dict()
-        except (ArithmeticError, LookupError, TypeError, ValueError, FlindersError) as error:
+        except (ArithmeticError, LookupError, RecursionError, TypeError, ValueError, FlindersError) as error:
             raise DocumentError(f"{source}: fit.findings: values of {record.code} make no sentence: {error}") from None
         return finding
 

@@ -309,8 +309,8 @@ def turned_short(shortfall: float, unturned_deg: float, unit: str) -> str:
     if not shortfall:
         return ""
     return (
-        f"were the axes alike and the shorter ones only not turned to their ends, the offset would be off by up to "
-        f"{figures(shortfall)} {unit} and a level heading by {figures(unturned_deg)}°. "
+        f"; were the axes alike and the shorter ones only not turned to their ends, the offset would be off by up to "
+        f"{figures(shortfall)} {unit} and a level heading by {figures(unturned_deg)}°"
     )
 
 

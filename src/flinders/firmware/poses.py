@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from flinders.findings.c_tables import text
 from flinders.findings.poses import POSE_WORDS
 
 MADE: Final = "Made by `flinders firmware` from the library's attitudes."
@@ -21,14 +22,8 @@ def source() -> str:
             '#include "flinders_board.h"',
             "",
             "const char *const flinders_poses[FLINDERS_SENSOR_POSES] = {",
-            *(f"    {_text(words)}," for words in POSE_WORDS["sensor"]),
+            *(f"    {text(words)}," for words in POSE_WORDS["sensor"]),
             "};",
             "",
         ]
     )
-
-
-def _text(words: str) -> str:
-    """A string in ASCII, which every serial monitor shows."""
-    plain = words.replace("−", "-").replace("°", " degrees").replace("`", "").replace('"', "'")
-    return f'"{plain.encode("ascii", "replace").decode()}"'

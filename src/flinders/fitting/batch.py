@@ -268,22 +268,22 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], records: Records, jud
     columns.dip_deg[places], columns.coverage[places] = records["dip_deg"], records["coverage"]
     columns.method[places] = np.where(records["is_robust"] == 1, Robust.name, Likelihood.name)
     columns.unit_of_field[places] = inside
-    columns.findings[places], columns.verdict[places] = _named(judged["severities"])
+    columns.findings[places] = _named(judged["severities"])
+    columns.verdict[places] = np.where(judged["verdict"] == LIMITS, "limited", "good")
     columns.by_record[places] = True
 
 
-def _named(severities: NDArray[np.uint8]) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
-    """(K,) tuples of codes, the most severe first, and (K,) verdicts; units alike share theirs."""
+def _named(severities: NDArray[np.uint8]) -> NDArray[np.object_]:
+    """(K,) tuples of codes, the most severe first; units alike share theirs."""
     there = severities[:, severities.any(axis=0)].astype(np.int64)
     digits = 4 ** np.arange(there.shape[1])  # of a number for each row of severities, 0 to 3
     rows = there @ digits if there.shape[1] < 32 else there
     _, first, kind = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    named, verdicts = np.empty(len(first), dtype=object), np.empty(len(first), dtype=object)
+    named: NDArray[np.object_] = np.empty(len(first), dtype=object)
     for place, row in enumerate(severities[first].tolist()):
         order = sorted((rule for rule, severity in enumerate(row) if severity), key=lambda rule: -row[rule])
         named[place] = tuple(OF_A_FIT[rule] for rule in order)
-        verdicts[place] = "limited" if LIMITS in row else "good"
-    return named[kind.ravel()], verdicts[kind.ravel()]
+    return np.asarray(named[kind.ravel()])
 
 
 def _alone(one: Samples, *, target_deg: float, dip_deg: float) -> Fit | Exception:

@@ -44,7 +44,7 @@ from flinders.fitting.result import Fit, Judgement, Refused
 from flinders.fitting.verdict import judged_quantities, with_findings
 from flinders.fitting.widening import claimed, halves_apart
 from flinders.geometry.plane import down_of
-from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
+from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error, require_heading
 from flinders.likelihood.prior import SPREAD
 from flinders.native.engine import engine
 from flinders.summary.coverage import Coverage, RecordCoverage
@@ -72,8 +72,13 @@ if TYPE_CHECKING:
 
     AnyReadings: TypeAlias = Recording | Summary | ArrayLike | AnySource
 
-ELSEWHERE: Final = dict.fromkeys(("columns", "pattern", "scale", "topic", "as_logged", "start", "end"), "flinders.read")
-"""Parameters of other functions that a fit of a file takes by their defaults."""
+ELSEWHERE: Final = {
+    **dict.fromkeys(("columns", "pattern", "scale", "topic", "as_logged", "start", "end"), "flinders.read"),
+    **dict.fromkeys(("strength", "field_strength"), "flinders.Site, as strength"),
+    **dict.fromkeys(("dip", "dip_deg", "inclination_deg"), "flinders.Site, as inclination_deg"),
+    "prior": "flinders.estimators.Likelihood and its like",
+}
+"""Parameters of other functions and values, and of which."""
 
 LOOKED_AT: Final = 5_000
 """Readings of a longer recording that are looked at for a change in time."""
@@ -129,6 +134,8 @@ def judged_dip(site: Site | None) -> tuple[float, bool]:
     ((-66.0, False), (60.0, True))
     """
     known = None if site is None else site.inclination_deg
+    if known is not None:
+        require_heading(known)
     return (ASSUMED_DIP_DEG, True) if known is None else (known, False)
 
 

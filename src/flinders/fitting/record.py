@@ -18,7 +18,7 @@ from flinders.core.units import MICROTESLA
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.plane import PLANES
 from flinders.heading.error_propagation import HeadingError
-from flinders.native.engine import engine
+from flinders.native.engine import constant, engine
 from flinders.summary.coverage import CELLS
 
 if TYPE_CHECKING:
@@ -38,16 +38,17 @@ if TYPE_CHECKING:
     from flinders.summary.quality import Rail
     from flinders.summary.summary import Statistics
 
-AIDED, AIDED_BY_FIELD, COMPENSATED, REFRESHED = 1, 2, 4, 8
-"""What helped a fit beside the readings of one magnetometer, as ``flinders.h`` numbers it."""
+AIDED, AIDED_BY_FIELD = constant("AIDED"), constant("AIDED_BY_FIELD")
+COMPENSATED, REFRESHED = constant("COMPENSATED"), constant("REFRESHED")
+"""What helped a fit beside the readings of one magnetometer."""
 
 OF_STATISTICS: Final = (
     "rows", "repeats", "distinct", "rests", "at_rest", "fitted", "fitted_repeats", "fitted_distinct", "step",
 )  # fmt: skip
 """Fields of a record that `Statistics` has by the same names."""
 
-ASKS_HALVES, ASKS_SWAP = 1, 2
-"""What a judgement would have looked at more closely, as ``flinders.h`` numbers it."""
+ASKS_HALVES, ASKS_SWAP = constant("ASKS_HALVES"), constant("ASKS_SWAP")
+"""What a judgement would have looked at more closely."""
 
 ROTATIONS: Final = {"symmetric": 0, "estimated": 2}
 """How a calibration's rotation is known, as ``flinders.h`` numbers it; any other is 1: measured."""

@@ -133,7 +133,7 @@ def _stated(number: float) -> float | None:
 class Fit(Outcome):
     """A calibration, how it was found and how far to trust it: five values, and what is asked of them most."""
 
-    calibration: Calibration  #: the correction; None where it is refused
+    calibration: Calibration  #: the correction; ``--json`` has null where it is refused
     evidence: Evidence  #: how it was found, and what the readings showed
     claim: Claim  #: its covariance, and the errors that follow of it
     judgement: Judgement  #: findings, verdict, and what a good verdict rests on

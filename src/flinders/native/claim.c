@@ -24,9 +24,10 @@ real flinders_widening_by_few(real freedom)
 }
 
 /* Factor by which repeated and few readings widen a covariance. Its noise was taken over the residuals of all rows less the
- * parameters; only the different ones are independent. */
+ * parameters; only the different ones are independent. 1 where the number of rows is not known. */
 static real widening(real rows, real repetition, int parameters)
 {
+    if (!(rows > 0)) return 1;
     const real freedom = rows / repetition - (real)parameters;
     return (freedom >= 1 ? (rows - (real)parameters) / freedom : repetition) * flinders_widening_by_few(freedom);
 }
@@ -226,16 +227,18 @@ static void shrink(flinders_record *record)
     real basis[72], weights[PRIORS], mean[DEPARTURES], covariance[64];
     departure d;
     fl_surface surface;
+    flinders_record shrunk = *record;
     record->is_shrunk = -1;
     if (!(size > 0) || !is_near(record, size)) return;
     basis_of(basis);
     departure_of(record, basis, size, &d);
     if (!weigh(&d, weights)) return;
     posterior(&d, weights, mean, covariance);
-    restore(&d, basis, mean, covariance, record);
-    if (fl_surface_of(record->centre, record->shape, &surface)) return;
-    record->is_shrunk = 1, record->radius = surface.radius;
-    record->level_rms_deg = record->level_worst_deg = FL_NOT_A_NUMBER;
+    restore(&d, basis, mean, covariance, &shrunk);
+    if (fl_surface_of(shrunk.centre, shrunk.shape, &surface)) return;
+    shrunk.is_shrunk = 1, shrunk.radius = surface.radius;
+    shrunk.level_rms_deg = shrunk.level_worst_deg = FL_NOT_A_NUMBER;
+    *record = shrunk;
 }
 #endif
 

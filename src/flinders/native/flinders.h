@@ -489,7 +489,7 @@ FLINDERS_API flinders_real flinders_widening_by_few(flinders_real freedom);
  *     flinders_default_request(&request);
  *     if (flinders_judge(&record, &request, &judgement) == FLINDERS_OK)
  *         printf("%.2f degrees, verdict %d\n", judgement.worst_deg, judgement.verdict);
- *     for (int i = 0; judgement.order[i] < FLINDERS_RULES; i++)
+ *     for (int i = 0; i < FLINDERS_RULES_OF_A_FIT && judgement.order[i] < FLINDERS_RULES; i++)
  *         puts(flinders_rule_of(judgement.order[i])->action);
  */
 FLINDERS_API int flinders_judge(flinders_record *record, const flinders_request *request, flinders_judgement *judgement);
@@ -504,7 +504,7 @@ FLINDERS_API const flinders_rule *flinders_rule_of(int rule);
 /* How severe a finding is for quantities (FLINDERS_QUANTITIES,): its rule alone. */
 FLINDERS_API int flinders_severity(int rule, const flinders_real *quantities);
 
-/* Whether a finding was looked for: 1 where no quantity that its rule compares is NaN. */
+/* Whether a finding was looked for: 1 where none of the quantities (FLINDERS_QUANTITIES,) that its rule compares is NaN. */
 FLINDERS_API int flinders_is_checked(int rule, const flinders_real *quantities);
 
 /* What is shown of findings: fills causes, shown, order and verdict of a judgement from its severities. */

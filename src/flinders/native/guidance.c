@@ -3,7 +3,6 @@
 
 enum { CELLS = 100 };
 
-#define TO_DEG ((real)180 / FL_PI)
 #define BATCH_SHARE ((real)0.01)  /* of the readings so far: what each of a hundred cells holds where all are alike */
 #define FULL_DIGITS ((real)1e-12) /* of the largest variance: smaller ones are those of parameters that a method holds */
 #define STEEPEST_DEG 89
@@ -171,8 +170,8 @@ static void choose(const fl_surface *surface, const real covariance[81], const f
         if (!(sum < least * (1 - FL_ALIKE))) continue;
         least = sum;
         memcpy(advice->direction, centres[cell], sizeof advice->direction);
-        advice->after_deg = TO_DEG * fl_sqrt(largest);
-        advice->worst_deg = most > FL_TINY ? TO_DEG * fl_sqrt(most) : 0;
+        advice->after_deg = FL_TO_DEG * fl_sqrt(largest);
+        advice->worst_deg = most > FL_TINY ? FL_TO_DEG * fl_sqrt(most) : 0;
     }
 }
 
@@ -222,7 +221,7 @@ int32_t flinders_pose_towards(int32_t frame, const flinders_goal *goal, const re
         const int effort = flinders_pose(frame, pose, down);
         if (effort < 0) return best;
         const real cosine = down[0] * wanted[0] + down[1] * wanted[1] + down[2] * wanted[2];
-        const real angle = TO_DEG * fl_acos(cosine > 1 ? 1 : cosine < -1 ? -1 : cosine);
+        const real angle = FL_TO_DEG * fl_acos(cosine > 1 ? 1 : cosine < -1 ? -1 : cosine);
         const real cost = fl_abs(angle - (90 - goal->dip_deg)) + EFFORT_DEG * (real)effort;
         if (cost < least - alike) least = cost, best = pose;
     }

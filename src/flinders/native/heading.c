@@ -3,7 +3,6 @@
 
 enum { DIRECTIONS = 400 };
 
-#define TO_DEG ((real)180 / FL_PI)
 #define UPRIGHT ((real)0.55)       /* of a level vehicle's mean height of directions: from there on it is told from it */
 #define LEANING_LEAST ((real)0.1)  /* mean height of a recording that leans; and three standard errors of random ones */
 
@@ -32,7 +31,7 @@ void fl_upright(const real down[3], real turn[9])
  * onto what is down, NULL where that is +z. A row begins `stride` numbers after the one before it. */
 void fl_level_rows_about(const fl_surface *surface, real dip_deg, const real *turn, real *rows, int stride)
 {
-    const real dip = dip_deg / TO_DEG, flat = fl_cos(dip), height = fl_sin(dip);
+    const real dip = dip_deg / FL_TO_DEG, flat = fl_cos(dip), height = fl_sin(dip);
     const real step = fl_cos(2 * FL_PI / FL_HEADINGS), slant = fl_sin(2 * FL_PI / FL_HEADINGS);
     real cosine = 1, sine = 0;
     for (int k = 0; k < FL_HEADINGS; k++) {
@@ -90,8 +89,8 @@ void fl_level_errors(const fl_surface *surface, const real covariance[81], real 
         sum += variance;
         largest = variance > largest ? variance : largest;
     }
-    *rms = TO_DEG * fl_sqrt(sum / FL_HEADINGS);
-    *worst = TO_DEG * fl_sqrt(largest);
+    *rms = FL_TO_DEG * fl_sqrt(sum / FL_HEADINGS);
+    *worst = FL_TO_DEG * fl_sqrt(largest);
 }
 
 /* Error of a level vehicle at the worst heading, without its mean, that a change of the parameters makes. */
@@ -102,7 +101,7 @@ real fl_level_change(const fl_surface *surface, const real change[9], real dip_d
     for (int i = 0; i < 9; i++)
         for (int k = 0; k < FL_HEADINGS; k++) errors[k] += rows[i][k] * change[i];
     for (int k = 0; k < FL_HEADINGS; k++) worst = fl_abs(errors[k]) > worst ? fl_abs(errors[k]) : worst;
-    return TO_DEG * worst;
+    return FL_TO_DEG * worst;
 }
 
 /* Covariance (12, 12) of S⁻¹δb and of the columns of S⁻¹δS: δu is their sum with 1 and u for weights. */
@@ -164,8 +163,8 @@ void fl_direction_errors(const fl_surface *surface, const real covariance[81], r
         sine = sine * turn + cosine * slant;
         cosine = next;
     }
-    *rms = TO_DEG * fl_sqrt(sum / DIRECTIONS);
-    *worst = TO_DEG * fl_sqrt(largest);
+    *rms = FL_TO_DEG * fl_sqrt(sum / DIRECTIONS);
+    *worst = FL_TO_DEG * fl_sqrt(largest);
 }
 
 /* Errors of the corrected field where it points along directions (count, 3). */
@@ -178,7 +177,7 @@ int flinders_direction_errors(const real shape[6], const real covariance[81], co
     const int status = fl_surface_of(centre, shape, &surface) ? FLINDERS_NOT_AN_ELLIPSOID : FLINDERS_OK;
     if (status == FLINDERS_OK) corrected(&surface, covariance, c);
     for (size_t k = 0; k < count; k++)
-        errors_deg[k] = status ? FL_NOT_A_NUMBER : TO_DEG * fl_sqrt(variance_across(c, directions + 3 * k));
+        errors_deg[k] = status ? FL_NOT_A_NUMBER : FL_TO_DEG * fl_sqrt(variance_across(c, directions + 3 * k));
     return status;
 }
 
@@ -197,7 +196,7 @@ real fl_facing(real upright, real coverage, real dip_deg, int32_t *is_open)
 {
     const real facing = shown(upright, coverage, dip_deg);
     const int leans = facing != dip_deg || shown(upright, coverage, -dip_deg) == dip_deg;
-    *is_open = leans && !(fl_abs(upright) >= UPRIGHT * fl_abs(fl_sin(dip_deg / TO_DEG)));
+    *is_open = leans && !(fl_abs(upright) >= UPRIGHT * fl_abs(fl_sin(dip_deg / FL_TO_DEG)));
     return facing;
 }
 

@@ -53,6 +53,7 @@ typedef flinders_real real;
 #endif
 
 #define FL_PI ((real)3.14159265358979323846)
+#define FL_TO_DEG ((real)180 / FL_PI)
 #define FL_UNOBSERVED ((real)1 / 3)  /* share of the information that noise alone may add to a direction */
 #define FL_DEPENDENT (100 * FL_ROUNDING) /* of the largest eigenvalue: smaller ones are rounding */
 #define FL_FLAT ((real)0.01)    /* thickness of readings over their width: those are flat, ... */

@@ -85,8 +85,8 @@ static void of_shape(const flinders_record *record, real *q)
     q[FLINDERS_Q_FLATNESS] = where(!is_known && width > 0, fl_sqrt(larger(record->principal_variances[0], 0)) / width);
     q[FLINDERS_Q_BREADTH] = where(width > 0, fl_sqrt(larger(record->principal_variances[1], 0)) / width);
     q[FLINDERS_Q_FLATNESS_LIMIT] = where(width > 0, flat / width);
-    q[FLINDERS_Q_INFLATION] = where(!record->plane && !(record->sources & FLINDERS_REFRESHED),
-                                    2 * axes[2] / larger(extent, FL_TINY));
+    q[FLINDERS_Q_INFLATION] = where(extent > 0 && !record->plane && !(record->sources & FLINDERS_REFRESHED),
+                                    2 * axes[2] / extent);
     q[FLINDERS_Q_AXIS_RATIO] = axes[2] / axes[0];
 }
 
@@ -127,12 +127,12 @@ static void of_evidence(const flinders_record *record, real *q)
         independent = smaller(all, (real)record->fitted / record->repetition / per_reading);
         independent = smaller(independent, (real)record->fitted_distinct);
     }
-    q[FLINDERS_Q_SAMPLES] = all;
+    q[FLINDERS_Q_SAMPLES] = where(all > 0, all);
     q[FLINDERS_Q_HOLE_DEG] = where(!record->plane && !(record->sources & FLINDERS_REFRESHED), record->hole_deg);
     q[FLINDERS_Q_COVERED] = record->coverage;
     q[FLINDERS_Q_UNOBSERVED] = record->plane ? 0 : (real)record->unobserved;
     q[FLINDERS_Q_PRIOR_SHARE] = where(!record->plane && !record->unobserved, record->prior_influence);
-    q[FLINDERS_Q_INDEPENDENT] = independent;
+    q[FLINDERS_Q_INDEPENDENT] = where(all > 0, independent);
     q[FLINDERS_Q_INDEPENDENT_NEEDED] = independent < all ? CORRELATED_NEEDED : INDEPENDENT_NEEDED;
     q[FLINDERS_Q_INDEPENDENT_SHARE] = independent / larger(all, 1);
     q[FLINDERS_Q_NOISE_SHARE] = record->noise / record->radius;
@@ -271,10 +271,16 @@ static void of_recording(const flinders_record *record, real *q)
     q[FLINDERS_Q_IS_DOUBTFUL] = count_of(record->is_doubtful);
 }
 
+/* What a quantity is compared with. */
+static real limit_of(const flinders_comparison *it, const real *q)
+{
+    return it->factor * (it->of < FLINDERS_QUANTITIES ? q[it->of] : 1);
+}
+
 /* Whether a comparison holds. */
 static int holds(const flinders_comparison *it, const real *q)
 {
-    const real number = q[it->quantity], limit = it->factor * (it->of < FLINDERS_QUANTITIES ? q[it->of] : 1);
+    const real number = q[it->quantity], limit = limit_of(it, q);
     return it->comparison == '<' ? number < limit : it->comparison == '>' ? number > limit : number >= limit;
 }
 
@@ -297,8 +303,10 @@ int flinders_is_checked(int rule, const real *quantities)
 {
     const flinders_rule *const it = flinders_rule_of(rule);
     if (!it) return 0;
-    for (int i = 0; i < it->grades + it->needs; i++)
-        if (isnan(quantities[fl_comparisons[it->first + i].quantity])) return 0;
+    for (int i = 0; i < it->grades + it->needs; i++) {
+        const flinders_comparison *const comparison = fl_comparisons + it->first + i;
+        if (isnan(quantities[comparison->quantity]) || isnan(limit_of(comparison, quantities))) return 0;
+    }
     return 1;
 }
 

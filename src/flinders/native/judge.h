@@ -4,8 +4,6 @@
 
 #include "internal.h"
 
-#define FL_TO_DEG ((real)180 / FL_PI)
-
 #ifdef FLINDERS_SMALL /* a board knows the findings of a fit alone */
 enum { FL_RULES = FLINDERS_RULES_OF_A_FIT };
 #else

@@ -11,7 +11,6 @@
 
 enum { TERMS = FL_NONLINEAR, WIDTH = 9 + TERMS, HEADINGS = 72 };
 
-#define TO_DEG ((real)180 / FL_PI)
 #define EXPLAINED ((real)0.75)   /* of what residuals of one direction have in common: else it is of another kind */
 
 /* What terms of 1 make of an axis at a direction: six displacements, of x, y, z by the square and by the cube. */
@@ -31,7 +30,7 @@ static void displacements(const fl_surface *surface, const real direction[3], re
 static real level_error(const fl_surface *surface, const real solution[WIDTH], real dip_deg)
 {
     const real *step = solution, *shape = solution + 3, *terms = solution + 9;
-    const real dip = dip_deg / TO_DEG, flat = fl_cos(dip);
+    const real dip = dip_deg / FL_TO_DEG, flat = fl_cos(dip);
     const real turn = fl_cos(2 * FL_PI / HEADINGS), slant = fl_sin(2 * FL_PI / HEADINGS), height = fl_sin(dip);
     real errors[HEADINGS], cosine = 1, sine = 0, mean = 0, worst = 0;
     for (int k = 0; k < HEADINGS; k++) {
@@ -53,7 +52,7 @@ static real level_error(const fl_surface *surface, const real solution[WIDTH], r
         const real error = fl_abs(errors[k] - mean);
         worst = error > worst ? error : worst;
     }
-    return TO_DEG * worst;
+    return FL_TO_DEG * worst;
 }
 
 /* What terms do to offset and shape in the mean over all directions: (u²) e and (u³) e are 1/3 e and 3/5 u e but for
@@ -117,7 +116,7 @@ void fl_nonlinear_sigma(const fl_kernels *kernels, const fl_surface *surface, co
         memcpy(left[k] + 9, column, sizeof column);
         for (int i = 0; i < 81; i++) record->covariance[i] += step[i / 9] * step[i % 9];
     }
-    record->nonlinear_sigma_deg = TO_DEG * across(surface, left) / fl_cos(dip_deg / TO_DEG);
+    record->nonlinear_sigma_deg = FL_TO_DEG * across(surface, left) / fl_cos(dip_deg / FL_TO_DEG);
     fl_heading_errors(surface, record, dip_deg);
 }
 

@@ -6,7 +6,6 @@ enum { CORNERS = 12, NODES = 42, NEIGHBOURS = 6, STEPS = 6, BEAM = 24, WALKS = B
        BETWEEN = 4, /* places at which the readings of an arc are looked at */
        ENTRIES = 45, THINNED = 400 };
 
-#define TO_DEG ((real)180 / FL_PI)
 #define NEAREST_DEG ((real)15) /* how far off the first waypoint may be */
 #define FARTHEST_DEG ((real)60)
 #define NEIGHBOUR_DEG ((real)40) /* waypoints that are nearer are neighbours */
@@ -61,7 +60,7 @@ static int make_unit(real vector[3])
 /* Fill in the waypoints. */
 static void lay_out(graph *waypoints)
 {
-    const real golden = (1 + fl_sqrt((real)5)) / 2, edge = (real)0.4, near = fl_cos(NEIGHBOUR_DEG / TO_DEG);
+    const real golden = (1 + fl_sqrt((real)5)) / 2, edge = (real)0.4, near = fl_cos(NEIGHBOUR_DEG / FL_TO_DEG);
     real (*const nodes)[3] = waypoints->nodes;
     int count = 0;
     for (int turn = 0; turn < 3; turn++)
@@ -95,7 +94,7 @@ static real angle_between(const real a[3], const real b[3])
 /* Lower a covariance by the readings along the great circle from one direction to another. */
 static void walk_along(const plan *way, const real from[3], const real to[3], real covariance[81])
 {
-    const real angle = angle_between(from, to), variance = way->variance_deg * BETWEEN / (angle * TO_DEG);
+    const real angle = angle_between(from, to), variance = way->variance_deg * BETWEEN / (angle * FL_TO_DEG);
     for (int place = 0; place < BETWEEN; place++) {
         const real share = ((real)place + (real)0.5) / BETWEEN;
         const real back = fl_sin((1 - share) * angle) / fl_sin(angle), ahead = fl_sin(share * angle) / fl_sin(angle);
@@ -150,7 +149,7 @@ static int begin(const plan *way, const real now[81], step *steps)
 {
     int count = 0;
     for (int node = 0; node < NODES; node++) {
-        const real angle = TO_DEG * angle_between(way->waypoints.nodes[node], way->start);
+        const real angle = FL_TO_DEG * angle_between(way->waypoints.nodes[node], way->start);
         if (angle > NEAREST_DEG && angle < FARTHEST_DEG) steps[count++] = scored(way, now, NULL, 0, node);
     }
     return count;
@@ -205,7 +204,7 @@ static void place(const plan *way, const walk *walks, const step *last, flinders
         memcpy(route->waypoints + 3 * i, way->waypoints.nodes[node], 3 * sizeof(real));
     }
     route->count = before + 1;
-    route->worst_deg = TO_DEG * fl_sqrt(way->most), route->after_deg = TO_DEG * fl_sqrt(last->worst);
+    route->worst_deg = FL_TO_DEG * fl_sqrt(way->most), route->after_deg = FL_TO_DEG * fl_sqrt(last->worst);
 }
 
 /* Find the walk that brings the largest variance below a target soonest, or nearest to it; nonzero where all are NaN. */
@@ -262,7 +261,7 @@ static int weigh(const fl_surface *surface, const flinders_goal *goal, plan *way
 int flinders_path(const flinders_belief *belief, const flinders_goal *goal, const real at[3], real readings_per_deg,
                   flinders_route *route)
 {
-    const real target = goal->target_deg / TO_DEG;
+    const real target = goal->target_deg / FL_TO_DEG;
     real variances[FL_HEADINGS];
     fl_surface surface;
     plan way = {.surface = &surface};
@@ -348,7 +347,7 @@ static real scatter_about(const real centre[3], real radius, real (*places)[3], 
             const real cosine = dot(places[k], places[other]);
             least = cosine < least ? cosine : least;
         }
-    return least > fl_cos(ARC_DEG / TO_DEG) ? FL_NOT_A_NUMBER : sum;
+    return least > fl_cos(ARC_DEG / FL_TO_DEG) ? FL_NOT_A_NUMBER : sum;
 }
 
 /* Put a sphere through readings. */

@@ -35,7 +35,7 @@ export function viewOf(fit, findings, { field, numbers, goal }) {
     return {
         verdict,
         sentence: sentence(fit, shown, verdict),
-        condition: findings.some(({ severity }) => severity !== "note") ? "" : fit.data.condition,
+        condition: fit.judgement.conditions ? fit.data.condition : "",
         method: fit.method,
         unit: fit.unit,
         field_strength_known: false,

@@ -7,7 +7,6 @@ enum { READINGS = FLINDERS_BOARD_READINGS, CELLS = 100, FEWEST = 12 };
 
 #define MOST_FREEDOM ((real)1.3) /* that correlated residuals take from a covariance */
 #define MOVED ((real)0.1)       /* of the extent: cells are counted anew about a centre that is as far off */
-#define TO_DEG ((real)180 / FL_PI)
 
 #ifdef __GNUC__
 #define APART __attribute__((noinline)) static /* its locals are not on the stack of its caller */
@@ -152,7 +151,7 @@ APART real hole_deg(const flinders_board *board, const real centres[CELLS][3], c
         }
     }
     for (int cell = 0; cell < CELLS; cell++) farthest = nearest[cell] < farthest ? nearest[cell] : farthest;
-    return fl_acos(farthest) * TO_DEG;
+    return fl_acos(farthest) * FL_TO_DEG;
 }
 
 /* Mean height of the directions, -1 to 1. */
@@ -239,7 +238,8 @@ APART void judge(flinders_board *board, flinders_record *record)
     flinders_judgement judgement;
     flinders_default_request(&request);
     request.target_deg = board->target_deg, request.is_microtesla = board->is_microtesla, request.shrinks = 0;
-    if (flinders_judge(record, &request, &judgement) != FLINDERS_OK) return;
+    answer->status = flinders_judge(record, &request, &judgement);
+    if (answer->status != FLINDERS_OK) return;
     answer->heading_rms_deg = judgement.rms_deg, answer->heading_worst_deg = judgement.worst_deg;
     answer->verdict = judgement.verdict > FLINDERS_NOTE ? judgement.verdict : FLINDERS_NOTE;
     memcpy(answer->findings, judgement.severities, sizeof answer->findings);
@@ -285,7 +285,9 @@ int flinders_board_solve(flinders_board *board)
     flinders_default_options(&options);
     options.statistics = 0, options.kernels = 1, options.dip_deg = board->dip_deg;
     board->answer.verdict = FLINDERS_REFUSES;
+    board->answer.heading_rms_deg = board->answer.heading_worst_deg = FL_NOT_A_NUMBER;
     memset(board->answer.findings, 0, sizeof board->answer.findings);
+    memset(board->answer.is_checked, 0, sizeof board->answer.is_checked);
     board->answer.status = board->count < FEWEST ? FLINDERS_TOO_FEW
                            : fl_fit_view(fl_kernels_chosen(1), &view, &options, &room, &fit, &record);
     if (board->answer.status == FLINDERS_OK) advise(board, &record, describe(board, &view, &fit.surface, &record));

@@ -40,7 +40,7 @@ typedef struct flinders_answer {
     flinders_real matrix[9];            /* row by row, determinant 1: corrected = matrix (reading - offset) */
     flinders_real field;                /* length of corrected readings, unit */
     flinders_real noise;                /* standard deviation of the distances from the ellipsoid, unit */
-    flinders_real heading_rms_deg;      /* error of a level heading, 1 sigma, over all headings */
+    flinders_real heading_rms_deg;      /* error of a level heading, 1 sigma, over all headings; NaN where there is no fit */
     flinders_real heading_worst_deg;    /* at the worst heading */
     flinders_real turn[3];              /* where the field should point next, a unit vector in corrected axes */
     flinders_real after_deg;            /* worst heading error after a few readings there */
@@ -50,7 +50,7 @@ typedef struct flinders_board {
     flinders_real dip_deg;      /* inclination of the field, -89 to 89 (60) */
     flinders_real target_deg;   /* heading error that is good enough (1) */
     int32_t is_microtesla;      /* the unit of readings is microtesla (1) */
-    flinders_answer answer;     /* of the last `flinders_board_solve` */
+    flinders_answer answer;     /* of the last `flinders_board_solve`; offset, matrix and field of the last that found a fit */
 
     /* What follows is the library's. */
     uint32_t readings;          /* added, without repeats */
