@@ -44,7 +44,7 @@ from flinders.fitting.result import Fit, Judgement, Refused
 from flinders.fitting.verdict import judged_quantities, with_findings
 from flinders.fitting.widening import claimed, halves_apart
 from flinders.geometry.plane import down_of
-from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error, require_heading
+from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error, require_headings
 from flinders.likelihood.prior import SPREAD
 from flinders.native.engine import engine
 from flinders.summary.coverage import Coverage, RecordCoverage
@@ -135,7 +135,7 @@ def judged_dip(site: Site | None) -> tuple[float, bool]:
     """
     known = None if site is None else site.inclination_deg
     if known is not None:
-        require_heading(known)
+        require_headings(known)
     return (ASSUMED_DIP_DEG, True) if known is None else (known, False)
 
 

@@ -200,7 +200,7 @@ def tilted_error(
     tilt_deg : float
         0 to 180, which is upside down.
     """
-    require_heading(dip_deg)
+    require_headings(dip_deg)
     rms, worst = engine().tilted_error(ellipsoid.shape, covariance, dip_deg=dip_deg, tilt_deg=tilt_deg, down=down)
     return HeadingError(rms, worst, float(dip_deg), float(tilt_deg))
 
@@ -220,7 +220,7 @@ def attitude_limit_deg(
 
     Raises `UsageError` within a degree of the magnetic poles.
     """
-    require_heading(dip_deg)
+    require_headings(dip_deg)
     return engine().attitude_limit(ellipsoid.shape, covariance, dip_deg=dip_deg, limit_deg=limit_deg, down=down)
 
 
@@ -325,7 +325,7 @@ def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | Non
 
     Raises `UsageError` within a degree of the magnetic poles.
     """
-    require_heading(dip_deg)
+    require_headings(dip_deg)
     rms, worst = engine().uncorrected_error(ellipsoid.centre, ellipsoid.shape, dip_deg=dip_deg, down=down)
     return HeadingError(rms, worst, float(dip_deg))
 
@@ -350,12 +350,6 @@ def level_turn(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floa
     return heading, fields if down is None else upright(down) @ fields
 
 
-def require_heading(dip_deg: float) -> None:
-    """Raise `UsageError` within a degree of the magnetic poles, where there is no heading."""
-    if not abs(dip_deg) <= STEEPEST_DIP_DEG:
-        raise UsageError(f"dip is {dip_deg:g}°: need −{STEEPEST_DIP_DEG:g}° to {STEEPEST_DIP_DEG:g}°")
-
-
 @lru_cache(maxsize=16)
 def _turn_at(dip_deg: float) -> tuple[Floats, Floats, Floats]:
     """(72,) headings, (3, 72) fields and (3, 72) what a heading errs by for an error across, read-only."""
@@ -372,7 +366,8 @@ def _turn_at(dip_deg: float) -> tuple[Floats, Floats, Floats]:
 
 def require_headings(dip_deg: float) -> None:
     """Raise `UsageError` within a degree of the magnetic poles, where there is no heading."""
-    require_heading(dip_deg)
+    if not abs(dip_deg) <= STEEPEST_DIP_DEG:
+        raise UsageError(f"dip is {dip_deg:g}°: need −{STEEPEST_DIP_DEG:g}° to {STEEPEST_DIP_DEG:g}°")
 
 
 def upright(down: Floats) -> Floats:
@@ -408,7 +403,7 @@ def level_bound_deg(
     ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float = 60.0, down: Floats | None = None
 ) -> float:
     """Bound the heading error of a level vehicle, degrees; parameters as those of `level_error`."""
-    require_heading(dip_deg)
+    require_headings(dip_deg)
     return engine().heading_bound(ellipsoid.shape, covariance, dip_deg=dip_deg, down=down)
 
 
