@@ -27,6 +27,7 @@ from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood
 from flinders.findings import c_tables
 from flinders.findings.catalogue import OF_A_FIT
+from flinders.fitting.record import record_of_ellipsoid
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import direction_error_deg, level_error
 from flinders.likelihood import magnitude
@@ -374,6 +375,17 @@ def test_the_example_of_the_header_runs(tmp_path: Path) -> None:
     judgement = Engine().judge(record, Engine().request())
     assert told[1] == f"{judgement['worst_deg']:.2f} degrees, verdict {judgement['verdict']}"
     assert len(told) - 2 == int((judgement["order"] < len(OF_A_FIT)).sum()) > 0
+
+
+def test_what_a_record_does_not_know_makes_no_finding_and_no_widening() -> None:
+    """As of a fit of other origin: a surface and its covariance, and nothing of the readings."""
+    record = record_of_ellipsoid(Ellipsoid(np.zeros(3), 50.0 * np.eye(3)))
+    record["covariance"] = 1e-4 * np.eye(9).ravel()
+    judgement = engine().judge(record, engine().request(shrinks=0))
+    npt.assert_array_equal(record["covariance"], 1e-4 * np.eye(9).ravel())
+    found = {OF_A_FIT[place] for place in np.flatnonzero(judgement["severities"])}
+    assert found <= {"rotation-unknown", "scale-unknown"}
+    assert 0.0 < judgement["worst_deg"] < 0.1
 
 
 def test_the_tables_of_c_are_made_from_the_catalogue() -> None:

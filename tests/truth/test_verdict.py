@@ -396,6 +396,15 @@ def test_values_that_make_no_sentence_are_refused(values: dict[str, Any]) -> Non
         Finding.from_record(wrong, "calibration.json")
 
 
+def test_values_that_go_too_deep_are_refused() -> None:
+    deep: list[Any] = []
+    for _ in range(2000):
+        deep = [deep]
+    record = only(half_unseen(), "coverage").to_record()
+    with pytest.raises(DocumentError, match="coverage make no sentence"):
+        Finding.from_record(structs.replace(record, values={**record.values, "parts": deep}), "calibration.json")
+
+
 def test_a_finding_without_its_values_says_what_the_catalogue_advises() -> None:
     finding = Finding.from_record(FindingRecord(code="noise", severity="limits", number=0.1, limit=0.05), "bare.json")
     assert (finding.number, finding.limit, finding.values) == (0.1, 0.05, {"number": 0.1, "limit": 0.05})
