@@ -316,18 +316,18 @@ def fit(
     source, sensor = recording_of(source, unit, axes, sensor)
     source, disturbed, tried = _compensated(source, disturbances, request)
     frame = _Frame.of(source, unit, axes)
-    evidence = _estimated(Readings.of(source), estimator, request, frame.unit)
+    found = _estimated(Readings.of(source), estimator, request, frame.unit)
     if disturbed is not None:
-        evidence = evidence._replace(disturbed=disturbed)
+        found = found._replace(disturbed=disturbed)
     if linearize:
-        evidence = _linearized(evidence, estimator, request, frame.unit)
-    if evidence.aiding is not None:
-        evidence = evidence._replace(aiding=replace(evidence.aiding, sensors=(*tried, *evidence.aiding.sensors)))
-    claim = _claimed(evidence, estimator, request)
-    calibration = _turned(_calibration(claim.estimate, request, frame, sensor), evidence.aiding)
-    if evidence.linearized is not None:
-        calibration = replace(calibration, linearization=evidence.linearized.linearization)
-    return _accepted(mounted(_judged(claim, evidence, calibration, request), request.alignment_sigma_deg))
+        found = _linearized(found, estimator, request, frame.unit)
+    if found.aiding is not None:
+        found = found._replace(aiding=replace(found.aiding, sensors=(*tried, *found.aiding.sensors)))
+    widened = _claimed(found, estimator, request)
+    calibration = _turned(_calibration(widened.estimate, request, frame, sensor), found.aiding)
+    if found.linearized is not None:
+        calibration = replace(calibration, linearization=found.linearized.linearization)
+    return _accepted(mounted(_judged(widened, found, calibration, request), request.alignment_sigma_deg))
 
 
 def _refuse_combinations(
@@ -398,57 +398,57 @@ def _linearized(plain: _Estimated, estimator: Estimator, request: Request, unit:
             "recordings one by one, and leave the site out",
             hint={"linearize": True},
         )
-    found, lag = _faults_of_axes(plain.estimate, plain)
+    curved, lag = _faults_of_axes(plain.estimate, plain)
     recording = plain.readings.as_read.recording
-    if plain.record is None or not isinstance(recording, Samples) or found is None or not found.is_likely:
+    if plain.record is None or not isinstance(recording, Samples) or curved is None or not curved.is_likely:
         return plain
-    if lag is not None and lag.is_proven and lag.p_value < found.p_value:  # looks a little like curves
+    if lag is not None and lag.is_proven and lag.p_value < curved.p_value:  # looks a little like curves
         return plain
     from flinders.fitting.linearization import ROUNDS, AxisTerms
 
-    terms, evidence = AxisTerms.of(found, plain.estimate.ellipsoid), plain
+    terms, found = AxisTerms.of(curved, plain.estimate.ellipsoid), plain
     for _ in range(ROUNDS):
         linear = Readings.of(replace(recording, field=terms.linear(recording.field)))
         fitted = _Estimated.of_record(estimator, linear, unit, has_sigma=True)
         if fitted is None or fitted.record is None:
             return plain
         left = nonlinearity_in(fitted.record)
-        evidence, before, terms = fitted, terms, terms.refined(left, fitted.estimate.ellipsoid)
+        found, before, terms = fitted, terms, terms.refined(left, fitted.estimate.ellipsoid)
         if terms.is_close(before):
             break
-    linearized = evidence._replace(linearized=terms)
+    linearized = found._replace(linearized=terms)
     return linearized if _expected_deg(linearized) < _expected_deg(plain) else plain
 
 
-def _expected_deg(evidence: _Estimated) -> float:
+def _expected_deg(found: _Estimated) -> float:
     """Worst level heading error by the engine's record, with what belongs to the direction."""
-    assert evidence.record is not None
-    record = evidence.record.copy()
+    assert found.record is not None
+    record = found.record.copy()
     record["is_claimed"] = True  # each by its own covariance: few readings widen both alike
-    _add_faults(record, evidence.estimate, evidence)
+    _add_faults(record, found.estimate, found)
     return float(engine().judge(record, engine().request(shrinks=0))["worst_deg"])
 
 
-def _claimed(evidence: _Estimated, estimator: Estimator, request: Request) -> Widened:
+def _claimed(found: _Estimated, estimator: Estimator, request: Request) -> Widened:
     """Widen the covariance of an estimate by what its method does not know of, and by its disturbances.
 
     An estimate of `auto` by the magnitude alone, with a prior, is shrunk where its readings were corrected before.
     """
-    claim = claimed(
-        evidence.estimate,
-        evidence.readings,
+    widened = claimed(
+        found.estimate,
+        found.readings,
         request.likelihood,
-        evidence.statistics,
-        coverage=evidence.coverage,
-        record=evidence.record,
+        found.statistics,
+        coverage=found.coverage,
+        record=found.record,
         is_biased=estimator.is_biased,
-        is_joint=evidence.is_joint,
+        is_joint=found.is_joint,
     )
-    if evidence.disturbed is not None:
-        claim = claim.widened(evidence.disturbed.widened(claim.estimate.covariance))
-    is_plain = isinstance(estimator, Auto) and not evidence.is_joint and evidence.disturbed is None
-    engine().claim(claim.record, engine().request(shrinks=is_plain and request.prior is not None))
-    return claim.shrunk() if claim.record["is_shrunk"] > 0 else claim
+    if found.disturbed is not None:
+        widened = widened.widened(found.disturbed.widened(widened.estimate.covariance))
+    is_plain = isinstance(estimator, Auto) and not found.is_joint and found.disturbed is None
+    engine().claim(widened.record, engine().request(shrinks=is_plain and request.prior is not None))
+    return widened.shrunk() if widened.record["is_shrunk"] > 0 else widened
 
 
 def judged_as(
@@ -482,17 +482,17 @@ def judged_as(
         Where it cannot be trusted; it carries the fit.
     """
     request = Request.of(site, target_deg=target_deg)
-    evidence = _Estimated.of(estimate, within_range(Readings.of(source)), aiding_result)._replace(refreshed=refreshed)
+    found = _Estimated.of(estimate, within_range(Readings.of(source)), aiding_result)._replace(refreshed=refreshed)
     calibration = _turned(_calibration(estimate, request, _Frame.of(source), sensor), aiding_result)
-    claim = claimed(
+    widened = claimed(
         estimate,
-        evidence.readings,
+        found.readings,
         request.likelihood,
-        evidence.statistics,
-        coverage=evidence.coverage,
+        found.statistics,
+        coverage=found.coverage,
         is_joint=True,
     )
-    return _accepted(mounted(_judged(claim, evidence, calibration, request), request.alignment_sigma_deg))
+    return _accepted(mounted(_judged(widened, found, calibration, request), request.alignment_sigma_deg))
 
 
 def _accepted(result: Fit) -> Fit:
@@ -662,14 +662,14 @@ def _calibration(estimate: Estimate, request: Request, frame: _Frame, sensor: st
     return replace(calibration, field_strength_known=is_known)
 
 
-def _drift(estimate: Estimate, evidence: _Estimated, dip_deg: float) -> Drift | None:
+def _drift(estimate: Estimate, found: _Estimated, dip_deg: float) -> Drift | None:
     """Whether something changed while one recording was made: if so, its residuals are not white.
 
     What a model is too simple for looks like a change, too, and is stated as a bias.
     """
-    readings = evidence.readings
-    if evidence.record is not None and not estimate.outliers:
-        return drift_in(evidence.record)
+    readings = found.readings
+    if found.record is not None and not estimate.outliers:
+        return drift_in(found.record)
     if readings.recording is None or readings.parts or estimate.unobserved or estimate.bias is not None:
         return None
     if estimate.correlation is None or estimate.correlation.is_white:
@@ -686,21 +686,19 @@ def _with_halves(drift: Drift, estimate: Estimate, readings: Readings, request: 
     return replace(drift, halves_ratio=halves_apart(samples, request.likelihood, estimate))
 
 
-def _faults_of_axes(estimate: Estimate, evidence: _Estimated) -> tuple[Nonlinearity | None, AxisLag | None]:
+def _faults_of_axes(estimate: Estimate, found: _Estimated) -> tuple[Nonlinearity | None, AxisLag | None]:
     """Whether axes answer along a curve, or late, by an ellipsoid that was fitted to readings that nothing drives."""
-    if evidence.record is None or evidence.disturbed or estimate.plane or estimate.unobserved:
+    if found.record is None or found.disturbed or estimate.plane or estimate.unobserved:
         return None, None
     if estimate.bias is not None:
         return None, None
-    terms, lag = evidence.linearized, lag_in(evidence.record)
-    return nonlinearity_in(evidence.record) if terms is None else terms.corrected(evidence.record), lag
+    terms, lag = found.linearized, lag_in(found.record)
+    return nonlinearity_in(found.record) if terms is None else terms.corrected(found.record), lag
 
 
-def _add_faults(
-    record: Records, estimate: Estimate, evidence: _Estimated
-) -> tuple[Nonlinearity | None, AxisLag | None]:
+def _add_faults(record: Records, estimate: Estimate, found: _Estimated) -> tuple[Nonlinearity | None, AxisLag | None]:
     """Put faults of axes into a record, and what is left of those that are corrected."""
-    nonlinearity, lag = faults = _faults_of_axes(estimate, evidence)
+    nonlinearity, lag = faults = _faults_of_axes(estimate, found)
     record["nonlinear_deg"] = record["lag_deg"] = math.nan
     if lag is not None:
         record["lag_deg"], record["lag_by_chance"] = lag.heading_deg, lag.p_value
@@ -722,10 +720,10 @@ def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
     return axis_swap_of(samples.field, estimate.noise)
 
 
-def _unmodelled(estimate: Estimate, evidence: _Estimated, dip_deg: float) -> Unmodelled | None:
+def _unmodelled(estimate: Estimate, found: _Estimated, dip_deg: float) -> Unmodelled | None:
     """Test whether a recorded disturbance moves the readings of one recording in memory while none is modelled."""
-    samples = evidence.readings.recording
-    if estimate.unobserved or evidence.disturbed or not isinstance(samples, Samples) or not samples.disturbances:
+    samples = found.readings.recording
+    if estimate.unobserved or found.disturbed or not isinstance(samples, Samples) or not samples.disturbances:
         return None
     from flinders.diagnostics.unmodelled import unmodelled_of
 
@@ -733,9 +731,9 @@ def _unmodelled(estimate: Estimate, evidence: _Estimated, dip_deg: float) -> Unm
     return unmodelled_of(samples, estimate.ellipsoid, dip_deg=dip_deg, time=time, limit=estimate.rejected_beyond)
 
 
-def _attitude_dependence(estimate: Estimate, evidence: _Estimated, dip_deg: float) -> AttitudeDependence | None:
+def _attitude_dependence(estimate: Estimate, found: _Estimated, dip_deg: float) -> AttitudeDependence | None:
     """Test whether something moves the readings of one recording in memory with the attitude: no white residuals."""
-    samples, correlation = evidence.readings.recording, estimate.correlation
+    samples, correlation = found.readings.recording, estimate.correlation
     if estimate.plane or estimate.unobserved or (correlation is not None and correlation.is_white):
         return None
     if not isinstance(samples, Samples) or samples.acceleration is None:
@@ -745,9 +743,9 @@ def _attitude_dependence(estimate: Estimate, evidence: _Estimated, dip_deg: floa
     return attitude_dependence_of(samples, estimate.ellipsoid, dip_deg=dip_deg, limit=estimate.rejected_beyond)
 
 
-def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Estimated) -> float:
+def _tilt_error_deg(estimate: Estimate, calibration: Calibration, found: _Estimated) -> float:
     """What the vertical of the accelerometer adds to a heading; NaN in a plane, and where a fit corrects it."""
-    samples, aiding = evidence.readings.as_read.recording, evidence.aiding
+    samples, aiding = found.readings.as_read.recording, found.aiding
     if estimate.plane or not isinstance(samples, Samples) or samples.acceleration is None:
         return math.nan
     from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg
@@ -819,19 +817,19 @@ def _residuals(record: Records, estimate: Estimate, judgement: Records) -> Resid
     return Residuals(judged_quantities(judgement)["independent"], estimate.correlation.lag_one, distortion)
 
 
-def _diagnosis(widened: Widened, estimate: Estimate, evidence: _Estimated, calibration: Calibration) -> Diagnosis:
+def _diagnosis(widened: Widened, estimate: Estimate, found: _Estimated, calibration: Calibration) -> Diagnosis:
     """Find out what follows from more than the surface and its residuals, and put it into the record."""
     dip_deg = float(widened.record["dip_deg"])
-    nonlinearity, axis_lag = _add_faults(widened.record, estimate, evidence)
+    nonlinearity, axis_lag = _add_faults(widened.record, estimate, found)
     return Diagnosis(
-        drift=_drift(estimate, evidence, dip_deg),
+        drift=_drift(estimate, found, dip_deg),
         nonlinearity=nonlinearity,
         axis_lag=axis_lag,
-        unmodelled=_unmodelled(estimate, evidence, dip_deg),
-        attitude_dependence=_attitude_dependence(estimate, evidence, dip_deg),
+        unmodelled=_unmodelled(estimate, found, dip_deg),
+        attitude_dependence=_attitude_dependence(estimate, found, dip_deg),
         repeats=widened.repeats,
-        refreshed=evidence.refreshed,
-        tilt_error_deg=_tilt_error_deg(widened.estimate, calibration, evidence),
+        refreshed=found.refreshed,
+        tilt_error_deg=_tilt_error_deg(widened.estimate, calibration, found),
     )
 
 
@@ -839,28 +837,28 @@ def _judgement(
     diagnosis: Diagnosis,
     record: Records,
     estimate: Estimate,
-    evidence: _Estimated,
+    found: _Estimated,
     calibration: Calibration,
     request: Request,
 ) -> tuple[Diagnosis, Records]:
     """Judge a record with what diagnostics found, and once more where that asks for a closer look."""
     asked = request_of(calibration, target_deg=request.target_deg)
-    aiding, dip_deg = evidence.aiding, float(record["dip_deg"])
+    aiding, dip_deg = found.aiding, float(record["dip_deg"])
     alignment_deg = None if aiding is None else aiding.alignment_error_deg(dip_deg)
     record["alignment_deg"] = math.nan if alignment_deg is None else alignment_deg
     record["bias_deg"] = _bias_deg(estimate, dip_deg)
     record["sources"] = sources_of(
         aiding,
         is_aided=estimate.is_aided,
-        is_compensated=evidence.disturbed is not None,
-        is_refreshed=evidence.refreshed is not None,
+        is_compensated=found.disturbed is not None,
+        is_refreshed=found.refreshed is not None,
     )
-    if evidence.record is not None:
-        add_reading(record, evidence.statistics)
+    if found.record is not None:
+        add_reading(record, found.statistics)
         record["farthest"] = farthest(estimate.outliers)
     add_diagnosis(record, diagnosis)
     judgement = engine().judge(record, asked)
-    closer = _looked_closer(int(judgement["asks"]), diagnosis, estimate, evidence, request)
+    closer = _looked_closer(int(judgement["asks"]), diagnosis, estimate, found, request)
     if closer is diagnosis:
         return diagnosis, judgement
     add_diagnosis(record, closer)
@@ -868,14 +866,14 @@ def _judgement(
 
 
 def _looked_closer(
-    asks: int, diagnosis: Diagnosis, estimate: Estimate, evidence: _Estimated, request: Request
+    asks: int, diagnosis: Diagnosis, estimate: Estimate, found: _Estimated, request: Request
 ) -> Diagnosis:
     """Find out what a judgement asks for."""
     if asks & ASKS_HALVES and diagnosis.drift is not None:
-        drift = _with_halves(diagnosis.drift, estimate, evidence.readings, request)
+        drift = _with_halves(diagnosis.drift, estimate, found.readings, request)
         diagnosis = replace(diagnosis, drift=drift)
     if asks & ASKS_SWAP:
-        diagnosis = replace(diagnosis, axis_swap=_axis_swap(estimate, evidence.readings))
+        diagnosis = replace(diagnosis, axis_swap=_axis_swap(estimate, found.readings))
     return diagnosis
 
 

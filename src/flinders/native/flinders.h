@@ -281,8 +281,8 @@ typedef struct flinders_comparison {
     char comparison;  /* <, > or g: at least */
 } flinders_comparison;
 
-/* A finding: comparisons with limits, the least severe first, those that have to hold as well, and at the end quantity and
- * limit that it states. */
+/* A finding: comparisons with limits, the least severe first, those that have to hold as well, and at the end the
+ * quantity and the limit that it states. */
 typedef struct flinders_rule {
     const char *code, *action; /* its name in the catalogue of findings, and what to do */
     uint16_t first;            /* of its comparisons */
@@ -291,11 +291,11 @@ typedef struct flinders_rule {
 
 /* What a fit is worth. NaN where nothing is known. */
 typedef struct flinders_judgement {
-    int32_t verdict;    /* the most severe of `severities`; FLINDERS_NOTHING is good, too */
+    int32_t verdict;    /* the most severe of `severities`: NOTHING and NOTE are good, LIMITS limited, REFUSES refused */
     int32_t conditions; /* what a good verdict rests on: FLINDERS_IF_UNIFORM_FIELD ... */
     int32_t asks;       /* what else could be found out: FLINDERS_ASKS_HALVES ... */
     uint8_t severities[FLINDERS_RULES_OF_A_FIT]; /* of each finding, or FLINDERS_NOTHING */
-    uint8_t causes[FLINDERS_RULES_OF_A_FIT];     /* 1 + the finding that it follows from, of a cause itself; 0: of others */
+    uint8_t causes[FLINDERS_RULES_OF_A_FIT];     /* 1 + the number of its cause, for a cause its own; 0: neither */
     uint8_t shown[FLINDERS_RULES_OF_A_FIT];      /* severities of those that follow from no other, raised to that of what
                                                     follows from them */
     uint8_t order[FLINDERS_RULES_OF_A_FIT];      /* these, most important first; then FLINDERS_RULES */
