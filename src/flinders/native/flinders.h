@@ -504,7 +504,8 @@ FLINDERS_API const flinders_rule *flinders_rule_of(int rule);
 /* How severe a finding is for quantities (FLINDERS_QUANTITIES,): its rule alone. */
 FLINDERS_API int flinders_severity(int rule, const flinders_real *quantities);
 
-/* Whether a finding was looked for: 1 where none of the quantities (FLINDERS_QUANTITIES,) that its rule compares is NaN. */
+/* Whether a finding was looked for: 1 where none of the quantities (FLINDERS_QUANTITIES,) that its rule compares is NaN. For
+ * findings of a fit those of its judgement are enough; so they are for `flinders_severity`. */
 FLINDERS_API int flinders_is_checked(int rule, const flinders_real *quantities);
 
 /* What is shown of findings: fills causes, shown, order and verdict of a judgement from its severities. */
