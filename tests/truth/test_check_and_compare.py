@@ -264,6 +264,14 @@ def test_the_dip_has_the_sign_that_the_recording_shows() -> None:
 # bad input
 
 
+def test_a_refresh_refuses_the_recording_of_the_earlier_calibration() -> None:
+    assert flinders_("calibrate", "monday.csv", "-o", "made.json").code == 0
+    ended = flinders_("refresh", "--previous", "made.json", "monday.csv")
+    assert ended.code == 2
+    assert "made.json was made from monday.csv: readings that are counted twice" in ended.err
+    assert flinders_("refresh", "--previous", "made.json", "tuesday.csv").code in {0, 3}
+
+
 @pytest.mark.parametrize(
     ("line", "code", "said"),
     [

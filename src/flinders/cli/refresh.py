@@ -14,6 +14,7 @@ from flinders.cli._inputs import (
     refuse_calibrations,
     say_sensor,
     saying_what_was_read,
+    sha256,
     site_of,
 )
 from flinders.cli._output import refuse_twice, say
@@ -122,6 +123,7 @@ def command(options: Refresh) -> int:
     previous = load("refresh --previous", options.previous, options.recordings)
     refuse_calibrations(options.recordings)
     opened = [_opened(path, previous, options) for path in options.recordings]
+    _refuse_known(options.previous, previous, opened)
     with saying_what_was_read(opened):
         fit = _refreshed(opened, previous, options)
     outputs.write(dumps(fit.to_document(provenance(opened, files=previous.provenance.files))), options.output)
@@ -137,6 +139,16 @@ def _opened(path: str, previous: Fit, options: Refresh) -> CountedRecording:
     recording = open_with(previous, path, sensor=options.sensor, **options.reading.as_dict())
     say_sensor(options.previous, previous.calibration, recording, options.sensor)
     return CountedRecording(recording)
+
+
+def _refuse_known(path: str, previous: Fit, opened: list[CountedRecording]) -> None:
+    """Refuse a recording that the earlier calibration was made from: counted twice it would seem better than it is."""
+    known = {file.sha256 for file in previous.provenance.files}
+    if names := [each.recording.source for each in opened if known and sha256(each.recording) in known]:
+        raise UsageError(
+            f"{path} was made from {' and '.join(names)}: readings that are counted twice seem better than they "
+            "are; record again after the change"
+        )
 
 
 def _refreshed(opened: list[CountedRecording], previous: Fit, options: Refresh) -> Fit:
