@@ -19,7 +19,7 @@ from flinders.comparison.comparison import compare
 from flinders.comparison.evaluation import evaluate
 from flinders.comparison.merging import merge
 from flinders.fitting.batch import fit_batch
-from flinders.fitting.words import heading_words
+from flinders.fitting.claim import heading_words
 from flinders.geometry.rotation import rotations
 from flinders.likelihood.site_field import Site
 from flinders.report.fit_pages import of_file, of_fit

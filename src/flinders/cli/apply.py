@@ -56,7 +56,7 @@ def command(options: Apply) -> int:
     vehicle's log, is written as a table of comma-separated text, in microtesla where its unit is known. What the
     calibration follows, such as a current, has to be among the columns.
     """
-    from flinders.fitting.words import tilt_words
+    from flinders.fitting.result import tilt_words
 
     calibration, recording = options.calibration, options.recording
     outputs = options.checked_outputs()

@@ -392,8 +392,10 @@ class Calibrate(program.Group):
         from flinders.likelihood.site_field import Site
 
         dip_deg = self.judgement.dip_deg if program.is_typed("dip_deg") else None
-        site = Site.stated(known, strength=self.field_strength, inclination_deg=dip_deg)
         sigma_deg = self.estimation.alignment_sigma_deg
+        if self.field_strength is None and dip_deg is None and sigma_deg is None:
+            return known
+        site = Site.stated(known, strength=self.field_strength, inclination_deg=dip_deg)
         return site if sigma_deg is None else replace(site or Site(), alignment_sigma_deg=sigma_deg)
 
     def of_fit(self) -> dict[str, Any]:

@@ -71,7 +71,7 @@ def command(options: Heading) -> int:
     north. LOG is a file, or - for
     standard input, which may go on as long as it likes: lines are written as they come.
     """
-    from flinders.fitting.words import tilt_words
+    from flinders.fitting.result import tilt_words
 
     outputs = options.checked_outputs()
     with progress("heading") as bar:

@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias, cast
 
 import numpy as np
@@ -103,7 +103,7 @@ class Request:
     alignment_sigma_deg: float | None = None
     site: Site | None = None  # what counts in the fit, of the site
     prior: float | None = SPREAD
-    instruments: Instruments = field(default_factory=Instruments)
+    instruments: Instruments | None = None
 
     @classmethod
     def of(cls, site: Site | None = None, **others: Any) -> Self:
@@ -307,7 +307,7 @@ def fit(
     NotTurned, InputError
         For `disturbances` of a sensor that was not turned, or that were not recorded.
     """
-    request = Request.of(site, target_deg=target_deg, instruments=Instruments.of(aiding))
+    request = Request.of(site, target_deg=target_deg, instruments=Instruments.of(aiding) if aiding else None)
     estimator = estimator_of(method, request)
     request = replace(request, prior=getattr(estimator, "prior", SPREAD))
     _refuse_combinations(estimator, request, disturbances, linearize=linearize)
@@ -354,7 +354,12 @@ class _Compensated(NamedTuple):
 def _compensated(source: Recording | Summary, disturbances: Sequence[str], request: Request) -> _Compensated:
     """Compensate readings for disturbances: those that are named, else with all aiding sensors those that help."""
     tried: tuple[AidingSensor, ...] = ()
-    if request.instruments.asked == AUTO and not disturbances and not isinstance(source, Summary):
+    if (
+        request.instruments
+        and request.instruments.asked == AUTO
+        and not disturbances
+        and not isinstance(source, Summary)
+    ):
         from flinders.fitting.disturbance_selection import earned
 
         disturbances, tried = earned(source, spread=request.prior, dip_deg=request.dip_deg)
@@ -564,9 +569,9 @@ def _aided(readings: Readings, request: Request) -> tuple[Estimate | None, Aidin
     UsageError
         Where only sums are left.
     """
-    asked = request.instruments.asked
-    if not asked:
+    if not request.instruments:
         return None, None
+    asked = request.instruments.asked
     if readings.recording is None:
         raise UsageError("aids need what was recorded beside the readings: give the recording, not its summary")
     samples = in_memory(readings.recording)

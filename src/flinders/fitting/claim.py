@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.geomag import ASSUMED_DIP_DEG
-from flinders.errors import ArrayError
+from flinders.errors import ArrayError, figures
+from flinders.findings.words import ANY_ANGLE_DEG
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import (
     DirectionError,
@@ -163,3 +164,15 @@ class Claim:
     def uncorrected_heading_error_deg(self) -> HeadingError:
         """What the heading of the same vehicle errs by without the calibration, if the calibration is right."""
         return raw_error(self.ellipsoid, dip_deg=self.known_dip_deg, down=down_of(self.plane))
+
+
+def heading_words(claim: Claim) -> str:
+    """The worst heading error, 1 σ, and its bound, as ``0.32° (95 % within 0.71°)``."""
+    bound_deg = claim.heading_bound_deg
+    bound = f"95 % within {figures(bound_deg)}°" if bound_deg < ANY_ANGLE_DEG else "1 σ"
+    return f"{figures(claim.heading_error_deg.worst)}° ({bound})"
+
+
+def dip_words(claim: Claim) -> str:
+    """Dip that headings are judged at, with the sign that the recording shows, as ``dip 60° (assumed)``."""
+    return f"dip {claim.known_dip_deg:.3g}°{' (assumed)' if claim.dip_assumed else ''}"

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NotExportable, UsageError
-from flinders.fitting.words import heading_words
+from flinders.fitting.claim import heading_words
 from flinders.geometry.ellipsoid import gathered
 from flinders.geometry.sphere import fibonacci
 from flinders.targets import ExportOptions, mounting_table

@@ -461,3 +461,14 @@ class Refused(FitError):
         causes = [finding for finding in first_causes(fit.findings) if finding.severity == "refuses"]
         super().__init__("; ".join(finding.advice for finding in causes))
         self.evidence = {finding.code: finding.number for finding in reasons}
+
+
+def tilt_words(fit: Fit) -> str:
+    """Up to which tilt a fit that rests on a level turn is within its target; nothing for any other."""
+    limit = next((finding.number for finding in fit.findings if finding.code == "level-plane"), None)
+    if limit is None:
+        return ""
+    if not limit >= 1.0:
+        return "it rests on a level turn: for a level vehicle only"
+    within = "its target" if math.isnan(fit.heading_error_deg.worst) else f"{fit.claim.target_deg:g}°"
+    return f"it rests on a level turn: within {within} up to {limit:.0f}° of tilt"

@@ -38,9 +38,9 @@ from flinders.errors import FitError, FlindersError, UnreadableInput, counted, f
 from flinders.estimators.data import CountedRecording
 from flinders.findings import CATALOGUE, first_causes
 from flinders.fitting.calibrate import fit as fit_samples
+from flinders.fitting.claim import heading_words
 from flinders.fitting.refreshing import refresh
 from flinders.fitting.result import Refused
-from flinders.fitting.words import heading_words
 from flinders.heading import path_planning
 from flinders.likelihood.site_field import Site
 from flinders.live.messages import PreviousState, Reason

@@ -38,7 +38,7 @@ from flinders.arrays import runs
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
 from flinders.estimators import Readings, within_range
-from flinders.fitting.words import heading_words
+from flinders.fitting.claim import heading_words
 from flinders.heading.deviation import NAMES
 from flinders.heading.error_propagation import level_gradients
 from flinders.report.charts import (

@@ -29,8 +29,8 @@ from flinders.estimators.two_axis import TwoAxisRecipe
 from flinders.findings import advice, first_causes, limit_of
 from flinders.findings.words import turns
 from flinders.fitting.axis_extremes import Extremes
+from flinders.fitting.claim import dip_words, heading_words
 from flinders.fitting.result import Fit, fit_of
-from flinders.fitting.words import dip_words, heading_words
 from flinders.geometry.plane import across
 from flinders.report.formatting import (
     aligned,

@@ -35,9 +35,9 @@ from flinders.core.disturbance import motor
 from flinders.core.units import label
 from flinders.errors import FlindersError, counted, figures
 from flinders.findings.words import UPSIDE_DOWN
+from flinders.fitting.claim import dip_words
 from flinders.fitting.export import export_fit, origin_lines
 from flinders.fitting.result import Fit, fit_of
-from flinders.fitting.words import dip_words
 from flinders.report import figures as drawing
 from flinders.report.colours import STEPS
 from flinders.report.figure_data import FigureData

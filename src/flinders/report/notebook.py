@@ -18,7 +18,7 @@ from flinders.core.units import label
 from flinders.errors import counted
 from flinders.findings import advice, first_causes
 from flinders.findings.row import stated
-from flinders.fitting.words import dip_words, heading_words
+from flinders.fitting.claim import dip_words, heading_words
 from flinders.report import figures
 from flinders.report.charts import as_file
 from flinders.report.colours import STEPS, colour_of

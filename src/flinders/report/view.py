@@ -34,7 +34,7 @@ from flinders.findings.finding import plain
 from flinders.findings.row import resting_on
 from flinders.findings.words import ANY_ANGLE_DEG
 from flinders.fitting.advice import WORTH_IT, guided, movement
-from flinders.fitting.words import heading_words
+from flinders.fitting.claim import heading_words
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.native.engine import engine
