@@ -116,7 +116,7 @@ class Finding:
         return finding
 
 
-def stated(code: str, record: Mapping[str, Any], severity: Severity) -> Finding:
+def stated(code: str, record: Mapping[str, Any], severity: Severity, follows_from: str | None = None) -> Finding:
     """A finding with what its sentence takes of a record, with a severity that its rule has.
 
     Parameters
@@ -124,7 +124,7 @@ def stated(code: str, record: Mapping[str, Any], severity: Severity) -> Finding:
     record : mapping
         Quantities of the rule by name, and the other values of the sentence.
     """
-    return Finding(code, severity, {name: _value(record[name]) for name in CATALOGUE[code].names})
+    return Finding(code, severity, {name: _value(record[name]) for name in CATALOGUE[code].names}, follows_from)
 
 
 def _value(value: Any) -> Any:  # noqa: ANN401 - a number, a name, or a list of either

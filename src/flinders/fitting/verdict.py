@@ -111,14 +111,15 @@ class Said(NamedTuple):
     @classmethod
     def by(cls, judgement: Records) -> Said:
         """Take it from a judgement of the engine."""
-        severities = zip(OF_A_FIT, judgement["severities"].tolist(), strict=True)
-        said = {code: severity for code, each in severities if (severity := SEVERITIES[each]) is not None}
+        severities = judgement["severities"]
+        there = np.flatnonzero(severities).tolist()
+        said = {OF_A_FIT[rule]: each for rule in there if (each := SEVERITIES[severities[rule]]) is not None}
         return cls(said, causes_of(judgement))
 
     def findings(self, record: Mapping[str, Any], codes: Iterable[str]) -> list[Finding]:
         """Of some findings those that there are, with values of a record."""
         return [
-            replace(stated(code, record, self.severities[code]), follows_from=self.causes.get(code))
+            stated(code, record, self.severities[code], self.causes.get(code))
             for code in codes
             if code in self.severities
         ]
