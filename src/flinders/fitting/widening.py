@@ -118,7 +118,7 @@ def claimed(
 
 
 def _reference(readings: Readings, likelihood: Auto) -> Estimate | None:
-    """The likelihood's estimate; None of too few readings to see beyond the simpler model."""
+    """The estimate of the maximum likelihood; None where the readings are too few for its model."""
     try:
         return likelihood.estimate(readings)
     except FitError:

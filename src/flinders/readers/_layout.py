@@ -827,7 +827,7 @@ def _refuse_one_value(name: str, lines: Sequence[str], *, may_be_in_turn: bool =
 
 
 def _axes_of_words(words: Sequence[str]) -> list[str]:
-    """Words that come again and again and are the three axes of a magnetometer; none of too many."""
+    """Repeated words that name the three axes of a magnetometer; none where there are too many."""
     counts = Counter(words)
     often = sorted(word for word, count in counts.items() if count >= MIN_READINGS and number(word, ".") is None)
     found = magnetometers(often) if len(counts) <= MAX_DEVICES else ()

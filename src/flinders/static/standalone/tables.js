@@ -830,7 +830,7 @@ export class Tables {
     }
 
     /**
-     * Words that come again and again and are the three axes of a magnetometer; none of too many.
+     * Repeated words that name the three axes of a magnetometer; none where there are too many.
      * @param {readonly string[]} words
      */
     axesOfWords(words) {
