@@ -14,8 +14,9 @@ enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * FINE + 1, FEWEST = 12, HALF
 
 #define LEAST_RATIO ((real)1e-3)  /* of the variances, disturbance over white noise */
 #define LARGEST_RATIO ((real)3e3)
-#define FEW_LEAST_RATIO ((real)0.1)   /* range of it that is assumed of few readings: that of real recordings */
+#define FEW_LEAST_RATIO ((real)0.5)   /* range of it that is assumed of few readings: that of most real recordings */
 #define FEW_LARGEST_RATIO ((real)100)
+#define FEW_ARE_WHITE ((real)3)   /* logarithm, to the base 2, of how much less likely they are than either kind: as of real ones */
 #define LONGEST ((real)1.5)       /* of the recording: longer memories look the same */
 #define NEGLIGIBLE ((real)1e-4)   /* of all probability */
 #define HOPELESS ((real)14)       /* logarithm, to the base 2, of how much less likely a model is than the best */
@@ -370,7 +371,7 @@ static grid about(const grid *all, const model *best)
 }
 
 /* Models of both kinds over all that few readings leave open, and white noise, the last one; returns how many there are.
- * Each kind is as likely as white noise beforehand. */
+ * White noise is improbable beforehand: few readings look white as often as not, and noise of real ones lasts. */
 static int models_of_few(const fl_kernels *kernels, const fl_series *series, real span, const real bent[9],
                          const model *white, model *models)
 {
@@ -381,6 +382,7 @@ static int models_of_few(const fl_kernels *kernels, const fl_series *series, rea
     for (int kind = 0; kind < 2; kind++) n = add_grid(kernels, series, kind == 0, &all, bent, models, n);
     for (int k = 0; k < n; k++) models[k].likelihood -= fl_log2((real)(FL_LANES * FINE));
     models[n] = *white;
+    models[n].likelihood -= FEW_ARE_WHITE;
     return n + 1;
 }
 
