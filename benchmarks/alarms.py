@@ -17,6 +17,9 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from flinders.live.evaluation import evaluate
+from flinders.live.page_state import session_state
+from flinders.live.session import Arrived, FitDone, Linked, LiveSession, Ticked, begin_fit, step
 
 import flinders
 from benchmarks.fits import recordings
@@ -24,16 +27,14 @@ from benchmarks.recordings import FOLDER
 from flinders import simulate
 from flinders.core.units import Unit
 from flinders.live.buffer import rows_of
-from flinders.live.evaluation import evaluate
 from flinders.live.messages import SourceState
-from flinders.live.page_state import session_state
-from flinders.live.session import Arrived, FitDone, Linked, LiveSession, Ticked, begin_fit, step
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from flinders.core.samples import Samples
     from flinders.live.session import Event
+
+    from flinders.core.samples import Samples
 
 STEP_S: Final = 0.5
 LONGEST_S: Final = 180.0

@@ -272,6 +272,8 @@ def ask_page(content: bytes, folder: Path, kind: str) -> None:
 @cache
 def _client(folder: str) -> TestClient:
     """A page's client, with a server of its own in this process."""
+    from flinders.live.session import LiveSession
+
     from flinders import simulate
     from flinders.core.axes import Axes
     from flinders.live.access import Gate
@@ -280,7 +282,6 @@ def _client(folder: str) -> TestClient:
     from flinders.live.messages import SourceState
     from flinders.live.recorder import RecordedFeed, ToFile
     from flinders.live.server import application
-    from flinders.live.session import LiveSession
     from flinders.live.session_file import Supply
 
     path = Path(folder) / "session.csv"

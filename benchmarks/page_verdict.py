@@ -21,6 +21,8 @@ from statistics import median
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from flinders.live.evaluation import evaluate
+from flinders.live.session import Arrived, LiveSession, step, used_readings
 from tests.javascript import node
 
 import flinders
@@ -32,9 +34,7 @@ from flinders.core.units import label
 from flinders.fitting.calibrate import judged_dip
 from flinders.likelihood.site_field import Site
 from flinders.live.buffer import rows_of
-from flinders.live.evaluation import evaluate
 from flinders.live.messages import SourceState
-from flinders.live.session import Arrived, LiveSession, step, used_readings
 from flinders.native import build
 from flinders.native.engine import engine
 from flinders.standalone.engine import data
@@ -42,8 +42,9 @@ from flinders.standalone.engine import data
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from flinders.arrays import Floats
     from flinders.live.session import Evaluated
+
+    from flinders.arrays import Floats
     from flinders.native.engine import Records
 
 PROGRAM: Final = Path(__file__).with_suffix(".mjs")

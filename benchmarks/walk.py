@@ -144,11 +144,12 @@ def a_row_group(folder: Path, workers: int = 1) -> None:
 
 def a_line(_: Path) -> None:
     """From a line of a serial port to what the page is told: all but the port, the socket and the fit."""
+    from flinders.live.page_state import session_state
+    from flinders.live.session import Arrived, Evaluated, FitDone, LiveSession, begin_fit, step
+
     from flinders.core.units import Unit
     from flinders.live.buffer import rows_of
     from flinders.live.messages import encode
-    from flinders.live.page_state import session_state
-    from flinders.live.session import Arrived, Evaluated, FitDone, LiveSession, begin_fit, step
     from flinders.live.transcript import Transcript
 
     field = _tumble().field
@@ -172,10 +173,11 @@ def an_array(_: Path) -> None:
 
 def a_live_fit(_: Path) -> None:
     """From the readings of a session to the view of their fit."""
-    from flinders.core.units import Unit
-    from flinders.live.buffer import rows_of
     from flinders.live.evaluation import evaluate
     from flinders.live.session import Arrived, LiveSession, step
+
+    from flinders.core.units import Unit
+    from flinders.live.buffer import rows_of
 
     evaluate(step(LiveSession(), Arrived(60.0, rows_of(_tumble()), Unit.of("uT")))[0])
 

@@ -1,41 +1,39 @@
 """The messages of the live page as TypeScript.
 
-``python -m tests.message_types > src/flinders/static/messages.d.ts`` writes them.
+``python -m tests.message_types > src/flinders/static/wire.d.ts`` writes them.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import types
 import typing
 from typing import Any, Final, Literal, Union
 
-from flinders.live.messages import Command, FitMessage, Hello, Notice, SessionState
-
-if typing.TYPE_CHECKING:
-    from msgspec import Struct
+from flinders.live.messages import FromServer
 
 
 def typescript() -> str:
-    """The messages as types for the page: ``static/messages.d.ts``."""
+    """The messages as types for the page: ``static/wire.d.ts``."""
     declared: dict[str, str] = {}
-    for kind in (Hello, SessionState, FitMessage, Notice, *typing.get_args(Command)):
+    for kind in typing.get_args(FromServer):
         _declare(kind, declared)
-    sent = " | ".join(kind.__name__ for kind in (Hello, SessionState, FitMessage, Notice))
-    commands = " | ".join(kind.__name__ for kind in typing.get_args(Command))
-    head = "// Generated from flinders/live/messages.py: python -m tests.message_types > messages.d.ts\n"
-    unions = f"export type FromServer = {sent};\n\nexport type ToServer = {commands};\n"
-    return "\n".join([head, *declared.values(), unions])
+    sent = " | ".join(kind.__name__ for kind in typing.get_args(FromServer))
+    head = "// Generated from flinders/live/messages.py: python -m tests.message_types > wire.d.ts\n"
+    return "\n".join([head, *declared.values(), f"export type FromServer = {sent};\n"])
 
 
-def _declare(kind: type[Struct], declared: dict[str, str]) -> None:
+def _declare(kind: Any, declared: dict[str, str]) -> None:  # noqa: ANN401 - a struct or a dataclass
     """Declare a struct, after those that it holds."""
     if kind.__name__ in declared:
         return
     declared[kind.__name__] = ""
-    tag = kind.__struct_config__.tag
+    is_struct = hasattr(kind, "__struct_config__")
+    tag = kind.__struct_config__.tag if is_struct else None
+    names = kind.__struct_fields__ if is_struct else [field.name for field in dataclasses.fields(kind)]
     lines = [f'  type: "{tag}";'] if tag else []
     hints = typing.get_type_hints(kind)
-    lines += [f"  {name}: {_type(hints[name], declared)};" for name in kind.__struct_fields__]
+    lines += [f"  {name}: {_type(hints[name], declared)};" for name in names]
     comment = (kind.__doc__ or "").partition("\n")[0]
     del declared[kind.__name__]
     declared[kind.__name__] = f"/** {comment} */\nexport interface {kind.__name__} {{\n" + "\n".join(lines) + "\n}\n"

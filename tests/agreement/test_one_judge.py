@@ -18,6 +18,7 @@ import pytest
 from benchmarks import firmware
 from benchmarks.page_verdict import session_of, thinned
 from click.testing import CliRunner
+from flinders.live.session import used_readings
 from tests import bindings
 from tests.bindings import Said
 
@@ -25,7 +26,6 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.core.samples import Samples
-from flinders.live.session import used_readings
 from flinders.native import build
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from benchmarks.datasets import dataset
 from benchmarks.page_verdict import asked, compared, page_answers, session_of, thinned
+from flinders.live.evaluation import evaluate
 from tests.javascript import run
 from tests.worlds import carried_about
 
@@ -25,7 +26,6 @@ from flinders.core.calibration_file import FindingRecord
 from flinders.core.samples import Samples
 from flinders.findings import Finding
 from flinders.findings.catalogue import CATALOGUE, OF_A_FIT, QUANTITIES_OF_A_FIT
-from flinders.live.evaluation import evaluate
 from flinders.live.messages import SourceState
 from flinders.native import build
 from flinders.standalone import engine
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from benchmarks.page_verdict import Compared
+    from flinders.live.session import LiveSession
 
     from flinders.heading.guidance import Goal
-    from flinders.live.session import LiveSession
 
 try:
     build.library(target=build.WEB)

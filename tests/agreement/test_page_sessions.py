@@ -10,16 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, get_args
 import msgspec
 import numpy as np
 import pytest
-from tests.javascript import run
-
-import flinders
-from flinders import simulate
-from flinders.comparison.comparison import compare
-from flinders.core.samples import Samples
-from flinders.core.units import Unit
-from flinders.live.buffer import ReadingBuffer, rows_of
 from flinders.live.evaluation import evaluate
-from flinders.live.messages import Phase, encode, parse
 from flinders.live.page_state import Cursor, points, session_state
 from flinders.live.session import (
     Arrived,
@@ -34,6 +25,15 @@ from flinders.live.session import (
     step,
     wants_fit,
 )
+from tests.javascript import run
+
+import flinders
+from flinders import simulate
+from flinders.comparison.comparison import compare
+from flinders.core.samples import Samples
+from flinders.core.units import Unit
+from flinders.live.buffer import ReadingBuffer, rows_of
+from flinders.live.messages import Phase, encode, parse
 from flinders.report.view import view
 from flinders.standalone.package import session_rules
 

@@ -7,16 +7,7 @@ import itertools
 import numpy as np
 import numpy.testing as npt
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
-from tests.trials import examples
-
-from flinders import simulate
-from flinders.core.units import Unit
-from flinders.errors import UsageError
-from flinders.live.buffer import SHOWN, Exclusions, ReadingBuffer, Timeline, rows_of, stride_for
 from flinders.live.evaluation import evaluate
-from flinders.live.messages import Clear, Exclude, Notice, Pause, Redo, Restore, SetTarget, Undo, parse
 from flinders.live.page_state import Cursor, points, session_state
 from flinders.live.session import (
     SHARE,
@@ -32,6 +23,15 @@ from flinders.live.session import (
     used_readings,
     wants_fit,
 )
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from tests.trials import examples
+
+from flinders import simulate
+from flinders.core.units import Unit
+from flinders.errors import UsageError
+from flinders.live.buffer import SHOWN, Exclusions, ReadingBuffer, Timeline, rows_of, stride_for
+from flinders.live.messages import Clear, Exclude, Notice, Pause, Redo, Restore, SetTarget, Undo, parse
 
 UT = Unit.of("uT")
 ROWS = rows_of(simulate.tumble(seed=1, n=600).samples)

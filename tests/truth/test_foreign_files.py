@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from benchmarks import fuzz
+from flinders.live.session import LiveSession
 from tests.program import flinders_
 from tests.samples import written
 from tests.trials import daily, nightly
@@ -25,7 +26,6 @@ from flinders import simulate
 from flinders.core import files
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, fault_words
 from flinders.live.hub import _timed
-from flinders.live.session import LiveSession
 from flinders.readers import _fmt, _source, parquet, ulog
 
 if TYPE_CHECKING:

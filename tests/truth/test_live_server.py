@@ -20,6 +20,8 @@ import httpx
 import numpy as np
 import numpy.testing as npt
 import pytest
+from flinders.live.page_state import session_state
+from flinders.live.session import LiveSession
 from starlette.websockets import WebSocketDisconnect
 from tests.message_types import typescript
 from tests.waiting import PATIENCE_S, Heartbeat, wait_until
@@ -36,10 +38,8 @@ from flinders.live.access import HEADERS, Gate, Tokens, cookie_name, listening, 
 from flinders.live.feeds import Replay
 from flinders.live.hub import UPLOAD_BYTES, Hub
 from flinders.live.messages import MAGIC, SourceState
-from flinders.live.page_state import session_state
 from flinders.live.recorder import RecordedFeed, ToFile
 from flinders.live.server import STATIC, application
-from flinders.live.session import LiveSession
 from flinders.live.session_file import Edits, Supply, default_path
 from flinders.live.transports import Scripted
 from flinders.targets import registry

@@ -10,30 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
-from tests.flight_log import dataflash
-from tests.trials import daily
-
-from flinders import simulate
-from flinders.core.axes import Axes
-from flinders.core.samples import Samples
-from flinders.core.units import Unit
-from flinders.errors import UnitError, UsageError
-from flinders.fitting import calibrate
-from flinders.live.buffer import ReadingBuffer, rows_of
 from flinders.live.evaluation import evaluate, finished
-from flinders.live.messages import (
-    BackToLive,
-    Exclude,
-    Notice,
-    Reason,
-    SessionState,
-    SetGoal,
-    SetPlace,
-    SetRefresh,
-    SetTarget,
-    SourceState,
-    Undo,
-)
 from flinders.live.page_state import session_state
 from flinders.live.session import (
     Arrived,
@@ -49,6 +26,29 @@ from flinders.live.session import (
     begin_fit,
     step,
     used_readings,
+)
+from tests.flight_log import dataflash
+from tests.trials import daily
+
+from flinders import simulate
+from flinders.core.axes import Axes
+from flinders.core.samples import Samples
+from flinders.core.units import Unit
+from flinders.errors import UnitError, UsageError
+from flinders.fitting import calibrate
+from flinders.live.buffer import ReadingBuffer, rows_of
+from flinders.live.messages import (
+    BackToLive,
+    Exclude,
+    Notice,
+    Reason,
+    SessionState,
+    SetGoal,
+    SetPlace,
+    SetRefresh,
+    SetTarget,
+    SourceState,
+    Undo,
 )
 from flinders.live.session_file import load
 

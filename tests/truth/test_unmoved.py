@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from flinders.live.evaluation import evaluate
+from flinders.live.session import Arrived, LiveSession, step
 from tests.trials import daily
 
 import flinders
@@ -19,8 +21,6 @@ from flinders.diagnostics.unmoved import unmoved_deg
 from flinders.errors import FitError, Unmoved
 from flinders.fitting.result import Refused
 from flinders.live.buffer import rows_of
-from flinders.live.evaluation import evaluate
-from flinders.live.session import Arrived, LiveSession, step
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:

@@ -12,18 +12,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+import msgspec
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import load, stated_site
 from flinders.cli._output import print_json, say
-from flinders.errors import OutputError, UsageError
+from flinders.errors import FlindersError, OutputError, UsageError
 
 if TYPE_CHECKING:
     from typing import TextIO
 
-    from flinders.live.messages import Kind
-    from flinders.live.session import LiveSession
+    from flinders.fitting.result import Fit
+    from flinders.live.hub import Hub
+    from flinders.live.messages import Kind, Previous
     from flinders.live.session_file import Source
 
 ANY_PORT: Final = "?"
@@ -216,55 +218,58 @@ def command(options: Live) -> None:
     from flinders.live.server import application
     from flinders.live.session_file import begun
 
-    axes, chosen = Axes.of(options.axes), _chosen(options)
+    axes = Axes.of(options.axes)
+    previous, renewed = _previous(options)
     with contextlib.ExitStack() as stack:
         listener = stack.enter_context(contextlib.closing(listening(options.host, options.web_port)))
         source = options.source.opened(stack, options.resume)
-        supply, session = stack.enter_context(
-            begun(source, axes, output=options.output, resume=options.resume, say=say)
-        )
-        session = replace(session, **chosen)
+        supply = stack.enter_context(begun(source, axes, output=options.output, resume=options.resume, say=say))
+        supply = replace(supply, edits=msgspec.structs.replace(supply.edits, **_chosen(options)))
         port = listener.getsockname()[1]
         gate = Gate.of(options.host, port, own_names())
         tokens = Tokens() if gate.is_open else None
-        hub = Hub(session, supply)
-        _announce(session, port, tokens.current if tokens else None, options)
+        hub = Hub(supply, previous, renewed)
+        _announce(hub, port, tokens.current if tokens else None, options)
         serve(application(hub, gate, tokens, say), listener)
         if hub.failure is not None:
             raise hub.failure
     is_there = supply.path.exists()
     say(f"recorded in {supply.path}: flinders calibrate {supply.path}" if is_there else "nothing came to be recorded")
     if options.as_json:
-        print_json(_as_dict(hub.session, str(supply.path) if is_there else None))
+        print_json(_as_dict(hub, str(supply.path) if is_there else None))
 
 
 def _chosen(options: Live) -> dict[str, Any]:
     """What was typed of a session: it goes before what the file of an earlier one says."""
-    previous = None if options.previous is None else load("live --previous", options.previous)
-    if options.refresh and previous is not None:
-        from flinders.fitting.refreshing import refuse_unfit
-
-        refuse_unfit(previous)
-    chosen = {
-        "target_deg": options.target_deg,
-        "dip_deg": options.dip_deg,
-        "previous": previous,
-        "refreshes": options.refresh or None,
-    }
+    chosen = {"target_deg": options.target_deg, "dip_deg": options.dip_deg, "refreshing": options.refresh or None}
     return {name: value for name, value in chosen.items() if value is not None}
 
 
-def _as_dict(session: LiveSession, recording: str | None) -> dict[str, Any]:
-    """JSON-ready: what there was when the page was closed, that is the recording, how far it had come, and the fit."""
-    from flinders.live.page_state import session_state
+def _previous(options: Live) -> tuple[Previous, Fit | None]:
+    """The file of an earlier calibration, and what it holds."""
+    from flinders.fitting.refreshing import refuse_unfit
+    from flinders.live.messages import Previous
 
-    fit, shown = session.shown.evaluated.fit, session_state(session)
+    if options.previous is None:
+        return Previous(), None
+    fit = load("live --previous", options.previous)
+    if options.refresh:
+        refuse_unfit(fit)
+    return Previous(Path(options.previous).name, Path(options.previous).read_text(encoding="utf-8")), fit
+
+
+def _as_dict(hub: Hub, recording: str | None) -> dict[str, Any]:
+    """JSON-ready: what there was when the page was closed: the recording, how far it had come, and the fit of all."""
+    from flinders.fitting.result import Refused
+
+    made = hub.made(hub.edits)
+    found = made.outcome.fit if isinstance(made.outcome, Refused) else made.outcome
+    fit = None if isinstance(found, FlindersError) else found
     return {
         "recording": recording,  # file that was written
-        "readings": shown.readings,  # received
-        "phase": shown.phase,  # state of the session when the page was closed
-        "words": shown.words,  # the same in a sentence
-        "fit": None if fit is None else fit.as_dict(),  # the last fit; null where there was none
+        "readings": hub.log.buffer.total,  # received
+        "fit": None if fit is None else fit.as_dict(),  # of all readings but those left out; null where there is none
+        "refusal": made.refusal if fit is None else "",  # why there is none
     }
 
 
@@ -275,12 +280,12 @@ def draw_address(address: str, stream: TextIO) -> None:
     segno.make(address, micro=False).terminal(out=stream, compact=True)
 
 
-def _announce(session: LiveSession, port: int, token: str | None, options: Live) -> None:
+def _announce(hub: Hub, port: int, token: str | None, options: Live) -> None:
     """Say where the page is, and open it where there is somebody to see it."""
     from flinders.live.access import page_addresses
 
     address, *others = page_addresses(options.host, port, token)
-    say(f"{session.source.name}, recorded in {session.recording}")
+    say(f"{hub.source.name}, recorded in {hub.supply.path}")
     if token is not None:
         say("for one browser; who opens it next needs the address that is printed then:")
     if options.as_json:

@@ -9,8 +9,6 @@ Appending costs the same at any length: rows go into spare room at the end of th
 use. Up to `CAPACITY` readings stay in memory, 56 bytes each. Beyond that every second one is dropped, and of those that
 follow every second one is taken: an hour at 1 kHz takes as much memory as a quarter of it. The file is complete.
 Which readings stay depends on their count only, not on how they arrived.
-
-`Exclusions` are the intervals of time that a person has taken out of them.
 """
 
 from __future__ import annotations
@@ -21,16 +19,11 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import NDArray
-
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.core.samples import Samples
 
 CAPACITY: Final = 1 << 20  # Readings in memory, at most: 59 MB, and as much again for a moment while they are moved
-SHOWN: Final = 40_000  # Readings shown, at most; when there are more, every second one, which leaves half as many
 COLUMNS: Final = 7  # Time in s, field and acceleration
 GAP: Final = (np.nan, np.nan, np.nan)  # What stands for an acceleration that is not there
 FIRST_ROOM: Final = 4096
@@ -160,34 +153,13 @@ class ReadingBuffer:
         """Time of the newest reading; 0 before the first."""
         return 0.0 if not self.total else float(self._latest[0])
 
-    @property
-    def shown_stride(self) -> int:
-        """Every so many readings one is shown."""
-        return max(stride_for(self.total, SHOWN), self.stride)
+    def after(self, seconds: float) -> ReadingBuffer:
+        """The readings later than a time, as a buffer of their own."""
+        return ReadingBuffer.empty(self.most).extended(self._rows[self.time > seconds])
 
-    def shown(self, start: int, most: int) -> tuple[Floats, Floats, Floats]:
-        """Times, readings and accelerations of at most so many shown points, from number `start` on."""
-        step = self.shown_stride // self.stride
-        rows = self._rows[start * step : (start + most) * step : step]
-        return rows[:, 0], rows[:, 1:4], rows[:, 4:]
-
-    def within(self, spans: tuple[tuple[float, float], ...]) -> NDArray[np.bool_]:
-        """(N,) which of them lie within spans of time, ends included."""
-        inside = np.zeros(len(self), bool)
-        for first, last in self._places(spans):
-            inside[first:last] = True
-        return inside
-
-    def count_within(self, spans: tuple[tuple[float, float], ...]) -> int:
-        """Readings within spans that lie apart; of a long session to within a stride."""
-        count = sum(last - first for first, last in self._places(spans)) * self.stride
-        return min(count, self.total)
-
-    def _places(self, spans: tuple[tuple[float, float], ...]) -> list[tuple[int, int]]:
-        return [
-            (int(np.searchsorted(self.time, start, "left")), int(np.searchsorted(self.time, end, "right")))
-            for start, end in spans
-        ]
+    def rows(self, start: int, most: int) -> Floats:
+        """(N, 7) at most so many of the readings in memory, from number `start` on."""
+        return self._rows[start : start + most]
 
 
 def rows_of(samples: Samples, axes: Axes | None = None) -> Floats:
@@ -206,67 +178,3 @@ def rows_of(samples: Samples, axes: Axes | None = None) -> Floats:
     if axes is not None and not axes.is_identity:
         rows[:, 1:4], rows[:, 4:] = axes.apply(rows[:, 1:4]), axes.apply(rows[:, 4:])
     return rows
-
-
-Span = tuple[float, float]
-
-REMEMBERED: Final = 200  # Steps that can be undone
-MOST: Final = 1000  # Spans, at most: nobody takes out more by hand
-
-
-def merged(spans: Iterable[Span]) -> tuple[Span, ...]:
-    """Put spans in order and those that touch together."""
-    united: list[Span] = []
-    for start, end in sorted(spans):
-        if united and start <= united[-1][1]:
-            united[-1] = (united[-1][0], max(end, united[-1][1]))
-        else:
-            united.append((start, end))
-    return tuple(united)
-
-
-def without(spans: Iterable[Span], hole: Span) -> tuple[Span, ...]:
-    """Spans with a hole cut into them."""
-    pieces = [piece for start, end in spans for piece in ((start, min(end, hole[0])), (max(start, hole[1]), end))]
-    return tuple((start, end) for start, end in pieces if start < end)
-
-
-@dataclass(frozen=True, slots=True)
-class Exclusions:
-    """Excluded intervals of time, ascending and disjoint; the last of `past` and `future` is the nearest.
-
-    >>> exclusions = Exclusions().excluding((3.0, 5.0)).excluding((4.0, 8.0)).restoring((6.0, 7.0))
-    >>> exclusions.spans
-    ((3.0, 6.0), (7.0, 8.0))
-    >>> exclusions.undone().spans, exclusions.undone().redone() == exclusions
-    (((3.0, 8.0),), True)
-    """
-
-    spans: tuple[Span, ...] = ()
-    past: tuple[tuple[Span, ...], ...] = ()
-    future: tuple[tuple[Span, ...], ...] = ()
-
-    def excluding(self, span: Span) -> Exclusions:
-        """Take a span out."""
-        return self._then(merged([*self.spans, span]))
-
-    def restoring(self, span: Span) -> Exclusions:
-        """Put a span back in."""
-        return self._then(without(self.spans, span))
-
-    def undone(self) -> Exclusions:
-        """As before the last step; the same where there is none."""
-        if not self.past:
-            return self
-        return Exclusions(self.past[-1], self.past[:-1], (*self.future, self.spans))
-
-    def redone(self) -> Exclusions:
-        """As before the last step was undone."""
-        if not self.future:
-            return self
-        return Exclusions(self.future[-1], (*self.past, self.spans), self.future[:-1])
-
-    def _then(self, spans: tuple[Span, ...]) -> Exclusions:
-        if spans == self.spans or len(spans) > MOST:
-            return self
-        return Exclusions(spans, (*self.past, self.spans)[-REMEMBERED:])

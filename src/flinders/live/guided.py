@@ -1,7 +1,7 @@
 """A guided calibration for programs with a page or a display of their own: readings in, what to do next out.
 
-It is the session of the live page (`flinders.live.session`) with its fits (`flinders.live.evaluation`), without its
-server: no thread, no socket, no clock. Time is that of the readings.
+No thread, no socket, no clock: time is that of the readings. Each state is a fit of all readings so far, judged as
+every fit, and the first turn of the path that brings its error below the target soonest.
 
 >>> from flinders import simulate
 >>> tumble = simulate.tumble(seed=1).samples
@@ -10,8 +10,8 @@ server: no thread, no socket, no clock. Time is that of the readings.
 ...     state = session.add(block.field, time=block.time)
 ...     if state.is_done:
 ...         break
->>> state.phase, state.verdict, state.readings < len(tumble)
-('good', 'good', True)
+>>> state.verdict, state.readings < len(tumble)
+('good', True)
 >>> session.add([[20.0, 0.0, 45.0]], time=[1e3]).readings == state.readings + 1
 True
 >>> session.finish().verdict
@@ -20,63 +20,53 @@ True
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, get_args
 
+import numpy as np
+
 from flinders.core.axes import Axes
+from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.errors import UsageError
-from flinders.fitting.calibrate import Request
+from flinders.errors import FitError, UsageError
+from flinders.fitting.advice import guided
+from flinders.fitting.calibrate import Request, fit
+from flinders.fitting.result import Refused
+from flinders.heading import path_planning
 from flinders.likelihood.site_field import Site
-from flinders.live.buffer import rows_of
-from flinders.live.evaluation import evaluate, finished
-from flinders.live.messages import Goal, SourceState
-from flinders.live.page_state import session_state
-from flinders.live.session import SHARE, Arrived, FitDone, LiveSession, Series, begin_fit, step, wants_fit
+from flinders.live.buffer import ReadingBuffer, Timeline, rows_of
+from flinders.live.messages import Goal
+from flinders.report.view import sentence
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from flinders.arrays import Floats
+    from flinders.findings.poses import Frame
     from flinders.fitting.result import Fit
-    from flinders.live.messages import Phase, Reason, SessionState
-    from flinders.report.view import Triple, View
 
-SOURCE: Final = SourceState("the session", "simulated", "connected", "")
+SOURCE: Final = "the session"
+KNOWN_DEG: Final = 10.0  # A fit that is farther off than this in some direction is asked for no path
+SPEED_DEG: Final = 90.0  # Degrees a second that a hand turns a sensor by, for what its readings along the way are worth
+SURE_FITS: Final = 2  # Fits in a row that have to be within the target: one may be so by chance
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What a session has come to."""
+    """What the readings of a session have come to."""
 
-    page: SessionState  #: all that the live page is told of it, see docs/live.md
-    view: View | None  #: all that the live page draws of the newest fit; None before the first
-    fit: Fit | None  #: the newest fit, also one that is refused; None where there is none
-
-    @property
-    def phase(self) -> Phase:
-        """``collecting``, ``good``, ``limited`` (good for what its findings say) or ``wrong`` (see `reasons`)."""
-        return self.page.phase
-
-    @property
-    def is_done(self) -> bool:
-        """The target is reached, by several fits in a row."""
-        return self.phase in ("good", "limited")
+    readings: int  #: how many have come
+    fit: Fit | None = None  #: the newest fit, also one that is refused; None where there is none
+    refusal: str = ""  #: why there is none
+    turn: str = ""  #: where to turn next, in words; empty where that is not known, or turning would gain nothing
+    direction: tuple[float, float, float] | None = None  #: where the field should point, in corrected sensor axes
+    is_done: bool = False  #: the target is reached, by two fits in a row
 
     @property
     def words(self) -> str:
         """A sentence for the person who turns the sensor."""
-        return self.page.words
-
-    @property
-    def reasons(self) -> tuple[Reason, ...]:
-        """What is wrong or worth knowing: code, advice and severity of each."""
-        return self.page.reasons
-
-    @property
-    def readings(self) -> int:
-        """How many have come."""
-        return self.page.readings
+        return self.refusal if self.fit is None else sentence(self.fit)
 
     @property
     def verdict(self) -> str:
@@ -92,16 +82,6 @@ class State:
     def coverage(self) -> float:
         """Share of the directions that were seen, 0 to 1."""
         return 0.0 if self.fit is None else self.fit.coverage.fraction
-
-    @property
-    def turn(self) -> str:
-        """Where to turn next, in words; empty where that is not known, or turning would gain nothing."""
-        return "" if self.view is None or self.view.guidance is None else self.view.guidance.words
-
-    @property
-    def direction(self) -> Triple | None:
-        """Where the field should point next: a unit vector in corrected sensor axes."""
-        return None if self.view is None or self.view.guidance is None else self.view.guidance.direction
 
 
 class Session:
@@ -141,10 +121,12 @@ class Session:
             raise UsageError(f"goal is {goal!r}: need {' or '.join(get_args(Goal))}")
         if not (rate_hz > 0.0 and every_s > 0.0):
             raise UsageError(f"rate_hz is {rate_hz:g} and every_s {every_s:g}: need positive numbers")
-        Request.of(Site.stated(inclination_deg=dip_deg), target_deg=target_deg)
+        self._site, self._target_deg, self._goal = Site.stated(inclination_deg=dip_deg), target_deg, goal
+        Request.of(self._site, target_deg=target_deg)
         self._unit, self._axes, self._rate_hz, self._every_s = Unit.of(unit), Axes.of(axes), rate_hz, every_s
-        series = Series(unit=self._unit, axes=self._axes)
-        self._session = LiveSession(source=SOURCE, live=series, target_deg=target_deg, dip_deg=dip_deg, goal=goal)
+        self._frame: Frame = "sensor" if self._axes.is_identity else "vehicle"
+        self._buffer, self._timeline = ReadingBuffer.empty(), Timeline()
+        self._due_s, self._within, self._state = 0.0, 0, State(0)
 
     def add(
         self, readings: ArrayLike, *, time: ArrayLike | None = None, acceleration: ArrayLike | None = None
@@ -158,7 +140,7 @@ class Session:
         time : (N,) float, s, optional
             Of any clock; by default readings follow each other at ``rate_hz``.
         acceleration : (N, 3) float, optional
-            Specific force; the live page shows the attitude by it.
+            Specific force.
 
         Raises
         ------
@@ -166,29 +148,23 @@ class Session:
             For another shape.
         """
         samples = Samples.of(
-            readings, unit=self._unit, axes=self._axes, time=time, acceleration=acceleration, source=SOURCE.name
+            readings, unit=self._unit, axes=self._axes, time=time, acceleration=acceleration, source=SOURCE
         )
         rows = rows_of(samples)
         if samples.time is None:
-            rows[:, 0] = (self._session.live.buffer.total + rows[:, 0]) / self._rate_hz
-        if len(rows):
-            at = self._session.timeline(rows[:, 0])[1].at
-            self._session, _ = step(self._session, Arrived(at, rows, self._unit))
-            self._fit_if_due(at)
-        return self.state
-
-    def _fit_if_due(self, at: float) -> None:
-        """Fit what has come, if the last fit is long enough ago."""
-        if not wants_fit(self._session, at):
-            return
-        evaluated = evaluate(begin_fit(self._session))
-        self._session, _ = step(self._session, FitDone(at, evaluated, seconds=self._every_s * SHARE))
+            rows[:, 0] = (self._buffer.total + rows[:, 0]) / self._rate_hz
+        rows[:, 0], self._timeline = self._timeline(rows[:, 0])
+        self._buffer = self._buffer.extended(rows)
+        self._state = replace(self._state, readings=self._buffer.total)
+        if len(rows) and self._timeline.at >= self._due_s:
+            self._due_s = self._timeline.at + self._every_s
+            self._state = self._fitted()
+        return self._state
 
     @property
     def state(self) -> State:
         """What the readings so far come to."""
-        evaluated = self._session.shown.evaluated
-        return State(session_state(self._session), evaluated.view, evaluated.fit)
+        return self._state
 
     def finish(self) -> Fit:
         """Fit all readings.
@@ -198,4 +174,80 @@ class Session:
         FitError
             Where they give no calibration; `Refused` carries the fit where there is one that cannot be trusted.
         """
-        return finished(self._session, None, {}).fit
+        return fit(self._samples(), target_deg=self._target_deg, site=self._site)
+
+    def _samples(self) -> Samples:
+        buffer = self._buffer
+        acceleration = buffer.acceleration if buffer.has_acceleration else None
+        return Samples(
+            field=buffer.field, unit=self._unit, axes=self._axes, time=buffer.time, acceleration=acceleration,
+            source=SOURCE,
+        )  # fmt: skip
+
+    def _fitted(self) -> State:
+        """What a fit of all readings says."""
+        found: Fit | None
+        try:
+            found, refusal = self.finish(), ""
+        except Refused as refused:
+            found, refusal = refused.fit, ""
+        except FitError as error:
+            found, refusal = None, error.message
+        turn, direction = self._turn(found)
+        self._within = self._within + 1 if self._is_within(found) else 0
+        return State(self._buffer.total, found, refusal, turn, direction, self._within >= SURE_FITS)
+
+    def _is_within(self, found: Fit | None) -> bool:
+        """Whether a fit is good, or good with limits, and its error for the goal within the target."""
+        if found is None or found.verdict == "refused":
+            return False
+        worst = found.heading_error_deg.worst
+        if self._goal == "attitude":
+            worst = max(worst, guided(found, "attitude").worst_deg)
+        return worst <= self._target_deg
+
+    def _turn(self, found: Fit | None) -> tuple[str, tuple[float, float, float] | None]:
+        """Where to turn next: along the path from where the sensor is, else to one direction."""
+        route = self._route(found)
+        if route is not None:
+            x, y, z = route.waypoints[0].tolist()
+            return route.words(self._frame), (x, y, z)
+        if found is None or not found.claim.states_uncertainty or found.judgement.is_flat:
+            return "", None
+        advice = guided(found, self._goal)
+        x, y, z = advice.direction.tolist()
+        return advice.words(self._frame), (x, y, z)
+
+    def _route(self, found: Fit | None) -> path_planning.Route | None:
+        """The path from the newest reading; None where it gains nothing."""
+        if found is not None and found.claim.plane:
+            return None
+        belief = believe(found, self._buffer.field)
+        here = np.zeros(3) if belief is None else belief.direction(self._buffer.latest[1:4])
+        if belief is None or not here.any():
+            return None
+        dip_deg = ASSUMED_DIP_DEG if found is None else found.claim.dip_deg
+        is_seen_from_below = found is not None and found.heading_error_deg.dip_deg * dip_deg < 0.0
+        route = path_planning.plan(
+            belief,
+            here,
+            target_deg=self._target_deg,
+            goal=self._goal,
+            dip_deg=dip_deg,
+            down=np.array([0.0, 0.0, -1.0]) if is_seen_from_below else None,
+            readings_per_deg=self._readings_per_deg(),
+        )
+        is_gain = len(route.waypoints) > 0 and (route.worst_deg > self._target_deg or belief.is_rough)
+        return route if is_gain else None
+
+    def _readings_per_deg(self) -> float:
+        """What the sensor gives for each degree that it is turned by."""
+        seconds = self._buffer.seconds - float(self._buffer.time[0])
+        return (self._buffer.total - 1) / seconds / SPEED_DEG if seconds > 0.0 else path_planning.READINGS_PER_DEG
+
+
+def believe(found: Fit | None, readings: Floats) -> path_planning.Belief | None:
+    """What is known after a fit of (N, 3) readings, also a refused one: what it claims, or else a sphere."""
+    if found is None or found.judgement.is_flat or found.claim.direction_error_deg.worst > KNOWN_DEG:
+        return path_planning.rough(readings)
+    return path_planning.Belief.of(found.claim, found.noise, found.coverage)

@@ -1,10 +1,10 @@
-"""The hub of the live page: the session, what goes into it, and the pages that look at it.
+"""The hub of the live page: readings of a source, what a person did to them, and the pages that look at both.
 
-A thread asks the sensor (`FeedThread`), and some twenty times a second the hub takes what came into the session
-(`session.step`). Fits run in another thread. Pages are woken when there is something new; each takes the newest state
-when its connection is free, so that a slow page gets fewer and larger frames, and delays nobody.
+A thread asks the sensor (`FeedThread`), and some twenty times a second the hub takes what came. Pages are woken when
+there is something new; each takes it when its connection is free, so that a slow page gets fewer and larger frames, and
+delays nobody. What the readings come to, each page finds out by itself; the calibration in the end is made here.
 
-What only a fit or an answer needs is imported there: meanwhile the page is on its way to the browser.
+What only an answer needs is imported there: meanwhile the page is on its way to the browser.
 """
 
 from __future__ import annotations
@@ -13,50 +13,50 @@ import asyncio
 import contextlib
 import secrets
 import signal
-import time
 from collections import deque
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
+import msgspec
 import numpy as np
 
-from flinders.core.units import Unit
-from flinders.errors import FlindersError, fault_words
+from flinders.core.units import MICROTESLA, Unit
+from flinders.errors import UsageError
 from flinders.live.buffer import rows_of
 from flinders.live.feeds import FeedEvent, FeedThread
-from flinders.live.messages import Hello, Limits, Notice, TargetInfo
-from flinders.live.page_state import Cursor, session_state
-from flinders.live.session import (
-    Arrived,
-    Evaluated,
-    Event,
-    FitDone,
+from flinders.live.messages import (
+    Edits,
+    FromServer,
+    Limits,
     Linked,
-    LiveSession,
-    Ticked,
+    Notice,
+    Previous,
+    SourceState,
+    TargetInfo,
     Unrecorded,
-    begin_fit,
-    step,
-    wants_fit,
+    Welcome,
+    readings_frame,
 )
-from flinders.live.session_file import Edits
-from flinders.report.view import tiles_view
+from flinders.live.session_file import line_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.core.samples import Samples
-    from flinders.live.evaluation import Finished
+    from flinders.fitting.result import Fit
+    from flinders.live.finished import Finished, Wanted
     from flinders.live.messages import Link
-    from flinders.live.session_file import Supply
-    from flinders.report.view import View
+    from flinders.live.session_file import Log, Supply
 
 SOONEST_S: Final = 0.04
 LATEST_S: Final = 0.1
 """From one look at what came to the next, and so from one frame to the next: as soon as something has come."""
-MOST_NOTICES: Final = 50  # Notices that wait for a page, at most; older ones go
+MOST_NOTICES: Final = 50  # Messages that wait for a page, at most; older ones go
 UPLOAD_BYTES: Final = 64 << 20
+MAX_LOGS: Final = 4  # That were dropped on pages, in memory
+MAX_FINISHED: Final = 4  # Calibrations that may still be asked for
+FRAME_ROWS: Final = 20_000  # Readings in one frame, at most
 LINKS: Final[dict[str, Link]] = {
     "connected": "connected", "back": "connected", "silent": "waiting", "nothing": "waiting", "unclear": "waiting",
     "gone": "gone", "ended": "ended",
@@ -69,36 +69,38 @@ class Page:
     """One connection: what it has got, and what waits for it."""
 
     wake: asyncio.Event = field(default_factory=asyncio.Event)
-    notices: deque[Notice] = field(default_factory=lambda: deque(maxlen=MOST_NOTICES))
-    cursor: Cursor = field(default_factory=Cursor)
-    state_revision: int = -1
-    view: View | None = None
-    stated_at: float = -1.0
-    is_urgent: bool = False
+    waiting: deque[FromServer] = field(default_factory=lambda: deque(maxlen=MOST_NOTICES))
+    generation: int = 0
+    stride: int = 1
+    count: int = 0  # rows of the buffer that it has
+    total: int = 0  # readings that had come when it got the newest
+
+    def tell(self, message: FromServer) -> None:
+        """Let a message wait for it."""
+        self.waiting.append(message)
+        self.wake.set()
 
 
 class Hub:
-    """The session, what goes into it, and the pages that look at it; `failure` is what has ended it."""
+    """What came, what was done to it, and the pages that look at it; `failure` is what has ended it."""
 
-    def __init__(self, session: LiveSession, supply: Supply, clock: Callable[[], float] = time.monotonic) -> None:
-        self.session, self.supply, self.pages = session, supply, set[Page]()
+    def __init__(self, supply: Supply, previous: Previous | None = None, renewed: Fit | None = None) -> None:
+        self.supply, self.pages = supply, set[Page]()
+        self.source = SourceState(supply.feed.name, supply.kind, "waiting", "")
+        self.edits, self.previous, self.renewed = supply.edits, previous or Previous(), renewed
+        self.log, self.timeline = supply.log, supply.timeline
+        self.generation = 1
+        self.unrecorded = ""
+        self.logs: dict[str, tuple[str, Log]] = {}
+        self.finished: dict[str, Finished] = {}
         self.failure: Exception | None = None
         self.name = secrets.token_hex(4)
-        self._clock, self._start = clock, clock()
         self._feed_thread = FeedThread(supply.feed)
-        self._edits = supply.edits
-        self._fits: set[asyncio.Task[None]] = set()
-        self._final: Finished | None = None
         self._finishing = asyncio.Lock()
         self._came = asyncio.Event()
 
-    @property
-    def now(self) -> float:
-        """Seconds since the server began."""
-        return self._clock() - self._start
-
     async def run(self) -> None:
-        """Take in, fit and tell, until cancelled."""
+        """Take in and tell, until cancelled."""
         loop = asyncio.get_running_loop()
         self._feed_thread.tell = lambda: loop.call_soon_threadsafe(self._came.set)
         self._feed_thread.start()
@@ -106,8 +108,6 @@ class Hub:
             while True:
                 self._came.clear()
                 self._take()
-                self._fit_if_due()
-                self._wake_pages()
                 await self._something()
         except Exception as error:  # noqa: BLE001 - a fault of ours ends the program, which reports it
             self.failure = error
@@ -117,48 +117,105 @@ class Hub:
         """Let go of the feed, once what it holds is written."""
         await asyncio.to_thread(self._feed_thread.stop)
 
-    def take(self, event: Event) -> None:
-        """Take one event into the session, and tell all pages what follows from it."""
-        before = self.session
-        self.session, notices = step(self.session, event)
-        for notice in notices:
-            self._tell(notice)
-        if isinstance(event, Arrived | Ticked):
-            return
-        if self.session is not before:
-            for page in self.pages:
-                page.is_urgent = True
-        self._record_edits()
-
-    def hello(self) -> Hello:
+    def welcome(self) -> Welcome:
         """The first message to a page."""
         from flinders.targets import registry
 
-        return Hello(
+        return Welcome(
             version=version("flinders"),
             session=self.name,
-            tiles=tiles_view(),
             targets=tuple(TargetInfo(row.name, row.use, row.suffix) for row in registry().values()),
             limits=Limits(UPLOAD_BYTES),
-            state=session_state(self.session),
-            view=self.session.view,
+            source=self.source,
+            axes=str(self.supply.axes),
+            frame=self.log.advice_frame,
+            recording=str(self.supply.path),
+            unrecorded=self.unrecorded,
+            has_board=self.supply.board is not None,
+            edits=self.edits,
+            previous=self.previous,
         )
 
-    async def final(self) -> Finished:
-        """The calibration of all readings, made once for each state of the session.
+    def frame(self, page: Page) -> bytes | None:
+        """The readings that a page does not have yet, as a frame; None where there is nothing new.
 
-        From the file; where that has a hole, from what is in memory.
+        A page with every second reading too many keeps every second one, as the frame's stride says.
         """
-        from flinders.live.evaluation import finished
+        buffer = self.log.buffer
+        if page.generation != self.generation:
+            page.generation, page.stride, page.count, page.total = self.generation, buffer.stride, 0, -1
+        if page.total == buffer.total:
+            return None
+        page.count = -(-page.count // (buffer.stride // page.stride))
+        first, rows = page.count, buffer.rows(page.count, FRAME_ROWS)
+        page.stride, page.count = buffer.stride, page.count + len(rows)
+        is_all = page.count == len(buffer)
+        page.total = buffer.total if is_all else page.count * buffer.stride
+        return readings_frame(
+            generation=self.generation,
+            first=first,
+            stride=buffer.stride,
+            total=page.total,
+            is_last=is_all,
+            rows=rows,
+            latest=buffer.latest if is_all else rows[-1],
+            is_microtesla=self.log.unit.inside == MICROTESLA,
+        )
 
+    def edit(self, edits: Edits, page: Page) -> None:
+        """Keep what a person did on a page, and pass it on to the others."""
+        if edits == self.edits:
+            return
+        if edits.begun_s is not None and edits.begun_s != self.edits.begun_s:
+            self.generation += 1
+            self.log = self.log._replace(buffer=self.log.buffer.after(edits.begun_s))
+        self.edits = edits
+        self._feed_thread.do(lambda: self.supply.sink.write(line_of(edits)))
+        self._tell(edits, but=page)
+
+    def compare_with(self, previous: Previous, but: Page | None = None) -> None:
+        """Keep a calibration from before, and pass it on to the pages."""
+        from flinders.core.calibration_file import loads
+        from flinders.fitting.result import Fit
+
+        name, text = previous.name, previous.text
+        self.renewed = Fit.from_document(loads(text.encode(), source=name), name=name) if text else None
+        self.previous = previous
+        self._tell(previous, but=but)
+
+    def keep(self, name: str, log: Log) -> str:
+        """Hold a log that was dropped on a page, and forget the oldest of several; returns its number."""
+        number = secrets.token_hex(8)
+        self.logs[number] = name, log
+        while len(self.logs) > MAX_LOGS:
+            del self.logs[next(iter(self.logs))]
+        return number
+
+    def made(self, edits: Edits, number: str | None = None) -> Finished:
+        """The calibration of all readings of the sensor, or of a log, after what was done to them."""
+        from flinders.live.finished import finished
+
+        return finished(secrets.token_hex(8), self._wanted(edits, number))
+
+    async def finish(self, edits: Edits, number: str | None) -> Finished:
+        """The same, one at a time, for whoever asks for its exports then."""
         async with self._finishing:
-            session = self.session
-            path = None if session.unrecorded else self.supply.path
-            final = self._final
-            if final is None or final.key != session.shown.key:
-                final = await asyncio.to_thread(finished, session, path, self.supply.reading)
-                self._final = final
-        return final
+            made = await asyncio.to_thread(self.made, edits, number)
+        self.finished[made.number] = made
+        while len(self.finished) > MAX_FINISHED:
+            del self.finished[next(iter(self.finished))]
+        return made
+
+    def _wanted(self, edits: Edits, number: str | None) -> Wanted:
+        from flinders.live.finished import Wanted
+
+        if number is None:
+            path = None if self.unrecorded else self.supply.path
+            return Wanted(self.source.name, edits, self.log, path, self.supply.reading, self.renewed)
+        if number not in self.logs:
+            raise UsageError("that log is no longer in memory: drop it again")
+        name, log = self.logs[number]
+        return Wanted(name, edits, log, None, {}, self.renewed)
 
     async def on_feed(self, job: Callable[[], Any]) -> Any:  # noqa: ANN401 - whatever the job gives
         """Do something on the thread of the feed."""
@@ -172,7 +229,7 @@ class Hub:
                 await self._came.wait()
 
     def _take(self) -> None:
-        """Take what the sensor gave: readings that came together as one event."""
+        """Take what the sensor gave: readings that came together as one."""
         batches: list[Samples] = []
         for received in self._feed_thread.taken():
             if isinstance(received, FeedEvent):
@@ -182,64 +239,40 @@ class Hub:
             else:
                 batches.append(received)
         self._arrive(batches)
-        self.take(Ticked(self.now))
-        if (why := self.supply.sink.why) != self.session.unrecorded:
-            self.take(Unrecorded(self.now, why))
+        if (why := self.supply.sink.why) != self.unrecorded:
+            self.unrecorded = why
+            self._tell(Unrecorded(why))
 
     def _arrive(self, batches: list[Samples]) -> None:
         if not batches:
             return
         rows = np.concatenate([rows_of(batch, self.supply.axes) for batch in batches])
-        self.take(Arrived(self.now, rows, Unit.of(batches[-1].unit.inside)))
+        rows[:, 0], self.timeline = self.timeline(rows[:, 0])
+        self.log = self.log._replace(
+            buffer=self.log.buffer.extended(rows), unit=Unit.of(batches[-1].unit.inside), frame=batches[-1].frame
+        )
+        if self.source.link != "connected":
+            self._link("connected", "")
+        for page in self.pages:
+            page.wake.set()
 
     def _note(self, event: FeedEvent) -> None:
         """Say what happened to the sensor."""
         link = LINKS.get(event.kind)
         if link is not None:
-            self.take(Linked(self.now, link, "" if event.kind == "silent" else event.words))
+            self._link(link, "" if event.kind == "silent" else event.words)
         elif event.kind == "settled":
             self._tell(Notice("info", f"understood as {event.words}"))
         else:
             self._tell(Notice("warning", event.words))
 
-    def _record_edits(self) -> None:
-        """Write down what a person did, between the readings."""
-        edits = Edits.of(self.session)
-        if edits != self._edits:
-            self._edits = edits
-            self._feed_thread.do(lambda: self.supply.sink.write(edits.line()))
+    def _link(self, link: Link, words: str) -> None:
+        source = msgspec.structs.replace(self.source, link=link, words=words)
+        if source != self.source:
+            self.source = source
+            self._tell(Linked(source))
 
-    def _fit_if_due(self) -> None:
-        """Begin a fit in a thread of its own, where one is due."""
-        if not wants_fit(self.session, self.now):
-            return
-        self.session = begin_fit(self.session)
-        task = asyncio.get_running_loop().create_task(self._fit(self.session))
-        self._fits.add(task)
-        task.add_done_callback(self._fits.discard)
-
-    async def _fit(self, session: LiveSession) -> None:
-        evaluated, seconds = await asyncio.to_thread(_timed, session)
-        self.take(FitDone(self.now, evaluated, seconds))
-
-    def _tell(self, notice: Notice) -> None:
+    def _tell(self, message: FromServer, but: Page | None = None) -> None:
         for page in self.pages:
-            page.notices.append(notice)
-
-    def _wake_pages(self) -> None:
-        for page in self.pages:
-            page.wake.set()
-
-
-def _timed(session: LiveSession) -> tuple[Evaluated, float]:
-    """Fit what a session holds, and say how long the processor took: how busy the machine is otherwise is no matter."""
-    from flinders.live.evaluation import evaluate
-
-    begun = time.thread_time()
-    try:
-        evaluated = evaluate(session)
-    except FlindersError as error:
-        evaluated = Evaluated(session.shown.key, refusal=error.message)
-    except Exception as error:  # noqa: BLE001 - a recording that provokes a fault of ours must not end the page
-        evaluated = Evaluated(session.shown.key, refusal=fault_words(error))
-    return evaluated, time.thread_time() - begun
+            if page is not but:
+                page.tell(message)

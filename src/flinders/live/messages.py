@@ -1,14 +1,17 @@
-"""The wire of the live page: every message as a dataclass, binary points, and the page's types made from them.
+"""The wire of the live page: every message as a dataclass, binary readings, and the page's types made from them.
 
->>> parse('{"type": "target", "deg": 0.5}')
-SetTarget(deg=0.5)
->>> parse('{"type": "exclude", "start_s": 3, "end_s": 2}')
+The session is the page's. The server tells it where readings come from and what was done to them so far, passes each
+reading on, and keeps and passes on what a person does (`Edits`).
+
+>>> parse('{"type": "edits", "target_deg": 0.5}').target_deg
+0.5
+>>> parse('{"type": "edits", "excluded": [[3, 2]]}')
 Traceback (most recent call last):
-flinders.errors.UsageError: exclude: from 3 to 2 s: need a start before the end
+flinders.errors.UsageError: excluded from 3 to 2 s: need a start before the end
 >>> encode(Notice(severity="info", words="the port is back"))
 '{"type":"notice","severity":"info","words":"the port is back"}'
 
-What is not known, and what is not finite, is null. ``static/messages.d.ts`` is made from the dataclasses by
+What is not known, and what is not finite, is null. ``static/wire.d.ts`` is made from the dataclasses by
 ``tests/message_types.py``, and a test sees that it stays so.
 """
 
@@ -16,6 +19,7 @@ from __future__ import annotations
 
 import math
 import struct
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final, Literal
 
 import msgspec
@@ -24,22 +28,23 @@ from msgspec import Struct
 
 from flinders.core.calibration_file import in_words
 from flinders.errors import UsageError
-from flinders.report.view import TilesView, View
+from flinders.likelihood.site_field import Site
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 Kind = Literal["serial", "udp", "tcp", "mavlink", "replay", "simulated", "phone", "file"]
 Link = Literal["connected", "waiting", "gone", "ended"]
-Phase = Literal["waiting", "collecting", "good", "limited", "wrong"]
 Goal = Literal["heading", "attitude"]
 Span = tuple[float, float]
 
 LARGEST_DIP_DEG: Final = 89.0
 LONGEST: Final = 65_536  # Bytes of a message from a page
+MAX_SPANS: Final = 1000  # Nobody takes out more by hand
 MAGIC: Final = 0x464C4E44
 HEADER: Final = struct.Struct("<8I")
 HAS_ACCELERATION: Final = 1
+IS_MICROTESLA: Final = 2
 
 
 class SourceState(Struct, frozen=True):
@@ -51,90 +56,36 @@ class SourceState(Struct, frozen=True):
     words: str
 
 
-class Reason(Struct, frozen=True):
-    """Something that is wrong, or worth knowing, what to do about it, and intervals that a person may leave out."""
+class Edits(Struct, frozen=True, kw_only=True, tag_field="type", tag="edits", forbid_unknown_fields=True):
+    """What a person did in a session, and the site of its log; readings up to `begun_s` were left behind."""
 
-    code: str
-    advice: str
-    severity: Literal["info", "warning"] = "warning"
-    spans: tuple[Span, ...] = ()
-
-
-class PreviousState(Struct, frozen=True):
-    """A calibration from before, and how far the present one is off it, at the worst level heading."""
-
-    name: str
-    change_deg: float | None
-    words: str
+    excluded: tuple[Span, ...] = ()  # s; apart from each other, ascending
+    paused_s: float | None = None  # since when what arrives is left out
+    begun_s: float | None = None
+    target_deg: float = 1.0
+    dip_deg: float | None = None
+    goal: Goal = "heading"
+    site: Site | None = None
+    refreshing: bool = False  # the calibration keeps the soft iron of the one from before
 
 
-class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
-    """What a page shows, without the fit and the points.
+class Previous(Struct, frozen=True, tag_field="type", tag="previous"):
+    """A calibration from before: the name and the text of its file; both empty for none."""
 
-    Attributes
-    ----------
-    readings, used, rejected, excluded_readings : int
-        Received; of those fitted, used and rejected as outliers; excluded by hand.
-    rate_hz : float or None
-        Over the last two seconds.
-    seconds : float or None
-        Time of the newest reading since the session began; None where a log has no times.
-    words : str
-        The phase in a sentence.
-    told : str or None
-        Code of the reason that `words` say.
-    reasons : list of Reason
-        By severity.
-    dip_assumed : bool
-        Nobody gave the dip or the place.
-    excluded : list of (start, end), s
-        Ascending, apart from each other.
-    stride : int
-        Every so many readings one is shown.
-    recording : str or None
-        File that the server writes to.
-    refreshing : bool
-        The calibration keeps the soft iron of `previous`.
-    opened : str or None
-        Name of the log that is shown in place of the sensor.
-    can_send : bool
-        The calibration that is shown can be sent to the board that the readings come from.
-    """
+    name: str = ""
+    text: str = ""
 
-    revision: int
+
+class Linked(Struct, frozen=True, tag_field="type", tag="source"):
+    """The link to the source has changed."""
+
     source: SourceState
-    unit: str
-    readings: int
-    used: int
-    rejected: int
-    excluded_readings: int
-    rate_hz: float | None
-    seconds: float | None
-    phase: Phase
+
+
+class Unrecorded(Struct, frozen=True, tag_field="type", tag="unrecorded"):
+    """Why what arrives cannot be written down at present; nothing where it can."""
+
     words: str
-    told: str | None
-    reasons: tuple[Reason, ...]
-    target_deg: float
-    dip_deg: float
-    dip_assumed: bool
-    goal: Goal
-    excluded: tuple[Span, ...]
-    can_undo: bool
-    can_redo: bool
-    stride: int
-    paused: bool
-    recording: str | None
-    previous: PreviousState | None
-    refreshing: bool
-    opened: str | None
-    can_send: bool
-
-
-class FitMessage(Struct, frozen=True, tag_field="type", tag="fit"):
-    """A new fit; null where there is none."""
-
-    revision: int
-    view: View | None
 
 
 class Notice(Struct, frozen=True, tag_field="type", tag="notice"):
@@ -158,176 +109,106 @@ class Limits(Struct, frozen=True):
     upload_bytes: int
 
 
-class Hello(Struct, frozen=True, tag_field="type", tag="hello"):
-    """The first message on a connection: all there is."""
+class Welcome(Struct, frozen=True, tag_field="type", tag="welcome"):
+    """The first message on a connection: all but the readings, which follow."""
 
     version: str
     session: str
-    tiles: TilesView
     targets: tuple[TargetInfo, ...]
     limits: Limits
-    state: SessionState
-    view: View | None
+    source: SourceState
+    axes: str  # that readings are mapped to, as `--axes` takes them
+    frame: Literal["sensor", "vehicle"]  # whose these are
+    recording: str  # file that the server writes to
+    unrecorded: str
+    has_board: bool  # the source is a board that takes a calibration
+    edits: Edits
+    previous: Previous
 
 
-class SetTarget(Struct, frozen=True, tag_field="type", tag="target", forbid_unknown_fields=True):
-    """The worst heading error that is good enough."""
+FromServer = Welcome | Edits | Previous | Linked | Unrecorded | Notice
 
-    deg: float
-
-
-class SetDip(Struct, frozen=True, tag_field="type", tag="dip", forbid_unknown_fields=True):
-    """The inclination of the field at the site."""
-
-    deg: float
-
-
-class SetPlace(Struct, frozen=True, tag_field="type", tag="place", forbid_unknown_fields=True):
-    """The site in degrees, north and east positive, and the year: its inclination is taken from a model."""
-
-    latitude_deg: float
-    longitude_deg: float
-    year: float
-
-
-class SetGoal(Struct, frozen=True, tag_field="type", tag="goal", forbid_unknown_fields=True):
-    """What the calibration is for."""
-
-    goal: Goal
-
-
-class Exclude(Struct, frozen=True, tag_field="type", tag="exclude", forbid_unknown_fields=True):
-    """Take a stretch of time out."""
-
-    start_s: float
-    end_s: float
-
-
-class Restore(Struct, frozen=True, tag_field="type", tag="restore", forbid_unknown_fields=True):
-    """Put a stretch of time back in."""
-
-    start_s: float
-    end_s: float
-
-
-class Undo(Struct, frozen=True, tag_field="type", tag="undo", forbid_unknown_fields=True):
-    """Take the last exclusion or restoration back."""
-
-
-class Redo(Struct, frozen=True, tag_field="type", tag="redo", forbid_unknown_fields=True):
-    """Do again what was taken back."""
-
-
-class Clear(Struct, frozen=True, tag_field="type", tag="clear", forbid_unknown_fields=True):
-    """Begin anew: what was received so far stays on the disk only."""
-
-
-class Pause(Struct, frozen=True, tag_field="type", tag="pause", forbid_unknown_fields=True):
-    """Leave out what arrives until further notice."""
-
-    paused: bool
-
-
-class PreviousClear(Struct, frozen=True, tag_field="type", tag="previous_clear", forbid_unknown_fields=True):
-    """Compare with no calibration from before."""
-
-
-class SetRefresh(Struct, frozen=True, tag_field="type", tag="refresh", forbid_unknown_fields=True):
-    """Keep the soft iron of the calibration from before, and find its hard iron anew; or no longer."""
-
-    refresh: bool
-
-
-class BackToLive(Struct, frozen=True, tag_field="type", tag="back_to_live", forbid_unknown_fields=True):
-    """Close the log that was opened."""
-
-
-Command = (
-    SetTarget
-    | SetDip
-    | SetPlace
-    | SetGoal
-    | Exclude
-    | Restore
-    | Undo
-    | Redo
-    | Clear
-    | Pause
-    | PreviousClear
-    | SetRefresh
-    | BackToLive
-)
-"""What a page may ask for."""
-
-_DECODER: Final = msgspec.json.Decoder(Command)
+_DECODER: Final = msgspec.json.Decoder(Edits | Previous)
 _ENCODER: Final = msgspec.json.Encoder()
 
 
-def encode(message: SessionState | FitMessage | Notice | Hello) -> str:
+def encode(message: FromServer) -> str:
     """Write a message as a text frame."""
     return _ENCODER.encode(message).decode()
 
 
-def parse(text: str | bytes) -> Command:
+def parse(text: str | bytes) -> Edits | Previous:
     """Understand what a page sends; `UsageError` for what is too long, no message, or out of range."""
     if len(text) > LONGEST:
         raise UsageError(f"a message of {len(text):,} bytes: need at most {LONGEST:,}")
     try:
-        command: Command = _DECODER.decode(text)
+        message: Edits | Previous = _DECODER.decode(text)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise UsageError(f"not a message of this page: {in_words(error)}") from None
-    _refuse_out_of_range(command)
-    return command
+    if isinstance(message, Edits):
+        refuse_out_of_range(message)
+    return message
 
 
-def _refuse_out_of_range(command: Command) -> None:
+def refuse_out_of_range(edits: Edits) -> None:
     """Raise `UsageError` for numbers that cannot be meant."""
-    match command:
-        case SetTarget(deg) if not 0.0 < deg <= 180.0:
-            raise UsageError(f"target {deg:g}°: need an angle above 0°, up to 180°")
-        case SetDip(deg) if not abs(deg) <= LARGEST_DIP_DEG:
-            raise UsageError(f"dip {deg:g}°: need −89° to 89°")
-        case Exclude(start, end) | Restore(start, end) if not -math.inf < start < end < math.inf:
-            name = type(command).__name__.lower()
-            raise UsageError(f"{name}: from {start:g} to {end:g} s: need a start before the end")
+    if not 0.0 < edits.target_deg <= 180.0:
+        raise UsageError(f"target {edits.target_deg:g}°: need an angle above 0°, up to 180°")
+    if edits.dip_deg is not None and not abs(edits.dip_deg) <= LARGEST_DIP_DEG:
+        raise UsageError(f"dip {edits.dip_deg:g}°: need −89° to 89°")
+    if len(edits.excluded) > MAX_SPANS:
+        raise UsageError(f"{len(edits.excluded):,} stretches are left out: need at most {MAX_SPANS:,}")
+    for start, end in edits.excluded:
+        if not -math.inf < start <= end < math.inf:
+            raise UsageError(f"excluded from {start:g} to {end:g} s: need a start before the end")
+    for (_, end), (start, _) in pairwise(edits.excluded):
+        if not end < start:
+            raise UsageError(f"what is excluded up to {end:g} s and from {start:g} s on: need ascending stretches")
 
 
-def points_frame(
+def readings_frame(
     *,
     generation: int,
     first: int,
     stride: int,
-    now: Floats,
-    time: Floats,
-    field: Floats,
-    acceleration: Floats | None,
+    total: int,
+    is_last: bool,
+    rows: Floats,
+    latest: Floats,
+    is_microtesla: bool,
 ) -> bytes:
-    """Pack shown points into a binary frame, little-endian.
+    """Pack readings into a binary frame, little-endian.
 
-    Eight uint32: magic, generation, first, count, flags, stride, 0, 0; then float32: `now` (6), times (N), readings
-    (3 N) and, where flagged, accelerations (3 N).
+    Eight uint32: magic, generation, first, count, flags, stride, total, and 1 where no more have come; then float64:
+    the newest reading (7), times (N), field (3 N) and, where flagged, accelerations (3 N).
 
     Parameters
     ----------
     generation : int
-        Changes when all points are to be forgotten.
+        Changes when all readings are to be forgotten.
     first : int
-        Number of the first of these among the shown points; point j is reading j · `stride`.
-    stride : int
-    now : (6,) float
-        Newest reading and acceleration, NaN where there is none.
-    time : (N,) float, s
-    field : (N, 3) float
-    acceleration : (N, 3) float, optional
+        Number of the first row among those in memory; row j of these is reading j · `stride`.
+    stride, total : int
+        `total` readings have come up to the last row.
+    is_last : bool
+        No more have come.
+    rows : (N, 7) float
+        Time in s, field, acceleration: NaN where there is none.
+    latest : (7,) float
+    is_microtesla : bool
+        The unit of the field; else counts.
 
     Examples
     --------
-    >>> frame = points_frame(generation=1, first=0, stride=1, now=np.zeros(6), time=np.zeros(2),
-    ...                      field=np.zeros((2, 3)), acceleration=None)
+    >>> rows = np.zeros((2, 7))
+    >>> frame = readings_frame(
+    ...     generation=1, first=0, stride=1, total=2, is_last=True, rows=rows, latest=rows[1], is_microtesla=True
+    ... )
     >>> len(frame), frame[:4]
-    (88, b'DNLF')
+    (200, b'DNLF')
     """
-    flags = HAS_ACCELERATION if acceleration is not None else 0
-    parts = [now, time, field] if acceleration is None else [now, time, field, acceleration]
-    header = HEADER.pack(MAGIC, generation & 0xFFFFFFFF, first, len(time), flags, stride, 0, 0)
-    return header + b"".join(np.ascontiguousarray(part, "<f4").tobytes() for part in parts)
+    has_acceleration = bool(np.isfinite(rows[:, 4]).any())
+    flags = HAS_ACCELERATION * has_acceleration | IS_MICROTESLA * is_microtesla
+    parts = [latest, rows[:, 0], rows[:, 1:4], *([rows[:, 4:]] if has_acceleration else [])]
+    header = HEADER.pack(MAGIC, generation & 0xFFFFFFFF, first, len(rows), flags, stride, total, is_last)
+    return header + b"".join(np.ascontiguousarray(part, "<f8").tobytes() for part in parts)

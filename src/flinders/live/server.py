@@ -14,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+import msgspec
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.responses import FileResponse, JSONResponse, Response
@@ -22,6 +23,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocketDisconnect
 
 from flinders.core.files import reason
+from flinders.core.units import MICROTESLA
 from flinders.errors import (
     FitError,
     FlindersError,
@@ -32,12 +34,12 @@ from flinders.errors import (
     UsageError,
     fault_words,
 )
+from flinders.likelihood.site_field import Site
 from flinders.live.access import Gate, Guard, Tokens, answer, shown_name
 from flinders.live.hub import UPLOAD_BYTES, Hub, Page
-from flinders.live.messages import FitMessage, Notice, encode, parse
-from flinders.live.page_state import points, session_state
-from flinders.live.session import GotPrevious, LiveSession, Opened, Requested
+from flinders.live.messages import LONGEST, Edits, Linked, Notice, Previous, encode, parse, readings_frame
 from flinders.report.html_file import joined
+from flinders.report.view import View
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterator
@@ -47,12 +49,18 @@ if TYPE_CHECKING:
     from starlette.websockets import WebSocket
 
     from flinders.core.calibration_file import ProvenanceRecord
-    from flinders.live.evaluation import Finished
+    from flinders.live.finished import Finished
+    from flinders.live.session_file import Log
 
 STATIC: Final = Path(__file__).resolve().parent.parent / "static"
-SCRIPTS: Final[dict[str, tuple[str, ...]]] = {"live.js": (), "views/scene.js": ("Scene",)}
-"""Modules that are sent with all that they import, and what they export: two answers instead of twenty-five."""
-STATE_S: Final = 0.2  # From one state to the next, unless something was asked for
+SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
+    "live.js": ("live.js", ()),
+    "worker.js": ("standalone/worker.js", ()),
+    "views/scene.js": ("views/scene.js", ("Scene",)),
+}
+"""Scripts that are a module with all that it imports, which is named with what it exports."""
+SIGN_OF_LIFE_S: Final = 2.0  # From one message to the next, at most: a page takes a silent line for a dead one
+JSON: Final = "application/json"
 MOST_PAGES: Final = 20
 CALIBRATION_BYTES: Final = 4 << 20
 UNPACKED_BYTES: Final = 4 * UPLOAD_BYTES  # Of the members of an archive, as it declares them
@@ -98,6 +106,9 @@ def application(hub: Hub, gate: Gate, tokens: Tokens | None = None, say: Callabl
     routes = [
         Route("/", _index),
         WebSocketRoute("/socket", _socket),
+        Route("/page.json", _data),
+        Route("/flinders.wasm", _engine),
+        Route("/finish", _finish, methods=["POST"]),
         Route("/calibration.json", _calibration),
         Route("/session.csv", _recording),
         Route("/report.html", _report),
@@ -135,26 +146,80 @@ def _script(request: Request) -> Response:
     """One of the page's modules, joined; without it, as without the 3-D view, the page knows what to do."""
     entry = request.url.path.removeprefix("/static/")
     try:
-        return Response(joined(entry, exported=SCRIPTS[entry]), media_type="text/javascript; charset=utf-8")
+        module, exported = SCRIPTS[entry]
+        return Response(joined(module, exported=exported), media_type="text/javascript; charset=utf-8")
     except FileNotFoundError:
         raise HTTPException(404, f"{entry} is missing from this installation") from None
+
+
+async def _data(_: Request) -> Response:
+    """What the page takes from the program: sentences, tables, and where fields of structs lie."""
+    from flinders.standalone.package import live_data
+
+    return Response(await asyncio.to_thread(live_data), media_type="application/json")
+
+
+async def _engine(_: Request) -> Response:
+    """The engine for browsers."""
+    from flinders.native import build
+
+    try:
+        module = await asyncio.to_thread(build.library, target=build.WEB)
+    except build.NoCompiler as error:
+        raise HTTPException(501, str(error)) from error
+    return FileResponse(module, media_type="application/wasm")
+
+
+async def _finish(request: Request) -> Response:
+    """The calibration of all readings after what was done to them, made now."""
+    hub: Hub = request.app.state.hub
+    edits = parse(await _body(request))
+    if not isinstance(edits, Edits):
+        raise UsageError("a page sends what was done to its readings, and this is not")
+    made = await hub.finish(edits, request.query_params.get("log"))
+    return Response(msgspec.json.encode(_Made(made.number, made.name, made.view, made.refusal)), media_type=JSON)
+
+
+class _Made(msgspec.Struct, frozen=True):
+    """What a page is told of a calibration that was made."""
+
+    number: str
+    name: str
+    view: View | None
+    refusal: str
+
+
+async def _body(request: Request) -> bytes:
+    """A short body."""
+    body = b""
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > LONGEST:
+            raise HTTPException(413, f"a message of more than {LONGEST:,} bytes")
+    return body
+
+
+def _made(request: Request) -> Finished:
+    """The calibration that a request names."""
+    hub: Hub = request.app.state.hub
+    made = hub.finished.get(request.query_params.get("of", ""))
+    if made is None:
+        raise HTTPException(409, "that calibration is no longer in memory: press Finish again")
+    return made
 
 
 async def _calibration(request: Request) -> Response:
     """The calibration file of all readings."""
     from flinders.core.calibration_file import dumps
 
-    hub: Hub = request.app.state.hub
-    finished = await hub.final()
-    content = dumps(finished.fit.to_document(_provenance(finished)))
-    return _download(content.encode(), "calibration.json", "application/json")
+    made = _made(request)
+    content = dumps(made.fit.to_document(_provenance(made)))
+    return _download(content.encode(), "calibration.json", JSON)
 
 
 async def _recording(request: Request) -> Response:
     """The file of the session, as it is."""
     hub: Hub = request.app.state.hub
-    if hub.session.opened is not None:
-        raise HTTPException(409, "a log is shown, which you have already: go back to the sensor to save the session")
     if not hub.supply.path.exists():
         raise HTTPException(404, "nothing has been recorded yet")
     return FileResponse(hub.supply.path, media_type="text/csv", filename=hub.supply.path.name)
@@ -164,8 +229,7 @@ async def _report(request: Request) -> Response:
     """The report, as one file."""
     from flinders.report.html import page
 
-    hub: Hub = request.app.state.hub
-    finished = await hub.final()
+    finished = _made(request)
     if isinstance(finished.outcome, FlindersError) and not isinstance(finished.outcome, FitError):
         raise finished.outcome
     text = await asyncio.to_thread(page, finished.outcome, finished.recording, provenance=_provenance(finished))
@@ -185,13 +249,12 @@ async def _export(request: Request) -> Response:
     """The calibration for a target: its text with what to know about it, or the file."""
     from flinders.targets import find
 
-    hub: Hub = request.app.state.hub
     try:
         row = find(request.path_params["target"])
     except UsageError as error:
         raise HTTPException(404, error.message) from None
     is_preview = "application/json" in request.headers.get("accept", "")
-    finished = await hub.final()
+    finished = _made(request)
     calibration, about = finished.fit.calibration, finished.about
     try:
         export = await asyncio.to_thread(row.render, calibration, about=about)
@@ -214,7 +277,7 @@ def _download(content: bytes, filename: str, kind: str) -> Response:
 
 
 async def _open(request: Request) -> Response:
-    """Open a log that was dropped on the page."""
+    """Read a log that was dropped on a page: what is known of it, and its readings."""
     from flinders.live.session_file import load
 
     hub: Hub = request.app.state.hub
@@ -222,23 +285,48 @@ async def _open(request: Request) -> Response:
         try:
             _refuse_a_bomb(path, name)
             async with request.app.state.uploads.reading:
-                series, words, _ = await asyncio.to_thread(load, path, name)
+                log, words, _ = await asyncio.to_thread(load, path, name)
         except FlindersError as error:
             words = error.message.replace(str(path), name).replace(path.name, name)
             return JSONResponse({"words": words, "code": error.code}, status_code=422)
-    hub.take(Opened(hub.now, name, series, words))
-    return JSONResponse({"words": words})
+    about = _Opened(hub.keep(name, log), name, words, log.is_timed, log.advice_frame, log.site)
+    return Response(_packed(about, log), media_type="application/octet-stream")
+
+
+class _Opened(msgspec.Struct, frozen=True):
+    """What a page is told of a log."""
+
+    number: str
+    name: str
+    words: str
+    is_timed: bool
+    frame: str
+    site: Site | None
+
+
+def _packed(about: _Opened, log: Log) -> bytes:
+    """What is known of a log, as JSON after eight bytes with its length, and its readings, as a frame."""
+    head = msgspec.json.encode(about)
+    head += b" " * (-len(head) % 8)
+    buffer = log.buffer
+    frame = readings_frame(
+        generation=0,
+        first=0,
+        stride=buffer.stride,
+        total=buffer.total,
+        is_last=True,
+        rows=buffer.rows(0, len(buffer)),
+        latest=buffer.latest,
+        is_microtesla=log.unit.inside == MICROTESLA,
+    )
+    return len(head).to_bytes(8, "little") + head + frame
 
 
 async def _previous(request: Request) -> Response:
     """Take a calibration file to compare with."""
-    from flinders.core.calibration_file import loads
-    from flinders.fitting.result import Fit
-
     hub: Hub = request.app.state.hub
     async with _dropped(request, CALIBRATION_BYTES, "that is no calibration file") as (path, name):
-        previous = Fit.from_document(loads(path.read_bytes(), source=name), name=name)
-    hub.take(GotPrevious(hub.now, previous))
+        hub.compare_with(Previous(name, path.read_bytes().decode(errors="replace")))
     return JSONResponse({"words": f"compared with {name}"})
 
 
@@ -302,22 +390,12 @@ async def _send(request: Request) -> Response:
         raise LinkError(
             "this source takes no calibration: save it and use flinders send, or paste what the export shows"
         )
-    _refuse_a_log(hub.session)
-    finished = await hub.final()
-    _refuse_a_log(hub.session)
-    if finished.key < hub.session.live.since:
-        raise HTTPException(409, "the session was started again meanwhile: look at the new calibration, and send that")
+    finished = _made(request)
+    if finished.name in {name for name, _ in hub.logs.values()}:
+        raise NotSent(f"{finished.name} is shown, and its calibration is not this board's: go back to the sensor first")
     packet = MotionCalPacket.of(finished.fit.calibration)
     confirmed = await hub.on_feed(lambda: motioncal.send(board, packet, boot=0.0))
     return JSONResponse({"words": f"{board.name}: {confirmed}"})
-
-
-def _refuse_a_log(session: LiveSession) -> None:
-    """See that what is shown is the calibration of the board, and not of the sensor that a log is of."""
-    if session.opened is not None:
-        raise NotSent(
-            f"{session.opened_name} is shown, and its calibration is not this board's: go back to the sensor first"
-        )
 
 
 async def _socket(socket: WebSocket) -> None:
@@ -342,7 +420,7 @@ async def _socket(socket: WebSocket) -> None:
 
 
 async def _listen(socket: WebSocket, hub: Hub, page: Page) -> None:
-    """Take what a page asks for; what is no message changes nothing."""
+    """Take what a page says; what is no message changes nothing."""
     while True:
         message = await socket.receive()
         if message["type"] == "websocket.disconnect":
@@ -350,40 +428,28 @@ async def _listen(socket: WebSocket, hub: Hub, page: Page) -> None:
         text = message.get("text")
         try:
             if text is None:
-                raise UsageError("a page sends text, and this is not")  # noqa: TRY301 - answered like any other
-            hub.take(Requested(hub.now, parse(text)))
-        except UsageError as error:
-            page.notices.append(Notice("error", error.message))
-        page.wake.set()
+                raise UsageError("a page sends text, and this is not")
+            said = parse(text)
+            if isinstance(said, Edits):
+                hub.edit(said, page)
+            else:
+                hub.compare_with(said, but=page)
+        except FlindersError as error:
+            page.tell(Notice("error", error.message))
 
 
 async def _tell(socket: WebSocket, hub: Hub, page: Page) -> None:
-    """Send a page what is new: notices, fit, state and points, the newest of each."""
-    hello = hub.hello()
-    page.view, page.state_revision = hello.view, hello.state.revision
-    await socket.send_text(encode(hello))
+    """Send a page what is new: messages in their order, and readings."""
+    await socket.send_text(encode(hub.welcome()))
     while True:
-        while page.notices:
-            await socket.send_text(encode(page.notices.popleft()))
-        if hub.session.view is not page.view:
-            page.view = hub.session.view
-            await socket.send_text(encode(FitMessage(hub.session.revision, page.view)))
-        if _is_state_due(hub, page):
-            page.is_urgent, page.stated_at = False, hub.now
-            newest = session_state(hub.session)
-            page.state_revision = newest.revision
-            await socket.send_text(encode(newest))
-        frame, cursor = points(hub.session, page.cursor)
-        if frame is not None:
-            await socket.send_bytes(frame)
-            page.cursor = cursor
         page.wake.clear()
-        await page.wake.wait()
-
-
-def _is_state_due(hub: Hub, page: Page) -> bool:
-    """Whether a page needs the state: when something was done at once, else five times a second; a silence, too."""
-    since = hub.now - page.stated_at
-    if page.is_urgent:
-        return True
-    return since >= STATE_S and (hub.session.revision != page.state_revision or since >= 1.0)
+        while page.waiting:
+            await socket.send_text(encode(page.waiting.popleft()))
+        if (frame := hub.frame(page)) is not None:
+            await socket.send_bytes(frame)
+            continue
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(SIGN_OF_LIFE_S):
+                await page.wake.wait()
+                continue
+        await socket.send_text(encode(Linked(hub.source)))

@@ -4,9 +4,7 @@ Readings are written by the recorder, as they arrive. Between them stand comment
 session that was ended by a crash goes on as it was:
 
 >>> done = Edits(excluded=((3.0, 5.5),), target_deg=0.5)
->>> print(done.line(), end="")
-# flinders live: {"excluded":[[3.0,5.5]],"begun_s":null,"target_deg":0.5,"dip_deg":null,"goal":"heading","site":null}
->>> Edits.within(["0.1,1,2,3", done.line()]) == done
+>>> edits_in(["0.1,1,2,3", line_of(done)]) == done
 True
 
 The readings that a calibration is made of in the end are those of the file, and not those in memory: all of them, with
@@ -20,31 +18,30 @@ import math
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import msgspec
 import numpy as np
 
+from flinders.core.axes import Axes
 from flinders.core.files import reason
 from flinders.core.samples import Wrapped, frame_of
-from flinders.core.units import Unit
+from flinders.core.units import MICROTESLA, Unit
 from flinders.errors import OutputError, UsageError, counted
-from flinders.likelihood.site_field import Site, recorded_site
-from flinders.live.buffer import Exclusions, ReadingBuffer, Timeline, rows_of
-from flinders.live.messages import SourceState
+from flinders.likelihood.site_field import recorded_site
+from flinders.live.buffer import ReadingBuffer, Timeline, rows_of
+from flinders.live.messages import Edits, encode, parse
 from flinders.live.recorder import Patient, Resumed, ToFile
-from flinders.live.session import LiveSession, Series
 from flinders.readers import open_recording
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterable, Iterator
 
-    from flinders.core.axes import Axes
     from flinders.core.samples import Recording, Samples
-    from flinders.live.buffer import Span
+    from flinders.likelihood.site_field import Site
     from flinders.live.feeds import Feed
-    from flinders.live.messages import Kind
+    from flinders.live.messages import Kind, Span
     from flinders.live.recorder import Sink
     from flinders.live.transports import ByteSource
 
@@ -52,56 +49,56 @@ FOLDER: Final = "flinders-sessions"
 SIGN: Final = "# flinders live: "
 
 
-class Edits(msgspec.Struct, frozen=True, kw_only=True):
-    """What a person did in a session, and the site of its log; readings up to `begun_s` were left behind."""
+def line_of(edits: Edits) -> str:
+    """What a person did, as a comment of the file."""
+    return f"{SIGN}{encode(edits)}\n"
 
-    excluded: tuple[tuple[float, float], ...] = ()
-    begun_s: float | None = None
-    target_deg: float = 1.0
-    dip_deg: float | None = None
-    goal: Literal["heading", "attitude"] = "heading"
-    site: Site | None = None
 
-    @classmethod
-    def of(cls, session: LiveSession) -> Edits:
-        """What was done in a session so far, on the readings of the sensor."""
-        live = session.live
-        return cls(
-            excluded=live.excluded,
-            begun_s=live.begun_s,
-            target_deg=session.target_deg,
-            dip_deg=session.dip_deg,
-            goal=session.goal,
-            site=live.site,
-        )
+def edits_in(lines: Iterable[str]) -> Edits:
+    """What the last such comment says; one that a crash has cut is passed over."""
+    edits = Edits()
+    for line in lines:
+        if line.startswith(SIGN):
+            with contextlib.suppress(UsageError):
+                message = parse(line.removeprefix(SIGN))
+                edits = message if isinstance(message, Edits) else edits
+    return edits
 
-    def line(self) -> str:
-        """Write it as a comment."""
-        return f"{SIGN}{msgspec.json.encode(self).decode()}\n"
 
-    @classmethod
-    def within(cls, lines: Iterable[str]) -> Edits:
-        """What the last such comment says; one that a crash has cut is passed over."""
-        edits = cls()
-        for line in lines:
-            if line.startswith(SIGN):
-                with contextlib.suppress(msgspec.DecodeError, UsageError):
-                    edits = msgspec.json.decode(line.removeprefix(SIGN), type=cls)
-        return edits
+def read_edits(path: str | os.PathLike[str]) -> Edits:
+    """What the file of a session says; `OutputError` where it cannot be read."""
+    try:
+        with Path(path).open(encoding="utf-8", errors="replace") as file:
+            return edits_in(file)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be continued: {reason(error)}") from None
 
-    @classmethod
-    def read(cls, path: str | os.PathLike[str]) -> Edits:
-        """What the file of a session says; `OutputError` where it cannot be read."""
-        try:
-            with Path(path).open(encoding="utf-8", errors="replace") as file:
-                return cls.within(file)
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be continued: {reason(error)}") from None
+
+def left_out(edits: Edits) -> tuple[Span, ...]:
+    """All spans that a calibration does without."""
+    paused = () if edits.paused_s is None else ((edits.paused_s, math.inf),)
+    before = () if edits.begun_s is None else ((-math.inf, edits.begun_s),)
+    return (*before, *edits.excluded, *paused)
+
+
+class Log(NamedTuple):
+    """Readings in memory with all that is known of them."""
+
+    buffer: ReadingBuffer
+    unit: Unit = Unit.of()
+    axes: Axes = Axes()
+    frame: str = "sensor"
+    is_timed: bool = True  # the times are those of the readings, and not their numbers
+    site: Site | None = None  # what it states of the field where it was made
 
     @property
-    def left_out(self) -> tuple[Span, ...]:
-        """All spans that a calibration does without."""
-        return self.excluded if self.begun_s is None else ((-np.inf, self.begun_s), *self.excluded)
+    def advice_frame(self) -> Literal["sensor", "vehicle"]:
+        """Whose words advice is given in: those of a vehicle where somebody said how the sensor sits in it."""
+        return "vehicle" if self.frame == "vehicle" or not self.axes.is_identity else "sensor"
+
+    def site_known(self, site: Site | None) -> Site | None:
+        """A site as far as these readings can be compared with it: those in counts have no strength."""
+        return site if site is None or self.unit.inside == MICROTESLA else replace(site, strength=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,21 +116,24 @@ class Source:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Supply:
-    """A source that is recorded: `feed` writes into `sink`, the file at `path`; `edits` stand there already."""
+    """A source that is recorded: `feed` writes into `sink`, the file at `path`, in which the others stand already."""
 
     feed: Feed
+    kind: Kind
     sink: Sink
     path: Path
     axes: Axes
     board: ByteSource | None = None
     reading: dict[str, Any] = field(default_factory=dict)
     edits: Edits = field(default_factory=Edits)
+    log: Log = field(default_factory=lambda: Log(ReadingBuffer.empty()))
+    timeline: Timeline = field(default_factory=Timeline)
 
 
 @contextlib.contextmanager
 def begun(
     source: Source, axes: Axes, *, output: str | None = None, resume: str | None = None, say: Callable[[str], object]
-) -> Iterator[tuple[Supply, LiveSession]]:
+) -> Iterator[Supply]:
     """Begin a session, or continue the one that a file holds, and close its file at the end.
 
     It is recorded into a new file, `output`, or goes on with one to `resume`; without both the file is named by the
@@ -147,33 +147,30 @@ def begun(
         If the file of an earlier session cannot be read.
     """
     resumed = None if resume is None else Resumed.of(resume)
-    edits = Edits() if resume is None else Edits.read(resume)
+    edits = Edits() if resume is None else read_edits(resume)
+    edits = msgspec.structs.replace(edits, site=source.site or edits.site)
     path = Path(resume or output or default_path(datetime.now(UTC)))
     reading = {**source.reading, "axes": str(axes)}
     with contextlib.closing(Patient(ToFile(path, resume=resume is not None), say)) as sink:
-        session = LiveSession(
-            live=Series(axes=axes, site=source.site or edits.site),
-            target_deg=edits.target_deg,
-            dip_deg=edits.dip_deg,
-            goal=edits.goal,
-            recording=str(path),
-            has_board=source.board is not None,
-        )
+        log, timeline = Log(ReadingBuffer.empty(), axes=axes), Timeline()
         if resumed is not None and resumed.header is not None:
-            session = _continued(session, path, edits, reading)
-            say(f"{path}: goes on after {counted(session.live.buffer.total, 'reading')}")
+            before = left_out(Edits(begun_s=edits.begun_s))
+            log, _, timeline = load(path, path.name, before, **reading)
+            edits = _ended_pause(edits, log.buffer.seconds)
+            say(f"{path}: goes on after {counted(log.buffer.total, 'reading')}")
         feed = source.start(sink, resumed=resumed)
-        session = replace(session, source=SourceState(feed.name, source.kind, "waiting", ""))
-        yield Supply(feed, sink, path, axes, source.board, reading, edits), session
+        yield Supply(feed, source.kind, sink, path, axes, source.board, reading, edits, log, timeline)
 
 
-def _continued(session: LiveSession, path: Path, edits: Edits, reading: dict[str, Any]) -> LiveSession:
-    """A session with the readings that the file of an earlier one holds, and what a person did to them."""
-    before = () if edits.begun_s is None else ((-math.inf, edits.begun_s),)
-    series, _, timeline = load(path, path.name, before, **reading)
-    exclusions, begun_s = Exclusions(edits.excluded), edits.begun_s
-    live = replace(session.live, buffer=series.buffer, unit=series.unit, exclusions=exclusions, begun_s=begun_s, key=1)
-    return replace(session, live=live, keys=1, timeline=timeline)
+def _ended_pause(edits: Edits, seconds: float) -> Edits:
+    """A pause that lasted until a session ended, as a stretch of time that is left out."""
+    if edits.paused_s is None:
+        return edits
+    before = tuple(span for span in edits.excluded if span[1] < edits.paused_s)
+    ends = [span[1] for span in edits.excluded[len(before) :]]
+    begin = min([edits.paused_s, *(span[0] for span in edits.excluded[len(before) :])])
+    paused = () if seconds < edits.paused_s else ((begin, max([seconds, *ends])),)
+    return msgspec.structs.replace(edits, excluded=(*before, *paused), paused_s=None)
 
 
 def default_path(now: datetime, folder: str = FOLDER) -> Path:
@@ -226,8 +223,8 @@ class TrimmedRecording(Wrapped):
             yield replace(block, time=times)[used]
 
 
-def load(path: Path, name: str, spans: tuple[Span, ...] = (), **reading: Any) -> tuple[Series, str, Timeline]:
-    """Read a recording as a series of readings, as many as a buffer holds, how it was read, and where its time ends.
+def load(path: Path, name: str, spans: tuple[Span, ...] = (), **reading: Any) -> tuple[Log, str, Timeline]:
+    """Read a recording, as many readings as a buffer holds, how it was read, and where its time ends.
 
     It is called by a name in messages, spans of time are left out, and it is read as `flinders.open_recording` does.
     """
@@ -240,6 +237,6 @@ def load(path: Path, name: str, spans: tuple[Span, ...] = (), **reading: Any) ->
     words = words if words.startswith(name) else f"{name}: {words}"
     unit = getattr(recording, "unit", Unit.of())
     site, of_site = recorded_site(recording, z_down=not recording.axes.is_identity) or (None, "")
-    series = Series(buffer, unit, recording.axes, frame_of(recording), is_timed=trimmed.is_timed, site=site)
+    log = Log(buffer, unit, recording.axes, frame_of(recording), trimmed.is_timed, site)
     said = "; ".join(filter(None, (words, counted(buffer.total, "reading"), of_site)))
-    return series, said, trimmed.timeline
+    return log, said, trimmed.timeline

@@ -149,9 +149,9 @@ class View(Struct, frozen=True, kw_only=True):
     attitude_limit_deg: float | None = None  # tilt up to which the worst heading is within the target; 180 for all
     any_attitude_deg: ErrorView | None = None  # over the tiles
     findings: tuple[FindingView, ...]  # most severe first
-    tiles_deg: tuple[float | None, ...]  # (642,), see `tile_errors_deg`; None where nothing is known
-    tiles_seen: tuple[int, ...]  # (642,) readings used, by tile
-    rejected: tuple[tuple[int, int], ...]  # first and last of each run that was left out, counted from 0
+    tiles_deg: tuple[float | None, ...] = ()  # (642,), see `tile_errors_deg`; None where nothing is known
+    tiles_seen: tuple[int, ...] = ()  # (642,) readings used, by tile
+    rejected: tuple[tuple[int, int], ...] = ()  # first and last of each run that was left out, counted from 0
     residuals: ResidualHistogram | None = None
     turn: LevelTurn | None = None
     guidance: GuidanceView | None = None
@@ -211,6 +211,27 @@ def view(
     )
 
 
+def view_of_numbers(fit: Fit) -> View:
+    """The numbers and words of a fit, also of a refused one, without what is drawn of its readings."""
+    is_known = fit.claim.states_uncertainty and not fit.judgement.is_flat
+    limit_deg = fit.claim.attitude_limit_deg if is_known else None
+    return View(
+        verdict=fit.verdict,
+        sentence=sentence(fit, limit_deg),
+        condition=resting_on(fit.conditions),
+        method=fit.method,
+        unit=label(fit.calibration.unit),
+        field_strength_known=fit.calibration.field_strength_known,
+        samples=fit.samples,
+        findings=tuple(map(_finding, first_causes(fit.findings))),
+        noise=None if fit.judgement.is_flat else fit.noise,
+        heading_error_deg=_heading_error(fit) if is_known else None,
+        attitude_limit_deg=limit_deg,
+        any_attitude_deg=_any_attitude(tile_errors_deg(fit)) if is_known else None,
+        **({} if fit.verdict == "refused" else _copied(fit)),
+    )
+
+
 def view_alone(fit: Fit) -> View:
     """What is drawn of a fit that states its uncertainty, without its readings: sphere and level turn.
 
@@ -264,16 +285,26 @@ def _drawn(fit: Fit, corrected: Floats) -> dict[str, Any]:
 
 def _claimed(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str, Any]:
     """What rests on a covariance as well."""
-    claim, error = fit.claim, fit.heading_error_deg
     return {
-        "heading_error_deg": HeadingErrorView(
-            error.rms, error.worst, claim.heading_bound_deg, error.dip_deg, claim.dip_assumed, claim.target_deg
-        ),
-        "attitude_limit_deg": claim.attitude_limit_deg,
-        "any_attitude_deg": ErrorView(float(np.sqrt(np.mean(errors_deg**2))), float(errors_deg.max())),
+        "heading_error_deg": _heading_error(fit),
+        "attitude_limit_deg": fit.claim.attitude_limit_deg,
+        "any_attitude_deg": _any_attitude(errors_deg),
         "turn": turn(fit),
         "guidance": guidance(fit, goal, frame),
     }
+
+
+def _heading_error(fit: Fit) -> HeadingErrorView:
+    """Of a level vehicle."""
+    claim, error = fit.claim, fit.heading_error_deg
+    return HeadingErrorView(
+        error.rms, error.worst, claim.heading_bound_deg, error.dip_deg, claim.dip_assumed, claim.target_deg
+    )
+
+
+def _any_attitude(errors_deg: Floats) -> ErrorView:
+    """Over the tiles."""
+    return ErrorView(float(np.sqrt(np.mean(errors_deg**2))), float(errors_deg.max()))
 
 
 def _rejected(fit: Fit, samples: Samples) -> tuple[NDArray[np.bool_], list[tuple[int, int]]]:

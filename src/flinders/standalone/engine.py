@@ -25,7 +25,6 @@ from flinders.findings.row import OF_A_TUMBLE, resting_on
 from flinders.findings.words import STEPS
 from flinders.fitting import advice, calibrate, verdict
 from flinders.heading import path_planning
-from flinders.live import evaluation
 from flinders.native.engine import (
     ADVICE,
     AXIS_CHANGE,
@@ -73,8 +72,6 @@ NUMBERS: Final = {
     **_of(calibrate, "LOOKED_AT"),
     **_of(path_planning, "READINGS_PER_DEG"),
     **_of(axis_swap, "MAX_NOISE", "SWAP_"),
-    **_of(evaluation, "STALE_S STALE_ROWS FROZEN_ROWS FROZEN_S LIVELY MOVING STILL_S STILL_DEG"),
-    **_of(evaluation, "CONVERGED CONVERGED_FRACTION CONVERGED_S DENSE OFFERED KNOWN_DEG SPEED_DEG"),
 }
 """Limits and constants that sentences and readings are compared with in both languages."""
 
@@ -93,17 +90,13 @@ def data() -> dict[str, Any]:
         "rows": [_row(CATALOGUE[code]) for code in OF_A_FIT],
         "quantities": QUANTITIES_OF_A_FIT,
         "numbers": NUMBERS,
-        "said": {**evaluation.SAID, "unmoved": Unmoved.SAID, "every-way": Unmoved.EVERY_WAY},
+        "said": {"unmoved": Unmoved.SAID, "every-way": Unmoved.EVERY_WAY},
         "condition": resting_on(OF_A_TUMBLE),
         "conditions": OF_A_TUMBLE,
         "parameters": PARAMETERS,
-        "disturbed": sorted(evaluation.DISTURBED),
-        "at_once": sorted(evaluation.AT_ONCE),
-        "informative": evaluation.INFORMATIVE,
-        "other_units": evaluation.OTHER_UNITS,
         "steps": STEPS,
-        "poses": POSE_WORDS["sensor"],
-        "turns": path_planning.TURNS["sensor"],
+        "poses": POSE_WORDS,
+        "turns": path_planning.TURNS,
         "tiles": msgspec.to_builtins(tiles_view()),
         "swaps": axis_swap.SWAPS,
     }

@@ -11,17 +11,17 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import replace
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from flinders.core.calibration_file import VERSION as SCHEMA
 from flinders.core.files import make_folder, reason, write_bytes
-from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.errors import NoEngine, OutputError
 from flinders.firmware.package import licence
-from flinders.live import buffer, messages, page_state, session
 from flinders.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
 from flinders.native import build
 from flinders.report.html_file import asset, joined
@@ -143,12 +143,18 @@ def page_data() -> dict[str, Any]:
     return {
         "flinders_page": 1,
         "version": VERSION,
-        "session": session_rules(),
         "simulated": simulated_sensor(),
         "engine": engine.data(),
         "lines": lines.data(),
         "targets": targets.data(),
     }
+
+
+@cache
+def live_data() -> bytes:
+    """What the page of `flinders live` takes of it, as JSON: its server reads, and writes calibrations."""
+    data = {"version": VERSION, "engine": engine.data(), "targets": {"schema": SCHEMA}}
+    return json.dumps(data, separators=(",", ":"), ensure_ascii=False).encode()
 
 
 def service_worker(files: dict[str, bytes]) -> str:
@@ -162,31 +168,7 @@ def service_worker(files: dict[str, bytes]) -> str:
     return f"const PAGE = {json.dumps(page)};\n{asset('standalone/sw.js')}"
 
 
-# ---------------------------------------------------------------- a session, its rules and the simulated sensor
-
-
-def session_rules() -> dict[str, float]:
-    """The constants of `flinders.live` under the names that `static/standalone/session.js` has for them."""
-    return {
-        "capacity": buffer.CAPACITY,
-        "shown": buffer.SHOWN,
-        "frame_points": page_state.FRAME_POINTS,
-        "fitted": session.FITTED,
-        "share": session.SHARE,
-        "fastest_s": session.FASTEST_S,
-        "rate_s": session.RATE_S,
-        "enough_fits": session.ENOUGH_FITS,
-        "sure_s": session.SURE_S,
-        "whole": session.WHOLE,
-        "settled_s": session.SETTLED_S,
-        "lasting_s": session.LASTING_S,
-        "silent_s": page_state.SILENT_S,
-        "silent_steps": page_state.SILENT_STEPS,
-        "level_deg": page_state.LEVEL_DEG,
-        "assumed_dip_deg": ASSUMED_DIP_DEG,
-        "largest_dip_deg": messages.LARGEST_DIP_DEG,
-    }
-
+# ---------------------------------------------------------------- the simulated sensor
 
 SEED: Final = 1
 """Of the simulated sensor."""

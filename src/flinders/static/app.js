@@ -17,9 +17,9 @@ import { ems, gauge } from "./views/gauge.js";
 import { brief, capital, counted, degrees, duration, frequency, ICONS, PHASES, REASONS, sentence, things } from "./views/words.js";
 import { drawChanged, lay, markHovered } from "./widgets.js";
 
-/** @typedef {import("./messages.d.ts").ToServer} ToServer */
-/** @typedef {import("./connection.js").Link} Link */
-/** @typedef {import("./connection.js").Listener} Listener */
+/** @typedef {import("./messages.d.ts").Command} Command */
+/** @typedef {import("./standalone/running.js").Link} Link */
+/** @typedef {import("./standalone/running.js").Listener} Listener */
 /** @typedef {import("./messages.d.ts").View} View */
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./views/scene.js").Scene} Scene */
@@ -38,7 +38,7 @@ const SAID_MS = 4000;
 const NOTICE_MS = 9000;
 
 const store = new Store();
-const finish = new Finish(notify, (address, options) => link.ask(address, options));
+const finish = new Finish(notify, () => link);
 const panels = lay(byId("strip", HTMLElement), { store, send, notify, hover });
 /** Drawn beside the sphere, and in its place before the first turn. */
 const board = new Board(byId("drawn", HTMLElement));
@@ -111,7 +111,7 @@ const listener = {
 
 /**
  * Ask the server for something, or say that it cannot hear us.
- * @param {ToServer} message
+ * @param {Command} message
  */
 function send(message) {
     if (!link.send(message)) notify("warning", "There is no connection to Flinders, so nothing was changed.");
@@ -130,7 +130,7 @@ function draw(now) {
     frameAsked = false;
     const { state, view } = store;
     if (dirty.state && state) drawState(state, view);
-    if (dirty.state || dirty.view) finish.show(view, state);
+    if (dirty.state) finish.show(state);
     if (dirty.points || dirty.view || dirty.state) drawScene(view, state);
     if (dirty.now) scene?.setNow(store.now ? { raw: store.now.raw } : null);
     if (dirty.now && store.now && view?.shown) board.attitude.follow(store.now, view.shown);
@@ -530,7 +530,7 @@ function setField(id, value) {
 /**
  * Send a number when it has been typed; what cannot be used goes back to what holds.
  * @param {string} id
- * @param {(value: number) => ToServer} message
+ * @param {(value: number) => Command} message
  * @param {() => number | undefined} current
  */
 function onNumber(id, message, current) {

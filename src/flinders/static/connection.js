@@ -7,8 +7,9 @@
 
 import { Refusal } from "./dom.js";
 
-/** @typedef {import("./messages.d.ts").FromServer} FromServer */
-/** @typedef {import("./messages.d.ts").ToServer} ToServer */
+/** @typedef {import("./wire.d.ts").FromServer} FromServer */
+/** @typedef {import("./wire.d.ts").Edits} Edits */
+/** @typedef {import("./wire.d.ts").Previous} Previous */
 
 const FIRST_WAIT_MS = 500;
 const LONGEST_WAIT_MS = 8000;
@@ -24,17 +25,6 @@ const SILENCE_MS = 6000;
  *   Lost: `seconds` until the next attempt. Told each second while waiting.
  */
 
-/**
- * Where the page gets its session from: the server, or the page itself where there is none.
- * @typedef {object} Link
- * @property {(message: ToServer) => boolean} send  Whether it was heard.
- * @property {(address: string, options?: RequestInit) => Promise<Response>} ask
- *   As over HTTP; throws a `Refusal` with words to show, whatever went wrong.
- * @property {() => void} retry  Try now, and do not wait.
- * @property {() => void} renew  Say everything again.
- */
-
-/** @implements {Link} */
 export class Connection {
     /**
      * @param {string} address
@@ -60,7 +50,7 @@ export class Connection {
 
     /**
      * Ask the server for something.
-     * @param {ToServer} message
+     * @param {Edits | Previous} message
      * @returns {boolean} Whether it was sent.
      */
     send(message) {
@@ -114,7 +104,7 @@ export class Connection {
                 return;
             }
             const message = /** @type {FromServer} */ (JSON.parse(event.data));
-            if (message.type === "hello") {
+            if (message.type === "welcome") {
                 this.wait = FIRST_WAIT_MS;
                 this.listener.onLink("open", 0);
             }

@@ -3,7 +3,7 @@
 import { errors } from "./store.js";
 import { byId, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
 import { table } from "./views/table.js";
-import { counted, degrees, ICONS, measured, PHASES, sentence, significant, VERDICTS } from "./views/words.js";
+import { counted, degrees, ICONS, measured, sentence, significant, things, VERDICTS } from "./views/words.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./messages.d.ts").View} View */
@@ -22,37 +22,34 @@ import { counted, degrees, ICONS, measured, PHASES, sentence, significant, VERDI
 const LAST_TARGET = "flinders-export";
 /** What can be had of any calibration, in any unit. */
 const FIRST_TARGET = "c";
-/** What may be wrong while the readings that are here are sound. */
-const NOT_OF_READINGS = ["gone", "nothing-arrives", "not-recorded"];
-/** A preview follows the fit no faster than this. */
-const PREVIEW_MS = 1000;
+const TURN_FIRST = "turn the sensor through all directions; the first fit comes after some seconds";
+/** What begins a line of a preview that is a comment. */
+const COMMENT = /^\s*(\/\*|\*|\/\/|#|--|%|;|$)/;
 
 export class Finish {
     /**
      * @param {(severity: "info" | "warning" | "error", words: string) => void} notify
-     * @param {import("./connection.js").Link["ask"]} ask
+     * @param {() => import("./standalone/running.js").Link} link
      */
-    constructor(notify, ask) {
+    constructor(notify, link) {
         this.notify = notify;
-        this.ask = ask;
+        this.link = link;
         this.dialog = byId("finish-panel", HTMLDialogElement);
         this.targets = byId("export-target", HTMLSelectElement);
         this.answer = byId("answer", HTMLElement);
         /** @type {Preview | null} */
         this.preview = null;
         this.asked = 0;
-        this.timer = 0;
-        /** The fit and the target that the preview was asked for. */
-        this.previewed = "";
-        this.waiting = false;
-        /** @type {View | null} */
-        this.view = null;
+        /** @type {import("./standalone/running.js").Finished | null} The calibration of all readings that were here then. */
+        this.finished = null;
+        /** Readings that were here then. */
+        this.readings = 0;
         /** @type {State | null} */
         this.state = null;
         this.targets.addEventListener("change", () => {
             remember(LAST_TARGET, this.targets.value);
             this.showPreview(null, "…");
-            this.refresh();
+            this.ask();
         });
         this.onClick("copy", () => this.copy());
         this.onClick("export-file", () => this.download());
@@ -60,6 +57,7 @@ export class Finish {
         this.onClick("save-report", () => this.fetchFile("report.html", "report.html"));
         this.onClick("save-session", () => this.fetchFile("session.csv", "session.csv"));
         this.onClick("send", () => this.send());
+        this.onClick("finish-again", () => this.make());
     }
 
     /**
@@ -70,17 +68,27 @@ export class Finish {
         const button = byId(id, HTMLButtonElement);
         button.addEventListener("click", async () => {
             button.disabled = true;
-            setText(this.answer, "");
+            this.say("");
             try {
                 await act();
             } catch (error) {
                 if (!(error instanceof Refusal)) throw error;
-                setText(this.answer, sentence(error.message));
+                this.say(error.message, "refused");
             } finally {
                 button.disabled = false;
                 this.allow();
             }
         });
+    }
+
+    /**
+     * Say what came of it.
+     * @param {string} words
+     * @param {"done" | "refused" | "working"} how
+     */
+    say(words, how = "done") {
+        this.answer.dataset.how = how;
+        setText(this.answer, words && sentence(words));
     }
 
     get isOpen() {
@@ -89,8 +97,29 @@ export class Finish {
 
     open() {
         if (!this.dialog.open) this.dialog.showModal();
-        setText(this.answer, "");
-        this.refresh();
+        this.say("");
+        return this.make();
+    }
+
+    /** Make the calibration of all readings, which the dialog is about from then on. */
+    async make() {
+        const turn = ++this.asked;
+        const readings = this.state?.readings ?? 0;
+        this.finished = null;
+        this.draw();
+        this.verdict("none", "Making the calibration …", `of all ${things(readings, "reading")}`);
+        try {
+            const finished = await this.link().finish();
+            if (turn !== this.asked) return;
+            this.finished = finished;
+            this.readings = readings;
+        } catch (error) {
+            if (!(error instanceof Refusal)) throw error;
+            if (turn !== this.asked) return;
+            this.finished = { name: "", view: null, refusal: error.message };
+        }
+        this.draw();
+        await this.ask();
     }
 
     /**
@@ -111,27 +140,12 @@ export class Finish {
     }
 
     /**
-     * Show a fit, or that there is none.
-     * @param {View | null} view
+     * Show what is new of the session; the calibration stays as it was made.
      * @param {State | null} state
      */
-    show(view, state) {
-        this.view = view;
+    show(state) {
         this.state = state;
-        this.verdict(view, state);
-        this.numbers(view);
-        const region = byId("parameters", HTMLElement);
-        const key = JSON.stringify([view?.verdict, view?.offset, view?.matrix, view?.offset_sigma, view?.matrix_sigma]);
-        if (region.dataset.key !== key) {
-            region.dataset.key = key;
-            if (view?.offset) table(region, view);
-            else region.replaceChildren(element("p", view ? "A refused fit gives no numbers to copy." : "None yet."));
-        }
-        setList(byId("findings", HTMLElement), view?.findings ?? [], (finding) => {
-            const row = noted(ICONS[finding.severity] ?? "info", finding.advice);
-            row.dataset.severity = finding.severity;
-            return row;
-        });
+        if (!this.isOpen) return;
         setText(byId("kept", HTMLElement), state?.recording ? `All that arrives is recorded to ${state.recording}.` : "");
         const previous = state?.previous ?? null;
         setText(
@@ -143,33 +157,61 @@ export class Finish {
         byId("previous-clear", HTMLElement).hidden = !previous;
         byId("refresh-choice", HTMLElement).hidden = !previous;
         byId("refresh", HTMLInputElement).checked = state?.refreshing ?? false;
+        const more = (state?.readings ?? 0) - this.readings;
+        byId("finish-more", HTMLElement).hidden = !this.finished || more === 0;
+        setText(byId("finish-more-words", HTMLElement), more > 0 ? `${things(more, "reading")} came since.` : "The readings are others now.");
         this.allow();
-        if (this.isOpen && this.key !== this.previewed) this.refreshSoon();
+    }
+
+    /** Show the calibration that was made. */
+    draw() {
+        const view = this.finished?.view ?? null;
+        const { kind, title, words } = judged(this.finished, this.state);
+        this.verdict(kind, title, words);
+        this.numbers(view);
+        const region = byId("parameters", HTMLElement);
+        if (view?.offset) table(region, view);
+        else region.replaceChildren(element("p", view ? "A refused fit gives no numbers to copy." : "None yet."));
+        setList(byId("findings", HTMLElement), view?.findings ?? [], (finding) => {
+            const row = noted(ICONS[finding.severity] ?? "info", finding.advice);
+            row.dataset.severity = finding.severity;
+            return row;
+        });
+        byId("known", HTMLElement).hidden = !view?.findings.length;
+        this.showPreview(null, this.finished ? this.refusal() : "…");
+        this.show(this.state);
+    }
+
+    /** Why nothing is exported. */
+    refusal() {
+        if (!this.finished?.view) return sentence(this.finished?.refusal || "There is no calibration yet.");
+        return `A refused fit is not exported. ${this.finished.view.sentence}`;
     }
 
     /** Switch buttons off that have nothing to act on. */
     allow() {
-        const usable = Boolean(this.view?.offset);
+        const { finished, state } = this;
+        const usable = Boolean(finished?.view?.offset);
+        const canSend = usable && Boolean(state?.can_send);
         byId("save-calibration", HTMLButtonElement).disabled = !usable;
-        byId("save-report", HTMLButtonElement).disabled = !this.view; // of a refused fit it says why
-        byId("save-session", HTMLButtonElement).disabled = !(this.state && this.state.readings > 0);
-        byId("send", HTMLButtonElement).disabled = !usable || !this.state?.can_send;
-        byId("copy", HTMLButtonElement).disabled = !this.preview?.text;
-        byId("export-file", HTMLButtonElement).disabled = !this.preview;
-    }
-
-    /** What the preview hangs on. */
-    get key() {
-        const { verdict, unit, offset, matrix, field_strength } = this.view ?? {};
-        return JSON.stringify([this.targets.value, verdict, unit, offset, matrix, field_strength]);
+        byId("save-report", HTMLButtonElement).disabled = !finished?.view; // of a refused fit it says why
+        byId("save-session", HTMLButtonElement).disabled = !(state && state.readings > 0);
+        byId("send", HTMLButtonElement).hidden = !canSend;
+        byId("send", HTMLButtonElement).disabled = !canSend;
+        const [copy, download] = [byId("copy", HTMLButtonElement), byId("export-file", HTMLButtonElement)];
+        copy.disabled = !this.preview?.text;
+        download.disabled = !this.preview;
+        const isText = !this.preview?.binary_base64;
+        copy.classList.toggle("primary", isText && !canSend);
+        download.classList.toggle("primary", !isText && !canSend);
     }
 
     /**
-     * @param {View | null} view
-     * @param {State | null} state
+     * @param {string} kind
+     * @param {string} title
+     * @param {string} words
      */
-    verdict(view, state) {
-        const { kind, title, words } = judged(view, state);
+    verdict(kind, title, words) {
         const box = byId("verdict", HTMLElement);
         box.dataset.verdict = kind;
         setIcon(box, ICONS[kind] ?? "collecting");
@@ -202,38 +244,23 @@ export class Finish {
         });
     }
 
-    refreshSoon() {
-        if (this.timer) return;
-        this.timer = window.setTimeout(() => {
-            this.timer = 0;
-            if (!this.isOpen) return;
-            if (this.waiting) this.refreshSoon();
-            else this.refresh();
-        }, PREVIEW_MS);
-    }
-
-    /** Get the text of the chosen export for the present fit. */
-    async refresh() {
+    /** Get the text of the chosen export. */
+    async ask() {
         const target = this.targets.value;
-        if (!target) return;
+        if (!target || !this.finished) return;
         const turn = ++this.asked;
-        this.previewed = this.key;
-        if (!this.view?.offset) {
-            this.waiting = false;
-            this.showPreview(null, this.view ? `A refused fit is not exported. ${this.view.sentence}` : "There is no calibration yet.");
+        if (!this.finished.view?.offset) {
+            this.showPreview(null, this.refusal());
             return;
         }
-        this.waiting = true;
         try {
-            const answer = await this.ask(`export/${encodeURIComponent(target)}`, { headers: { Accept: "application/json" } });
+            const answer = await this.link().ask(`export/${encodeURIComponent(target)}`, { headers: { Accept: "application/json" } });
             const preview = /** @type {Preview} */ (await answer.json());
             if (turn !== this.asked) return;
             if (preview.refusal) this.showPreview(null, sentence(preview.refusal));
             else this.showPreview(preview, preview.text);
         } catch (error) {
             if (turn === this.asked) this.showPreview(null, error instanceof Refusal ? sentence(error.message) : String(error));
-        } finally {
-            if (turn === this.asked) this.waiting = false;
         }
     }
 
@@ -248,6 +275,7 @@ export class Finish {
         const host = byId("preview", HTMLElement);
         host.classList.toggle("refusal", preview === null);
         setText(host, words);
+        host.scrollTop = preview ? heightAbove(host, text) : 0;
         setList(byId("export-warnings", HTMLElement), preview?.warnings ?? [], (warning) => noted("limited", warning));
         this.allow();
     }
@@ -260,14 +288,14 @@ export class Finish {
             await navigator.clipboard.writeText(text);
         } catch {
             window.getSelection()?.selectAllChildren(byId("preview", HTMLElement));
-            setText(this.answer, "The browser does not let this page copy. The text is selected: press Ctrl+C.");
+            this.say("the browser does not let this page copy. The text is selected: press Ctrl+C", "refused");
             return;
         }
         if (label) {
             setText(label, "Copied");
             window.setTimeout(() => setText(label, "Copy"), 1500);
         }
-        setText(this.answer, "Copied.");
+        this.say("copied");
     }
 
     async download() {
@@ -283,17 +311,29 @@ export class Finish {
      * @param {string} name Where the server gives none.
      */
     async fetchFile(address, name) {
-        const answer = await this.ask(address);
+        const answer = await this.link().ask(address);
         const named = /filename="([^"/\\]+)"/.exec(answer.headers.get("Content-Disposition") ?? "")?.[1];
         save(await answer.blob(), named ?? name);
     }
 
     async send() {
-        setText(this.answer, "Sending …");
-        const answer = await this.ask("send", { method: "POST" });
+        this.say("sending …", "working");
+        const answer = await this.link().ask("send", { method: "POST" });
         const { words } = await answer.json().catch(() => ({}));
-        setText(this.answer, typeof words === "string" ? sentence(words) : "Sent.");
+        this.say(typeof words === "string" ? words : "sent");
     }
+}
+
+/**
+ * Height of the comments above the first line of a text that is none, so that its numbers are seen first.
+ * @param {HTMLElement} host
+ * @param {string} text
+ * @returns {number}
+ */
+function heightAbove(host, text) {
+    const lines = text.split("\n");
+    const first = lines.findIndex((line) => !COMMENT.test(line));
+    return first > 0 ? (host.scrollHeight / lines.length) * first : 0;
 }
 
 /**
@@ -309,26 +349,19 @@ function noted(name, words) {
 }
 
 /**
- * The verdict, never better than what the page says: what is wrong with the readings stands first.
- * @param {View | null} view
+ * The verdict of a calibration.
+ * @param {import("./standalone/running.js").Finished | null} finished
  * @param {State | null} state
  * @returns {{kind: string, title: string, words: string}}
  */
-function judged(view, state) {
-    const wrong = state?.phase === "wrong" ? state.reasons.filter(({ severity }) => severity === "warning") : [];
-    const why = wrong.map(({ advice }) => sentence(advice));
-    const isWrong = wrong.some(({ code }) => !NOT_OF_READINGS.includes(code));
-    if (!view) {
-        const none = "Turn the sensor through all directions; the first fit comes after some seconds.";
-        if (isWrong) return { kind: "refused", title: PHASES.wrong, words: why.join(" ") };
-        return { kind: "none", title: "No calibration yet", words: [...why, none].join(" ") };
-    }
+function judged(finished, state) {
+    const view = finished?.view ?? null;
+    if (!view) return { kind: "none", title: "No calibration yet", words: sentence(finished?.refusal || TURN_FIRST) };
     const { worst } = errors(view, state?.goal ?? "heading");
     const anyhow = state?.goal === "attitude" && worst !== null ? [`Whichever way it is held: ${degrees(worst)} (1 σ).`] : [];
     const rests = view.condition ? [sentence(view.condition)] : [];
-    const words = [...why, view.sentence, ...rests, ...anyhow].join(" ");
-    if (isWrong) return { kind: "refused", title: PHASES.wrong, words };
-    const target = state?.target_deg ?? view.heading_error_deg?.target_deg ?? Infinity;
+    const words = [view.sentence, ...rests, ...anyhow].join(" ");
+    const target = view.heading_error_deg?.target_deg ?? Infinity;
     const misses = view.verdict !== "refused" && worst !== null && worst > target;
     return { kind: misses ? "limited" : view.verdict, title: misses ? "Misses the target" : VERDICTS[view.verdict], words };
 }

@@ -1,4 +1,4 @@
-// Generated from flinders/live/messages.py: python -m tests.message_types > messages.d.ts
+/** What the page is told by its session, and what it asks of it. */
 
 /** The tiles, sent once. */
 export interface TilesView {
@@ -158,14 +158,18 @@ export interface View {
   shown: Shown | null;
 }
 
-/** The first message on a connection: all there is. */
-export interface Hello {
-  type: "hello";
+/** Of the program, and what it can do. */
+export interface Greeting {
   version: string;
   session: string;
-  tiles: TilesView;
   targets: Array<TargetInfo>;
   limits: Limits;
+}
+
+/** The first message: all there is. */
+export interface Hello extends Greeting {
+  type: "hello";
+  tiles: TilesView;
   state: SessionState;
   view: View | null;
 }
@@ -261,6 +265,6 @@ export interface BackToLive {
   type: "back_to_live";
 }
 
-export type FromServer = Hello | SessionState | FitMessage | Notice;
+export type FromSession = Hello | SessionState | FitMessage | Notice;
 
-export type ToServer = SetTarget | SetDip | SetPlace | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | SetRefresh | BackToLive;
+export type Command = SetTarget | SetDip | SetPlace | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | SetRefresh | BackToLive;

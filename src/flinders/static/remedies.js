@@ -3,13 +3,13 @@
 import { byId, element, setList } from "./dom.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
-/** @typedef {import("./messages.d.ts").ToServer} ToServer */
+/** @typedef {import("./messages.d.ts").Command} Command */
 
 /**
  * Show a button for each stretch of time that the first fault names.
  * @param {HTMLElement} host
  * @param {State} state
- * @param {(message: ToServer) => void} send
+ * @param {(message: Command) => void} send
  */
 export function showRemedies(host, { phase, reasons }, send) {
     const named = reasons.find(({ severity, spans }) => severity === "warning" && spans.length > 0);
@@ -25,7 +25,7 @@ export function showRemedies(host, { phase, reasons }, send) {
 
 /**
  * Let a person give the place, whose dip the server takes from the World Magnetic Model of today.
- * @param {(message: ToServer) => void} send
+ * @param {(message: Command) => void} send
  */
 export function listenForPlace(send) {
     const panel = byId("place-panel", HTMLDialogElement);

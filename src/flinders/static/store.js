@@ -7,7 +7,7 @@
 /** @typedef {import("./messages.d.ts").Hello} Hello */
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./messages.d.ts").View} View */
-/** @typedef {import("./messages.d.ts").FromServer} FromServer */
+/** @typedef {import("./messages.d.ts").FromSession} FromSession */
 
 const MAGIC = 0x464c4e44;
 const HEADER_BYTES = 32;
@@ -73,7 +73,7 @@ export class Store {
 
     /**
      * Take a message of the server.
-     * @param {FromServer} message
+     * @param {FromSession} message
      */
     take(message) {
         if (message.type === "hello") {

@@ -38,7 +38,7 @@ import { strength } from "./views/strength.js";
  * What a widget may do to the page.
  * @typedef {object} Page
  * @property {Store} store
- * @property {(message: import("./messages.d.ts").ToServer) => void} send
+ * @property {(message: import("./messages.d.ts").Command) => void} send
  * @property {(severity: "info" | "warning" | "error", words: string) => void} notify
  * @property {(reading: number | null) => void} hover
  */

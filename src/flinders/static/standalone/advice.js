@@ -1,6 +1,6 @@
 /**
- * Which way to turn the sensor next, in words: `flinders.fitting.advice`, and `flinders.live.evaluation.guided` for the path
- * of somebody who turns it now. The engine finds both.
+ * Which way to turn the sensor next, in words: one direction, or the path of somebody who turns it now. The engine finds
+ * both.
  */
 
 import { surfaceOf } from "./fit.js";
@@ -12,6 +12,12 @@ import { apply } from "./linear.js";
 /** @typedef {import("./fit.js").Fit} Fit */
 /** @typedef {import("./reasons.js").Readings} Readings */
 /** @typedef {"heading" | "attitude"} Goal */
+/** @typedef {"sensor" | "vehicle"} Frame */
+
+/** Direction that a fit has to know better than so in every direction to be asked for a path, degrees. */
+const KNOWN_DEG = 10;
+/** Degrees a second that a hand turns a sensor by, for what its readings along the way are worth. */
+const SPEED_DEG = 90;
 
 /**
  * What is known, and where the next readings would tell most.
@@ -27,14 +33,15 @@ import { apply } from "./linear.js";
  * Find the direction whose readings would reduce the worst error most.
  * @param {Fit} fit
  * @param {Goal} goal
+ * @param {Frame} [frame]
  * @returns {Advice}
  */
-export function guide(fit, goal) {
+export function guide(fit, goal, frame = "sensor") {
     const { engine, data } = fit;
     const wanted = wantedOf(fit, goal);
     const { worst_deg: worstDeg, after_deg: afterDeg, direction } = engine.guidance(claimOf(fit), wanted);
-    const pose = engine.pose(wanted, direction);
-    const words = `hold it ${data.poses[pose]} and turn it slowly once around, keeping it so`;
+    const pose = engine.pose(wanted, direction, frame);
+    const words = `hold it ${data.poses[frame][pose]} and turn it slowly once around, keeping it so`;
     return { worstDeg, afterDeg, direction, pose, words };
 }
 
@@ -88,11 +95,12 @@ export function isIdle({ worstDeg, afterDeg }, { numbers }) {
  * @param {Readings} readings
  * @param {boolean} isFlat
  * @param {Goal} goal
+ * @param {Frame} frame
  * @returns {View}
  */
-export function guided(view, fit, readings, isFlat, goal) {
+export function guided(view, fit, readings, isFlat, goal, frame) {
     const { surface, claimed, data, engine } = fit;
-    const isRough = isFlat || engine.directionWorstDeg(surface, claimed, fit.headingError.dipDeg) > data.numbers.KNOWN_DEG;
+    const isRough = isFlat || engine.directionWorstDeg(surface, claimed, fit.headingError.dipDeg) > KNOWN_DEG;
     const belief = isRough ? engine.rough(readings.field) : claimOf(fit);
     if (!belief) return view;
     const { inverse } = surfaceOf(belief.centre, belief.shape);
@@ -105,11 +113,11 @@ export function guided(view, fit, readings, isFlat, goal) {
     const waypoints = Array.from({ length: route.count }, (_, i) => route.waypoints.slice(3 * i, 3 * i + 3));
     const guidance = {
         direction: /** @type {[number, number, number]} */ ([x, y, z]),
-        words: `follow the arrow: turn it ${turns([start, ...waypoints], data)}`,
+        words: `follow the arrow: ${frame === "sensor" ? "turn it " : ""}${turns([start, ...waypoints], data, frame)}`,
         worst_deg: route.worst_deg,
         after_deg: route.after_deg,
         goal,
-        frame: /** @type {const} */ ("sensor"),
+        frame,
         is_path: true,
     };
     return { ...view, guidance, shown: isRough ? round(belief) : view.shown };
@@ -142,17 +150,18 @@ function round({ centre: [x, y, z], shape: [radius] }) {
  */
 function readingsPerDeg(time, { numbers }) {
     const seconds = time[time.length - 1] - time[0];
-    return seconds > 0 ? (time.length - 1) / seconds / numbers.SPEED_DEG : numbers.READINGS_PER_DEG;
+    return seconds > 0 ? (time.length - 1) / seconds / SPEED_DEG : numbers.READINGS_PER_DEG;
 }
 
 /**
  * How to turn the sensor so that the field's direction goes along a path, in at most two turns.
  * @param {number[][]} path
  * @param {EngineData} data
+ * @param {Frame} frame
  * @returns {string}
  */
-function turns(path, data) {
-    const each = path.slice(1).map((there, i) => turn(there, path[i], data));
+function turns(path, data, frame) {
+    const each = path.slice(1).map((there, i) => turn(there, path[i], data.turns[frame]));
     return each.filter((words, i) => words !== each[i - 1]).slice(0, 2).join(", then ");
 }
 
@@ -160,10 +169,10 @@ function turns(path, data) {
  * The turn about the axis that it is mostly about: the field stays, so that the body turns the other way.
  * @param {number[]} there
  * @param {number[]} here
- * @param {EngineData} data
+ * @param {[right: string, left: string][]} words
  * @returns {string}
  */
-function turn([a, b, c], [x, y, z], { turns: words }) {
+function turn([a, b, c], [x, y, z], words) {
     const axis = [b * z - c * y, c * x - a * z, a * y - b * x];
     const main = axis.reduce((most, part, i) => (Math.abs(part) > Math.abs(axis[most]) ? i : most), 0);
     return words[main][axis[main] < 0 ? 1 : 0];

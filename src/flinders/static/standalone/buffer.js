@@ -1,6 +1,6 @@
 /**
- * Readings that grow, and the stretches of time that a person has taken out of them: `flinders.live.buffer` for a page
- * without a server. Memory is bounded in the same way, and which readings stay depends on their count only.
+ * Readings that grow, and the stretches of time that a person has taken out of them. Memory is bounded, and which readings
+ * stay depends on their count only.
  */
 
 /** @typedef {[number, number]} Span */
@@ -10,6 +10,10 @@
  * @typedef {object} Rows
  * @property {ArrayLike<number>} time  N, in s; NaN where there is none.
  * @property {ArrayLike<number>} field  3 N
+ * @property {ArrayLike<number> | null} [acceleration]  3 N
+ *
+ * Readings in memory elsewhere, from number `first` of these on: of `total` that have come, one of `stride`.
+ * @typedef {Rows & {first: number, stride: number, total: number, latest: ArrayLike<number>}} Passed
  */
 
 const FIRST_ROOM = 4096;
@@ -63,8 +67,10 @@ export class ReadingBuffer {
         this.count = 0;
         this.times = new Float64Array(FIRST_ROOM);
         this.fields = new Float64Array(3 * FIRST_ROOM);
-        /** @type {[number, number, number]} the newest, also where it is not in memory */
-        this.latest = [NaN, NaN, NaN];
+        /** @type {Float64Array | null} */
+        this.accelerations = null;
+        /** The newest reading, and its acceleration, also where it is not in memory. */
+        this.latest = new Float64Array(6).fill(NaN);
         /** Time of the newest; 0 before the first. */
         this.seconds = 0;
     }
@@ -79,27 +85,60 @@ export class ReadingBuffer {
         return this.fields.subarray(0, 3 * this.count);
     }
 
+    /** Accelerations in memory, three numbers each, NaN where there is none; null where there never was one. */
+    get acceleration() {
+        return this.accelerations && this.accelerations.subarray(0, 3 * this.count);
+    }
+
     /** @param {Rows} rows */
-    extend({ time, field }) {
+    extend(rows) {
+        const { time, field, acceleration } = rows;
         const { length } = time;
         if (length === 0) return;
         const before = this.total;
         this.total += length;
         this.#thin(strideFor(this.total, this.most));
-        this.#reserve(this.count + Math.ceil(length / this.stride));
-        for (let j = (this.stride - (before % this.stride)) % this.stride; j < length; j += this.stride) {
-            this.#put(time[j], field[3 * j], field[3 * j + 1], field[3 * j + 2]);
-        }
+        this.#put(rows, (this.stride - (before % this.stride)) % this.stride, this.stride);
         const last = 3 * (length - 1);
-        this.latest = [field[last], field[last + 1], field[last + 2]];
+        for (let axis = 0; axis < 3; axis++) {
+            this.latest[axis] = field[last + axis];
+            this.latest[3 + axis] = acceleration ? acceleration[last + axis] : NaN;
+        }
         this.seconds = time[length - 1];
     }
 
-    /** @param {number} time @param {number} x @param {number} y @param {number} z */
-    #put(time, x, y, z) {
-        this.times[this.count] = time;
-        this.fields.set([x, y, z], 3 * this.count);
-        this.count += 1;
+    /**
+     * Keep what another buffer has in memory; what is here already, or would leave a gap, changes nothing.
+     * @param {Passed} passed
+     */
+    follow(passed) {
+        const { first, stride, total, latest } = passed;
+        this.#thin(stride);
+        if (first !== this.count) return;
+        this.total = total;
+        this.#put(passed, 0, 1);
+        for (let i = 0; i < 6; i++) this.latest[i] = latest[1 + i];
+        this.seconds = latest[0];
+    }
+
+    /**
+     * Every so many of some rows, from one on.
+     * @param {Rows} rows
+     * @param {number} first
+     * @param {number} step
+     */
+    #put({ time, field, acceleration }, first, step) {
+        this.#reserve(this.count + Math.ceil(time.length / step));
+        if (acceleration) this.accelerations ??= new Float64Array(this.fields.length).fill(NaN);
+        for (let j = first; j < time.length; j += step) {
+            const [from, to] = [3 * j, 3 * this.count];
+            this.times[this.count] = time[j];
+            for (let axis = 0; axis < 3; axis++) {
+                this.fields[to + axis] = field[from + axis];
+                if (this.accelerations) this.accelerations[to + axis] = acceleration ? acceleration[from + axis] : NaN;
+            }
+            this.count += 1;
+        }
     }
 
     /** @param {number} stride */
@@ -110,6 +149,7 @@ export class ReadingBuffer {
         for (let j = 1; j < left; j++) {
             this.times[j] = this.times[j * every];
             this.fields.copyWithin(3 * j, 3 * j * every, 3 * j * every + 3);
+            this.accelerations?.copyWithin(3 * j, 3 * j * every, 3 * j * every + 3);
         }
         this.count = left;
         this.stride = stride;
@@ -121,6 +161,7 @@ export class ReadingBuffer {
         const room = Math.max(count, Math.min(2 * this.times.length, this.most));
         this.times = grown(this.times, room);
         this.fields = grown(this.fields, 3 * room);
+        if (this.accelerations) this.accelerations = grown(this.accelerations, 3 * room);
     }
 
     /**

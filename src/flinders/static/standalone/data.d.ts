@@ -27,13 +27,9 @@ export interface EngineData {
   condition: string;
   conditions: string[];
   parameters: string[];
-  disturbed: string[];
-  at_once: string[];
-  informative: string[];
-  other_units: Record<string, number>;
   steps: Record<string, string>; // what to do next, by name
-  poses: string[]; // after "hold it"
-  turns: [right: string, left: string][]; // about x, y and z
+  poses: Record<"sensor" | "vehicle", string[]>; // after "hold it"
+  turns: Record<"sensor" | "vehicle", [right: string, left: string][]>; // about x, y and z
   tiles: TilesView;
   swaps: string[]; // axes that change, in the order of the engine
 }

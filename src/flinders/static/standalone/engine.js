@@ -74,7 +74,7 @@
 /** An ellipsoid, as readings make it. @typedef {{centre: number[], shape: number[]}} Surface */
 
 const ALIGNED = 16;
-const SENSOR = 1; // axes that attitudes are named in
+const FRAMES = { vehicle: 0, sensor: 1 }; // axes that attitudes are named in
 const PAGE = 65_536;
 const TURN = 72; // headings of a turn
 const WIDTHS = { u1: 1, i4: 4, i8: 8, f8: 8 };
@@ -359,15 +359,16 @@ export class Engine {
     }
 
     /**
-     * The simplest attitude of the sensor that meets the field near a direction, by its number.
+     * The simplest attitude that meets the field near a direction, by its number in a frame.
      * @param {Wanted} wanted
      * @param {number[]} direction
+     * @param {"sensor" | "vehicle"} frame
      * @returns {number}
      */
-    pose(wanted, direction) {
+    pose(wanted, direction, frame) {
         const [directionAt] = this.#lent([direction]);
         this.#write("goal", wanted);
-        return this.call.flinders_pose_towards(SENSOR, this.at.goal, directionAt);
+        return this.call.flinders_pose_towards(FRAMES[frame], this.at.goal, directionAt);
     }
 
     /**

@@ -1,8 +1,8 @@
-/** A fit of what the page shows, its verdict and what speaks against it: `flinders.live.evaluation.evaluate`. */
+/** A fit of what the page shows, its verdict and what speaks against it. */
 
 import { guided } from "./advice.js";
 import { Fit, fitOf } from "./fit.js";
-import { ofFit, ofMotion, ofRefusal } from "./reasons.js";
+import { AT_ONCE, ofFit, ofMotion, ofRefusal } from "./reasons.js";
 import { findingsOf, verdictOf } from "./findings.js";
 import { viewOf } from "./view.js";
 
@@ -18,6 +18,7 @@ import { viewOf } from "./view.js";
  * @property {import("./advice.js").Goal} goal
  * @property {ArrayLike<number> | null} [numbers] Which reading of the session each of them is.
  * @property {boolean} [isFollowed] Somebody turns the sensor just now, and may be led.
+ * @property {import("./advice.js").Frame} [frame] Whose axes advice is given in.
  */
 
 /**
@@ -46,23 +47,23 @@ import { viewOf } from "./view.js";
  * @returns {Evaluated}
  */
 export function evaluate(engine, data, asked) {
-    const { field, goal, numbers = null, isFollowed = false } = asked;
+    const { field, goal, numbers = null, isFollowed = false, frame = "sensor" } = asked;
     const time = asked.time ?? Float64Array.from({ length: field.length / 3 }, (_, i) => i);
     const fit = fitOf(engine, data, asked);
     const readings = { field, time };
     if (!(fit instanceof Fit)) {
-        const reasons = ofRefusal(fit).concat(ofMotion(readings, null, false, data));
+        const reasons = ofRefusal(fit).concat(ofMotion(readings, null, false));
         return { view: null, reasons: ordered(reasons), refusal: fit.words, refusalCode: fit.code, alarms: [], used: 0, rejected: 0, coverage: 0, record: null };
     }
     const findings = findingsOf(fit);
-    const view = viewOf(fit, findings, { field, numbers, goal });
+    const view = viewOf(fit, findings, { field, numbers, goal, frame });
     const isFlat = findings.some(({ code }) => code === "one-plane");
     const found = ofFit(fit, findings, readings);
-    const alarms = found.filter(({ severity, code }) => severity === "warning" && !data.at_once.includes(code));
+    const alarms = found.filter(({ severity, code }) => severity === "warning" && !AT_ONCE.includes(code));
     const used = view.tiles_seen.reduce((sum, count) => sum + count, 0) || time.length;
     return {
-        view: isFollowed ? guided(view, fit, readings, isFlat, goal) : view,
-        reasons: ordered([...ofMotion(readings, fit, isFlat, data), ...found]),
+        view: isFollowed ? guided(view, fit, readings, isFlat, goal, frame) : view,
+        reasons: ordered([...ofMotion(readings, fit, isFlat), ...found]),
         refusal: "",
         refusalCode: "",
         alarms: alarms.map(({ code }) => code),

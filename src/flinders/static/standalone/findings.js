@@ -209,7 +209,7 @@ function attitudes({ attitude_limit_deg: limit, target_deg: target, worst_deg: w
  * @returns {string}
  */
 function stepWords([name, pose], { steps, poses }) {
-    return steps[name].replace("{}", pose === undefined ? "" : poses[pose]);
+    return steps[name].replace("{}", pose === undefined ? "" : poses.sensor[pose]);
 }
 
 /** @param {Values} values */

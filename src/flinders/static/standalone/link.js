@@ -1,27 +1,25 @@
 /**
- * A link to a session in the page itself: what the server is to the live page, for the page that needs no program.
+ * The session of a page without a program: sources in the browser, and all that a server does elsewhere.
  *
- * Readings of a source wait in a queue, which goes into the session some twenty times a second. Fits run in a worker,
- * one at a time, always of the newest readings. It answers the same messages and the same addresses as the server.
+ * Readings of a source wait in a queue, which goes into the session some twenty times a second.
  */
 
 import { Refusal } from "../dom.js";
 import { degrees } from "../views/words.js";
-import { notice, seriesOf, Session } from "./session.js";
-import { Cursor, sessionState } from "./state.js";
+import { SessionLink } from "./running.js";
+import { seriesOf } from "./session.js";
 import { readLog } from "./lines.js";
 import { unitOf } from "./sources.js";
 import { Unreadable } from "./tables.js";
 import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } from "./targets.js";
 
-/** @typedef {import("../connection.js").Link} Link */
-/** @typedef {import("../connection.js").Listener} Listener */
+/** @typedef {import("./running.js").Finished} Finished */
+/** @typedef {import("./running.js").Listener} Listener */
 /** @typedef {import("../messages.d.ts").Notice} Notice */
 /** @typedef {import("../messages.d.ts").SourceState} SourceState */
-/** @typedef {import("../messages.d.ts").ToServer} ToServer */
+/** @typedef {import("../messages.d.ts").Command} Command */
 /** @typedef {import("./fitter.js").Fitter} Fitter */
 /** @typedef {import("./keeper.js").Keeper} Keeper */
-/** @typedef {import("./session.js").Rules} Rules */
 /** @typedef {import("./session.js").Unit} Unit */
 /** @typedef {import("./sources.js").Source} Source */
 
@@ -29,16 +27,12 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
  * What Python wrote for the page: `flinders.standalone.package.page_data`.
  * @typedef {object} PageData
  * @property {string} version
- * @property {Rules} session
  * @property {import("./sources.js").Simulation} simulated
  * @property {import("./data.d.ts").EngineData} engine
  * @property {object} lines
  * @property {any} targets
  */
 
-const TICK_MS = 50;
-const STATE_S = 0.2;
-const SILENT_STATE_S = 1;
 const UPLOAD_BYTES = 64 << 20;
 const IN_BROWSER = "this browser";
 /** Kinds of sources whose readings cannot be had again. */
@@ -50,8 +44,7 @@ const NOT_HERE = {
     send: "This page sends nothing to boards: save the calibration, and run flinders send.",
 };
 
-/** @implements {Link} */
-export class OwnLink {
+export class OwnLink extends SessionLink {
     /**
      * @param {Listener} listener
      * @param {PageData} data
@@ -59,24 +52,13 @@ export class OwnLink {
      * @param {Keeper} keeper
      */
     constructor(listener, data, fitter, keeper) {
-        this.listener = listener;
+        super(listener, fitter, data.engine);
         this.data = data;
-        this.fitter = fitter;
         this.keeper = keeper;
-        this.session = new Session(data.session);
-        this.cursor = new Cursor();
-        /** @type {import("../messages.d.ts").View | null} that was said */
-        this.view = null;
         /** @type {Source | null} */
         this.source = null;
         /** @type {{time: number[], field: number[], unit: Unit}} */
         this.queue = { time: [], field: [], unit: this.session.live.unit };
-        this.begun = performance.now();
-        this.statedAt = -1;
-        this.statedRevision = -1;
-        this.isUrgent = false;
-        /** @type {import("./session.js").Evaluated | null}  of all readings */
-        this.finished = null;
         /** Readings that somebody has saved. */
         this.saved = 0;
         /** Called where the source is another, or a log was opened. */
@@ -86,12 +68,6 @@ export class OwnLink {
             this.tell("This browser has no room to keep more readings: save them with Finish, Readings.", "error");
         };
         queueMicrotask(() => this.renew());
-        window.setInterval(() => this.step(), TICK_MS);
-    }
-
-    /** Seconds since the page was loaded. */
-    get now() {
-        return (performance.now() - this.begun) / 1000;
     }
 
     /** Whether readings of a sensor would be lost with the page. */
@@ -104,32 +80,19 @@ export class OwnLink {
         return this.source !== null || this.session.shown.buffer.total > 0;
     }
 
-    // As the server ----------------------------------------------------------------------------------------------------
+    // What the page asks for -------------------------------------------------------------------------------------------
 
     retry() {}
 
-    /** Say everything again. */
-    renew() {
-        const { version, engine: { tiles } } = this.data;
-        const state = sessionState(this.session);
-        this.cursor = new Cursor();
-        this.view = this.session.shown.evaluated.view;
-        this.listener.onLink("open", 0);
-        const limits = { upload_bytes: UPLOAD_BYTES };
-        this.listener.onMessage({ type: "hello", version, session: "page", tiles, targets: targetsOf(this.data), limits, state, view: this.view });
+    get greeting() {
+        return { version: this.data.version, session: "page", targets: targetsOf(this.data), limits: { upload_bytes: UPLOAD_BYTES } };
     }
 
-    /**
-     * @param {ToServer} message
-     * @returns {boolean}
-     */
+    /** @param {Command} message */
     send(message) {
-        for (const words of this.session.requested(this.now, message)) this.listener.onMessage(words);
         if (message.type === "clear" && this.session.opened === null) this.forget();
-        if (message.type === "back_to_live") this.onChange();
-        this.isUrgent = true;
-        this.step();
-        return true;
+        if (message.type === "back_to_live") queueMicrotask(() => this.onChange());
+        return super.send(message);
     }
 
     /**
@@ -155,7 +118,7 @@ export class OwnLink {
     async open(name, content) {
         const bytes = new Uint8Array(await content.arrayBuffer());
         const log = readable(() => readLog(this.data, name, bytes));
-        const series = seriesOf(this.data.session, { ...log, unit: unitOf(log) });
+        const series = seriesOf(this.session.rules, { ...log, unit: unitOf(log) });
         this.session.openedLog(this.now, name, series);
         this.isUrgent = true;
         this.tell(log.words.join("; "));
@@ -179,7 +142,7 @@ export class OwnLink {
 
     /** @param {string} target */
     async export(target) {
-        const { calibration } = await this.final();
+        const calibration = this.calibrationNow();
         try {
             return Response.json(exported(this.data, target, calibration));
         } catch (error) {
@@ -189,9 +152,9 @@ export class OwnLink {
     }
 
     async calibration() {
-        const { calibration, fit } = await this.final();
         const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files: [] };
-        return download(calibrationFile(this.data, calibration, { fit, provenance }), "calibration.json");
+        const file = calibrationFile(this.data, this.calibrationNow(), { fit: this.made?.record ?? null, provenance });
+        return download(file, "calibration.json");
     }
 
     /** The readings that are in memory, as a table in the recorded unit. */
@@ -201,14 +164,19 @@ export class OwnLink {
         return download(tableOf(shown), "readings.csv");
     }
 
-    /** The calibration of all readings that are shown and not left out, and what is known of it. */
-    async final() {
+    /** Fit all readings that are in memory and not left out. @returns {Promise<Finished>} */
+    async finish() {
         const { shown, openedName, source } = this.session;
-        if (this.finished?.key !== shown.key) this.finished = (await this.fitter.fit(this.session.task(Infinity))).evaluated;
-        const { view, refusal, record } = this.finished;
-        const calibration = calibrationOf(view, shown.unit, openedName || source.name);
-        if (calibration === null) throw new Refusal(refusal || "There is no calibration yet.");
-        return { calibration, fit: record };
+        if (this.made?.key !== shown.key) this.made = (await this.fitter.fit(this.session.task(Infinity))).evaluated;
+        return { name: openedName || source.name, view: this.made.view, refusal: this.made.refusal };
+    }
+
+    /** The calibration that was made last. */
+    calibrationNow() {
+        const { shown, openedName, source } = this.session;
+        const calibration = calibrationOf(this.made?.view ?? null, shown.unit, openedName || source.name);
+        if (calibration === null) throw new Refusal(this.made?.refusal || "There is no calibration yet.");
+        return calibration;
     }
 
     // Sources ----------------------------------------------------------------------------------------------------------
@@ -291,11 +259,6 @@ export class OwnLink {
         this.isUrgent = true;
     }
 
-    /** @param {string} words @param {Notice["severity"]} severity */
-    tell(words, severity = "info") {
-        this.listener.onMessage(notice(words, severity));
-    }
-
     /** Begin anew without readings. */
     empty() {
         this.session.requested(this.now, { type: "clear" });
@@ -309,16 +272,6 @@ export class OwnLink {
         if (this.source === null) this.show(NO_SOURCE);
     }
 
-    // Time -------------------------------------------------------------------------------------------------------------
-
-    /** Take in what came, fit where that is due, and say what is new. */
-    step() {
-        this.drain();
-        this.session.ticked(this.now);
-        if (this.session.wantsFit(this.now)) this.fit();
-        this.say();
-    }
-
     /** Put what waits into the session. */
     drain() {
         const { time, field, unit } = this.queue;
@@ -328,31 +281,6 @@ export class OwnLink {
         const before = live.buffer.total;
         this.session.arrived(this.now, { time, field }, unit);
         if (ONCE.includes(source.kind)) this.keeper.add({ name: source.name, kind: source.kind, unit }, live.buffer, before);
-    }
-
-    async fit() {
-        const { evaluated, seconds } = await this.fitter.fit(this.session.beginFit());
-        this.session.fitDone(this.now, evaluated, seconds);
-        this.say();
-    }
-
-    /** Say what is new: fit, state and points. */
-    say() {
-        const { session, listener, now } = this;
-        const { view } = session.shown.evaluated;
-        if (view !== this.view) {
-            this.view = view;
-            listener.onMessage({ type: "fit", revision: session.revision, view });
-        }
-        const since = now - this.statedAt;
-        if (this.isUrgent || since >= SILENT_STATE_S || (since >= STATE_S && session.revision !== this.statedRevision)) {
-            this.isUrgent = false;
-            this.statedAt = now;
-            this.statedRevision = session.revision;
-            listener.onMessage(sessionState(session));
-        }
-        const frame = this.cursor.frame(session);
-        if (frame) listener.onFrame(frame);
     }
 }
 

@@ -1,8 +1,7 @@
 /**
- * A session without a server: what `flinders.live.session` decides, for one page.
+ * A session: readings, what a person does to them, and the fits of them. `edits` is what others have to know of it.
  *
- * It knows no clock, source or worker: each event carries its time. `tests/agreement/test_page_sessions.py` holds it and
- * the server's to one table of events.
+ * It knows no clock, source or worker: each event carries its time, so that a list of events is a test.
  */
 
 import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
@@ -12,30 +11,35 @@ import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
 /** @typedef {import("../messages.d.ts").Notice} Notice */
 /** @typedef {import("../messages.d.ts").Reason} Reason */
 /** @typedef {import("../messages.d.ts").SourceState} SourceState */
-/** @typedef {import("../messages.d.ts").ToServer} ToServer */
+/** @typedef {import("../messages.d.ts").Command} Command */
+/** @typedef {import("../wire.d.ts").Edits} Edits */
 /** @typedef {import("../messages.d.ts").View} View */
 
-/**
- * The numbers that the server decides by, from `flinders.standalone.session`.
- * @typedef {object} Rules
- * @property {number} capacity
- * @property {number} shown
- * @property {number} frame_points
- * @property {number} fitted
- * @property {number} share
- * @property {number} fastest_s
- * @property {number} rate_s
- * @property {number} enough_fits
- * @property {number} sure_s
- * @property {number} whole
- * @property {number} settled_s
- * @property {number} lasting_s
- * @property {number} silent_s
- * @property {number} silent_steps
- * @property {number} level_deg
- * @property {number} assumed_dip_deg
- * @property {number} largest_dip_deg
- */
+/** Numbers that a session decides by. */
+export const RULES = Object.freeze({
+    /** Readings in memory, shown, in one frame, and of a fit, at most. */
+    capacity: 1 << 20,
+    shown: 40_000,
+    frame_points: 20_000,
+    fitted: 20_000,
+    /** Of a core, that fits take, and seconds from one to the next, at the least. */
+    share: 0.03,
+    fastest_s: 0.25,
+    rate_s: 2,
+    /** Fits in a row that have to be within the target before that is said, or two of them so many seconds apart. */
+    enough_fits: 3,
+    sure_s: 1,
+    /** Share of the sphere beyond which findings that last so many seconds are an alarm, and seconds after which any are. */
+    whole: 0.95,
+    settled_s: 5,
+    lasting_s: 75,
+    /** Seconds without a reading after which that is said; or so many usual steps of a slow sensor. */
+    silent_s: 3,
+    silent_steps: 5,
+    /** A calibration that is good to so much tilt needs no word about tilt. */
+    level_deg: 89,
+    assumed_dip_deg: 60,
+});
 
 /**
  * The unit that readings are in, the one they were recorded in, and what one of that is in the first.
@@ -72,6 +76,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {number} key
  * @property {Float64Array} field
  * @property {Float64Array | null} time
+ * @property {"sensor" | "vehicle"} frame  whose axes advice is given in
  * @property {Uint32Array} numbers  which reading of the session each of them is
  * @property {string} unit
  * @property {number} targetDeg
@@ -83,6 +88,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
 
 /** @type {Evaluated} */
 const NO_FIT = { key: -1, view: null, refusal: "", refusalCode: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
+const LARGEST_DIP_DEG = 89;
 const A_LOG = "a log is shown, and nothing arrives in it: go back to the sensor first";
 const NO_PLACE = "this page has no model of the earth's field: look up the inclination at your place, and type it as dip";
 
@@ -97,6 +103,12 @@ export class Series {
         this.buffer = new ReadingBuffer(capacity);
         this.unit = unit;
         this.isTimed = isTimed;
+        /** Number of a log that a server holds. */
+        this.number = "";
+        /** @type {"sensor" | "vehicle"} whose axes readings are in */
+        this.frame = "sensor";
+        /** @type {number | null} it was begun anew then: readings up to that time are left behind */
+        this.begunS = null;
         this.exclusions = new Exclusions();
         /** @type {number | null} since when what arrives is left out */
         this.pausedAt = null;
@@ -121,8 +133,7 @@ export class Series {
 }
 
 export class Session {
-    /** @param {Rules} rules */
-    constructor(rules) {
+    constructor(rules = RULES) {
         this.rules = rules;
         /** @type {SourceState} */
         this.source = { name: "no source", kind: "simulated", link: "waiting", words: "" };
@@ -139,6 +150,10 @@ export class Session {
         /** @type {Previous | null} */
         this.previous = null;
         this.recording = "";
+        /** Why what arrives cannot be written down; nothing where it can. */
+        this.unrecorded = "";
+        /** The source is a board that takes a calibration. */
+        this.hasBoard = false;
         this.revision = 0;
         this.keys = 0;
         this.generations = 1;
@@ -177,14 +192,50 @@ export class Session {
         const { length } = rows.time;
         if (length === 0) return;
         const { live } = this;
-        live.buffer.extend({ time: this.timeline.take(rows.time), field: rows.field });
+        live.buffer.extend({ ...rows, time: this.timeline.take(rows.time) });
         live.unit = unit;
+        this.#came(at, length);
+    }
+
+    /**
+     * Take readings that a server passes on, by its own timeline; those that came before this page are `isOld`.
+     * @param {number} at
+     * @param {import("./buffer.js").Passed} passed
+     * @param {Unit} unit
+     * @param {boolean} isOld
+     */
+    received(at, passed, unit, isOld) {
+        this.at = at;
+        const { live } = this;
+        const before = live.buffer.total;
+        live.buffer.follow(passed);
+        live.unit = unit;
+        this.timeline.at = live.buffer.seconds;
+        this.#came(at, isOld ? 0 : live.buffer.total - before);
+    }
+
+    /** Forget the readings of the sensor, which come once more; what was done to them stands. */
+    restart() {
+        const { live } = this;
+        live.buffer = new ReadingBuffer(live.buffer.most);
+        live.generation = ++this.generations;
+        live.key = ++this.keys;
+    }
+
+    /**
+     * Note that so many readings came; 0 of those that came long ago.
+     * @param {number} at
+     * @param {number} length
+     */
+    #came(at, length) {
+        const { live } = this;
         if (live.pausedAt === null) live.key = ++this.keys;
+        this.revision += 1;
+        if (length === 0) return;
         if (this.source.link !== "connected") this.source = { ...this.source, link: "connected", words: "" };
         const old = this.arrivals.filter(([when]) => when <= at - this.rules.rate_s).length;
         this.arrivals = [...this.arrivals.slice(Math.max(old - 1, 0)), [at, this.timeline.at, length]];
         this.arrivedAt = at;
-        this.revision += 1;
     }
 
     /**
@@ -227,14 +278,50 @@ export class Session {
         this.#refit();
     }
 
+    /** What was done to the readings of the sensor, for whoever keeps it. @returns {Edits} */
+    get edits() {
+        const { live } = this;
+        return {
+            type: "edits",
+            excluded: live.exclusions.spans,
+            paused_s: live.pausedAt,
+            begun_s: live.begunS,
+            target_deg: this.targetDeg,
+            dip_deg: this.dipDeg,
+            goal: this.goal,
+            site: null,
+            refreshing: false,
+        };
+    }
+
+    /**
+     * Take over what was done on another page, or before.
+     * @param {number} at
+     * @param {Edits} edits
+     */
+    adopt(at, edits) {
+        this.at = at;
+        if (edits.begun_s !== this.live.begunS) this.#begin(edits.begun_s);
+        const { live } = this;
+        if (JSON.stringify(edits.excluded) !== JSON.stringify(live.exclusions.spans)) live.exclusions = new Exclusions(edits.excluded);
+        live.pausedAt = edits.paused_s;
+        this.targetDeg = edits.target_deg;
+        this.dipDeg = edits.dip_deg;
+        this.goal = edits.goal;
+        this.shown.within = [];
+        this.#refit();
+    }
+
     /**
      * Carry out a command; one that changes nothing is no step.
      * @param {number} at
-     * @param {ToServer} command
+     * @param {Command} command
      * @returns {Notice[]}
      */
     requested(at, command) {
         this.at = at;
+        const refusal = refusalOf(command);
+        if (refusal) return [notice(refusal, "error")];
         switch (command.type) {
             case "target":
                 return this.#wish("targetDeg", command.deg);
@@ -341,13 +428,18 @@ export class Session {
     /** Begin anew without readings. */
     #clear() {
         if (this.opened !== null) return [notice("a log is shown, which cannot be started again: go back to the sensor first", "warning")];
-        const { unit, buffer } = this.live;
+        const { buffer, begunS } = this.live;
+        this.#begin(buffer.total > 0 ? buffer.seconds : begunS);
+        return [notice("started again", "info")];
+    }
+
+    /** @param {number | null} begunS  time of the last reading that is left behind */
+    #begin(begunS) {
+        const { unit, buffer, frame } = this.live;
         this.live = new Series(buffer.most, unit);
-        this.live.generation = ++this.generations;
-        this.live.key = this.live.since = ++this.keys;
+        Object.assign(this.live, { begunS, frame, generation: ++this.generations, key: ++this.keys, since: this.keys });
         this.arrivals = [];
         this.revision += 1;
-        return [notice("started again", "info")];
     }
 
     /** Close the log. */
@@ -398,6 +490,7 @@ export class Session {
             time: Float64Array.from(used, (place) => time[place]),
             numbers: used.map((place) => place * stride),
             unit: labelOf(shown.unit),
+            frame: shown.frame,
             targetDeg: this.targetDeg,
             dipDeg,
             dipAssumed,
@@ -492,9 +585,9 @@ function nextAfter(value) {
 }
 
 /**
- * A log as a series of its own; without times, a reading counts a second.
- * @param {Rules} rules
- * @param {{time: Float64Array | null, field: Float64Array, unit: Unit}} log
+ * A log as a series.
+ * @param {typeof RULES} rules
+ * @param {{time: ArrayLike<number> | null, field: ArrayLike<number>, unit: Unit}} log
  * @returns {Series}
  */
 export function seriesOf(rules, { time, field, unit }) {
@@ -507,4 +600,16 @@ export function seriesOf(rules, { time, field, unit }) {
 /** @param {Unit} unit @returns {string} As the page shows it. */
 export function labelOf({ inside }) {
     return inside === "uT" ? "µT" : inside;
+}
+
+/**
+ * Why a command cannot be meant.
+ * @param {Command} command
+ * @returns {string}
+ */
+function refusalOf(command) {
+    if (command.type === "target" && !(command.deg > 0 && command.deg <= 180)) return "the target is an angle above 0°, up to 180°";
+    if (command.type === "dip" && !(Math.abs(command.deg) <= LARGEST_DIP_DEG)) return `the dip is an angle from −${LARGEST_DIP_DEG}° to ${LARGEST_DIP_DEG}°`;
+    const hasSpan = command.type === "exclude" || command.type === "restore";
+    return hasSpan && !(command.start_s < command.end_s) ? "a stretch that is left out needs a start before its end" : "";
 }

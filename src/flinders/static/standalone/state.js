@@ -1,4 +1,4 @@
-/** What the page shows of a session: its state in words and numbers, and new points. `flinders.live.page_state` there. */
+/** What the page shows of a session: its state in words and numbers, and new points. */
 
 import { capital } from "../views/words.js";
 import { figures, fixed, general } from "./numbers.js";
@@ -49,7 +49,7 @@ export function sessionState(session) {
         previous: session.previous && evaluated.previous,
         refreshing: false,
         opened: session.openedName || null,
-        can_send: false,
+        can_send: session.hasBoard && session.opened === null && evaluated.record !== null,
     };
 }
 
@@ -72,7 +72,7 @@ function rateHz({ arrivals, at, rules }) {
  * @returns {[State["phase"], string, string | null, Reason[]]}
  */
 function phaseOf(session) {
-    const reasons = [...(session.opened ? [] : ofLink(session)), ...settled(session)];
+    const reasons = [...(session.opened ? [] : ofLink(session)), ...settled(session), ...unrecorded(session)];
     const wrong = reasons.find(({ severity }) => severity === "warning");
     if (wrong) return ["wrong", sentence(wrong.advice), wrong.code, reasons];
     if (session.shown.buffer.total === 0 && session.source.link !== "ended") {
@@ -165,6 +165,15 @@ function beforeAFit({ shown: { buffer, evaluated }, source }) {
 }
 
 /**
+ * Why what arrives cannot be written down.
+ * @param {Session} session
+ * @returns {Reason[]}
+ */
+function unrecorded({ unrecorded: advice }) {
+    return advice ? [{ code: "not-recorded", advice, severity: "info", spans: [] }] : [];
+}
+
+/**
  * Reasons why no readings arrive.
  * @param {Session} session
  * @returns {Reason[]}
@@ -245,24 +254,26 @@ export class Cursor {
 }
 
 /**
+ * A frame of points: eight uint32 (magic, generation, first, count, whether there are accelerations, stride, 0, 0), then
+ * float32: the newest reading and acceleration (6), times (N), readings (3 N) and accelerations (3 N).
  * @param {Session} session
  * @param {number} first
  * @param {number} count
  * @param {number} step  in memory
- * @returns {ArrayBuffer}  as `flinders.live.messages.points_frame` lays it out
+ * @returns {ArrayBuffer}
  */
 function frameOf(session, first, count, step) {
     const { generation, buffer } = session.shown;
-    const { time, field } = buffer;
-    const frame = new ArrayBuffer(4 * (8 + 6 + 4 * count));
-    new Uint32Array(frame, 0, 8).set([MAGIC, generation, first, count, 0, step * buffer.stride]);
-    new Float32Array(frame, 32, 6).set([...buffer.latest, NaN, NaN, NaN]);
+    const { time, field, acceleration } = buffer;
+    const columns = acceleration ? [field, acceleration] : [field];
+    const frame = new ArrayBuffer(4 * (8 + 6 + (1 + 3 * columns.length) * count));
+    new Uint32Array(frame, 0, 8).set([MAGIC, generation, first, count, columns.length - 1, step * buffer.stride]);
+    new Float32Array(frame, 32, 6).set(buffer.latest);
     const times = new Float32Array(frame, 56, count);
-    const fields = new Float32Array(frame, 56 + 4 * count, 3 * count);
-    for (let j = 0; j < count; j++) {
-        const place = (first + j) * step;
-        times[j] = time[place];
-        fields.set(field.subarray(3 * place, 3 * place + 3), 3 * j);
-    }
+    for (let j = 0; j < count; j++) times[j] = time[(first + j) * step];
+    columns.forEach((numbers, column) => {
+        const shown = new Float32Array(frame, 56 + 4 * count * (1 + 3 * column), 3 * count);
+        for (let j = 0; j < count; j++) shown.set(numbers.subarray(3 * (first + j) * step, 3 * (first + j) * step + 3), 3 * j);
+    });
     return frame;
 }

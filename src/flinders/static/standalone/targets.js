@@ -355,10 +355,11 @@ export function calibrationFile({ targets }, calibration, { fit = null, provenan
  * The calibration of a file of Flinders, with its fit as it stands there.
  * @param {string} text
  * @param {{targets: any}} data `page.json`.
+ * @param {string} [used] The axes that readings are mapped to.
  * @returns {Calibration & {fit: Record<string, any> | null}}
  * @throws {Unreadable} Says what is wrong.
  */
-export function readCalibration(text, { targets }) {
+export function readCalibration(text, { targets }, used = "x,y,z") {
     const document = parsed(text.replace(/^\ufeff/, ""));
     if (document === null || typeof document !== "object") {
         throw new Unreadable("it is no JSON: need a calibration file of Flinders");
@@ -380,8 +381,8 @@ export function readCalibration(text, { targets }) {
         throw new Unreadable(`its calibration is damaged: ${need}`);
     }
     const { unit: recorded = unit, scale = 1, axes = "x,y,z" } = document.raw ?? {};
-    if (axes !== "x,y,z") {
-        throw new Unreadable(`it maps the recorded axes to ${axes}, which this page does not do: use the command line`);
+    if (axes !== used) {
+        throw new Unreadable(`it maps the recorded axes to ${axes}, and the readings here to ${used}: use the command line`);
     }
     return {
         matrix,

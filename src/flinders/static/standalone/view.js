@@ -8,6 +8,7 @@ import { figures, general } from "./numbers.js";
 /** @typedef {import("../messages.d.ts").View} View */
 /** @typedef {import("./fit.js").Fit} Fit */
 /** @typedef {import("./advice.js").Goal} Goal */
+/** @typedef {import("./advice.js").Frame} Frame */
 /** @typedef {import("./findings.js").Finding} Finding */
 /** @typedef {[number, number, number]} Triple */
 
@@ -19,10 +20,10 @@ const EVERYWHERE = "turn it slowly through all directions, away from iron and fr
 /**
  * @param {Fit} fit
  * @param {Finding[]} findings
- * @param {{field: Float64Array, numbers: ArrayLike<number> | null, goal: Goal}} given
+ * @param {{field: Float64Array, numbers: ArrayLike<number> | null, goal: Goal, frame: Frame}} given
  * @returns {View}
  */
-export function viewOf(fit, findings, { field, numbers, goal }) {
+export function viewOf(fit, findings, { field, numbers, goal, frame }) {
     const verdict = verdictOf(fit);
     const shown = firstCauses(fit);
     const isFlat = findings.some(({ code }) => code === "one-plane");
@@ -45,7 +46,7 @@ export function viewOf(fit, findings, { field, numbers, goal }) {
         tiles_seen: tileCounts(vectors, centres),
         rejected: rejectedRuns(fit, numbers),
         ...(verdict === "refused" ? UNTOLD : copied(fit, turn)),
-        ...(isFlat ? UNDRAWN : { ...drawn(fit, vectors), ...claimed(fit, turn, errors, goal) }),
+        ...(isFlat ? UNDRAWN : { ...drawn(fit, vectors), ...claimed(fit, turn, errors, goal, frame) }),
     };
 }
 
@@ -163,8 +164,9 @@ function histogram(vectors, radius, noise) {
  * @param {Fit["turn"]} turn
  * @param {number[]} errors
  * @param {Goal} goal
+ * @param {Frame} frame
  */
-function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal) {
+function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal, frame) {
     const { headingError } = fit;
     return {
         heading_error_deg: {
@@ -185,7 +187,7 @@ function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal) {
             before_deg: deviationDeg.map(rounded),
             sigma_deg: sigmaDeg.map(rounded),
         },
-        guidance: guidance(fit, goal),
+        guidance: guidance(fit, goal, frame),
     };
 }
 
@@ -193,10 +195,11 @@ function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal) {
  * Which way to turn next, for one of the goals.
  * @param {Fit} fit
  * @param {Goal} goal
+ * @param {Frame} frame
  * @returns {import("../messages.d.ts").GuidanceView}
  */
-function guidance(fit, goal) {
-    const advice = guide(fit, goal);
+function guidance(fit, goal, frame) {
+    const advice = guide(fit, goal, frame);
     const isOpen = isIdle(advice, fit.data);
     return {
         direction: isOpen ? null : triple(advice.direction),
@@ -204,7 +207,7 @@ function guidance(fit, goal) {
         worst_deg: Math.hypot(advice.worstDeg, fit.structureDeg),
         after_deg: Math.hypot(advice.afterDeg, fit.structureDeg),
         goal,
-        frame: "sensor",
+        frame,
         is_path: false,
     };
 }

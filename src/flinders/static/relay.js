@@ -1,0 +1,187 @@
+/**
+ * The session of the live page: its readings are those that the server passes on, and what is done to them here, the
+ * server keeps and tells the other pages. The server makes the calibration in the end, of all readings of the file.
+ */
+
+import { Connection } from "./connection.js";
+import { passedIn } from "./standalone/passed.js";
+import { SessionLink } from "./standalone/running.js";
+import { Series } from "./standalone/session.js";
+import { Unreadable } from "./standalone/tables.js";
+import { readCalibration } from "./standalone/targets.js";
+
+/** @typedef {import("./messages.d.ts").Command} Command */
+/** @typedef {import("./wire.d.ts").FromServer} FromServer */
+/** @typedef {import("./wire.d.ts").Welcome} Welcome */
+/** @typedef {import("./standalone/data.d.ts").EngineData} EngineData */
+/** @typedef {import("./standalone/fitter.js").Fitter} Fitter */
+/** @typedef {import("./standalone/running.js").Finished} Finished */
+/** @typedef {import("./standalone/running.js").Listener} Listener */
+
+/** What is asked of a calibration that was finished. */
+const OF_FINISHED = ["export/", "calibration.json", "report.html", "send"];
+
+export class RelayLink extends SessionLink {
+    /**
+     * @param {string} address
+     * @param {Listener} listener
+     * @param {Fitter} fitter
+     * @param {{engine: EngineData, targets: {schema: number}}} data
+     */
+    constructor(address, listener, fitter, data) {
+        super(listener, fitter, data.engine);
+        this.data = data;
+        /** @type {Welcome | null} */
+        this.welcome = null;
+        /** Of the server's readings: those of an earlier one are left behind. */
+        this.generation = -1;
+        /** Readings come that came before the page did. */
+        this.isBehind = true;
+        /** The edits that the server has, as JSON. */
+        this.told = "";
+        /** Number and key of the calibration that was finished. */
+        this.finished = { number: "", key: -1 };
+        this.connection = new Connection(address, {
+            onLink: (state, seconds) => state !== "open" && listener.onLink(state, seconds),
+            onMessage: (message) => this.#heard(message),
+            onFrame: (frame) => this.#passed(frame),
+        });
+    }
+
+    get greeting() {
+        const { version, session, targets, limits } = /** @type {Welcome} */ (this.welcome);
+        return { version, session, targets, limits };
+    }
+
+    retry() {
+        this.connection.retry();
+    }
+
+    /** @param {Command} message */
+    send(message) {
+        if (!this.connection.isOpen) return false;
+        if (message.type === "previous_clear") this.connection.send({ type: "previous", name: "", text: "" });
+        super.send(message);
+        if (message.type === "clear" && this.session.opened === null) this.generation += 1;
+        this.#tellEdits();
+        return true;
+    }
+
+    /**
+     * @param {string} address
+     * @param {RequestInit} [options]
+     * @returns {Promise<Response>}
+     */
+    async ask(address, options = {}) {
+        const isOfFinished = OF_FINISHED.some((start) => address.startsWith(start));
+        const answer = await this.connection.ask(isOfFinished ? `${address}?of=${this.finished.number}` : address, options);
+        if (address.startsWith("open?")) this.#open(await answer.arrayBuffer());
+        return answer;
+    }
+
+    /** @returns {Promise<Finished>} */
+    async finish() {
+        const { shown, edits } = this.session;
+        const log = shown.number ? `?log=${shown.number}` : "";
+        const asked = { ...edits, excluded: shown.exclusions.spans, ...(log && { paused_s: null, begun_s: null }) };
+        const answer = await this.connection.ask(`finish${log}`, { method: "POST", body: JSON.stringify(asked) });
+        const { number, name, view, refusal } = await answer.json();
+        this.finished = { number, key: shown.key };
+        return { name, view, refusal };
+    }
+
+    /** @param {FromServer} message */
+    #heard(message) {
+        const { session, now } = this;
+        switch (message.type) {
+            case "welcome":
+                this.#welcomed(message);
+                break;
+            case "edits":
+                if (message.begun_s !== session.live.begunS) this.generation += 1;
+                session.adopt(now, message);
+                this.told = JSON.stringify(session.edits);
+                break;
+            case "source":
+                session.source = message.source;
+                session.revision += 1;
+                break;
+            case "unrecorded":
+                session.unrecorded = message.words;
+                this.tell(message.words || "what arrives is recorded again", message.words ? "error" : "info");
+                break;
+            case "previous":
+                this.#compareWith(message);
+                break;
+            default:
+                this.listener.onMessage(message);
+        }
+        this.isUrgent = true;
+        this.step();
+    }
+
+    /** @param {Welcome} welcome */
+    #welcomed(welcome) {
+        const { session } = this;
+        const isOther = welcome.session !== this.welcome?.session;
+        this.welcome = welcome;
+        Object.assign(session, { source: welcome.source, recording: welcome.recording, unrecorded: welcome.unrecorded, hasBoard: welcome.has_board });
+        session.live.frame = welcome.frame;
+        if (isOther) {
+            session.adopt(this.now, welcome.edits);
+            this.#compareWith(welcome.previous);
+        }
+        this.told = JSON.stringify(session.edits);
+        this.generation = -1;
+        this.renew();
+    }
+
+    /** @param {import("./wire.d.ts").Previous} previous */
+    #compareWith({ name, text }) {
+        if (!text) {
+            this.session.requested(this.now, { type: "previous_clear" });
+            return;
+        }
+        try {
+            this.session.gotPrevious(this.now, { name, calibration: readCalibration(text, this.data, this.welcome?.axes) });
+        } catch (error) {
+            this.tell(error instanceof Unreadable ? `${name}: ${error.message}` : String(error), "error");
+        }
+    }
+
+    /** @param {ArrayBuffer} bytes */
+    #passed(bytes) {
+        const { passed, unit, generation, isLast } = passedIn(bytes);
+        if (generation < this.generation) return; // it was on its way when somebody started again
+        if (generation > this.generation) {
+            this.session.restart();
+            this.isBehind = true;
+        }
+        this.generation = generation;
+        this.session.received(this.now, passed, unit, this.isBehind);
+        if (isLast) this.isBehind = false;
+        this.step();
+    }
+
+    /** @param {ArrayBuffer} bytes  of a log that the server has read */
+    #open(bytes) {
+        const length = Number(new BigUint64Array(bytes, 0, 1)[0]);
+        const about = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 8, length)));
+        const { passed, unit } = passedIn(bytes, 8 + length);
+        const series = new Series(this.session.rules.capacity, unit, about.is_timed);
+        Object.assign(series, { number: about.number, frame: about.frame });
+        series.buffer.follow(passed);
+        this.session.openedLog(this.now, about.name, series);
+        this.tell(about.words);
+        this.isUrgent = true;
+        this.step();
+    }
+
+    /** Tell the server what was done here. */
+    #tellEdits() {
+        const edits = JSON.stringify(this.session.edits);
+        if (edits === this.told) return;
+        this.told = edits;
+        this.connection.send(this.session.edits);
+    }
+}
