@@ -163,11 +163,11 @@ function asFarAs({ rules }, { attitude_limit_deg: limit }) {
 }
 
 /**
- * Whether it takes no further fit to say that the target is reached: several did, or there will be no other.
+ * Whether it takes no further fit to say that the target is reached: several did, or one is kept, or there will be no other.
  * @param {Session} session
  */
-function isSure({ isRepeated, isOver }) {
-    return isRepeated || isOver;
+function isSure({ shown, isRepeated, isOver }) {
+    return shown.kept !== null || isRepeated || isOver;
 }
 
 /**
