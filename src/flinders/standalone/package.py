@@ -24,7 +24,7 @@ from flinders.errors import NoEngine, OutputError
 from flinders.firmware.package import licence
 from flinders.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
 from flinders.native import build
-from flinders.report.html_file import asset, joined
+from flinders.report.modules import asset, script
 from flinders.simulate import Sensor, north_and_down, seen_from
 from flinders.standalone import engine, lines, targets
 
@@ -133,7 +133,7 @@ def _of_others() -> dict[str, bytes]:
 def _script(entry: str, exported: tuple[str, ...]) -> bytes | None:
     """A module with all that it imports; None where Flinders was installed without the 3-D view."""
     try:
-        return joined(entry, exported=exported).encode()
+        return script(entry, exported=exported).encode()
     except FileNotFoundError:
         return None
 
