@@ -18,9 +18,10 @@ from typing import Any, Final
 import numpy as np
 
 from flinders.core.files import make_folder, reason, write_bytes
-from flinders.core.geomag import ASSUMED_DIP_DEG
+from flinders.core.geomag import ASSUMED_DIP_DEG, newest_model
 from flinders.errors import NoEngine, OutputError
 from flinders.firmware.package import licence
+from flinders.likelihood.site_field import GAIN_SIGMA, INCLINATION_SIGMA_DEG
 from flinders.live import buffer, messages, page_state, session
 from flinders.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
 from flinders.native import build
@@ -165,7 +166,7 @@ def service_worker(files: dict[str, bytes]) -> str:
 # ---------------------------------------------------------------- a session, its rules and the simulated sensor
 
 
-def session_rules() -> dict[str, float]:
+def session_rules() -> dict[str, Any]:
     """The constants of `flinders.live` under the names that `static/standalone/session.js` has for them."""
     return {
         "capacity": buffer.CAPACITY,
@@ -185,6 +186,9 @@ def session_rules() -> dict[str, float]:
         "level_deg": page_state.LEVEL_DEG,
         "assumed_dip_deg": ASSUMED_DIP_DEG,
         "largest_dip_deg": messages.LARGEST_DIP_DEG,
+        "gain_sigma": GAIN_SIGMA,
+        "inclination_sigma_deg": INCLINATION_SIGMA_DEG,
+        "model": newest_model(),
     }
 
 
@@ -230,7 +234,7 @@ KEPT: Final = (
 )
 HELP: Final = (
     "Nothing leaves this browser: readings of a board stay in it until you start again, also when the page is loaded "
-    "again. Reports, sending to a board, binary logs and the dip of a place need the program: "
+    "again. Reports, sending to a board and binary logs need the program: "
     "<code>pip install flinders</code>."
 )
 
@@ -252,8 +256,7 @@ EDITS: Final = (
     ),
     ('<button type="button" id="open"', f'{SOURCE_BUTTON}<button type="button" id="open"'),
     ('<main class="board">', '<main class="board">\n    {start}'),
-    *map(_hidden, ("open", "save-report", "send", "place")),
-    ("the dip is assumed: give it, or the place", "the dip is assumed: look it up for your place, and type it"),
+    *map(_hidden, ("open", "save-report", "send")),
     ('<p class="faint kept" id="kept">', f'{KEPT}<p class="faint kept" id="kept">'),
     ("Everything that arrives is recorded on the computer that runs Flinders; closing this page loses nothing.", HELP),
     (

@@ -24,7 +24,7 @@ export function showRemedies(host, { phase, reasons }, send) {
 }
 
 /**
- * Let a person give the place, whose dip the server takes from the World Magnetic Model of today.
+ * Let a person give the place, whose dip and strength are those of the World Magnetic Model of today.
  * @param {(message: ToServer) => void} send
  */
 export function listenForPlace(send) {

@@ -6,6 +6,8 @@
  */
 
 import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
+import { siteField } from "./geomag.js";
+import { fixed, general } from "./numbers.js";
 
 /** @typedef {import("./buffer.js").Rows} Rows */
 /** @typedef {import("./buffer.js").Span} Span */
@@ -35,6 +37,9 @@ import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
  * @property {number} level_deg
  * @property {number} assumed_dip_deg
  * @property {number} largest_dip_deg
+ * @property {number} gain_sigma
+ * @property {number} inclination_sigma_deg
+ * @property {import("./geomag.js").Model} model  of the earth's field
  */
 
 /**
@@ -79,12 +84,17 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {boolean} dipAssumed
  * @property {"heading" | "attitude"} goal
  * @property {Previous | null} previous
+ * @property {Site | null} site  what counts of the place, as `flinders_site`
+ */
+
+/**
+ * The field of a place; NaN where a number does not count.
+ * @typedef {{strength: number, gain_sigma: number, inclination_deg: number, inclination_sigma_deg: number}} Site
  */
 
 /** @type {Evaluated} */
 const NO_FIT = { key: -1, view: null, refusal: "", refusalCode: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
 const A_LOG = "a log is shown, and nothing arrives in it: go back to the sensor first";
-const NO_PLACE = "this page has no model of the earth's field: look up the inclination at your place, and type it as dip";
 
 /** Readings that are fitted together: those of the sensor, or of a log. */
 export class Series {
@@ -98,6 +108,8 @@ export class Series {
         this.unit = unit;
         this.isTimed = isTimed;
         this.exclusions = new Exclusions();
+        /** @type {import("./geomag.js").SiteField | null} where it was recorded */
+        this.site = null;
         /** @type {number | null} since when what arrives is left out */
         this.pausedAt = null;
         this.generation = 1;
@@ -245,7 +257,7 @@ export class Session {
             case "previous_clear":
                 return this.#wish("previous", null);
             case "place":
-                return [notice(NO_PLACE, "warning")];
+                return this.#place(command);
             case "exclude":
                 return this.#exclude(command.start_s, command.end_s);
             case "restore":
@@ -291,6 +303,46 @@ export class Session {
         this.shown.within = [];
         this.#refit();
         return [];
+    }
+
+    /**
+     * Take dip and strength of a place.
+     * @param {Extract<ToServer, {type: "place"}>} place
+     * @returns {Notice[]}
+     */
+    #place({ latitude_deg: latitude, longitude_deg: longitude, year }) {
+        const { model, largest_dip_deg: largest } = this.rules;
+        const wrong = noPlace(latitude, longitude) || noYear(model, year);
+        if (wrong) return [notice(wrong, "warning")];
+        const site = siteField(model, latitude, longitude, year);
+        const dipDeg = Number(fixed(site.inclinationDeg, 1));
+        if (Math.abs(dipDeg) > largest) {
+            return [notice(`the dip there is ${general(dipDeg)}°: no compass works where it is beyond ${general(largest)}°`, "warning")];
+        }
+        this.shown.site = site;
+        this.shown.within = [];
+        this.#refit();
+        this.#wish("dipDeg", dipDeg);
+        const where = `the dip at ${general(latitude)}°, ${general(longitude)}° is ${general(dipDeg)}°`;
+        return [notice(`${where}, the strength of the field ${fixed(site.strength, 1)} µT (${model.name})`, "info")];
+    }
+
+    /**
+     * What counts of the place: its strength for readings in a true unit, and its dip unless another is given.
+     * @returns {Site | null}
+     */
+    get #site() {
+        const { rules, shown, dipDeg } = this;
+        if (shown.site === null) return null;
+        const { strength, inclinationDeg } = shown.site;
+        const [isTrue, isItsDip] = [shown.unit.inside === "uT", dipDeg === null || dipDeg === inclinationDeg];
+        if (!isTrue && !isItsDip) return null;
+        return {
+            strength: isTrue ? strength : NaN,
+            gain_sigma: rules.gain_sigma,
+            inclination_deg: isItsDip ? inclinationDeg : NaN,
+            inclination_sigma_deg: rules.inclination_sigma_deg,
+        };
     }
 
     /**
@@ -341,8 +393,9 @@ export class Session {
     /** Begin anew without readings. */
     #clear() {
         if (this.opened !== null) return [notice("a log is shown, which cannot be started again: go back to the sensor first", "warning")];
-        const { unit, buffer } = this.live;
+        const { unit, buffer, site } = this.live;
         this.live = new Series(buffer.most, unit);
+        this.live.site = site;
         this.live.generation = ++this.generations;
         this.live.key = this.live.since = ++this.keys;
         this.arrivals = [];
@@ -403,6 +456,7 @@ export class Session {
             dipAssumed,
             goal: this.goal,
             previous: this.previous,
+            site: this.#site,
         };
     }
 
@@ -477,6 +531,32 @@ export class Session {
  */
 export function notice(words, severity) {
     return { type: "notice", severity, words };
+}
+
+/**
+ * Why there is no such place; nothing where there is.
+ * @param {number} latitude
+ * @param {number} longitude
+ * @returns {string}
+ */
+function noPlace(latitude, longitude) {
+    const isSwapped = Math.abs(latitude) <= 180 && Math.abs(longitude) <= 90;
+    const swapped = isSwapped ? "; the latitude comes first" : "";
+    if (!(Math.abs(latitude) <= 90)) return `latitude is ${general(latitude)}°: need −90° to 90°${swapped}`;
+    if (longitude >= -180 && longitude <= 360) return "";
+    return `longitude is ${general(longitude)}°: need −180° to 180°, east positive`;
+}
+
+/**
+ * Why a year is not that of the model; nothing where it is.
+ * @param {import("./geomag.js").Model} model
+ * @param {number} year
+ * @returns {string}
+ */
+function noYear({ name, epoch, years }, year) {
+    if (year >= epoch && year <= epoch + years) return "";
+    const begin = `${general(year)} lies outside ${name}, from ${general(epoch)} to ${general(epoch + years)}`;
+    return `${begin}: look up the inclination at your place, and type it as dip`;
 }
 
 /**
