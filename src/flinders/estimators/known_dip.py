@@ -76,9 +76,8 @@ def sited(
     if estimate.method != Level.name and (estimate.plane or site is None):
         return estimate  # a recipe of two axes claims nothing of the third
     record = _record_of(estimate, dip_deg)
-    field, vertical = np.empty((0, 3)), None
-    if estimate.plane:
-        field, vertical = readings.thinned(ENOUGH, Level.name), _vertical(readings, record)
+    field = readings.thinned(ENOUGH, Level.name) if estimate.plane else np.empty((0, 3))
+    vertical = _vertical(readings, record) if estimate.plane else None
     known = _known(site, alignment_sigma_deg, z_down=_is_mapped(readings))
     uses_strength = engine().at_site(record, known, field, vertical)
     strengths = SiteStrength(*(float(record[name]) for name in ("site_strength", "strength_found", "strength_sigmas")))
