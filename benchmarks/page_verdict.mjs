@@ -8,7 +8,6 @@ const load = (name) => import(pathToFileURL(`${modules}/${name}`));
 const [{ loadEngine }, { evaluate }] = await Promise.all(["engine.js", "evaluate.js"].map(load));
 const engine = await loadEngine(readFileSync(wasm), data.layouts);
 
-const numbers = (known) => known && Object.fromEntries(Object.entries(known).map(([name, number]) => [name, number ?? NaN]));
 const floats = (text) => text && new Float64Array(Uint8Array.from(Buffer.from(text, "base64")).buffer);
 const milliseconds = (work) => {
     const taken = Array.from({ length: turns }, () => {
@@ -20,7 +19,7 @@ const milliseconds = (work) => {
     return taken.sort((one, other) => one - other)[turns >> 1] ?? 0;
 };
 const answers = recordings.map((asked) => {
-    const readings = { ...asked, field: floats(asked.field), time: floats(asked.time), site: numbers(asked.site) };
+    const readings = { ...asked, field: floats(asked.field), time: floats(asked.time) };
     const { field, time, dipDeg } = readings;
     return {
         ...evaluate(engine, data, readings),

@@ -133,7 +133,7 @@ def asked(session: LiveSession) -> dict[str, Any]:
 
 
 def site_of(known: Site | None) -> dict[str, float | None] | None:
-    """What counts of a site, as the page asks its engine; None is NaN there."""
+    """What counts of a site, as the page asks its engine."""
     if known is None:
         return None
     names = ("strength", "gain_sigma", "inclination_deg", "inclination_sigma_deg")

@@ -123,9 +123,27 @@ def test_the_strength_of_the_place_counts_for_readings_in_a_true_unit() -> None:
     session = placed(simulate.tumble(seed=1, n=60).samples)
     expected = site_of((Site.stated(session.shown.known_site, inclination_deg=session.dip_deg) or Site()).evidence)
     assert expected is not None
+    assert (in_microtesla["inclination_deg"], expected["inclination_deg"]) == (None, None)
     same({**in_microtesla, "inclination_sigma_deg": None}, expected, "site")
-    assert in_microtesla["inclination_deg"] is None
     assert in_counts is None
+
+
+OWN: Final = """
+const { Session } = await load("session.js");
+const session = new Session(given.rules);
+session.live.site = given.site;
+const before = [session.judgedDip, session.task(1).site];
+session.requested(1, { type: "dip", deg: 40 });
+return [...before, session.judgedDip, session.task(1).site];
+"""
+
+
+def test_dip_and_strength_that_a_log_states_count_until_a_dip_is_typed() -> None:
+    """In counts the dip alone."""
+    site = {"strength": 50.0, "gain_sigma": 0.05, "inclination_deg": 66.62, "inclination_sigma_deg": 1.0}
+    own, known, typed, nothing = run(OWN, {"rules": session_rules(), "site": site})
+    assert (own, known) == ([66.62, False], {**site, "strength": None})
+    assert (typed, nothing) == ([40, False], None)
 
 
 def placed(samples: Samples, **place: float) -> LiveSession:
@@ -166,7 +184,7 @@ const [{ loadEngine }] = await Promise.all(["engine.js"].map(load));
 const engine = await loadEngine(Uint8Array.from(Buffer.from(given.wasm, "base64")), given.data.layouts);
 const filled = (known) => Object.fromEntries(Object.entries(known).map(([name, value]) => [name, value ?? NaN]));
 return given.turns.map(({ field, record, site }) => {
-    const placed = engine.atSite(Float64Array.from(field), filled(record), filled(site));
+    const placed = engine.atSite(Float64Array.from(field), filled(record), site);
     return { ...placed, isUsed: engine.usesStrength(placed) };
 });
 """

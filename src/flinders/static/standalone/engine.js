@@ -471,7 +471,8 @@ export class Engine {
         new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
         this.#write("record", record);
         this.call.flinders_default_site(this.at.site);
-        this.#write("site", site);
+        const known = Object.entries(site).filter(([name]) => name in this.layouts.site.fields);
+        this.#write("site", Object.fromEntries(known.map(([name, value]) => [name, Number(value ?? NaN)])));
         this.call.flinders_at_site(fieldAt, rows, 0, this.at.site, workspace, size, this.at.record);
         return this.#decoded("record");
     }

@@ -84,12 +84,18 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {boolean} dipAssumed
  * @property {"heading" | "attitude"} goal
  * @property {Previous | null} previous
- * @property {Site | null} site  what counts of the place, as `flinders_site`
+ * @property {Site | null} site  what counts of the place
  */
 
 /**
- * The field of a place; NaN where a number does not count.
- * @typedef {{strength: number, gain_sigma: number, inclination_deg: number, inclination_sigma_deg: number}} Site
+ * The field of a place and how the sensor is mounted in it, by the names of `flinders_site`; null where it is not known.
+ * @typedef {object} Site
+ * @property {number | null} strength
+ * @property {number | null} gain_sigma
+ * @property {number | null} inclination_deg
+ * @property {number | null} inclination_sigma_deg
+ * @property {number | null} [alignment_sigma_deg]
+ * @property {boolean} [z_down]
  */
 
 /** @type {Evaluated} */
@@ -108,7 +114,7 @@ export class Series {
         this.unit = unit;
         this.isTimed = isTimed;
         this.exclusions = new Exclusions();
-        /** @type {import("./geomag.js").SiteField | null} where it was recorded */
+        /** @type {Site | null} where it was recorded */
         this.site = null;
         /** @type {number | null} since when what arrives is left out */
         this.pausedAt = null;
@@ -170,7 +176,8 @@ export class Session {
 
     /** @returns {[number, boolean]} The dip that is judged at, and whether it is assumed. */
     get judgedDip() {
-        return this.dipDeg === null ? [this.rules.assumed_dip_deg, true] : [this.dipDeg, false];
+        const known = this.dipDeg ?? this.shown.site?.inclination_deg ?? null;
+        return known === null ? [this.rules.assumed_dip_deg, true] : [known, false];
     }
 
     /** @param {number} at */
@@ -311,20 +318,20 @@ export class Session {
      * @returns {Notice[]}
      */
     #place({ latitude_deg: latitude, longitude_deg: longitude, year }) {
-        const { model, largest_dip_deg: largest } = this.rules;
+        const { model, largest_dip_deg: largest, gain_sigma, inclination_sigma_deg } = this.rules;
         const wrong = noPlace(latitude, longitude) || noYear(model, year);
         if (wrong) return [notice(wrong, "warning")];
-        const site = siteField(model, latitude, longitude, year);
-        const dipDeg = Number(fixed(site.inclinationDeg, 1));
+        const { strength, inclinationDeg } = siteField(model, latitude, longitude, year);
+        const dipDeg = Number(fixed(inclinationDeg, 1));
         if (Math.abs(dipDeg) > largest) {
             return [notice(`the dip there is ${general(dipDeg)}°: no compass works where it is beyond ${general(largest)}°`, "warning")];
         }
-        this.shown.site = site;
+        this.shown.site = { strength, gain_sigma, inclination_deg: inclinationDeg, inclination_sigma_deg };
         this.shown.within = [];
         this.#refit();
         this.#wish("dipDeg", dipDeg);
         const where = `the dip at ${general(latitude)}°, ${general(longitude)}° is ${general(dipDeg)}°`;
-        return [notice(`${where}, the strength of the field ${fixed(site.strength, 1)} µT (${model.name})`, "info")];
+        return [notice(`${where}, the strength of the field ${fixed(strength, 1)} µT (${model.name})`, "info")];
     }
 
     /**
@@ -332,17 +339,12 @@ export class Session {
      * @returns {Site | null}
      */
     get #site() {
-        const { rules, shown, dipDeg } = this;
-        if (shown.site === null) return null;
-        const { strength, inclinationDeg } = shown.site;
-        const [isTrue, isItsDip] = [shown.unit.inside === "uT", dipDeg === null || dipDeg === inclinationDeg];
-        if (!isTrue && !isItsDip) return null;
-        return {
-            strength: isTrue ? strength : NaN,
-            gain_sigma: rules.gain_sigma,
-            inclination_deg: isItsDip ? inclinationDeg : NaN,
-            inclination_sigma_deg: rules.inclination_sigma_deg,
-        };
+        const { site, unit } = this.shown;
+        if (site === null) return null;
+        const strength = unit.inside === "uT" ? site.strength : null;
+        const isItsDip = this.dipDeg === null || this.dipDeg === site.inclination_deg;
+        const inclination_deg = isItsDip ? site.inclination_deg : null;
+        return strength === null && inclination_deg === null ? null : { ...site, strength, inclination_deg };
     }
 
     /**
