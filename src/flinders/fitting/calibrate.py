@@ -458,7 +458,7 @@ def _claimed(found: _Estimated, estimator: Estimator, request: Request) -> Widen
 
 def judged_as(
     estimate: Estimate,
-    source: Recording,
+    source: Recording | Readings,
     *,
     aiding_result: Aiding | None = None,
     site: Site | None = None,
@@ -472,8 +472,8 @@ def judged_as(
     ----------
     estimate : Estimate
         Its covariance knows how residuals are correlated.
-    source : Recording
-        The readings that it belongs to, for coverage and health.
+    source : Recording or Readings
+        The readings that it belongs to, for coverage and health; as readings those at no rail.
     aiding_result : Aiding, optional
         With the rotation that corrected readings are turned by.
     site, target_deg, sensor
@@ -487,8 +487,9 @@ def judged_as(
         Where it cannot be trusted; it carries the fit.
     """
     request = Request.of(site, target_deg=target_deg)
-    found = _Estimated.of(estimate, within_range(Readings.of(source)), aiding_result)._replace(refreshed=refreshed)
-    calibration = _turned(_calibration(estimate, request, _Frame.of(source), sensor), aiding_result)
+    readings = source if isinstance(source, Readings) else within_range(Readings.of(source))
+    found = _Estimated.of(estimate, readings, aiding_result)._replace(refreshed=refreshed)
+    calibration = _turned(_calibration(estimate, request, _Frame.of(readings.recording), sensor), aiding_result)
     widened = claimed(
         estimate,
         found.readings,
