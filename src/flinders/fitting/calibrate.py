@@ -678,6 +678,8 @@ def _drift(estimate: Estimate, found: _Estimated, dip_deg: float) -> Drift | Non
         return drift_in(found.record)
     if readings.recording is None or readings.parts or estimate.unobserved or estimate.bias is not None:
         return None
+    if found.refreshed is not None:  # a wobble of seconds tells no change from noise that lasts
+        return None
     if estimate.correlation is None or estimate.correlation.is_white:
         return None
     near = readings.near(estimate.ellipsoid, estimate.rejected_beyond)
