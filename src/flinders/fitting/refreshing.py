@@ -66,6 +66,21 @@ TOO_FEW, OUT_OF_SCALE, UNMOVED = (constant(name) for name in ("TOO_FEW", "OUT_OF
 FEWEST: Final = 20
 """Readings, as ``refresh.c`` has it."""
 
+TO_ALL_SIDES: Final = "by 30° to all sides"
+"""How a sensor has to be turned."""
+
+UNFIT: Final = {
+    "none": "there is no earlier calibration to renew: choose its file first",
+    "refused": "{name} was refused when it was made: calibrate again, from a full tumble",
+    "level": "{name} comes from a level turn, which tells no soft iron: calibrate again as then",
+    "disturbed": "{name} follows {disturbances}, and a refreshed offset would not: calibrate again with {disturbances}",
+    "linearized": "{name} linearizes its axes about its offset: calibrate again, from a full tumble",
+}
+"""Why an earlier calibration cannot be renewed; the page that needs no program says so, too (`flinders.standalone`)."""
+
+OTHER_UNIT: Final = "{source} is in {unit}, {name} is for readings in {other}: record as for that calibration"
+"""Of readings that an earlier calibration does not correct."""
+
 
 @spell_checked(ELSEWHERE)
 def refresh(
@@ -183,17 +198,16 @@ def _known(earlier: Records) -> KnownShape:
 
 def refuse_unfit(previous: Fit) -> None:
     """Refuse an earlier calibration that cannot be renewed."""
-    if previous.verdict == "refused":
-        raise UsageError(f"{previous.name} was refused when it was made: calibrate again, from a full tumble")
-    if previous.claim.plane:
-        raise UsageError(f"{previous.name} comes from a level turn, which tells no soft iron: calibrate again as then")
-    if previous.calibration.disturbances:
-        names = " and ".join(disturbance.name for disturbance in previous.calibration.disturbances)
-        raise UsageError(
-            f"{previous.name} follows {names}, and a refreshed offset would not: calibrate again with {names}"
-        )
-    if previous.calibration.linearization is not None:
-        raise UsageError(f"{previous.name} linearizes its axes about its offset: calibrate again, from a full tumble")
+    disturbances = " and ".join(disturbance.name for disturbance in previous.calibration.disturbances)
+    unfit = {
+        "refused": previous.verdict == "refused",
+        "level": previous.claim.plane is not None,
+        "disturbed": bool(disturbances),
+        "linearized": previous.calibration.linearization is not None,
+    }
+    for why, is_so in unfit.items():
+        if is_so:
+            raise UsageError(UNFIT[why].format(name=previous.name, disturbances=disturbances))
 
 
 def samples_of(source: AnyReadings, previous: Fit) -> Samples:
@@ -203,10 +217,8 @@ def samples_of(source: AnyReadings, previous: Fit) -> Samples:
     if isinstance(recording, Summary):
         raise UsageError("a refresh needs readings: give the recording, not its summary")
     if recording.unit.inside != calibration.unit:
-        raise UnitError(
-            f"{recording.source} is in {recording.unit.name}, {previous.name} is for readings in "
-            f"{calibration.raw.name}: record as for that calibration"
-        )
+        names = {"source": recording.source, "unit": recording.unit.name, "other": calibration.raw.name}
+        raise UnitError(OTHER_UNIT.format(name=previous.name, **names))
     ours, theirs = (recording.axes, frame_of(recording)), (calibration.axes, calibration.frame)
     if ours != theirs:
         raise AxesError(
@@ -246,7 +258,7 @@ def _solved(readings: Readings, earlier: Records, dip_deg: float) -> _Found:
         raise TooFewSamples(found=len(samples), needed=FEWEST, method=METHOD)
     if record["status"] == UNMOVED:
         turn_deg = engine().turn_deg(samples.field, symmetric(earlier["parameters"][3:]))
-        raise Unmoved(turn_deg, "by 30° to all sides")
+        raise Unmoved(turn_deg, TO_ALL_SIDES)
     if record["status"] == OUT_OF_SCALE:
         raise OutOfScale(readings.summary.moments.unit)
     readings = readings.fitted()

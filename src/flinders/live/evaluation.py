@@ -44,7 +44,7 @@ from flinders.fitting.result import Refused
 from flinders.heading import path_planning
 from flinders.likelihood.site_field import Site
 from flinders.live.messages import PreviousState, Reason
-from flinders.live.session import FITTED, REFRESHED, Evaluated, used_readings
+from flinders.live.session import Evaluated, used_readings
 from flinders.live.session_file import Edits, TrimmedRecording
 from flinders.readers import open_recording
 from flinders.report.view import GuidanceView, Shown, triple, view
@@ -100,6 +100,15 @@ SAID: Final = {
     "wrong-unit": "the field is {radius} µT, and the earth's {low} to {high} µT: {hint}. Headings do not depend on it",
     "other-unit": "as readings in {unit} would be; try {unit} as their unit",
     "no-unit": "check unit and scale",
+    "renewed": "its soft iron is kept; the offset has moved by {moved}, which turns headings by up to {worst}°",
+    "no-fit": "nothing to compare with yet",
+    "agree": "it agrees with this one: no more apart than chance explains ({difference} of heading at the worst)",
+    "differ": (
+        "it differs from this one by more than chance, but by less than the target ({difference} of heading at the worst)"
+    ),
+    "contradict": (
+        "it contradicts this one: something near the sensor has changed ({difference} of heading at the worst)"
+    ),
 }
 """Sentences of reasons, by their codes; the page that needs no program takes them, too (`flinders.standalone`)."""
 INFORMATIVE: Final = ("stale-repeats", "mirrored-axes")
@@ -108,7 +117,7 @@ INFORMATIVE: Final = ("stale-repeats", "mirrored-axes")
 
 def evaluate(session: LiveSession) -> Evaluated:
     """Fit what a session shows and look at what came out."""
-    samples, numbers = used_readings(session, FITTED if session.renewed is None else REFRESHED)
+    samples, numbers = used_readings(session)
     fit, refusal, code = _fitted(session, samples)
     page_view = None
     if fit is not None:
@@ -314,7 +323,7 @@ def _compared(fit: Fit | None, session: LiveSession) -> PreviousState | None:
     if previous is None:
         return None
     if fit is None or fit.verdict == "refused":
-        return PreviousState(previous.name, None, "nothing to compare with yet")
+        return PreviousState(previous.name, None, SAID["no-fit"])
     if fit.evidence.diagnosis.refreshed is not None:
         return _renewed(fit.evidence.diagnosis.refreshed, label(fit.calibration.unit))
     try:
@@ -322,20 +331,14 @@ def _compared(fit: Fit | None, session: LiveSession) -> PreviousState | None:
     except FlindersError as error:
         return PreviousState(previous.name, None, error.message)
     worst = apart.heading_difference_deg.worst
-    meaning = {
-        "agree": "it agrees with this one: no more apart than chance explains",
-        "differ": "it differs from this one by more than chance, but by less than the target",
-        "contradict": "it contradicts this one: something near the sensor has changed",
-    }[apart.verdict]
     difference = f"{figures(worst)}°" if worst >= LEAST_DEG else f"less than {LEAST_DEG:g}°"
-    return PreviousState(previous.name, worst, f"{meaning} ({difference} of heading at the worst)")
+    return PreviousState(previous.name, worst, SAID[apart.verdict].format(difference=difference))
 
 
 def _renewed(refreshed: Refreshed, unit: str) -> PreviousState:
     """What has changed since the calibration that is renewed."""
     moved = f"{figures(float(norm(refreshed.offset_change)))} {unit}"
-    worst = f"{figures(refreshed.heading_change_deg)}°"
-    words = f"its soft iron is kept; the offset has moved by {moved}, which turns headings by up to {worst}"
+    words = SAID["renewed"].format(moved=moved, worst=figures(refreshed.heading_change_deg))
     return PreviousState(refreshed.previous, refreshed.heading_change_deg, words)
 
 

@@ -37,7 +37,7 @@ from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import MICROTESLA, Unit
 from flinders.errors import UsageError
-from flinders.fitting.refreshing import refuse_unfit
+from flinders.fitting.refreshing import UNFIT, refuse_unfit
 from flinders.live.buffer import Exclusions, ReadingBuffer, Span, Timeline, merged
 from flinders.live.messages import (
     LARGEST_DIP_DEG,
@@ -73,7 +73,6 @@ if TYPE_CHECKING:
     from flinders.report.view import View
 
 FITTED: Final = 20_000  # Readings of a live fit, at most; of more, every second one, every third …
-REFRESHED: Final = 2_000  # The same of a refresh, which fits twice and with a prior
 SHARE: Final = 0.03  # Of a core, that fits take
 FASTEST_S: Final = 0.25  # From one fit to the next, at the least
 RATE_S: Final = 2.0
@@ -378,7 +377,7 @@ def _refreshing(session: LiveSession, *, refresh: bool) -> Stepped:
     """Renew the calibration from before, or make one afresh; `UsageError` where there is none that can be renewed."""
     if refresh:
         if session.previous is None:
-            raise UsageError("there is no earlier calibration to renew: choose its file first")
+            raise UsageError(UNFIT["none"])
         refuse_unfit(session.previous)
     return _with_goal(session, refreshes=refresh)
 

@@ -71,6 +71,10 @@ DISTURBANCE: Final = layout("flinders_disturbance", np.float64)
 EARLIER: Final = layout("flinders_earlier", np.float64)
 """Layout of what an earlier calibration tells."""
 
+CALIBRATED: Final = layout("flinders_calibrated", np.float64)
+DIFFERENCE: Final = layout("flinders_difference", np.float64)
+"""Layout of how far two calibrations are apart."""
+
 BELIEF: Final = layout("flinders_belief", np.float64)
 """Layout of what is known before the next reading."""
 
@@ -120,6 +124,7 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "soft_iron_p_value": (_A, _A, _A, _A),
     "refresh": (_A, _A, _N, _A, _A, _A, _N, _A),
     "turn_deg": (_A, _N, _A),
+    "compare": (_A, _A, _D, _A),
     "drift": (_A, _N, _A, _A, _D, _A, _N, _A),
     "regress": (_A, _A, _N, _A, _A, _D, _A, _N, _A),
     "sums_begin": (_A, _A, _D),
@@ -401,6 +406,29 @@ class Engine:
         """Largest angle of (N, 3) readings from their mean, degrees, by a known (3, 3) shape."""
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         return float(self._library.flinders_turn_deg(readings, len(readings), _entries(shape)))
+
+    def compare(
+        self,
+        first: tuple[Ellipsoid, Floats, float],
+        second: tuple[Ellipsoid, Floats, float],
+        *,
+        dip_deg: float,
+    ) -> Records:
+        """How far two calibrations of one sensor are apart: a row of `DIFFERENCE`.
+
+        Parameters
+        ----------
+        first, second : (Ellipsoid, (9, 9) float, float)
+            Each with its claimed covariance, and the strength of its field, 0 where that is not known.
+        dip_deg : float
+            Inclination of the field.
+        """
+        rows, difference = (_blank(CALIBRATED), _blank(CALIBRATED)), _blank(DIFFERENCE)
+        for row, (ellipsoid, covariance, strength) in zip(rows, (first, second), strict=True):
+            row["centre"], row["shape"] = ellipsoid.centre, _entries(ellipsoid.shape)
+            row["covariance"], row["strength"] = covariance.ravel(), strength
+        self._require(self._library.flinders_compare(*rows, dip_deg, difference))
+        return difference
 
     def drift(self, field: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, dip_deg: float = 60.0) -> Records:
         """A record with the fields ``drift_…``: a steady change of readings about a known ellipsoid.

@@ -31,7 +31,7 @@ const char *flinders_message(int status)
 {
     static const char *const MESSAGES[] = {
         "the fit is complete",
-        "there are fewer readings than the ten unknowns: record more",
+        "there are too few different readings: record more",
         "a reading is not a finite number: leave it out",
         "the readings are of no size that a magnetometer reads: check their unit",
         "an axis never changes: check the wiring, or turn the sensor through all directions",

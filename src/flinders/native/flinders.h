@@ -52,7 +52,7 @@ typedef double flinders_real;
 /* What a function returns. */
 enum {
     FLINDERS_OK = 0,
-    FLINDERS_TOO_FEW = 1,         /* fewer different readings than the ten unknowns */
+    FLINDERS_TOO_FEW = 1,         /* fewer different readings than the ten unknowns, or than a refresh needs */
     FLINDERS_NOT_FINITE = 2,      /* a reading is NaN or infinite */
     FLINDERS_OUT_OF_SCALE = 3,    /* the largest reading is no number that a magnetometer reads (1e-12 to 1e15) */
     FLINDERS_STUCK_AXIS = 4,      /* an axis never changes */
@@ -222,6 +222,23 @@ typedef struct flinders_earlier {
     flinders_real covariance[81]; /* of these, unit²; a parameter of infinite variance is not known */
     flinders_real distortion;     /* of its record: it belongs to the sensor, unit */
 } flinders_earlier;
+
+/* A calibration of a sensor that is compared with another. */
+typedef struct flinders_calibrated {
+    flinders_real centre[3];      /* offset b, unit */
+    flinders_real shape[6];       /* S, unit */
+    flinders_real covariance[81]; /* claimed, of the nine parameters, unit²; zeros of one that is exact */
+    flinders_real strength;       /* of the field, unit; 0 where it is not known: the scale is not compared then */
+} flinders_calibrated;
+
+/* How far two calibrations of one sensor are apart. NaN where nothing is known. */
+typedef struct flinders_difference {
+    flinders_real rms_deg;        /* difference in heading over a level turn, the mean removed */
+    flinders_real worst_deg;      /* at the worst heading */
+    flinders_real chi_square;     /* of offset and shape, against the sum of both covariances ... */
+    flinders_real p_value;        /* ... how often chance alone makes as much ... */
+    int32_t freedom;              /* ... and its degrees of freedom; 0 of two that are exact */
+} flinders_difference;
 
 /* What a disturbance that was recorded beside the readings explains of their distances from a surface. */
 typedef struct flinders_disturbance {
@@ -430,6 +447,11 @@ FLINDERS_API flinders_real flinders_soft_iron_p_value(const flinders_earlier *ea
 FLINDERS_API int flinders_refresh(const flinders_real *field, const flinders_real *time, size_t rows,
                                   const flinders_options *options, const flinders_earlier *earlier, void *workspace,
                                   size_t size, flinders_record *record);
+
+/* How far two calibrations of one sensor are apart, and whether chance explains it: each corrects the readings that the other
+ * expects of a level vehicle that turns. */
+FLINDERS_API int flinders_compare(const flinders_calibrated *first, const flinders_calibrated *second,
+                                  flinders_real dip_deg, flinders_difference *difference);
 
 /* Largest angle of readings (rows, 3) from their mean, degrees, by a shape that is known. */
 FLINDERS_API flinders_real flinders_turn_deg(const flinders_real *field, size_t rows, const flinders_real shape[6]);

@@ -21,12 +21,18 @@ from flinders.core.files import make_folder, reason, write_bytes
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.errors import NoEngine, OutputError
 from flinders.firmware.package import licence
+from flinders.fitting import refreshing
 from flinders.live import buffer, messages, page_state, session
 from flinders.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
 from flinders.native import build
 from flinders.report.html_file import asset, joined
 from flinders.simulate import Sensor, north_and_down, seen_from
 from flinders.standalone import engine, lines, targets
+
+TURNED: Final = (
+    "{name} turns readings into the axes of the body, which this page does not do: flinders refresh renews it"
+)
+"""Why the page alone cannot renew a calibration."""
 
 VERSION: Final = version("flinders")
 DATA: Final = "page.json"
@@ -165,7 +171,7 @@ def service_worker(files: dict[str, bytes]) -> str:
 # ---------------------------------------------------------------- a session, its rules and the simulated sensor
 
 
-def session_rules() -> dict[str, float]:
+def session_rules() -> dict[str, Any]:
     """The constants of `flinders.live` under the names that `static/standalone/session.js` has for them."""
     return {
         "capacity": buffer.CAPACITY,
@@ -185,6 +191,7 @@ def session_rules() -> dict[str, float]:
         "level_deg": page_state.LEVEL_DEG,
         "assumed_dip_deg": ASSUMED_DIP_DEG,
         "largest_dip_deg": messages.LARGEST_DIP_DEG,
+        "unfit": {**refreshing.UNFIT, "turned": TURNED},
     }
 
 

@@ -190,7 +190,9 @@ export class OwnLink {
 
     async calibration() {
         const { calibration, fit } = await this.final();
-        const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files: [] };
+        const { isRenewed, previous } = this.session;
+        const files = isRenewed && previous ? previous.calibration.files : [];
+        const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files };
         return download(calibrationFile(this.data, calibration, { fit, provenance }), "calibration.json");
     }
 

@@ -6,6 +6,7 @@
  */
 
 import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
+import { filled } from "./wording.js";
 
 /** @typedef {import("./buffer.js").Rows} Rows */
 /** @typedef {import("./buffer.js").Span} Span */
@@ -35,6 +36,7 @@ import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
  * @property {number} level_deg
  * @property {number} assumed_dip_deg
  * @property {number} largest_dip_deg
+ * @property {Record<string, string>} unfit  why a calibration cannot be renewed
  */
 
 /**
@@ -47,7 +49,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
 
 /**
  * A calibration from before, by the name of its file.
- * @typedef {{name: string, calibration: import("./targets.js").Calibration}} Previous
+ * @typedef {{name: string, calibration: import("./targets.js").Known}} Previous
  */
 
 /**
@@ -79,6 +81,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {boolean} dipAssumed
  * @property {"heading" | "attitude"} goal
  * @property {Previous | null} previous
+ * @property {boolean} isRenewed  its soft iron is kept, and its hard iron found anew
  */
 
 /** @type {Evaluated} */
@@ -138,6 +141,8 @@ export class Session {
         this.goal = "heading";
         /** @type {Previous | null} */
         this.previous = null;
+        /** Its soft iron is kept, and its hard iron found anew. */
+        this.refreshes = false;
         this.recording = "";
         this.revision = 0;
         this.keys = 0;
@@ -154,6 +159,11 @@ export class Session {
     /** The series that the page shows and commands act on. */
     get shown() {
         return this.opened ?? this.live;
+    }
+
+    /** Whether the calibration from before is renewed. */
+    get isRenewed() {
+        return this.refreshes && this.previous !== null;
     }
 
     /** @returns {[number, boolean]} The dip that is judged at, and whether it is assumed. */
@@ -224,6 +234,7 @@ export class Session {
     gotPrevious(at, previous) {
         this.at = at;
         this.previous = previous;
+        this.refreshes = false;
         this.#refit();
     }
 
@@ -244,6 +255,8 @@ export class Session {
                 return this.#wish("goal", command.goal);
             case "previous_clear":
                 return this.#wish("previous", null);
+            case "refresh":
+                return this.#refresh(command.refresh);
             case "place":
                 return [notice(NO_PLACE, "warning")];
             case "exclude":
@@ -280,7 +293,7 @@ export class Session {
 
     /**
      * Change what the calibration is compared with.
-     * @template {"targetDeg" | "dipDeg" | "goal" | "previous"} Name
+     * @template {"targetDeg" | "dipDeg" | "goal" | "previous" | "refreshes"} Name
      * @param {Name} name
      * @param {this[Name]} value
      * @returns {Notice[]}
@@ -291,6 +304,16 @@ export class Session {
         this.shown.within = [];
         this.#refit();
         return [];
+    }
+
+    /**
+     * Renew the calibration from before, or make one afresh.
+     * @param {boolean} isWanted
+     * @returns {Notice[]}
+     */
+    #refresh(isWanted) {
+        const words = isWanted ? unfit(this.previous, this.rules.unfit) : "";
+        return words ? [notice(words, "error")] : this.#wish("refreshes", isWanted);
     }
 
     /**
@@ -403,6 +426,7 @@ export class Session {
             dipAssumed,
             goal: this.goal,
             previous: this.previous,
+            isRenewed: this.isRenewed,
         };
     }
 
@@ -477,6 +501,27 @@ export class Session {
  */
 export function notice(words, severity) {
     return { type: "notice", severity, words };
+}
+
+/**
+ * Why a calibration cannot be renewed; nothing where it can.
+ * @param {Previous | null} previous
+ * @param {Record<string, string>} words By reason.
+ * @returns {string}
+ */
+function unfit(previous, words) {
+    if (previous === null) return words.none;
+    const { fit, disturbances, isLinearized, rotation } = previous.calibration;
+    const why = {
+        refused: fit?.verdict === "refused",
+        level: Boolean(fit?.plane),
+        disturbed: disturbances.length > 0,
+        linearized: isLinearized,
+        turned: rotation !== "symmetric",
+    };
+    const found = Object.entries(why).find(([, is]) => is);
+    const values = { name: previous.name, disturbances: disturbances.join(" and ") };
+    return found ? filled(words[found[0]], (name) => values[/** @type {keyof typeof values} */ (name)]) : "";
 }
 
 /**

@@ -47,7 +47,7 @@ export function sessionState(session) {
         paused: live.pausedAt !== null,
         recording: session.recording || null,
         previous: session.previous && evaluated.previous,
-        refreshing: false,
+        refreshing: session.isRenewed,
         opened: session.openedName || null,
         can_send: false,
     };
