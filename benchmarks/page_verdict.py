@@ -27,6 +27,7 @@ import flinders
 from benchmarks.datasets import SETS, dataset
 from benchmarks.fits import WORLDS, recordings
 from benchmarks.recordings import FOLDER
+from flinders.core.calibration_file import VERSION, dumps
 from flinders.core.samples import Samples
 from flinders.core.units import label
 from flinders.fitting.calibrate import judged_dip
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
     from flinders.live.session import Evaluated
     from flinders.native.engine import Records
 
@@ -127,7 +129,14 @@ def asked(session: LiveSession) -> dict[str, Any]:
         "dipAssumed": is_assumed,
         "goal": session.goal,
         "isFollowed": session.is_followed,
+        "previous": None if session.previous is None else _file_of(session.previous),
+        "isRenewed": session.renewed is not None,
     }
+
+
+def _file_of(fit: Fit) -> dict[str, str]:
+    """Name and text of a calibration file."""
+    return {"name": fit.name, "text": dumps(fit.to_document())}
 
 
 def _packed(numbers: Floats) -> str:
@@ -140,6 +149,7 @@ def page_answers(sessions: Sequence[LiveSession], turns: int = 0) -> dict[str, A
         "modules": str(files("flinders").joinpath("static", "standalone")),
         "wasm": str(build.library(target=build.WEB)),
         "data": data(),
+        "schema": VERSION,
         "recordings": [asked(session) for session in sessions],
         "turns": turns,
     }

@@ -18,7 +18,7 @@ enum { SHAPE = 6, FEWEST = 20 /* readings */, STEPS = 12 };
 #define FINEST_SHAPE ((real)1e-4)   /* of the radius: no shape is known better, not even one that a method holds */
 #define ALLOWED_CHANGE ((real)0.05) /* of soft iron that has changed */
 #define TOLD ((real)0.1)            /* what readings have to tell of a direction of the shape */
-#define CLEARLY ((real)0.5)         /* of a mean square, below which another centre is better beyond doubt */
+#define CLEARLY ((real)0.7)         /* of a distance, below which another centre is better beyond doubt */
 #define RIDGE ((real)1e-4)          /* of a reading, in square radii: what no reading tells of the offset stays */
 
 /* Where the entry of the covariance (9, 9) of two entries of the shape is. */
@@ -113,27 +113,29 @@ static int put_anywhere(const fl_view *view, fl_surface *surface)
     return fl_solve(matrix, 4, sums) || moved_by(sums, surface);
 }
 
-/* Move the centre of a surface to where readings lie closest to it; returns the mean square of their distances, in radii. */
+/* Move the centre of a surface to where readings lie closest to it, in radii; those that lie far from it beside the others
+ * count little. Returns how far they lie. */
 static real put_near(const fl_view *view, fl_surface *surface)
 {
-    real square = FL_HUGE;
+    real scale = FL_HUGE;
     for (int step = 0; step < STEPS; step++) {
-        real matrix[9] = {0}, sums[3] = {0};
-        square = 0;
+        real matrix[9] = {0}, sums[3] = {0}, weights = 0, far = 0;
         for (size_t row = 0; row < view->rows; row++) {
             real u[3];
             seen_from(view, surface, row, u);
             const real length = fl_sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]), off = length - 1;
+            const real weight = 1 / (1 + off / scale * (off / scale));
             for (int i = 0; i < 3 && length > 0; i++) {
-                sums[i] += off * u[i] / length;
-                for (int j = 0; j < 3; j++) matrix[3 * i + j] += u[i] * u[j] / (length * length);
+                sums[i] += weight * off * u[i] / length;
+                for (int j = 0; j < 3; j++) matrix[3 * i + j] += weight * u[i] * u[j] / (length * length);
             }
-            square += off * off / (real)view->rows;
+            weights += weight, far += weight * fl_abs(off);
         }
         for (int i = 0; i < 3; i++) matrix[4 * i] += RIDGE * (real)view->rows;
-        if (fl_solve(matrix, 3, sums) || moved_by(sums, surface)) return FL_HUGE;
+        if (!(weights > 0) || fl_solve(matrix, 3, sums) || moved_by(sums, surface)) return FL_HUGE;
+        scale = 2 * far / weights > FL_FINEST ? 2 * far / weights : FL_FINEST;
     }
-    return square;
+    return scale;
 }
 
 /* A surface of the shape that is expected, through readings: from the centre that is expected, or from anywhere else where

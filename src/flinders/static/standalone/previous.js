@@ -69,7 +69,7 @@ export function compared(previous, fit, data) {
     const claimed = engine.withStructure(shape, covariance ?? new Float64Array(81), structureDeg, dipDeg);
     const strength = calibration.fieldStrengthKnown ? calibration.fieldStrength : 0;
     const first = { centre: calibration.offset, shape, covariance: claimed, strength };
-    const second = { ...fit.surface, covariance: fit.claimed, strength: 0 };
+    const second = { centre: fit.surface.centre, shape: fit.surface.shape, covariance: fit.claimed, strength: 0 };
     const { worst_deg: worst, p_value: chance } = engine.compare(first, second, fit.dipDeg);
     const { CHANCE, LEAST_DEG } = data.numbers;
     const opinion = chance >= CHANCE ? "agree" : worst <= fit.targetDeg ? "differ" : "contradict";
