@@ -464,6 +464,7 @@ def judged_as(
     site: Site | None = None,
     target_deg: float = 1.0,
     sensor: str | None = None,
+    dip_assumed: bool = False,
     refreshed: Refreshed | None = None,
 ) -> Fit:
     """Judge an estimate that was made elsewhere, such as by several magnetometers together, as that of a recording.
@@ -478,6 +479,8 @@ def judged_as(
         With the rotation that corrected readings are turned by.
     site, target_deg, sensor
         As for `fit`.
+    dip_assumed : bool
+        The dip of the site is a guess.
     refreshed : Refreshed, optional
         Where the shape is that of an earlier calibration.
 
@@ -487,6 +490,7 @@ def judged_as(
         Where it cannot be trusted; it carries the fit.
     """
     request = Request.of(site, target_deg=target_deg)
+    request = replace(request, dip_assumed=dip_assumed or request.dip_assumed)
     readings = source if isinstance(source, Readings) else within_range(Readings.of(source))
     found = _Estimated.of(estimate, readings, aiding_result)._replace(refreshed=refreshed)
     calibration = _turned(_calibration(estimate, request, _Frame.of(readings.recording), sensor), aiding_result)

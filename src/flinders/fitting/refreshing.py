@@ -157,9 +157,9 @@ def refresh(
         site=here,
         target_deg=target_deg,
         sensor=previous.calibration.sensor,
+        dip_assumed=is_unknown and previous.claim.dip_assumed,
         refreshed=refreshed_from(previous, found.estimate.ellipsoid, dip_deg, found.soft_iron_p_value),
     )
-    fit = replace(fit, claim=replace(fit.claim, dip_assumed=is_unknown and previous.claim.dip_assumed))
     if fit.calibration.rotation == "estimated":
         return fit
     return fit.with_calibration(turned(fit.calibration, previous))

@@ -230,8 +230,8 @@ real flinders_soft_iron_p_value(const flinders_earlier *earlier, const real shap
             const int at = SHAPE * (first + i) + first + j;
             spread[n * i + j] = ours * theirs * known[at] + found[at] - (i == j ? (1 - ours) * (1 - ours) : 0);
         }
-    const int freedom = fl_chi_square(moved + first, spread, n, &square);
-    return fl_chance_of(square, (real)freedom, 0);
+    const int freedom = n ? fl_chi_square(moved + first, spread, n, &square) : 0;
+    return freedom ? fl_chance_of(square, (real)freedom, 0) : 1;
 }
 
 /* Fit with what is known; a verdict says that the record rests on it. */
