@@ -102,6 +102,11 @@ SAID: Final = {
     "no-unit": "check unit and scale",
 }
 """Sentences of reasons, by their codes; the page that needs no program takes them, too (`flinders.standalone`)."""
+WHILE_LEVEL: Final[dict[Goal, str]] = {
+    "heading": "it is good while level",
+    "attitude": "it is good while level; for headings that hold when it is tilted, turn it tilted and upside down too",
+}
+"""What a level turn that reaches the target gets for advice, by the goal: more level turns would add nothing."""
 INFORMATIVE: Final = ("stale-repeats", "mirrored-axes")
 """Findings that are told as they come, and warn of nothing."""
 
@@ -116,7 +121,7 @@ def evaluate(session: LiveSession) -> Evaluated:
         page_view = view(fit, samples, numbers=numbers, goal=goal, frame=frame)
         if session.is_followed:
             page_view = guided(page_view, fit, samples, goal=goal, frame=frame)
-        page_view = _beyond_level(page_view, fit)
+        page_view = _while_level(page_view, fit, goal)
     of_fit = list(_of_fit(fit, samples))
     alarms = frozenset(reason.code for reason in of_fit if reason.severity == "warning") - AT_ONCE
     reasons = [*_of_refusal(code, refusal), *_of_motion(samples, fit), *of_fit]
@@ -136,13 +141,13 @@ def evaluate(session: LiveSession) -> Evaluated:
     )
 
 
-def _beyond_level(page_view: View, fit: Fit) -> View:
-    """Say what is missing of a calibration that is good while level: more level turns would add nothing."""
+def _while_level(page_view: View, fit: Fit, goal: Goal) -> View:
+    """Say of a level turn that it is good while level, and what is missing for other attitudes where these are the goal."""
     is_done = fit.claim.plane and fit.verdict == "limited" and fit.heading_error_deg.worst <= fit.claim.target_deg
     if not is_done or page_view.guidance is None:
         return page_view
-    words = "it is good while level; for headings that hold when it is tilted, turn it tilted and upside down too"
-    return msgspec.structs.replace(page_view, guidance=msgspec.structs.replace(page_view.guidance, words=words))
+    guidance = msgspec.structs.replace(page_view.guidance, words=WHILE_LEVEL[goal])
+    return msgspec.structs.replace(page_view, guidance=guidance)
 
 
 def _fit(session: LiveSession, recording: Recording) -> Fit:

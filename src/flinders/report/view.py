@@ -35,7 +35,7 @@ from flinders.findings.row import resting_on
 from flinders.findings.words import ANY_ANGLE_DEG
 from flinders.fitting.advice import WORTH_IT, guided, movement
 from flinders.fitting.claim import heading_words
-from flinders.geometry.plane import down_of
+from flinders.geometry.plane import down_of, order_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.native.engine import engine
 from flinders.report.formatting import reach
@@ -150,6 +150,9 @@ class View(Struct, frozen=True, kw_only=True):
     any_attitude_deg: ErrorView | None = None  # over the tiles
     findings: tuple[FindingView, ...]  # most severe first
     tiles_deg: tuple[float | None, ...]  # (642,), see `tile_errors_deg`; None where nothing is known
+    # (642,) of a level turn, where a level heading is the goal: its error on the tiles that the field of a level vehicle
+    # meets, None on the others
+    level_deg: tuple[float | None, ...] | None = None
     tiles_seen: tuple[int, ...]  # (642,) readings used, by tile
     rejected: tuple[tuple[int, int], ...]  # first and last of each run that was left out, counted from 0
     residuals: ResidualHistogram | None = None
@@ -271,6 +274,9 @@ def _claimed(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str
         ),
         "attitude_limit_deg": claim.attitude_limit_deg,
         "any_attitude_deg": ErrorView(float(np.sqrt(np.mean(errors_deg**2))), float(errors_deg.max())),
+        "level_deg": None
+        if claim.plane is None or goal == "attitude"
+        else _shown_errors(level_errors_deg(fit, claim.plane)),
         "turn": turn(fit),
         "guidance": guidance(fit, goal, frame),
     }
@@ -317,6 +323,17 @@ def tile_errors_deg(fit: Fit) -> Floats:
     directions, dip_deg = tiles().centres @ rotation_of(fit), fit.heading_error_deg.dip_deg
     claim = fit.claim
     return engine().attitude_errors(claim.ellipsoid.shape, claim.claimed_covariance, directions, dip_deg=dip_deg)
+
+
+def level_errors_deg(fit: Fit, plane: Plane) -> Floats:
+    """(642,) heading error to expect, 1 σ, of a level vehicle whose field is in a tile; NaN where it never is."""
+    level, dip, order = turn(fit), np.radians(fit.heading_error_deg.dip_deg), order_of(plane)
+    headings, errors = np.radians(level.heading_deg), np.full(len(tiles().centres), np.nan)
+    across: Floats = np.full(len(headings), np.sin(dip))
+    directions = np.empty((len(headings), 3))
+    directions[:, order] = np.stack([np.cos(dip) * np.cos(headings), -np.cos(dip) * np.sin(headings), across], axis=1)
+    np.fmax.at(errors, tile_of(directions), level.sigma_deg)
+    return errors
 
 
 def _finding(finding: Finding) -> FindingView:

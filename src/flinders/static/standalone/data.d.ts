@@ -24,6 +24,7 @@ export interface EngineData {
   quantities: string[];
   numbers: Record<string, number>;
   said: Record<string, string>;
+  while_level: Record<"heading" | "attitude", string>; // of a level turn that reaches the target, by the goal
   condition: string;
   conditions: string[];
   parameters: string[];

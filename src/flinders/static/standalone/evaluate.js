@@ -61,7 +61,7 @@ export function evaluate(engine, data, asked) {
     const alarms = found.filter(({ severity, code }) => severity === "warning" && !data.at_once.includes(code));
     const used = view.tiles_seen.reduce((sum, count) => sum + count, 0) || time.length;
     return {
-        view: isFollowed ? guided(view, fit, readings, isFlat, goal) : view,
+        view: whileLevel(isFollowed ? guided(view, fit, readings, isFlat, goal) : view, fit, goal),
         reasons: ordered([...ofMotion(readings, fit, isFlat, data), ...found]),
         refusal: "",
         refusalCode: "",
@@ -71,6 +71,19 @@ export function evaluate(engine, data, asked) {
         coverage: fit.record.coverage,
         record: view.verdict === "refused" ? null : recordOf(fit, findings, view),
     };
+}
+
+/**
+ * Say of a level turn that it is good while level, and what is missing for other attitudes where these are the goal.
+ * @param {View} view
+ * @param {Fit} fit
+ * @param {import("./advice.js").Goal} goal
+ * @returns {View}
+ */
+function whileLevel(view, fit, goal) {
+    const isDone = fit.plane && view.verdict === "limited" && fit.headingError.worst <= fit.targetDeg;
+    if (!isDone || !view.guidance) return view;
+    return { ...view, guidance: { ...view.guidance, words: fit.data.while_level[goal] } };
 }
 
 /**
@@ -120,5 +133,6 @@ function recordOf(fit, findings, view) {
             values: plain(finding.values),
         })),
         ...(view.condition ? { conditions: data.conditions } : {}),
+        ...(fit.plane ? { plane: fit.plane, z_down: true } : {}),
     };
 }

@@ -67,7 +67,9 @@ export class Fit {
         this.record = record;
         this.judgement = judgement;
         this.left = left;
-        this.method = record.is_robust ? "robust" : "likelihood";
+        /** @type {"" | "xy"} The plane of a level turn that the fit rests on. */
+        this.plane = record.plane ? "xy" : "";
+        this.method = this.plane ? "level" : record.is_robust ? "robust" : "likelihood";
         this.isShrunk = record.is_shrunk > 0;
         this.surface = surfaceOf(record.centre, record.shape);
         this.covariance = record.covariance;
@@ -242,7 +244,8 @@ function leftOf(engine, data, record, { some, when, isFree }) {
     const known = { isRail, rests, when, counts: engine.cellCounts(once.field, record) };
     if (!record.is_robust) return { ...known, near: once.field, outliers: [], isOut: isRail };
     const limit = record.rejected_beyond;
-    const distances = engine.distances(once.field, record.majority_centre, record.majority_shape);
+    const laid = record.plane ? laidFlat(once.field, record.majority_centre[2]) : once.field;
+    const distances = engine.distances(laid, record.majority_centre, record.majority_shape);
     const out = engine.leftOut(Uint8Array.from(distances, (distance) => Number(Math.abs(distance) > limit)), record.dense);
     const own = engine.distances(once.field, record.centre, record.shape);
     const isOut = new Uint8Array(some.length / 3);
@@ -256,6 +259,16 @@ function leftOf(engine, data, record, { some, when, isFree }) {
         outliers,
         isOut: isFree.map((free) => (free ? isOut[next++] : 1)),
     };
+}
+
+/**
+ * Readings of a level turn, all at one height.
+ * @param {Float64Array} field
+ * @param {number} height
+ * @returns {Float64Array}
+ */
+function laidFlat(field, height) {
+    return field.map((part, i) => (i % 3 === 2 ? height : part));
 }
 
 /**
