@@ -20,7 +20,7 @@ from flinders.core.units import Unit
 from flinders.errors import UnitError, UsageError
 from flinders.fitting import calibrate
 from flinders.live.buffer import ReadingBuffer, rows_of
-from flinders.live.evaluation import evaluate, finished
+from flinders.live.evaluation import WHILE_LEVEL, evaluate, finished
 from flinders.live.messages import (
     BackToLive,
     Exclude,
@@ -424,13 +424,17 @@ def test_a_limited_calibration_says_up_to_which_tilt_it_holds() -> None:
     assert re.search(r"up to \d+° of tilt; for more tilt than that, turn it", shown.words), shown.words
 
 
-def test_who_turned_it_level_is_told_to_tilt_it_and_not_to_keep_it_level() -> None:
+def test_who_turned_it_level_is_told_to_tilt_it_for_other_attitudes_alone() -> None:
     session = after(simulate.tumble(seed=1, motion="level", noise=0.05).samples)
     assert session_state(session).phase == "limited"
     assert "while level" in session_state(session).words
-    assert session.view is not None
-    assert session.view.guidance is not None
-    assert session.view.guidance.words.endswith("turn it tilted and upside down too")
+    for goal in ("heading", "attitude"):
+        wished = fitted(step(session, Requested(20.5, SetGoal(goal)))[0])
+        assert wished.view is not None
+        assert wished.view.guidance is not None
+        assert wished.view.guidance.words == WHILE_LEVEL[goal]
+        assert (wished.view.level_deg is None) == (goal == "attitude")
+    assert "upside down" not in WHILE_LEVEL["heading"]
 
 
 def test_a_broken_sensor_is_called_wrong_however_far_from_its_target_it_is() -> None:

@@ -47,7 +47,7 @@ from flinders.live.messages import PreviousState, Reason
 from flinders.live.session import FITTED, REFRESHED, Evaluated, used_readings
 from flinders.live.session_file import Edits, TrimmedRecording
 from flinders.readers import open_recording
-from flinders.report.view import GuidanceView, Shown, triple, view
+from flinders.report.view import GuidanceView, Shown, level_errors_deg, triple, view
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -142,12 +142,14 @@ def evaluate(session: LiveSession) -> Evaluated:
 
 
 def _while_level(page_view: View, fit: Fit, goal: Goal) -> View:
-    """Say of a level turn that it is good while level, and what is missing for other attitudes where these are the goal."""
-    is_done = fit.claim.plane and fit.verdict == "limited" and fit.heading_error_deg.worst <= fit.claim.target_deg
-    if not is_done or page_view.guidance is None:
+    """Of a level turn, show where it is good while level, if that is the goal; and say what more turns would add."""
+    if fit.claim.plane is None or page_view.guidance is None:
         return page_view
-    guidance = msgspec.structs.replace(page_view.guidance, words=WHILE_LEVEL[goal])
-    return msgspec.structs.replace(page_view, guidance=guidance)
+    guidance = page_view.guidance
+    if fit.verdict == "limited" and fit.heading_error_deg.worst <= fit.claim.target_deg:
+        guidance = msgspec.structs.replace(guidance, words=WHILE_LEVEL[goal])
+    errors = level_errors_deg(fit) if goal == "heading" else None
+    return msgspec.structs.replace(page_view, guidance=guidance, level_deg=errors)
 
 
 def _fit(session: LiveSession, recording: Recording) -> Fit:

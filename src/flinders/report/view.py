@@ -150,7 +150,7 @@ class View(Struct, frozen=True, kw_only=True):
     any_attitude_deg: ErrorView | None = None  # over the tiles
     findings: tuple[FindingView, ...]  # most severe first
     tiles_deg: tuple[float | None, ...]  # (642,), see `tile_errors_deg`; None where nothing is known
-    # (642,) of a level turn, where a level heading is the goal: its error on the tiles that the field of a level vehicle
+    # (642,) of a level turn, if a level heading is the goal: its error on the tiles that the field of a level vehicle
     # meets, None on the others
     level_deg: tuple[float | None, ...] | None = None
     tiles_seen: tuple[int, ...]  # (642,) readings used, by tile
@@ -274,9 +274,6 @@ def _claimed(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str
         ),
         "attitude_limit_deg": claim.attitude_limit_deg,
         "any_attitude_deg": ErrorView(float(np.sqrt(np.mean(errors_deg**2))), float(errors_deg.max())),
-        "level_deg": None
-        if claim.plane is None or goal == "attitude"
-        else _shown_errors(level_errors_deg(fit, claim.plane)),
         "turn": turn(fit),
         "guidance": guidance(fit, goal, frame),
     }
@@ -325,15 +322,15 @@ def tile_errors_deg(fit: Fit) -> Floats:
     return engine().attitude_errors(claim.ellipsoid.shape, claim.claimed_covariance, directions, dip_deg=dip_deg)
 
 
-def level_errors_deg(fit: Fit, plane: Plane) -> Floats:
-    """(642,) heading error to expect, 1 σ, of a level vehicle whose field is in a tile; NaN where it never is."""
-    level, dip, order = turn(fit), np.radians(fit.heading_error_deg.dip_deg), order_of(plane)
+def level_errors_deg(fit: Fit) -> tuple[float | None, ...]:
+    """(642,) heading error to expect, 1 σ, of a level vehicle whose field is in a tile; None where it never is."""
+    level, dip, order = turn(fit), np.radians(fit.heading_error_deg.dip_deg), order_of(fit.claim.plane or "xy")
     headings, errors = np.radians(level.heading_deg), np.full(len(tiles().centres), np.nan)
     across: Floats = np.full(len(headings), np.sin(dip))
     directions = np.empty((len(headings), 3))
     directions[:, order] = np.stack([np.cos(dip) * np.cos(headings), -np.cos(dip) * np.sin(headings), across], axis=1)
     np.fmax.at(errors, tile_of(directions), level.sigma_deg)
-    return errors
+    return _shown_errors(errors)
 
 
 def _finding(finding: Finding) -> FindingView:
