@@ -223,6 +223,13 @@ def test_level_turns_get_verdict_numbers_and_sentences_of_the_program() -> None:
     assert {"level-plane", "outliers", "saturated", "at-rest"} <= {code for row in rows for code, _ in row.findings[1]}
 
 
+def test_level_turns_are_judged_at_the_dip_of_the_place() -> None:
+    dips = (-70.0, 5.0, 75.0)
+    rows = compared([f"{dip}" for dip in dips], [replace(session_of(level(dip)), dip_deg=dip) for dip in dips])
+    held_together(rows)
+    assert all(row.method == "level" and row.sentences[0][1:] == row.sentences[1][1:] for row in rows), rows
+
+
 @pytest.mark.parametrize("goal", GOALS)
 def test_the_page_draws_a_level_turn_as_the_live_page_does(goal: Goal) -> None:
     sessions = [replace(session_of(turns()[name]), goal=goal) for name in ("whole", "magnet", "flat field")]
