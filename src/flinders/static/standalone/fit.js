@@ -72,7 +72,9 @@ export class Fit {
         this.judgement = judgement;
         this.left = left;
         this.renewed = renewed ?? null;
-        this.method = this.renewed ? "refresh" : record.is_robust ? "robust" : "likelihood";
+        /** @type {"" | "xy"} The plane of a level turn that the fit rests on. */
+        this.plane = record.plane ? "xy" : "";
+        this.method = this.renewed ? "refresh" : this.plane ? "level" : record.is_robust ? "robust" : "likelihood";
         this.isShrunk = record.is_shrunk > 0;
         this.surface = surfaceOf(record.centre, record.shape);
         /** Length of corrected readings. */
@@ -272,7 +274,8 @@ function leftOf(engine, data, record, { some, when, isFree, rests, once }) {
     const known = { isRail, rests, when, coverage: engine.coverage(once.field, record) };
     if (!record.is_robust) return { ...known, near: once.field, outliers: [], isOut: isRail };
     const limit = record.rejected_beyond;
-    const distances = engine.distances(once.field, record.majority_centre, record.majority_shape);
+    const laid = record.plane ? laidFlat(once.field, record.majority_centre[2]) : once.field;
+    const distances = engine.distances(laid, record.majority_centre, record.majority_shape);
     const out = engine.leftOut(Uint8Array.from(distances, (distance) => Number(Math.abs(distance) > limit)), record.dense);
     const own = engine.distances(once.field, record.centre, record.shape);
     const isOut = new Uint8Array(some.length / 3);
@@ -286,6 +289,16 @@ function leftOf(engine, data, record, { some, when, isFree, rests, once }) {
         outliers,
         isOut: isFree.map((free) => (free ? isOut[next++] : 1)),
     };
+}
+
+/**
+ * Readings of a level turn, all at one height.
+ * @param {Float64Array} field
+ * @param {number} height
+ * @returns {Float64Array}
+ */
+function laidFlat(field, height) {
+    return field.map((part, i) => (i % 3 === 2 ? height : part));
 }
 
 /**
