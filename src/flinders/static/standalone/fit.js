@@ -77,15 +77,14 @@ export class Fit {
         this.method = this.renewed ? "refresh" : this.plane ? "level" : record.is_robust ? "robust" : "likelihood";
         this.isShrunk = record.is_shrunk > 0;
         this.surface = surfaceOf(record.centre, record.shape);
-        /** Length of corrected readings. */
-        this.strength = this.renewed?.strength ?? this.surface.radius;
         this.covariance = record.covariance;
         this.noise = record.noise;
         this.samples = record.used;
         this.counts = left.coverage.readings;
-        this.isStrengthKnown = engine.usesStrength(record);
+        const strength = strengthOf(engine, record, this.renewed);
+        this.isStrengthKnown = strength !== null;
         /** Length of corrected readings. */
-        this.strength = this.isStrengthKnown ? record.site_strength : this.surface.radius;
+        this.strength = strength ?? this.surface.radius;
         this.rails = railsOf(record);
         this.structureDeg = judgement.structure_deg;
         this.headingError = { rms: judgement.rms_deg, worst: judgement.worst_deg, dipDeg: record.dip_deg };
@@ -183,7 +182,7 @@ export function fitOf(engine, data, request) {
  * @returns {Fit}
  */
 function judged(engine, data, request, record, left, some) {
-    const strength = request.renewed?.strength ?? (engine.usesStrength(record) ? record.site_strength : null);
+    const strength = strengthOf(engine, record, request.renewed);
     const known = strength === null ? {} : { field_strength: strength, is_strength_known: 1 };
     const asked = { target_deg: request.targetDeg, is_microtesla: Number(request.unit !== "counts"), ...known };
     const first = engine.judge(record, asked);
@@ -194,6 +193,17 @@ function judged(engine, data, request, record, left, some) {
     const fit = new Fit(request, again.record, again.judgement, left, data, engine);
     fit.swap = swap;
     return fit;
+}
+
+/**
+ * The strength of the field, where it is known: of a calibration that is renewed, or of the place.
+ * @param {Engine} engine
+ * @param {Fitted} record
+ * @param {import("./previous.js").Renewed | null} [renewed]
+ * @returns {number | null}
+ */
+function strengthOf(engine, record, renewed) {
+    return renewed?.strength ?? (engine.usesStrength(record) ? record.site_strength : null);
 }
 
 /** What a record of all readings says of the recording, beside the fit of those at no end of an axis. */

@@ -52,14 +52,6 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
 }
 
 /**
- * Whether corrected readings have the strength of the field as their length.
- * @param {Fit} fit
- */
-function isStrengthKnown({ renewed }) {
-    return renewed !== null && renewed.strength !== null;
-}
-
-/**
  * A finding with its sentence.
  * @param {Finding} finding
  * @param {import("./data.d.ts").EngineData} data
