@@ -1,4 +1,4 @@
-"""The engine renews an earlier calibration by the formulas of the literature, and compares two as `flinders.compare`."""
+"""The engine renews a calibration as its formulas say, and compares two as `flinders.compare`."""
 
 from __future__ import annotations
 

@@ -189,7 +189,9 @@ def renewals() -> dict[str, tuple[Samples, Fit]]:
     bare = replace(earlier, claim=replace(earlier.claim, covariance=np.zeros((9, 9))))
     bent = MOVED.matrix @ np.diag([1.1, 1.0, 0.93])
     steel = replace(MOVED, matrix=(bent + bent.T) / 2.0)
-    wobble, turn = (simulate.tumble(seed=4, motion=motion, n=500, sensor=MOVED).samples for motion in ("wobble", "level"))
+    wobble, turn = (
+        simulate.tumble(seed=4, motion=motion, n=500, sensor=MOVED).samples for motion in ("wobble", "level")
+    )
     still = np.random.default_rng(1).normal(wobble.field[0], 0.1, (100, 3))
     top = np.array([np.quantile(wobble.field[:, 0], 0.93), np.inf, np.inf])
     return {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64decode
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, get_args
 
 import msgspec
@@ -14,16 +14,22 @@ from tests.javascript import run
 
 import flinders
 from flinders import simulate
-from flinders.comparison.comparison import compare
+from flinders.core.calibration_file import dumps
+from flinders.core.disturbance import Disturbance
+from flinders.core.linearization import Linearization
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
+from flinders.errors import UsageError
+from flinders.fitting.refreshing import refuse_unfit
+from flinders.fitting.result import Refused
 from flinders.live.buffer import ReadingBuffer, rows_of
 from flinders.live.evaluation import evaluate
-from flinders.live.messages import Phase, encode, parse
+from flinders.live.messages import Phase, SetRefresh, encode, parse
 from flinders.live.page_state import Cursor, points, session_state
 from flinders.live.session import (
     Arrived,
     FitDone,
+    GotPrevious,
     Linked,
     LiveSession,
     Opened,
@@ -34,11 +40,11 @@ from flinders.live.session import (
     step,
     wants_fit,
 )
-from flinders.report.view import view
 from flinders.standalone.package import session_rules
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
     from flinders.live.messages import Link
 
 RATE_HZ: Final = 50.0
@@ -46,7 +52,9 @@ UT: Final = Unit.of("uT")
 DIFFERENT: Final = {"revision", "previous", "recording", "can_send"}
 """Of the state: what the page counts otherwise, and what it has not."""
 PLAY: Final = """
-const [{ Session, seriesOf }, { Cursor, sessionState }] = await Promise.all(["session.js", "state.js"].map(load));
+const modules = await Promise.all(["session.js", "state.js", "targets.js"].map(load));
+const [{ Session, seriesOf }, { Cursor, sessionState }, { readCalibration }] = modules;
+const calibrationOf = (text) => readCalibration(text, { targets: { schema: 1 } });
 const { events, rules } = given;
 const session = new Session(rules);
 const cursor = new Cursor();
@@ -55,6 +63,7 @@ const act = {
     arrived: ({ at, time, field }) => session.arrived(at, { time: time.map((t) => t ?? NaN), field }, unit),
     linked: ({ at, link, words }) => session.linked(at, link, words),
     opened: ({ at, name, field }) => session.openedLog(at, name, seriesOf(rules, { time: null, field, unit })),
+    previous: ({ at, name, text }) => session.gotPrevious(at, { name, calibration: calibrationOf(text) }),
     requested: ({ at, command }) => session.requested(at, command),
     ticked: ({ at }) => session.ticked(at),
     begun: ({ at }) => session.wantsFit(at) && session.beginFit().numbers.length,
@@ -94,6 +103,11 @@ class Recorded:
     def ticked(self, at: float) -> None:
         self.session, _ = step(self.session, Ticked(at))
         self._note({"type": "ticked", "at": at})
+
+    def got_previous(self, at: float, previous: Fit) -> None:
+        self.session, _ = step(self.session, GotPrevious(at, previous))
+        text = dumps(previous.to_document())
+        self._note({"type": "previous", "at": at, "name": previous.name, "text": text})
 
     def opened(self, at: float, name: str, rows: Floats) -> None:
         series = Series(ReadingBuffer.empty().extended(rows), UT, is_timed=False)
@@ -165,6 +179,11 @@ def a_session() -> Recorded:
     told.requested(63.6, type="goal", goal="heading")
     for second in range(4):
         told.fitted(64.0 + second)
+    told.got_previous(68.0, flinders.fit(simulate.tumble(seed=4, noise=0.4).samples).with_name("monday.json"))
+    told.requested(68.1, type="refresh", refresh=True)
+    told.fitted(68.2)
+    told.requested(68.8, type="refresh", refresh=False)
+    told.requested(68.9, type="previous_clear")
     told.opened(70.0, "a.csv", tumbled(seed=5, count=400))
     told.requested(70.1, type="pause", paused=True)
     told.fitted(70.2)
@@ -200,36 +219,41 @@ def same(event: dict[str, Any], expected: dict[str, Any], seen: dict[str, Any]) 
         np.testing.assert_array_equal(frame, wanted, err_msg=str(kind))
 
 
-COMPARE: Final = """
-const { compared } = await load("previous.js");
-return compared(given.previous, given.view, { dipDeg: -35, targetDeg: 1, unit: given.unit });
+RENEW: Final = """
+const [{ Session }, { readCalibration }] = await Promise.all(["session.js", "targets.js"].map(load));
+return given.files.map(({ name, text }) => {
+    const session = new Session(given.rules);
+    if (text) session.gotPrevious(0, { name, calibration: readCalibration(text, { targets: { schema: 1 } }) });
+    return session.requested(1, { type: "refresh", refresh: true });
+});
 """
 
 
-def test_an_earlier_calibration_is_as_far_off_as_flinders_compare_says() -> None:
-    sensor = simulate.Sensor.random(np.random.default_rng(3))
-    moved = sensor.offset + np.array([1.0, 2.0, -3.0])
-    changed = simulate.Sensor(offset=moved, matrix=sensor.matrix @ np.diag([1.0, 1.04, 1.0]))
-    tumbles = [simulate.tumble(seed=9, sensor=each).samples for each in (sensor, changed)]
-    before, now = map(flinders.fit, tumbles)
-    asked = {
-        "previous": {"name": "old.json", "calibration": numbers_of(before)},
-        "view": msgspec.to_builtins(view(now, tumbles[1])),
-    }
-    answer = run(COMPARE, {**asked, "unit": "µT"})
-    worst = compare(before, now, dip_deg=-35.0).heading_difference_deg.worst
-    assert answer["change_deg"] == pytest.approx(worst, rel=1e-6)
-    assert f"{worst:.1f}" in answer["words"]
-    assert "counts" in run(COMPARE, {**asked, "unit": "counts"})["words"]
+def unfit() -> list[Fit]:
+    """Calibrations that cannot be renewed."""
+    good = flinders.fit(simulate.tumble(seed=1).samples)
+    bare = replace(good, claim=replace(good.claim, covariance=np.zeros((9, 9))))
+    turn = flinders.fit(simulate.tumble(seed=1, motion="level").samples)
+    current = Disturbance("current", np.array([0.3, 0.1, -0.2]), lowest=0.0, highest=20.0)
+    with pytest.raises(Refused) as refused:
+        flinders.fit(simulate.tumble(seed=1, motion="wobble", n=200, noise=2.0).samples)
+    bent = Linearization(np.full(3, 1e-4), np.zeros(3), np.full(3, 50.0))
+    return [
+        refused.value.fit,
+        turn,
+        replace(bare, calibration=replace(good.calibration, disturbances=(current,))),
+        replace(good, calibration=replace(good.calibration, linearization=bent)),
+    ]
 
 
-def numbers_of(fit: flinders.Fit) -> dict[str, Any]:
-    """A calibration as the page has it."""
-    calibration = fit.calibration
-    return {
-        "matrix": calibration.matrix.tolist(),
-        "offset": calibration.offset.tolist(),
-        "fieldStrength": calibration.field_strength,
-        "fieldStrengthKnown": calibration.field_strength_known,
-        "unit": calibration.unit,
-    }
+def test_both_refuse_to_renew_the_same_calibrations_in_the_same_words() -> None:
+    fits = [fit.with_name(f"{place}.json") for place, fit in enumerate(unfit())]
+    files = [{"name": fit.name, "text": dumps(fit.to_document())} for fit in fits]
+    (none,), *said = run(RENEW, {"files": [{"name": "", "text": ""}, *files], "rules": session_rules()})
+    for fit, (notice,) in zip(fits, said, strict=True):
+        with pytest.raises(UsageError) as refused:
+            refuse_unfit(fit)
+        assert notice == {"type": "notice", "severity": "error", "words": refused.value.message}
+    with pytest.raises(UsageError) as refused:
+        step(LiveSession(), Requested(0.0, SetRefresh(refresh=True)))
+    assert none["words"] == refused.value.message

@@ -265,7 +265,7 @@ def _solved(readings: Readings, earlier: Records, dip_deg: float) -> _Found:
     return _Found(estimated(record, readings, has_statistics=True), readings, float(record["soft_iron_p_value"]))
 
 
-def _aided(samples: Samples, alone: _Found, earlier: Records, aiding: Instruments, **options: Any) -> _Found:  # noqa: ANN401
+def _aided(samples: Samples, alone: _Found, earlier: Records, aiding: Instruments, **options: Any) -> _Found:
     """Fit readings with aiding sensors, from what the magnetometer alone gives; `options` are those of `aided_by`."""
     options |= {"start": alone.estimate.ellipsoid, **aiding.sigmas}
     (same, reported), (changed, reported_freer) = (

@@ -104,7 +104,8 @@ SAID: Final = {
     "no-fit": "nothing to compare with yet",
     "agree": "it agrees with this one: no more apart than chance explains ({difference} of heading at the worst)",
     "differ": (
-        "it differs from this one by more than chance, but by less than the target ({difference} of heading at the worst)"
+        "it differs from this one by more than chance, but by less than the target ({difference} of heading at the "
+        "worst)"
     ),
     "contradict": (
         "it contradicts this one: something near the sensor has changed ({difference} of heading at the worst)"
