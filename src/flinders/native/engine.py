@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
-    from flinders.geometry.ellipsoid import Ellipsoid
 
     Records = NDArray[np.void]
 
@@ -365,7 +364,8 @@ class Engine:
 
     def earlier(
         self,
-        ellipsoid: Ellipsoid,
+        centre: ArrayLike,
+        shape: ArrayLike,
         covariance: Floats | None,
         *,
         distortion: float = 0.0,
@@ -376,8 +376,8 @@ class Engine:
 
         Parameters
         ----------
-        ellipsoid : Ellipsoid
-            As it was.
+        centre, shape : (3,), (3, 3) array-like
+            As they were.
         covariance : (9, 9) float, optional
             Of its offset and shape; None where it states none.
         distortion : float
@@ -388,9 +388,8 @@ class Engine:
             Share by which the soft iron may have changed, 1 σ.
         """
         earlier, known = _blank(EARLIER), None if covariance is None else _row(covariance)
-        centre, shape = _row(ellipsoid.centre), _entries(ellipsoid.shape)
         options = distortion, strength_ratio, soft_iron_sigma
-        self._library.flinders_earlier_of(centre, shape, known, *options, earlier)
+        self._library.flinders_earlier_of(_row(centre), _entries(shape), known, *options, earlier)
         return earlier
 
     def allow_change(self, earlier: Records) -> Records:
@@ -441,8 +440,8 @@ class Engine:
 
     def compare(
         self,
-        first: tuple[Ellipsoid, Floats, float],
-        second: tuple[Ellipsoid, Floats, float],
+        first: tuple[Floats, Floats, Floats, float],
+        second: tuple[Floats, Floats, Floats, float],
         *,
         dip_deg: float,
     ) -> Records:
@@ -450,14 +449,14 @@ class Engine:
 
         Parameters
         ----------
-        first, second : (Ellipsoid, (9, 9) float, float)
-            Each with its claimed covariance, and the strength of its field, 0 where that is not known.
+        first, second : ((3,) float, (3, 3) float, (9, 9) float, float)
+            Centre, shape, claimed covariance, and the strength of its field, 0 where that is not known.
         dip_deg : float
             Inclination of the field.
         """
         rows, difference = (_blank(CALIBRATED), _blank(CALIBRATED)), _blank(DIFFERENCE)
-        for row, (ellipsoid, covariance, strength) in zip(rows, (first, second), strict=True):
-            row["centre"], row["shape"] = ellipsoid.centre, _entries(ellipsoid.shape)
+        for row, (centre, shape, covariance, strength) in zip(rows, (first, second), strict=True):
+            row["centre"], row["shape"] = centre, _entries(shape)
             row["covariance"], row["strength"] = covariance.ravel(), strength
         self._require(self._library.flinders_compare(*rows, dip_deg, difference))
         return difference
