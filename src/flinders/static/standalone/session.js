@@ -84,6 +84,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {boolean} dipAssumed
  * @property {"heading" | "attitude"} goal
  * @property {Previous | null} previous
+ * @property {boolean} isFollowed  somebody turns the sensor just now, and may be led
  */
 
 /** @type {Evaluated} */
@@ -174,6 +175,11 @@ export class Session {
     /** @returns {[number, boolean]} The dip that is judged at, and whether it is assumed. */
     get judgedDip() {
         return this.dipDeg === null ? [this.rules.assumed_dip_deg, true] : [this.dipDeg, false];
+    }
+
+    /** Whether somebody turns the sensor just now, and may be led. */
+    get isFollowed() {
+        return this.opened === null && this.live.pausedAt === null && this.source.link === "connected";
     }
 
     /** @param {number} at */
@@ -496,6 +502,7 @@ export class Session {
             dipAssumed,
             goal: this.goal,
             previous: this.previous,
+            isFollowed: this.isFollowed,
         };
     }
 
