@@ -530,3 +530,24 @@ def test_a_span_beyond_all_sense_is_clipped_to_the_session() -> None:
     assert (session.state.excluded, session.state.can_undo) == ([], False)
     session.requested(61.0, "exclude", start_s=-1e308, end_s=1.0)
     assert session.state.excluded == [[0.0, 1.0]]
+
+
+def test_a_log_is_neither_paused_nor_started_again() -> None:
+    session = after(simulate.tumble(seed=1, n=500).samples)
+    session.opened(61.0, "flight.bin", log_of(simulate.tumble(seed=2, n=800).samples))
+    for command in ({"type": "pause", "paused": True}, {"type": "clear"}):
+        (notice,) = session.requested(62.0, **command)
+        assert (notice.severity, "a log is shown" in notice.words) == ("warning", True)
+    assert (session.state.readings, session.state.paused) == (800, False)
+    session.requested(63.0, "exclude", start_s=0.0, end_s=1.0)
+    session.requested(64.0, "back_to_live")
+    assert (session.state.readings, session.state.excluded, session.state.opened) == (500, [], None)
+
+
+def test_what_goes_wrong_in_the_page_itself_is_a_refusal_in_words() -> None:
+    session = PageSession(frame="nowhere")
+    session.arrived(1.0, rows_of(simulate.tumble(seed=1, n=500).samples))
+    session.fit()
+    shown = session.state
+    assert (shown.phase, session.view) == ("collecting", None)
+    assert "could not be fitted in this browser" in shown.words
