@@ -90,6 +90,7 @@ class Case:
             "dipAssumed": is_assumed,
             "goal": self.goal,
             "isFollowed": self.is_followed,
+            "site": None if self.site is None else site_of(self.site.evidence),
         }
 
 
@@ -151,6 +152,14 @@ def case_of(samples: Samples, target_deg: float = 1.0, goal: Goal = "heading", *
     unit = flinders.Unit.of(samples.unit.inside)
     there = Samples(samples.field, unit=unit, axes=samples.axes, time=Timeline()(times)[0], source=samples.source)
     return Case(there, target_deg, None, goal, is_followed)
+
+
+def site_of(known: Site | None) -> dict[str, float | None] | None:
+    """What counts of a site, as the page asks its engine."""
+    if known is None:
+        return None
+    names = ("strength", "gain_sigma", "inclination_deg", "inclination_sigma_deg")
+    return {name: value if math.isfinite(value := getattr(known, name) or math.nan) else None for name in names}
 
 
 def _packed(numbers: Floats) -> str:

@@ -39,7 +39,7 @@ const packed = (numbers) => Buffer.from(numbers.buffer, numbers.byteOffset, numb
 
 class Played {
     constructor({ rules, frame, ...changes }) {
-        this.session = Object.assign(new Session({ ...RULES, ...rules }), changes);
+        this.session = Object.assign(new Session(data.model, { ...RULES, ...rules }), changes);
         Object.assign(this.session.live, frame && { frame });
         this.cursors = {};
         this.found = null;
@@ -109,8 +109,8 @@ class Played {
     }
 
     used() {
-        const { numbers, field, time, key } = this.session.task(this.session.rules.fitted);
-        return { numbers: Array.from(numbers), field: packed(field), time: packed(time), key };
+        const { numbers, field, site } = this.session.task(this.session.rules.fitted);
+        return { numbers: Array.from(numbers), field: packed(field), site };
     }
 
     held() {
@@ -122,12 +122,20 @@ class Played {
         return this.session.edits;
     }
 
+    leftOut() {
+        return this.session.leftOut;
+    }
+
     state() {
         return sessionState(this.session);
     }
 
     shown() {
         return this.session.shown.evaluated;
+    }
+
+    view() {
+        return this.session.view;
     }
 
     points({ page }) {

@@ -132,13 +132,13 @@ class PageSession:
 
     @property
     def shown(self) -> Any:
-        """The newest fit that was taken over."""
+        """The newest fit."""
         return self._ask("shown")
 
     @property
     def view(self) -> Any:
-        """What is drawn of it; None where there is none."""
-        return self.shown.view
+        """What is drawn, of the newest fit or of one that is kept; None where there is none."""
+        return self._ask("view")
 
     def evaluated(self) -> Any:
         """What a fit of the readings would come to now."""
@@ -159,6 +159,12 @@ class PageSession:
         return _floats(self._ask("used").field).reshape(-1, 3)
 
     @property
+    def used_site(self) -> dict[str, Any] | None:
+        """What counts of the field at the place."""
+        used: dict[str, Any] = self._ask("used", as_dict=True)
+        return used["site"]
+
+    @property
     def held(self) -> Any:
         """Readings in memory: `total`, `stride`, `time` (N,), `field` (N, 3)."""
         held = self._ask("held")
@@ -169,6 +175,11 @@ class PageSession:
     def edits(self) -> Edits:
         """What the others have to know of it."""
         return msgspec.convert(self._ask("edits", as_dict=True), Edits)
+
+    @property
+    def left_out(self) -> list[list[float]]:
+        """Stretches that the calibration in the end does without."""
+        return list(self._ask("leftOut"))
 
     def points(self, page: str = "") -> bytes | None:
         """The points that one of several pages lacks, as a frame; None where there is nothing new."""

@@ -37,7 +37,6 @@ except build.NoCompiler as error:
 
 COUNTS = Unit.of("counts")
 LEVEL = pytest.mark.xfail(strict=False, reason="the page's session makes no calibration of a level turn yet")
-PLACE = pytest.mark.xfail(strict=False, reason="the page's session knows no field of a place yet")
 REFRESH = pytest.mark.xfail(strict=False, reason="the page's session renews no calibration yet")
 
 
@@ -158,8 +157,8 @@ def test_the_interval_in_which_something_stood_beside_it_is_offered_to_be_left_o
     field = samples.field.copy()
     field[1400:] += (14.0, -9.0, 6.0)  # from 28 s on
     session = after(replace(samples, field=field))
-    reasons = [reason for reason in session.state.reasons if reason.severity == "warning"]
-    ((start, end),) = reasons[0].spans
+    assert (session.state.phase, warnings(session.state.reasons)) == ("collecting", [])
+    ((start, end),) = next(reason.spans for reason in session.state.reasons if reason.spans)
     assert start == pytest.approx(28.0, abs=0.2)
     assert end == pytest.approx(44.0, abs=0.2)
     session.requested(45.0, "exclude", start_s=start, end_s=end)
@@ -168,7 +167,6 @@ def test_the_interval_in_which_something_stood_beside_it_is_offered_to_be_left_o
     assert "outliers" in codes(fitted(session).state)
 
 
-@PLACE
 def test_the_dip_of_a_place_is_that_of_the_world_magnetic_model() -> None:
     session = PageSession()
     (notice,) = session.requested(1.0, "place", latitude_deg=52.5, longitude_deg=13.4, year=2026.5)
@@ -183,7 +181,6 @@ def test_the_dip_of_a_place_is_that_of_the_world_magnetic_model() -> None:
 PLACED = ("latitude_deg", "longitude_deg", "year")
 
 
-@PLACE
 @pytest.mark.parametrize("unit", ["uT", "counts"])
 def test_the_strength_of_a_place_counts_for_readings_in_microtesla(unit: str) -> None:
     tumble = simulate.tumble(seed=1, field_strength=49.9).samples
@@ -194,7 +191,6 @@ def test_the_strength_of_a_place_counts_for_readings_in_microtesla(unit: str) ->
     assert view.heading_error_deg.dip_deg == pytest.approx(68.3, abs=0.3)
 
 
-@PLACE
 def test_a_log_that_states_its_place_is_judged_there_until_somebody_says_otherwise(tmp_path: Path) -> None:
     path = tmp_path / "flight.bin"
     path.write_bytes(b"".join(dataflash()))
@@ -393,6 +389,38 @@ def growing(rows: Floats, every_s: float) -> Iterator[Any]:
         session.arrived(at, rows[(rows[:, 0] > session.at) & (rows[:, 0] <= at)])
         session.fit()
         yield session.state
+
+
+def disturbed_later(start_s: float) -> PageSession:
+    """A session that was good, and beside which something has stood since a time."""
+    rows = rows_of(simulate.tumble(seed=11, noise=0.4).samples)
+    rows[rows[:, 0] >= start_s, 1:4] += (14.0, -9.0, 6.0)
+    session = PageSession()
+    for at in np.arange(1.0, start_s + 12.0).tolist():
+        session.arrived(at, rows[(rows[:, 0] > session.at) & (rows[:, 0] <= at)])
+        session.fit()
+    return session
+
+
+def test_a_good_result_is_kept_and_it_is_said_that_something_changed() -> None:
+    session = disturbed_later(28.0)
+    shown = session.state
+    assert (shown.phase, shown.kept.is_changed, codes(shown)[0]) == ("good", True, "changed-since")
+    assert 27.0 <= shown.kept.seconds <= 34.0
+    assert (session.view.verdict, session.shown.view.verdict) == ("good", "limited")
+    ((start, end),) = session.left_out
+    assert start == pytest.approx(shown.kept.seconds, abs=1e-6)
+    assert end > session.at
+
+
+def test_all_readings_count_again_where_somebody_says_so() -> None:
+    session = disturbed_later(28.0)
+    session.requested(session.at, "use_all")
+    assert fitted(session).state.kept is None
+    assert session.state.phase != "good"
+    assert session.left_out == []
+    session.requested(session.at, "exclude", start_s=28.0, end_s=45.0)
+    assert fitted(session).state.phase == "good"
 
 
 @pytest.mark.parametrize(("every_s", "fits"), daily([(0.5, 2), (2.0, 1)]))

@@ -5,6 +5,8 @@
  */
 
 import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
+import { siteField } from "./geomag.js";
+import { fixed, general } from "./numbers.js";
 
 /** @typedef {import("./buffer.js").Rows} Rows */
 /** @typedef {import("./buffer.js").Span} Span */
@@ -36,9 +38,14 @@ export const RULES = Object.freeze({
     /** Seconds without a reading after which that is said; or so many usual steps of a slow sensor. */
     silent_s: 3,
     silent_steps: 5,
+    /** Seconds of worse fits after which something is said to have changed since a fit that is kept. */
+    changed_s: 2,
     /** A calibration that is good to so much tilt needs no word about tilt. */
     level_deg: 89,
     assumed_dip_deg: 60,
+    /** Of the field that the model has at a place: what gains are usually off by, and the dip of a place. */
+    gain_sigma: 0.05,
+    inclination_sigma_deg: 1,
 });
 
 /**
@@ -85,13 +92,31 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {"heading" | "attitude"} goal
  * @property {Previous | null} previous
  * @property {boolean} isFollowed  somebody turns the sensor just now, and may be led
+ * @property {Site | null} site  what counts of the place
+ */
+
+/**
+ * The field of a place and how the sensor is mounted in it, by the names of `flinders_site`; null where it is not known.
+ * @typedef {object} Site
+ * @property {number | null} [strength]
+ * @property {number | null} [gain_sigma]
+ * @property {number | null} [inclination_deg]
+ * @property {number | null} [inclination_sigma_deg]
+ * @property {number | null} [alignment_sigma_deg]
+ * @property {boolean} [z_down]
+ */
+
+/**
+ * A fit that is kept: of the readings up to a time, whatever comes later.
+ * @typedef {{evaluated: Evaluated, view: View, seconds: number}} Kept
  */
 
 /** @type {Evaluated} */
 const NO_FIT = { key: -1, view: null, refusal: "", refusalCode: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
+/** A time after all others, s. */
+const END = 1e9;
 const LARGEST_DIP_DEG = 89;
 const A_LOG = "a log is shown, and nothing arrives in it: go back to the sensor first";
-const NO_PLACE = "this page has no model of the earth's field: look up the inclination at your place, and type it as dip";
 
 /** Readings that are fitted together: those of the sensor, or of a log. */
 export class Series {
@@ -111,6 +136,8 @@ export class Series {
         /** @type {number | null} it was begun anew then: readings up to that time are left behind */
         this.begunS = null;
         this.exclusions = new Exclusions();
+        /** @type {Site | null} where it was recorded */
+        this.site = null;
         /** @type {number | null} since when what arrives is left out */
         this.pausedAt = null;
         this.generation = 1;
@@ -122,6 +149,10 @@ export class Series {
         this.alarmedAt = null;
         /** @type {number[]} when the fits in a row were done that are within the target, the first of them */
         this.within = [];
+        /** @type {Kept | null} the best fit that was within the target */
+        this.kept = null;
+        /** @type {number | null} when the first of the fits in a row was done that are worse than the kept one */
+        this.lostAt = null;
     }
 
     /** Excluded stretches, with the present pause. */
@@ -134,7 +165,9 @@ export class Series {
 }
 
 export class Session {
-    constructor(rules = RULES) {
+    /** @param {import("./geomag.js").Model | null} model  of the earth's field */
+    constructor(model = null, rules = RULES) {
+        this.model = model;
         this.rules = rules;
         /** @type {SourceState} */
         this.source = { name: "no source", kind: "simulated", link: "waiting", words: "" };
@@ -160,6 +193,7 @@ export class Session {
         this.generations = 1;
         this.isFitting = false;
         this.fitFrom = 0;
+        this.fitTo = 0;
         this.dueAt = 0;
         this.at = 0;
         this.arrivedAt = 0;
@@ -172,9 +206,32 @@ export class Session {
         return this.opened ?? this.live;
     }
 
+    /** The fit that is kept, where the newest is worse. */
+    get keptInstead() {
+        return this.shown.lostAt === null ? null : this.shown.kept;
+    }
+
+    /** What the page shows of the newest fit, or of the one that is kept in its place. */
+    get view() {
+        return this.keptInstead?.view ?? this.shown.evaluated.view;
+    }
+
+    /** Whether the newest fits have been worse than the kept one for long enough to say that something changed. */
+    get isChanged() {
+        const { lostAt } = this.shown;
+        return this.keptInstead !== null && lostAt !== null && (this.at - lostAt >= this.rules.changed_s || this.isOver);
+    }
+
+    /** Stretches that the calibration in the end does without: what came after the fit that is kept, too. */
+    get leftOut() {
+        const { shown, keptInstead } = this;
+        return keptInstead ? merged([...shown.excluded, [nextAfter(keptInstead.seconds), END]]) : shown.excluded;
+    }
+
     /** @returns {[number, boolean]} The dip that is judged at, and whether it is assumed. */
     get judgedDip() {
-        return this.dipDeg === null ? [this.rules.assumed_dip_deg, true] : [this.dipDeg, false];
+        const known = this.dipDeg ?? this.shown.site?.inclination_deg ?? null;
+        return known === null ? [this.rules.assumed_dip_deg, true] : [known, false];
     }
 
     /** Whether somebody turns the sensor just now, and may be led. */
@@ -295,7 +352,7 @@ export class Session {
             target_deg: this.targetDeg,
             dip_deg: this.dipDeg,
             goal: this.goal,
-            site: null,
+            site: live.site && stated(live.site),
             refreshing: false,
         };
     }
@@ -311,10 +368,12 @@ export class Session {
         const { live } = this;
         if (JSON.stringify(edits.excluded) !== JSON.stringify(live.exclusions.spans)) live.exclusions = new Exclusions(edits.excluded);
         live.pausedAt = edits.paused_s;
+        live.site = edits.site;
         this.targetDeg = edits.target_deg;
         this.dipDeg = edits.dip_deg;
         this.goal = edits.goal;
         this.shown.within = [];
+        this.#useAll();
         this.#refit();
     }
 
@@ -338,7 +397,7 @@ export class Session {
             case "previous_clear":
                 return this.#wish("previous", null);
             case "place":
-                return [notice(NO_PLACE, "warning")];
+                return this.#place(command);
             case "exclude":
                 return this.#exclude(command.start_s, command.end_s);
             case "restore":
@@ -351,6 +410,8 @@ export class Session {
                 return this.#pause(command.paused);
             case "clear":
                 return this.#clear();
+            case "use_all":
+                return this.#useAll();
             case "back_to_live":
                 return this.#backToLive();
             default:
@@ -382,8 +443,45 @@ export class Session {
         if (this[name] === value) return [];
         this[name] = value;
         this.shown.within = [];
+        this.#useAll();
         this.#refit();
         return [];
+    }
+
+    /**
+     * Take dip and strength of a place.
+     * @param {Extract<Command, {type: "place"}>} place
+     * @returns {Notice[]}
+     */
+    #place({ latitude_deg: latitude, longitude_deg: longitude, year }) {
+        const { model, rules: { gain_sigma, inclination_sigma_deg } } = this;
+        if (model === null) return [];
+        const wrong = noPlace(latitude, longitude) || noYear(model, year);
+        if (wrong) return [notice(wrong, "warning")];
+        const { strength, inclinationDeg } = siteField(model, latitude, longitude, year);
+        const dipDeg = Number(fixed(inclinationDeg, 1));
+        if (Math.abs(dipDeg) > LARGEST_DIP_DEG) {
+            return [notice(`the dip there is ${general(dipDeg)}°: no compass works where it is beyond ${LARGEST_DIP_DEG}°`, "warning")];
+        }
+        this.shown.site = { strength, gain_sigma, inclination_deg: inclinationDeg, inclination_sigma_deg };
+        this.shown.within = [];
+        this.#refit();
+        this.#wish("dipDeg", dipDeg);
+        const where = `the dip at ${general(latitude)}°, ${general(longitude)}° is ${general(dipDeg)}°`;
+        return [notice(`${where}, the strength of the field ${fixed(strength, 1)} µT (${model.name})`, "info")];
+    }
+
+    /**
+     * What counts of the place: its strength for readings in a true unit, and its dip unless another is given.
+     * @returns {Site | null}
+     */
+    get #site() {
+        const { site, unit } = this.shown;
+        if (site === null) return null;
+        const strength = unit.inside === "uT" ? site.strength : null;
+        const isItsDip = this.dipDeg === null || this.dipDeg === site.inclination_deg;
+        const inclination_deg = isItsDip ? site.inclination_deg : null;
+        return strength === null && inclination_deg === null ? null : { ...site, strength, inclination_deg };
     }
 
     /**
@@ -394,6 +492,7 @@ export class Session {
         const exclusions = edit(this.shown.exclusions);
         if (exclusions === this.shown.exclusions) return [];
         this.shown.exclusions = exclusions;
+        this.#useAll();
         this.#refit();
         return [];
     }
@@ -431,6 +530,13 @@ export class Session {
         return [];
     }
 
+    /** Keep no earlier fit: the newest counts. */
+    #useAll() {
+        if (this.shown.kept) this.revision += 1;
+        Object.assign(this.shown, { kept: null, lostAt: null });
+        return [];
+    }
+
     /** Begin anew without readings. */
     #clear() {
         if (this.opened !== null) return [notice("a log is shown, which cannot be started again: go back to the sensor first", "warning")];
@@ -441,9 +547,9 @@ export class Session {
 
     /** @param {number | null} begunS  time of the last reading that is left behind */
     #begin(begunS) {
-        const { unit, buffer, frame } = this.live;
+        const { unit, buffer, frame, site } = this.live;
         this.live = new Series(buffer.most, unit);
-        Object.assign(this.live, { begunS, frame, generation: ++this.generations, key: ++this.keys, since: this.keys });
+        Object.assign(this.live, { begunS, frame, site, generation: ++this.generations, key: ++this.keys, since: this.keys });
         this.arrivals = [];
         this.revision += 1;
     }
@@ -476,17 +582,19 @@ export class Session {
     beginFit() {
         this.isFitting = true;
         this.fitFrom = this.at;
+        this.fitTo = this.shown.buffer.seconds;
         return this.task(this.rules.fitted);
     }
 
     /**
      * @param {number} most
+     * @param {readonly import("./buffer.js").Span[]} leftOut
      * @returns {Task}
      */
-    task(most) {
+    task(most, leftOut = this.shown.excluded) {
         const { shown } = this;
         const { time, field, stride } = shown.buffer;
-        const all = shown.buffer.outside(shown.excluded);
+        const all = shown.buffer.outside(leftOut);
         const step = Math.max(Math.ceil(all.length / most), 1);
         const used = all.filter((_, i) => i % step === 0);
         const [dipDeg, dipAssumed] = this.judgedDip;
@@ -503,6 +611,7 @@ export class Session {
             goal: this.goal,
             previous: this.previous,
             isFollowed: this.isFollowed,
+            site: this.#site,
         };
     }
 
@@ -523,7 +632,33 @@ export class Session {
         shown.alarmedAt = this.#alarmedAt(begun, evaluated);
         shown.evaluated = evaluated;
         shown.within = this.#isWithin(evaluated) ? [...shown.within, at].slice(0, rules.enough_fits) : [];
+        this.#keep(at, evaluated);
         this.revision += 1;
+    }
+
+    /**
+     * Keep a fit that several in a row confirm and that is no worse than the kept one; note since when fits are worse.
+     * @param {number} at
+     * @param {Evaluated} evaluated
+     */
+    #keep(at, evaluated) {
+        const { shown } = this;
+        const { kept, within } = shown;
+        const { view } = evaluated;
+        const isWorse = within.length === 0 || (kept?.view.verdict === "good" && view?.verdict !== "good");
+        if (kept && isWorse) {
+            shown.lostAt ??= at;
+            return;
+        }
+        shown.lostAt = null;
+        if (view && this.isRepeated) shown.kept = { evaluated, view, seconds: this.fitTo };
+    }
+
+    /** Whether several fits in a row were within the target. */
+    get isRepeated() {
+        const { within } = this.shown;
+        const { enough_fits, sure_s } = this.rules;
+        return within.length >= enough_fits || (within.at(-1) ?? -Infinity) - (within[0] ?? 0) >= sure_s;
     }
 
     /**
@@ -580,6 +715,32 @@ export function notice(words, severity) {
 }
 
 /**
+ * Why there is no such place; nothing where there is.
+ * @param {number} latitude
+ * @param {number} longitude
+ * @returns {string}
+ */
+function noPlace(latitude, longitude) {
+    const isSwapped = Math.abs(latitude) <= 180 && Math.abs(longitude) <= 90;
+    const swapped = isSwapped ? "; the latitude comes first" : "";
+    if (!(Math.abs(latitude) <= 90)) return `latitude is ${general(latitude)}°: need −90° to 90°${swapped}`;
+    if (longitude >= -180 && longitude <= 360) return "";
+    return `longitude is ${general(longitude)}°: need −180° to 180°, east positive`;
+}
+
+/**
+ * Why a year is not that of the model; nothing where it is.
+ * @param {import("./geomag.js").Model} model
+ * @param {number} year
+ * @returns {string}
+ */
+function noYear({ name, epoch, years }, year) {
+    if (year >= epoch && year <= epoch + years) return "";
+    const begin = `${general(year)} lies outside ${name}, from ${general(epoch)} to ${general(epoch + years)}`;
+    return `${begin}: look up the inclination at your place, and type it as dip`;
+}
+
+/**
  * The next number above one that is not negative.
  * @param {number} value
  * @returns {number}
@@ -607,6 +768,15 @@ export function seriesOf(rules, { time, field, unit }) {
 /** @param {Unit} unit @returns {string} As the page shows it. */
 export function labelOf({ inside }) {
     return inside === "uT" ? "µT" : inside;
+}
+
+/**
+ * What is known of a site, without what is not.
+ * @param {Site} site
+ * @returns {import("../wire.d.ts").Site}
+ */
+function stated(site) {
+    return Object.fromEntries(Object.entries(site).filter(([, value]) => value !== null));
 }
 
 /**
