@@ -114,8 +114,8 @@ class Played {
     }
 
     held() {
-        const { total, stride, time, field, latest, seconds } = this.session.live.buffer;
-        return { total, stride, time: packed(time), field: packed(field), latest: packed(latest), seconds };
+        const { total, stride, time, field } = this.session.live.buffer;
+        return { total, stride, time: packed(time), field: packed(field) };
     }
 
     edits() {

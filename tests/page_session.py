@@ -60,7 +60,12 @@ class PageSession:
     """
 
     def __init__(
-        self, source: SourceState = SENSOR, *, frame: str = "sensor", rules: dict[str, float] | None = None, **changes: Any
+        self,
+        source: SourceState = SENSOR,
+        *,
+        frame: str = "sensor",
+        rules: dict[str, float] | None = None,
+        **changes: Any,
     ) -> None:
         self.at = 0.0
         self._number = next(_numbers)
@@ -84,7 +89,7 @@ class PageSession:
         """What was done on another page."""
         self._tell("adopted", at, edits=msgspec.to_builtins(edits))
 
-    def linked(self, at: float, link: Link, words: str = "") -> list[Any]:
+    def linked(self, at: float, link: Link, words: str = "") -> list[SimpleNamespace]:
         """The link to the source has changed; what a person is told."""
         return self._told("linked", at, link=link, words=words)
 
@@ -102,7 +107,7 @@ class PageSession:
         """A calibration from before."""
         self._tell("previous", at, name=fit.name, text=dumps(fit.to_document()))
 
-    def requested(self, at: float, type: str, **command: Any) -> list[Any]:
+    def requested(self, at: float, type: str, **command: Any) -> list[SimpleNamespace]:
         """A command of a person; what they are told."""
         return self._told("requested", at, command={"type": type, **command})
 
@@ -126,23 +131,26 @@ class PageSession:
     # What it shows
 
     @property
-    def state(self) -> Any:
+    def state(self) -> SimpleNamespace:
         """The state that the page is told."""
-        return self._ask("state")
+        state: SimpleNamespace = self._ask("state")
+        return state
 
     @property
-    def shown(self) -> Any:
+    def shown(self) -> SimpleNamespace:
         """The newest fit."""
-        return self._ask("shown")
+        shown: SimpleNamespace = self._ask("shown")
+        return shown
 
     @property
-    def view(self) -> Any:
+    def view(self) -> Any:  # noqa: ANN401 - a namespace, or None
         """What is drawn, of the newest fit or of one that is kept; None where there is none."""
         return self._ask("view")
 
-    def evaluated(self) -> Any:
+    def evaluated(self) -> SimpleNamespace:
         """What a fit of the readings would come to now."""
-        return self._ask("evaluated")
+        found: SimpleNamespace = self._ask("evaluated")
+        return found
 
     def wants_fit(self, at: float) -> bool:
         """Whether a fit is due."""
@@ -161,14 +169,14 @@ class PageSession:
     @property
     def used_site(self) -> dict[str, Any] | None:
         """What counts of the field at the place."""
-        used: dict[str, Any] = self._ask("used", as_dict=True)
-        return used["site"]
+        site: dict[str, Any] | None = self._ask("used", as_dict=True)["site"]
+        return site
 
     @property
-    def held(self) -> Any:
+    def held(self) -> SimpleNamespace:
         """Readings in memory: `total`, `stride`, `time` (N,), `field` (N, 3)."""
-        held = self._ask("held")
-        held.time, held.field, held.latest = _floats(held.time), _floats(held.field).reshape(-1, 3), _floats(held.latest)
+        held: SimpleNamespace = self._ask("held")
+        held.time, held.field = _floats(held.time), _floats(held.field).reshape(-1, 3)
         return held
 
     @property
@@ -186,14 +194,14 @@ class PageSession:
         frame = self._ask("points", page=page)
         return None if frame is None else b64decode(frame)
 
-    def _told(self, name: str, at: float, /, **given: Any) -> list[Any]:
+    def _told(self, name: str, at: float, /, **given: Any) -> list[SimpleNamespace]:
         self.at = at
         return list(self._ask(name, at=at, **given) or ())
 
     def _tell(self, name: str, at: float, /, **given: Any) -> None:
         self._told(name, at, **given)
 
-    def _ask(self, name: str, /, *, as_dict: bool = False, **given: Any) -> Any:
+    def _ask(self, name: str, /, *, as_dict: bool = False, **given: Any) -> Any:  # noqa: ANN401 - as JSON
         while _gone:
             _asked({"number": _gone.pop(), "name": "forget"})
         answer = _asked({"number": self._number, "name": name, "given": given})
@@ -216,17 +224,17 @@ def frame_of_buffer(buffer: ReadingBuffer, unit: Unit = UT) -> bytes:
     )  # fmt: skip
 
 
-def codes(state: Any) -> list[str]:
+def codes(state: SimpleNamespace) -> list[str]:
     """Codes of the reasons of a state."""
     return [reason.code for reason in state.reasons]
 
 
-def warnings(reasons: Iterable[Any]) -> list[str]:
+def warnings(reasons: Iterable[SimpleNamespace]) -> list[str]:
     """Codes of those that are warnings."""
     return [reason.code for reason in reasons if reason.severity == "warning"]
 
 
-def _named(value: Any) -> Any:
+def _named(value: Any) -> Any:  # noqa: ANN401 - as JSON
     """JSON with attributes in place of keys."""
     if isinstance(value, dict):
         return SimpleNamespace(**{name: _named(each) for name, each in value.items()})

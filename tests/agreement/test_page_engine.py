@@ -229,6 +229,7 @@ def test_the_page_leads_who_turns_the_sensor_as_a_session_does() -> None:
         session = Session(target_deg=case.target_deg, goal=case.goal, unit="uT")
         state = session.add(case.samples.field, time=case.samples.time)
         guidance = page["view"]["guidance"]
+        assert state.direction is not None
         assert guidance["is_path"]
         assert guidance["words"] == f"follow the arrow: {state.turn}"
         np.testing.assert_allclose(guidance["direction"], state.direction, rtol=1e-9, atol=1e-12)
@@ -252,9 +253,7 @@ const { quantities } = fitOf(loaded, given.data, { ...given.asked, field, time: 
 return [NAMES.values, NAMES.words, Object.keys(quantities).filter((name) => !Number.isNaN(quantities[name]))];
 """
     wasm = build.library(target=build.WEB).read_bytes()
-    values, words, known = run(
-        program, {"wasm": packed(wasm), "data": engine.data(), "asked": case_of(samples).asked}
-    )
+    values, words, known = run(program, {"wasm": packed(wasm), "data": engine.data(), "asked": case_of(samples).asked})
     looked_for = [CATALOGUE[code] for code in OF_A_FIT if CATALOGUE[code].rule.compared <= set(known)]
     assert {"heading-error", "few-samples", "structure", "stale-repeats"} <= {row.code for row in looked_for}
     for row in looked_for:

@@ -1,4 +1,4 @@
-"""The session of the page agrees with the program beside it: limits, what a server holds, how far a calibration is off."""
+"""The session of the page agrees with the program beside it: what it takes, and how far a calibration is off."""
 
 from __future__ import annotations
 

@@ -21,6 +21,8 @@ from flinders.live.messages import encode, parse
 from flinders.native import build
 
 if TYPE_CHECKING:
+    from types import SimpleNamespace
+
     from flinders.arrays import Floats
 
 try:
@@ -69,20 +71,20 @@ def request(session: PageSession, *commands: Command) -> PageSession:
     return session
 
 
-def fitted(session: PageSession) -> Any:
+def fitted(session: PageSession) -> SimpleNamespace:
     found = session.evaluated()
     del found.key
     return found
 
 
 @pytest.fixture(scope="module")
-def fit_of_all() -> Any:
+def fit_of_all() -> SimpleNamespace:
     return fitted(whole())
 
 
 @examples(10)
 @given(cuts)
-def test_any_split_of_the_readings_gives_the_same_fit(fit_of_all: Any, places: list[int]) -> None:
+def test_any_split_of_the_readings_gives_the_same_fit(fit_of_all: SimpleNamespace, places: list[int]) -> None:
     assert fitted(arrive(PageSession(), places)) == fit_of_all
 
 

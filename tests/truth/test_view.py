@@ -257,7 +257,7 @@ def test_angles_have_the_same_digits_on_the_page_as_in_sentences() -> None:
         ({"verdict": "limited"}, "heading", "limited", "Limited"),
         ({"verdict": "limited", "heading_error_deg": {"worst": 0.4, "target_deg": 0.2}}, "heading", "limited", MISSES),
         ({"verdict": "good"}, "attitude", "limited", MISSES),
-        ({"verdict": "refused", "heading_error_deg": {"worst": 0.4, "target_deg": 0.2}}, "heading", "refused", "Refused"),
+        ({"verdict": "refused"}, "attitude", "refused", "Refused"),
     ],
 )
 def test_the_finish_panel_says_what_was_made(changes: dict[str, Any], goal: str, kind: str, title: str) -> None:
@@ -297,7 +297,8 @@ def test_the_page_has_titles_for_codes_that_there_are() -> None:
     listed = re.search(r"REASONS = Object.freeze\(\{(.*?)\}\)", words, re.DOTALL)
     assert listed
     titled = set(re.findall(r'^ {4}"?([\w-]+)"?:', listed[1], re.MULTILINE))
-    sources = [package.joinpath("static", "standalone", f"{name}.js").read_text("utf-8") for name in ("reasons", "state")]
+    modules = package.joinpath("static", "standalone")
+    sources = [modules.joinpath(name).read_text("utf-8") for name in ("reasons.js", "state.js")]
     own = {code for text in sources for code in re.findall(r'(?:\breason\(|code: )"([\w-]+)"', text)}
     alarms = {code for code, row in CATALOGUE.items() if row.alarm}
     assert alarms <= titled
