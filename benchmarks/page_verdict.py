@@ -15,6 +15,7 @@ import math
 import subprocess
 import sys
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from statistics import median
@@ -27,10 +28,12 @@ import flinders
 from benchmarks.datasets import SETS, dataset
 from benchmarks.fits import WORLDS, recordings
 from benchmarks.recordings import FOLDER
+from flinders.core.calibration_file import VERSION, dumps
 from flinders.core.samples import Samples
 from flinders.core.units import label
 from flinders.errors import FitError
 from flinders.fitting.calibrate import judged_dip
+from flinders.fitting.refreshing import refresh
 from flinders.fitting.result import Refused
 from flinders.live.buffer import Timeline
 from flinders.native import build
@@ -59,19 +62,26 @@ TURNS: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Readings on a timeline, and what is asked of their fit; somebody may be turning the sensor just now."""
+    """Readings on a timeline, and what is asked of their fit.
+
+    Somebody may be turning the sensor just now; there may be a calibration from before, which may be renewed.
+    """
 
     samples: Samples
     target_deg: float = 1.0
     site: Site | None = None
     goal: Goal = "heading"
     is_followed: bool = False
+    previous: Fit | None = None
+    is_renewed: bool = False
 
     @property
     def fit(self) -> Fit | None:
         """What the program makes of them, also where it refuses that; None where there is no fit."""
+        renewed = self.previous if self.is_renewed else None
+        fitted = flinders.fit if renewed is None else partial(refresh, previous=renewed)
         try:
-            return flinders.fit(self.samples, target_deg=self.target_deg, site=self.site)
+            return fitted(self.samples, target_deg=self.target_deg, site=self.site)
         except Refused as refused:
             return refused.fit
         except FitError:
@@ -91,6 +101,8 @@ class Case:
             "goal": self.goal,
             "isFollowed": self.is_followed,
             "site": None if self.site is None else site_of(self.site.evidence),
+            "previous": None if self.previous is None else _file_of(self.previous),
+            "isRenewed": self.is_renewed,
         }
 
 
@@ -162,6 +174,11 @@ def site_of(known: Site | None) -> dict[str, float | None] | None:
     return {name: value if math.isfinite(value := getattr(known, name) or math.nan) else None for name in names}
 
 
+def _file_of(fit: Fit) -> dict[str, str]:
+    """Name and text of a calibration file."""
+    return {"name": fit.name, "text": dumps(fit.to_document())}
+
+
 def _packed(numbers: Floats) -> str:
     return base64.b64encode(np.ascontiguousarray(numbers, "<f8").tobytes()).decode()
 
@@ -172,6 +189,7 @@ def page_answers(cases: Sequence[Case], turns: int = 0) -> dict[str, Any]:
         "modules": str(files("flinders").joinpath("static", "standalone")),
         "wasm": str(build.library(target=build.WEB)),
         "data": data(),
+        "schema": VERSION,
         "recordings": [case.asked for case in cases],
         "turns": turns,
     }

@@ -39,7 +39,7 @@ const packed = (numbers) => Buffer.from(numbers.buffer, numbers.byteOffset, numb
 
 class Played {
     constructor({ rules, frame, ...changes }) {
-        this.session = Object.assign(new Session(data.model, { ...RULES, ...rules }), changes);
+        this.session = Object.assign(new Session(data, { ...RULES, ...rules }), changes);
         Object.assign(this.session.live, frame && { frame });
         this.cursors = {};
         this.found = null;

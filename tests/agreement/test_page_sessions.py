@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 from tests.javascript import run
@@ -15,10 +14,9 @@ from flinders import simulate
 from flinders.comparison.comparison import compare
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.errors import UsageError
-from flinders.live.buffer import CAPACITY
+from flinders.live.buffer import CAPACITY, rows_of
 from flinders.live.messages import LARGEST_DIP_DEG, Edits, refuse_out_of_range
 from flinders.native import build
-from flinders.report.view import view
 
 try:
     build.library(target=build.WEB)
@@ -61,36 +59,17 @@ def is_within(edits: Edits) -> bool:
     return True
 
 
-COMPARE: Final = """
-const { compared } = await load("previous.js");
-return compared(given.previous, given.view, { dipDeg: -35, targetDeg: 1, unit: given.unit });
-"""
-
-
 def test_an_earlier_calibration_is_as_far_off_as_flinders_compare_says() -> None:
     sensor = simulate.Sensor.random(np.random.default_rng(3))
     moved = sensor.offset + np.array([1.0, 2.0, -3.0])
     changed = simulate.Sensor(offset=moved, matrix=sensor.matrix @ np.diag([1.0, 1.04, 1.0]))
     tumbles = [simulate.tumble(seed=9, sensor=each).samples for each in (sensor, changed)]
     before, now = map(flinders.fit, tumbles)
-    asked = {
-        "previous": {"name": "old.json", "calibration": numbers_of(before)},
-        "view": msgspec.to_builtins(view(now, tumbles[1])),
-    }
-    answer = run(COMPARE, {**asked, "unit": "µT"})
-    worst = compare(before, now, dip_deg=-35.0).heading_difference_deg.worst
-    assert answer["change_deg"] == pytest.approx(worst, rel=1e-6)
-    assert f"{worst:.1f}" in answer["words"]
-    assert "counts" in run(COMPARE, {**asked, "unit": "counts"})["words"]
-
-
-def numbers_of(fit: flinders.Fit) -> dict[str, Any]:
-    """A calibration as the page has it."""
-    calibration = fit.calibration
-    return {
-        "matrix": calibration.matrix.tolist(),
-        "offset": calibration.offset.tolist(),
-        "fieldStrength": calibration.field_strength,
-        "fieldStrengthKnown": calibration.field_strength_known,
-        "unit": calibration.unit,
-    }
+    session = PageSession()
+    session.arrived(60.0, rows_of(tumbles[1]))
+    session.requested(60.0, "dip", deg=-35.0)
+    session.got_previous(60.0, before.with_name("old.json"))
+    session.fit()
+    shown, worst = session.state.previous, compare(before, now, dip_deg=-35.0).heading_difference_deg.worst
+    assert shown.change_deg == pytest.approx(worst, rel=1e-6)
+    assert f"{worst:.1f}" in shown.words

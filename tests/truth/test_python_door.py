@@ -242,7 +242,7 @@ def test_a_session_leads_to_a_good_calibration_before_all_readings_have_come(sam
     assert 0.4 < done.coverage < 1.0
     assert done.readings < 500
     assert (states[0].is_done, states[0].heading_error_deg > 1.0) == (False, True)
-    assert states[3].turn.startswith("follow the arrow")
+    assert states[3].turn.startswith("turn it about ")
     assert np.linalg.norm(states[3].direction or ()) == pytest.approx(1.0)
     assert session.finish().calibration == flinders.fit(samples[:1000]).calibration
 
