@@ -172,6 +172,17 @@ export function fitOf(engine, data, request) {
 }
 
 /**
+ * Strength of the field, where it is known: of the place, or of the calibration that is renewed.
+ * @param {Engine} engine
+ * @param {Fitted} record
+ * @param {import("./previous.js").Renewed | null} renewed
+ * @returns {number | null}
+ */
+function strengthOf(engine, record, renewed) {
+    return renewed?.strength ?? (engine.usesStrength(record) ? record.site_strength : null);
+}
+
+/**
  * Judge a record, and once more where it may be that axes were swapped.
  * @param {Engine} engine
  * @param {EngineData} data

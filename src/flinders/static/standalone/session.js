@@ -92,6 +92,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {boolean} dipAssumed
  * @property {"heading" | "attitude"} goal
  * @property {Previous | null} previous
+ * @property {boolean} isFollowed  somebody turns the sensor just now, and may be led
  * @property {Site | null} site  what counts of the place
  * @property {boolean} isRenewed  its soft iron is kept, and its hard iron found anew
  */
@@ -244,6 +245,11 @@ export class Session {
     get judgedDip() {
         const known = this.dipDeg ?? this.shown.site?.inclination_deg ?? null;
         return known === null ? [this.rules.assumed_dip_deg, true] : [known, false];
+    }
+
+    /** Whether somebody turns the sensor just now, and may be led. */
+    get isFollowed() {
+        return this.opened === null && this.live.pausedAt === null && this.source.link === "connected";
     }
 
     /** @param {number} at */
@@ -631,6 +637,7 @@ export class Session {
             dipAssumed,
             goal: this.goal,
             previous: this.previous,
+            isFollowed: this.isFollowed,
             site: this.#site,
             isRenewed: this.isRenewed,
         };
