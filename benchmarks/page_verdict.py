@@ -3,8 +3,6 @@
 Recordings of the shared data, thinned to 5,000 readings, and simulated ones are evaluated by the page's modules under
 Node.js, and by `flinders.fit` with the same readings. Compared are the numbers of the engine, in standard deviations or
 relative, the verdict and its findings, the claim and the sentences; and the processor time of a fit.
-
-The page has no method for a level turn, which the program calibrates: those are counted by themselves.
 """
 
 from __future__ import annotations
@@ -145,11 +143,6 @@ class Compared:
     fit_ms: float
     evaluate_ms: float
 
-    @property
-    def is_level(self) -> bool:
-        """The program takes it for a level turn."""
-        return self.method == "level"
-
 
 def thinned(samples: Samples, most: int = MOST) -> Samples:
     """Field and time of every second, third … reading."""
@@ -279,13 +272,13 @@ def real() -> Iterator[tuple[str, Samples]]:
 
 def report(title: str, rows: Sequence[Compared]) -> None:
     """Print how many agree in what, and what each of the others is."""
-    full = [row for row in rows if not row.is_level and row.verdicts[0]]
+    full = [row for row in rows if row.verdicts[0]]
     judged = [row for row in full if row.verdicts[0] != "refused"]
     alike = [row for row in full if row.verdicts[0] == row.verdicts[1]]
     same = [row for row in full if row.findings[0] == row.findings[1]]
     words = [row for row in full if row.sentences[0] == row.sentences[1]]
     claims = [abs(row.claim - 1.0) for row in full]
-    print(f"\n{title}: {len(rows)} recordings, of them {sum(row.is_level for row in rows)} level turns for the program")
+    print(f"\n{title}: {len(rows)} recordings, of them {sum(row.method == 'level' for row in rows)} level turns")
     print(f"  same verdict            {len(alike)} of {len(full)}")
     print(f"  same findings           {len(same)} of {len(full)}")
     print(f"  same sentences          {len(words)} of {len(full)}")

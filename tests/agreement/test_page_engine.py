@@ -134,7 +134,6 @@ def held_together(rows: list[Compared]) -> None:
 def test_recordings_get_the_verdict_of_the_program(recordings: Callable[[str], Path]) -> None:
     samples = [thinned(flinders.read(recordings(name)), ROWS) for name in SHARED]
     rows = compared(SHARED, [case_of(each) for each in samples])
-    assert not any(row.is_level for row in rows)
     assert {row.verdicts[0] for row in rows} == {"", "good", "limited", "refused"}, "and one gives no fit"
     held_together(rows)
 
@@ -170,11 +169,90 @@ def test_a_file_of_the_page_says_of_a_fit_what_the_program_says() -> None:
     assert checked > 5
 
 
-def test_a_level_turn_is_refused() -> None:
-    (answer,) = page_answers([case_of(simulate.tumble(seed=1, n=800, motion="level").samples)])["answers"]
-    assert answer["view"]["verdict"] == "refused"
-    assert answer["view"]["offset"] is None
-    assert answer["view"]["findings"][0]["advice"].endswith("flinders calibrate does")
+def level(dip_deg: float = 60.0, noise: float = 0.5, *, degrees: float = 360.0, sway_deg: float = 0.0) -> Samples:
+    """Readings of a turn that is level but for its sway, by a sensor with iron; 800 in 16 s."""
+    rng, time, dip = np.random.default_rng(7), np.arange(800) / 50.0, math.radians(dip_deg)
+    heading, roll = np.radians(degrees) * time / 16.0, np.radians(sway_deg) * np.sin(2.0 * time)
+    north, east = math.cos(dip) * np.cos(heading), -math.cos(dip) * np.sin(heading)
+    right, down = np.cos(roll) * east + np.sin(roll) * math.sin(dip), np.cos(roll) * math.sin(dip) - np.sin(roll) * east
+    shape = 50.0 * np.array([[1.02, 0.05, -0.04], [0.05, 0.97, 0.03], [-0.04, 0.03, 1.01]])
+    field = np.stack([north, right, down], axis=1) @ shape + [20.0, -35.0, 60.0]
+    return Samples(field + noise * rng.normal(size=(800, 3)), unit=flinders.Unit.of("uT"), time=time)
+
+
+def turns() -> dict[str, Samples]:
+    """Level turns, of which some are whole, and some leave their plane."""
+    rng, whole = np.random.default_rng(3), level()
+    field, passing = whole.field, np.outer(np.exp(-(((np.arange(800) - 400) / 15.0) ** 2)), [30.0, -20.0, 15.0])
+    stray = np.where(rng.random((800, 1)) < 0.03, 20.0 * rng.normal(size=(800, 3)), 0.0)
+    still = np.tile(field[-1], (300, 1)) + 0.5 * rng.normal(size=(300, 3))
+    return {
+        "whole": whole,
+        "flat field": level(5.0),
+        "steep field": level(75.0),
+        "quiet": level(noise=0.05),
+        "noisy": level(noise=2.0),
+        "half": level(degrees=180.0),
+        "a quarter": level(degrees=90.0),
+        "two turns": level(degrees=720.0),
+        "sways": level(sway_deg=0.5, degrees=720.0),
+        "sways more": level(sway_deg=2.0, degrees=720.0),
+        "rolls": level(sway_deg=8.0, degrees=720.0),
+        "strays": replace(whole, field=field + stray),
+        "magnet": replace(whole, field=field + passing),
+        "magnet at its height": replace(whole, field=field + passing * [1.0, 1.0, 0.0]),
+        "rest": Samples(np.concatenate([field, still]), unit=whole.unit, time=np.arange(1100) / 50.0),
+        "end of range": replace(whole, field=np.minimum(field, [40.0, np.inf, np.inf])),
+        "swapped sign": replace(whole, field=np.where(np.arange(800)[:, None] < 400, field, field * [1.0, -1.0, 1.0])),
+        "coarse": replace(whole, field=np.round(field / 1.5) * 1.5),
+        "counts": replace(whole, field=6.6 * field, unit=flinders.Unit.of("counts")),
+        "untimed": replace(whole, time=None),
+        "few": whole[::40],
+    }
+
+
+def test_level_turns_get_verdict_numbers_and_sentences_of_the_program() -> None:
+    cases = turns()
+    rows = compared(list(cases), [case_of(samples) for samples in cases.values()])
+    held_together(rows)
+    assert {row.name for row in rows if row.method != "level"} == {"rolls"}
+    unlike = [row for row in rows if row.sentences[0][1:] != row.sentences[1][1:]]
+    assert not unlike, unlike
+    assert {row.verdicts[0] for row in rows if row.method == "level"} == {"limited", "refused"}
+    assert {"level-plane", "outliers", "saturated", "at-rest"} <= {code for row in rows for code, _ in row.findings[1]}
+
+
+def test_level_turns_are_judged_at_the_dip_of_the_place() -> None:
+    dips = (-70.0, 5.0, 75.0)
+    cases = [replace(case_of(level(dip)), site=Site(inclination_deg=dip)) for dip in dips]
+    rows = compared([f"{dip}" for dip in dips], cases)
+    held_together(rows)
+    assert all(row.method == "level" and row.sentences[0][1:] == row.sentences[1][1:] for row in rows), rows
+
+
+@pytest.mark.parametrize("goal", GOALS)
+def test_the_page_draws_where_a_level_turn_is_good(goal: Goal) -> None:
+    cases = [case_of(turns()[name], goal=goal) for name in ("whole", "magnet", "flat field")]
+    for answer in page_answers(cases)["answers"]:
+        errors, words = answer["view"]["level_deg"], answer["view"]["guidance"]["words"]
+        assert answer["view"]["guidance"]["direction"] is None
+        if goal == "attitude":
+            assert errors is None
+            assert "upside down" in words
+            continue
+        assert "upside down" not in words
+        known = [error for error in errors if error is not None]
+        assert 20 < len(known) < 100
+        assert max(known) == pytest.approx(answer["view"]["heading_error_deg"]["worst"], rel=0.01)
+
+
+def test_a_file_of_a_level_turn_says_that_it_is_one() -> None:
+    case = case_of(level())
+    (page,) = page_answers([case])["answers"]
+    assert case.fit is not None
+    own = msgspec.to_builtins(case.fit.to_document().fit)
+    assert (page["record"]["plane"], page["record"]["z_down"]) == (own["plane"], own["z_down"]) == ("xy", True)
+    assert page["record"].keys() == own.keys()
 
 
 TUMBLED = simulate.tumble(seed=3)
@@ -253,6 +331,7 @@ CLOSE = {
     "counts": (0.0, 1.0),
     "before_deg": (0.0, 2e-4),
     "sigma_deg": (0.0, 2e-4),
+    "level_deg": (0.0, 2e-4),
     "bound_95": (0.01, 0.0),
     "any_attitude_deg": (1e-4, 0.0),
     "after_deg": (0.01, 0.0),
@@ -307,8 +386,8 @@ def test_the_page_leads_who_turns_the_sensor_as_a_session_does() -> None:
         np.testing.assert_allclose(guidance["direction"], state.direction, rtol=1e-9, atol=1e-12)
 
 
-NEVER_ON_THE_PAGE = frozenset({"level-plane", "mirrored-axes"})
-"""Findings of what the page does not do: it fits no level turn, and maps no axes."""
+NEVER_ON_THE_PAGE = frozenset({"mirrored-axes"})
+"""A finding of what the page does not do: it maps no axes."""
 
 NEVER_THERE = frozenset({"halves_ratio", "differ_deg"})
 """Values that are no number on the page: it compares neither halves of a recording nor several recordings."""
