@@ -9,7 +9,7 @@ import base64
 import math
 from dataclasses import replace
 from string import Formatter
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 import numpy as np
@@ -301,7 +301,7 @@ def test_the_page_renews_an_earlier_calibration_as_the_program_does() -> None:
         expected = None if fit.verdict == "refused" else pytest.approx(changed.heading_change_deg)
         assert page["previous"]["change_deg"] == expected, name
         drawn = msgspec.to_builtins(view(fit, case.samples))
-        left_out = {"findings": [], "guidance": None}  # a known shape makes opposite directions alike
+        left_out: dict[str, Any] = {"findings": [], "guidance": None}  # a known shape makes opposite directions alike
         same({**page["view"], **left_out}, {**drawn, **left_out}, "view")
         found = [finding["code"] for finding in page["view"]["findings"]]
         assert found == [finding["code"] for finding in drawn["findings"]], name

@@ -15,7 +15,7 @@ from flinders.fitting.result import Fit
 from flinders.live.buffer import rows_of
 from flinders.live.guided import Session
 from flinders.report.html import TITLES
-from flinders.report.html_file import asset
+from flinders.report.modules import asset
 from flinders.report.notebook import html_of
 from flinders.simulate.recording import write_csv
 

@@ -29,7 +29,7 @@ from flinders.fitting.result import Fit, Refused
 from flinders.geometry.rotation import rotations
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.likelihood.site_field import Site
-from flinders.report import html_file
+from flinders.report import modules
 from flinders.report.figure_data import FigureData, doubts, restored
 from flinders.report.figures import coverage_map, error_map, offset_over_time, projections
 from flinders.report.formatting import degrees, mounting
@@ -188,7 +188,7 @@ def test_a_report_of_linearized_axes_gives_their_terms_and_offers_code_alone() -
 
 
 def test_modules_are_joined_and_nothing_of_their_imports_is_left() -> None:
-    text = html_file.joined()
+    text = modules.joined()
     assert "const m0 = (() => {" in text
     assert not re.search(r"^(?:import|export)\b", text, re.MULTILINE)
     assert len(re.findall(r"^const m\d+ = ", text, re.MULTILINE)) >= 9
@@ -198,20 +198,20 @@ def test_modules_are_joined_and_nothing_of_their_imports_is_left() -> None:
     "line", ['import x from "./x.js";', 'import * as x from "./x.js";', "export default 1;", "export let x = 1;"]
 )
 def test_a_module_in_another_form_is_refused(line: str) -> None:
-    with pytest.raises(html_file.NotJoined, match="form that is not joined"):
-        html_file._wrapped("m0", f"{line}\n", {})
+    with pytest.raises(modules.NotJoined, match="form that is not joined"):
+        modules._wrapped("m0", f"{line}\n", {})
 
 
 def test_a_report_without_the_bundle_has_all_but_the_view(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = html_file.asset
+    whole = modules.asset
 
     def without(path: str) -> str:
         if path.startswith("vendor/"):
             raise FileNotFoundError(path)
         return whole(path)
 
-    monkeypatch.setattr(html_file, "asset", without)
-    html_file.joined.cache_clear()
+    monkeypatch.setattr(modules, "asset", without)
+    modules.joined.cache_clear()
     text = page(*fitted())
     assert 'id="scene"' not in text
     assert "theming" in text

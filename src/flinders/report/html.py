@@ -56,7 +56,8 @@ from flinders.report.formatting import (
     with_uncertainty,
     with_unit,
 )
-from flinders.report.html_file import filled, html_file, joined, script_of, style_of
+from flinders.report.html_file import filled, html_file, script_of, style_of
+from flinders.report.modules import joined
 from flinders.report.view import matrix_sigma, sentence, tiles_view
 from flinders.targets import registry
 
