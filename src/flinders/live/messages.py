@@ -1,7 +1,7 @@
 """The wire of the live page: every message as a dataclass, binary readings, and the page's types made from them.
 
 The session is the page's. The server tells it where readings come from and what was done to them so far, passes each
-reading on, and keeps and passes on what a person does (`Edits`).
+reading on, and keeps and passes on what a person does (`Edits`, `Kept`).
 
 >>> parse('{"type": "edits", "target_deg": 0.5}').target_deg
 0.5
@@ -45,6 +45,7 @@ MAGIC: Final = 0x464C4E44
 HEADER: Final = struct.Struct("<8I")
 HAS_ACCELERATION: Final = 1
 IS_MICROTESLA: Final = 2
+IS_VEHICLE: Final = 4
 
 
 class SourceState(Struct, frozen=True):
@@ -69,7 +70,17 @@ class Edits(Struct, frozen=True, kw_only=True, tag_field="type", tag="edits", fo
     refreshing: bool = False  # the calibration keeps the soft iron of the one from before
 
 
-class Previous(Struct, frozen=True, tag_field="type", tag="previous"):
+class Kept(Struct, frozen=True, tag_field="type", tag="kept"):
+    """The edits that the server keeps, after so many messages of the page that is told.
+
+    A page that has sent more than were `heard` need not look at them: those after them will follow.
+    """
+
+    edits: Edits
+    heard: int
+
+
+class Previous(Struct, frozen=True, tag_field="type", tag="previous", forbid_unknown_fields=True):
     """A calibration from before: the name and the text of its file; both empty for none."""
 
     name: str = ""
@@ -118,7 +129,6 @@ class Welcome(Struct, frozen=True, tag_field="type", tag="welcome"):
     limits: Limits
     source: SourceState
     axes: str  # that readings are mapped to, as `--axes` takes them
-    frame: Literal["sensor", "vehicle"]  # whose these are
     recording: str  # file that the server writes to
     unrecorded: str
     has_board: bool  # the source is a board that takes a calibration
@@ -126,13 +136,13 @@ class Welcome(Struct, frozen=True, tag_field="type", tag="welcome"):
     previous: Previous
 
 
-FromServer = Welcome | Edits | Previous | Linked | Unrecorded | Notice
+FromServer = Welcome | Kept | Previous | Linked | Unrecorded | Notice
 
 _DECODER: Final = msgspec.json.Decoder(Edits | Previous)
 _ENCODER: Final = msgspec.json.Encoder()
 
 
-def encode(message: FromServer) -> str:
+def encode(message: FromServer | Edits) -> str:
     """Write a message as a text frame."""
     return _ENCODER.encode(message).decode()
 
@@ -143,10 +153,12 @@ def parse(text: str | bytes) -> Edits | Previous:
         raise UsageError(f"a message of {len(text):,} bytes: need at most {LONGEST:,}")
     try:
         message: Edits | Previous = _DECODER.decode(text)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
         raise UsageError(f"not a message of this page: {in_words(error)}") from None
     if isinstance(message, Edits):
         refuse_out_of_range(message)
+    elif message != Previous():
+        raise UsageError("a calibration to compare with comes as a file: drop that on the page")
     return message
 
 
@@ -176,6 +188,7 @@ def readings_frame(
     rows: Floats,
     latest: Floats,
     is_microtesla: bool,
+    is_vehicle: bool,
 ) -> bytes:
     """Pack readings into a binary frame, little-endian.
 
@@ -197,18 +210,21 @@ def readings_frame(
     latest : (7,) float
     is_microtesla : bool
         The unit of the field; else counts.
+    is_vehicle : bool
+        The axes of the field are those of a vehicle; else of the sensor.
 
     Examples
     --------
     >>> rows = np.zeros((2, 7))
     >>> frame = readings_frame(
-    ...     generation=1, first=0, stride=1, total=2, is_last=True, rows=rows, latest=rows[1], is_microtesla=True
+    ...     generation=1, first=0, stride=1, total=2, is_last=True, rows=rows, latest=rows[1], is_microtesla=True,
+    ...     is_vehicle=False,
     ... )
     >>> len(frame), frame[:4]
     (200, b'DNLF')
     """
     has_acceleration = bool(np.isfinite(rows[:, 4]).any())
-    flags = HAS_ACCELERATION * has_acceleration | IS_MICROTESLA * is_microtesla
+    flags = HAS_ACCELERATION * has_acceleration | IS_MICROTESLA * is_microtesla | IS_VEHICLE * is_vehicle
     parts = [latest, rows[:, 0], rows[:, 1:4], *([rows[:, 4:]] if has_acceleration else [])]
     header = HEADER.pack(MAGIC, generation & 0xFFFFFFFF, first, len(rows), flags, stride, total, is_last)
     return header + b"".join(np.ascontiguousarray(part, "<f8").tobytes() for part in parts)

@@ -118,7 +118,7 @@ export class ReadingBuffer {
         this.total = total;
         this.#put(passed, 0, 1);
         for (let i = 0; i < 6; i++) this.latest[i] = latest[1 + i];
-        this.seconds = latest[0];
+        this.seconds = total > 0 ? latest[0] : 0;
     }
 
     /**
