@@ -190,7 +190,7 @@ class Hub:
             page.tell(Kept(self.edits, page.heard))
 
     def _begun_anew(self, begun_s: float | None) -> float:
-        """Leave the readings up to a time behind, and return the time up to which all are; the others come once more."""
+        """Leave the readings up to a time behind, return that of the last of them, and send the others once more."""
         if begun_s is not None and begun_s > self.timeline.at:
             raise UsageError(f"begun anew at {begun_s:g} s: need a time up to that of the newest reading")
         self.generation += 1
