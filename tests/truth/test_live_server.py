@@ -363,14 +363,14 @@ def test_readings_that_have_not_come_cannot_be_left_behind(wall: Bench) -> None:
 
 def test_what_one_page_does_both_see(bench: Bench) -> None:
     with bench.page() as one, bench.page() as other:
+        rows = [all_readings(socket).rows for socket in (one, other)]
         one.send_text(encode(Edits(excluded=((1.0, 2.0),))))
         assert kept(other)["excluded"] == [[1.0, 2.0]]
         other.send_text(encode(Edits(dip_deg=-20.0)))
         while (told := kept(one))["excluded"]:
             pass
         assert told["dip_deg"] == -20.0
-        frames = [all_readings(socket) for socket in (one, other)]
-    npt.assert_array_equal(frames[0].rows, frames[1].rows)
+    npt.assert_array_equal(rows[0], rows[1])
 
 
 def test_a_page_is_told_how_many_of_its_messages_were_heard(bench: Bench) -> None:
