@@ -147,7 +147,7 @@ def _in_memory(wanted: Wanted) -> Samples:
         source=wanted.name,
         frame=log.frame,
     )
-    return next(iter(TrimmedRecording(samples, left_out(wanted.edits)).blocks()))
+    return next(TrimmedRecording(samples, left_out(wanted.edits)).blocks(), samples)
 
 
 def _nothing_yet(error: FlindersError) -> FlindersError:

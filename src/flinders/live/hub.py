@@ -210,9 +210,11 @@ class Hub:
         from flinders.core.calibration_file import loads
         from flinders.fitting.result import Fit
 
-        name, text = previous.name, previous.text
-        self.renewed = Fit.from_document(loads(text.encode(), source=name), name=name) if text else None
-        self.previous = previous
+        renewed = None
+        if previous != Previous():
+            document = loads(previous.text.encode(), source=previous.name)
+            renewed = Fit.from_document(document, name=previous.name)
+        self.previous, self.renewed = previous, renewed
         self._tell(previous)
 
     def keep(self, name: str, log: Log) -> str:

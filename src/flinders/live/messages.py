@@ -38,7 +38,10 @@ Link = Literal["connected", "waiting", "gone", "ended"]
 Goal = Literal["heading", "attitude"]
 Span = tuple[float, float]
 
+MIN_TARGET_DEG: Final = 1e-3
 LARGEST_DIP_DEG: Final = 89.0
+MIN_STRENGTH: Final = 1e-3  # Of the field at a site, in the unit of the readings
+MAX_STRENGTH: Final = 1e9
 LONGEST: Final = 65_536  # Bytes of a message from a page
 MAX_SPANS: Final = 1000  # Nobody takes out more by hand
 MAGIC: Final = 0x464C4E44
@@ -164,10 +167,13 @@ def parse(text: str | bytes) -> Edits | Previous:
 
 def refuse_out_of_range(edits: Edits) -> None:
     """Raise `UsageError` for numbers that cannot be meant."""
-    if not 0.0 < edits.target_deg <= 180.0:
-        raise UsageError(f"target {edits.target_deg:g}°: need an angle above 0°, up to 180°")
+    if not MIN_TARGET_DEG <= edits.target_deg <= 180.0:
+        raise UsageError(f"target {edits.target_deg:g}°: need an angle from {MIN_TARGET_DEG:g}° to 180°")
     if edits.dip_deg is not None and not abs(edits.dip_deg) <= LARGEST_DIP_DEG:
         raise UsageError(f"dip {edits.dip_deg:g}°: need −89° to 89°")
+    for strength in () if edits.site is None else (edits.site.strength, edits.site.length):
+        if strength is not None and not MIN_STRENGTH <= strength <= MAX_STRENGTH:
+            raise UsageError(f"field of {strength:g}: need {MIN_STRENGTH:g} to {MAX_STRENGTH:g}")
     if len(edits.excluded) > MAX_SPANS:
         raise UsageError(f"{len(edits.excluded):,} stretches are left out: need at most {MAX_SPANS:,}")
     for start, end in edits.excluded:
