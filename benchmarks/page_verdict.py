@@ -29,6 +29,7 @@ import flinders
 from benchmarks.datasets import SETS, dataset
 from benchmarks.fits import WORLDS, recordings
 from benchmarks.recordings import FOLDER
+from flinders.core.calibration_file import VERSION, dumps
 from flinders.core.samples import Samples
 from flinders.core.units import label
 from flinders.fitting.calibrate import judged_dip
@@ -118,7 +119,8 @@ def session_of(samples: Samples, target_deg: float = 1.0) -> LiveSession:
 def asked(session: LiveSession) -> dict[str, Any]:
     """What the page is asked for a session."""
     samples, _ = used_readings(session)
-    dip_deg, is_assumed = judged_dip(Site.stated(session.shown.site, inclination_deg=session.dip_deg))
+    site = Site.stated(session.shown.known_site, inclination_deg=session.dip_deg)
+    dip_deg, is_assumed = judged_dip(site)
     return {
         "field": _packed(samples.field),
         "time": None if samples.time is None else _packed(samples.time),
@@ -128,7 +130,23 @@ def asked(session: LiveSession) -> dict[str, Any]:
         "dipAssumed": is_assumed,
         "goal": session.goal,
         "isFollowed": session.is_followed,
+        "site": None if site is None else site_of(site.evidence),
+        "previous": None if session.previous is None else _file_of(session.previous),
+        "isRenewed": session.renewed is not None,
     }
+
+
+def site_of(known: Site | None) -> dict[str, float | None] | None:
+    """What counts of a site, as the page asks its engine."""
+    if known is None:
+        return None
+    names = ("strength", "gain_sigma", "inclination_deg", "inclination_sigma_deg")
+    return {name: value if math.isfinite(value := getattr(known, name) or math.nan) else None for name in names}
+
+
+def _file_of(fit: Fit) -> dict[str, str]:
+    """Name and text of a calibration file."""
+    return {"name": fit.name, "text": dumps(fit.to_document())}
 
 
 def _packed(numbers: Floats) -> str:
@@ -141,6 +159,7 @@ def page_answers(sessions: Sequence[LiveSession], turns: int = 0) -> dict[str, A
         "modules": str(files("flinders").joinpath("static", "standalone")),
         "wasm": str(build.library(target=build.WEB)),
         "data": data(),
+        "schema": VERSION,
         "recordings": [asked(session) for session in sessions],
         "turns": turns,
     }

@@ -85,6 +85,11 @@ static flinders_options some_options(void)
     if (uniform() < 0.05) options.prior = anything();
     if (uniform() < 0.05) options.dip_deg = anything();
     if (uniform() < 0.2) options.statistics = 0;
+    options.is_informed = uniform() < 0.05;
+    for (int i = 0; i < 9; i++) options.expected[i] = i < 3 ? 0 : (flinders_real)(i < 6 ? 50 : uniform());
+    for (int i = 0; i < 9; i++) options.information[10 * i] = (flinders_real)(i < 3 ? 0 : uniform());
+    if (uniform() < 0.02) fill_with_anything(options.information, 81);
+    if (uniform() < 0.02) fill_with_anything(options.expected, 9);
     if (uniform() < 0.02) options.robust = options.kernels = options.statistics = INT32_MIN + (int32_t)below(9);
     return options;
 }
@@ -167,6 +172,42 @@ static void look_for_swaps(const flinders_real *field, size_t rows)
     free(changed), free(moments), free(workspace);
 }
 
+/* A number that a site may have, or anything. */
+static flinders_real some_number(double likely)
+{
+    return uniform() < 0.2 ? (flinders_real)NAN : uniform() < 0.1 ? anything() : (flinders_real)(likely * uniform());
+}
+
+/* Let the field of some site count in a fit, as that of a level turn or of readings from all directions. */
+static void place(const flinders_real *field, size_t rows, const flinders_record *fitted)
+{
+    const size_t size = flinders_workspace_size(rows);
+    flinders_real *felt = need(3 * rows * sizeof *felt), centre[2] = {fitted->centre[0], fitted->centre[1]};
+    void *workspace = need(size);
+    flinders_record record = *fitted;
+    flinders_vertical vertical = {0};
+    flinders_heights heights;
+    flinders_site site;
+    if (uniform() < 0.5) fill_with_anything(felt, 3 * rows);
+    else
+        for (size_t i = 0; i < 3 * rows; i++) felt[i] = (flinders_real)(uniform() + (i % 3 == 2 ? -9.8 : 0));
+    record.plane = (int32_t)below(5) - 1;
+    if (uniform() < 0.1) fill_with_anything(record.textbook, 81);
+    if (uniform() < 0.1) record.rejected_beyond = anything();
+    flinders_default_site(&site);
+    site.strength = some_number(100), site.gain_sigma = some_number(0.1), site.inclination_deg = some_number(89);
+    site.inclination_sigma_deg = some_number(2), site.alignment_sigma_deg = some_number(5), site.z_down = (int32_t)below(2);
+    flinders_vertical_add(field, felt, rows, &record, &vertical);
+    int status = flinders_at_site(field, rows, uniform() < 0.3 ? NULL : &vertical, &site, workspace, size, &record);
+    REQUIRE(status >= 0 && status <= 9 && record.z_axis >= 0 && record.z_axis <= 2);
+    REQUIRE(status || record.radius > 0);
+    const int is_used = flinders_uses_strength(&record);
+    REQUIRE(is_used == 0 || (is_used == 1 && record.site_strength == site.strength));
+    status = flinders_plane_of(field, rows, centre, uniform() < 0.8 ? fitted->noise : anything(), workspace, size, &heights);
+    REQUIRE(status >= 0 && status <= 9);
+    free(felt), free(workspace);
+}
+
 /* List outliers among distances of any kind, in two parts, the second of which goes on where the first ends. */
 static void list_outliers(size_t rows)
 {
@@ -199,6 +240,47 @@ static void list_outliers(size_t rows)
     }
     REQUIRE(left == 0 && count <= FLINDERS_OUTLIERS);
     free(far), free(out), free(scratch), free(distances), free(first), free(last), free(runs);
+}
+
+/* Compare two calibrations of anything. */
+static void compare(const flinders_record *first, const flinders_record *second)
+{
+    const flinders_record *const records[2] = {first, second};
+    flinders_calibrated both[2];
+    flinders_difference apart;
+    for (int i = 0; i < 2; i++) {
+        memcpy(both[i].centre, records[i]->centre, sizeof both[i].centre);
+        memcpy(both[i].shape, records[i]->shape, sizeof both[i].shape);
+        memcpy(both[i].covariance, records[i]->covariance, sizeof both[i].covariance);
+        both[i].strength = uniform() < 0.5 ? 0 : uniform() < 0.5 ? 50 : anything();
+    }
+    const int status = flinders_compare(both, both + 1, uniform() < 0.9 ? 60 : anything(), &apart);
+    REQUIRE(status >= 0 && status <= 9 && apart.freedom >= 0 && apart.freedom <= 9);
+    REQUIRE(!(apart.p_value < 0) && !(apart.p_value > 1));
+}
+
+/* Renew the calibration of a record, or one of anything; returns 1 if that gave a calibration. */
+static int renew(const flinders_real *field, const flinders_real *time, size_t rows, const flinders_record *record)
+{
+    const size_t size = flinders_workspace_size(rows);
+    const flinders_options options = some_options();
+    void *workspace = need(size);
+    flinders_record renewed;
+    flinders_earlier earlier;
+    flinders_earlier_of(record->centre, record->shape, uniform() < 0.5 ? NULL : record->covariance, 0,
+                        uniform() < 0.9 ? 1 : anything(), uniform() < 0.9 ? 0 : anything(), &earlier);
+    if (uniform() < 0.1) fill_with_anything(earlier.parameters, 9);
+    if (uniform() < 0.1) earlier.covariance[below(81)] = anything();
+    if (uniform() < 0.1) fill_with_anything(earlier.covariance, 81);
+    const int status = flinders_refresh(field, time, rows, &options, &earlier, workspace, size, &renewed);
+    REQUIRE(status >= 0 && status <= 9 && status == renewed.status);
+    REQUIRE(status || (isfinite(renewed.centre[0]) && isfinite(renewed.radius) && renewed.radius > 0));
+    const flinders_real chance = flinders_soft_iron_p_value(&earlier, renewed.shape, renewed.textbook, renewed.covariance);
+    REQUIRE(!(chance < 0) && !(chance > 1));
+    flinders_turn_deg(field, rows, earlier.parameters + 3);
+    compare(record, &renewed);
+    free(workspace);
+    return status == FLINDERS_OK;
 }
 
 /* Fit recordings one behind the other, each as by itself; returns how many gave a calibration. */
@@ -244,10 +326,12 @@ static int fit(size_t recordings)
     const int regressed = flinders_regress(field, time, rows[0], records->centre, records->shape,
                                            uniform() < 0.5 ? INFINITY : anything(), workspace, size, &found);
     REQUIRE(regressed >= 0 && regressed <= 9 && found.used <= (int64_t)rows[0]);
+    if (uniform() < 0.3) fitted += renew(field, is_timed ? time : NULL, rows[0], records);
     ask_for_turns(field, rows[0], records, recordings);
     ask_for_a_plane(field, rows[0]);
     cover(field, rows[0], records);
     look_for_swaps(field, rows[0]);
+    place(field, rows[0], records);
     list_outliers(below(100) * below(100) + rows[0]);
     if (rows[0] == longest && longest)
         REQUIRE(flinders_fit(field, NULL, longest, &options, workspace, size - 1, &single) == FLINDERS_NO_WORKSPACE);

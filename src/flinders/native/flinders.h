@@ -52,7 +52,7 @@ typedef double flinders_real;
 /* What a function returns. */
 enum {
     FLINDERS_OK = 0,
-    FLINDERS_TOO_FEW = 1,         /* fewer different readings than the ten unknowns */
+    FLINDERS_TOO_FEW = 1,         /* fewer different readings than the ten unknowns, or than a refresh needs */
     FLINDERS_NOT_FINITE = 2,      /* a reading is NaN or infinite */
     FLINDERS_OUT_OF_SCALE = 3,    /* the largest reading is no number that a magnetometer reads (1e-12 to 1e15) */
     FLINDERS_STUCK_AXIS = 4,      /* an axis never changes */
@@ -83,6 +83,11 @@ typedef struct flinders_options {
     int32_t rests;         /* 1: what is read while the direction stands still is one reading, its mean, or none beside a long
                               turn; 0: each reading counts (1) */
     int32_t bias_correction; /* 1: subtract what noise causes on a curved surface; 0: the minimum of Σ s² itself (1) */
+#ifndef FLINDERS_SMALL
+    int32_t is_informed;     /* 1: the nine parameters are normally distributed beforehand, and `prior` does not count (0) */
+    flinders_real expected[9]; /* mean of that distribution, unit ... */
+    flinders_real information[81]; /* ... and the inverse of its covariance, 1 / unit²; zeros where nothing is known */
+#endif
 } flinders_options;
 
 /* Sums of powers of readings, about an origin: all that an ellipsoid needs. They add. */
@@ -190,6 +195,10 @@ typedef struct flinders_record {
     flinders_real linearized_share; /* what the worst of them reads too much, a fraction of the field */
     flinders_real soft_iron_p_value; /* how often chance alone makes readings contradict earlier soft iron as much */
     flinders_real poses_by_chance; /* the same of poses at known headings */
+    flinders_real site_strength;  /* strength of the field at the site, unit; NaN: it does not count, or none is known */
+    flinders_real strength_found; /* mean semi-axis as the readings alone show it, unit, and ... */
+    flinders_real strength_sigmas; /* ... how far the two are apart, over what is not known of both; the site's was used where
+                                      no rule speaks against it */
 
     int64_t backward_steps;       /* steps of the clock that go back */
     int64_t skipped;              /* rows that could not be read; -1: not known, ... */
@@ -200,6 +209,7 @@ typedef struct flinders_record {
     int32_t is_claimed;           /* 1 once `flinders_claim` has widened the covariance */
     int32_t is_shrunk;            /* 1 if `flinders_claim` found readings that were corrected before, and shrunk the fit; -1
                                      if it looked and found none */
+    int32_t z_axis;               /* of a level turn: FLINDERS_Z_DOWN ... */
     flinders_real repetition;     /* readings for each one that no other repeats, as far as residuals do not show it */
 } flinders_record;
 
@@ -210,6 +220,63 @@ enum {
     FLINDERS_COMPENSATED = 4,     /* recorded disturbances, which the offset follows */
     FLINDERS_REFRESHED = 8        /* an earlier calibration, whose soft iron it has */
 };
+
+/* Where z points in a level vehicle that made a level turn. */
+enum {
+    FLINDERS_Z_DOWN = 0,      /* down, or nothing rests on it */
+    FLINDERS_Z_ELSEWHERE = 1, /* elsewhere, as an accelerometer shows: the dip of the site was left out */
+    FLINDERS_Z_OPEN = 2       /* down or up: the dip of the site was used, and nothing shows which */
+};
+
+/* The field of a place as far as it is known, and how the sensor is mounted; `flinders_default_site` fills it with NaN and 0.
+ * A number without its uncertainty does not count. */
+typedef struct flinders_site {
+    flinders_real strength;              /* of the field, unit */
+    flinders_real gain_sigma;            /* what the mean gain of the sensor may be off by, a fraction, 1 sigma */
+    flinders_real inclination_deg;       /* of the field, positive where it points below the horizon */
+    flinders_real inclination_sigma_deg; /* 1 sigma */
+    flinders_real alignment_sigma_deg;   /* how well z is known to be vertical in a level vehicle, 1 sigma */
+    int32_t z_down;                      /* 1: somebody says that z points down in a level vehicle */
+} flinders_site;
+
+/* Sums over readings of a level turn and what an accelerometer measured with them, all zero at first: they add. */
+typedef struct flinders_vertical {
+    flinders_real readings;        /* with an acceleration */
+    flinders_real acceleration[3]; /* their sum, m/s² or any other unit */
+    flinders_real turn[2];         /* sum of the directions in the ellipse, unit vectors u */
+    flinders_real across[2];       /* sum of (a_x + i a_y) times the conjugate of u_x + i u_y, real and imaginary part */
+    flinders_real squares;         /* sum of a_x² + a_y² */
+} flinders_vertical;
+
+/* The plane that readings of a level turn lie in: z = height + slope · (x, y) from a centre. */
+typedef struct flinders_heights {
+    flinders_real height;        /* at the centre, unit */
+    flinders_real slope[2];
+    flinders_real covariance[9]; /* of both, the height first */
+} flinders_heights;
+/* What is known of a sensor by an earlier calibration; `flinders_earlier_of` fills it. */
+typedef struct flinders_earlier {
+    flinders_real parameters[9];  /* offset and shape as they are expected, unit */
+    flinders_real covariance[81]; /* of these, unit²; a parameter of infinite variance is not known */
+    flinders_real distortion;     /* of its record: it belongs to the sensor, unit */
+} flinders_earlier;
+
+/* A calibration of a sensor that is compared with another. */
+typedef struct flinders_calibrated {
+    flinders_real centre[3];      /* offset b, unit */
+    flinders_real shape[6];       /* S, unit */
+    flinders_real covariance[81]; /* claimed, of the nine parameters, unit²; zeros of one that is exact */
+    flinders_real strength;       /* of the field, unit; 0 where it is not known: the scale is not compared then */
+} flinders_calibrated;
+
+/* How far two calibrations of one sensor are apart. NaN where nothing is known. */
+typedef struct flinders_difference {
+    flinders_real rms_deg;        /* difference in heading over a level turn, the mean removed */
+    flinders_real worst_deg;      /* at the worst heading */
+    flinders_real chi_square;     /* of offset and shape, against the sum of both covariances ... */
+    flinders_real p_value;        /* ... how often chance alone makes as much ... */
+    int32_t freedom;              /* ... and its degrees of freedom; 0 of two that are exact */
+} flinders_difference;
 
 /* What a disturbance that was recorded beside the readings explains of their distances from a surface. */
 typedef struct flinders_disturbance {
@@ -395,6 +462,38 @@ FLINDERS_API int flinders_polish(const flinders_real *field, size_t rows, const 
                                  const flinders_options *options, void *workspace, size_t size,
                                  flinders_record *record);
 
+/* What an earlier calibration tells of a sensor whose hard iron has changed: its offset is a start, and nothing is known of
+ * it; its shape is known as well as its covariance says, NULL for 2 % of the radius. The field is `strength_ratio` times as
+ * strong as then, to 1 %, and the soft iron may have changed by a share, 1 sigma. */
+FLINDERS_API void flinders_earlier_of(const flinders_real centre[3], const flinders_real shape[6],
+                                      const flinders_real *covariance, flinders_real distortion,
+                                      flinders_real strength_ratio, flinders_real soft_iron_sigma,
+                                      flinders_earlier *earlier);
+
+/* Let the soft iron of an earlier calibration have changed by 5 %, 1 sigma, as where readings show that it has. */
+FLINDERS_API void flinders_allow_change(flinders_earlier *earlier);
+
+/* How often chance alone makes a fit contradict the soft iron of an earlier calibration as much: of the shape that a fit with
+ * `flinders_allow_change` has found, and its covariances (9, 9) for independent residuals, and as they are. */
+FLINDERS_API flinders_real flinders_soft_iron_p_value(const flinders_earlier *earlier, const flinders_real shape[6],
+                                                      const flinders_real textbook[81],
+                                                      const flinders_real covariance[81]);
+
+/* Renew an earlier calibration: find the offset with the shape as it was, or with one that has changed where the readings
+ * contradict that. Seconds of a wobble are enough. FLINDERS_TOO_FEW for less than 20 readings, FLINDERS_UNMOVED for those
+ * that do not turn by more than 5°. */
+FLINDERS_API int flinders_refresh(const flinders_real *field, const flinders_real *time, size_t rows,
+                                  const flinders_options *options, const flinders_earlier *earlier, void *workspace,
+                                  size_t size, flinders_record *record);
+
+/* How far two calibrations of one sensor are apart, and whether chance explains it: each corrects the readings that the other
+ * expects of a level vehicle that turns. */
+FLINDERS_API int flinders_compare(const flinders_calibrated *first, const flinders_calibrated *second,
+                                  flinders_real dip_deg, flinders_difference *difference);
+
+/* Largest angle of readings (rows, 3) from their mean, degrees, by a shape that is known. */
+FLINDERS_API flinders_real flinders_turn_deg(const flinders_real *field, size_t rows, const flinders_real shape[6]);
+
 /* The rests of a recording, `ends` and `parts` as of flinders_fit_parts: bounds (rests, 2) has the first row of each and
  * the one behind its last, and room for rows / 2 numbers; `are_left_out` is 1 where a fit leaves them out, and 0 where each
  * is one reading. Returns how many there are; none where too few readings would be left for a fit. */
@@ -460,6 +559,29 @@ FLINDERS_API int flinders_pose(int32_t frame, int32_t pose, flinders_real down[3
 FLINDERS_API int32_t flinders_pose_towards(int32_t frame, const flinders_goal *goal, const flinders_real direction[3]);
 /* Bytes of a judgement, for callers that were compiled apart. */
 FLINDERS_API size_t flinders_judgement_size(void);
+
+/* A site of which nothing is known. */
+FLINDERS_API void flinders_default_site(flinders_site *site);
+
+/* Add readings (rows, 3) of a level turn with their accelerations (rows, 3), NaN where there is none; `record` is that of its
+ * fit. */
+FLINDERS_API void flinders_vertical_add(const flinders_real *field, const flinders_real *acceleration, size_t rows,
+                                        const flinders_record *record, flinders_vertical *vertical);
+
+/* Lay a plane through readings (rows, 3) with a noise, about a centre in x and y; of readings whose height is astray without
+ * these. */
+FLINDERS_API int flinders_plane_of(const flinders_real *field, size_t rows, const flinders_real centre[2],
+                                   flinders_real noise, void *workspace, size_t size, flinders_heights *heights);
+
+/* Let the field of a site count in a fit, before its record is claimed: changes centre, shape, radius and covariances, fills
+ * `site_strength` and what belongs to it, and `z_axis`. Errors of a level heading become NaN, and the judge completes them.
+ * `field` (rows, 3) are the readings that the fit goes by, `vertical` what an accelerometer shows or NULL; both are looked at
+ * for a level turn alone. A judgement is asked with this strength where it was used (`flinders_request`). */
+FLINDERS_API int flinders_at_site(const flinders_real *field, size_t rows, const flinders_vertical *vertical,
+                                  const flinders_site *site, void *workspace, size_t size, flinders_record *record);
+
+/* Whether a record rests on the strength of a site, 1 or 0. */
+FLINDERS_API int flinders_uses_strength(const flinders_record *record);
 
 /* Fill a request with its defaults, in parentheses above. */
 FLINDERS_API void flinders_default_request(flinders_request *request);

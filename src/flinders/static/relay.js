@@ -26,10 +26,10 @@ export class RelayLink extends SessionLink {
      * @param {string} address
      * @param {Listener} listener
      * @param {Fitter} fitter
-     * @param {{engine: EngineData, targets: {schema: number}}} data
+     * @param {{engine: EngineData, model: import("./standalone/geomag.js").Model, unfit: Record<string, string>, targets: {schema: number}}} data
      */
     constructor(address, listener, fitter, data) {
-        super(listener, fitter, data.engine);
+        super(listener, fitter, data);
         this.data = data;
         /** @type {Welcome | null} */
         this.welcome = null;
@@ -82,9 +82,9 @@ export class RelayLink extends SessionLink {
 
     /** @returns {Promise<Finished>} */
     async finish() {
-        const { shown, edits } = this.session;
+        const { shown, edits, leftOut } = this.session;
         const log = shown.number ? `?log=${shown.number}` : "";
-        const asked = { ...edits, excluded: shown.exclusions.spans, ...(log && { paused_s: null, begun_s: null }) };
+        const asked = { ...edits, excluded: leftOut, paused_s: null, ...(log && { begun_s: null }) };
         const answer = await this.connection.ask(`finish${log}`, { method: "POST", body: JSON.stringify(asked) });
         const { number, name, view, refusal } = await answer.json();
         this.finished = { number, key: shown.key };
@@ -171,7 +171,7 @@ export class RelayLink extends SessionLink {
         const about = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 8, length)));
         const { passed, unit, frame } = passedIn(bytes, 8 + length);
         const series = new Series(this.session.rules.capacity, unit, about.is_timed);
-        Object.assign(series, { number: about.number, frame });
+        Object.assign(series, { number: about.number, frame, site: about.site });
         series.buffer.follow(passed);
         this.session.openedLog(this.now, about.name, series);
         this.tell(about.words);

@@ -29,6 +29,8 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
  * @property {string} version
  * @property {import("./sources.js").Simulation} simulated
  * @property {import("./data.d.ts").EngineData} engine
+ * @property {import("./geomag.js").Model} model  of the earth's field
+ * @property {Record<string, string>} unfit  why a calibration cannot be renewed
  * @property {object} lines
  * @property {any} targets
  */
@@ -52,7 +54,7 @@ export class OwnLink extends SessionLink {
      * @param {Keeper} keeper
      */
     constructor(listener, data, fitter, keeper) {
-        super(listener, fitter, data.engine);
+        super(listener, fitter, data);
         this.data = data;
         this.keeper = keeper;
         /** @type {Source | null} */
@@ -152,7 +154,9 @@ export class OwnLink extends SessionLink {
     }
 
     async calibration() {
-        const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files: [] };
+        const { isRenewed, previous } = this.session;
+        const files = isRenewed && previous ? previous.calibration.files : [];
+        const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files };
         const file = calibrationFile(this.data, this.calibrationNow(), { fit: this.made?.record ?? null, provenance });
         return download(file, "calibration.json");
     }
@@ -167,7 +171,7 @@ export class OwnLink extends SessionLink {
     /** Fit all readings that are in memory and not left out. @returns {Promise<Finished>} */
     async finish() {
         const { shown, openedName, source } = this.session;
-        if (this.made?.key !== shown.key) this.made = (await this.fitter.fit(this.session.task(Infinity))).evaluated;
+        this.made = (await this.fitter.fit(this.session.task(Infinity, this.session.leftOut))).evaluated;
         return { name: openedName || source.name, view: this.made.view, refusal: this.made.refusal };
     }
 

@@ -46,13 +46,13 @@ export class SessionLink {
     /**
      * @param {Listener} listener
      * @param {Fitter} fitter
-     * @param {{tiles: import("../messages.d.ts").TilesView}} data
+     * @param {{engine: {tiles: import("../messages.d.ts").TilesView}, model: import("./geomag.js").Model, unfit: Record<string, string>}} data
      */
-    constructor(listener, fitter, { tiles }) {
+    constructor(listener, fitter, data) {
         this.listener = listener;
         this.fitter = fitter;
-        this.tiles = tiles;
-        this.session = new Session();
+        this.tiles = data.engine.tiles;
+        this.session = new Session(data);
         this.cursor = new Cursor();
         /** @type {View | null} that was said */
         this.view = null;
@@ -78,7 +78,7 @@ export class SessionLink {
     /** Say everything again. */
     renew() {
         this.cursor = new Cursor();
-        this.view = this.session.shown.evaluated.view;
+        this.view = this.session.view;
         this.listener.onLink("open", 0);
         this.listener.onMessage({ type: "hello", ...this.greeting, tiles: this.tiles, state: sessionState(this.session), view: this.view });
     }
@@ -119,7 +119,7 @@ export class SessionLink {
     /** Say what is new: fit, state and points. */
     say() {
         const { session, listener, now } = this;
-        const { view } = session.shown.evaluated;
+        const { view } = session;
         if (view !== this.view) {
             this.view = view;
             listener.onMessage({ type: "fit", revision: session.revision, view });

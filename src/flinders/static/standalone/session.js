@@ -5,6 +5,9 @@
  */
 
 import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
+import { siteField } from "./geomag.js";
+import { fixed, general } from "./numbers.js";
+import { filled } from "./wording.js";
 
 /** @typedef {import("./buffer.js").Rows} Rows */
 /** @typedef {import("./buffer.js").Span} Span */
@@ -36,9 +39,14 @@ export const RULES = Object.freeze({
     /** Seconds without a reading after which that is said; or so many usual steps of a slow sensor. */
     silent_s: 3,
     silent_steps: 5,
+    /** Seconds of worse fits after which something is said to have changed since a fit that is kept. */
+    changed_s: 2,
     /** A calibration that is good to so much tilt needs no word about tilt. */
     level_deg: 89,
     assumed_dip_deg: 60,
+    /** Of the field that the model has at a place: what gains are usually off by, and the dip of a place. */
+    gain_sigma: 0.05,
+    inclination_sigma_deg: 1,
 });
 
 /**
@@ -51,7 +59,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
 
 /**
  * A calibration from before, by the name of its file.
- * @typedef {{name: string, calibration: import("./targets.js").Calibration}} Previous
+ * @typedef {{name: string, calibration: import("./targets.js").Known}} Previous
  */
 
 /**
@@ -84,13 +92,32 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {boolean} dipAssumed
  * @property {"heading" | "attitude"} goal
  * @property {Previous | null} previous
+ * @property {Site | null} site  what counts of the place
+ * @property {boolean} isRenewed  its soft iron is kept, and its hard iron found anew
+ */
+
+/**
+ * The field of a place and how the sensor is mounted in it, by the names of `flinders_site`; null where it is not known.
+ * @typedef {object} Site
+ * @property {number | null} [strength]
+ * @property {number | null} [gain_sigma]
+ * @property {number | null} [inclination_deg]
+ * @property {number | null} [inclination_sigma_deg]
+ * @property {number | null} [alignment_sigma_deg]
+ * @property {boolean} [z_down]
+ */
+
+/**
+ * A fit that is kept: of the readings up to a time, whatever comes later.
+ * @typedef {{evaluated: Evaluated, view: View, seconds: number}} Kept
  */
 
 /** @type {Evaluated} */
 const NO_FIT = { key: -1, view: null, refusal: "", refusalCode: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
+/** A time after all others, s. */
+const END = 1e9;
 const LARGEST_DIP_DEG = 89;
 const A_LOG = "a log is shown, and nothing arrives in it: go back to the sensor first";
-const NO_PLACE = "this page has no model of the earth's field: look up the inclination at your place, and type it as dip";
 
 /** Readings that are fitted together: those of the sensor, or of a log. */
 export class Series {
@@ -110,6 +137,8 @@ export class Series {
         /** @type {number | null} it was begun anew then: readings up to that time are left behind */
         this.begunS = null;
         this.exclusions = new Exclusions();
+        /** @type {Site | null} where it was recorded */
+        this.site = null;
         /** @type {number | null} since when what arrives is left out */
         this.pausedAt = null;
         this.generation = 1;
@@ -121,6 +150,10 @@ export class Series {
         this.alarmedAt = null;
         /** @type {number[]} when the fits in a row were done that are within the target, the first of them */
         this.within = [];
+        /** @type {Kept | null} the best fit that was within the target */
+        this.kept = null;
+        /** @type {number | null} when the first of the fits in a row was done that are worse than the kept one */
+        this.lostAt = null;
     }
 
     /** Excluded stretches, with the present pause. */
@@ -133,7 +166,13 @@ export class Series {
 }
 
 export class Session {
-    constructor(rules = RULES) {
+    /**
+     * @param {{model?: import("./geomag.js").Model | null, unfit?: Record<string, string>}} data  the model of the earth's
+     *   field, and why a calibration cannot be renewed, by reason
+     */
+    constructor({ model = null, unfit = {} } = {}, rules = RULES) {
+        this.model = model;
+        this.unfit = unfit;
         this.rules = rules;
         /** @type {SourceState} */
         this.source = { name: "no source", kind: "simulated", link: "waiting", words: "" };
@@ -149,6 +188,8 @@ export class Session {
         this.goal = "heading";
         /** @type {Previous | null} */
         this.previous = null;
+        /** Its soft iron is kept, and its hard iron found anew. */
+        this.refreshes = false;
         this.recording = "";
         /** Why what arrives cannot be written down; nothing where it can. */
         this.unrecorded = "";
@@ -159,6 +200,7 @@ export class Session {
         this.generations = 1;
         this.isFitting = false;
         this.fitFrom = 0;
+        this.fitTo = 0;
         this.dueAt = 0;
         this.at = 0;
         this.arrivedAt = 0;
@@ -171,9 +213,37 @@ export class Session {
         return this.opened ?? this.live;
     }
 
+    /** The fit that is kept, where the newest is worse. */
+    get keptInstead() {
+        return this.shown.lostAt === null ? null : this.shown.kept;
+    }
+
+    /** What the page shows of the newest fit, or of the one that is kept in its place. */
+    get view() {
+        return this.keptInstead?.view ?? this.shown.evaluated.view;
+    }
+
+    /** Whether the newest fits have been worse than the kept one for long enough to say that something changed. */
+    get isChanged() {
+        const { lostAt } = this.shown;
+        return this.keptInstead !== null && lostAt !== null && (this.at - lostAt >= this.rules.changed_s || this.isOver);
+    }
+
+    /** Stretches that the calibration in the end does without: what came after the fit that is kept, too. */
+    get leftOut() {
+        const { shown, keptInstead } = this;
+        return keptInstead ? merged([...shown.excluded, [nextAfter(keptInstead.seconds), END]]) : shown.excluded;
+    }
+
+    /** Whether the calibration from before is renewed. */
+    get isRenewed() {
+        return this.refreshes && this.previous !== null;
+    }
+
     /** @returns {[number, boolean]} The dip that is judged at, and whether it is assumed. */
     get judgedDip() {
-        return this.dipDeg === null ? [this.rules.assumed_dip_deg, true] : [this.dipDeg, false];
+        const known = this.dipDeg ?? this.shown.site?.inclination_deg ?? null;
+        return known === null ? [this.rules.assumed_dip_deg, true] : [known, false];
     }
 
     /** @param {number} at */
@@ -275,6 +345,7 @@ export class Session {
     gotPrevious(at, previous) {
         this.at = at;
         this.previous = previous;
+        this.refreshes = false;
         this.#refit();
     }
 
@@ -289,8 +360,8 @@ export class Session {
             target_deg: this.targetDeg,
             dip_deg: this.dipDeg,
             goal: this.goal,
-            site: null,
-            refreshing: false,
+            site: live.site && stated(live.site),
+            refreshing: this.isRenewed,
         };
     }
 
@@ -305,10 +376,13 @@ export class Session {
         const { live } = this;
         if (JSON.stringify(edits.excluded) !== JSON.stringify(live.exclusions.spans)) live.exclusions = new Exclusions(edits.excluded);
         live.pausedAt = edits.paused_s;
+        live.site = edits.site;
         this.targetDeg = edits.target_deg;
         this.dipDeg = edits.dip_deg;
         this.goal = edits.goal;
+        this.refreshes = edits.refreshing;
         this.shown.within = [];
+        this.#useAll();
         this.#refit();
     }
 
@@ -331,8 +405,10 @@ export class Session {
                 return this.#wish("goal", command.goal);
             case "previous_clear":
                 return this.#wish("previous", null);
+            case "refresh":
+                return this.#refresh(command.refresh);
             case "place":
-                return [notice(NO_PLACE, "warning")];
+                return this.#place(command);
             case "exclude":
                 return this.#exclude(command.start_s, command.end_s);
             case "restore":
@@ -345,6 +421,8 @@ export class Session {
                 return this.#pause(command.paused);
             case "clear":
                 return this.#clear();
+            case "use_all":
+                return this.#useAll();
             case "back_to_live":
                 return this.#backToLive();
             default:
@@ -367,7 +445,7 @@ export class Session {
 
     /**
      * Change what the calibration is compared with.
-     * @template {"targetDeg" | "dipDeg" | "goal" | "previous"} Name
+     * @template {"targetDeg" | "dipDeg" | "goal" | "previous" | "refreshes"} Name
      * @param {Name} name
      * @param {this[Name]} value
      * @returns {Notice[]}
@@ -376,8 +454,55 @@ export class Session {
         if (this[name] === value) return [];
         this[name] = value;
         this.shown.within = [];
+        this.#useAll();
         this.#refit();
         return [];
+    }
+
+    /**
+     * Take dip and strength of a place.
+     * @param {Extract<Command, {type: "place"}>} place
+     * @returns {Notice[]}
+     */
+    #place({ latitude_deg: latitude, longitude_deg: longitude, year }) {
+        const { model, rules: { gain_sigma, inclination_sigma_deg } } = this;
+        if (model === null) return [];
+        const wrong = noPlace(latitude, longitude) || noYear(model, year);
+        if (wrong) return [notice(wrong, "warning")];
+        const { strength, inclinationDeg } = siteField(model, latitude, longitude, year);
+        const dipDeg = Number(fixed(inclinationDeg, 1));
+        if (Math.abs(dipDeg) > LARGEST_DIP_DEG) {
+            return [notice(`the dip there is ${general(dipDeg)}°: no compass works where it is beyond ${LARGEST_DIP_DEG}°`, "warning")];
+        }
+        this.shown.site = { strength, gain_sigma, inclination_deg: inclinationDeg, inclination_sigma_deg };
+        this.shown.within = [];
+        this.#refit();
+        this.#wish("dipDeg", dipDeg);
+        const where = `the dip at ${general(latitude)}°, ${general(longitude)}° is ${general(dipDeg)}°`;
+        return [notice(`${where}, the strength of the field ${fixed(strength, 1)} µT (${model.name})`, "info")];
+    }
+
+    /**
+     * What counts of the place: its strength for readings in a true unit, and its dip unless another is given.
+     * @returns {Site | null}
+     */
+    get #site() {
+        const { site, unit } = this.shown;
+        if (site === null) return null;
+        const strength = unit.inside === "uT" ? site.strength : null;
+        const isItsDip = this.dipDeg === null || this.dipDeg === site.inclination_deg;
+        const inclination_deg = isItsDip ? site.inclination_deg : null;
+        return strength === null && inclination_deg === null ? null : { ...site, strength, inclination_deg };
+    }
+
+    /**
+     * Renew the calibration from before, or make one afresh.
+     * @param {boolean} isWanted
+     * @returns {Notice[]}
+     */
+    #refresh(isWanted) {
+        const words = isWanted ? unfit(this.previous, this.unfit) : "";
+        return words ? [notice(words, "error")] : this.#wish("refreshes", isWanted);
     }
 
     /**
@@ -388,6 +513,7 @@ export class Session {
         const exclusions = edit(this.shown.exclusions);
         if (exclusions === this.shown.exclusions) return [];
         this.shown.exclusions = exclusions;
+        this.#useAll();
         this.#refit();
         return [];
     }
@@ -425,6 +551,13 @@ export class Session {
         return [];
     }
 
+    /** Keep no earlier fit: the newest counts. */
+    #useAll() {
+        if (this.shown.kept) this.revision += 1;
+        Object.assign(this.shown, { kept: null, lostAt: null });
+        return [];
+    }
+
     /** Begin anew without readings. */
     #clear() {
         if (this.opened !== null) return [notice("a log is shown, which cannot be started again: go back to the sensor first", "warning")];
@@ -435,9 +568,9 @@ export class Session {
 
     /** @param {number | null} begunS  time of the last reading that is left behind */
     #begin(begunS) {
-        const { unit, buffer, frame } = this.live;
+        const { unit, buffer, frame, site } = this.live;
         this.live = new Series(buffer.most, unit);
-        Object.assign(this.live, { begunS, frame, generation: ++this.generations, key: ++this.keys, since: this.keys });
+        Object.assign(this.live, { begunS, frame, site, generation: ++this.generations, key: ++this.keys, since: this.keys });
         this.arrivals = [];
         this.revision += 1;
     }
@@ -470,17 +603,19 @@ export class Session {
     beginFit() {
         this.isFitting = true;
         this.fitFrom = this.at;
+        this.fitTo = this.shown.buffer.seconds;
         return this.task(this.rules.fitted);
     }
 
     /**
      * @param {number} most
+     * @param {readonly import("./buffer.js").Span[]} leftOut
      * @returns {Task}
      */
-    task(most) {
+    task(most, leftOut = this.shown.excluded) {
         const { shown } = this;
         const { time, field, stride } = shown.buffer;
-        const all = shown.buffer.outside(shown.excluded);
+        const all = shown.buffer.outside(leftOut);
         const step = Math.max(Math.ceil(all.length / most), 1);
         const used = all.filter((_, i) => i % step === 0);
         const [dipDeg, dipAssumed] = this.judgedDip;
@@ -496,6 +631,8 @@ export class Session {
             dipAssumed,
             goal: this.goal,
             previous: this.previous,
+            site: this.#site,
+            isRenewed: this.isRenewed,
         };
     }
 
@@ -516,7 +653,33 @@ export class Session {
         shown.alarmedAt = this.#alarmedAt(begun, evaluated);
         shown.evaluated = evaluated;
         shown.within = this.#isWithin(evaluated) ? [...shown.within, at].slice(0, rules.enough_fits) : [];
+        this.#keep(at, evaluated);
         this.revision += 1;
+    }
+
+    /**
+     * Keep a fit that several in a row confirm and that is no worse than the kept one; note since when fits are worse.
+     * @param {number} at
+     * @param {Evaluated} evaluated
+     */
+    #keep(at, evaluated) {
+        const { shown } = this;
+        const { kept, within } = shown;
+        const { view } = evaluated;
+        const isWorse = within.length === 0 || (kept?.view.verdict === "good" && view?.verdict !== "good");
+        if (kept && isWorse) {
+            shown.lostAt ??= at;
+            return;
+        }
+        shown.lostAt = null;
+        if (view && this.isRepeated) shown.kept = { evaluated, view, seconds: this.fitTo };
+    }
+
+    /** Whether several fits in a row were within the target. */
+    get isRepeated() {
+        const { within } = this.shown;
+        const { enough_fits, sure_s } = this.rules;
+        return within.length >= enough_fits || (within.at(-1) ?? -Infinity) - (within[0] ?? 0) >= sure_s;
     }
 
     /**
@@ -573,6 +736,53 @@ export function notice(words, severity) {
 }
 
 /**
+ * Why there is no such place; nothing where there is.
+ * @param {number} latitude
+ * @param {number} longitude
+ * @returns {string}
+ */
+function noPlace(latitude, longitude) {
+    const isSwapped = Math.abs(latitude) <= 180 && Math.abs(longitude) <= 90;
+    const swapped = isSwapped ? "; the latitude comes first" : "";
+    if (!(Math.abs(latitude) <= 90)) return `latitude is ${general(latitude)}°: need −90° to 90°${swapped}`;
+    if (longitude >= -180 && longitude <= 360) return "";
+    return `longitude is ${general(longitude)}°: need −180° to 180°, east positive`;
+}
+
+/**
+ * Why a year is not that of the model; nothing where it is.
+ * @param {import("./geomag.js").Model} model
+ * @param {number} year
+ * @returns {string}
+ */
+function noYear({ name, epoch, years }, year) {
+    if (year >= epoch && year <= epoch + years) return "";
+    const begin = `${general(year)} lies outside ${name}, from ${general(epoch)} to ${general(epoch + years)}`;
+    return `${begin}: look up the inclination at your place, and type it as dip`;
+}
+
+/**
+ * Why a calibration cannot be renewed; nothing where it can.
+ * @param {Previous | null} previous
+ * @param {Record<string, string>} words By reason.
+ * @returns {string}
+ */
+function unfit(previous, words) {
+    if (previous === null) return words.none;
+    const { fit, disturbances, isLinearized, rotation } = previous.calibration;
+    const why = {
+        refused: fit?.verdict === "refused",
+        level: Boolean(fit?.plane),
+        disturbed: disturbances.length > 0,
+        linearized: isLinearized,
+        turned: rotation !== "symmetric",
+    };
+    const found = Object.entries(why).find(([, is]) => is);
+    const values = { name: previous.name, disturbances: disturbances.join(" and ") };
+    return found ? filled(words[found[0]], (name) => values[/** @type {keyof typeof values} */ (name)]) : "";
+}
+
+/**
  * The next number above one that is not negative.
  * @param {number} value
  * @returns {number}
@@ -600,6 +810,15 @@ export function seriesOf(rules, { time, field, unit }) {
 /** @param {Unit} unit @returns {string} As the page shows it. */
 export function labelOf({ inside }) {
     return inside === "uT" ? "µT" : inside;
+}
+
+/**
+ * What is known of a site, without what is not.
+ * @param {Site} site
+ * @returns {import("../wire.d.ts").Site}
+ */
+function stated(site) {
+    return Object.fromEntries(Object.entries(site).filter(([, value]) => value !== null));
 }
 
 /**

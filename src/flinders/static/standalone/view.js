@@ -36,10 +36,10 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
     return {
         verdict,
         sentence: sentence(fit, shown, verdict),
-        condition: fit.judgement.conditions ? fit.data.condition : "",
+        condition: fit.data.resting[fit.judgement.conditions],
         method: fit.method,
         unit: fit.unit,
-        field_strength_known: false,
+        field_strength_known: fit.isStrengthKnown,
         samples: fit.samples,
         findings: shown.map((finding) => viewOfFinding(finding, fit.data)),
         tiles_deg: shownErrors,
@@ -48,6 +48,14 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
         ...(verdict === "refused" ? UNTOLD : copied(fit, turn)),
         ...(isFlat ? UNDRAWN : { ...drawn(fit, vectors), ...claimed(fit, turn, errors, goal, frame) }),
     };
+}
+
+/**
+ * Whether corrected readings have the strength of the field as their length.
+ * @param {Fit} fit
+ */
+function isStrengthKnown({ renewed }) {
+    return renewed !== null && renewed.strength !== null;
 }
 
 /**
@@ -113,14 +121,14 @@ function triple(numbers) {
  * @param {Fit} fit
  * @param {Fit["turn"]} turn
  */
-function copied({ engine, surface, covariance }, { deviationDeg }) {
-    const matrix = surface.inverse.map((part) => surface.radius * part);
+function copied({ engine, surface, strength, isStrengthKnown, covariance }, { deviationDeg }) {
+    const matrix = surface.inverse.map((part) => strength * part);
     return {
-        field_strength: surface.radius,
+        field_strength: strength,
         offset: triple(surface.centre),
         offset_sigma: triple([0, 10, 20].map((i) => Math.sqrt(covariance[i]))),
         matrix: rowsOf(matrix),
-        matrix_sigma: rowsOf(engine.matrixSigmas(matrix, surface.shape, covariance)),
+        matrix_sigma: rowsOf(engine.matrixSigmas(matrix, surface.shape, covariance, isStrengthKnown)),
         uncorrected_heading_error_deg: { rms: rootMeanSquare(deviationDeg), worst: Math.max(...deviationDeg.map(Math.abs)) },
     };
 }
@@ -130,14 +138,14 @@ function copied({ engine, surface, covariance }, { deviationDeg }) {
  * @param {Fit} fit
  * @param {Float64Array} vectors Of the readings used.
  */
-function drawn({ surface, noise }, vectors) {
+function drawn({ surface, strength, noise }, vectors) {
     return {
         noise,
-        residuals: histogram(vectors, surface.radius, noise),
+        residuals: histogram(vectors, strength, noise),
         shown: {
             offset: triple(surface.centre),
-            matrix: rowsOf(surface.inverse.map((part) => surface.radius * part)),
-            strength: surface.radius,
+            matrix: rowsOf(surface.inverse.map((part) => strength * part)),
+            strength,
         },
     };
 }
