@@ -14,10 +14,10 @@ Where there is no npm, a build in an environment of its own asks for the package
 one. Where npm fails, as without its registry, an install goes on without the 3-D view and a source archive is refused.
 
 The engine is compiled by `src/flinders/native/build.py`, for wheels and editable installs; source archives carry its
-C files. Where zig is here, as for a release, it is compiled as WebAssembly as well, for `flinders page`. It needs
-nothing of Python, so one wheel is for every Python of a platform: `py3-none-<platform>`. Where there is no C
-compiler, a build in an environment of its own asks for the package `ziglang`, which is one. FLINDERS_TARGET names the
-platform of a wheel for other machines; `release/wheels.py` makes those of a release.
+C files. It is compiled as WebAssembly as well, for the pages, by zig: a build in an environment of its own asks for
+the package `ziglang`, which is a C compiler, too, where there is no other. It needs nothing of Python, so one wheel is
+for every Python of a platform: `py3-none-<platform>`. FLINDERS_TARGET names the platform of a wheel for other machines;
+`release/wheels.py` makes those of a release.
 """
 
 from __future__ import annotations
@@ -143,9 +143,11 @@ class Engine:
         return f"py3-none-{self.tag or next(here)}"
 
     def dependencies(self) -> list[str]:
-        """The Python package that is a compiler, where the library is not there and no other can make it."""
-        is_there = self.build.path(self.folder, target=self.platform).exists()
-        return [] if is_there or (not self.tag and self.build.system_compiler()) else [self.build.ZIG_PACKAGE]
+        """The Python package that is a compiler, where it has to make a library that is not there."""
+        missing = [one for one in self.targets if not self.build.path(self.folder, target=one).exists()]
+        is_here = importlib.util.find_spec(self.build.ZIG_PACKAGE) is not None
+        by_zig = [one for one in missing if one.zig or not self.build.system_compiler()]
+        return [self.build.ZIG_PACKAGE] if by_zig and not is_here else []
 
     def compile(self) -> dict[str, str]:
         """Compile the libraries where they are not there: files and licences, each with its place in a wheel."""
@@ -153,16 +155,16 @@ class Engine:
             known = ", ".join(self.build.PLATFORMS)
             raise BuildFailed(f"{TARGET} is {self.tag!r}: name one of {known}, or unset it to build for this machine")
         try:
-            made = [self.build.library(self.folder, target=target) for target in (self.platform, *self.web)]
+            made = [self.build.library(self.folder, target=target) for target in self.targets]
         except self.build.NoCompiler as error:
             raise BuildFailed(str(error)) from error
         files = [*made, *self.folder.glob("LICENSE*")]
         return {str(file): str(COMPILED.relative_to("src") / file.name) for file in files}
 
     @property
-    def web(self) -> list[Any]:
-        """The platform of browsers, where zig is here; `flinders page` of any other install says what it needs."""
-        return [self.build.WEB] if importlib.util.find_spec(self.build.ZIG_PACKAGE) else []
+    def targets(self) -> tuple[Any, Any]:
+        """What it is compiled for: the platform of the wheel, and browsers."""
+        return self.platform, self.build.WEB
 
 
 def module_at(path: Path) -> ModuleType:

@@ -232,32 +232,37 @@ def test_a_compiler_without_headers_is_none(project: Path) -> None:
 def test_a_compiler_that_fails_is_quoted(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
     put_bundle(project)
     put_compiler(project, '#!/bin/sh\n[ "$1" = -E ] || { echo "no such option" >&2; exit 1; }\n')
-    assert hook(project, "wheel").dependencies() == []
+    assert hook(project, "wheel").dependencies() == [build.ZIG_PACKAGE], "for browsers"
     with pytest.raises(SystemExit):
         built(project)
     assert "failed:\nno such option" in capsys.readouterr().err
     assert not list((project / hatch_build.COMPILED).iterdir())
 
 
-def put_library(project: Path, tag: str = "") -> Path:
-    """A library of the sources as they are, and a licence beside it."""
+def put_library(project: Path, tag: str = "") -> tuple[Path, Path]:
+    """The libraries of the sources as they are, for a platform and for browsers, and a licence beside them."""
     folder = project / hatch_build.COMPILED / tag
     folder.mkdir(parents=True)
     (folder / "LICENSE-zig").write_text("MIT", encoding="utf-8")
-    library: Path = hatch_build.Engine(project).build.path(folder, target=build.PLATFORMS.get(tag, build.THIS))
+    engine = hatch_build.Engine(project)
+    library, module = (
+        engine.build.path(folder, target=target) for target in (build.PLATFORMS.get(tag, build.THIS), build.WEB)
+    )
     library.write_bytes(b"")
-    return library
+    module.write_bytes(b"")
+    return library, module
 
 
 def test_a_library_of_these_sources_needs_no_compiler_and_tags_the_wheel(project: Path) -> None:
     put_bundle(project)
-    library = put_library(project)
+    library, module = put_library(project)
     assert hook(project, "wheel").dependencies() == []
     data = built(project)
     assert re.fullmatch(r"py3-none-(linux|macosx|win)\w+", data["tag"])
     assert data["pure_python"] is False
     assert data["force_include"] == {
         str(library): f"flinders/native/compiled/{library.name}",
+        str(module): f"flinders/native/compiled/{module.name}",
         str(library.parent / "LICENSE-zig"): "flinders/native/compiled/LICENSE-zig",
     }
     assert built(project, "editable")["force_include"] == {}, "an editable install finds it in the checkout"
@@ -282,19 +287,17 @@ def test_a_wheel_for_another_platform_takes_no_library_of_this_one(
     for tag in build.PLATFORMS:
         monkeypatch.setenv(hatch_build.TARGET, tag)
         assert hook(project, "wheel").dependencies() == [build.ZIG_PACKAGE]
-        library = put_library(project, tag)
+        library, _ = put_library(project, tag)
         data = built(project)
         assert data["tag"] == f"py3-none-{tag}"
         assert data["force_include"][str(library)] == f"flinders/native/compiled/{library.name}"
 
 
-def test_with_zig_a_wheel_has_the_engine_of_browsers_as_well(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_engine_of_browsers_is_compiled_by_zig_whatever_other_compiler_there_is(project: Path) -> None:
     put_bundle(project)
-    library = put_library(project)
-    module: Path = hatch_build.Engine(project).build.path(library.parent, target=build.WEB)
-    module.write_bytes(b"")
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: ModuleSpec(name, None))
-    assert built(project)["force_include"][str(module)] == f"flinders/native/compiled/{module.name}"
+    _, module = put_library(project)
+    module.unlink()
+    assert hook(project, "wheel").dependencies() == [build.ZIG_PACKAGE]
 
 
 def test_a_platform_that_is_not_known_is_refused(

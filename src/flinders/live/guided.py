@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 SOURCE: Final = "the session"
 KNOWN_DEG: Final = 10.0  # A fit that is farther off than this in some direction is asked for no path
 SPEED_DEG: Final = 90.0  # Degrees a second that a hand turns a sensor by, for what its readings along the way are worth
-SURE_FITS: Final = 2  # Fits in a row that have to be within the target: one may be so by chance
+SURE_FITS: Final = 3  # Fits in a row that have to be within the target: one may be so by chance
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class State:
     refusal: str = ""  #: why there is none
     turn: str = ""  #: where to turn next, in words; empty where that is not known, or turning would gain nothing
     direction: tuple[float, float, float] | None = None  #: where the field should point, in corrected sensor axes
-    is_done: bool = False  #: the target is reached, by two fits in a row
+    is_done: bool = False  #: the target is reached, by three fits in a row
 
     @property
     def words(self) -> str:

@@ -43,6 +43,7 @@ export interface PreviousState {
 
 /** What a page shows, without the fit and the points. */
 export interface SessionState {
+  kept: { seconds: number; is_changed: boolean } | null; // the best fit that was within the target, and its moment
   type: "state";
   revision: number;
   source: SourceState;
@@ -243,6 +244,11 @@ export interface Clear {
   type: "clear";
 }
 
+/** Keep no earlier fit: use all readings. */
+export interface UseAll {
+  type: "use_all";
+}
+
 /** Leave out what arrives until further notice. */
 export interface Pause {
   type: "pause";
@@ -267,4 +273,4 @@ export interface BackToLive {
 
 export type FromSession = Hello | SessionState | FitMessage | Notice;
 
-export type Command = SetTarget | SetDip | SetPlace | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | SetRefresh | BackToLive;
+export type Command = SetTarget | SetDip | SetPlace | SetGoal | Exclude | Restore | Undo | Redo | Clear | UseAll | Pause | PreviousClear | SetRefresh | BackToLive;

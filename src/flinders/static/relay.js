@@ -81,9 +81,9 @@ export class RelayLink extends SessionLink {
 
     /** @returns {Promise<Finished>} */
     async finish() {
-        const { shown, edits } = this.session;
+        const { shown, edits, leftOut } = this.session;
         const log = shown.number ? `?log=${shown.number}` : "";
-        const asked = { ...edits, excluded: shown.exclusions.spans, ...(log && { paused_s: null, begun_s: null }) };
+        const asked = { ...edits, excluded: leftOut, paused_s: null, ...(log && { begun_s: null }) };
         const answer = await this.connection.ask(`finish${log}`, { method: "POST", body: JSON.stringify(asked) });
         const { number, name, view, refusal } = await answer.json();
         this.finished = { number, key: shown.key };

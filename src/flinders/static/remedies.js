@@ -11,16 +11,29 @@ import { byId, element, setList } from "./dom.js";
  * @param {State} state
  * @param {(message: Command) => void} send
  */
-export function showRemedies(host, { phase, reasons }, send) {
-    const named = reasons.find(({ severity, spans }) => severity === "warning" && spans.length > 0);
-    const spans = phase === "wrong" && named ? named.spans : [];
+export function showRemedies(host, { phase, reasons, kept }, send) {
+    if (kept?.is_changed) {
+        host.hidden = false;
+        setList(host, ["Use all readings"], (words) => button(words, () => send({ type: "use_all" })));
+        return;
+    }
+    const spans = phase === "good" ? [] : (reasons.find((reason) => reason.spans.length > 0)?.spans ?? []);
     host.hidden = spans.length === 0;
-    setList(host, spans, ([start_s, end_s]) => {
-        const button = element("button", `Leave out ${start_s.toFixed(1)}–${end_s.toFixed(1)} s`);
-        button.setAttribute("type", "button");
-        button.addEventListener("click", () => send({ type: "exclude", start_s, end_s }));
-        return button;
-    });
+    setList(host, spans, ([start_s, end_s]) =>
+        button(`Leave out ${start_s.toFixed(1)}–${end_s.toFixed(1)} s`, () => send({ type: "exclude", start_s, end_s })),
+    );
+}
+
+/**
+ * @param {string} words
+ * @param {() => void} act
+ * @returns {HTMLElement}
+ */
+function button(words, act) {
+    const made = element("button", words);
+    made.setAttribute("type", "button");
+    made.addEventListener("click", act);
+    return made;
 }
 
 /**

@@ -167,7 +167,7 @@ export class OwnLink extends SessionLink {
     /** Fit all readings that are in memory and not left out. @returns {Promise<Finished>} */
     async finish() {
         const { shown, openedName, source } = this.session;
-        if (this.made?.key !== shown.key) this.made = (await this.fitter.fit(this.session.task(Infinity))).evaluated;
+        this.made = (await this.fitter.fit(this.session.task(Infinity, this.session.leftOut))).evaluated;
         return { name: openedName || source.name, view: this.made.view, refusal: this.made.refusal };
     }
 

@@ -23,7 +23,7 @@ const LIVELY = 0.9;
 /** Share of their range so far that the other axes move by meanwhile. */
 const MOVING = 0.1;
 /** Seconds without a turn by so many degrees after which somebody is reminded. */
-const [STILL_S, STILL_DEG] = [6, 5];
+const [STILL_S, STILL_DEG] = [2, 5];
 /**
  * A fit has converged, and its findings are shown, once its error is below so many targets, or so much of the sphere has been
  * seen, or so many seconds of readings are there: more of the same would not help.
@@ -79,7 +79,8 @@ export function ofFit(fit, findings, { time }) {
     const reasons = firstCauses(fit).flatMap((finding) => {
         const { code, severity } = finding;
         if (isAlarm.has(code) && severity !== "note" && (isConverged || AT_ONCE.includes(code))) {
-            return [reason(code, adviceOf(finding, fit.data), "warning", DISTURBED.includes(code) ? spans : [])];
+            const of = DISTURBED.includes(code) ? spans : [];
+            return [reason(code, adviceOf(finding, fit.data), of.length ? "info" : "warning", of)];
         }
         return INFORMATIVE.includes(code) ? [reason(code, adviceOf(finding, fit.data), "info")] : [];
     });

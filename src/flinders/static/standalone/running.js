@@ -78,7 +78,7 @@ export class SessionLink {
     /** Say everything again. */
     renew() {
         this.cursor = new Cursor();
-        this.view = this.session.shown.evaluated.view;
+        this.view = this.session.view;
         this.listener.onLink("open", 0);
         this.listener.onMessage({ type: "hello", ...this.greeting, tiles: this.tiles, state: sessionState(this.session), view: this.view });
     }
@@ -119,7 +119,7 @@ export class SessionLink {
     /** Say what is new: fit, state and points. */
     say() {
         const { session, listener, now } = this;
-        const { view } = session.shown.evaluated;
+        const { view } = session;
         if (view !== this.view) {
             this.view = view;
             listener.onMessage({ type: "fit", revision: session.revision, view });

@@ -36,6 +36,8 @@ export const RULES = Object.freeze({
     /** Seconds without a reading after which that is said; or so many usual steps of a slow sensor. */
     silent_s: 3,
     silent_steps: 5,
+    /** Seconds of worse fits after which something is said to have changed since a fit that is kept. */
+    changed_s: 2,
     /** A calibration that is good to so much tilt needs no word about tilt. */
     level_deg: 89,
     assumed_dip_deg: 60,
@@ -86,8 +88,15 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {Previous | null} previous
  */
 
+/**
+ * A fit that is kept: of the readings up to a time, whatever comes later.
+ * @typedef {{evaluated: Evaluated, view: View, seconds: number}} Kept
+ */
+
 /** @type {Evaluated} */
 const NO_FIT = { key: -1, view: null, refusal: "", refusalCode: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
+/** A time after all others, s. */
+const END = 1e9;
 const LARGEST_DIP_DEG = 89;
 const A_LOG = "a log is shown, and nothing arrives in it: go back to the sensor first";
 const NO_PLACE = "this page has no model of the earth's field: look up the inclination at your place, and type it as dip";
@@ -121,6 +130,10 @@ export class Series {
         this.alarmedAt = null;
         /** @type {number[]} when the fits in a row were done that are within the target, the first of them */
         this.within = [];
+        /** @type {Kept | null} the best fit that was within the target */
+        this.kept = null;
+        /** @type {number | null} when the first of the fits in a row was done that are worse than the kept one */
+        this.lostAt = null;
     }
 
     /** Excluded stretches, with the present pause. */
@@ -159,6 +172,7 @@ export class Session {
         this.generations = 1;
         this.isFitting = false;
         this.fitFrom = 0;
+        this.fitTo = 0;
         this.dueAt = 0;
         this.at = 0;
         this.arrivedAt = 0;
@@ -169,6 +183,28 @@ export class Session {
     /** The series that the page shows and commands act on. */
     get shown() {
         return this.opened ?? this.live;
+    }
+
+    /** The fit that is kept, where the newest is worse. */
+    get keptInstead() {
+        return this.shown.lostAt === null ? null : this.shown.kept;
+    }
+
+    /** What the page shows of the newest fit, or of the one that is kept in its place. */
+    get view() {
+        return this.keptInstead?.view ?? this.shown.evaluated.view;
+    }
+
+    /** Whether the newest fits have been worse than the kept one for long enough to say that something changed. */
+    get isChanged() {
+        const { lostAt } = this.shown;
+        return this.keptInstead !== null && lostAt !== null && (this.at - lostAt >= this.rules.changed_s || this.isOver);
+    }
+
+    /** Stretches that the calibration in the end does without: what came after the fit that is kept, too. */
+    get leftOut() {
+        const { shown, keptInstead } = this;
+        return keptInstead ? merged([...shown.excluded, [nextAfter(keptInstead.seconds), END]]) : shown.excluded;
     }
 
     /** @returns {[number, boolean]} The dip that is judged at, and whether it is assumed. */
@@ -309,6 +345,7 @@ export class Session {
         this.dipDeg = edits.dip_deg;
         this.goal = edits.goal;
         this.shown.within = [];
+        this.#useAll();
         this.#refit();
     }
 
@@ -345,6 +382,8 @@ export class Session {
                 return this.#pause(command.paused);
             case "clear":
                 return this.#clear();
+            case "use_all":
+                return this.#useAll();
             case "back_to_live":
                 return this.#backToLive();
             default:
@@ -376,6 +415,7 @@ export class Session {
         if (this[name] === value) return [];
         this[name] = value;
         this.shown.within = [];
+        this.#useAll();
         this.#refit();
         return [];
     }
@@ -388,6 +428,7 @@ export class Session {
         const exclusions = edit(this.shown.exclusions);
         if (exclusions === this.shown.exclusions) return [];
         this.shown.exclusions = exclusions;
+        this.#useAll();
         this.#refit();
         return [];
     }
@@ -422,6 +463,13 @@ export class Session {
         if (live.pausedAt !== null && seconds > live.pausedAt) live.exclusions = live.exclusions.excluding([live.pausedAt, seconds]);
         live.pausedAt = null;
         this.#refit();
+        return [];
+    }
+
+    /** Keep no earlier fit: the newest counts. */
+    #useAll() {
+        if (this.shown.kept) this.revision += 1;
+        Object.assign(this.shown, { kept: null, lostAt: null });
         return [];
     }
 
@@ -470,17 +518,19 @@ export class Session {
     beginFit() {
         this.isFitting = true;
         this.fitFrom = this.at;
+        this.fitTo = this.shown.buffer.seconds;
         return this.task(this.rules.fitted);
     }
 
     /**
      * @param {number} most
+     * @param {readonly import("./buffer.js").Span[]} leftOut
      * @returns {Task}
      */
-    task(most) {
+    task(most, leftOut = this.shown.excluded) {
         const { shown } = this;
         const { time, field, stride } = shown.buffer;
-        const all = shown.buffer.outside(shown.excluded);
+        const all = shown.buffer.outside(leftOut);
         const step = Math.max(Math.ceil(all.length / most), 1);
         const used = all.filter((_, i) => i % step === 0);
         const [dipDeg, dipAssumed] = this.judgedDip;
@@ -516,7 +566,33 @@ export class Session {
         shown.alarmedAt = this.#alarmedAt(begun, evaluated);
         shown.evaluated = evaluated;
         shown.within = this.#isWithin(evaluated) ? [...shown.within, at].slice(0, rules.enough_fits) : [];
+        this.#keep(at, evaluated);
         this.revision += 1;
+    }
+
+    /**
+     * Keep a fit that several in a row confirm and that is no worse than the kept one; note since when fits are worse.
+     * @param {number} at
+     * @param {Evaluated} evaluated
+     */
+    #keep(at, evaluated) {
+        const { shown } = this;
+        const { kept, within } = shown;
+        const { view } = evaluated;
+        const isWorse = within.length === 0 || (kept?.view.verdict === "good" && view?.verdict !== "good");
+        if (kept && isWorse) {
+            shown.lostAt ??= at;
+            return;
+        }
+        shown.lostAt = null;
+        if (view && this.isRepeated) shown.kept = { evaluated, view, seconds: this.fitTo };
+    }
+
+    /** Whether several fits in a row were within the target. */
+    get isRepeated() {
+        const { within } = this.shown;
+        const { enough_fits, sure_s } = this.rules;
+        return within.length >= enough_fits || (within.at(-1) ?? -Infinity) - (within[0] ?? 0) >= sure_s;
     }
 
     /**

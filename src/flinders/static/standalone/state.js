@@ -1,6 +1,6 @@
 /** What the page shows of a session: its state in words and numbers, and new points. */
 
-import { capital } from "../views/words.js";
+import { capital, clock } from "../views/words.js";
 import { figures, fixed, general } from "./numbers.js";
 import { labelOf } from "./session.js";
 
@@ -19,7 +19,7 @@ const RATE_STEPS = 2;
 export function sessionState(session) {
     const { shown, live } = session;
     const { buffer, evaluated, exclusions, excluded } = shown;
-    const [phase, words, told, reasons] = phaseOf(session);
+    const [phase, words, told, reasons] = session.keptInstead ? ofKept(session, session.keptInstead) : phaseOf(session);
     const [dipDeg, dipAssumed] = session.judgedDip;
     return {
         type: "state",
@@ -49,6 +49,7 @@ export function sessionState(session) {
         previous: session.previous && evaluated.previous,
         refreshing: false,
         opened: session.openedName || null,
+        kept: shown.kept && { seconds: shown.kept.seconds, is_changed: session.isChanged },
         can_send: session.hasBoard && session.opened === null && evaluated.record !== null,
     };
 }
@@ -84,6 +85,27 @@ function phaseOf(session) {
 }
 
 /**
+ * The same where the newest fit is worse than one that is kept: the latter holds, and what speaks against the former is told.
+ * @param {Session} session
+ * @param {import("./session.js").Kept} kept
+ * @returns {[State["phase"], string, string | null, Reason[]]}
+ */
+function ofKept(session, { view, seconds }) {
+    const [, newest, , reasons] = phaseOf(session);
+    const worst = figures(session.worstDeg(view) ?? NaN);
+    const title = view.verdict === "good" ? "Good" : "Good enough, with limits";
+    const held = `${title}: the worst ${errorOf(session)} to expect is ${worst}° (${bound(session, view)}), of what came up to ${clock(seconds)}, which is kept.`;
+    const told = /** @type {Reason[]} */ (reasons.map((reason) => ({ ...reason, severity: "info" })));
+    const changed = { code: "changed-since", advice: `something changed since ${clock(seconds)}: ${newest}`, severity: /** @type {const} */ ("info"), spans: [] };
+    return [view.verdict === "good" ? "good" : "limited", held, null, session.isChanged ? [changed, ...told] : told];
+}
+
+/** @param {Session} session */
+function errorOf({ goal }) {
+    return goal === "heading" ? "heading error" : "error at any attitude";
+}
+
+/**
  * Reasons of the newest fit; a finding that more turning may end is no warning yet.
  * @param {Session} session
  * @returns {Reason[]}
@@ -110,8 +132,7 @@ function ofView(session, view) {
         const known = worst < 90 ? `the worst error to expect is ${figures(worst)}° (1 σ)` : "no heading is known yet";
         return ["collecting", `Keep turning: ${known}, ${target}.`];
     }
-    const what = session.goal === "heading" ? "heading error" : "error at any attitude";
-    const done = `the worst ${what} to expect is ${figures(worst)}° (${bound(session, view)}), ${target}`;
+    const done = `the worst ${errorOf(session)} to expect is ${figures(worst)}° (${bound(session, view)}), ${target}`;
     if (!alarms.every((code) => session.isSettled(code))) {
         return ["collecting", `Keep turning: ${done}, but a fault was found that more readings may disprove.`];
     }
@@ -142,12 +163,11 @@ function asFarAs({ rules }, { attitude_limit_deg: limit }) {
 }
 
 /**
- * Whether it takes no further fit to say that the target is reached: several did, or there will be no other.
+ * Whether it takes no further fit to say that the target is reached: several did, or one is kept, or there will be no other.
  * @param {Session} session
  */
-function isSure({ shown: { within }, rules, isOver }) {
-    const last = within.at(-1) ?? -Infinity;
-    return within.length >= rules.enough_fits || last - (within[0] ?? 0) >= rules.sure_s || isOver;
+function isSure({ shown, isRepeated, isOver }) {
+    return shown.kept !== null || isRepeated || isOver;
 }
 
 /**
