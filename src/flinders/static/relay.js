@@ -37,12 +37,14 @@ export class RelayLink extends SessionLink {
         this.generation = -1;
         /** Readings come that came before the page did. */
         this.isBehind = true;
+        /** The server has said all that there is, and nothing of it is late: what the page shows holds. */
+        this.isHeard = false;
         /** The edits that the server has, as JSON. */
         this.told = "";
         /** Number and key of the calibration that was finished. */
         this.finished = { number: "", key: -1 };
         this.connection = new Connection(address, {
-            onLink: (state, seconds) => state !== "open" && listener.onLink(state, seconds),
+            onLink: (state, seconds) => this.#linked(state, seconds),
             onMessage: (message) => this.#heard(message),
             onFrame: (frame) => this.#passed(frame),
         });
@@ -51,6 +53,10 @@ export class RelayLink extends SessionLink {
     get greeting() {
         const { version, session, targets, limits } = /** @type {Welcome} */ (this.welcome);
         return { version, session, targets, limits };
+    }
+
+    say() {
+        if (this.isHeard) super.say();
     }
 
     retry() {
@@ -90,6 +96,13 @@ export class RelayLink extends SessionLink {
         return { name, view, refusal };
     }
 
+    /** @param {"open" | "lost" | "trying"} state @param {number} seconds */
+    #linked(state, seconds) {
+        if (state === "open") return; // the readings have yet to come
+        this.isHeard = false;
+        this.listener.onLink(state, seconds);
+    }
+
     /** @param {FromServer} message */
     #heard(message) {
         const { session, now } = this;
@@ -127,13 +140,11 @@ export class RelayLink extends SessionLink {
         this.welcome = welcome;
         Object.assign(session, { source: welcome.source, recording: welcome.recording, unrecorded: welcome.unrecorded, hasBoard: welcome.has_board });
         session.live.frame = welcome.frame;
-        if (isOther) {
-            session.adopt(this.now, welcome.edits);
-            this.#compareWith(welcome.previous);
-        }
+        if (session.arrivedAt) session.arrivedAt = this.now; // nothing could arrive meanwhile
+        if (JSON.stringify(welcome.edits) !== this.told) session.adopt(this.now, welcome.edits);
+        if (isOther) this.#compareWith(welcome.previous);
         this.told = JSON.stringify(session.edits);
         this.generation = -1;
-        this.renew();
     }
 
     /** @param {import("./wire.d.ts").Previous} previous */
@@ -160,6 +171,10 @@ export class RelayLink extends SessionLink {
         this.generation = generation;
         this.session.received(this.now, passed, unit, this.isBehind);
         if (isLast) this.isBehind = false;
+        if (!this.isHeard) {
+            this.isHeard = true;
+            this.renew();
+        }
         this.step();
     }
 

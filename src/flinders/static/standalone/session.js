@@ -339,7 +339,7 @@ export class Session {
         this.at = at;
         if (edits.begun_s !== this.live.begunS) this.#begin(edits.begun_s);
         const { live } = this;
-        if (JSON.stringify(edits.excluded) !== JSON.stringify(live.exclusions.spans)) live.exclusions = new Exclusions(edits.excluded);
+        live.exclusions = live.exclusions.becoming(edits.excluded);
         live.pausedAt = edits.paused_s;
         this.targetDeg = edits.target_deg;
         this.dipDeg = edits.dip_deg;
