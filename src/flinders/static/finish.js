@@ -46,6 +46,8 @@ export class Finish {
         this.finished = null;
         /** Readings that were here then. */
         this.readings = 0;
+        /** The calibration that is compared with. */
+        this.previous = "";
         /** @type {State | null} */
         this.state = null;
         this.targets.addEventListener("change", () => {
@@ -157,6 +159,9 @@ export class Finish {
                 ? `${previous.name}: ${sentence(previous.words)}`
                 : "A calibration file of this sensor: how many degrees have headings changed since?",
         );
+        const name = previous?.name ?? "";
+        if (name && name !== this.previous) byId("compare", HTMLDetailsElement).open = true;
+        this.previous = name;
         byId("previous-clear", HTMLElement).hidden = !previous;
         byId("refresh-choice", HTMLElement).hidden = !previous;
         byId("refresh", HTMLInputElement).checked = state?.refreshing ?? false;

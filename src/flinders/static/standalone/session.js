@@ -254,6 +254,7 @@ export class Session {
     restart() {
         const { live } = this;
         live.buffer = new ReadingBuffer(live.buffer.most);
+        this.arrivals = [];
         live.generation = ++this.generations;
         live.key = ++this.keys;
     }
