@@ -116,7 +116,8 @@ export class RelayLink extends SessionLink {
                 this.told = JSON.stringify(session.edits);
                 break;
             case "source":
-                this.#linkedTo(message.source);
+                session.source = message.source;
+                session.revision += 1;
                 break;
             case "unrecorded":
                 session.unrecorded = message.words;
@@ -130,15 +131,6 @@ export class RelayLink extends SessionLink {
         }
         this.isUrgent = true;
         this.step();
-    }
-
-    /** @param {import("./wire.d.ts").SourceState} source  which is said now and then, also where nothing has changed */
-    #linkedTo(source) {
-        const { session, now } = this;
-        const { link, words } = source;
-        if (link !== session.source.link) session.linked(now, link, words).forEach((said) => this.listener.onMessage(said));
-        session.source = source;
-        session.revision += 1;
     }
 
     /** @param {Welcome} welcome */

@@ -85,6 +85,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {number} dipDeg
  * @property {boolean} dipAssumed
  * @property {"heading" | "attitude"} goal
+ * @property {boolean} isFollowed  somebody turns the sensor just now, and may be led
  * @property {Previous | null} previous
  */
 
@@ -546,6 +547,7 @@ export class Session {
             dipDeg,
             dipAssumed,
             goal: this.goal,
+            isFollowed: this.opened === null && this.live.pausedAt === null && this.source.link === "connected",
             previous: this.previous,
         };
     }
