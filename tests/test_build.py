@@ -43,6 +43,9 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     root = tmp_path / "project"
     shutil.copytree(ROOT / "web", root / "web", ignore=shutil.ignore_patterns("node_modules"))
     shutil.copytree(ROOT / NATIVE, root / NATIVE, ignore=shutil.ignore_patterns("compiled"))
+    shutil.copytree(STATIC, root / hatch_build.STATIC, ignore=shutil.ignore_patterns("vendor", "bundled"))
+    (root / hatch_build.MODULES).parent.mkdir(parents=True)
+    shutil.copyfile(ROOT / hatch_build.MODULES, root / hatch_build.MODULES)
     for variable in (hatch_build.WITHOUT, hatch_build.TARGET, "CC"):
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
@@ -63,6 +66,11 @@ def put_bundle(project: Path) -> None:
     vendor.mkdir(parents=True)
     for name in hatch_build.PRODUCTS:
         (vendor / name).write_text(hatch_build.headline(project), encoding="utf-8")
+    modules, static = hatch_build.module_at(project / hatch_build.MODULES), project / hatch_build.STATIC
+    first = modules.headline(static)
+    (static / modules.BUNDLED).mkdir()
+    for entry in modules.ENTRIES:
+        (static / modules.bundle_of(entry)).write_text(first, encoding="utf-8")
 
 
 def hook(project: Path, target: str = "sdist") -> hatch_build.Build:

@@ -167,6 +167,42 @@ static void look_for_swaps(const flinders_real *field, size_t rows)
     free(changed), free(moments), free(workspace);
 }
 
+/* A number that a site may have, or anything. */
+static flinders_real some_number(double likely)
+{
+    return uniform() < 0.2 ? (flinders_real)NAN : uniform() < 0.1 ? anything() : (flinders_real)(likely * uniform());
+}
+
+/* Let the field of some site count in a fit, as that of a level turn or of readings from all directions. */
+static void place(const flinders_real *field, size_t rows, const flinders_record *fitted)
+{
+    const size_t size = flinders_workspace_size(rows);
+    flinders_real *felt = need(3 * rows * sizeof *felt), centre[2] = {fitted->centre[0], fitted->centre[1]};
+    void *workspace = need(size);
+    flinders_record record = *fitted;
+    flinders_vertical vertical = {0};
+    flinders_heights heights;
+    flinders_site site;
+    if (uniform() < 0.5) fill_with_anything(felt, 3 * rows);
+    else
+        for (size_t i = 0; i < 3 * rows; i++) felt[i] = (flinders_real)(uniform() + (i % 3 == 2 ? -9.8 : 0));
+    record.plane = (int32_t)below(5) - 1;
+    if (uniform() < 0.1) fill_with_anything(record.textbook, 81);
+    if (uniform() < 0.1) record.rejected_beyond = anything();
+    flinders_default_site(&site);
+    site.strength = some_number(100), site.gain_sigma = some_number(0.1), site.inclination_deg = some_number(89);
+    site.inclination_sigma_deg = some_number(2), site.alignment_sigma_deg = some_number(5), site.z_down = (int32_t)below(2);
+    flinders_vertical_add(field, felt, rows, &record, &vertical);
+    int status = flinders_at_site(field, rows, uniform() < 0.3 ? NULL : &vertical, &site, workspace, size, &record);
+    REQUIRE(status >= 0 && status <= 9 && record.z_axis >= 0 && record.z_axis <= 2);
+    REQUIRE(status || record.radius > 0);
+    const int is_used = flinders_uses_strength(&record);
+    REQUIRE(is_used == 0 || (is_used == 1 && record.site_strength == site.strength));
+    status = flinders_plane_of(field, rows, centre, uniform() < 0.8 ? fitted->noise : anything(), workspace, size, &heights);
+    REQUIRE(status >= 0 && status <= 9);
+    free(felt), free(workspace);
+}
+
 /* List outliers among distances of any kind, in two parts, the second of which goes on where the first ends. */
 static void list_outliers(size_t rows)
 {
@@ -248,6 +284,7 @@ static int fit(size_t recordings)
     ask_for_a_plane(field, rows[0]);
     cover(field, rows[0], records);
     look_for_swaps(field, rows[0]);
+    place(field, rows[0], records);
     list_outliers(below(100) * below(100) + rows[0]);
     if (rows[0] == longest && longest)
         REQUIRE(flinders_fit(field, NULL, longest, &options, workspace, size - 1, &single) == FLINDERS_NO_WORKSPACE);

@@ -158,6 +158,8 @@ def a_session() -> Recorded:
     told.linked(62.0, "gone", "the board is gone: plug it in again")
     told.requested(62.5, type="dip", deg=-30.0)
     told.fitted(62.6)
+    told.requested(62.7, type="place", latitude_deg=48.2, longitude_deg=16.4, year=2026.9)
+    told.fitted(62.9)
     again = readings[:100].copy()  # a clock that begins anew, and a time that is missing
     again[3, 0] = np.nan
     told.arrived(63.0, again)

@@ -124,7 +124,7 @@ def test_a_log_that_is_dropped_gets_a_verdict_and_a_file_that_flinders_reads(vis
     expect(page.locator("#source-name")).to_have_text("tumble.csv")
     page.keyboard.press("f")
     expect(page.locator("#verdict")).to_have_attribute("data-verdict", "good")
-    for name in ("save-report", "send", "place", "refresh"):
+    for name in ("save-report", "send", "refresh"):
         expect(page.locator(f"#{name}")).to_be_hidden()
     page.locator("#export-target").select_option("arduino")
     expect(page.locator("#preview")).to_contain_text("float")
@@ -159,11 +159,25 @@ def test_what_the_page_cannot_read_is_refused_with_advice(visitor: Visitor) -> N
     expect(page.locator("#start-answer")).not_to_be_empty()
     page.locator("#use-phone").click()
     expect(page.locator("#start-answer")).to_contain_text("magnetometer")
-    page.evaluate("flinders.connection.send({type: 'place', latitude_deg: 1, longitude_deg: 1, year: 2026})")
+    page.evaluate("flinders.connection.send({type: 'place', latitude_deg: 1, longitude_deg: 1, year: 2019})")
     expect(page.locator("#notices")).to_contain_text("type it as dip")
     pasted(page, log_of(TUMBLE.field))
     until(page, "flinders.store.state.phase === 'good'")
     expect(page.locator("#source-name")).to_have_text("pasted text")
+
+
+@pytest.mark.tools
+def test_the_place_sets_dip_and_strength(visitor: Visitor) -> None:
+    page = visitor.page()
+    pasted(page, log_of(TUMBLE.field))
+    until(page, "flinders.store.state.phase === 'good'")
+    page.get_by_role("button", name="Set dip from place").click()
+    page.locator("#latitude").fill("48.2")
+    page.locator("#longitude").fill("16.4")
+    page.keyboard.press("Enter")
+    expect(page.locator("#notices")).to_contain_text("the strength of the field")
+    until(page, "flinders.store.state.dip_deg > 64 && flinders.store.state.dip_deg < 66")
+    until(page, "flinders.store.view.field_strength_known && Math.abs(flinders.store.view.field_strength - 49) < 1")
 
 
 @pytest.mark.tools

@@ -16,13 +16,15 @@ from tests.trials import daily
 from tests.worlds import rms
 
 import flinders
+from flinders import simulate
 from flinders.cli import main
 from flinders.core.samples import Samples
 from flinders.estimators import Readings
-from flinders.estimators.known_dip import Heights, conditioned, sited
+from flinders.estimators.known_dip import sited
 from flinders.estimators.level import Level, turned_level
 from flinders.fitting.result import Refused
 from flinders.likelihood.site_field import Site
+from flinders.native.engine import engine
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -265,13 +267,34 @@ def test_axes_that_were_typed_say_that_z_is_down(tmp_path: Path) -> None:
     assert limits[1] > 3.0 * limits[0]
 
 
-def test_a_strength_in_another_unit_is_left_out() -> None:
+def test_a_strength_in_another_unit_is_left_out_and_that_is_found() -> None:
     truth, site = Turned().record(1, 300)
     counts = Samples.of(truth.samples.field * 10.0)
     fit = refit(counts, site=site)
     assert not fit.calibration.field_strength_known
     other = refit(counts, site=replace(site, strength=None))
     npt.assert_array_equal(fit.calibration.offset, other.calibration.offset)
+    (finding,) = [each for each in fit.findings if each.code == "strength-differs"]
+    assert finding.severity == "note"
+    assert finding.number > finding.limit == 4.0
+    assert finding.values["site_strength"] == site.strength
+    assert finding.values["strength_found"] == pytest.approx(500.0, rel=0.3)
+    assert {*codes(other)} == {*codes(fit)} - {"strength-differs"}
+
+
+def test_a_strength_of_the_site_that_readings_of_all_directions_contradict_is_left_out() -> None:
+    tumble = simulate.tumble(seed=2, n=300, motion="uniform").samples
+    plain, beside, near = (flinders.fit(tumble, site=at) for at in (None, Site(35.0, gain_sigma=0.05), SITE))
+    (finding,) = [each for each in beside.findings if each.code == "strength-differs"]
+    sigmas = (plain.calibration.ellipsoid.shape.trace() / 3.0 - 35.0) / (0.05 * 35.0)
+    assert finding.number == pytest.approx(sigmas, rel=1e-3)
+    assert "strength-differs" not in codes(plain) + codes(near)
+    npt.assert_allclose(beside.calibration.offset, plain.calibration.offset, rtol=1e-9)
+    assert near.calibration.field_strength == SITE.strength
+
+
+def codes(fit: Fit) -> list[str]:
+    return [finding.code for finding in fit.findings]
 
 
 def test_the_strength_is_that_of_corrected_readings() -> None:
@@ -303,12 +326,6 @@ def test_the_finding_says_how_fast_it_degrades_and_what_would_help() -> None:
     assert "in z by the site's field" in known.findings[0].advice
 
 
-def test_conditioning_on_everything_leaves_it() -> None:
-    found, covariance = conditioned(np.zeros(3), np.diag([1.0, 4.0, 9.0]), np.eye(3), np.arange(3.0), np.zeros(3))
-    npt.assert_allclose(found, np.arange(3.0))
-    npt.assert_allclose(covariance, 0.0, atol=1e-12)
-
-
 def test_heights_astray_are_left_out() -> None:
     rng = np.random.default_rng(1)
     turn = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
@@ -316,9 +333,17 @@ def test_heights_astray_are_left_out() -> None:
     field += rng.normal(0.0, 0.3, field.shape)
     struck = field.copy()
     struck[::40, 2] += 40.0
-    found = Heights.of(struck, np.zeros(2), 0.3)
-    assert abs(found.height - 30.0) < 4.0 * np.sqrt(found.covariance[0, 0])
-    assert np.all(np.abs(found.slopes - [0.08, 0.0]) < 4.0 * np.sqrt(np.diag(found.covariance)[1:]))
+    found = engine().plane_of(struck, np.zeros(2), 0.3)
+    sigmas = np.sqrt(found["covariance"][::4])
+    assert abs(found["height"] - 30.0) < 4.0 * sigmas[0]
+    assert np.all(np.abs(found["slope"] - [0.08, 0.0]) < 4.0 * sigmas[1:])
+
+
+def test_a_plane_without_noise_is_found_exactly() -> None:
+    turn = np.radians(np.arange(0.0, 360.0, 10.0))
+    plane = np.stack([np.cos(turn), np.sin(turn), 5.0 + 0.2 * np.cos(turn)], axis=1)
+    found = engine().plane_of(plane, np.zeros(2), 0.0)
+    npt.assert_allclose([found["height"], *found["slope"]], [5.0, 0.2, 0.0], atol=1e-12)
 
 
 def test_without_noise_the_whole_ellipsoid_is_found() -> None:

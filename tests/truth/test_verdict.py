@@ -23,6 +23,7 @@ from flinders.errors import DocumentError, FitError, StuckAxis, TooFewSamples
 from flinders.findings import CATALOGUE, REFUSALS, Finding
 from flinders.fitting.advice import advised
 from flinders.fitting.result import Refused
+from flinders.likelihood.site_field import Site
 from flinders.report.plain import page
 from flinders.simulate import Sensor, tumble
 
@@ -261,6 +262,10 @@ def sound() -> Fit:
     return judged(plain())
 
 
+def of_another_place() -> Fit:
+    return judged(plain(), site=Site(35.0, gain_sigma=0.05))
+
+
 def in_counts() -> Fit:
     return judged(Samples.of(300.0 * plain(motion="hand").field))
 
@@ -309,6 +314,7 @@ CASES: Final[list[tuple[str, str, Callable[[], Fit], tuple[float, float]]]] = [
     ("axis-swap", "limits", with_a_slip, (5.0, 500.0)),
     ("field-strength", "limits", weak_field, (4.9, 5.1)),
     ("field-strength", "limits", strong_field, (499, 501)),
+    ("strength-differs", "note", of_another_place, (8.5, 8.6)),
     ("mirrored-axes", "limits", mirrored, (-1, -1)),
     ("unit-unknown", "note", in_counts, (14900, 15100)),
     ("scale-unknown", "note", sound, (49.9, 50.1)),

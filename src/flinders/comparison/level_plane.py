@@ -28,18 +28,18 @@ since the plane of the readings shows where d is: the antisymmetric part of X, a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Self
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
 from flinders.comparison.comparison import as_equator, compare_level
 from flinders.core.samples import singles
 from flinders.estimators.covariance import Residuals, time_of
-from flinders.estimators.known_dip import Heights
 from flinders.geometry.ellipsoid import symmetric
 from flinders.geometry.plane import IN_PLANE, equator, root, to_equator
 from flinders.heading.error_propagation import upright
+from flinders.native.engine import engine
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -114,7 +114,7 @@ class _Turn:
         ellipse = equator(fresh.calibration.ellipsoid, "xy", dip_deg=dip_deg)
         noise = fresh.noise if math.isfinite(fresh.noise) else 0.0
         heights = _heights(recording, ellipse.centre[:2], noise)
-        numbers = np.concatenate([ellipse.parameters[IN_PLANE], [heights.height], heights.slopes])
+        numbers = np.concatenate([ellipse.parameters[IN_PLANE], heights.numbers])
         covariance = np.zeros((8, 8))
         rows = to_equator("xy", dip_deg=dip_deg)[IN_PLANE]
         covariance[:5, :5] = rows @ fresh.claim.claimed_covariance @ rows.T
@@ -173,17 +173,25 @@ _ENTRIES: Final = tuple(symmetric(entry) for entry in np.eye(6))
 """The six symmetric matrices that S₁₁, S₂₂, S₃₃, S₁₂, S₁₃ and S₂₃ stand for."""
 
 
-def _heights(recording: Recording, middle: Floats, noise: float) -> Heights:
+class _Heights(NamedTuple):
+    """The plane that readings of a level turn lie in."""
+
+    numbers: Floats  # (3,): height at the middle of the ellipse, in the unit of the readings, and slopes along x and y
+    covariance: Floats  # (3, 3)
+
+
+def _heights(recording: Recording, middle: Floats, noise: float) -> _Heights:
     """The plane of the readings; what sways counts for as many readings as are independent."""
     parts = [np.concatenate([block.field for block in single.blocks()]) for single in singles(recording)]
     field = np.concatenate(parts)
-    heights = Heights.of(field, middle, noise)
+    plane = engine().plane_of(field, middle, noise)
+    numbers = np.append(plane["height"], plane["slope"])
     columns = np.column_stack([np.ones(len(field)), field[:, :2] - middle])
-    left = field[:, 2] - columns @ np.append(heights.height, heights.slopes)
+    left = field[:, 2] - columns @ numbers
     edges = np.cumsum([len(part) for part in parts])
     segments = [np.arange(edge - len(part), edge) for edge, part in zip(edges, parts, strict=True)]
     alike = max(1.0, time_of(Residuals(left, columns, segments).autocovariance()))
-    return replace(heights, covariance=alike * heights.covariance)
+    return _Heights(numbers, alike * plane["covariance"].reshape(3, 3))
 
 
 def _flat(fit: Fit, numbers: Floats, covariance: Floats) -> Fit:

@@ -136,6 +136,22 @@ def site_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.
     )
 
 
+def newest_model() -> dict[str, Any]:
+    """The newest model as data: name, epoch, for how many years, and coefficients g, h and their change in a year, nT.
+
+    In the order of its file: degree 1, orders 0 and 1; degree 2, orders 0 to 2; and so on.
+
+    >>> model = newest_model()
+    >>> model["name"], model["epoch"], len(model["coefficients"]), model["coefficients"][0]
+    ('WMM-2025', 2025.0, 90, [-29351.8, 0.0, 12.0, 0.0])
+    """
+    from pygeomag.wmm.wmm_2025 import WMM_2025
+
+    (epoch, name, _), rows = WMM_2025
+    coefficients = [list(numbers) for _, _, *numbers in rows]
+    return {"name": name, "epoch": epoch, "years": 5, "coefficients": coefficients}
+
+
 def recorded_field(log: object) -> SiteField | None:
     """The field where and when a log, or a magnetometer of one, says that it was made; None where it does not."""
     position, begun = getattr(log, "position", None), getattr(log, "begun", None)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final, Literal, Protocol
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -53,6 +53,14 @@ class Correlation:
         return count / (self.time * self.excess_variance)
 
 
+class SiteStrength(NamedTuple):
+    """The strength of the field at a site beside that of readings, in their unit."""
+
+    site: float
+    found: float  # mean semi-axis of the ellipsoid as the readings alone show it
+    sigmas: float  # how far the two are apart, over what is not known of both
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
     """An ellipsoid with its uncertainty."""
@@ -77,6 +85,7 @@ class Estimate:
     # length that the method gives to corrected readings where no field strength is known; None for that which makes the
     # determinant of the matrix 1
     strength: float | None = None
+    site_strength: SiteStrength | None = None  # where the site's strength was used, or contradicts the readings
     plane: Plane | None = None  # ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on
     # ``constant`` or ``varying`` where the recording tells the field's strength at each reading and the scale rests on
     # it; `strength` is then its mean, and known

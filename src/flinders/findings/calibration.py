@@ -37,6 +37,27 @@ ROWS: Final = (
         remedy="Check the unit of the recording.",
     ),
     CatalogueRow(
+        code="strength-differs",
+        number="how far the strength that the readings show is off that of the site, standard deviations of both",
+        action=(
+            "check unit and scale; or the gain of the sensor is another than was stated (`--gain-sigma`): the strength "
+            "of the site was left out"
+        ),
+        fleet_action="check unit, scale and gain",
+        rule=Rule("strength_sigmas", (Grade("note", 4.0),)),
+        said=(
+            "the readings show a field of {strength_found:.3g} {unit}, and the site's is {site_strength:.3g} {unit}, "
+            "{strength_sigmas} standard deviations away: the strength of the site was left out. Check unit and scale; "
+            "else the gain of the sensor is off by more than was stated"
+        ),
+        hint={"unit": None, "scale": None},
+        plain=(
+            "The strength of the field that was found is not that of the place, which was therefore left out. "
+            "Headings do not depend on it."
+        ),
+        remedy="Check the unit of the recording, and the gain of the sensor.",
+    ),
+    CatalogueRow(
         code="mirrored-axes",
         number="−1",
         action="check the axes mapping: right only for a left-handed sensor",

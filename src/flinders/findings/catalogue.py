@@ -50,7 +50,7 @@ RULES: Final = (*OF_A_FIT, *OTHERS)
 
 STATED: Final = (
     "samples", "covered", "per_degree_of_tilt", "drift", "farthest", "nonlinear_share", "linearized_share", "weakest",
-    "strongest", "breadth",
+    "strongest", "breadth", "strength_found", "site_strength",
 )  # fmt: skip
 """Quantities that a judgement gives and no rule compares."""
 

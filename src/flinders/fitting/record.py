@@ -87,6 +87,8 @@ def record_of(
     record["farthest"] = farthest(estimate.outliers)
     record["plane"] = NUMBER_OF_PLANE[estimate.plane]
     record["swaps"][0] = estimate.may_be_swapped
+    if (strength := estimate.site_strength) is not None:
+        record["site_strength"], record["strength_found"], record["strength_sigmas"] = strength
     _add_correlation(record, estimate.correlation)
     _add_statistics(record, statistics)
     if coverage is not None:

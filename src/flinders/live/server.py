@@ -38,7 +38,7 @@ from flinders.likelihood.site_field import Site
 from flinders.live.access import Gate, Guard, Tokens, answer, shown_name
 from flinders.live.hub import UPLOAD_BYTES, Hub, Page
 from flinders.live.messages import LONGEST, Edits, Linked, Notice, Previous, encode, parse, readings_frame
-from flinders.report.html_file import joined
+from flinders.report.modules import script
 from flinders.report.view import View
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def _script(request: Request) -> Response:
     entry = request.url.path.removeprefix("/static/")
     try:
         module, exported = SCRIPTS[entry]
-        return Response(joined(module, exported=exported), media_type="text/javascript; charset=utf-8")
+        return Response(script(module, exported=exported), media_type="text/javascript; charset=utf-8")
     except FileNotFoundError:
         raise HTTPException(404, f"{entry} is missing from this installation") from None
 

@@ -82,6 +82,15 @@ AXIS_CHANGE: Final = layout("flinders_axis_change", np.float64)
 COVERAGE: Final = layout("flinders_coverage", np.float64)
 """Layout of directions in cells of the sphere."""
 
+SITE: Final = layout("flinders_site", np.float64)
+"""Layout of the field of a place."""
+
+VERTICAL: Final = layout("flinders_vertical", np.float64)
+"""Layout of sums of what an accelerometer shows of a level turn."""
+
+HEIGHTS: Final = layout("flinders_heights", np.float64)
+"""Layout of the plane of a level turn."""
+
 
 @cache
 def constant(name: str) -> int:
@@ -155,6 +164,11 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "trimmed_covariance": (_A, _N, _A, _A),
     "is_level": (_A, _D, _D),
     "list_outliers": (_A, _A, _N, _A, _A, _A, _A, _A, _N),
+    "default_site": (_A,),
+    "vertical_add": (_A, _A, _N, _A, _A),
+    "plane_of": (_A, _N, _A, _D, _A, _N, _A),
+    "at_site": (_A, _N, _A, _A, _A, _N, _A),
+    "uses_strength": (_A,),
 }
 """What functions of the library take."""
 
@@ -724,6 +738,41 @@ class Engine:
             np.ascontiguousarray(field, np.float64), len(field), scratch, covariance
         )
         return covariance
+
+    def site(self, **known: float | None) -> Records:
+        """What is known of the field of a place: a row of `SITE`; None is not known."""
+        site = _blank(SITE)
+        self._library.flinders_default_site(site)
+        for name, number in known.items():
+            site[name] = math.nan if number is None else number
+        return site
+
+    def add_vertical(self, vertical: Records, field: Floats, acceleration: Floats, record: Records) -> None:
+        """Add (N, 3) readings of a level turn with (N, 3) accelerations to a row of `VERTICAL`, in place."""
+        readings, felt = np.ascontiguousarray(field, np.float64), np.ascontiguousarray(acceleration, np.float64)
+        self._library.flinders_vertical_add(readings, felt, len(readings), record, vertical)
+
+    def plane_of(self, field: Floats, centre: Floats, noise: float) -> Records:
+        """The plane of (N, 3) readings of a level turn about a centre (2,): a row of `HEIGHTS`."""
+        readings, heights, (workspace, size) = _row(field), _blank(HEIGHTS), self._workspace(len(field))
+        middle = _row(centre)
+        self._require(self._library.flinders_plane_of(readings, len(field), middle, noise, workspace, size, heights))
+        return heights
+
+    def at_site(self, record: Records, site: Records, field: Floats, vertical: Records | None = None) -> bool:
+        """Let the field of a site count in a record, in place, and say whether its strength was used.
+
+        Parameters
+        ----------
+        record, site : row of `RECORD`, row of `SITE`
+        field : (N, 3) float
+            Readings that the fit goes by; of a level turn alone.
+        vertical : row of `VERTICAL`, optional
+            What an accelerometer shows.
+        """
+        readings, (workspace, size) = _row(field), self._workspace(len(field))
+        self._require(self._library.flinders_at_site(readings, len(field), vertical, site, workspace, size, record))
+        return bool(self._library.flinders_uses_strength(record))
 
     def is_level(self, covariance: ArrayLike, noise: float, within: float) -> bool:
         """Whether readings of a (3, 3) covariance lie in a plane across z, within a multiple of their noise."""

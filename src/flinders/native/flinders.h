@@ -190,6 +190,10 @@ typedef struct flinders_record {
     flinders_real linearized_share; /* what the worst of them reads too much, a fraction of the field */
     flinders_real soft_iron_p_value; /* how often chance alone makes readings contradict earlier soft iron as much */
     flinders_real poses_by_chance; /* the same of poses at known headings */
+    flinders_real site_strength;  /* strength of the field at the site, unit; NaN: it does not count, or none is known */
+    flinders_real strength_found; /* mean semi-axis as the readings alone show it, unit, and ... */
+    flinders_real strength_sigmas; /* ... how far the two are apart, over what is not known of both; the site's was used where
+                                      no rule speaks against it */
 
     int64_t backward_steps;       /* steps of the clock that go back */
     int64_t skipped;              /* rows that could not be read; -1: not known, ... */
@@ -200,6 +204,7 @@ typedef struct flinders_record {
     int32_t is_claimed;           /* 1 once `flinders_claim` has widened the covariance */
     int32_t is_shrunk;            /* 1 if `flinders_claim` found readings that were corrected before, and shrunk the fit; -1
                                      if it looked and found none */
+    int32_t z_axis;               /* of a level turn: FLINDERS_Z_DOWN ... */
     flinders_real repetition;     /* readings for each one that no other repeats, as far as residuals do not show it */
 } flinders_record;
 
@@ -210,6 +215,40 @@ enum {
     FLINDERS_COMPENSATED = 4,     /* recorded disturbances, which the offset follows */
     FLINDERS_REFRESHED = 8        /* an earlier calibration, whose soft iron it has */
 };
+
+/* Where z points in a level vehicle that made a level turn. */
+enum {
+    FLINDERS_Z_DOWN = 0,      /* down, or nothing rests on it */
+    FLINDERS_Z_ELSEWHERE = 1, /* elsewhere, as an accelerometer shows: the dip of the site was left out */
+    FLINDERS_Z_OPEN = 2       /* down or up: the dip of the site was used, and nothing shows which */
+};
+
+/* The field of a place as far as it is known, and how the sensor is mounted; `flinders_default_site` fills it with NaN and 0.
+ * A number without its uncertainty does not count. */
+typedef struct flinders_site {
+    flinders_real strength;              /* of the field, unit */
+    flinders_real gain_sigma;            /* what the mean gain of the sensor may be off by, a fraction, 1 sigma */
+    flinders_real inclination_deg;       /* of the field, positive where it points below the horizon */
+    flinders_real inclination_sigma_deg; /* 1 sigma */
+    flinders_real alignment_sigma_deg;   /* how well z is known to be vertical in a level vehicle, 1 sigma */
+    int32_t z_down;                      /* 1: somebody says that z points down in a level vehicle */
+} flinders_site;
+
+/* Sums over readings of a level turn and what an accelerometer measured with them, all zero at first: they add. */
+typedef struct flinders_vertical {
+    flinders_real readings;        /* with an acceleration */
+    flinders_real acceleration[3]; /* their sum, m/s² or any other unit */
+    flinders_real turn[2];         /* sum of the directions in the ellipse, unit vectors u */
+    flinders_real across[2];       /* sum of (a_x + i a_y) times the conjugate of u_x + i u_y, real and imaginary part */
+    flinders_real squares;         /* sum of a_x² + a_y² */
+} flinders_vertical;
+
+/* The plane that readings of a level turn lie in: z = height + slope · (x, y) from a centre. */
+typedef struct flinders_heights {
+    flinders_real height;        /* at the centre, unit */
+    flinders_real slope[2];
+    flinders_real covariance[9]; /* of both, the height first */
+} flinders_heights;
 
 /* What a disturbance that was recorded beside the readings explains of their distances from a surface. */
 typedef struct flinders_disturbance {
@@ -460,6 +499,29 @@ FLINDERS_API int flinders_pose(int32_t frame, int32_t pose, flinders_real down[3
 FLINDERS_API int32_t flinders_pose_towards(int32_t frame, const flinders_goal *goal, const flinders_real direction[3]);
 /* Bytes of a judgement, for callers that were compiled apart. */
 FLINDERS_API size_t flinders_judgement_size(void);
+
+/* A site of which nothing is known. */
+FLINDERS_API void flinders_default_site(flinders_site *site);
+
+/* Add readings (rows, 3) of a level turn with their accelerations (rows, 3), NaN where there is none; `record` is that of its
+ * fit. */
+FLINDERS_API void flinders_vertical_add(const flinders_real *field, const flinders_real *acceleration, size_t rows,
+                                        const flinders_record *record, flinders_vertical *vertical);
+
+/* Lay a plane through readings (rows, 3) with a noise, about a centre in x and y; of readings whose height is astray without
+ * these. */
+FLINDERS_API int flinders_plane_of(const flinders_real *field, size_t rows, const flinders_real centre[2],
+                                   flinders_real noise, void *workspace, size_t size, flinders_heights *heights);
+
+/* Let the field of a site count in a fit, before its record is claimed: changes centre, shape, radius and covariances, fills
+ * `site_strength` and what belongs to it, and `z_axis`. Errors of a level heading become NaN, and the judge completes them.
+ * `field` (rows, 3) are the readings that the fit goes by, `vertical` what an accelerometer shows or NULL; both are looked at
+ * for a level turn alone. A judgement is asked with this strength where it was used (`flinders_request`). */
+FLINDERS_API int flinders_at_site(const flinders_real *field, size_t rows, const flinders_vertical *vertical,
+                                  const flinders_site *site, void *workspace, size_t size, flinders_record *record);
+
+/* Whether a record rests on the strength of a site, 1 or 0. */
+FLINDERS_API int flinders_uses_strength(const flinders_record *record);
 
 /* Fill a request with its defaults, in parentheses above. */
 FLINDERS_API void flinders_default_request(flinders_request *request);

@@ -229,6 +229,16 @@ static int asks_of(const flinders_record *record, const flinders_request *reques
 }
 #endif
 
+#ifndef FLINDERS_SMALL
+/* How far the strength of the site is off that of the readings, where that is known. */
+static void of_site(const flinders_record *record, real *q)
+{
+    q[FLINDERS_Q_STRENGTH_SIGMAS] = where(!isnan(record->site_strength), record->strength_sigmas);
+    q[FLINDERS_Q_STRENGTH_FOUND] = record->strength_found;
+    q[FLINDERS_Q_SITE_STRENGTH] = record->site_strength;
+}
+#endif
+
 /* What the calibration alone tells. */
 static void of_calibration(const flinders_record *record, const flinders_request *request, real *q)
 {
@@ -414,6 +424,7 @@ static int judge(flinders_record *record, const flinders_request *request, fl_bo
     of_residuals(record, request, out->quantities);
     of_structure(record, out, out->quantities);
     of_changes(record, request, out->quantities);
+    of_site(record, out->quantities);
     out->asks = asks_of(record, request);
 #endif
     of_evidence(record, out->quantities);

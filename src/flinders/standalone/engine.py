@@ -37,6 +37,7 @@ from flinders.native.engine import (
     RECORD,
     REQUEST,
     ROUTE,
+    SITE,
     constant,
 )
 from flinders.report.view import tiles_view
@@ -78,6 +79,7 @@ NUMBERS: Final = {
 STRUCTS: Final = {
     "options": OPTIONS, "record": RECORD, "request": REQUEST, "judgement": JUDGEMENT, "belief": BELIEF, "goal": GOAL,
     "advice": ADVICE, "route": ROUTE, "outlier": OUTLIER, "change": AXIS_CHANGE, "coverage": COVERAGE,
+    "site": SITE,
 }  # fmt: skip
 """Structs of flinders.h that the page reads or writes."""
 

@@ -20,11 +20,12 @@ import numpy as np
 
 from flinders.core.calibration_file import VERSION as SCHEMA
 from flinders.core.files import make_folder, reason, write_bytes
+from flinders.core.geomag import newest_model
 from flinders.errors import NoEngine, OutputError
 from flinders.firmware.package import licence
 from flinders.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
 from flinders.native import build
-from flinders.report.html_file import asset, joined
+from flinders.report.modules import asset, script
 from flinders.simulate import Sensor, north_and_down, seen_from
 from flinders.standalone import engine, lines, targets
 
@@ -133,7 +134,7 @@ def _of_others() -> dict[str, bytes]:
 def _script(entry: str, exported: tuple[str, ...]) -> bytes | None:
     """A module with all that it imports; None where Flinders was installed without the 3-D view."""
     try:
-        return joined(entry, exported=exported).encode()
+        return script(entry, exported=exported).encode()
     except FileNotFoundError:
         return None
 
@@ -143,6 +144,7 @@ def page_data() -> dict[str, Any]:
     return {
         "flinders_page": 1,
         "version": VERSION,
+        "model": newest_model(),
         "simulated": simulated_sensor(),
         "engine": engine.data(),
         "lines": lines.data(),
@@ -153,7 +155,7 @@ def page_data() -> dict[str, Any]:
 @cache
 def live_data() -> bytes:
     """What the page of `flinders live` takes of it, as JSON: its server reads, and writes calibrations."""
-    data = {"version": VERSION, "engine": engine.data(), "targets": {"schema": SCHEMA}}
+    data = {"version": VERSION, "model": newest_model(), "engine": engine.data(), "targets": {"schema": SCHEMA}}
     return json.dumps(data, separators=(",", ":"), ensure_ascii=False).encode()
 
 
@@ -212,7 +214,7 @@ KEPT: Final = (
 )
 HELP: Final = (
     "Nothing leaves this browser: readings of a board stay in it until you start again, also when the page is loaded "
-    "again. Reports, sending to a board, binary logs and the dip of a place need the program: "
+    "again. Reports, sending to a board and binary logs need the program: "
     "<code>pip install flinders</code>."
 )
 
@@ -234,8 +236,7 @@ EDITS: Final = (
     ),
     ('<button type="button" id="open"', f'{SOURCE_BUTTON}<button type="button" id="open"'),
     ('<main class="board">', '<main class="board">\n    {start}'),
-    *map(_hidden, ("open", "save-report", "send", "place")),
-    ("the dip is assumed: give it, or the place", "the dip is assumed: look it up for your place, and type it"),
+    *map(_hidden, ("open", "save-report", "send")),
     ('<p class="faint kept" id="kept">', f'{KEPT}<p class="faint kept" id="kept">'),
     ("Everything that arrives is recorded on the computer that runs Flinders; closing this page loses nothing.", HELP),
     (

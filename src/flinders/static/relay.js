@@ -26,10 +26,10 @@ export class RelayLink extends SessionLink {
      * @param {string} address
      * @param {Listener} listener
      * @param {Fitter} fitter
-     * @param {{engine: EngineData, targets: {schema: number}}} data
+     * @param {{engine: EngineData, model: import("./standalone/geomag.js").Model, targets: {schema: number}}} data
      */
     constructor(address, listener, fitter, data) {
-        super(listener, fitter, data.engine);
+        super(listener, fitter, data);
         this.data = data;
         /** @type {Welcome | null} */
         this.welcome = null;
@@ -184,7 +184,7 @@ export class RelayLink extends SessionLink {
         const about = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 8, length)));
         const { passed, unit } = passedIn(bytes, 8 + length);
         const series = new Series(this.session.rules.capacity, unit, about.is_timed);
-        Object.assign(series, { number: about.number, frame: about.frame });
+        Object.assign(series, { number: about.number, frame: about.frame, site: about.site });
         series.buffer.follow(passed);
         this.session.openedLog(this.now, about.name, series);
         this.tell(about.words);

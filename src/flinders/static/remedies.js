@@ -37,7 +37,7 @@ function button(words, act) {
 }
 
 /**
- * Let a person give the place, whose dip the server takes from the World Magnetic Model of today.
+ * Let a person give the place, whose dip and strength are those of the World Magnetic Model of today.
  * @param {(message: Command) => void} send
  */
 export function listenForPlace(send) {

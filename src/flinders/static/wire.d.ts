@@ -22,13 +22,13 @@ export interface SourceState {
 
 /** The field at a place, and how the sensor is mounted in it. */
 export interface Site {
-  strength: number | null;
-  inclination_deg: number | null;
-  gain_sigma: number;
-  inclination_sigma_deg: number;
-  z_down: boolean;
-  alignment_sigma_deg: number | null;
-  length: number | null;
+  strength?: number | null;
+  inclination_deg?: number | null;
+  gain_sigma?: number;
+  inclination_sigma_deg?: number;
+  z_down?: boolean;
+  alignment_sigma_deg?: number | null;
+  length?: number | null;
 }
 
 /** What a person did in a session, and the site of its log; readings up to `begun_s` were left behind. */

@@ -12,7 +12,7 @@
 
 /**
  * @typedef {"record" | "options" | "request" | "judgement" | "belief" | "goal" | "advice" | "route" | "outlier" | "change" |
- *     "coverage"} Struct
+ *     "coverage" | "site"} Struct
  * @typedef {Record<Struct, Layout>} Layouts
  */
 
@@ -52,7 +52,8 @@
 
 /**
  * What is asked of a judgement, as `flinders_request`.
- * @typedef {{target_deg: number, is_microtesla: number, shrinks: number}} Asked
+ * @typedef {{target_deg: number, field_strength: number, is_strength_known: number, is_microtesla: number,
+ *     shrinks: number}} Asked
  *
  * What a fit is worth, as `flinders_judgement`.
  * @typedef {object} Judgement
@@ -70,6 +71,8 @@
  * @property {number} structure_deg
  * @property {number[]} covariance
  */
+
+/** @typedef {{readings: number[], share: number, upright: number, hole_deg: number, hole: number[]}} Coverage */
 
 /** An ellipsoid, as readings make it. @typedef {{centre: number[], shape: number[]}} Surface */
 
@@ -293,15 +296,16 @@ export class Engine {
     }
 
     /**
-     * Standard deviations of the entries of a matrix that corrects readings, row by row, to the mean radius.
+     * Standard deviations of the entries of a matrix that corrects readings, row by row.
      * @param {ArrayLike<number>} matrix
      * @param {number[]} shape
      * @param {ArrayLike<number>} covariance
+     * @param {boolean} isKnown The length of corrected readings is the strength of the field, else the mean radius.
      * @returns {number[]}
      */
-    matrixSigmas(matrix, shape, covariance) {
+    matrixSigmas(matrix, shape, covariance, isKnown) {
         const [matrixAt, shapeAt, covarianceAt, out] = this.#lent([matrix, shape, covariance, new Float64Array(9)]);
-        this.call.flinders_matrix_sigmas(matrixAt, shapeAt, covarianceAt, 0, out);
+        this.call.flinders_matrix_sigmas(matrixAt, shapeAt, covarianceAt, Number(isKnown), out);
         return this.#numbers(out, 9);
     }
 
@@ -455,19 +459,49 @@ export class Engine {
     }
 
     /**
-     * Readings in each of a hundred cells of the sphere, equal in area.
+     * Let the field of a place count in a fit, before it is judged.
+     * @param {Float64Array} field The readings that the fit goes by.
+     * @param {Fitted} record
+     * @param {import("./session.js").Site} site
+     * @returns {Fitted}
+     */
+    atSite(field, record, site) {
+        const rows = field.length / 3;
+        const size = this.call.flinders_workspace_size(rows);
+        const [fieldAt, workspace] = this.#placed([field.byteLength, size]);
+        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        this.#write("record", record);
+        this.call.flinders_default_site(this.at.site);
+        const known = Object.entries(site).filter(([name]) => name in this.layouts.site.fields);
+        this.#write("site", Object.fromEntries(known.map(([name, value]) => [name, Number(value ?? NaN)])));
+        this.call.flinders_at_site(fieldAt, rows, 0, this.at.site, workspace, size, this.at.record);
+        return this.#decoded("record");
+    }
+
+    /**
+     * Whether a fit rests on the strength of the field at a place.
+     * @param {Fitted} record
+     * @returns {boolean}
+     */
+    usesStrength({ site_strength, strength_sigmas }) {
+        this.#write("record", { site_strength, strength_sigmas });
+        return this.call.flinders_uses_strength(this.at.record) === 1;
+    }
+
+    /**
+     * Readings in each of a hundred cells of the sphere, equal in area, and the largest gap between them.
      * @param {Float64Array} field
      * @param {Fitted} record Of these readings; what it rejects is left out.
-     * @returns {number[]}
+     * @returns {Coverage}
      */
-    cellCounts(field, { centre, shape, rejected_beyond: within }) {
+    coverage(field, { centre, shape, rejected_beyond: within }) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
         const [fieldAt, surface, workspace] = this.#placed([field.byteLength, 72, size]);
         new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
         new Float64Array(this.memory.buffer, surface, 9).set([...centre, ...shape]);
         this.call.flinders_coverage_of(fieldAt, rows, surface, surface + 24, within, workspace, size, this.at.coverage);
-        return this.#decoded("coverage").readings;
+        return this.#decoded("coverage");
     }
 
     /**

@@ -110,7 +110,7 @@ const VALUES = {
     tilted: tiltedErrors,
     next_movement: nextMovement,
     next_step: nextMovement,
-    corrected_length: ({ surface }) => surface.radius,
+    corrected_length: ({ strength }) => strength,
     unit: ({ unit }) => unit,
     autocorrelation: ({ record: { lag_one: lagOne } }) => lagOne,
     textbook_deg: ({ isShrunk, textbookWorstDeg }) => (isShrunk ? NaN : textbookWorstDeg),

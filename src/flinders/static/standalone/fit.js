@@ -22,6 +22,7 @@ import { filled } from "./wording.js";
  * @property {number} targetDeg
  * @property {number} dipDeg
  * @property {boolean} dipAssumed
+ * @property {import("./session.js").Site | null} [site] What counts of the place.
  */
 
 /** @typedef {{code: string, words: string}} Refusal */
@@ -37,13 +38,13 @@ const ASKS_SWAP = 2;
  * Readings that were fitted, with what was left out of them.
  * @typedef {object} Left
  * @property {Float64Array} near Those close to the surface, and at no end of an axis, of those that a fit goes by.
- * @property {number[]} counts Those that a fit goes by in each of a hundred cells of the sphere, but for outliers.
+ * @property {import("./engine.js").Coverage} coverage Directions of those that a fit goes by, but for outliers.
  * @property {Outlier[]} outliers
  * @property {import("./rests.js").Rests} rests Of those at no end of an axis, and …
  * @property {Float64Array | null} when … their times.
  * @property {Uint8Array} isOut Of each reading of the request, whether it was left out, and …
  * @property {Uint8Array} isRail … whether it is at an end of an axis.
- * @property {boolean} wasTurned The record of all readings shows a turn out of one plane.
+ * @property {boolean} isAlone The record of all readings shows a turn out of one plane, and no place counts.
  */
 
 /** A judged fit. */
@@ -73,7 +74,10 @@ export class Fit {
         this.covariance = record.covariance;
         this.noise = record.noise;
         this.samples = record.used;
-        this.counts = left.counts;
+        this.counts = left.coverage.readings;
+        this.isStrengthKnown = engine.usesStrength(record);
+        /** Length of corrected readings. */
+        this.strength = this.isStrengthKnown ? record.site_strength : this.surface.radius;
         this.rails = railsOf(record);
         this.structureDeg = judgement.structure_deg;
         this.headingError = { rms: judgement.rms_deg, worst: judgement.worst_deg, dipDeg: record.dip_deg };
@@ -145,9 +149,13 @@ export function fitOf(engine, data, request) {
     }
     const isFree = freeOf(field, whole);
     const [some, when] = whole.rails ? [chosen(field, isFree, 3), time && chosen(time, isFree, 1)] : [field, time];
-    const record = whole.rails ? engine.fit(some, when, { dipDeg }) : whole;
-    if (record.status) return { code: CODES[record.status] ?? "", words: engine.message(record.status) };
-    const left = { ...leftOf(engine, data, record, { some, when, isFree }), wasTurned };
+    const fitted = whole.rails ? engine.fit(some, when, { dipDeg }) : whole;
+    if (fitted.status) return { code: CODES[fitted.status] ?? "", words: engine.message(fitted.status) };
+    const rests = fitted.rests ? engine.rests(some) : NO_RESTS;
+    const once = fittedOnce(some, rests);
+    const record = request.site ? engine.atSite(once.field, fitted, request.site) : fitted;
+    const isAlone = wasTurned && !request.site;
+    const left = { ...leftOf(engine, data, record, { some, when, isFree, rests, once }), isAlone };
     return judged(engine, data, request, withWhole(record, whole, left, engine, data), left, some);
 }
 
@@ -162,7 +170,8 @@ export function fitOf(engine, data, request) {
  * @returns {Fit}
  */
 function judged(engine, data, request, record, left, some) {
-    const asked = { target_deg: request.targetDeg, is_microtesla: Number(request.unit !== "counts") };
+    const known = engine.usesStrength(record) ? { field_strength: record.site_strength, is_strength_known: 1 } : {};
+    const asked = { target_deg: request.targetDeg, is_microtesla: Number(request.unit !== "counts"), ...known };
     const first = engine.judge(record, asked);
     if (!(first.judgement.asks & ASKS_SWAP)) return new Fit(request, first.record, first.judgement, left, data, engine);
     const swap = engine.axisSwap(some, record.noise, data);
@@ -193,10 +202,19 @@ function withWhole(record, whole, left, engine, data) {
     const fitted = record.rests
         ? {}
         : { fitted: whole.rows, fitted_repeats: whole.repeats, fitted_distinct: whole.distinct };
-    const isPlain = left.wasTurned && !record.hides_plane && !record.unobserved;
+    const isPlain = left.isAlone && !record.hides_plane && !record.unobserved;
     const faults = isPlain ? {} : { nonlinear_deg: NaN, lag_deg: NaN };
-    const found = { ...faults, ...driftOf(record, left, engine, data), ...farthestOf(left) };
+    const found = { ...faults, ...covered(record, left), ...driftOf(record, left, engine, data), ...farthestOf(left) };
     return /** @type {Fitted} */ ({ ...record, ...ofAll, ...fitted, ...found });
+}
+
+/**
+ * What the directions cover, seen from where a place has put the surface.
+ * @param {Fitted} record
+ * @param {Left} left
+ */
+function covered({ site_strength }, { coverage: { share, upright, hole_deg, hole } }) {
+    return Number.isNaN(site_strength) ? {} : { coverage: share, upright, hole_deg, hole };
 }
 
 /**
@@ -219,7 +237,7 @@ function farthestOf({ outliers }) {
  * @param {EngineData} data
  */
 function driftOf(record, left, engine, { numbers }) {
-    if (left.wasTurned && !left.outliers.length) return {};
+    if (left.isAlone && !left.outliers.length) return {};
     if (record.unobserved || record.is_white || Number.isNaN(record.correlation_time)) return { drift_deg: NaN };
     const stride = Math.max(Math.ceil(left.near.length / 3 / numbers.LOOKED_AT), 1);
     const thinned = left.near.filter((_, i) => Math.floor(i / 3) % stride === 0);
@@ -232,14 +250,13 @@ function driftOf(record, left, engine, { numbers }) {
  * @param {Engine} engine
  * @param {EngineData} data
  * @param {Fitted} record
- * @param {{some: Float64Array, when: Float64Array | null, isFree: Uint8Array}} fitted
- * @returns {Omit<Left, "wasTurned">}
+ * @param {{some: Float64Array, when: Float64Array | null, isFree: Uint8Array, rests: import("./rests.js").Rests,
+ *     once: import("./rests.js").Once}} fitted
+ * @returns {Omit<Left, "isAlone">}
  */
-function leftOf(engine, data, record, { some, when, isFree }) {
+function leftOf(engine, data, record, { some, when, isFree, rests, once }) {
     const isRail = isFree.map((free) => 1 - free);
-    const rests = record.rests ? engine.rests(some) : NO_RESTS;
-    const once = fittedOnce(some, rests);
-    const known = { isRail, rests, when, counts: engine.cellCounts(once.field, record) };
+    const known = { isRail, rests, when, coverage: engine.coverage(once.field, record) };
     if (!record.is_robust) return { ...known, near: once.field, outliers: [], isOut: isRail };
     const limit = record.rejected_beyond;
     const distances = engine.distances(once.field, record.majority_centre, record.majority_shape);

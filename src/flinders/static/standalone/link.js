@@ -29,6 +29,7 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
  * @property {string} version
  * @property {import("./sources.js").Simulation} simulated
  * @property {import("./data.d.ts").EngineData} engine
+ * @property {import("./geomag.js").Model} model  of the earth's field
  * @property {object} lines
  * @property {any} targets
  */
@@ -52,7 +53,7 @@ export class OwnLink extends SessionLink {
      * @param {Keeper} keeper
      */
     constructor(listener, data, fitter, keeper) {
-        super(listener, fitter, data.engine);
+        super(listener, fitter, data);
         this.data = data;
         this.keeper = keeper;
         /** @type {Source | null} */

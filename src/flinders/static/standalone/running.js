@@ -46,13 +46,13 @@ export class SessionLink {
     /**
      * @param {Listener} listener
      * @param {Fitter} fitter
-     * @param {{tiles: import("../messages.d.ts").TilesView}} data
+     * @param {{engine: {tiles: import("../messages.d.ts").TilesView}, model: import("./geomag.js").Model}} data
      */
-    constructor(listener, fitter, { tiles }) {
+    constructor(listener, fitter, { engine: { tiles }, model }) {
         this.listener = listener;
         this.fitter = fitter;
         this.tiles = tiles;
-        this.session = new Session();
+        this.session = new Session(model);
         this.cursor = new Cursor();
         /** @type {View | null} that was said */
         this.view = null;

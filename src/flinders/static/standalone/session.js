@@ -5,6 +5,8 @@
  */
 
 import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
+import { siteField } from "./geomag.js";
+import { fixed, general } from "./numbers.js";
 
 /** @typedef {import("./buffer.js").Rows} Rows */
 /** @typedef {import("./buffer.js").Span} Span */
@@ -41,6 +43,9 @@ export const RULES = Object.freeze({
     /** A calibration that is good to so much tilt needs no word about tilt. */
     level_deg: 89,
     assumed_dip_deg: 60,
+    /** Of the field that the model has at a place: what gains are usually off by, and the dip of a place. */
+    gain_sigma: 0.05,
+    inclination_sigma_deg: 1,
 });
 
 /**
@@ -87,6 +92,18 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {"heading" | "attitude"} goal
  * @property {boolean} isFollowed  somebody turns the sensor just now, and may be led
  * @property {Previous | null} previous
+ * @property {Site | null} site  what counts of the place
+ */
+
+/**
+ * The field of a place and how the sensor is mounted in it, by the names of `flinders_site`; null where it is not known.
+ * @typedef {object} Site
+ * @property {number | null} [strength]
+ * @property {number | null} [gain_sigma]
+ * @property {number | null} [inclination_deg]
+ * @property {number | null} [inclination_sigma_deg]
+ * @property {number | null} [alignment_sigma_deg]
+ * @property {boolean} [z_down]
  */
 
 /**
@@ -100,7 +117,6 @@ const NO_FIT = { key: -1, view: null, refusal: "", refusalCode: "", reasons: [],
 const END = 1e9;
 const LARGEST_DIP_DEG = 89;
 const A_LOG = "a log is shown, and nothing arrives in it: go back to the sensor first";
-const NO_PLACE = "this page has no model of the earth's field: look up the inclination at your place, and type it as dip";
 
 /** Readings that are fitted together: those of the sensor, or of a log. */
 export class Series {
@@ -120,6 +136,8 @@ export class Series {
         /** @type {number | null} it was begun anew then: readings up to that time are left behind */
         this.begunS = null;
         this.exclusions = new Exclusions();
+        /** @type {Site | null} where it was recorded */
+        this.site = null;
         /** @type {number | null} since when what arrives is left out */
         this.pausedAt = null;
         this.generation = 1;
@@ -147,7 +165,9 @@ export class Series {
 }
 
 export class Session {
-    constructor(rules = RULES) {
+    /** @param {import("./geomag.js").Model | null} model  of the earth's field */
+    constructor(model = null, rules = RULES) {
+        this.model = model;
         this.rules = rules;
         /** @type {SourceState} */
         this.source = { name: "no source", kind: "simulated", link: "waiting", words: "" };
@@ -210,7 +230,8 @@ export class Session {
 
     /** @returns {[number, boolean]} The dip that is judged at, and whether it is assumed. */
     get judgedDip() {
-        return this.dipDeg === null ? [this.rules.assumed_dip_deg, true] : [this.dipDeg, false];
+        const known = this.dipDeg ?? this.shown.site?.inclination_deg ?? null;
+        return known === null ? [this.rules.assumed_dip_deg, true] : [known, false];
     }
 
     /** @param {number} at */
@@ -327,7 +348,7 @@ export class Session {
             target_deg: this.targetDeg,
             dip_deg: this.dipDeg,
             goal: this.goal,
-            site: null,
+            site: live.site && stated(live.site),
             refreshing: false,
         };
     }
@@ -343,6 +364,7 @@ export class Session {
         const { live } = this;
         live.exclusions = live.exclusions.becoming(edits.excluded);
         live.pausedAt = edits.paused_s;
+        live.site = edits.site;
         this.targetDeg = edits.target_deg;
         this.dipDeg = edits.dip_deg;
         this.goal = edits.goal;
@@ -371,7 +393,7 @@ export class Session {
             case "previous_clear":
                 return this.#wish("previous", null);
             case "place":
-                return [notice(NO_PLACE, "warning")];
+                return this.#place(command);
             case "exclude":
                 return this.#exclude(command.start_s, command.end_s);
             case "restore":
@@ -420,6 +442,42 @@ export class Session {
         this.#useAll();
         this.#refit();
         return [];
+    }
+
+    /**
+     * Take dip and strength of a place.
+     * @param {Extract<Command, {type: "place"}>} place
+     * @returns {Notice[]}
+     */
+    #place({ latitude_deg: latitude, longitude_deg: longitude, year }) {
+        const { model, rules: { gain_sigma, inclination_sigma_deg } } = this;
+        if (model === null) return [];
+        const wrong = noPlace(latitude, longitude) || noYear(model, year);
+        if (wrong) return [notice(wrong, "warning")];
+        const { strength, inclinationDeg } = siteField(model, latitude, longitude, year);
+        const dipDeg = Number(fixed(inclinationDeg, 1));
+        if (Math.abs(dipDeg) > LARGEST_DIP_DEG) {
+            return [notice(`the dip there is ${general(dipDeg)}°: no compass works where it is beyond ${LARGEST_DIP_DEG}°`, "warning")];
+        }
+        this.shown.site = { strength, gain_sigma, inclination_deg: inclinationDeg, inclination_sigma_deg };
+        this.shown.within = [];
+        this.#refit();
+        this.#wish("dipDeg", dipDeg);
+        const where = `the dip at ${general(latitude)}°, ${general(longitude)}° is ${general(dipDeg)}°`;
+        return [notice(`${where}, the strength of the field ${fixed(strength, 1)} µT (${model.name})`, "info")];
+    }
+
+    /**
+     * What counts of the place: its strength for readings in a true unit, and its dip unless another is given.
+     * @returns {Site | null}
+     */
+    get #site() {
+        const { site, unit } = this.shown;
+        if (site === null) return null;
+        const strength = unit.inside === "uT" ? site.strength : null;
+        const isItsDip = this.dipDeg === null || this.dipDeg === site.inclination_deg;
+        const inclination_deg = isItsDip ? site.inclination_deg : null;
+        return strength === null && inclination_deg === null ? null : { ...site, strength, inclination_deg };
     }
 
     /**
@@ -485,9 +543,9 @@ export class Session {
 
     /** @param {number | null} begunS  time of the last reading that is left behind */
     #begin(begunS) {
-        const { unit, buffer, frame } = this.live;
+        const { unit, buffer, frame, site } = this.live;
         this.live = new Series(buffer.most, unit);
-        Object.assign(this.live, { begunS, frame, generation: ++this.generations, key: ++this.keys, since: this.keys });
+        Object.assign(this.live, { begunS, frame, site, generation: ++this.generations, key: ++this.keys, since: this.keys });
         this.arrivals = [];
         this.revision += 1;
     }
@@ -549,6 +607,7 @@ export class Session {
             goal: this.goal,
             isFollowed: this.opened === null && this.live.pausedAt === null && this.source.link === "connected",
             previous: this.previous,
+            site: this.#site,
         };
     }
 
@@ -652,6 +711,32 @@ export function notice(words, severity) {
 }
 
 /**
+ * Why there is no such place; nothing where there is.
+ * @param {number} latitude
+ * @param {number} longitude
+ * @returns {string}
+ */
+function noPlace(latitude, longitude) {
+    const isSwapped = Math.abs(latitude) <= 180 && Math.abs(longitude) <= 90;
+    const swapped = isSwapped ? "; the latitude comes first" : "";
+    if (!(Math.abs(latitude) <= 90)) return `latitude is ${general(latitude)}°: need −90° to 90°${swapped}`;
+    if (longitude >= -180 && longitude <= 360) return "";
+    return `longitude is ${general(longitude)}°: need −180° to 180°, east positive`;
+}
+
+/**
+ * Why a year is not that of the model; nothing where it is.
+ * @param {import("./geomag.js").Model} model
+ * @param {number} year
+ * @returns {string}
+ */
+function noYear({ name, epoch, years }, year) {
+    if (year >= epoch && year <= epoch + years) return "";
+    const begin = `${general(year)} lies outside ${name}, from ${general(epoch)} to ${general(epoch + years)}`;
+    return `${begin}: look up the inclination at your place, and type it as dip`;
+}
+
+/**
  * The next number above one that is not negative.
  * @param {number} value
  * @returns {number}
@@ -679,6 +764,15 @@ export function seriesOf(rules, { time, field, unit }) {
 /** @param {Unit} unit @returns {string} As the page shows it. */
 export function labelOf({ inside }) {
     return inside === "uT" ? "µT" : inside;
+}
+
+/**
+ * What is known of a site, without what is not.
+ * @param {Site} site
+ * @returns {import("../wire.d.ts").Site}
+ */
+function stated(site) {
+    return Object.fromEntries(Object.entries(site).filter(([, value]) => value !== null));
 }
 
 /**

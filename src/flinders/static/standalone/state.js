@@ -37,7 +37,7 @@ export function sessionState(session) {
         told,
         reasons,
         target_deg: session.targetDeg,
-        dip_deg: dipDeg,
+        dip_deg: session.dipDeg ?? Number(fixed(dipDeg, 1)),
         dip_assumed: dipAssumed,
         goal: session.goal,
         excluded,

@@ -39,7 +39,7 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
         condition: fit.judgement.conditions ? fit.data.condition : "",
         method: fit.method,
         unit: fit.unit,
-        field_strength_known: false,
+        field_strength_known: fit.isStrengthKnown,
         samples: fit.samples,
         findings: shown.map((finding) => viewOfFinding(finding, fit.data)),
         tiles_deg: shownErrors,
@@ -113,14 +113,14 @@ function triple(numbers) {
  * @param {Fit} fit
  * @param {Fit["turn"]} turn
  */
-function copied({ engine, surface, covariance }, { deviationDeg }) {
-    const matrix = surface.inverse.map((part) => surface.radius * part);
+function copied({ engine, surface, strength, isStrengthKnown, covariance }, { deviationDeg }) {
+    const matrix = surface.inverse.map((part) => strength * part);
     return {
-        field_strength: surface.radius,
+        field_strength: strength,
         offset: triple(surface.centre),
         offset_sigma: triple([0, 10, 20].map((i) => Math.sqrt(covariance[i]))),
         matrix: rowsOf(matrix),
-        matrix_sigma: rowsOf(engine.matrixSigmas(matrix, surface.shape, covariance)),
+        matrix_sigma: rowsOf(engine.matrixSigmas(matrix, surface.shape, covariance, isStrengthKnown)),
         uncorrected_heading_error_deg: { rms: rootMeanSquare(deviationDeg), worst: Math.max(...deviationDeg.map(Math.abs)) },
     };
 }
@@ -130,14 +130,14 @@ function copied({ engine, surface, covariance }, { deviationDeg }) {
  * @param {Fit} fit
  * @param {Float64Array} vectors Of the readings used.
  */
-function drawn({ surface, noise }, vectors) {
+function drawn({ surface, strength, noise }, vectors) {
     return {
         noise,
         residuals: histogram(vectors, surface.radius, noise),
         shown: {
             offset: triple(surface.centre),
-            matrix: rowsOf(surface.inverse.map((part) => surface.radius * part)),
-            strength: surface.radius,
+            matrix: rowsOf(surface.inverse.map((part) => strength * part)),
+            strength,
         },
     };
 }

@@ -1,0 +1,131 @@
+r"""Modules of the page as one script, which a file can hold: no server, no second file, no request.
+
+A page that is opened from a disk cannot import modules, so they are joined when a report is written: each becomes a
+function that is called once and returns what it exports. Our modules use the two plainest forms of import and export,
+and `joined` refuses any other. The pages have a bundle in its place, a third as large, which esbuild makes when
+Flinders is installed (``hatch_build.py``); while modules are edited they are joined, too.
+
+>>> wrapped = _wrapped("m1", 'import { a as b } from "./x.js";\nexport const c = b + 1;\n', {"./x.js": "m0"})
+>>> print(wrapped)
+const m1 = (() => {
+const { a: b } = m0;
+const c = b + 1;
+return { c };
+})();
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import posixpath
+import re
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+
+STATIC: Final = Path(__file__).resolve().parent.parent / "static"
+BUNDLED: Final = "bundled"
+"""Folder of ``static`` with the bundles."""
+ENTRIES: Final = ("live.js", "standalone/main.js", "standalone/worker.js", "views/scene.js")
+"""Modules of ``static`` that are bundled with all that they import."""
+
+
+def headline(static: Path = STATIC) -> str:
+    """The first line of a bundle: what names the modules that it was made of."""
+    digest = hashlib.sha256()
+    for path in sorted(static.rglob("*.js")):
+        if path.parent.name != BUNDLED:
+            digest.update(path.read_bytes().replace(b"\r\n", b"\n"))
+    return f"/* of sha256:{digest.hexdigest()} */\n"
+
+
+_headline = cache(headline)
+
+
+def bundle_of(entry: str) -> str:
+    """Where in ``static`` the bundle of a module is."""
+    return f"{BUNDLED}/{posixpath.basename(entry)}"
+
+
+@cache
+def script(entry: str, *, exported: tuple[str, ...] = ()) -> str:
+    """A module with all that it imports, as one script: its bundle where that is of these modules; else joined."""
+    with contextlib.suppress(FileNotFoundError):
+        text = asset(bundle_of(entry))
+        if text.startswith(_headline()):
+            return text
+    return joined(entry, exported=exported)
+
+
+IMPORT: Final = re.compile(r'^import\s*\{([^}]*)\}\s*from\s*"([^"]+)";', re.MULTILINE)
+EXPORT: Final = re.compile(r"^export (?=(?:async )?(?:function\*?|class|const) (\w+))", re.MULTILINE)
+LIST: Final = re.compile(r"\bexport\s*\{([^{}]*)\};?\s*\Z")
+"""The list at the end of a bundle of esbuild."""
+LEFT: Final = re.compile(r"^(?:import|export)\b|^\s*export\s*(?:\{|default\b)", re.MULTILINE)
+UNSAFE: Final = re.compile(r"</script|<!--", re.IGNORECASE)
+"""What would end, or change the meaning of, a script inside a page."""
+
+
+class NotJoined(Exception):
+    """A module is written in a form that cannot be joined; that is a mistake of ours, which a test finds."""
+
+
+@cache
+def joined(entry: str = "report.js", *, exported: tuple[str, ...] = ()) -> str:
+    """Join a module of ``static`` and all that it imports into the text of one module script, once in a process.
+
+    The script exports what is named in `exported` of what the module does; a page imports that by name.
+
+    Raises `FileNotFoundError` where a module is missing, as ``vendor/three.js`` is where Flinders was installed without
+    the 3-D view; `NotJoined` for a module that imports or exports in another form.
+    """
+    names: dict[str, str] = {}
+    parts: list[str] = []
+    _join(entry, names, parts)
+    if exported:
+        parts.append(f"export const {{ {', '.join(exported)} }} = {names[entry]};\n")
+    return "\n".join(parts)
+
+
+def asset(path: str) -> str:
+    """The text of a file of ``static``.
+
+    Raises `FileNotFoundError`.
+    """
+    return files("flinders").joinpath("static", *path.split("/")).read_text(encoding="utf-8")
+
+
+def _join(path: str, names: dict[str, str], parts: list[str]) -> None:
+    """Add a module, after those that it imports."""
+    text = asset(path)
+    if UNSAFE.search(text):
+        raise NotJoined(f"{path} holds the end of a script")
+    inside = {}
+    for match in IMPORT.finditer(text):
+        other = posixpath.normpath(posixpath.join(posixpath.dirname(path), match[2]))
+        if other not in names:
+            _join(other, names, parts)
+        inside[match[2]] = names[other]
+    names[path] = f"m{len(names)}"
+    parts.append(_wrapped(names[path], text, inside))
+
+
+def _wrapped(name: str, text: str, inside: dict[str, str]) -> str:
+    """A module as a function that is called at once.
+
+    Raises `NotJoined`.
+    """
+    exported = [f"{match[1]}" for match in EXPORT.finditer(text)]
+    body = IMPORT.sub(lambda match: f"const {{{match[1].replace(' as ', ': ')}}} = {inside[match[2]]};", text)
+    body = EXPORT.sub("", body)
+    listed = LIST.search(body)
+    if listed:
+        pairs = (pair.split(" as ") for pair in listed[1].split(","))
+        exported += [f"{pair[-1].strip()}: {pair[0].strip()}" for pair in pairs]
+        body = body[: listed.start()]
+    left = LEFT.search(body)
+    if left:
+        raise NotJoined(f"{name}: {body[left.start() :][:60]!r} is a form that is not joined")
+    return f"const {name} = (() => {{\n{body.strip()}\nreturn {{ {', '.join(exported)} }};\n}})();"
