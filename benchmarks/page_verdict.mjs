@@ -3,9 +3,9 @@
 import { readFileSync } from "node:fs";
 import { pathToFileURL } from "node:url";
 
-const { modules, wasm, data, recordings, turns } = JSON.parse(readFileSync(0, "utf-8"));
+const { modules, wasm, data, schema, recordings, turns } = JSON.parse(readFileSync(0, "utf-8"));
 const load = (name) => import(pathToFileURL(`${modules}/${name}`));
-const [{ loadEngine }, { evaluate }] = await Promise.all(["engine.js", "evaluate.js"].map(load));
+const [{ loadEngine }, { evaluate }, { readCalibration }] = await Promise.all(["engine.js", "evaluate.js", "targets.js"].map(load));
 const engine = await loadEngine(readFileSync(wasm), data.layouts);
 
 const floats = (text) => text && new Float64Array(Uint8Array.from(Buffer.from(text, "base64")).buffer);
@@ -19,7 +19,9 @@ const milliseconds = (work) => {
     return taken.sort((one, other) => one - other)[turns >> 1] ?? 0;
 };
 const answers = recordings.map((asked) => {
-    const readings = { ...asked, field: floats(asked.field), time: floats(asked.time) };
+    const { name, text } = asked.previous ?? {};
+    const previous = asked.previous && { name, calibration: readCalibration(text, { targets: { schema } }) };
+    const readings = { ...asked, field: floats(asked.field), time: floats(asked.time), previous };
     const { field, time, dipDeg } = readings;
     return {
         ...evaluate(engine, data, readings),

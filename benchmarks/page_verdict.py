@@ -29,6 +29,7 @@ import flinders
 from benchmarks.datasets import SETS, dataset
 from benchmarks.fits import WORLDS, recordings
 from benchmarks.recordings import FOLDER
+from flinders.core.calibration_file import VERSION, dumps
 from flinders.core.samples import Samples
 from flinders.core.units import label
 from flinders.fitting.calibrate import judged_dip
@@ -130,6 +131,8 @@ def asked(session: LiveSession) -> dict[str, Any]:
         "goal": session.goal,
         "isFollowed": session.is_followed,
         "site": None if site is None else site_of(site.evidence),
+        "previous": None if session.previous is None else _file_of(session.previous),
+        "isRenewed": session.renewed is not None,
     }
 
 
@@ -139,6 +142,11 @@ def site_of(known: Site | None) -> dict[str, float | None] | None:
         return None
     names = ("strength", "gain_sigma", "inclination_deg", "inclination_sigma_deg")
     return {name: value if math.isfinite(value := getattr(known, name) or math.nan) else None for name in names}
+
+
+def _file_of(fit: Fit) -> dict[str, str]:
+    """Name and text of a calibration file."""
+    return {"name": fit.name, "text": dumps(fit.to_document())}
 
 
 def _packed(numbers: Floats) -> str:
@@ -151,6 +159,7 @@ def page_answers(sessions: Sequence[LiveSession], turns: int = 0) -> dict[str, A
         "modules": str(files("flinders").joinpath("static", "standalone")),
         "wasm": str(build.library(target=build.WEB)),
         "data": data(),
+        "schema": VERSION,
         "recordings": [asked(session) for session in sessions],
         "turns": turns,
     }

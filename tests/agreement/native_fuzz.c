@@ -85,6 +85,11 @@ static flinders_options some_options(void)
     if (uniform() < 0.05) options.prior = anything();
     if (uniform() < 0.05) options.dip_deg = anything();
     if (uniform() < 0.2) options.statistics = 0;
+    options.is_informed = uniform() < 0.05;
+    for (int i = 0; i < 9; i++) options.expected[i] = i < 3 ? 0 : (flinders_real)(i < 6 ? 50 : uniform());
+    for (int i = 0; i < 9; i++) options.information[10 * i] = (flinders_real)(i < 3 ? 0 : uniform());
+    if (uniform() < 0.02) fill_with_anything(options.information, 81);
+    if (uniform() < 0.02) fill_with_anything(options.expected, 9);
     if (uniform() < 0.02) options.robust = options.kernels = options.statistics = INT32_MIN + (int32_t)below(9);
     return options;
 }
@@ -237,6 +242,47 @@ static void list_outliers(size_t rows)
     free(far), free(out), free(scratch), free(distances), free(first), free(last), free(runs);
 }
 
+/* Compare two calibrations of anything. */
+static void compare(const flinders_record *first, const flinders_record *second)
+{
+    const flinders_record *const records[2] = {first, second};
+    flinders_calibrated both[2];
+    flinders_difference apart;
+    for (int i = 0; i < 2; i++) {
+        memcpy(both[i].centre, records[i]->centre, sizeof both[i].centre);
+        memcpy(both[i].shape, records[i]->shape, sizeof both[i].shape);
+        memcpy(both[i].covariance, records[i]->covariance, sizeof both[i].covariance);
+        both[i].strength = uniform() < 0.5 ? 0 : uniform() < 0.5 ? 50 : anything();
+    }
+    const int status = flinders_compare(both, both + 1, uniform() < 0.9 ? 60 : anything(), &apart);
+    REQUIRE(status >= 0 && status <= 9 && apart.freedom >= 0 && apart.freedom <= 9);
+    REQUIRE(!(apart.p_value < 0) && !(apart.p_value > 1));
+}
+
+/* Renew the calibration of a record, or one of anything; returns 1 if that gave a calibration. */
+static int renew(const flinders_real *field, const flinders_real *time, size_t rows, const flinders_record *record)
+{
+    const size_t size = flinders_workspace_size(rows);
+    const flinders_options options = some_options();
+    void *workspace = need(size);
+    flinders_record renewed;
+    flinders_earlier earlier;
+    flinders_earlier_of(record->centre, record->shape, uniform() < 0.5 ? NULL : record->covariance, 0,
+                        uniform() < 0.9 ? 1 : anything(), uniform() < 0.9 ? 0 : anything(), &earlier);
+    if (uniform() < 0.1) fill_with_anything(earlier.parameters, 9);
+    if (uniform() < 0.1) earlier.covariance[below(81)] = anything();
+    if (uniform() < 0.1) fill_with_anything(earlier.covariance, 81);
+    const int status = flinders_refresh(field, time, rows, &options, &earlier, workspace, size, &renewed);
+    REQUIRE(status >= 0 && status <= 9 && status == renewed.status);
+    REQUIRE(status || (isfinite(renewed.centre[0]) && isfinite(renewed.radius) && renewed.radius > 0));
+    const flinders_real chance = flinders_soft_iron_p_value(&earlier, renewed.shape, renewed.textbook, renewed.covariance);
+    REQUIRE(!(chance < 0) && !(chance > 1));
+    flinders_turn_deg(field, rows, earlier.parameters + 3);
+    compare(record, &renewed);
+    free(workspace);
+    return status == FLINDERS_OK;
+}
+
 /* Fit recordings one behind the other, each as by itself; returns how many gave a calibration. */
 static int fit(size_t recordings)
 {
@@ -280,6 +326,7 @@ static int fit(size_t recordings)
     const int regressed = flinders_regress(field, time, rows[0], records->centre, records->shape,
                                            uniform() < 0.5 ? INFINITY : anything(), workspace, size, &found);
     REQUIRE(regressed >= 0 && regressed <= 9 && found.used <= (int64_t)rows[0]);
+    if (uniform() < 0.3) fitted += renew(field, is_timed ? time : NULL, rows[0], records);
     ask_for_turns(field, rows[0], records, recordings);
     ask_for_a_plane(field, rows[0]);
     cover(field, rows[0], records);

@@ -77,4 +77,4 @@ def test_the_page_shows_what_it_prints(program: Path) -> None:
 
 
 def test_too_few_readings_are_refused_in_words(program: Path) -> None:
-    assert printed(program, np.ones((3, 3))) == "there are fewer readings than the ten unknowns: record more\n"
+    assert printed(program, np.ones((3, 3))) == "there are too few different readings: record more\n"

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from benchmarks.page_verdict import Compared
     from flinders.live.session import LiveSession
 
+    from flinders.fitting.result import Fit
     from flinders.heading.guidance import Goal
 
 try:
@@ -177,6 +178,77 @@ def test_a_level_turn_is_refused() -> None:
     assert answer["view"]["findings"][0]["advice"].endswith("flinders calibrate does")
 
 
+TUMBLED = simulate.tumble(seed=3)
+MOVED = replace(TUMBLED.sensor, offset=TUMBLED.sensor.offset + np.array([8.0, -5.0, 3.0]))
+
+
+def renewals() -> dict[str, tuple[Samples, Fit]]:
+    """Recordings of seconds, and an earlier calibration that each renews."""
+    earlier = flinders.fit(TUMBLED.samples).with_name("monday.json")
+    known = flinders.fit(TUMBLED.samples, site=flinders.Site(strength=50.0, inclination_deg=-66.0))
+    bare = replace(earlier, claim=replace(earlier.claim, covariance=np.zeros((9, 9))))
+    bent = MOVED.matrix @ np.diag([1.1, 1.0, 0.93])
+    steel = replace(MOVED, matrix=(bent + bent.T) / 2.0)
+    wobble, turn = (
+        simulate.tumble(seed=4, motion=motion, n=500, sensor=MOVED).samples for motion in ("wobble", "level")
+    )
+    still = np.random.default_rng(1).normal(wobble.field[0], 0.1, (100, 3))
+    top = np.array([np.quantile(wobble.field[:, 0], 0.93), np.inf, np.inf])
+    return {
+        "wobble": (wobble, earlier),
+        "of a known field": (wobble, known.with_name("known.json")),
+        "no uncertainty": (wobble, bare.with_name("bare.json")),
+        "level turn": (turn, earlier),
+        "steel": (simulate.tumble(seed=4, motion="wobble", n=500, sensor=steel).samples, earlier),
+        "outliers": (simulate.tumble(seed=4, motion="wobble", n=500, sensor=MOVED, outliers=0.04).samples, earlier),
+        "end of range": (replace(wobble, field=np.minimum(wobble.field, top)), earlier),
+        "too few": (wobble[:15], earlier),
+        "at rest": (Samples(still, unit=wobble.unit, time=np.arange(100) / 50.0), earlier),
+        "a tumble": (simulate.tumble(seed=6, n=1500, sensor=MOVED).samples, earlier),
+    }
+
+
+def test_the_page_renews_an_earlier_calibration_as_the_program_does() -> None:
+    cases = renewals()
+    sessions = [
+        replace(session_of(thinned(samples)), previous=earlier, refreshes=True) for samples, earlier in cases.values()
+    ]
+    methods, codes = set(), set()
+    for name, session, page in zip(cases, sessions, page_answers(sessions)["answers"], strict=True):
+        program = evaluate(session)
+        assert page["previous"] == msgspec.to_builtins(program.previous) | {
+            "change_deg": None if program.previous.change_deg is None else pytest.approx(program.previous.change_deg)
+        }
+        assert [reason["code"] for reason in page["reasons"]] == [reason.code for reason in program.reasons], name
+        if program.view is None:
+            assert page["view"] is None, name
+            continue
+        drawn = msgspec.to_builtins(program.view)
+        left_out = {"findings": [], "guidance": None}  # a known shape makes opposite directions alike
+        same({**page["view"], **left_out}, {**drawn, **left_out}, "view")
+        found = [finding["code"] for finding in page["view"]["findings"]]
+        assert found == [finding["code"] for finding in drawn["findings"]], name
+        methods.add(page["view"]["method"])
+        codes |= set(found)
+    assert methods == {"refresh"}
+    assert codes >= {"soft-iron-changed", "heading-error", "outliers", "scale-unknown"}
+
+
+def test_the_page_says_what_chance_explains_of_a_difference_as_the_program_does() -> None:
+    earlier = flinders.fit(TUMBLED.samples).with_name("monday.json")
+    agrees, differs = (simulate.tumble(seed=8, n=1500, sensor=each).samples for each in (TUMBLED.sensor, MOVED))
+    sessions = [replace(session_of(thinned(samples)), previous=earlier) for samples in (agrees, differs)]
+    sessions.append(replace(sessions[1], target_deg=90.0))
+    answers = page_answers(sessions)["answers"]
+    states = [page["previous"] for page in answers]
+    for session, state in zip(sessions, states, strict=True):
+        program = evaluate(session).previous
+        assert program is not None
+        assert (state["name"], state["words"]) == (program.name, program.words)
+        assert state["change_deg"] == pytest.approx(program.change_deg, rel=1e-6)
+    assert [state["words"].split()[1] for state in states] == ["agrees", "contradicts", "differs"]
+
+
 CLOSE = {
     "tiles_deg": (1e-3, 0.0),
     "tiles_seen": (0.0, 1.0),
@@ -244,7 +316,7 @@ NEVER_ON_THE_PAGE = frozenset({"level-plane", "mirrored-axes"})
 """Findings of what the page does not do: it fits no level turn, and maps no axes."""
 
 NEVER_THERE = frozenset({"halves_ratio", "differ_deg"})
-"""Values that are no number on the page: it compares neither halves of a recording nor calibrations."""
+"""Values that are no number on the page: it compares neither halves of a recording nor several recordings."""
 
 
 def test_the_page_knows_every_word_of_a_finding_that_it_looks_for() -> None:

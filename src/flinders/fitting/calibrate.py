@@ -458,12 +458,13 @@ def _claimed(found: _Estimated, estimator: Estimator, request: Request) -> Widen
 
 def judged_as(
     estimate: Estimate,
-    source: Recording,
+    source: Recording | Readings,
     *,
     aiding_result: Aiding | None = None,
     site: Site | None = None,
     target_deg: float = 1.0,
     sensor: str | None = None,
+    dip_assumed: bool = False,
     refreshed: Refreshed | None = None,
 ) -> Fit:
     """Judge an estimate that was made elsewhere, such as by several magnetometers together, as that of a recording.
@@ -472,12 +473,14 @@ def judged_as(
     ----------
     estimate : Estimate
         Its covariance knows how residuals are correlated.
-    source : Recording
-        The readings that it belongs to, for coverage and health.
+    source : Recording or Readings
+        The readings that it belongs to, for coverage and health; as readings those at no rail.
     aiding_result : Aiding, optional
         With the rotation that corrected readings are turned by.
     site, target_deg, sensor
         As for `fit`.
+    dip_assumed : bool
+        The dip of the site is a guess.
     refreshed : Refreshed, optional
         Where the shape is that of an earlier calibration.
 
@@ -487,8 +490,10 @@ def judged_as(
         Where it cannot be trusted; it carries the fit.
     """
     request = Request.of(site, target_deg=target_deg)
-    found = _Estimated.of(estimate, within_range(Readings.of(source)), aiding_result)._replace(refreshed=refreshed)
-    calibration = _turned(_calibration(estimate, request, _Frame.of(source), sensor), aiding_result)
+    request = replace(request, dip_assumed=dip_assumed or request.dip_assumed)
+    readings = source if isinstance(source, Readings) else within_range(Readings.of(source))
+    found = _Estimated.of(estimate, readings, aiding_result)._replace(refreshed=refreshed)
+    calibration = _turned(_calibration(estimate, request, _Frame.of(readings.recording), sensor), aiding_result)
     widened = claimed(
         estimate,
         found.readings,
@@ -676,6 +681,8 @@ def _drift(estimate: Estimate, found: _Estimated, dip_deg: float) -> Drift | Non
     if found.record is not None and not estimate.outliers:
         return drift_in(found.record)
     if readings.recording is None or readings.parts or estimate.unobserved or estimate.bias is not None:
+        return None
+    if found.refreshed is not None:  # a wobble of seconds tells no change from noise that lasts
         return None
     if estimate.correlation is None or estimate.correlation.is_white:
         return None

@@ -53,7 +53,6 @@ from flinders.fitting.claim import Claim
 from flinders.fitting.evidence import Diagnosis, Evidence, Residuals
 from flinders.fitting.record import expected_error
 from flinders.fitting.refreshing import (
-    FINEST_SHAPE,
     known_shape,
     refreshed_from,
     refuse_unfit,
@@ -85,6 +84,9 @@ METHOD: Final = "known-heading"
 
 CONDITIONS_OF_POSES: Final[tuple[Condition, ...]] = ("same-soft-iron", "uniform-field", "constant-iron")
 """What a good verdict rests on."""
+
+FINEST_SHAPE: Final = 1e-4
+"""Of the radius: no reading knows it better, as in ``refresh.c``."""
 
 BLOCKS: Final = 10
 """Of a pose, whose means say how well the mean of all is known, also where noise has a memory."""

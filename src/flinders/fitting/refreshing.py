@@ -6,9 +6,9 @@ calibration knows them, with their uncertainty. So the shape S of the ellipsoid 
     S ~ N(f S₀, f² C₀ + σ² S₀ S₀ᵀ)
 
 C₀ the covariance that the earlier calibration claims, σ how well the strength of the field is known to be as it was, f
-the ratio of both strengths where a site tells that. The offset is free. `flinders.estimators.aiding` finds the maximum
-of the posterior over all readings, with what an aiding sensor adds. Where the readings contradict the shape
-(`flinders.diagnostics.soft_iron`), it is fitted again with a prior that allows a change, and the verdict is limited.
+the ratio of both strengths where a site tells that. The offset is free. The engine finds the maximum of the posterior
+(``refresh.c``); with aiding sensors `flinders.estimators.aiding` does, from there. Where the readings contradict the
+shape, it is fitted again with a prior that allows a change, and the verdict is limited.
 
 A few readings within 30° see a change of a hundredth of the soft iron seldom, and it costs a degree of heading
 (``python -m benchmarks.refresh``): a good verdict rests on the soft iron being the same, and says so.
@@ -28,56 +28,58 @@ A few readings within 30° see a change of a hundredth of the soft iron seldom, 
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
 from flinders.core.samples import Samples, frame_of, in_memory
-from flinders.diagnostics.soft_iron import Posterior, Refreshed, by_chance, changeable
-from flinders.errors import AxesError, TooFewSamples, UnitError, Unmoved, UsageError, spell_checked
+from flinders.diagnostics.soft_iron import Refreshed
+from flinders.errors import AxesError, OutOfScale, TooFewSamples, UnitError, Unmoved, UsageError, spell_checked
+from flinders.estimators import Readings, within_range
 from flinders.estimators.data import recording_of
+from flinders.estimators.likelihood import estimated
 from flinders.findings import limit_of
 from flinders.fitting.aid_selection import aided_by
 from flinders.fitting.aiding import Instruments
 from flinders.fitting.calibrate import ELSEWHERE, judged_as, judged_dip
-from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.heading.error_propagation import raw_error
 from flinders.likelihood.prior import KnownShape
 from flinders.likelihood.site_field import Site
+from flinders.native.engine import constant, engine
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
-    from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
-    from flinders.estimators.aiding import Aided
+    from flinders.estimators import Estimate
     from flinders.fitting.aiding import Aiding, AnyAiding
     from flinders.fitting.calibrate import AnyReadings
     from flinders.fitting.result import Fit
+    from flinders.native.engine import Records
 
 METHOD: Final = "refresh"
 
-STRENGTH_SIGMA: Final = 0.01
-"""Of the strength of the field: places a hundred kilometres apart, and the ground and buildings at each."""
-
-SHAPE_SIGMA: Final = 0.02
-"""Of the radius, each entry of the shape: of a calibration that states no uncertainty."""
-
-FINEST_SHAPE: Final = 1e-4
-"""Of the radius: no earlier calibration knows a shape better, not even one whose method holds it."""
-
-ALLOWED_CHANGE: Final = 0.05
-"""Of the soft iron, where the readings show that it has changed."""
+TOO_FEW, OUT_OF_SCALE, UNMOVED = (constant(name) for name in ("TOO_FEW", "OUT_OF_SCALE", "UNMOVED"))
+"""Statuses of the engine."""
 
 FEWEST: Final = 20
-"""Readings."""
+"""Readings, as ``refresh.c`` has it."""
 
-LEAST_TURN_DEG: Final = 5.0
-"""From the mean reading: noise of a hundredth of the field reaches 2.3° in a thousand readings."""
+TO_ALL_SIDES: Final = "by 30° to all sides"
+"""How a sensor has to be turned."""
 
-RIDGE: Final = 1e-4
-"""Of a reading, in square radii: the offset stays where no reading tells of it, as across a level turn."""
+UNFIT: Final = {
+    "none": "there is no earlier calibration to renew: choose its file first",
+    "refused": "{name} was refused when it was made: calibrate again, from a full tumble",
+    "level": "{name} comes from a level turn, which tells no soft iron: calibrate again as then",
+    "disturbed": "{name} follows {disturbances}, and a refreshed offset would not: calibrate again with {disturbances}",
+    "linearized": "{name} linearizes its axes about its offset: calibrate again, from a full tumble",
+}
+"""Why an earlier calibration cannot be renewed; the page that needs no program says so, too (`flinders.standalone`)."""
+
+OTHER_UNIT: Final = "{source} is in {unit}, {name} is for readings in {other}: record as for that calibration"
+"""Of readings that an earlier calibration does not correct."""
 
 
 @spell_checked(ELSEWHERE)
@@ -136,7 +138,6 @@ def refresh(
         raise UsageError(f"soft iron sigma is {soft_iron_sigma:g}: need a share from 0 to 0.5, such as 0.005")
     refuse_unfit(previous)
     samples = samples_of(source, previous)
-    _refuse_still(samples.field, previous.calibration.ellipsoid.shape)
     dip_deg, is_unknown = judged_dip(site)
     dip_deg = previous.claim.dip_deg if is_unknown else dip_deg
     here = replace(
@@ -144,21 +145,37 @@ def refresh(
         strength=strength_of(previous.calibration, site),
         inclination_deg=dip_deg,
     )
-    known = changeable(known_shape(previous, site), soft_iron_sigma)
-    aided, reported, chance = _solved(samples, previous, known, Instruments.of(aiding), site, dip_deg)
+    earlier = earlier_of(previous, site, soft_iron_sigma=soft_iron_sigma)
+    found = _solved(within_range(Readings.of(samples)), earlier, dip_deg)
+    if aiding:
+        of_site = None if site is None else replace(site, strength=None).evidence
+        found = _aided(samples, found, earlier, Instruments.of(aiding), site=of_site, dip_deg=dip_deg)
     fit = judged_as(
-        replace(aided.estimate(), method=METHOD, is_aided=False),
-        samples,
-        aiding_result=reported if aiding else None,
+        replace(found.estimate, method=METHOD, is_aided=False),
+        found.readings,
+        aiding_result=found.aiding,
         site=here,
         target_deg=target_deg,
         sensor=previous.calibration.sensor,
-        refreshed=refreshed_from(previous, aided.ellipsoid, dip_deg, chance),
+        dip_assumed=is_unknown and previous.claim.dip_assumed,
+        refreshed=refreshed_from(previous, found.estimate.ellipsoid, dip_deg, found.soft_iron_p_value),
     )
-    fit = replace(fit, claim=replace(fit.claim, dip_assumed=is_unknown and previous.claim.dip_assumed))
     if fit.calibration.rotation == "estimated":
         return fit
     return fit.with_calibration(turned(fit.calibration, previous))
+
+
+def earlier_of(previous: Fit, site: Site | None = None, *, soft_iron_sigma: float = 0.0) -> Records:
+    """What an earlier calibration tells of the sensor in the field of a site: a row of the engine's `EARLIER`."""
+    calibration, claim = previous.calibration, previous.claim
+    strength = strength_of(calibration, site)
+    return engine().earlier(
+        calibration.ellipsoid,
+        claim.covariance if claim.states_uncertainty else None,
+        distortion=previous.evidence.residuals.distortion,
+        strength_ratio=1.0 if strength is None else strength / calibration.field_strength,
+        soft_iron_sigma=soft_iron_sigma,
+    )
 
 
 def known_shape(previous: Fit, site: Site | None = None) -> KnownShape:
@@ -171,55 +188,26 @@ def known_shape(previous: Fit, site: Site | None = None) -> KnownShape:
     >>> shape.entries, np.sqrt(np.diag(shape.covariance)).round(2)
     (array([50., 50., 50.,  0.,  0.,  0.]), array([1.12, 1.12, 1.12, 1.  , 1.  , 1.  ]))
     """
-    strength = strength_of(previous.calibration, site)
-    factor = 1.0 if strength is None else strength / previous.calibration.field_strength
-    entries = factor * upper(previous.calibration.ellipsoid.shape)
-    radius = previous.calibration.ellipsoid.radius
-    covariance = (
-        previous.claim.covariance[3:, 3:]
-        if previous.claim.states_uncertainty
-        else np.square(SHAPE_SIGMA * radius) * np.eye(6)
-    )
-    rounding = np.square(FINEST_SHAPE * radius) * np.eye(6)
-    size = np.square(STRENGTH_SIGMA) * np.outer(entries, entries)
-    return KnownShape(entries, factor**2 * (covariance + rounding) + size)
+    return _known(earlier_of(previous, site))
 
 
-def started(field: Floats, offset: Floats, shape: Floats) -> Ellipsoid:
-    """The ellipsoid of a (3, 3) shape that (N, 3) readings lie on by linear least squares; near an earlier offset.
-
-    With u = S⁻¹(x − b) the centre d and a constant k solve |u|² = 2 uᵀd + k. Across a level turn d stays zero.
-    """
-    u = np.linalg.solve(shape, (field - offset).T).T
-    columns = np.column_stack([2.0 * u, np.ones(len(u))])
-    normal = columns.T @ columns + RIDGE * len(u) * np.diag([1.0, 1.0, 1.0, 0.0])
-    centre = np.linalg.solve(normal, columns.T @ np.sum(u * u, axis=1))[:3]
-    return Ellipsoid(offset + shape @ centre, shape)
+def _known(earlier: Records) -> KnownShape:
+    """The shape of what an earlier calibration tells."""
+    return KnownShape(earlier["parameters"][3:].copy(), earlier["covariance"].reshape(9, 9)[3:, 3:].copy())
 
 
 def refuse_unfit(previous: Fit) -> None:
     """Refuse an earlier calibration that cannot be renewed."""
-    if previous.verdict == "refused":
-        raise UsageError(f"{previous.name} was refused when it was made: calibrate again, from a full tumble")
-    if previous.claim.plane:
-        raise UsageError(f"{previous.name} comes from a level turn, which tells no soft iron: calibrate again as then")
-    if previous.calibration.disturbances:
-        names = " and ".join(disturbance.name for disturbance in previous.calibration.disturbances)
-        raise UsageError(
-            f"{previous.name} follows {names}, and a refreshed offset would not: calibrate again with {names}"
-        )
-    if previous.calibration.linearization is not None:
-        raise UsageError(f"{previous.name} linearizes its axes about its offset: calibrate again, from a full tumble")
-
-
-def _refuse_still(field: Floats, shape: Floats) -> None:
-    """Refuse (N, 3) readings of a sensor that was hardly turned."""
-    if len(field) < FEWEST:
-        raise TooFewSamples(found=len(field), needed=FEWEST, method=METHOD)
-    off = np.linalg.solve(shape, (field - field.mean(axis=0)).T)
-    turned_deg = math.degrees(float(np.linalg.norm(off, axis=0).max()))
-    if not turned_deg > LEAST_TURN_DEG:
-        raise Unmoved(turned_deg, "by 30° to all sides")
+    disturbances = " and ".join(disturbance.name for disturbance in previous.calibration.disturbances)
+    unfit = {
+        "refused": previous.verdict == "refused",
+        "level": previous.claim.plane is not None,
+        "disturbed": bool(disturbances),
+        "linearized": previous.calibration.linearization is not None,
+    }
+    for why, is_so in unfit.items():
+        if is_so:
+            raise UsageError(UNFIT[why].format(name=previous.name, disturbances=disturbances))
 
 
 def samples_of(source: AnyReadings, previous: Fit) -> Samples:
@@ -229,10 +217,8 @@ def samples_of(source: AnyReadings, previous: Fit) -> Samples:
     if isinstance(recording, Summary):
         raise UsageError("a refresh needs readings: give the recording, not its summary")
     if recording.unit.inside != calibration.unit:
-        raise UnitError(
-            f"{recording.source} is in {recording.unit.name}, {previous.name} is for readings in "
-            f"{calibration.raw.name}: record as for that calibration"
-        )
+        names = {"source": recording.source, "unit": recording.unit.name, "other": calibration.raw.name}
+        raise UnitError(OTHER_UNIT.format(name=previous.name, **names))
     ours, theirs = (recording.axes, frame_of(recording)), (calibration.axes, calibration.frame)
     if ours != theirs:
         raise AxesError(
@@ -250,21 +236,48 @@ def strength_of(calibration: Calibration, site: Site | None) -> float | None:
     return calibration.field_strength if there is None else there
 
 
-def _solved(
-    samples: Samples, previous: Fit, known: KnownShape, aiding: Instruments, site: Site | None, dip_deg: float
-) -> tuple[Aided, Aiding, float]:
-    """Fit with the shape as it was, or with one that may have changed where the readings contradict the former."""
-    of_site = None if site is None else replace(site, strength=None).evidence
-    options: dict[str, Any] = {"site": of_site, "dip_deg": dip_deg, **aiding.sigmas}
-    begin = started(samples.field, previous.calibration.offset, symmetric(known.entries))
-    freer = changeable(known, ALLOWED_CHANGE)
+class _Found(NamedTuple):
+    """An estimate whose shape is that of an earlier calibration, and how often chance makes readings contradict it."""
+
+    estimate: Estimate
+    readings: Readings
+    soft_iron_p_value: float
+    aiding: Aiding | None = None
+
+
+def _solved(readings: Readings, earlier: Records, dip_deg: float) -> _Found:
+    """Fit readings by the magnetometer alone.
+
+    Raises
+    ------
+    TooFewSamples, Unmoved, OutOfScale, NotAnEllipsoid
+    """
+    samples = in_memory(readings.recording or Samples.of([]))
+    record = engine().refresh(samples.field, earlier, time=samples.time, dip_deg=dip_deg)
+    if record["status"] == TOO_FEW:
+        raise TooFewSamples(found=len(samples), needed=FEWEST, method=METHOD)
+    if record["status"] == UNMOVED:
+        turn_deg = engine().turn_deg(samples.field, symmetric(earlier["parameters"][3:]))
+        raise Unmoved(turn_deg, TO_ALL_SIDES)
+    if record["status"] == OUT_OF_SCALE:
+        raise OutOfScale(readings.summary.moments.unit)
+    readings = readings.fitted()
+    return _Found(estimated(record, readings, has_statistics=True), readings, float(record["soft_iron_p_value"]))
+
+
+def _aided(samples: Samples, alone: _Found, earlier: Records, aiding: Instruments, **options: Any) -> _Found:
+    """Fit readings with aiding sensors, from what the magnetometer alone gives; `options` are those of `aided_by`."""
+    options |= {"start": alone.estimate.ellipsoid, **aiding.sigmas}
     (same, reported), (changed, reported_freer) = (
-        aided_by(samples, aiding.asked, start=begin, shape=shape, **options) for shape in (known, freer)
+        aided_by(samples, aiding.asked, shape=_known(each), **options)
+        for each in (earlier, engine().allow_change(earlier))
     )
-    posterior = Posterior(upper(changed.parameters.shape), changed.textbook[3:9, 3:9], changed.covariance[3:9, 3:9])
-    chance = by_chance(posterior, known, freer)
+    chance = engine().soft_iron_p_value(
+        earlier, changed.parameters.shape, changed.textbook[:9, :9], changed.covariance[:9, :9]
+    )
     is_changed = chance < limit_of("soft-iron-changed")
-    return (changed, reported_freer, chance) if is_changed else (same, reported, chance)
+    aided, report = (changed, reported_freer) if is_changed else (same, reported)
+    return _Found(aided.estimate(), alone.readings.as_read, chance, report)
 
 
 def refreshed_from(previous: Fit, ellipsoid: Ellipsoid, dip_deg: float, soft_iron_p_value: float = 1.0) -> Refreshed:

@@ -254,19 +254,31 @@ static void complete(const fl_surface *surface, flinders_record *record)
         fl_heading_errors(surface, record, record->dip_deg);
 }
 
+/* Whether the shape is known by an earlier calibration: such a fit is shrunk to nothing else, and takes its noise from nine
+ * residuals less than there are, which allows for few of them. */
+static int is_refreshed(const flinders_record *record)
+{
+#ifdef FLINDERS_SMALL
+    (void)record;
+    return 0;
+#else
+    return (record->sources & FLINDERS_REFRESHED) != 0;
+#endif
+}
+
 /* Widen the covariance of a record, and complete its level errors. */
 void flinders_claim(flinders_record *record, const flinders_request *request)
 {
     fl_surface surface;
     if (!record->is_claimed) {
         record->is_claimed = 1, record->repetition = repetition_of(record);
-        const real factor = request->parameters > 0
+        const real factor = request->parameters > 0 && !is_refreshed(record)
             ? widening((real)record->fitted, record->repetition, request->parameters) : record->repetition;
         for (int i = 0; i < 81; i++) record->covariance[i] *= factor;
         record->level_rms_deg *= fl_sqrt(factor), record->level_worst_deg *= fl_sqrt(factor);
     }
 #ifndef FLINDERS_SMALL
-    if (request->shrinks && !record->plane && record->is_shrunk <= 0) shrink(record);
+    if (request->shrinks && !record->plane && record->is_shrunk <= 0 && !is_refreshed(record)) shrink(record);
 #endif
     if (isnan(record->level_worst_deg) && fl_abs(record->dip_deg) <= 89 &&
         !fl_surface_of(record->centre, record->shape, &surface)) complete(&surface, record);

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
+    from flinders.geometry.ellipsoid import Ellipsoid
 
     Records = NDArray[np.void]
 
@@ -66,6 +67,13 @@ JUDGEMENT: Final = layout("flinders_judgement", np.float64)
 
 DISTURBANCE: Final = layout("flinders_disturbance", np.float64)
 """Layout of what a disturbance explains."""
+
+EARLIER: Final = layout("flinders_earlier", np.float64)
+"""Layout of what an earlier calibration tells."""
+
+CALIBRATED: Final = layout("flinders_calibrated", np.float64)
+DIFFERENCE: Final = layout("flinders_difference", np.float64)
+"""Layout of how far two calibrations are apart."""
 
 BELIEF: Final = layout("flinders_belief", np.float64)
 """Layout of what is known before the next reading."""
@@ -120,6 +128,12 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "fit_many": (_A, _A, _A, _N, _A, _A, _N, _A),
     "rests": (_A, _N, _A, _N, _A, _N, _A, _A),
     "polish": (_A, _N, _A, _N, _A, _A, _A, _A, _N, _A),
+    "earlier_of": (_A, _A, _A, _D, _D, _D, _A),
+    "allow_change": (_A,),
+    "soft_iron_p_value": (_A, _A, _A, _A),
+    "refresh": (_A, _A, _N, _A, _A, _A, _N, _A),
+    "turn_deg": (_A, _N, _A),
+    "compare": (_A, _A, _D, _A),
     "drift": (_A, _N, _A, _A, _D, _A, _N, _A),
     "regress": (_A, _A, _N, _A, _A, _D, _A, _N, _A),
     "sums_begin": (_A, _A, _D),
@@ -175,7 +189,7 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
 _RESULTS: Final[dict[str, type]] = {
     "workspace_size": _N, "rests": _N, "record_size": _N, "real_size": _N, "message": ctypes.c_char_p,
     "judgement_size": _N, "widening_by_few": _D,
-    "list_outliers": _N, "swap_workspace_size": _N, "facing": _D,
+    "list_outliers": _N, "swap_workspace_size": _N, "facing": _D, "soft_iron_p_value": _D, "turn_deg": _D,
 }  # fmt: skip
 """What functions give that give no status."""
 
@@ -330,6 +344,105 @@ class Engine:
             record,
         )
         return record
+
+    def earlier(
+        self,
+        ellipsoid: Ellipsoid,
+        covariance: Floats | None,
+        *,
+        distortion: float = 0.0,
+        strength_ratio: float = 1.0,
+        soft_iron_sigma: float = 0.0,
+    ) -> Records:
+        """What an earlier calibration tells of a sensor whose hard iron has changed: a row of `EARLIER`.
+
+        Parameters
+        ----------
+        ellipsoid : Ellipsoid
+            As it was.
+        covariance : (9, 9) float, optional
+            Of its offset and shape; None where it states none.
+        distortion : float
+            Of its record.
+        strength_ratio : float
+            Of the field, over that of then.
+        soft_iron_sigma : float
+            Share by which the soft iron may have changed, 1 σ.
+        """
+        earlier, known = _blank(EARLIER), None if covariance is None else _row(covariance)
+        centre, shape = _row(ellipsoid.centre), _entries(ellipsoid.shape)
+        options = distortion, strength_ratio, soft_iron_sigma
+        self._library.flinders_earlier_of(centre, shape, known, *options, earlier)
+        return earlier
+
+    def allow_change(self, earlier: Records) -> Records:
+        """The same where the readings show that the soft iron has changed."""
+        freer = earlier.copy()
+        self._library.flinders_allow_change(freer)
+        return freer
+
+    def soft_iron_p_value(self, earlier: Records, shape: ArrayLike, textbook: Floats, covariance: Floats) -> float:
+        """How often chance alone makes a fit contradict the earlier soft iron as much.
+
+        Parameters
+        ----------
+        earlier : row of `EARLIER`
+        shape : (3, 3) array-like
+            That a fit has found with `allow_change`.
+        textbook, covariance : (9, 9) float
+            Of it, for independent residuals and as they are.
+        """
+        return float(
+            self._library.flinders_soft_iron_p_value(earlier, _entries(shape), _row(textbook), _row(covariance))
+        )
+
+    def refresh(
+        self, field: ArrayLike, earlier: Records, *, time: ArrayLike | None = None, **options: float
+    ) -> Records:
+        """Renew an earlier calibration: the record of a fit whose shape is known, as it was or as it has changed.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+        earlier : row of `EARLIER`
+        time : (N,) array-like, s, optional
+        **options
+            As of `fit`.
+        """
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
+        record, (workspace, size) = _blank(RECORD), self._workspace(len(readings))
+        given = readings, times, len(readings), self.options(**options), earlier
+        self._library.flinders_refresh(*given, workspace, size, record)
+        return record
+
+    def turn_deg(self, field: ArrayLike, shape: ArrayLike) -> float:
+        """Largest angle of (N, 3) readings from their mean, degrees, by a known (3, 3) shape."""
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        return float(self._library.flinders_turn_deg(readings, len(readings), _entries(shape)))
+
+    def compare(
+        self,
+        first: tuple[Ellipsoid, Floats, float],
+        second: tuple[Ellipsoid, Floats, float],
+        *,
+        dip_deg: float,
+    ) -> Records:
+        """How far two calibrations of one sensor are apart: a row of `DIFFERENCE`.
+
+        Parameters
+        ----------
+        first, second : (Ellipsoid, (9, 9) float, float)
+            Each with its claimed covariance, and the strength of its field, 0 where that is not known.
+        dip_deg : float
+            Inclination of the field.
+        """
+        rows, difference = (_blank(CALIBRATED), _blank(CALIBRATED)), _blank(DIFFERENCE)
+        for row, (ellipsoid, covariance, strength) in zip(rows, (first, second), strict=True):
+            row["centre"], row["shape"] = ellipsoid.centre, _entries(ellipsoid.shape)
+            row["covariance"], row["strength"] = covariance.ravel(), strength
+        self._require(self._library.flinders_compare(*rows, dip_deg, difference))
+        return difference
 
     def drift(self, field: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, dip_deg: float = 60.0) -> Records:
         """A record with the fields ``drift_…``: a steady change of readings about a known ellipsoid.

@@ -18,6 +18,11 @@ void flinders_default_options(flinders_options *options)
     options->kernels = 0;
     options->statistics = 1;
     options->bias_correction = 1;
+#ifndef FLINDERS_SMALL
+    options->is_informed = 0;
+    memset(options->expected, 0, sizeof options->expected);
+    memset(options->information, 0, sizeof options->information);
+#endif
     options->rests = 1;
 }
 
@@ -26,7 +31,7 @@ const char *flinders_message(int status)
 {
     static const char *const MESSAGES[] = {
         "the fit is complete",
-        "there are fewer readings than the ten unknowns: record more",
+        "there are too few different readings: record more",
         "a reading is not a finite number: leave it out",
         "the readings are of no size that a magnetometer reads: check their unit",
         "an axis never changes: check the wiring, or turn the sensor through all directions",
@@ -100,6 +105,7 @@ static int refused(const flinders_record *record, const flinders_options *option
         largest = high > largest ? high : largest;
     }
     if (!((real)FL_SMALLEST < largest && largest < (real)FL_LARGEST)) return FLINDERS_OUT_OF_SCALE;
+    if (fl_is_informed(options)) return FLINDERS_OK;
     for (int axis = 0; axis < 3; axis++)
         if (!(record->highest[axis] > record->lowest[axis])) return FLINDERS_STUCK_AXIS;
     for (int axis = 0; axis < 3; axis++) size += record->mean[axis] * record->mean[axis];
@@ -194,13 +200,27 @@ static void leave_rests(fl_view *view, fl_room *room, flinders_record *record)
     record->fitted_distinct = record->distinct ? fl_distinct(view->field, view->rows, room) : 0;
 }
 
+/* Where a fit begins: about what is known beforehand, else where sums say. */
+static int start_of(const fl_view *view, const flinders_options *options, const flinders_record *record, fl_surface *start)
+{
+    flinders_sums sums;
+    real noise;
+#ifdef FLINDERS_SMALL
+    (void)view, (void)options;
+#else
+    if (options->is_informed) return fl_start_about(view, options->expected, start);
+#endif
+    memcpy(sums.sums, record->sums, sizeof sums.sums);
+    memcpy(sums.origin, record->sums_origin, sizeof sums.origin);
+    sums.scale = record->sums_scale;
+    return fl_start(&sums, start, &noise);
+}
+
 /* Fit all readings of a view in borrowed memory, each rest as one or none, or what remains of them without outliers. */
 int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
                 flinders_record *record)
 {
     fl_surface start;
-    flinders_sums sums;
-    real noise;
     fl_clear_record(record);
     record->rows = (int64_t)view->rows;
     if (fl_quality(kernels, view->field, room->time, view->rows, record)) return FLINDERS_NOT_FINITE;
@@ -213,12 +233,9 @@ int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options
     sum_up(kernels, view->field, view->rows, record);
     status = refused(record, options);
     if (status != FLINDERS_OK) return status;
-    memcpy(sums.sums, record->sums, sizeof sums.sums);
-    memcpy(sums.origin, record->sums_origin, sizeof sums.origin);
-    sums.scale = record->sums_scale;
     if (room->keys && (options->robust || options->statistics)) fl_cloud(kernels, view->field, view->rows, room);
-    if (fl_start(&sums, &start, &noise)) return FLINDERS_NOT_AN_ELLIPSOID;
-    status = fl_fit_from(kernels, view, options, &start, NULL, room, fit, record);
+    if (start_of(view, options, record, &start)) return FLINDERS_NOT_AN_ELLIPSOID;
+    status = fl_fit_from(kernels, view, options, &start, fl_is_informed(options) ? &start : NULL, room, fit, record);
     if (status == FLINDERS_UNDETERMINED) record->unobserved = fit->unseen;
     if (status == FLINDERS_OK) fl_place_fit(fit, record);
     return status;

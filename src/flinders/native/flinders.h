@@ -52,7 +52,7 @@ typedef double flinders_real;
 /* What a function returns. */
 enum {
     FLINDERS_OK = 0,
-    FLINDERS_TOO_FEW = 1,         /* fewer different readings than the ten unknowns */
+    FLINDERS_TOO_FEW = 1,         /* fewer different readings than the ten unknowns, or than a refresh needs */
     FLINDERS_NOT_FINITE = 2,      /* a reading is NaN or infinite */
     FLINDERS_OUT_OF_SCALE = 3,    /* the largest reading is no number that a magnetometer reads (1e-12 to 1e15) */
     FLINDERS_STUCK_AXIS = 4,      /* an axis never changes */
@@ -83,6 +83,11 @@ typedef struct flinders_options {
     int32_t rests;         /* 1: what is read while the direction stands still is one reading, its mean, or none beside a long
                               turn; 0: each reading counts (1) */
     int32_t bias_correction; /* 1: subtract what noise causes on a curved surface; 0: the minimum of Σ s² itself (1) */
+#ifndef FLINDERS_SMALL
+    int32_t is_informed;     /* 1: the nine parameters are normally distributed beforehand, and `prior` does not count (0) */
+    flinders_real expected[9]; /* mean of that distribution, unit ... */
+    flinders_real information[81]; /* ... and the inverse of its covariance, 1 / unit²; zeros where nothing is known */
+#endif
 } flinders_options;
 
 /* Sums of powers of readings, about an origin: all that an ellipsoid needs. They add. */
@@ -249,6 +254,29 @@ typedef struct flinders_heights {
     flinders_real slope[2];
     flinders_real covariance[9]; /* of both, the height first */
 } flinders_heights;
+/* What is known of a sensor by an earlier calibration; `flinders_earlier_of` fills it. */
+typedef struct flinders_earlier {
+    flinders_real parameters[9];  /* offset and shape as they are expected, unit */
+    flinders_real covariance[81]; /* of these, unit²; a parameter of infinite variance is not known */
+    flinders_real distortion;     /* of its record: it belongs to the sensor, unit */
+} flinders_earlier;
+
+/* A calibration of a sensor that is compared with another. */
+typedef struct flinders_calibrated {
+    flinders_real centre[3];      /* offset b, unit */
+    flinders_real shape[6];       /* S, unit */
+    flinders_real covariance[81]; /* claimed, of the nine parameters, unit²; zeros of one that is exact */
+    flinders_real strength;       /* of the field, unit; 0 where it is not known: the scale is not compared then */
+} flinders_calibrated;
+
+/* How far two calibrations of one sensor are apart. NaN where nothing is known. */
+typedef struct flinders_difference {
+    flinders_real rms_deg;        /* difference in heading over a level turn, the mean removed */
+    flinders_real worst_deg;      /* at the worst heading */
+    flinders_real chi_square;     /* of offset and shape, against the sum of both covariances ... */
+    flinders_real p_value;        /* ... how often chance alone makes as much ... */
+    int32_t freedom;              /* ... and its degrees of freedom; 0 of two that are exact */
+} flinders_difference;
 
 /* What a disturbance that was recorded beside the readings explains of their distances from a surface. */
 typedef struct flinders_disturbance {
@@ -433,6 +461,38 @@ FLINDERS_API int flinders_polish(const flinders_real *field, size_t rows, const 
                                  const flinders_real centre[3], const flinders_real shape[6],
                                  const flinders_options *options, void *workspace, size_t size,
                                  flinders_record *record);
+
+/* What an earlier calibration tells of a sensor whose hard iron has changed: its offset is a start, and nothing is known of
+ * it; its shape is known as well as its covariance says, NULL for 2 % of the radius. The field is `strength_ratio` times as
+ * strong as then, to 1 %, and the soft iron may have changed by a share, 1 sigma. */
+FLINDERS_API void flinders_earlier_of(const flinders_real centre[3], const flinders_real shape[6],
+                                      const flinders_real *covariance, flinders_real distortion,
+                                      flinders_real strength_ratio, flinders_real soft_iron_sigma,
+                                      flinders_earlier *earlier);
+
+/* Let the soft iron of an earlier calibration have changed by 5 %, 1 sigma, as where readings show that it has. */
+FLINDERS_API void flinders_allow_change(flinders_earlier *earlier);
+
+/* How often chance alone makes a fit contradict the soft iron of an earlier calibration as much: of the shape that a fit with
+ * `flinders_allow_change` has found, and its covariances (9, 9) for independent residuals, and as they are. */
+FLINDERS_API flinders_real flinders_soft_iron_p_value(const flinders_earlier *earlier, const flinders_real shape[6],
+                                                      const flinders_real textbook[81],
+                                                      const flinders_real covariance[81]);
+
+/* Renew an earlier calibration: find the offset with the shape as it was, or with one that has changed where the readings
+ * contradict that. Seconds of a wobble are enough. FLINDERS_TOO_FEW for less than 20 readings, FLINDERS_UNMOVED for those
+ * that do not turn by more than 5°. */
+FLINDERS_API int flinders_refresh(const flinders_real *field, const flinders_real *time, size_t rows,
+                                  const flinders_options *options, const flinders_earlier *earlier, void *workspace,
+                                  size_t size, flinders_record *record);
+
+/* How far two calibrations of one sensor are apart, and whether chance explains it: each corrects the readings that the other
+ * expects of a level vehicle that turns. */
+FLINDERS_API int flinders_compare(const flinders_calibrated *first, const flinders_calibrated *second,
+                                  flinders_real dip_deg, flinders_difference *difference);
+
+/* Largest angle of readings (rows, 3) from their mean, degrees, by a shape that is known. */
+FLINDERS_API flinders_real flinders_turn_deg(const flinders_real *field, size_t rows, const flinders_real shape[6]);
 
 /* The rests of a recording, `ends` and `parts` as of flinders_fit_parts: bounds (rests, 2) has the first row of each and
  * the one behind its last, and room for rows / 2 numbers; `are_left_out` is 1 where a fit leaves them out, and 0 where each

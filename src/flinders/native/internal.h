@@ -52,6 +52,12 @@ typedef flinders_real real;
 #define FL_NOT_A_NUMBER nan("")
 #endif
 
+#ifdef FLINDERS_SMALL /* a board knows nothing beforehand */
+#define fl_is_informed(options) 0
+#else
+#define fl_is_informed(options) ((options)->is_informed)
+#endif
+
 #define FL_PI ((real)3.14159265358979323846)
 #define FL_TO_DEG ((real)180 / FL_PI)
 #define FL_UNOBSERVED ((real)1 / 3)  /* share of the information that noise alone may add to a direction */
@@ -158,6 +164,9 @@ int fl_surface_of(const real centre[3], const real shape[6], fl_surface *surface
 int fl_surface_of_quadric(const real quadric[10], const real origin[3], real scale, fl_surface *surface);
 int fl_consistent(const flinders_sums *sums, real tolerance, fl_surface *surface, real *noise);
 int fl_start(const flinders_sums *sums, fl_surface *surface, real *noise);
+
+/* refresh.c */
+int fl_start_about(const fl_view *view, const real expected[9], fl_surface *surface);
 
 /* covariance.c */
 typedef struct {

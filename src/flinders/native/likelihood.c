@@ -85,11 +85,31 @@ static void add_sense(const problem *task, const fl_surface *surface, real matri
     add_row(row, (size - task->spread) / width, matrix, gradient, cost);
 }
 
+#ifndef FLINDERS_SMALL
+/* The parameters are normally distributed. */
+static void add_known(const flinders_options *options, const fl_surface *surface, real matrix[81], real gradient[9], real *cost)
+{
+    real left[9], pull[9];
+    for (int i = 0; i < 3; i++) left[i] = options->expected[i] - surface->centre[i];
+    for (int i = 0; i < 6; i++) left[3 + i] = options->expected[3 + i] - surface->shape[i];
+    fl_multiply(options->information, left, 9, 9, 1, pull);
+    for (int i = 0; i < 9; i++) gradient[i] += pull[i], *cost += pull[i] * left[i];
+    for (int i = 0; i < 81; i++) matrix[i] += options->information[i];
+}
+#endif
+
+/* Whether something holds what readings leave open. */
+static int is_held(const flinders_options *options) { return fl_is_informed(options) || options->prior > 0; }
+
 /* Add what the prior says, where there is one. */
 static void add_belief(const problem *task, const fl_surface *surface, real matrix[81], real gradient[9], real *cost)
 {
-    if (!(task->options->prior > 0)) return;
-    add_prior(surface, task->options->prior, matrix, gradient, cost);
+    if (!is_held(task->options)) return;
+#ifndef FLINDERS_SMALL
+    if (task->options->is_informed) add_known(task->options, surface, matrix, gradient, cost);
+    else
+#endif
+        add_prior(surface, task->options->prior, matrix, gradient, cost);
     add_sense(task, surface, matrix, gradient, cost);
 }
 
@@ -261,12 +281,13 @@ static int is_near(const real step[9], const real covariance[81], real radius)
     return is_small(step, covariance, radius);
 }
 
-/* Largest share of the information about any combination of parameters that comes from the prior. */
+/* Largest share of the information about any combination of parameters that comes from the prior; what is known of them is
+ * none. */
 static real prior_share(const problem *task, const fl_surface *surface, const real covariance[81])
 {
     real prior[81] = {0}, gradient[9] = {0}, cost = 0, vectors[81], values[9], half[81], product[81], shares[9];
     real at_most = 0;
-    if (!(task->options->prior > 0)) return 0;
+    if (fl_is_informed(task->options) || !(task->options->prior > 0)) return 0;
     add_prior(surface, task->options->prior, prior, gradient, &cost);
     for (int i = 0; i < 81; i++) at_most += covariance[i] * prior[i];
     if (!(at_most >= NOTHING)) return at_most;
@@ -397,7 +418,7 @@ int fl_polish(const fl_kernels *kernels, const fl_view *view, const flinders_opt
     fit->surface = surface;
     fit->noise = now->noise;
     fit->used = now->count;
-    fit->unseen = fl_support_unseen(support_at(&task, now));
+    fit->unseen = fl_is_informed(options) ? 0 : fl_support_unseen(support_at(&task, now));
     fit->held = prior_share(&task, &now->surface, fit->covariance);
     for (int i = 0; i < 3; i++)
         if (!isfinite(surface.centre[i])) return FLINDERS_NOT_AN_ELLIPSOID;

@@ -63,9 +63,10 @@ static void describe(const fl_kernels *kernels, const fl_view *all, const fl_vie
     }
     if (options->statistics) fl_residual_statistics(kernels, all, view, fit, room, record);
     fl_heading_errors(&fit->surface, record, options->dip_deg);
-    if (options->statistics && !record->is_white && !record->unobserved && !room->parts)
+    const int is_alone = !record->unobserved && !fl_is_informed(options); /* what is known beforehand hides what changes */
+    if (options->statistics && !record->is_white && is_alone && !room->parts)
         fl_drift(kernels, view, &fit->surface, record->dip_deg, room, record);
-    if (options->statistics && !record->unobserved)
+    if (options->statistics && is_alone)
         fl_axes(kernels, view, fit, record->dip_deg, options->statistics > 1, room, record);
     if (options->statistics && record->rejected > 0)
         record->hides_plane = fl_hides_plane(kernels, view, &fit->surface, record->rejected_beyond, room);

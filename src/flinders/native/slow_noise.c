@@ -212,21 +212,43 @@ static void solved(const fl_posterior *at, const real prior_gradient[9], const m
     fl_multiply(covariance, gradient, 9, 9, 1, step);
 }
 
+/* Step against which a gradient of readings and that of a prior are in balance, in directions that are observed. */
+static void step_of_observed(const fl_posterior *at, const real matrix[81], const real gradient[9],
+                             const real prior_gradient[9], real step[9])
+{
+    const fl_support *const support = &at->support;
+    memset(step, 0, 9 * sizeof(real));
+    for (int k = 0; k < 9; k++) {
+        real direction[9], along = 0, curvature = 0;
+        if (!(support->share[k] < FL_UNOBSERVED)) continue;
+        for (int i = 0; i < 9; i++) direction[i] = support->vectors[9 * i + k] / support->scale[i];
+        for (int i = 0; i < 9; i++) {
+            along += direction[i] * (gradient[i] + at->variance * prior_gradient[i] / (1 - support->share[k]));
+            for (int j = 0; j < 9; j++) curvature += direction[i] * matrix[9 * i + j] * direction[j];
+        }
+        for (int i = 0; i < 9; i++) step[i] += direction[i] * along / curvature;
+    }
+}
+
 /* Gradient of the prior where a fit ended, and the step that its correction for curvature was. */
 static void end_of_fit(const fl_fit *fit, const real sums[55], real prior_gradient[9], real bent[9])
 {
     const fl_posterior *at = &fit->posterior;
-    real matrix[81], gradient[9], inverse[81], moved[9];
+    real matrix[81], gradient[9], inverse[81], moved[9], left[9];
     for (int i = 0; i < 3; i++) moved[i] = fit->surface.centre[i] - at->surface.centre[i];
     for (int i = 0; i < 6; i++) moved[3 + i] = fit->surface.shape[i] - at->surface.shape[i];
     fl_multiply(at->prior_matrix, moved, 9, 9, 1, prior_gradient);
     equations(sums, matrix, gradient);
     for (int i = 0; i < 9; i++) {
         prior_gradient[i] = at->prior_gradient[i] - prior_gradient[i];
-        gradient[i] += at->variance * prior_gradient[i];
+        left[i] = gradient[i] + at->variance * prior_gradient[i];
+    }
+    if (fl_support_unseen(&at->support)) {
+        step_of_observed(at, matrix, gradient, prior_gradient, bent);
+        return;
     }
     fl_inverse(matrix, 9, inverse);
-    fl_multiply(inverse, gradient, 9, 9, 1, bent);
+    fl_multiply(inverse, left, 9, 9, 1, bent);
 }
 
 /* The likeliest of n models, at least one. */

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
+from flinders.comparison import comparison
 from flinders.core.calibration_file import PARAMETERS
 from flinders.core.units import EARTH_UT
 from flinders.diagnostics import axis_swap
@@ -21,15 +22,18 @@ from flinders.errors import Unmoved
 from flinders.findings import CATALOGUE, limit_of
 from flinders.findings.catalogue import OF_A_FIT, QUANTITIES_OF_A_FIT
 from flinders.findings.poses import POSE_WORDS
-from flinders.findings.row import OF_A_TUMBLE, resting_on
+from flinders.findings.row import CONDITIONS, resting_on
 from flinders.findings.words import STEPS
-from flinders.fitting import advice, calibrate, verdict
+from flinders.fitting import advice, calibrate, refreshing, verdict
 from flinders.heading import path_planning
 from flinders.native.engine import (
     ADVICE,
     AXIS_CHANGE,
     BELIEF,
+    CALIBRATED,
     COVERAGE,
+    DIFFERENCE,
+    EARLIER,
     GOAL,
     JUDGEMENT,
     OPTIONS,
@@ -47,7 +51,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from flinders.findings import CatalogueRow
+    from flinders.findings import CatalogueRow, Condition
 
 SAID: Final = {
     "one-plane": (
@@ -69,6 +73,7 @@ NUMBERS: Final = {
     "COVERAGE_LIMIT": limit_of("coverage"),
     "OUTLIERS_LIMIT": limit_of("outliers"),
     **_of(verdict, "NOT_BY_CHANCE"),
+    **_of(comparison, "CHANCE"),
     **_of(advice, "WORTH_IT"),
     **_of(calibrate, "LOOKED_AT"),
     **_of(path_planning, "READINGS_PER_DEG"),
@@ -80,6 +85,7 @@ STRUCTS: Final = {
     "options": OPTIONS, "record": RECORD, "request": REQUEST, "judgement": JUDGEMENT, "belief": BELIEF, "goal": GOAL,
     "advice": ADVICE, "route": ROUTE, "outlier": OUTLIER, "change": AXIS_CHANGE, "coverage": COVERAGE,
     "site": SITE,
+    "earlier": EARLIER, "calibrated": CALIBRATED, "difference": DIFFERENCE,
 }  # fmt: skip
 """Structs of flinders.h that the page reads or writes."""
 
@@ -92,9 +98,14 @@ def data() -> dict[str, Any]:
         "rows": [_row(CATALOGUE[code]) for code in OF_A_FIT],
         "quantities": QUANTITIES_OF_A_FIT,
         "numbers": NUMBERS,
-        "said": {"unmoved": Unmoved.SAID, "every-way": Unmoved.EVERY_WAY},
-        "condition": resting_on(OF_A_TUMBLE),
-        "conditions": OF_A_TUMBLE,
+        "said": {
+            "unmoved": Unmoved.SAID,
+            "every-way": Unmoved.EVERY_WAY,
+            "to-all-sides": refreshing.TO_ALL_SIDES,
+            "other-recording": refreshing.OTHER_UNIT,
+        },
+        "conditions": list(CONDITIONS),
+        "resting": [resting_on(_conditions(bits)) for bits in range(1 << len(CONDITIONS))],
         "parameters": PARAMETERS,
         "steps": STEPS,
         "poses": POSE_WORDS,
@@ -102,6 +113,11 @@ def data() -> dict[str, Any]:
         "tiles": msgspec.to_builtins(tiles_view()),
         "swaps": axis_swap.SWAPS,
     }
+
+
+def _conditions(bits: int) -> list[Condition]:
+    """What a good verdict rests on, by the bits of a judgement."""
+    return [code for place, code in enumerate(CONDITIONS) if bits >> place & 1]
 
 
 def _row(row: CatalogueRow) -> dict[str, Any]:

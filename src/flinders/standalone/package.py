@@ -23,11 +23,19 @@ from flinders.core.files import make_folder, reason, write_bytes
 from flinders.core.geomag import newest_model
 from flinders.errors import NoEngine, OutputError
 from flinders.firmware.package import licence
+from flinders.fitting import refreshing
 from flinders.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
 from flinders.native import build
 from flinders.report.modules import asset, script
 from flinders.simulate import Sensor, north_and_down, seen_from
 from flinders.standalone import engine, lines, targets
+
+TURNED: Final = (
+    "{name} turns readings into the axes of the body, which this page does not do: flinders refresh renews it"
+)
+"""Why the page alone cannot renew a calibration."""
+UNFIT: Final = {**refreshing.UNFIT, "turned": TURNED}
+"""Why a calibration cannot be renewed on a page, by reason."""
 
 VERSION: Final = version("flinders")
 DATA: Final = "page.json"
@@ -145,6 +153,7 @@ def page_data() -> dict[str, Any]:
         "flinders_page": 1,
         "version": VERSION,
         "model": newest_model(),
+        "unfit": UNFIT,
         "simulated": simulated_sensor(),
         "engine": engine.data(),
         "lines": lines.data(),
@@ -155,7 +164,10 @@ def page_data() -> dict[str, Any]:
 @cache
 def live_data() -> bytes:
     """What the page of `flinders live` takes of it, as JSON: its server reads, and writes calibrations."""
-    data = {"version": VERSION, "model": newest_model(), "engine": engine.data(), "targets": {"schema": SCHEMA}}
+    targets = {"schema": SCHEMA}
+    data = {
+        "version": VERSION, "model": newest_model(), "unfit": UNFIT, "engine": engine.data(), "targets": targets,
+    }  # fmt: skip
     return json.dumps(data, separators=(",", ":"), ensure_ascii=False).encode()
 
 

@@ -26,7 +26,7 @@ export class RelayLink extends SessionLink {
      * @param {string} address
      * @param {Listener} listener
      * @param {Fitter} fitter
-     * @param {{engine: EngineData, model: import("./standalone/geomag.js").Model, targets: {schema: number}}} data
+     * @param {{engine: EngineData, model: import("./standalone/geomag.js").Model, unfit: Record<string, string>, targets: {schema: number}}} data
      */
     constructor(address, listener, fitter, data) {
         super(listener, fitter, data);

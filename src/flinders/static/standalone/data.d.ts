@@ -24,8 +24,8 @@ export interface EngineData {
   quantities: string[];
   numbers: Record<string, number>;
   said: Record<string, string>;
-  condition: string;
-  conditions: string[];
+  conditions: string[]; // what a good verdict may rest on, by bits
+  resting: string[]; // in words, for each set of them
   parameters: string[];
   steps: Record<string, string>; // what to do next, by name
   poses: Record<"sensor" | "vehicle", string[]>; // after "hold it"

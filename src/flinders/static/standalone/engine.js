@@ -12,7 +12,7 @@
 
 /**
  * @typedef {"record" | "options" | "request" | "judgement" | "belief" | "goal" | "advice" | "route" | "outlier" | "change" |
- *     "coverage" | "site"} Struct
+ *     "coverage" | "site" | "earlier" | "calibrated" | "difference"} Struct
  * @typedef {Record<Struct, Layout>} Layouts
  */
 
@@ -73,6 +73,18 @@
  */
 
 /** @typedef {{readings: number[], share: number, upright: number, hole_deg: number, hole: number[]}} Coverage */
+/**
+ * What an earlier calibration tells of a sensor whose hard iron has changed.
+ * @typedef {Surface & {covariance: number[] | null, distortion: number}} Earlier
+ */
+
+/**
+ * A calibration that is compared with another; a covariance of zeros is that of an exact one, and a strength of 0 not known.
+ * @typedef {Surface & {covariance: ArrayLike<number>, strength: number}} Calibrated
+ *
+ * How far two calibrations are apart, as `flinders_difference`.
+ * @typedef {{worst_deg: number, p_value: number, freedom: number}} Difference
+ */
 
 /** An ellipsoid, as readings make it. @typedef {{centre: number[], shape: number[]}} Surface */
 
@@ -159,6 +171,70 @@ export class Engine {
     }
 
     /**
+     * Renew an earlier calibration: fit one recording with its soft iron.
+     * @param {Float64Array} field Three numbers a reading.
+     * @param {Float64Array | null} time Seconds, or null.
+     * @param {Earlier} earlier
+     * @param {FitOptions} [options]
+     * @returns {Fitted}
+     */
+    refresh(field, time, { centre, shape, covariance, distortion }, options = {}) {
+        const rows = field.length / 3;
+        const size = this.call.flinders_workspace_size(rows);
+        const [centreAt, shapeAt, covarianceAt] = this.#lent([centre, shape, covariance ?? []]);
+        this.call.flinders_earlier_of(centreAt, shapeAt, covariance ? covarianceAt : 0, distortion, 1, 0, this.at.earlier);
+        const [fieldAt, timeAt, workspace] = this.#placed([field.byteLength, time?.byteLength ?? 0, size]);
+        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        if (time) new Float64Array(this.memory.buffer, timeAt, rows).set(time);
+        this.#choose(options);
+        const given = [fieldAt, time ? timeAt : 0, rows, this.at.options, this.at.earlier];
+        this.call.flinders_refresh(...given, workspace, size, this.at.record);
+        return this.#decoded("record");
+    }
+
+    /**
+     * How far two calibrations of one sensor are apart.
+     * @param {Calibrated} first
+     * @param {Calibrated} second
+     * @param {number} dipDeg
+     * @returns {Difference}
+     */
+    compare(first, second, dipDeg) {
+        const { size } = this.layouts.calibrated;
+        const [other] = this.#placed([size]);
+        this.#write("calibrated", second);
+        new Uint8Array(this.memory.buffer).copyWithin(other, this.at.calibrated, this.at.calibrated + size);
+        this.#write("calibrated", first);
+        this.call.flinders_compare(this.at.calibrated, other, dipDeg, this.at.difference);
+        return this.#decoded("difference");
+    }
+
+    /**
+     * A covariance with what belongs to the direction, and makes so much of a level heading.
+     * @param {number[]} shape
+     * @param {ArrayLike<number>} covariance
+     * @param {number} structureDeg
+     * @param {number} dipDeg
+     * @returns {number[]}
+     */
+    withStructure(shape, covariance, structureDeg, dipDeg) {
+        const [shapeAt, covarianceAt, out] = this.#lent([shape, covariance, new Float64Array(81)]);
+        this.call.flinders_with_structure(shapeAt, covarianceAt, structureDeg, dipDeg, out);
+        return this.#numbers(out, 81);
+    }
+
+    /**
+     * Largest angle of readings from their mean, by a shape that is known.
+     * @param {Float64Array} field
+     * @param {number[]} shape
+     * @returns {number}
+     */
+    turnDeg(field, shape) {
+        const [fieldAt, shapeAt] = this.#lent([field, shape]);
+        return this.call.flinders_turn_deg(fieldAt, field.length / 3, shapeAt);
+    }
+
+    /**
      * The rests of a recording.
      * @param {Float64Array} field Three numbers a reading.
      * @returns {import("./rests.js").Rests}
@@ -239,6 +315,18 @@ export class Engine {
     }
 
     /**
+     * Heading error of a level vehicle whose readings are used as they come, at the worst heading.
+     * @param {Surface} surface
+     * @param {number} dipDeg
+     * @returns {number}
+     */
+    uncorrectedWorstDeg({ centre, shape }, dipDeg) {
+        const [centreAt, shapeAt, out] = this.#lent([centre, shape, [0, 0]]);
+        this.call.flinders_uncorrected_error(centreAt, shapeAt, dipDeg, 0, out, out + 8);
+        return this.#numbers(out, 2)[1];
+    }
+
+    /**
      * Tilt up to which the worst heading error is within a limit.
      * @param {number[]} shape
      * @param {ArrayLike<number>} covariance
@@ -296,11 +384,11 @@ export class Engine {
     }
 
     /**
-     * Standard deviations of the entries of a matrix that corrects readings, row by row.
+     * Standard deviations of the entries of a matrix that corrects readings, row by row, to the field strength or the radius.
      * @param {ArrayLike<number>} matrix
      * @param {number[]} shape
      * @param {ArrayLike<number>} covariance
-     * @param {boolean} isKnown The length of corrected readings is the strength of the field, else the mean radius.
+     * @param {boolean} isKnown The field strength is known.
      * @returns {number[]}
      */
     matrixSigmas(matrix, shape, covariance, isKnown) {

@@ -4,6 +4,7 @@ import { guided } from "./advice.js";
 import { Fit, fitOf } from "./fit.js";
 import { AT_ONCE, ofFit, ofMotion, ofRefusal } from "./reasons.js";
 import { findingsOf, verdictOf } from "./findings.js";
+import { compared, otherRecording, renewedOf } from "./previous.js";
 import { viewOf } from "./view.js";
 
 /** @typedef {import("../messages.d.ts").Reason} Reason */
@@ -19,6 +20,8 @@ import { viewOf } from "./view.js";
  * @property {ArrayLike<number> | null} [numbers] Which reading of the session each of them is.
  * @property {boolean} [isFollowed] Somebody turns the sensor just now, and may be led.
  * @property {import("./advice.js").Frame} [frame] Whose axes advice is given in.
+ * @property {import("./session.js").Previous | null} [previous] A calibration from before.
+ * @property {boolean} [isRenewed] Its soft iron is kept, and its hard iron found anew.
  */
 
 /**
@@ -38,6 +41,7 @@ import { viewOf } from "./view.js";
  * @property {number} rejected
  * @property {number} coverage Share of the sphere that has been seen.
  * @property {object | null} record The part `fit` of a calibration file; null where there is no calibration to use.
+ * @property {import("../messages.d.ts").PreviousState | null} previous How far a calibration from before is off this one.
  */
 
 /**
@@ -47,13 +51,14 @@ import { viewOf } from "./view.js";
  * @returns {Evaluated}
  */
 export function evaluate(engine, data, asked) {
-    const { field, goal, numbers = null, isFollowed = false, frame = "sensor" } = asked;
+    const { field, goal, numbers = null, isFollowed = false, frame = "sensor", previous = null, isRenewed = false } = asked;
     const time = asked.time ?? Float64Array.from({ length: field.length / 3 }, (_, i) => i);
-    const fit = fitOf(engine, data, asked);
+    const fit = isRenewed && previous ? renewedFit(engine, data, asked, previous) : fitOf(engine, data, asked);
     const readings = { field, time };
     if (!(fit instanceof Fit)) {
         const reasons = ofRefusal(fit).concat(ofMotion(readings, null, false));
-        return { view: null, reasons: ordered(reasons), refusal: fit.words, refusalCode: fit.code, alarms: [], used: 0, rejected: 0, coverage: 0, record: null };
+        const state = previous && compared(previous, null, data);
+        return { view: null, reasons: ordered(reasons), refusal: fit.words, refusalCode: fit.code, alarms: [], used: 0, rejected: 0, coverage: 0, record: null, previous: state };
     }
     const findings = findingsOf(fit);
     const view = viewOf(fit, findings, { field, numbers, goal, frame });
@@ -71,7 +76,23 @@ export function evaluate(engine, data, asked) {
         rejected: time.length - used,
         coverage: fit.record.coverage,
         record: view.verdict === "refused" ? null : recordOf(fit, findings, view),
+        previous: previous && compared(previous, view.verdict === "refused" ? null : fit, data),
     };
+}
+
+/**
+ * A fit with the soft iron of a calibration from before, judged at the dip of that unless somebody gave one.
+ * @param {Engine} engine
+ * @param {EngineData} data
+ * @param {Asked} asked
+ * @param {import("./session.js").Previous} previous
+ */
+function renewedFit(engine, data, asked, previous) {
+    const words = otherRecording(previous, asked.unit, data);
+    if (words) return { code: "", words };
+    const renewed = renewedOf(previous);
+    const dip = asked.dipAssumed ? { dipDeg: renewed.dipDeg, dipAssumed: renewed.dipAssumed } : {};
+    return fitOf(engine, data, { ...asked, ...dip, renewed });
 }
 
 /**
@@ -112,7 +133,7 @@ function recordOf(fit, findings, view) {
         covariance_of: data.parameters,
         covariance: data.parameters.map((_, i) => Array.from(covariance.slice(9 * i, 9 * i + 9))),
         verdict: verdictOf(fit),
-        heading_error_deg: view.heading_error_deg,
+        heading_error_deg: { ...view.heading_error_deg, structure_deg: fit.structureDeg },
         coverage: { fraction: record.coverage, hole_deg: Number(record.hole_deg.toFixed(3)), hole_x: x, hole_y: y, hole_z: z },
         findings: findings.map((finding) => ({
             ...finding,
@@ -120,6 +141,6 @@ function recordOf(fit, findings, view) {
             limit: known(finding.limit),
             values: plain(finding.values),
         })),
-        ...(view.condition ? { conditions: data.conditions } : {}),
+        ...(view.condition ? { conditions: data.conditions.filter((_, i) => (fit.judgement.conditions >> i) & 1) } : {}),
     };
 }

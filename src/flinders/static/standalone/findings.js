@@ -111,6 +111,7 @@ const VALUES = {
     next_movement: nextMovement,
     next_step: nextMovement,
     corrected_length: ({ strength }) => strength,
+    previous: ({ renewed }) => renewed?.name ?? "",
     unit: ({ unit }) => unit,
     autocorrelation: ({ record: { lag_one: lagOne } }) => lagOne,
     textbook_deg: ({ isShrunk, textbookWorstDeg }) => (isShrunk ? NaN : textbookWorstDeg),

@@ -23,6 +23,7 @@ import { filled } from "./wording.js";
  * @property {number} dipDeg
  * @property {boolean} dipAssumed
  * @property {import("./session.js").Site | null} [site] What counts of the place.
+ * @property {import("./previous.js").Renewed | null} [renewed] An earlier calibration whose soft iron is kept.
  */
 
 /** @typedef {{code: string, words: string}} Refusal */
@@ -33,6 +34,8 @@ import { filled } from "./wording.js";
 /** Codes of statuses of the engine, as `flinders.errors` has them. */
 const CODES = ["", "too-few-samples", "not-finite", "out-of-scale", "stuck-axis", "unmoved", "not-an-ellipsoid", "undetermined"];
 const ASKS_SWAP = 2;
+const REFRESHED = 8;
+const UNMOVED = 5;
 
 /**
  * Readings that were fitted, with what was left out of them.
@@ -57,7 +60,7 @@ export class Fit {
      * @param {EngineData} data
      * @param {Engine} engine
      */
-    constructor({ unit, targetDeg, dipDeg, dipAssumed, time }, record, judgement, left, data, engine) {
+    constructor({ unit, targetDeg, dipDeg, dipAssumed, time, renewed }, record, judgement, left, data, engine) {
         this.engine = engine;
         this.data = data;
         this.unit = unit;
@@ -68,9 +71,12 @@ export class Fit {
         this.record = record;
         this.judgement = judgement;
         this.left = left;
-        this.method = record.is_robust ? "robust" : "likelihood";
+        this.renewed = renewed ?? null;
+        this.method = this.renewed ? "refresh" : record.is_robust ? "robust" : "likelihood";
         this.isShrunk = record.is_shrunk > 0;
         this.surface = surfaceOf(record.centre, record.shape);
+        /** Length of corrected readings. */
+        this.strength = this.renewed?.strength ?? this.surface.radius;
         this.covariance = record.covariance;
         this.noise = record.noise;
         this.samples = record.used;
@@ -137,23 +143,28 @@ export function surfaceOf(centre, shape) {
  * @returns {Fit | Refusal}
  */
 export function fitOf(engine, data, request) {
-    const { field, time, unit, dipDeg } = request;
-    const whole = engine.fit(field, time, { dipDeg });
+    const { field, time, unit, dipDeg, renewed } = request;
+    /** @type {(field: Float64Array, time: Float64Array | null) => Fitted} */
+    const fit = (field, time) => (renewed ? engine.refresh(field, time, renewed, { dipDeg }) : engine.fit(field, time, { dipDeg }));
+    const whole = fit(field, time);
     const { EARTH_WEAKEST, EARTH_STRONGEST } = data.numbers;
     /** @type {import("./engine.js").Strengths} */
     const strengths = unit === "counts" ? [0, Infinity] : [EARTH_WEAKEST, EARTH_STRONGEST];
-    const wasTurned = engine.wasTurned(strengths);
-    if (whole.status || !wasTurned) {
+    const wasTurned = !renewed && engine.wasTurned(strengths);
+    if (renewed && whole.status === UNMOVED) {
+        return { code: "unmoved", words: unmovedWords(engine.turnDeg(field, renewed.shape), data.said["to-all-sides"], data) };
+    }
+    if (!renewed && (whole.status || !wasTurned)) {
         const angle = engine.unmovedDeg(field, strengths);
-        if (angle !== null) return { code: "unmoved", words: unmovedWords(angle, data) };
+        if (angle !== null) return { code: "unmoved", words: unmovedWords(angle, data.said["every-way"], data) };
     }
     const isFree = freeOf(field, whole);
     const [some, when] = whole.rails ? [chosen(field, isFree, 3), time && chosen(time, isFree, 1)] : [field, time];
-    const fitted = whole.rails ? engine.fit(some, when, { dipDeg }) : whole;
+    const fitted = whole.rails ? fit(some, when) : whole;
     if (fitted.status) return { code: CODES[fitted.status] ?? "", words: engine.message(fitted.status) };
     const rests = fitted.rests ? engine.rests(some) : NO_RESTS;
     const once = fittedOnce(some, rests);
-    const record = request.site ? engine.atSite(once.field, fitted, request.site) : fitted;
+    const record = request.site && !renewed ? engine.atSite(once.field, fitted, request.site) : fitted;
     const isAlone = wasTurned && !request.site;
     const left = { ...leftOf(engine, data, record, { some, when, isFree, rests, once }), isAlone };
     return judged(engine, data, request, withWhole(record, whole, left, engine, data), left, some);
@@ -170,7 +181,8 @@ export function fitOf(engine, data, request) {
  * @returns {Fit}
  */
 function judged(engine, data, request, record, left, some) {
-    const known = engine.usesStrength(record) ? { field_strength: record.site_strength, is_strength_known: 1 } : {};
+    const strength = request.renewed?.strength ?? (engine.usesStrength(record) ? record.site_strength : null);
+    const known = strength === null ? {} : { field_strength: strength, is_strength_known: 1 };
     const asked = { target_deg: request.targetDeg, is_microtesla: Number(request.unit !== "counts"), ...known };
     const first = engine.judge(record, asked);
     if (!(first.judgement.asks & ASKS_SWAP)) return new Fit(request, first.record, first.judgement, left, data, engine);
@@ -239,6 +251,7 @@ function farthestOf({ outliers }) {
 function driftOf(record, left, engine, { numbers }) {
     if (left.isAlone && !left.outliers.length) return {};
     if (record.unobserved || record.is_white || Number.isNaN(record.correlation_time)) return { drift_deg: NaN };
+    if (record.sources & REFRESHED) return { drift_deg: NaN };
     const stride = Math.max(Math.ceil(left.near.length / 3 / numbers.LOOKED_AT), 1);
     const thinned = left.near.filter((_, i) => Math.floor(i / 3) % stride === 0);
     const { drift_deg, drift_offset, drift_by_chance } = engine.drift(thinned, record.centre, record.shape, record.dip_deg);
@@ -319,11 +332,12 @@ function railsOf(record) {
 
 /**
  * @param {number} angle
+ * @param {string} how To turn the sensor.
  * @param {EngineData} data
  * @returns {string}
  */
-function unmovedWords(angle, { said }) {
-    return filled(said.unmoved, (name) => (name === "angle" ? roundedUp(angle) : said["every-way"]));
+function unmovedWords(angle, how, { said }) {
+    return filled(said.unmoved, (name) => (name === "angle" ? roundedUp(angle) : how));
 }
 
 /**

@@ -30,6 +30,7 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
  * @property {import("./sources.js").Simulation} simulated
  * @property {import("./data.d.ts").EngineData} engine
  * @property {import("./geomag.js").Model} model  of the earth's field
+ * @property {Record<string, string>} unfit  why a calibration cannot be renewed
  * @property {object} lines
  * @property {any} targets
  */
@@ -153,7 +154,9 @@ export class OwnLink extends SessionLink {
     }
 
     async calibration() {
-        const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files: [] };
+        const { isRenewed, previous } = this.session;
+        const files = isRenewed && previous ? previous.calibration.files : [];
+        const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files };
         const file = calibrationFile(this.data, this.calibrationNow(), { fit: this.made?.record ?? null, provenance });
         return download(file, "calibration.json");
     }

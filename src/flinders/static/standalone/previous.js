@@ -1,54 +1,141 @@
 /**
- * How far the calibration from before is off the present one: the headings of a level vehicle, as `flinders.comparison`
- * has them. What chance explains of that is left to `flinders compare`.
+ * A calibration from before: how far it is off the present one, as `flinders.comparison` says, and what is renewed of it, as
+ * `flinders.fitting.refreshing` does. The engine does both.
  */
 
-import { degrees } from "../views/words.js";
-import { apply, inverted, product, transposed } from "./linear.js";
+import { surfaceOf } from "./fit.js";
+import { inverted, product, transposed } from "./linear.js";
+import { figures, general } from "./numbers.js";
+import { filled } from "./wording.js";
 
 /** @typedef {import("../messages.d.ts").PreviousState} PreviousState */
-/** @typedef {import("../messages.d.ts").View} View */
+/** @typedef {import("./data.d.ts").EngineData} EngineData */
+/** @typedef {import("./fit.js").Fit} Fit */
 /** @typedef {import("./session.js").Previous} Previous */
 
-const HEADINGS = 72;
-const NEWTON_STEPS = 30;
-const CHANGED = "something near the sensor has changed, or one of both is not good";
+/**
+ * What an earlier calibration tells of the sensor.
+ * @typedef {import("./engine.js").Earlier & {name: string, strength: number | null, dipDeg: number, dipAssumed: boolean}} Renewed
+ */
 
-/** An ellipsoid: its middle, by which symmetric matrix a direction becomes a reading, the inverse of that, and its size. */
-/** @typedef {{centre: number[], shape: number[], inverse: number[], size: number}} Surface */
+const ASSUMED_DIP_DEG = 60;
+const DEG = 180 / Math.PI;
+const NEWTON_STEPS = 30;
+const ROUND = [1, 1, 1, 0, 0, 0]; // a sphere
+const LEAST_DEG = 0.001; // a smaller difference is not shown as a number
+const OPINIONS = {
+    agree: "it agrees with this one: no more apart than chance explains",
+    differ: "it differs from this one by more than chance, but by less than the target",
+    contradict: "it contradicts this one: something near the sensor has changed",
+};
 
 /**
+ * Why readings are none that an earlier calibration corrects; nothing where they are.
  * @param {Previous} previous
- * @param {View | null} view
- * @param {{dipDeg: number, targetDeg: number, unit: string}} asked
- * @returns {PreviousState}
+ * @param {string} unit Of the readings, as the page shows it.
+ * @param {EngineData} data
+ * @returns {string}
  */
-export function compared({ name, calibration }, view, { dipDeg, targetDeg, unit }) {
-    const without = (/** @type {string} */ words) => ({ name, change_deg: null, words });
-    if (!view?.offset || !view.matrix || view.field_strength === null) return without("nothing to compare with yet");
-    if ((calibration.unit === "counts") !== (unit === "counts")) return without(`it is for readings in ${calibration.unit}, these are in ${unit}`);
-    const isKnown = calibration.fieldStrengthKnown && view.field_strength_known;
-    const first = surfaceOf(calibration.matrix, calibration.offset, calibration.fieldStrength, isKnown);
-    const second = surfaceOf(view.matrix, view.offset, view.field_strength, isKnown);
-    const worst = worstHeadingDeg(first, second, dipDeg);
-    const meaning = worst <= targetDeg ? "within the target" : `more than the target: ${CHANGED}`;
-    return { name, change_deg: worst, words: `headings differ by ${degrees(worst)} at the worst, ${meaning}` };
+export function otherRecording({ name, calibration }, unit, { said }) {
+    if ((calibration.unit === "counts") === (unit === "counts")) return "";
+    const values = { source: "this recording", unit, name, other: calibration.raw?.unit ?? calibration.unit };
+    return filled(said["other-recording"], (each) => values[/** @type {keyof typeof values} */ (each)]);
 }
 
 /**
- * @param {number[][]} matrix
- * @param {number[]} offset
- * @param {number} strength
- * @param {boolean} isKnown  the strength is that of the field; else the mean radius is the size
- * @returns {Surface}
+ * What a calibration from before tells of the sensor.
+ * @param {Previous} previous
+ * @returns {Renewed}
  */
-function surfaceOf(matrix, offset, strength, isKnown) {
+export function renewedOf({ name, calibration }) {
+    const { fieldStrength, fieldStrengthKnown, offset: centre } = calibration;
+    const { structureDeg, dipDeg, dipAssumed, covariance } = claimOf(calibration);
+    const shape = shapeOf(calibration);
+    const distortion = (structureDeg / DEG) * Math.cos(dipDeg / DEG) * surfaceOf(centre, shape).radius;
+    const strength = fieldStrengthKnown ? fieldStrength : null;
+    return { name, centre, shape, covariance, distortion, strength, dipDeg: Math.abs(dipDeg), dipAssumed };
+}
+
+/**
+ * How far a calibration from before is off the present one, or what has changed since where it is renewed.
+ * @param {Previous} previous
+ * @param {Fit | null} fit
+ * @param {EngineData} data
+ * @returns {PreviousState}
+ */
+export function compared(previous, fit, data) {
+    const { name, calibration } = previous;
+    const without = (/** @type {string} */ words) => ({ name, change_deg: null, words });
+    if (fit === null) return without("nothing to compare with yet");
+    const { engine, unit } = fit;
+    if (fit.renewed) return changed(fit, fit.renewed);
+    if ((calibration.unit === "counts") !== (unit === "counts")) return without(`it is for readings in ${calibration.unit}, these are in ${unit}`);
+    const { structureDeg, dipDeg, covariance } = claimOf(calibration);
+    const shape = shapeOf(calibration);
+    const claimed = engine.withStructure(shape, covariance ?? new Float64Array(81), structureDeg, dipDeg);
+    const strength = calibration.fieldStrengthKnown ? calibration.fieldStrength : 0;
+    const first = { centre: calibration.offset, shape, covariance: claimed, strength };
+    const second = { centre: fit.surface.centre, shape: fit.surface.shape, covariance: fit.claimed, strength: 0 };
+    const { worst_deg: worst, p_value: chance } = engine.compare(first, second, fit.dipDeg);
+    const opinion = chance >= data.numbers.CHANCE ? "agree" : worst <= fit.targetDeg ? "differ" : "contradict";
+    const difference = worst >= LEAST_DEG ? `${figures(worst)}°` : `less than ${general(LEAST_DEG)}°`;
+    return { name, change_deg: worst, words: `${OPINIONS[opinion]} (${difference} of heading at the worst)` };
+}
+
+/**
+ * What has changed since a calibration that is renewed, and what that makes of headings.
+ * @param {Fit} fit
+ * @param {Renewed} renewed
+ * @returns {PreviousState}
+ */
+function changed({ engine, surface, unit, dipDeg }, { name, centre, shape }) {
+    const moved = surface.centre.map((part, i) => part - centre[i]);
+    const { inverse } = surfaceOf(centre, shape);
+    const off = [0, 3, 6].map((row) => moved.reduce((sum, part, i) => sum + inverse[row + i] * part, 0));
+    const worst = engine.uncorrectedWorstDeg({ centre: off, shape: ROUND }, dipDeg);
+    const by = `${figures(Math.hypot(...moved))} ${unit}`;
+    const words = `its soft iron is kept; the offset has moved by ${by}, which turns headings by up to ${figures(worst)}°`;
+    return { name, change_deg: worst, words };
+}
+
+/**
+ * What a file claims of its calibration.
+ * @param {import("./targets.js").Known} calibration
+ */
+function claimOf({ fit }) {
+    const error = fit?.heading_error_deg;
+    /** @type {number[] | null} */
+    const covariance = fit?.covariance ? orderedBy(fit.covariance_of, fit.covariance) : null;
+    return {
+        structureDeg: error?.structure_deg ?? 0,
+        dipDeg: error?.dip_deg ?? ASSUMED_DIP_DEG,
+        dipAssumed: error?.dip_assumed ?? false,
+        covariance: covariance?.some((part) => part !== 0) ? covariance : null,
+    };
+}
+
+const PARAMETERS = ["offset_x", "offset_y", "offset_z", "shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz"];
+
+/**
+ * The covariance of offset and shape, row by row; null where it is of others.
+ * @param {string[] | undefined} names Of its rows.
+ * @param {number[][]} covariance
+ * @returns {number[] | null}
+ */
+function orderedBy(names = PARAMETERS, covariance) {
+    const rows = PARAMETERS.map((name) => names.indexOf(name));
+    return rows.some((row) => row < 0) ? null : rows.flatMap((row) => rows.map((column) => covariance[row][column]));
+}
+
+/**
+ * The symmetric shape by which a direction becomes a reading.
+ * @param {import("./targets.js").Calibration} calibration
+ * @returns {number[]} Its entries 11, 22, 33, 12, 13, 23.
+ */
+function shapeOf({ matrix, fieldStrength }) {
     const rows = matrix.flat();
-    const rotation = rotationOf(rows);
-    const { inverse: unmade, determinant } = inverted(rows);
-    const shape = product(unmade, rotation).map((part) => strength * part);
-    const inverse = product(transposed(rotation), rows).map((part) => part / strength);
-    return { centre: offset, shape, inverse, size: isKnown ? strength : strength / Math.cbrt(Math.abs(determinant)) };
+    const shape = product(inverted(rows).inverse, rotationOf(rows)).map((part) => fieldStrength * part);
+    return [shape[0], shape[4], shape[8], (shape[1] + shape[3]) / 2, (shape[2] + shape[6]) / 2, (shape[5] + shape[7]) / 2];
 }
 
 /**
@@ -64,47 +151,4 @@ function rotationOf(matrix) {
         rotation = rotation.map((part, k) => (part + other[k]) / 2);
     }
     return rotation;
-}
-
-/**
- * The worst difference in heading over a level turn, its mean removed, both ways.
- * @param {Surface} first
- * @param {Surface} second
- * @param {number} dipDeg
- * @returns {number}
- */
-export function worstHeadingDeg(first, second, dipDeg) {
-    const common = Math.sqrt(first.size * second.size);
-    return Math.max(...[[first, second], [second, first]].map(([from, to]) => {
-        const turns = levelTurn(dipDeg).map((field) => {
-            const reading = apply(from.shape, field).map((part, i) => (part * common) / from.size + from.centre[i] - to.centre[i]);
-            const seen = apply(to.inverse, reading);
-            return Math.atan2(field[1], field[0]) - Math.atan2(seen[1], seen[0]);
-        });
-        const mean = Math.atan2(sum(turns.map(Math.sin)), sum(turns.map(Math.cos)));
-        return Math.max(...turns.map((turn) => Math.abs(wrapped(turn - mean)))) * (180 / Math.PI);
-    }));
-}
-
-/**
- * Fields that a level vehicle meets in a full turn.
- * @param {number} dipDeg
- * @returns {number[][]}
- */
-function levelTurn(dipDeg) {
-    const dip = dipDeg * (Math.PI / 180);
-    return Array.from({ length: HEADINGS }, (_, k) => {
-        const heading = (2 * Math.PI * k) / HEADINGS;
-        return [Math.cos(dip) * Math.cos(heading), -Math.cos(dip) * Math.sin(heading), Math.sin(dip)];
-    });
-}
-
-/** @param {number[]} numbers */
-function sum(numbers) {
-    return numbers.reduce((all, number) => all + number, 0);
-}
-
-/** @param {number} angle  in rad @returns {number} From −π to π. */
-function wrapped(angle) {
-    return Math.atan2(Math.sin(angle), Math.cos(angle));
 }

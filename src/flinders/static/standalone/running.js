@@ -46,13 +46,13 @@ export class SessionLink {
     /**
      * @param {Listener} listener
      * @param {Fitter} fitter
-     * @param {{engine: {tiles: import("../messages.d.ts").TilesView}, model: import("./geomag.js").Model}} data
+     * @param {{engine: {tiles: import("../messages.d.ts").TilesView}, model: import("./geomag.js").Model, unfit: Record<string, string>}} data
      */
-    constructor(listener, fitter, { engine: { tiles }, model }) {
+    constructor(listener, fitter, data) {
         this.listener = listener;
         this.fitter = fitter;
-        this.tiles = tiles;
-        this.session = new Session(model);
+        this.tiles = data.engine.tiles;
+        this.session = new Session(data);
         this.cursor = new Cursor();
         /** @type {View | null} that was said */
         this.view = null;

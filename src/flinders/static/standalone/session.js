@@ -7,6 +7,7 @@
 import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
 import { siteField } from "./geomag.js";
 import { fixed, general } from "./numbers.js";
+import { filled } from "./wording.js";
 
 /** @typedef {import("./buffer.js").Rows} Rows */
 /** @typedef {import("./buffer.js").Span} Span */
@@ -58,7 +59,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
 
 /**
  * A calibration from before, by the name of its file.
- * @typedef {{name: string, calibration: import("./targets.js").Calibration}} Previous
+ * @typedef {{name: string, calibration: import("./targets.js").Known}} Previous
  */
 
 /**
@@ -93,6 +94,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {boolean} isFollowed  somebody turns the sensor just now, and may be led
  * @property {Previous | null} previous
  * @property {Site | null} site  what counts of the place
+ * @property {boolean} isRenewed  its soft iron is kept, and its hard iron found anew
  */
 
 /**
@@ -165,9 +167,13 @@ export class Series {
 }
 
 export class Session {
-    /** @param {import("./geomag.js").Model | null} model  of the earth's field */
-    constructor(model = null, rules = RULES) {
+    /**
+     * @param {{model?: import("./geomag.js").Model | null, unfit?: Record<string, string>}} data  the model of the earth's
+     *   field, and why a calibration cannot be renewed, by reason
+     */
+    constructor({ model = null, unfit = {} } = {}, rules = RULES) {
         this.model = model;
+        this.unfit = unfit;
         this.rules = rules;
         /** @type {SourceState} */
         this.source = { name: "no source", kind: "simulated", link: "waiting", words: "" };
@@ -183,6 +189,8 @@ export class Session {
         this.goal = "heading";
         /** @type {Previous | null} */
         this.previous = null;
+        /** Its soft iron is kept, and its hard iron found anew. */
+        this.refreshes = false;
         this.recording = "";
         /** Why what arrives cannot be written down; nothing where it can. */
         this.unrecorded = "";
@@ -226,6 +234,11 @@ export class Session {
     get leftOut() {
         const { shown, keptInstead } = this;
         return keptInstead ? merged([...shown.excluded, [nextAfter(keptInstead.seconds), END]]) : shown.excluded;
+    }
+
+    /** Whether the calibration from before is renewed. */
+    get isRenewed() {
+        return this.refreshes && this.previous !== null;
     }
 
     /** @returns {[number, boolean]} The dip that is judged at, and whether it is assumed. */
@@ -334,6 +347,7 @@ export class Session {
     gotPrevious(at, previous) {
         this.at = at;
         this.previous = previous;
+        this.refreshes = false;
         this.#refit();
     }
 
@@ -349,7 +363,7 @@ export class Session {
             dip_deg: this.dipDeg,
             goal: this.goal,
             site: live.site && stated(live.site),
-            refreshing: false,
+            refreshing: this.isRenewed,
         };
     }
 
@@ -368,6 +382,7 @@ export class Session {
         this.targetDeg = edits.target_deg;
         this.dipDeg = edits.dip_deg;
         this.goal = edits.goal;
+        this.refreshes = edits.refreshing;
         this.shown.within = [];
         this.#useAll();
         this.#refit();
@@ -392,6 +407,8 @@ export class Session {
                 return this.#wish("goal", command.goal);
             case "previous_clear":
                 return this.#wish("previous", null);
+            case "refresh":
+                return this.#refresh(command.refresh);
             case "place":
                 return this.#place(command);
             case "exclude":
@@ -430,7 +447,7 @@ export class Session {
 
     /**
      * Change what the calibration is compared with.
-     * @template {"targetDeg" | "dipDeg" | "goal" | "previous"} Name
+     * @template {"targetDeg" | "dipDeg" | "goal" | "previous" | "refreshes"} Name
      * @param {Name} name
      * @param {this[Name]} value
      * @returns {Notice[]}
@@ -478,6 +495,16 @@ export class Session {
         const isItsDip = this.dipDeg === null || this.dipDeg === site.inclination_deg;
         const inclination_deg = isItsDip ? site.inclination_deg : null;
         return strength === null && inclination_deg === null ? null : { ...site, strength, inclination_deg };
+    }
+
+    /**
+     * Renew the calibration from before, or make one afresh.
+     * @param {boolean} isWanted
+     * @returns {Notice[]}
+     */
+    #refresh(isWanted) {
+        const words = isWanted ? unfit(this.previous, this.unfit) : "";
+        return words ? [notice(words, "error")] : this.#wish("refreshes", isWanted);
     }
 
     /**
@@ -608,6 +635,7 @@ export class Session {
             isFollowed: this.opened === null && this.live.pausedAt === null && this.source.link === "connected",
             previous: this.previous,
             site: this.#site,
+            isRenewed: this.isRenewed,
         };
     }
 
@@ -734,6 +762,27 @@ function noYear({ name, epoch, years }, year) {
     if (year >= epoch && year <= epoch + years) return "";
     const begin = `${general(year)} lies outside ${name}, from ${general(epoch)} to ${general(epoch + years)}`;
     return `${begin}: look up the inclination at your place, and type it as dip`;
+}
+
+/**
+ * Why a calibration cannot be renewed; nothing where it can.
+ * @param {Previous | null} previous
+ * @param {Record<string, string>} words By reason.
+ * @returns {string}
+ */
+function unfit(previous, words) {
+    if (previous === null) return words.none;
+    const { fit, disturbances, isLinearized, rotation } = previous.calibration;
+    const why = {
+        refused: fit?.verdict === "refused",
+        level: Boolean(fit?.plane),
+        disturbed: disturbances.length > 0,
+        linearized: isLinearized,
+        turned: rotation !== "symmetric",
+    };
+    const found = Object.entries(why).find(([, is]) => is);
+    const values = { name: previous.name, disturbances: disturbances.join(" and ") };
+    return found ? filled(words[found[0]], (name) => values[/** @type {keyof typeof values} */ (name)]) : "";
 }
 
 /**

@@ -47,7 +47,7 @@ export function sessionState(session) {
         paused: live.pausedAt !== null,
         recording: session.recording || null,
         previous: session.previous && evaluated.previous,
-        refreshing: false,
+        refreshing: session.isRenewed,
         opened: session.openedName || null,
         kept: shown.kept && { seconds: shown.kept.seconds, is_changed: session.isChanged },
         can_send: session.hasBoard && session.opened === null && evaluated.record !== null,

@@ -24,6 +24,12 @@ import { Unreadable } from "./tables.js";
  */
 
 /**
+ * A calibration of a file, and what is known of it.
+ * @typedef {Calibration & {fit: Record<string, any> | null, files: object[], rotation: string, disturbances: string[],
+ *     isLinearized: boolean}} Known
+ */
+
+/**
  * @typedef {object} Exported
  * @property {string} text Of a packet, its bytes in hexadecimal.
  * @property {string} filename
@@ -356,7 +362,7 @@ export function calibrationFile({ targets }, calibration, { fit = null, provenan
  * @param {string} text
  * @param {{targets: any}} data `page.json`.
  * @param {string} [used] The axes that readings are mapped to.
- * @returns {Calibration & {fit: Record<string, any> | null}}
+ * @returns {Known}
  * @throws {Unreadable} Says what is wrong.
  */
 export function readCalibration(text, { targets }, used = "x,y,z") {
@@ -373,7 +379,8 @@ export function readCalibration(text, { targets }, used = "x,y,z") {
         const versions = `it is written in schema ${document.schema}, and this page reads ${targets.schema}`;
         throw new Unreadable(`${versions}: open it with the command line${needed}`);
     }
-    const { matrix, offset, field_strength, field_strength_known, unit } = document.calibration ?? {};
+    const { matrix, offset, field_strength, field_strength_known, unit, rotation = "symmetric", disturbances = {}, linearization } =
+        document.calibration ?? {};
     const isTriple = (/** @type {any} */ values) => Array.isArray(values) && values.length === 3 && values.every(Number.isFinite);
     const isMatrix = Array.isArray(matrix) && matrix.length === 3 && matrix.every(isTriple) && determinant(matrix) !== 0;
     if (!isMatrix || !isTriple(offset) || !(field_strength > 0) || !["uT", "counts"].includes(unit)) {
@@ -392,6 +399,10 @@ export function readCalibration(text, { targets }, used = "x,y,z") {
         unit,
         raw: { unit: recorded, scale },
         fit: document.fit ?? null,
+        files: document.provenance?.files ?? [],
+        rotation,
+        disturbances: Object.keys(disturbances).map((key) => key.replace(/_[AC]$/, "")),
+        isLinearized: linearization !== undefined,
     };
 }
 

@@ -36,7 +36,7 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
     return {
         verdict,
         sentence: sentence(fit, shown, verdict),
-        condition: fit.judgement.conditions ? fit.data.condition : "",
+        condition: fit.data.resting[fit.judgement.conditions],
         method: fit.method,
         unit: fit.unit,
         field_strength_known: fit.isStrengthKnown,
@@ -48,6 +48,14 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
         ...(verdict === "refused" ? UNTOLD : copied(fit, turn)),
         ...(isFlat ? UNDRAWN : { ...drawn(fit, vectors), ...claimed(fit, turn, errors, goal, frame) }),
     };
+}
+
+/**
+ * Whether corrected readings have the strength of the field as their length.
+ * @param {Fit} fit
+ */
+function isStrengthKnown({ renewed }) {
+    return renewed !== null && renewed.strength !== null;
 }
 
 /**
@@ -133,7 +141,7 @@ function copied({ engine, surface, strength, isStrengthKnown, covariance }, { de
 function drawn({ surface, strength, noise }, vectors) {
     return {
         noise,
-        residuals: histogram(vectors, surface.radius, noise),
+        residuals: histogram(vectors, strength, noise),
         shown: {
             offset: triple(surface.centre),
             matrix: rowsOf(surface.inverse.map((part) => strength * part)),

@@ -2,7 +2,6 @@
 
 import { loadEngine } from "./engine.js";
 import { evaluate } from "./evaluate.js";
-import { compared } from "./previous.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
 /** @typedef {import("./session.js").Task} Task */
@@ -35,8 +34,7 @@ async function answered({ number, task }) {
         const { engine, data } = await ready;
         const begin = performance.now();
         const evaluated = evaluate(engine, data, task);
-        const previous = task.previous && compared(task.previous, evaluated.view, task);
-        return { number, evaluated: { ...evaluated, previous, key: task.key }, seconds: (performance.now() - begin) / 1000 };
+        return { number, evaluated: { ...evaluated, key: task.key }, seconds: (performance.now() - begin) / 1000 };
     } catch (error) {
         return { number, fault: String(error) };
     }

@@ -1,0 +1,272 @@
+/* A calibration renewed: the soft iron of an earlier one, the hard iron of some seconds of readings.
+ *
+ * What changes on a vehicle is mostly hard iron: a battery, a load, a camera. The shape S is expected as it was,
+ *
+ *     S ~ N(f S₀, f² C₀ + σ² S₀ S₀ᵀ)
+ *
+ * C₀ its covariance, σ how well the strength of the field is known to be as it was, f the ratio of both strengths. The
+ * offset is free. The fit is that of every recording, with this distribution in the place of its prior.
+ */
+#include "judge.h"
+#include "residuals.h"
+
+enum { SHAPE = 6, FEWEST = 20 /* readings */, STEPS = 12 };
+
+#define LEAST_TURN_DEG ((real)5)    /* noise of a hundredth of the field reaches 2.3° in a thousand readings */
+#define STRENGTH_SIGMA ((real)0.01) /* of the strength of the field, at places 100 km apart, ground and buildings at each */
+#define SHAPE_SIGMA ((real)0.02)    /* of the radius, each entry of a shape that states no uncertainty */
+#define FINEST_SHAPE ((real)1e-4)   /* of the radius: no shape is known better, not even one that a method holds */
+#define ALLOWED_CHANGE ((real)0.05) /* of soft iron that has changed */
+#define TOLD ((real)0.1)            /* what readings have to tell of a direction of the shape */
+#define CLEARLY ((real)0.7)         /* of a distance, below which another centre is better beyond doubt */
+#define RIDGE ((real)1e-4)          /* of a reading, in square radii: what no reading tells of the offset stays */
+
+/* Where the entry of the covariance (9, 9) of two entries of the shape is. */
+static int place_of(int row, int column) { return 9 * (3 + row) + 3 + column; }
+
+/* Add variances of all entries of a shape; those beside the diagonal stand twice in the matrix. */
+static void add_variance(real variance, real covariance[81])
+{
+    for (int i = 0; i < SHAPE; i++) covariance[place_of(i, i)] += i < 3 ? variance : variance / 2;
+}
+
+/* Add a share by which soft iron may have changed, 1 sigma. */
+static void add_change(real share, flinders_earlier *earlier)
+{
+    const real changed = share * fl_cbrt(fl_sym3_det(earlier->parameters + 3));
+    add_variance(changed * changed, earlier->covariance);
+}
+
+/* What an earlier calibration tells of a sensor whose hard iron has changed. */
+void flinders_earlier_of(const real centre[3], const real shape[6], const real *covariance, real distortion,
+                         real strength_ratio, real soft_iron_sigma, flinders_earlier *earlier)
+{
+    const real ratio = strength_ratio * strength_ratio, radius = fl_cbrt(fl_sym3_det(shape));
+    const real finest = (FINEST_SHAPE * radius) * (FINEST_SHAPE * radius), unstated = (SHAPE_SIGMA * radius) * (SHAPE_SIGMA * radius);
+    memset(earlier, 0, sizeof *earlier);
+    earlier->distortion = distortion;
+    for (int i = 0; i < 3; i++) earlier->parameters[i] = centre[i], earlier->covariance[10 * i] = (real)INFINITY;
+    for (int i = 0; i < SHAPE; i++) earlier->parameters[3 + i] = strength_ratio * shape[i];
+    for (int i = 0; i < SHAPE; i++) {
+        for (int j = 0; j < SHAPE; j++)
+            earlier->covariance[place_of(i, j)] = ratio * (covariance ? covariance[place_of(i, j)] : 0) +
+                STRENGTH_SIGMA * STRENGTH_SIGMA * earlier->parameters[3 + i] * earlier->parameters[3 + j];
+        earlier->covariance[place_of(i, i)] += ratio * (covariance ? finest : finest + unstated);
+    }
+    add_change(soft_iron_sigma, earlier);
+}
+
+/* Let the soft iron of an earlier calibration have changed. */
+void flinders_allow_change(flinders_earlier *earlier) { add_change(ALLOWED_CHANGE, earlier); }
+
+/* Make options of what is known; parameters of infinite variance are left out. */
+static void inform(const flinders_earlier *earlier, flinders_options *options)
+{
+    int known[9], n = 0;
+    real matrix[81], inverse[81];
+    for (int i = 0; i < 9; i++)
+        if (earlier->covariance[10 * i] < (real)INFINITY) known[n++] = i;
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) matrix[n * i + j] = earlier->covariance[9 * known[i] + known[j]];
+    if (n) fl_inverse(matrix, n, inverse);
+    options->is_informed = 1;
+    memcpy(options->expected, earlier->parameters, sizeof options->expected);
+    memset(options->information, 0, sizeof options->information);
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) options->information[9 * known[i] + known[j]] = inverse[n * i + j];
+}
+
+/* Reading i of a view as a surface sees it from its centre: a unit vector, where the surface is right. */
+static void seen_from(const fl_view *view, const fl_surface *surface, size_t row, real u[3])
+{
+    real off[3];
+    for (int axis = 0; axis < 3; axis++) off[axis] = view->field[3 * row + axis] - surface->centre[axis];
+    fl_sym3_apply(surface->inverse, off, u);
+}
+
+/* Move the centre of a surface by a step in units of its shape; nonzero if it is none then. */
+static int moved_by(const real step[3], fl_surface *surface)
+{
+    real moved[3];
+    fl_sym3_apply(surface->shape, step, moved);
+    for (int axis = 0; axis < 3; axis++) surface->centre[axis] += moved[axis];
+    return !(isfinite(surface->centre[0]) && isfinite(surface->centre[1]) && isfinite(surface->centre[2]));
+}
+
+/* Put the centre of a surface where readings lie on one of its shape and any size: of u = S⁻¹(x − b) the new one, d, and a
+ * constant k solve |u|² = 2 uᵀd + k. However far it was moved, but for noise where the readings lie in a plane. */
+static int put_anywhere(const fl_view *view, fl_surface *surface)
+{
+    real matrix[16] = {0}, sums[4] = {0};
+    for (size_t row = 0; row < view->rows; row++) {
+        real u[4];
+        seen_from(view, surface, row, u);
+        const real square = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
+        for (int axis = 0; axis < 3; axis++) u[axis] *= 2;
+        u[3] = 1;
+        for (int i = 0; i < 4; i++) {
+            sums[i] += u[i] * square;
+            for (int j = 0; j < 4; j++) matrix[4 * i + j] += u[i] * u[j];
+        }
+    }
+    for (int i = 0; i < 3; i++) matrix[5 * i] += RIDGE * (real)view->rows;
+    return fl_solve(matrix, 4, sums) || moved_by(sums, surface);
+}
+
+/* Move the centre of a surface to where readings lie closest to it, in radii; those that lie far from it beside the others
+ * count little. Returns how far they lie. */
+static real put_near(const fl_view *view, fl_surface *surface)
+{
+    real scale = FL_HUGE;
+    for (int step = 0; step < STEPS; step++) {
+        real matrix[9] = {0}, sums[3] = {0}, weights = 0, far = 0;
+        for (size_t row = 0; row < view->rows; row++) {
+            real u[3];
+            seen_from(view, surface, row, u);
+            const real length = fl_sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]), off = length - 1;
+            const real weight = 1 / (1 + off / scale * (off / scale));
+            for (int i = 0; i < 3 && length > 0; i++) {
+                sums[i] += weight * off * u[i] / length;
+                for (int j = 0; j < 3; j++) matrix[3 * i + j] += weight * u[i] * u[j] / (length * length);
+            }
+            weights += weight, far += weight * fl_abs(off);
+        }
+        for (int i = 0; i < 3; i++) matrix[4 * i] += RIDGE * (real)view->rows;
+        if (!(weights > 0) || fl_solve(matrix, 3, sums) || moved_by(sums, surface)) return FL_HUGE;
+        scale = 2 * far / weights > FL_FINEST ? 2 * far / weights : FL_FINEST;
+    }
+    return scale;
+}
+
+/* A surface of the shape that is expected, through readings: from the centre that is expected, or from anywhere else where
+ * that leads clearly closer. */
+int fl_start_about(const fl_view *view, const real expected[9], fl_surface *surface)
+{
+    fl_surface other;
+    if (fl_surface_of(expected, expected + 3, surface)) return 1;
+    other = *surface;
+    const real near = put_near(view, surface), far = put_anywhere(view, &other) ? FL_HUGE : put_near(view, &other);
+    if (far < CLEARLY * near) *surface = other;
+    return !(near < FL_HUGE || far < FL_HUGE);
+}
+
+/* Largest angle of readings from their mean. */
+real flinders_turn_deg(const real *field, size_t rows, const real shape[6])
+{
+    real mean[3] = {0}, most = 0;
+    fl_surface surface;
+    const fl_view view = {field, rows, NULL, 1};
+    if (!rows || fl_surface_of(mean, shape, &surface)) return FL_NOT_A_NUMBER;
+    for (size_t row = 0; row < rows; row++)
+        for (int axis = 0; axis < 3; axis++) mean[axis] += field[3 * row + axis] / (real)rows;
+    memcpy(surface.centre, mean, sizeof mean);
+    for (size_t row = 0; row < rows; row++) {
+        real u[3];
+        seen_from(&view, &surface, row, u);
+        const real square = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
+        if (!(square <= most)) most = square;
+    }
+    return FL_TO_DEG * fl_sqrt(most);
+}
+
+/* M for T M Tᵀ, of entries of the shape in a matrix (9, 9) of all parameters; T (6, 6). */
+static void turned(const real turn[36], const real matrix[81], real out[36])
+{
+    real entries[36], half[36], transposed[36];
+    for (int i = 0; i < 36; i++) entries[i] = matrix[place_of(i / SHAPE, i % SHAPE)], transposed[i] = turn[SHAPE * (i % SHAPE) + i / SHAPE];
+    fl_multiply(turn, entries, SHAPE, SHAPE, SHAPE, half);
+    fl_multiply(half, transposed, SHAPE, SHAPE, SHAPE, out);
+}
+
+/* Directions of the shape in which a prior has the variance 1, and what readings tell of each: T (6, 6) in rows, and shares
+ * (6,); nonzero where the prior is none. */
+static int directions_of(const real prior[81], const real textbook[81], real turn[36], real shares[SHAPE])
+{
+    real factor[36], finer[36], left[36];
+    for (int i = 0; i < 36; i++) factor[i] = prior[place_of(i / SHAPE, i % SHAPE)];
+    if (fl_cholesky(factor, SHAPE)) return 1;
+    for (int column = 0; column < SHAPE; column++) {
+        real unit[SHAPE] = {0};
+        unit[column] = 1;
+        fl_forward(factor, SHAPE, unit);
+        for (int row = 0; row < SHAPE; row++) finer[SHAPE * row + column] = unit[row];
+    }
+    turned(finer, textbook, left);
+    for (int i = 0; i < 36; i++) left[i] = (real)(i % (SHAPE + 1) == 0) - left[i];
+    fl_eigen(left, SHAPE, shares);
+    for (int row = 0; row < SHAPE; row++)
+        for (int column = 0; column < SHAPE; column++) {
+            real sum = 0;
+            for (int k = 0; k < SHAPE; k++) sum += left[SHAPE * k + row] * finer[SHAPE * k + column];
+            turn[SHAPE * row + column] = sum;
+        }
+    return 0;
+}
+
+/* How often chance makes a fit contradict the earlier soft iron as much. The fit, whose prior has the inverse Π, moves the
+ * shape by d, of which chance makes
+ *
+ *     var d = (1 − A Π) P (1 − A Π)ᵀ + C − A Π A,        χ² = dᵀ (var d)⁻¹ d
+ *
+ * P the covariance of the earlier shape, A and C those of the fit for independent residuals, and as they are. Only
+ * directions count of which readings tell enough. */
+real flinders_soft_iron_p_value(const flinders_earlier *earlier, const real shape[6], const real textbook[81],
+                                const real covariance[81])
+{
+    flinders_earlier freer = *earlier;
+    real turn[36], shares[SHAPE], known[36], found[36], apart[SHAPE], moved[SHAPE], spread[36], square;
+    int first = 0;
+    flinders_allow_change(&freer);
+    if (directions_of(freer.covariance, textbook, turn, shares)) return FL_NOT_A_NUMBER;
+    turned(turn, earlier->covariance, known);
+    turned(turn, covariance, found);
+    for (int i = 0; i < SHAPE; i++) apart[i] = shape[i] - earlier->parameters[3 + i];
+    fl_multiply(turn, apart, SHAPE, SHAPE, 1, moved);
+    while (first < SHAPE && !(shares[first] > TOLD)) first++;
+    const int n = SHAPE - first;
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++) {
+            const real ours = shares[first + i], theirs = shares[first + j];
+            const int at = SHAPE * (first + i) + first + j;
+            spread[n * i + j] = ours * theirs * known[at] + found[at] - (i == j ? (1 - ours) * (1 - ours) : 0);
+        }
+    const int freedom = n ? fl_chi_square(moved + first, spread, n, &square) : 0;
+    return freedom ? fl_chance_of(square, (real)freedom, 0) : 1;
+}
+
+/* Fit with what is known; a verdict says that the record rests on it. */
+static int fit_with(const flinders_earlier *earlier, const real *field, const real *time, size_t rows,
+                    const flinders_options *options, void *workspace, size_t size, flinders_record *record)
+{
+    flinders_options informed = *options;
+    inform(earlier, &informed);
+    flinders_fit(field, time, rows, &informed, workspace, size, record);
+    record->sources = FLINDERS_REFRESHED;
+    record->distortion = earlier->distortion;
+    return record->status;
+}
+
+/* What there is too little of for a refresh. */
+static int refused(const real *field, size_t rows, const flinders_earlier *earlier)
+{
+    if (rows < FEWEST) return FLINDERS_TOO_FEW;
+    return flinders_turn_deg(field, rows, earlier->parameters + 3) <= LEAST_TURN_DEG ? FLINDERS_UNMOVED : FLINDERS_OK;
+}
+
+/* Renew an earlier calibration. */
+int flinders_refresh(const real *field, const real *time, size_t rows, const flinders_options *options,
+                     const flinders_earlier *earlier, void *workspace, size_t size, flinders_record *record)
+{
+    flinders_earlier freer = *earlier;
+    fl_clear_record(record);
+    record->rows = (int64_t)rows;
+    if ((record->status = refused(field, rows, earlier))) return record->status;
+    flinders_allow_change(&freer);
+    if (fit_with(&freer, field, time, rows, options, workspace, size, record)) return record->status;
+    const real chance = flinders_soft_iron_p_value(earlier, record->shape, record->textbook, record->covariance);
+    const flinders_rule *const changed = fl_rules + FLINDERS_RULE_SOFT_IRON_CHANGED;
+    if (!(chance < fl_comparisons[changed->first].factor))
+        fit_with(earlier, field, time, rows, options, workspace, size, record);
+    record->soft_iron_p_value = chance;
+    return record->status;
+}
