@@ -151,7 +151,7 @@ export class Finish {
     show(state) {
         this.state = state;
         if (!this.isOpen) return;
-        setText(byId("kept", HTMLElement), state?.recording ? `All that arrives is recorded to ${state.recording}.` : "");
+        setText(byId("kept", HTMLElement), state?.recording && state.opened === null ? `All that arrives is recorded to ${state.recording}.` : "");
         const previous = state?.previous ?? null;
         setText(
             byId("previous-words", HTMLElement),
