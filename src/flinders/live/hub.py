@@ -301,17 +301,22 @@ class Hub:
         """Say what happened to the sensor."""
         link = LINKS.get(event.kind)
         if link is not None:
-            self._link(link, "" if event.kind == "silent" else event.words)
+            words = "" if event.kind == "silent" else event.words
+            if self._link(link, words) and words and link != "ended":
+                self._tell(Notice("warning" if link == "gone" else "info", words))
         elif event.kind == "settled":
             self._tell(Notice("info", f"understood as {event.words}"))
         else:
             self._tell(Notice("warning", event.words))
 
-    def _link(self, link: Link, words: str) -> None:
+    def _link(self, link: Link, words: str) -> bool:
+        """Tell what the link is; returns whether it is another."""
         source = msgspec.structs.replace(self.source, link=link, words=words)
-        if source != self.source:
-            self.source = source
-            self._tell(Linked(source))
+        if source == self.source:
+            return False
+        self.source = source
+        self._tell(Linked(source))
+        return True
 
     def _tell(self, message: FromServer) -> None:
         for page in self.pages:

@@ -39,12 +39,14 @@ export class RelayLink extends SessionLink {
         this.isBehind = true;
         /** Messages that were sent on this connection. */
         this.sent = 0;
+        /** The server has said all that there is, and nothing of it is late: what the page shows holds. */
+        this.isHeard = false;
         /** The edits that the server has, as JSON. */
         this.told = "";
         /** Number and key of the calibration that was finished. */
         this.finished = { number: "", key: -1 };
         this.connection = new Connection(address, {
-            onLink: (state, seconds) => state !== "open" && listener.onLink(state, seconds),
+            onLink: (state, seconds) => this.#linked(state, seconds),
             onMessage: (message) => this.#heard(message),
             onFrame: (frame) => this.#passed(frame),
         });
@@ -53,6 +55,10 @@ export class RelayLink extends SessionLink {
     get greeting() {
         const { version, session, targets, limits } = /** @type {Welcome} */ (this.welcome);
         return { version, session, targets, limits };
+    }
+
+    say() {
+        if (this.isHeard) super.say();
     }
 
     retry() {
@@ -91,6 +97,13 @@ export class RelayLink extends SessionLink {
         return { name, view, refusal };
     }
 
+    /** @param {"open" | "lost" | "trying"} state @param {number} seconds */
+    #linked(state, seconds) {
+        if (state === "open") return; // the readings have yet to come
+        this.isHeard = false;
+        this.listener.onLink(state, seconds);
+    }
+
     /** @param {FromServer} message */
     #heard(message) {
         const { session } = this;
@@ -125,10 +138,10 @@ export class RelayLink extends SessionLink {
         this.welcome = welcome;
         this.sent = 0;
         Object.assign(session, { source: welcome.source, recording: welcome.recording, unrecorded: welcome.unrecorded, hasBoard: welcome.has_board });
+        if (session.arrivedAt) session.arrivedAt = this.now; // nothing could arrive meanwhile
         this.#adopt(welcome.edits);
         this.#compareWith(welcome.previous);
         this.generation = -1;
-        this.renew();
     }
 
     /** @param {import("./wire.d.ts").Edits} edits  that the server keeps */
@@ -162,6 +175,10 @@ export class RelayLink extends SessionLink {
         this.session.live.frame = frame;
         this.session.received(this.now, passed, unit, this.isBehind);
         if (isLast) this.isBehind = false;
+        if (!this.isHeard) {
+            this.isHeard = true;
+            this.renew();
+        }
         this.step();
     }
 

@@ -278,6 +278,12 @@ export class Exclusions {
         return this.#then(without(this.spans, span));
     }
 
+    /** As another page has them: one step, taken here too. @param {Span[]} spans */
+    becoming(spans) {
+        const isSame = (/** @type {Exclusions} */ step) => JSON.stringify(step.spans) === JSON.stringify(spans);
+        return [this.undone(), this.redone()].find(isSame) ?? this.#then(spans);
+    }
+
     undone() {
         const before = this.past.at(-1);
         return before ? new Exclusions(before, this.past.slice(0, -1), [...this.future, this.spans]) : this;
