@@ -51,7 +51,7 @@ TICKS_A_SECOND: Final = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 
 WATCH: Final = """() => {
     const seen = window.seen = {received: 0, drawn: 0, pictures: 0, frames: []};
     let [newest, fresh] = [null, 0];
-    flinders.connection.socket.addEventListener("message", (event) => {
+    flinders.connection.connection.socket.addEventListener("message", (event) => {
         if (typeof event.data === "string") return;
         seen.received += 1;
         requestAnimationFrame(() => {

@@ -54,7 +54,8 @@ def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Pa
         page.locator("#save-calibration").click()
     started.value.save_as(tmp_path / "cal.json")
     saved = calibration_file.read(tmp_path / "cal.json")
-    served = calibration_file.loads(page.request.get(f"{visitor.program.address}calibration.json").body())
+    number = page.evaluate("flinders.connection.finished.number")
+    served = calibration_file.loads(page.request.get(f"{page.url}calibration.json?of={number}").body())
     assert saved.calibration == served.calibration
     assert saved.fit is not None
     assert saved.fit.verdict == "good"

@@ -212,11 +212,12 @@ function drawPhase(state) {
     const panel = byId("status-title", HTMLElement).closest(".status");
     if (panel instanceof HTMLElement) panel.dataset.phase = state.phase;
     const title = byId("phase", HTMLElement);
-    setIcon(title, ICONS[state.phase]);
+    const isResult = isEnded(state) && state.phase === "collecting" && state.told !== "fitting";
+    setIcon(title, ICONS[isResult ? "limited" : state.phase]);
     const strong = title.querySelector("strong");
-    const phase = PHASES[state.phase] ?? state.phase;
+    const phase = isResult ? (store.view ? "Misses the target" : "No calibration") : (PHASES[state.phase] ?? state.phase);
     const phaseTitle = state.paused ? "Paused" : phase;
-    const words = phaseTitle === PHASES.good ? capital(state.words.slice(PHASES.good.length + 2)) : state.words; // "Good: …"
+    const words = state.words.startsWith(`${phaseTitle}: `) ? capital(state.words.slice(phaseTitle.length + 2)) : state.words; // "Good: …"
     if (strong) setText(strong, phaseTitle);
     const shown = state.phase === "waiting" || isStill(state, store.view) ? "" : words; // which the middle of the page says
     setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravest(state) : shown);
@@ -305,6 +306,14 @@ const EXAMPLES = Object.freeze({
 });
 
 /**
+ * Whether the readings are all that there will be: of a log, or of a playback that has ended.
+ * @param {State} state
+ */
+function isEnded(state) {
+    return !goesOn(state) && state.readings > 0;
+}
+
+/**
  * Whether a sensor that somebody may turn has not been turned yet.
  * @param {State} state
  * @param {View | null} view
@@ -345,10 +354,12 @@ function advice(state, view) {
     const guidance = view?.guidance ?? null;
     if (state.phase === "waiting" || isStill(state, view)) return "";
     if (state.phase === "wrong") return sentence(brief(state.words)[0]);
-    if (!goesOn(state) && state.readings > 0) {
+    if (isEnded(state)) {
         if (state.phase === "good" || state.phase === "limited") return "Done: press Finish.";
+        if (state.told === "fitting") return state.words;
         const next = guidance && !hasLetters(guidance) && !guidance.is_path ? sentence(guidance.words) : AROUND;
-        return `The recording has ended. To do better, record again: ${next.replace(/^\w/, (letter) => letter.toLowerCase())}`;
+        const now = view === null ? "record again, and" : "press Finish, or record again and";
+        return `The recording has ended: ${now} ${next.replace(/^\w/, (letter) => letter.toLowerCase())}`;
     }
     if (state.phase === "good") return "Done: press Finish, or keep turning to make it better.";
     if (guidance === null) return AROUND;

@@ -91,6 +91,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {number} dipDeg
  * @property {boolean} dipAssumed
  * @property {"heading" | "attitude"} goal
+ * @property {boolean} isFollowed  somebody turns the sensor just now, and may be led
  * @property {Previous | null} previous
  * @property {boolean} isFollowed  somebody turns the sensor just now, and may be led
  * @property {Site | null} site  what counts of the place
@@ -294,6 +295,7 @@ export class Session {
     restart() {
         const { live } = this;
         live.buffer = new ReadingBuffer(live.buffer.most);
+        this.arrivals = [];
         live.generation = ++this.generations;
         live.key = ++this.keys;
     }
@@ -380,7 +382,7 @@ export class Session {
         this.at = at;
         if (edits.begun_s !== this.live.begunS) this.#begin(edits.begun_s);
         const { live } = this;
-        if (JSON.stringify(edits.excluded) !== JSON.stringify(live.exclusions.spans)) live.exclusions = new Exclusions(edits.excluded);
+        live.exclusions = live.exclusions.becoming(edits.excluded);
         live.pausedAt = edits.paused_s;
         live.site = edits.site;
         this.targetDeg = edits.target_deg;
@@ -636,6 +638,7 @@ export class Session {
             dipDeg,
             dipAssumed,
             goal: this.goal,
+            isFollowed: this.opened === null && this.live.pausedAt === null && this.source.link === "connected",
             previous: this.previous,
             isFollowed: this.isFollowed,
             site: this.#site,
