@@ -93,6 +93,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {"heading" | "attitude"} goal
  * @property {boolean} isFollowed  somebody turns the sensor just now, and may be led
  * @property {Previous | null} previous
+ * @property {boolean} isFollowed  somebody turns the sensor just now, and may be led
  * @property {Site | null} site  what counts of the place
  * @property {boolean} isRenewed  its soft iron is kept, and its hard iron found anew
  */
@@ -245,6 +246,11 @@ export class Session {
     get judgedDip() {
         const known = this.dipDeg ?? this.shown.site?.inclination_deg ?? null;
         return known === null ? [this.rules.assumed_dip_deg, true] : [known, false];
+    }
+
+    /** Whether somebody turns the sensor just now, and may be led. */
+    get isFollowed() {
+        return this.opened === null && this.live.pausedAt === null && this.source.link === "connected";
     }
 
     /** @param {number} at */
@@ -634,6 +640,7 @@ export class Session {
             goal: this.goal,
             isFollowed: this.opened === null && this.live.pausedAt === null && this.source.link === "connected",
             previous: this.previous,
+            isFollowed: this.isFollowed,
             site: this.#site,
             isRenewed: this.isRenewed,
         };
