@@ -260,7 +260,6 @@ def test_what_stood_beside_the_sensor_is_left_out_by_a_button(visitor: Visitor, 
     expect(button).to_be_visible()
 
 
-@pytest.mark.xfail(strict=False, reason="the session in the browser does not know the field of a place yet")
 @pytest.mark.tools
 def test_the_dip_is_set_from_a_place(visitor: Visitor) -> None:
     page = done(visitor.page())
