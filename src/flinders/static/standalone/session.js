@@ -93,7 +93,6 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {"heading" | "attitude"} goal
  * @property {boolean} isFollowed  somebody turns the sensor just now, and may be led
  * @property {Previous | null} previous
- * @property {boolean} isFollowed  somebody turns the sensor just now, and may be led
  * @property {Site | null} site  what counts of the place
  * @property {boolean} isRenewed  its soft iron is kept, and its hard iron found anew
  */
@@ -638,7 +637,6 @@ export class Session {
             dipDeg,
             dipAssumed,
             goal: this.goal,
-            isFollowed: this.opened === null && this.live.pausedAt === null && this.source.link === "connected",
             previous: this.previous,
             isFollowed: this.isFollowed,
             site: this.#site,
