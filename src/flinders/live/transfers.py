@@ -7,7 +7,8 @@ Only then its reader unpacks it, as it does for the command line, which has no s
 >>> from pathlib import Path
 >>> path = Path(tempfile.mkdtemp()) / "log.csv.gz"
 >>> _ = path.write_bytes(gzip.compress(b"1,2,3\n" * 1000))
->>> sum(map(len, unpacked(path.open("rb"))))
+>>> with path.open("rb") as file:
+...     sum(map(len, unpacked(file)))
 6000
 >>> refuse_large(path, "log.csv.gz")
 """
