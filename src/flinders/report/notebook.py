@@ -22,6 +22,7 @@ from flinders.fitting.claim import dip_words, heading_words
 from flinders.report import figures
 from flinders.report.charts import as_file
 from flinders.report.colours import STEPS, colour_of
+from flinders.report.formatting import said_once
 from flinders.report.view import view_alone
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def html_of(fit: Fit) -> str:
     is_described = fit.evidence.is_described
     title = f"{SIGNS[fit.verdict]} {fit.verdict}: "
     title += f"{fit.method}, {counted(fit.samples, 'reading')}" if is_described else "nothing is stated"
-    causes = [finding for finding in first_causes(fit.findings) if finding.severity != "note"]
+    causes = said_once(finding for finding in first_causes(fit.findings) if finding.severity != "note")
     words = [f"{SIGNS[finding.severity]} {advice(finding)}" for finding in causes]
     if fit.verdict == "refused":
         return refusal(title, words)
