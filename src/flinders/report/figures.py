@@ -486,9 +486,9 @@ def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
 # --------------------------------------------------------------------------------------------------------- deviation
 
 
-def deviation(view: View, target_deg: float) -> str:
+def deviation(view: View, target_deg: float, *, wide: float = WIDE, high: float = 120.0) -> str:
     """A level turn: what the raw compass is off over the heading, and 1 σ and 2 σ of the corrected one."""
-    return stacked("Deviation over the heading, before and after", deviations(view, target_deg), wide=WIDE, high=120.0)
+    return stacked("Deviation over the heading, before and after", deviations(view, target_deg), wide=wide, high=high)
 
 
 def deviations(view: View, target_deg: float) -> tuple[Panel, Panel]:
