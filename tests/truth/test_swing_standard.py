@@ -233,9 +233,9 @@ def test_a_certificate_says_what_the_terminal_says(name: str) -> None:
 
 
 def test_the_gravest_verdict_heads_a_certificate() -> None:
-    heads = {name: re.search(r'class="verdict" data-verdict="(\w+)".*?<h1[^>]*>([^<]+)', certificate(account(name)), re.DOTALL)
-             for name in SWINGS}  # fmt: skip
-    assert {name: head and head.groups() for name, head in heads.items()} == {
+    head = re.compile(r'class="verdict" data-verdict="(\w+)".*?<h1[^>]*>([^<]+)', re.DOTALL)
+    heads = {name: head.search(certificate(account(name))) for name in SWINGS}
+    assert {name: found and found.groups() for name, found in heads.items()} == {
         "within": ("good", "Within the limit"), "open": ("refused", "Fails"),
         "beyond": ("refused", "Beyond the limit"), "beyond, and no card holds": ("refused", "Beyond the limit"),
         "five headings": ("limited", "Open"), "a gap": ("limited", "Limited"), "without a limit": ("good", "Good"),
