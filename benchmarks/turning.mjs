@@ -11,7 +11,7 @@ const { modules, wasm, data, asked } = JSON.parse(readFileSync(0, "utf-8"));
 const load = (name) => import(pathToFileURL(`${modules}/${name}`));
 const names = ["standalone/engine.js", "standalone/evaluate.js", "standalone/session.js", "standalone/state.js"];
 const [{ loadEngine }, { evaluate }, { Session }, { sessionState }] = await Promise.all(names.map(load));
-const [{ advance, begin, SEQUENCES, skip, isNeeded }, { lead }, { between, product, rotated, rotation, unit }, { corrected }] =
+const [{ advance, begin, judged, SEQUENCES }, { lead }, { between, product, rotated, rotation, unit }, { corrected }] =
     await Promise.all(["standalone/choreography.js", "standalone/lead.js", "views/turn.js", "views/vectors.js"].map(load));
 const engine = await loadEngine(readFileSync(wasm), data.engine.layouts);
 
@@ -141,13 +141,21 @@ class Follower {
         const known = past.at(-1)?.[1];
         this.seen = this.seen.filter(([when]) => when > at - this.hand.latency - 0.2);
         if (!known) return;
-        if (this.looks === "glances") this.nextLook = at + this.chance.uniform(2, 5);
+        if (this.looks === "glances" && known.kind !== "arrow") this.nextLook = at + this.chance.uniform(2, 5);
         if (known.key === this.now?.key) {
-            if (this.left <= 0) this.left = 2 * Math.PI; // once more, as long as that is asked for
+            if (known.kind === "arrow" && known.here) this.aim(known.target, known.here);
+            else if (this.left <= 0) this.left = 2 * Math.PI; // once more, as long as that is asked for
             return;
         }
         this.now = known;
         this.take(known);
+    }
+    /** Turn so that the field goes to where the drawing has its ghost, as far as the hand meets the axis. */
+    aim(target, here) {
+        const { axis, angle } = between(target, here);
+        if (angle < 0.2) return; // and turns on as it does
+        this.axis = unit(axis.map((part, i) => part + this.miss[i]));
+        this.left = angle + 0.5;
     }
     take({ kind, step, body, target, here }) {
         if (kind === "turn") {
@@ -158,10 +166,9 @@ class Follower {
             this.axis = null;
             this.left = 2 * Math.PI * this.chance.uniform(0.8, 1.25);
         } else if (kind === "arrow" && here) {
-            const { axis, angle } = between(target, here);
             [this.hold, this.world] = [null, null];
-            this.axis = this.hand.near(axis);
-            this.left = angle + 0.5;
+            this.miss = this.chance.direction().map((part) => part * Math.tan(this.hand.error));
+            this.aim(target, here);
         } else if (kind === "around") {
             [this.hold, this.world] = [null, null];
             this.axis = this.chance.direction();
@@ -208,15 +215,15 @@ class Page {
         const { session } = this;
         session.arrived(at, { time, field }, UNIT);
         const { view } = session.shown.evaluated;
-        this.choreography = advance(this.choreography, { time, field, acceleration: null }, view?.shown?.strength ?? null);
+        this.choreography = advance(this.choreography, { time, field, acceleration: null }, view);
         if (session.wantsFit(at)) {
             const task = session.beginFit();
-            session.fitDone(at + FIT_S, { ...evaluate(engine, data.engine, { ...task, isFollowed: true }), key: task.key }, FIT_S);
-            if (isNeeded && !isNeeded(this.choreography, session.shown.evaluated.view, data.engine.tiles.centres)) this.choreography = skip(this.choreography);
+            session.fitDone(at + FIT_S, { ...evaluate(engine, data.engine, task), key: task.key }, FIT_S);
         }
         const state = sessionState(session);
         const raw = field.slice(-3);
         const shown = session.shown.evaluated.view;
+        this.choreography = judged(this.choreography, shown, data.engine.tiles.centres);
         const before = this.lead;
         this.lead = lead(before, { at, state, view: shown, choreography: this.choreography, raw, centres: data.engine.tiles.centres });
         if (before && this.lead.since !== before.since) this.words += 1;
@@ -233,7 +240,6 @@ function played({ seed, who, body, halts, dip, most_s }) {
     const world = rotated(rotation({ axis: [0, 0, 1], angle: chance.uniform(0, 2 * Math.PI) }), [0, Math.cos(dip * DEG), -Math.sin(dip * DEG)]);
     const person = new Halting(chance, who === "tumbles" ? new Tumbler(chance, hand) : new Follower(chance, hand, who), halts);
     const page = new Page(body);
-    const log = [];
     let [time, field, good] = [[], [], null];
     for (let k = 0; k < most_s * RATE_HZ; k++) {
         person.move();
@@ -243,16 +249,13 @@ function played({ seed, who, body, halts, dip, most_s }) {
         const at = k / RATE_HZ;
         const seen = page.take(at, time, field);
         [time, field] = [[], []];
-        const ev = page.session.shown.evaluated; const vw = ev.view; const say = seen.phase + " " + (vw ? vw.verdict + " " + vw.findings.map(f => f.code + ":" + f.severity[0] + ":" + (f.number??0).toPrecision(3) + "/" + (f.limit??0).toPrecision(3)).join(",") + " al" + ev.alarms : ev.refusalCode);
-        if (globalThis.process.env.DBG && globalThis.last !== say) log.push([at, (globalThis.last = say)]);
-        if (globalThis.lw !== seen.words && (globalThis.lw = seen.words)) log.push([at, seen.words, seen.kind, seen.step]);
         if (seen.phase === "good") {
             good = at;
             break;
         }
         person.look(at, seen);
     }
-    return { seed, who, good, words: page.words, turned_deg: hand.turned / DEG, steps: page.choreography.step, speed: hand.speed / DEG, log };
+    return { seed, who, good, words: page.words, turned_deg: hand.turned / DEG, steps: page.choreography.step, speed: hand.speed / DEG };
 }
 
 for (const one of asked) process.stdout.write(`${JSON.stringify(played(one))}\n`);

@@ -37,6 +37,7 @@ import { corrected, cross, dot, minus } from "../views/vectors.js";
  * @property {Vector[]} axes  of the turns that were made, in axes of the sensor
  * @property {number} moving_s  that the present step has been turned for
  * @property {number} moved_at  when the newest bead fell
+ * @property {number | null} strength  of the field in the unit of the readings, where it is known
  * @property {{low: Vector, high: Vector} | null} reach  of the readings
  * @property {{before: Vector[], squares: number, count: number}} jitter  by which noise is known
  */
@@ -52,8 +53,10 @@ export const BODIES = /** @type {const} */ (["board", "phone", "drone", "car", "
 const WHOLE_TURN = 5.6;
 /** Axes of turns that are nearer to each other than this, radians, are one. */
 const ALIKE = 0.6;
-/** After so many seconds of turning a step is over, whatever the turn was. */
-const LONGEST_S = 10;
+/** After so many seconds of turning a step is over, whatever the turn was; with a large thing later. */
+const [LONGEST_S, LARGE_S] = [10, 25];
+/** A loop that is less wide, in strengths of the field, is no turn, and looks like this share of one at most. */
+const [LOOP, NO_TURN] = [0.85, 0.5];
 /** Beads lie apart by this share of the strength of the field, or by so many standard deviations of its noise up to a share. */
 const [APART, CLEAR, WIDEST] = [0.08, 8, 0.3];
 /** A path that goes back on itself more sharply, radians, has not bent. */
@@ -63,10 +66,13 @@ const GRAVITY_APART = 1.2;
 /** Beads that are farther apart in time, s, are of a rest between. */
 const REST_S = 1;
 /** What is nearer to what has been seen, radians, need not be seen; a direction is asked for every so many. */
-const [FAR, STEP] = [0.7, 0.25];
+const [FAR, STEP] = [0.95, 0.25];
 /** With a larger error of a heading nobody knows where the readings lie. */
 const KNOWN_DEG = 20;
+/** In its first seconds a turn is still that before, or not yet what it is to be. */
 const EARLY_S = 2.5;
+/** So many turns are needed in any case. */
+const ENOUGH = 2;
 /** A turn that has bent less, radians, leads nowhere yet. */
 const BEGUN = 1.2;
 /** Readings after which noise is known. */
@@ -133,17 +139,18 @@ const NO_PATH = { beads: [], bend: [0, 0, 0] };
  */
 export function begin(body) {
     const jitter = { before: [], squares: 0, count: 0 };
-    return { body, step: 0, field: NO_PATH, gravity: NO_PATH, axes: [], moving_s: 0, moved_at: -Infinity, reach: null, jitter };
+    return { body, step: 0, field: NO_PATH, gravity: NO_PATH, axes: [], moving_s: 0, moved_at: -Infinity, strength: null, reach: null, jitter };
 }
 
 /**
  * Go on by the readings that have come.
  * @param {Choreography} before
  * @param {Readings} readings
- * @param {number | null} strength  of the field in their unit, where it is known
+ * @param {View | null} view  of the newest fit
  * @returns {Choreography}
  */
-export function advance(before, { time, field, acceleration }, strength) {
+export function advance(before, { time, field, acceleration }, view) {
+    const strength = isKnown(view) ? view.shown.strength : null;
     let now = before;
     for (let j = 0; j < time.length && !isOver(now); j += 1) {
         const gravity = acceleration && at(acceleration, j);
@@ -153,12 +160,16 @@ export function advance(before, { time, field, acceleration }, strength) {
 }
 
 /**
- * End the present step, where its readings are no longer needed.
+ * Leave out the steps whose readings are no longer needed.
  * @param {Choreography} before
+ * @param {View | null} view
+ * @param {readonly number[]} centres  of the tiles
  * @returns {Choreography}
  */
-export function skip(before) {
-    return isOver(before) ? before : next(before, [...before.axes, unit(before.field.bend)]);
+export function judged(before, view, centres) {
+    let now = before;
+    while (!isOver(now) && !isNeeded(now, view, centres)) now = next(now, [...now.axes, unit(now.field.bend)]);
+    return now;
 }
 
 /** @param {Choreography} choreography @returns {boolean} Whether all turns are made. */
@@ -173,17 +184,26 @@ export function isOver({ body, step }) {
  */
 export function progress(choreography) {
     if (isOver(choreography)) return 1;
-    return Math.min(Math.max(bent(choreography) / WHOLE_TURN, choreography.moving_s / LONGEST_S - 0.5), 1);
+    return Math.min(bent(choreography) / WHOLE_TURN, 1);
 }
 
 /**
- * Angle of the present turn, rad: of one about an axis that no turn before was about, unless that is asked.
+ * Angle of the present turn, rad: of one about an axis that no turn before was about, unless that is asked. Small loops, as
+ * of a hand that only rocks it, are no turn.
  * @param {Choreography} choreography
  * @returns {number}
  */
-function bent({ body, field, gravity, axes }) {
+function bent({ body, field, gravity, axes, strength }) {
     const isNew = staysLevel(body) || axes.every((axis) => !areAlike(axis, field.bend));
-    return Math.max(isNew ? length(field.bend) : 0, length(gravity.bend));
+    const isWide = strength !== null && acrossOf(field.beads) > LOOP * strength;
+    const angle = isWide || staysLevel(body) ? length(field.bend) : Math.min(length(field.bend), NO_TURN * WHOLE_TURN);
+    return Math.max(isNew ? angle : 0, length(gravity.bend));
+}
+
+/** How wide a path is that runs around a circle: its diameter. @param {readonly Vector[]} beads */
+function acrossOf(beads) {
+    const sides = [0, 1, 2].map((i) => Math.max(...beads.map((bead) => bead[i])) - Math.min(...beads.map((bead) => bead[i])));
+    return beads.length ? length(sides) / Math.SQRT2 : 0;
 }
 
 /**
@@ -192,7 +212,8 @@ function bent({ body, field, gravity, axes }) {
  */
 function turned(now) {
     if (bent(now) >= WHOLE_TURN) return next(now, [...now.axes, unit(now.field.bend)]);
-    return !staysLevel(now.body) && now.moving_s > LONGEST_S ? next(now, now.axes) : now;
+    const most = now.body === "drone" ? LARGE_S : LONGEST_S;
+    return !staysLevel(now.body) && now.moving_s > most ? next(now, now.axes) : now;
 }
 
 /** @param {Choreography} now @param {Vector[]} axes @returns {Choreography} */
@@ -219,7 +240,7 @@ function read(before, time, field, gravity, strength) {
     const isMoving = path !== before.field || lies !== before.gravity;
     const moved = isMoving ? Math.min(Math.max(time - before.moved_at, 0), REST_S) : 0;
     const moved_at = isMoving ? time : before.moved_at;
-    return { ...before, reach, jitter, field: path, gravity: lies, moving_s: before.moving_s + moved, moved_at };
+    return { ...before, strength, reach, jitter, field: path, gravity: lies, moving_s: before.moving_s + moved, moved_at };
 }
 
 /**
@@ -251,15 +272,17 @@ function bendOf([one, two, three]) {
 }
 
 /**
- * Whether the rest of the present turn leads anywhere near a direction that has not been seen.
+ * Whether the present turn brings anything: its circle leads near a direction that has not been seen; or it is the third, and
+ * not even the two before have told where readings lie. Once they have, the arrow leads straight to the gap that is left.
  * @param {Choreography} choreography
  * @param {View | null} view
  * @param {readonly number[]} centres  of the tiles
  * @returns {boolean}
  */
-export function isNeeded({ body, field, axes, moving_s }, view, centres) {
-    if (!view?.shown || !((view.any_attitude_deg?.worst ?? Infinity) < KNOWN_DEG) || staysLevel(body) || moving_s < EARLY_S) return true;
-    if (axes.some((axis) => areAlike(axis, newestBend(field.beads)))) return true; // the turn before goes on
+function isNeeded({ body, step, field, axes, moving_s }, view, centres) {
+    if (!isKnown(view) || staysLevel(body)) return true;
+    if (step >= ENOUGH && body !== "drone") return false;
+    if (moving_s < EARLY_S || axes.some((axis) => areAlike(axis, newestBend(field.beads)))) return true; // the turn before goes on
     const { shown } = view;
     const beads = field.beads.map((bead) => unit(corrected(bead, shown)));
     const bend = newestBend(beads);
@@ -270,6 +293,15 @@ export function isNeeded({ body, field, axes, moving_s }, view, centres) {
         if (farOf(ahead, seen) > FAR) return true;
     }
     return false;
+}
+
+/**
+ * Whether a fit tells where readings lie.
+ * @param {View | null} view
+ * @returns {view is View & {shown: NonNullable<View["shown"]>}}
+ */
+function isKnown(view) {
+    return view !== null && view.shown !== null && (view.any_attitude_deg?.worst ?? Infinity) < KNOWN_DEG;
 }
 
 /**

@@ -82,7 +82,8 @@ function asked(known) {
     const plain = (kind, words, target = null) => ({ kind, words, body, step: 0, of: 0, progress: 0, target });
     if (state.phase === "wrong") return plain("wrong", sentence(brief(state.words)[0]));
     if (!goesOn(state) && state.readings > 0) return plain("ended", ended(state, view));
-    if (state.phase === "waiting" || state.paused) return plain("wait", "");
+    if (state.phase === "waiting") return plain("wait", "");
+    if (state.paused) return plain("wait", "Paused: press Go on, and turn it again.");
     if (state.phase === "good") return plain("done", "Done: press Finish, or keep turning to make it better.");
     if (!isOver(choreography)) return turn(choreography);
     if (staysLevel(body)) return plain("around", "One more slow circle, level as before.");

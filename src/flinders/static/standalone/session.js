@@ -79,6 +79,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {boolean} dipAssumed
  * @property {"heading" | "attitude"} goal
  * @property {Previous | null} previous
+ * @property {boolean} [isFollowed]  somebody turns the sensor just now, and may be led
  */
 
 /** @type {Evaluated} */
@@ -265,6 +266,11 @@ export class Session {
         }
     }
 
+    /** Whether somebody turns the sensor just now, and may be led. */
+    get isFollowed() {
+        return this.opened === null && this.live.pausedAt === null && this.source.link === "connected";
+    }
+
     /** Mark the shown series as changed, so that it is fitted again soon. */
     #refit() {
         this.shown.key = ++this.keys;
@@ -378,7 +384,7 @@ export class Session {
     beginFit() {
         this.isFitting = true;
         this.fitFrom = this.at;
-        return this.task(this.rules.fitted);
+        return { ...this.task(this.rules.fitted), isFollowed: this.isFollowed };
     }
 
     /**

@@ -64,6 +64,8 @@ export function between(from, to) {
 /** The attitude of a body, kept up as readings come. */
 export class Attitude {
     rotation = LEVEL;
+    /** Whether an accelerometer says which way is up. */
+    isUpright = false;
     /** @type {Vector | null} where the field points, in axes of the body */
     field = null;
 
@@ -75,6 +77,7 @@ export class Attitude {
     follow({ raw, acceleration }, shown) {
         const field = unit(corrected(raw, shown));
         const upright = acceleration && level(field, unit(acceleration));
+        this.isUpright = Boolean(upright);
         if (upright) this.rotation = upright;
         else if (this.field) this.rotation = product(this.rotation, rotation(between(field, this.field)));
         this.field = field;
