@@ -160,7 +160,8 @@ class Follower {
     take({ kind, step, body, target, here }) {
         if (kind === "turn") {
             const { hold, isHeld, axis } = SEQUENCES[body][step - 1];
-            this.hold = isHeld ? product(rotation({ axis: this.chance.direction(), angle: this.hand.error }), hold) : null;
+            const isCopied = isHeld || (step === 1 && this.chance.uniform() < 0.5); // of the drawing
+            this.hold = isCopied ? product(rotation({ axis: this.chance.direction(), angle: this.hand.error }), hold) : null;
             const sign = this.chance.uniform() < 0.5 ? -1 : 1;
             this.world = this.hand.near(axis.map((part) => sign * part));
             this.axis = null;

@@ -66,11 +66,11 @@ const GRAVITY_APART = 1.2;
 /** Beads that are farther apart in time, s, are of a rest between. */
 const REST_S = 1;
 /** What is nearer to what has been seen, radians, need not be seen; a direction is asked for every so many. */
-const [FAR, STEP] = [0.95, 0.25];
+const [FAR, STEP] = [1, 0.25];
 /** With a larger error of a heading nobody knows where the readings lie. */
 const KNOWN_DEG = 20;
 /** In its first seconds a turn is still that before, or not yet what it is to be. */
-const EARLY_S = 2.5;
+const EARLY_S = 2;
 /** So many turns are needed in any case. */
 const ENOUGH = 2;
 /** A turn that has bent less, radians, leads nowhere yet. */
@@ -93,17 +93,17 @@ const held = (hold, axis, words) => ({ hold, axis, words, isHeld: true });
 /** @param {Rotation} hold @param {Vector} axis @param {string} words @returns {Turning} */
 const asItIs = (hold, axis, words) => ({ hold, axis, words, isHeld: false });
 
-/** @param {string} face @returns {Turning[]} */
-const inTheHand = (face) => [
-    held(FACING, AWAY, `Hold it with ${face} towards you, and turn it once around, like a wheel.`),
+/** @type {Turning[]} */
+const IN_THE_HAND = [
+    asItIs(FACING, AWAY, "Turn it once around, like a wheel."),
     asItIs(FACING, ACROSS, "Now tip it away from you, over and once around."),
     held(EDGE, AWAY, "Now its edge towards you, and once around, like a wheel."),
 ];
 
 /** What to do with each body, turn by turn. @type {Readonly<Record<Body, readonly Turning[]>>} */
 export const SEQUENCES = {
-    board: inTheHand("its face"),
-    phone: inTheHand("its screen"),
+    board: IN_THE_HAND,
+    phone: IN_THE_HAND,
     drone: [
         held(LEVEL, UP, "Hold it level, one at each end, and walk it once around."),
         held(ON_ITS_SIDE, UP, "Now on its side, and once around."),
@@ -118,7 +118,7 @@ export const SEQUENCES = {
         held(LEVEL, UP, "Now one more slow circle, the other way around."),
     ],
     instrument: [
-        held(LEVEL, AWAY, "Point it ahead, and roll it once around, like a barrel."),
+        asItIs(LEVEL, AWAY, "Roll it once around, like a barrel."),
         asItIs(LEVEL, ACROSS, "Now tip it, front down first, over and once around."),
         held(FACING, AWAY, "Now its face towards you, and once around, like a wheel."),
     ],
