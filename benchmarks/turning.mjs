@@ -132,30 +132,38 @@ class Follower {
         this.hold = null;
         this.left = 0;
     }
-    /** See the page. */
+    /** See the page; what it says is understood after a latency, the drawing is seen as it is now. */
     look(at, lead) {
         this.seen.push([at, lead]);
         const isLooking = this.looks === "always" || (this.looks === "glances" ? at >= this.nextLook : this.left <= 0);
         if (!isLooking) return;
-        const past = this.seen.filter(([when]) => when <= at - this.hand.latency);
-        const known = past.at(-1)?.[1];
+        const known = this.seen.filter(([when]) => when <= at - this.hand.latency).at(-1)?.[1];
         this.seen = this.seen.filter(([when]) => when > at - this.hand.latency - 0.2);
         if (!known) return;
         if (this.looks === "glances" && known.kind !== "arrow") this.nextLook = at + this.chance.uniform(2, 5);
-        if (known.key === this.now?.key) {
-            if (known.kind === "arrow" && known.here) this.aim(known.target, known.here);
-            else if (this.left <= 0) this.left = 2 * Math.PI; // once more, as long as that is asked for
+        if (known.key !== this.now?.key) {
+            this.now = known;
+            this.take({ ...known, here: lead.here ?? known.here });
+        } else if (this.left <= 0) {
+            this.again(at, lead);
+        }
+    }
+    /** Once more, as long as that is asked for; a direction that was missed, after another look. */
+    again(at, { here }) {
+        if (this.now.kind !== "arrow") {
+            this.left = 2 * Math.PI;
             return;
         }
-        this.now = known;
-        this.take(known);
+        this.missedAt ??= at;
+        if (at < this.missedAt + this.hand.latency || !here) return;
+        this.aim(this.now.target, here);
     }
     /** Turn so that the field goes to where the drawing has its ghost, as far as the hand meets the axis. */
     aim(target, here) {
         const { axis, angle } = between(target, here);
-        if (angle < 0.2) return; // and turns on as it does
+        this.missedAt = null;
         this.axis = unit(axis.map((part, i) => part + this.miss[i]));
-        this.left = angle + 0.5;
+        this.left = Math.max(angle * this.chance.uniform(0.85, 1.25), 0.4);
     }
     take({ kind, step, body, target, here }) {
         if (kind === "turn") {
@@ -182,7 +190,8 @@ class Follower {
         if (this.hold && hand.towards(this.hold) > 0.1) return;
         if (this.world) this.axis = rotated(transposed(hand.attitude), this.world);
         [this.hold, this.world] = [null, null];
-        if (this.looks !== "always" && this.left <= 0) return;
+        const goesOn = this.looks === "always" && this.now.kind !== "arrow";
+        if (!goesOn && this.left <= 0) return;
         hand.turn(this.axis);
         this.left -= hand.speed / RATE_HZ;
     }
@@ -197,7 +206,7 @@ class Halting {
         this.person.look(...seen);
     }
     move() {
-        if (this.each && this.rest <= 0 && this.chance.uniform() < 1 / (RATE_HZ * this.each)) this.rest = this.chance.uniform(1, 4);
+        if (this.each && this.rest <= 0 && this.chance.uniform() < 1 / (RATE_HZ * this.each)) this.rest = this.chance.uniform(1, 3);
         this.rest -= 1 / RATE_HZ;
         if (this.rest <= 0) this.person.move();
     }

@@ -55,8 +55,8 @@ const WHOLE_TURN = 5.6;
 const ALIKE = 0.6;
 /** After so many seconds of turning a step is over, whatever the turn was; with a large thing later. */
 const [LONGEST_S, LARGE_S] = [10, 25];
-/** A loop that is less wide, in strengths of the field, is no turn, and looks like this share of one at most. */
-const [LOOP, NO_TURN] = [0.85, 0.5];
+/** A loop that is less wide, in strengths of the field, is none of a turn; while that is not known, bends count by this share. */
+const [LOOP, UNSURE] = [0.85, 0.87];
 /** Beads lie apart by this share of the strength of the field, or by so many standard deviations of its noise up to a share. */
 const [APART, CLEAR, WIDEST] = [0.08, 8, 0.3];
 /** A path that goes back on itself more sharply, radians, has not bent. */
@@ -69,8 +69,8 @@ const REST_S = 1;
 const [FAR, STEP] = [1, 0.25];
 /** With a larger error of a heading nobody knows where the readings lie. */
 const KNOWN_DEG = 20;
-/** In its first seconds a turn is still that before, or not yet what it is to be. */
-const EARLY_S = 2;
+/** Of any turn as much is needed, radians: at its beginning it is still that before, or not yet what it is to be. */
+const HALF = 2.8;
 /** So many turns are needed in any case. */
 const ENOUGH = 2;
 /** A turn that has bent less, radians, leads nowhere yet. */
@@ -189,15 +189,19 @@ export function progress(choreography) {
 
 /**
  * Angle of the present turn, rad: of one about an axis that no turn before was about, unless that is asked. Small loops, as
- * of a hand that only rocks it, are no turn.
+ * of a hand that only rocks it, are no turn; while nobody knows how large they are, more of them is asked.
  * @param {Choreography} choreography
  * @returns {number}
  */
 function bent({ body, field, gravity, axes, strength }) {
-    const isNew = staysLevel(body) || axes.every((axis) => !areAlike(axis, field.bend));
-    const isWide = strength !== null && acrossOf(field.beads) > LOOP * strength;
-    const angle = isWide || staysLevel(body) ? length(field.bend) : Math.min(length(field.bend), NO_TURN * WHOLE_TURN);
-    return Math.max(isNew ? angle : 0, length(gravity.bend));
+    const isAsked = staysLevel(body) || axes.every((axis) => !areAlike(axis, field.bend));
+    return Math.max(isAsked ? length(field.bend) * shareOf(field.beads, strength) : 0, length(gravity.bend));
+}
+
+/** @param {readonly Vector[]} beads @param {number | null} strength @returns {number} How much the bends of a path count. */
+function shareOf(beads, strength) {
+    if (strength === null) return UNSURE;
+    return Math.min(acrossOf(beads) / (LOOP * strength), 1) ** 2;
 }
 
 /** How wide a path is that runs around a circle: its diameter. @param {readonly Vector[]} beads */
@@ -279,10 +283,10 @@ function bendOf([one, two, three]) {
  * @param {readonly number[]} centres  of the tiles
  * @returns {boolean}
  */
-function isNeeded({ body, step, field, axes, moving_s }, view, centres) {
+function isNeeded({ body, step, field, axes }, view, centres) {
     if (!isKnown(view) || staysLevel(body)) return true;
     if (step >= ENOUGH && body !== "drone") return false;
-    if (moving_s < EARLY_S || axes.some((axis) => areAlike(axis, newestBend(field.beads)))) return true; // the turn before goes on
+    if (length(field.bend) < HALF || axes.some((axis) => areAlike(axis, newestBend(field.beads)))) return true; // the turn before goes on
     const { shown } = view;
     const beads = field.beads.map((bead) => unit(corrected(bead, shown)));
     const bend = newestBend(beads);
