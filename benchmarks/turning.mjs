@@ -48,7 +48,7 @@ class Sensor {
     constructor(chance) {
         this.chance = chance;
         const scale = () => 1 + chance.uniform(-0.25, 0.25);
-        const across = () => chance.uniform(-0.15, 0.15);
+        const across = () => chance.uniform(-0.1, 0.1);
         const [a, b, c] = [across(), across(), across()];
         this.matrix = [[scale(), a, b], [a, scale(), c], [b, c, scale()]];
         this.offset = [0, 1, 2].map(() => chance.uniform(-2, 2) * FIELD);

@@ -326,6 +326,18 @@ function newestBend(beads) {
  * @returns {{direction: Vector, far: number}}
  */
 export function gapOf(view, centres) {
+    const known = GAPS.get(view);
+    if (known) return known;
+    const found = gapAmong(view, centres);
+    GAPS.set(view, found);
+    return found;
+}
+
+/** Of each view once: @type {WeakMap<View, {direction: Vector, far: number}>} */
+const GAPS = new WeakMap();
+
+/** @param {View} view @param {readonly number[]} centres @returns {{direction: Vector, far: number}} */
+function gapAmong(view, centres) {
     const seen = seenOf(view, centres);
     let [most, direction] = [-1, /** @type {Vector} */ ([0, 0, 1])];
     view.tiles_seen.forEach((count, tile) => {

@@ -2,11 +2,12 @@
  * The one thing that the page asks for: a turn of the sequence, then the arrow for the gap that is left, then Finish.
  *
  * Words and drawing change together. What is asked for stands for three seconds at least, a direction until the field
- * points there or five seconds have passed, and in a minute it changes twelve times at most. No clock, no page.
+ * points there or five seconds have passed, and in a minute it changes twelve times at most. Only a fault, a pause and the end
+ * of a recording wait for nothing. No clock, no page.
  */
 
 import { goesOn } from "../store.js";
-import { between, unit } from "../views/turn.js";
+import { between, DRAWN, rotated, unit } from "../views/turn.js";
 import { corrected, dot } from "../views/vectors.js";
 import { brief, sentence } from "../views/words.js";
 import { gapOf, isOver, progress, SEQUENCES, staysLevel } from "./choreography.js";
@@ -46,6 +47,8 @@ import { gapOf, isOver, progress, SEQUENCES, staysLevel } from "./choreography.j
 const [STANDS_S, TARGET_S] = [3, 5];
 /** Words change so often in so many seconds. */
 const [MOST, WITHIN_S] = [12, 60];
+/** What no other words keep waiting. */
+const AT_ONCE = ["wrong", "ended", "wait"];
 /** A target is reached within this angle, radians. */
 const REACHED = 0.3;
 /** A gap about a direction that is wider, radians, is to be closed: the finding `coverage` begins at 60°. */
@@ -85,12 +88,14 @@ function asked(known) {
     if (state.phase === "waiting") return plain("wait", "");
     if (state.paused) return plain("wait", "Paused: press Go on, and turn it again.");
     if (state.phase === "good") return plain("done", "Done: press Finish, or keep turning to make it better.");
+    if (staysLevel(body) && state.phase === "limited") return plain("done", "Done, for level headings: press Finish.");
     if (!isOver(choreography)) return turn(choreography);
     if (staysLevel(body)) return plain("around", "One more slow circle, level as before.");
     const direction = targetOf(known);
     if (!direction && state.phase === "limited") return plain("done", "Good enough: press Finish, or keep turning to lift the limits.");
     if (!direction || !view?.shown || !raw) return plain("around", AROUND);
-    return plain("arrow", `Now ${towards(direction, unit(corrected(raw, view.shown)), body)}.`, direction);
+    const { axis } = between(direction, unit(corrected(raw, view.shown)));
+    return plain("arrow", `Now ${turnAbout(rotated(DRAWN[view.guidance?.frame ?? "sensor"], axis), body)}.`, direction);
 }
 
 /**
@@ -136,14 +141,13 @@ function ended({ phase }, view) {
  * @param {Asked} wanted
  * @param {Known} known
  */
-function stands(before, wanted, { at, state, view, raw }) {
-    const recent = before.changes.filter((when) => when > at - WITHIN_S);
-    if (recent.length >= MOST) return true;
-    const isUrgent = ["wrong", "done", "ended", "wait"].includes(wanted.kind) || ["wait", "ended"].includes(before.kind);
-    if (isUrgent) return false;
+function stands(before, wanted, { at, view, raw }) {
+    if (AT_ONCE.includes(wanted.kind) || AT_ONCE.includes(before.kind)) return false;
+    if (before.changes.filter((when) => when > at - WITHIN_S).length >= MOST) return true;
+    if (wanted.kind === "done") return false;
     if (at - before.since < STANDS_S) return true;
     if (before.kind !== "arrow" || wanted.kind !== "arrow") return false;
-    return state.phase !== "wrong" && at - before.since < TARGET_S && !isReached(before.target, raw, view);
+    return at - before.since < TARGET_S && !isReached(before.target, raw, view);
 }
 
 /**
@@ -178,13 +182,11 @@ const TURNS = /** @type {const} */ ([
 const FRONTS = { board: "its far edge", phone: "its top", drone: "its nose", car: "its nose", boat: "its bow", instrument: "its front" };
 
 /**
- * The turn that brings the field from one direction to another, in words: about the axis that it is mostly about.
- * @param {Vector} direction
- * @param {Vector} here
+ * A turn in words: about the axis that it is mostly about.
+ * @param {Vector} axis  to its right, to its front, out of its face
  * @param {Body} body
  */
-function towards(direction, here, body) {
-    const { axis } = between(direction, here);
+function turnAbout(axis, body) {
     const main = [0, 1, 2].reduce((most, i) => (Math.abs(axis[i]) > Math.abs(axis[most]) ? i : most), 0);
     const words = TURNS[main][axis[main] < 0 ? 1 : 0];
     return main === 0 ? `${words} ${FRONTS[body]}` : words;

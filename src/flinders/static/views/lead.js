@@ -5,7 +5,7 @@ import { goesOn } from "../store.js";
 import { advance, begin, BODIES, judged, SEQUENCES } from "../standalone/choreography.js";
 import { lead } from "../standalone/lead.js";
 import { Hand, nameOf, portrait, turnTowards } from "./hand.js";
-import { LEVEL } from "./turn.js";
+import { DRAWN, LEVEL, product } from "./turn.js";
 
 /** @typedef {import("../messages.d.ts").SessionState} State */
 /** @typedef {import("../messages.d.ts").View} View */
@@ -165,10 +165,11 @@ export class LeadView {
         }
         const { attitude } = this.hand;
         if (kind === "arrow" && target && attitude.field && view?.shown) {
-            if (this.since !== since) attitude.rotation = attitude.isUpright ? attitude.rotation : LEVEL;
+            const drawn = DRAWN[view.guidance?.frame ?? "sensor"]; // either way the same
+            if (this.since !== since && !attitude.isUpright) attitude.rotation = drawn;
             this.since = since;
-            const hold = attitude.rotation;
-            return { body, hold, ...turnTowards(hold, target, attitude.field), now: 0, parts: [] };
+            const hold = product(attitude.rotation, drawn);
+            return { body, hold, ...turnTowards(attitude.rotation, target, attitude.field), now: 0, parts: [] };
         }
         const side = Math.floor(performance.now() / 1000 / AROUND_S) % 3;
         const axis = [0, 1, 2].map((i) => Number(i === side));
