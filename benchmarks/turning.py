@@ -3,17 +3,18 @@
     python -m benchmarks.turning [--sensors 200] [--body board] [--dip 60] [--processes 2]
 
 The session of the page, its engine as WebAssembly, its choreography and its lead run under Node.js in simulated time
-(`turning.mjs`), and a simulated person does what they say, from a random attitude. Each person has a speed of 30 to 90° a
-second, a latency of 0.3 to 1.5 s, and a hand that misses attitude and axis by 10 to 20° and sways about the axis by half of
-that. One sees the page all the time; one glances at it every two to five seconds; one does not look, but turns it by feeling
-(0.8 to 1.25 of a turn) and looks up after each; the last tumbles it at random and never looks. All but the first stop for one
-to four seconds, ten seconds apart in the mean, in a second run ("stops").
+(`turning.mjs`), and a simulated person does what they say. Each has a speed of 30 to 90° a second, a latency of 0.3 to
+1.5 s, and a hand that misses attitude and axis by 10 to 20° and sways about the axis by half of that. One sees the page
+all the time; one glances at it every two to five seconds; one does not look, but turns it by feeling (0.8 to 1.25 of a
+turn) and looks up after each turn; the last tumbles it at random and never looks. In a second run each stops for one
+to three seconds, after ten seconds of turning in the mean.
 
-Sensors: soft iron of 25 %, an offset of up to two fields on each axis, white noise of 0.1 to 0.5 % of the field, slow noise
-of a fifth of that over five seconds; 50 readings a second. It ends when the page says *good*: within 1° and no limits.
+Sensors: soft iron of 25 % (10 % across), an offset of up to two fields on each axis, white noise of 0.1 to 0.5 % of the
+field, slow noise of a fifth of that over five seconds; 50 readings a second. It ends when the page says *good*: within
+1°, and no region of more than 60° unseen.
 
-Columns: seconds until good, in the median and for 98 %; shares that are good within 20 and 30 s; the same share within 20 s
-of those who turn at 45° a second or faster; degrees of turning, median; the most changes of words in a run, per minute.
+Columns: seconds until good, in the median and for 98 %; shares that are good within 20 and 30 s; the same within 20 s of
+those who turn at 45° a second or faster; degrees of turning, median; changes of words, at most in a run, per minute.
 """
 
 from __future__ import annotations

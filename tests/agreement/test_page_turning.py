@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, Final
 
 import pytest
@@ -121,13 +122,11 @@ def test_words_and_target_change_together_and_twelve_times_a_minute_at_most() ->
     ways = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]]
     events = [[0.1 * i, ways[i // 3 % 4], [50.0 * part for part in ways[(i // 3 + 2) % 4]]] for i in range(3000)]
     leads = led(events)
-    changes = [after["since"] for before, after in zip(leads, leads[1:], strict=False) if after["words"] != before["words"]]
+    changes = [after["since"] for before, after in pairwise(leads) if after["words"] != before["words"]]
     assert all(
-        before["target"] == after["target"]
-        for before, after in zip(leads, leads[1:], strict=False)
-        if before["since"] == after["since"]
+        before["target"] == after["target"] for before, after in pairwise(leads) if before["since"] == after["since"]
     )
-    assert min(after - before for before, after in zip(changes, changes[1:], strict=False)) >= 3.0
+    assert min(after - before for before, after in pairwise(changes)) >= 3.0
     assert max(sum(at <= other < at + 60.0 for other in changes) for at in changes) <= 12
 
 
