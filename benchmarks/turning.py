@@ -13,7 +13,7 @@ Sensors: soft iron of 25 % (10 % across), an offset of up to two fields on each 
 field, slow noise of a fifth of that over five seconds; 50 readings a second. It ends when the page says *good*: within
 1°, and no region of more than 60° unseen.
 
-Columns: seconds until good, in the median and for 98 %; shares that are good within 20 and 30 s; the same within 20 s of
+Columns: seconds until good, median and for 98 %; shares that are good within 20 and 30 s; the same within 20 s of
 those who turn at 45° a second or faster; degrees of turning, median; changes of words, at most in a run, per minute.
 """
 

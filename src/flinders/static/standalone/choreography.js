@@ -9,6 +9,7 @@
 
 import { product, rotated, rotation, unit } from "../views/turn.js";
 import { corrected, cross, dot, minus } from "../views/vectors.js";
+import { farOf, seenOf } from "./gaps.js";
 
 /** @typedef {import("../messages.d.ts").View} View */
 /** @typedef {import("../views/vectors.js").Vector} Vector */
@@ -317,47 +318,6 @@ function newestBend(beads) {
     let bend = /** @type {Vector} */ ([0, 0, 0]);
     for (let i = beads.length - 3; i >= 0 && length(bend) < BEGUN; i -= 1) bend = sum(bend, bendOf(beads.slice(i, i + 3)));
     return bend;
-}
-
-/**
- * The direction that is farthest from all that has been seen, and how far, rad.
- * @param {View} view
- * @param {readonly number[]} centres
- * @returns {{direction: Vector, far: number}}
- */
-export function gapOf(view, centres) {
-    const known = GAPS.get(view);
-    if (known) return known;
-    const found = gapAmong(view, centres);
-    GAPS.set(view, found);
-    return found;
-}
-
-/** Of each view once: @type {WeakMap<View, {direction: Vector, far: number}>} */
-const GAPS = new WeakMap();
-
-/** @param {View} view @param {readonly number[]} centres @returns {{direction: Vector, far: number}} */
-function gapAmong(view, centres) {
-    const seen = seenOf(view, centres);
-    let [most, direction] = [-1, /** @type {Vector} */ ([0, 0, 1])];
-    view.tiles_seen.forEach((count, tile) => {
-        if (count) return;
-        const here = at(centres, tile);
-        const far = farOf(here, seen);
-        if (far > most) [most, direction] = [far, here];
-    });
-    return { direction, far: most };
-}
-
-/** @param {View} view @param {readonly number[]} centres @returns {Vector[]} Middles of the tiles with readings. */
-function seenOf({ tiles_seen: counts }, centres) {
-    return counts.flatMap((count, tile) => (count ? [at(centres, tile)] : []));
-}
-
-/** @param {Vector} direction @param {readonly Vector[]} seen @returns {number} Angle to the nearest. */
-function farOf(direction, seen) {
-    const nearest = seen.reduce((most, one) => Math.max(most, dot(one, direction)), -1);
-    return Math.acos(Math.min(nearest, 1));
 }
 
 /** @param {Vector} one @param {Vector} other @returns {Vector} */

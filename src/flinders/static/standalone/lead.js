@@ -10,7 +10,8 @@ import { goesOn } from "../store.js";
 import { between, DRAWN, rotated, unit } from "../views/turn.js";
 import { corrected, dot } from "../views/vectors.js";
 import { brief, sentence } from "../views/words.js";
-import { gapOf, isOver, progress, SEQUENCES, staysLevel } from "./choreography.js";
+import { isOver, progress, SEQUENCES, staysLevel } from "./choreography.js";
+import { gapOf } from "./gaps.js";
 
 /** @typedef {import("../messages.d.ts").SessionState} State */
 /** @typedef {import("../messages.d.ts").View} View */
@@ -53,6 +54,7 @@ const AT_ONCE = ["wrong", "ended", "wait"];
 const REACHED = 0.3;
 /** A gap about a direction that is wider, radians, is to be closed: the finding `coverage` begins at 60°. */
 const GAP = 0.96;
+const ENOUGH = "Good enough: press Finish, or keep turning to lift the limits.";
 const AROUND = "Turn it slowly through all directions.";
 
 /**
@@ -92,7 +94,7 @@ function asked(known) {
     if (!isOver(choreography)) return turn(choreography);
     if (staysLevel(body)) return plain("around", "One more slow circle, level as before.");
     const direction = targetOf(known);
-    if (!direction && state.phase === "limited") return plain("done", "Good enough: press Finish, or keep turning to lift the limits.");
+    if (!direction && state.phase === "limited") return plain("done", ENOUGH);
     if (!direction || !view?.shown || !raw) return plain("around", AROUND);
     const { axis } = between(direction, unit(corrected(raw, view.shown)));
     return plain("arrow", `Now ${turnAbout(rotated(DRAWN[view.guidance?.frame ?? "sensor"], axis), body)}.`, direction);
@@ -119,7 +121,8 @@ function targetOf({ state, view, centres }) {
 function turn(choreography) {
     const { body, step } = choreography;
     const steps = SEQUENCES[body];
-    return { kind: "turn", words: steps[step].words, body, step: step + 1, of: steps.length, progress: progress(choreography), target: null };
+    const { words } = steps[step];
+    return { kind: "turn", words, body, step: step + 1, of: steps.length, progress: progress(choreography), target: null };
 }
 
 /**

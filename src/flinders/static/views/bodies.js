@@ -90,7 +90,9 @@ function phone() {
 /** @returns {Face[]} */
 function drone() {
     const arms = [[1, 1], [-1, 1], [-1, -1], [1, -1]].flatMap(([x, y]) => {
-        const arm = prism([[6 * x - 3 * y, 6 * y + 3 * x], [6 * x + 3 * y, 6 * y - 3 * x], [34 * x + 3 * y, 34 * y - 3 * x], [34 * x - 3 * y, 34 * y + 3 * x]].map(([a, b]) => /** @type {[number, number]} */ ([a, b])), [-2, 2], { kind: "dark" });
+        /** @type {(out: number, aside: number) => [number, number]} */
+        const at = (out, aside) => [out * x - aside * y, out * y + aside * x];
+        const arm = prism([at(6, 3), at(6, -3), at(34, -3), at(34, 3)], [-2, 2], { kind: "dark" });
         const motor = prism(moved(round(5), 34 * x, 34 * y), [-3, 6], { kind: "metal" });
         const rotor = moved(round(18), 34 * x, 34 * y);
         const kind = y > 0 ? "rotor front" : "rotor";
