@@ -3,8 +3,8 @@
     python -m benchmarks.alarms                  # recordings of the shared data, and sensors that lie still
     python -m benchmarks.alarms "lies still"     # one of them
 
-Each recording is played into a session in steps of half a second, with a fit after each. An alarm is a state in which
-the page is *wrong*; it is confirmed where the page is wrong in the end, too. Recordings
+Each recording is played into a session of the page, under Node.js, in steps of half a second, with a fit after each.
+An alarm is a state in which the page is *wrong*; it is confirmed where the page is wrong in the end, too. Recordings
 without an alarm have no row.
 """
 
@@ -17,9 +17,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from flinders.live.evaluation import evaluate
-from flinders.live.page_state import session_state
-from flinders.live.session import Arrived, FitDone, Linked, LiveSession, Ticked, begin_fit, step
+from tests.page_session import PageSession, warnings
 
 import flinders
 from benchmarks.fits import recordings
@@ -31,8 +29,6 @@ from flinders.live.messages import SourceState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-
-    from flinders.live.session import Event
 
     from flinders.core.samples import Samples
 
@@ -56,30 +52,26 @@ class State:
 
 def states(samples: Samples) -> Iterator[State]:
     """What the page says while a recording grows, and when it has ended."""
-    session = LiveSession(source=SourceState("the recording", "replay", "connected", ""))
+    session = PageSession(SourceState("the recording", "replay", "connected", ""))
     time = np.arange(len(samples)) / RATE_HZ if samples.time is None else samples.time - samples.time[0]
     rows = rows_of(replace(samples, time=time))
     last = min(float(time[-1]), LONGEST_S)
     ends = np.searchsorted(time, np.arange(STEP_S, last + STEP_S, STEP_S))
     for begin, end in pairwise([0, *ends.tolist()]):
         if end > begin:
-            session = _after(session, Arrived(float(time[end - 1]), rows[begin:end], samples.unit))
+            session.arrived(float(time[end - 1]), rows[begin:end], samples.unit)
+            session.fit()
             yield _state(session)
-    session = _after(session, Linked(last, "ended", ""))
-    yield _state(step(session, Ticked(last + 2.0))[0])
+    session.linked(last, "ended")
+    session.fit()
+    session.ticked(last + 2.0)
+    yield _state(session)
 
 
-def _after(session: LiveSession, event: Event) -> LiveSession:
-    """A session after an event, and a fit of all that has come."""
-    session = begin_fit(step(session, event)[0])
-    return step(session, FitDone(event.at, evaluate(session), seconds=0.01))[0]
-
-
-def _state(session: LiveSession) -> State:
+def _state(session: PageSession) -> State:
     """What the page says of a session."""
-    shown = session_state(session)
-    codes = tuple(reason.code for reason in shown.reasons if reason.severity == "warning")
-    return State(session.at, shown.phase, codes, shown.words)
+    shown = session.state
+    return State(session.at, shown.phase, tuple(warnings(shown.reasons)), shown.words)
 
 
 def row(name: str, said: list[State]) -> str | None:

@@ -261,33 +261,40 @@ def _read_mavlink(content: bytes) -> None:
 
 
 def ask_page(content: bytes, folder: Path, kind: str) -> None:
-    """Drop a file on the page: it answers with words, or a refusal, and goes on."""
+    """Drop a file on the page, and finish: it answers with words, or a refusal, and goes on."""
     client = _client(str(folder))
     answer = client.post(f"/open?name={kind}", content=content)
-    if answer.status_code not in (200, 413, 422) or "words" not in answer.json():
+    told = json.loads(_head(answer.content)) if answer.status_code == 200 else answer.json()
+    if answer.status_code not in (200, 413, 422) or "words" not in told:
         raise AssertionError(f"the page answers {answer.status_code}: {answer.text[:LONGEST]}")
+    if answer.status_code == 200:
+        made = client.post(f"/finish?log={told['number']}", content=b'{"type":"edits"}')
+        if made.status_code != 200:
+            raise AssertionError(f"the page answers {made.status_code}: {made.text[:LONGEST]}")
     assert client.get("/").status_code == 200
+
+
+def _head(content: bytes) -> bytes:
+    """What a page is told of a log, before its readings."""
+    return content[8 : 8 + int.from_bytes(content[:8], "little")]
 
 
 @cache
 def _client(folder: str) -> TestClient:
     """A page's client, with a server of its own in this process."""
-    from flinders.live.session import LiveSession
-
     from flinders import simulate
     from flinders.core.axes import Axes
     from flinders.live.access import Gate
     from flinders.live.feeds import Replay
     from flinders.live.hub import Hub
-    from flinders.live.messages import SourceState
     from flinders.live.recorder import RecordedFeed, ToFile
     from flinders.live.server import application
     from flinders.live.session_file import Supply
 
     path = Path(folder) / "session.csv"
     sink = ToFile(path, force=True)
-    supply = Supply(RecordedFeed(Replay(simulate.tumble(seed=1).samples, speed=None), sink), sink, path, Axes())
-    hub = Hub(LiveSession(source=SourceState("bench", "serial", "waiting", "")), supply)
+    feed = RecordedFeed(Replay(simulate.tumble(seed=1).samples, speed=None), sink)
+    hub = Hub(Supply(feed, "replay", sink, path, Axes()))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that its client may be another one some day
         from starlette.testclient import TestClient

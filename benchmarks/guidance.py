@@ -22,7 +22,6 @@ from itertools import product
 from typing import TYPE_CHECKING, Final, Literal, Protocol
 
 import numpy as np
-from flinders.live.evaluation import believe
 
 import flinders
 from flinders import simulate
@@ -33,6 +32,7 @@ from flinders.geometry.rotation import rotations as turns
 from flinders.heading import path_planning
 from flinders.heading.error_propagation import direction_errors_deg
 from flinders.heading.guidance import guide
+from flinders.live.guided import believe
 from flinders.simulate import Sensor
 from flinders.simulate.motions import north_and_down, seen_from
 

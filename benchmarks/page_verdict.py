@@ -1,10 +1,8 @@
 """How far the page that needs no program is off the program: ``python -m benchmarks.page_verdict``.
 
 Recordings of the shared data, thinned to 5,000 readings, and simulated ones are evaluated by the page's modules under
-Node.js, and by `flinders.live.evaluation` with the same readings. Compared are the numbers of the engine, in standard
-deviations or relative, the verdict and its findings, the claim and the sentences; and the processor time of a fit.
-
-The page has no method for a level turn, which the program calibrates: those are counted by themselves.
+Node.js, and by `flinders.fit` with the same readings. Compared are the numbers of the engine, in standard deviations or
+relative, the verdict and its findings, the claim and the sentences; and the processor time of a fit.
 """
 
 from __future__ import annotations
@@ -14,15 +12,14 @@ import json
 import math
 import subprocess
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from flinders.live.evaluation import evaluate
-from flinders.live.session import Arrived, LiveSession, step, used_readings
 from tests.javascript import node
 
 import flinders
@@ -32,21 +29,25 @@ from benchmarks.recordings import FOLDER
 from flinders.core.calibration_file import VERSION, dumps
 from flinders.core.samples import Samples
 from flinders.core.units import label
+from flinders.errors import FitError
 from flinders.fitting.calibrate import judged_dip
-from flinders.likelihood.site_field import Site
-from flinders.live.buffer import rows_of
-from flinders.live.messages import SourceState
+from flinders.fitting.refreshing import refresh
+from flinders.fitting.result import Refused
+from flinders.live.buffer import Timeline
 from flinders.native import build
 from flinders.native.engine import engine
+from flinders.report.view import view
 from flinders.standalone.engine import data
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from flinders.live.session import Evaluated
-
     from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
+    from flinders.heading.guidance import Goal
+    from flinders.likelihood.site_field import Site
     from flinders.native.engine import Records
+    from flinders.report.view import View
 
 PROGRAM: Final = Path(__file__).with_suffix(".mjs")
 MOST: Final = 5_000
@@ -55,6 +56,52 @@ SIGMA: Final = 0.5
 RELATIVE: Final = ("noise", "radius", "level_worst_deg", "level_rms_deg", "correlation_time", "prior_influence")
 """Numbers of a record that are compared by their size."""
 TURNS: Final = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Readings on a timeline, and what is asked of their fit.
+
+    Somebody may be turning the sensor just now; there may be a calibration from before, which may be renewed.
+    """
+
+    samples: Samples
+    target_deg: float = 1.0
+    site: Site | None = None
+    goal: Goal = "heading"
+    is_followed: bool = False
+    previous: Fit | None = None
+    is_renewed: bool = False
+
+    @property
+    def fit(self) -> Fit | None:
+        """What the program makes of them, also where it refuses that; None where there is no fit."""
+        renewed = self.previous if self.is_renewed else None
+        fitted = flinders.fit if renewed is None else partial(refresh, previous=renewed)
+        try:
+            return fitted(self.samples, target_deg=self.target_deg, site=self.site)
+        except Refused as refused:
+            return refused.fit
+        except FitError:
+            return None
+
+    @property
+    def asked(self) -> dict[str, Any]:
+        """What the page is asked."""
+        dip_deg, is_assumed = judged_dip(self.site)
+        return {
+            "field": _packed(self.samples.field),
+            "time": None if self.samples.time is None else _packed(self.samples.time),
+            "unit": label(self.samples.unit.inside),
+            "targetDeg": self.target_deg,
+            "dipDeg": dip_deg,
+            "dipAssumed": is_assumed,
+            "goal": self.goal,
+            "isFollowed": self.is_followed,
+            "site": None if self.site is None else site_of(self.site.evidence),
+            "previous": None if self.previous is None else _file_of(self.previous),
+            "isRenewed": self.is_renewed,
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +120,8 @@ class Compared:
         Of both, most severe first.
     sentences : tuple of list of str
         The sentence of the verdict and the advice of each finding, of both.
-    reasons : tuple of list of str
-        Codes of what speaks against the calibration, of both.
+    reasons : list of str
+        Codes of what speaks against the calibration, of the page.
     claim : float
         Heading error of the page over that of the program; NaN where there is none.
     engine_off : float
@@ -90,16 +137,11 @@ class Compared:
     verdicts: tuple[str, str]
     findings: tuple[list[tuple[str, str]], list[tuple[str, str]]]
     sentences: tuple[list[str], list[str]]
-    reasons: tuple[list[str], list[str]]
+    reasons: list[str]
     claim: float
     engine_off: float
     fit_ms: float
     evaluate_ms: float
-
-    @property
-    def is_level(self) -> bool:
-        """The program takes it for a level turn."""
-        return self.method == "level"
 
 
 def thinned(samples: Samples, most: int = MOST) -> Samples:
@@ -109,31 +151,12 @@ def thinned(samples: Samples, most: int = MOST) -> Samples:
     return Samples(samples.field[::stride], unit=samples.unit, axes=samples.axes, time=time, source=samples.source)
 
 
-def session_of(samples: Samples, target_deg: float = 1.0) -> LiveSession:
-    """A session of readings that have ended."""
+def case_of(samples: Samples, target_deg: float = 1.0, goal: Goal = "heading", *, is_followed: bool = False) -> Case:
+    """Readings as a session has them: with times, which never go back."""
+    times = np.arange(float(len(samples))) if samples.time is None else samples.time
     unit = flinders.Unit.of(samples.unit.inside)
-    session, _ = step(LiveSession(target_deg=target_deg), Arrived(at=1e9, rows=rows_of(samples), unit=unit))
-    return replace(session, source=SourceState(samples.source, "file", "ended", ""))
-
-
-def asked(session: LiveSession) -> dict[str, Any]:
-    """What the page is asked for a session."""
-    samples, _ = used_readings(session)
-    site = Site.stated(session.shown.known_site, inclination_deg=session.dip_deg)
-    dip_deg, is_assumed = judged_dip(site)
-    return {
-        "field": _packed(samples.field),
-        "time": None if samples.time is None else _packed(samples.time),
-        "unit": label(session.shown.unit.inside),
-        "targetDeg": session.target_deg,
-        "dipDeg": dip_deg,
-        "dipAssumed": is_assumed,
-        "goal": session.goal,
-        "isFollowed": session.is_followed,
-        "site": None if site is None else site_of(site.evidence),
-        "previous": None if session.previous is None else _file_of(session.previous),
-        "isRenewed": session.renewed is not None,
-    }
+    there = Samples(samples.field, unit=unit, axes=samples.axes, time=Timeline()(times)[0], source=samples.source)
+    return Case(there, target_deg, None, goal, is_followed)
 
 
 def site_of(known: Site | None) -> dict[str, float | None] | None:
@@ -153,14 +176,14 @@ def _packed(numbers: Floats) -> str:
     return base64.b64encode(np.ascontiguousarray(numbers, "<f8").tobytes()).decode()
 
 
-def page_answers(sessions: Sequence[LiveSession], turns: int = 0) -> dict[str, Any]:
-    """What the page's modules answer for each session, under Node.js; and the names that their sentences know."""
+def page_answers(cases: Sequence[Case], turns: int = 0) -> dict[str, Any]:
+    """What the page's modules answer for each case, under Node.js; and the names that their sentences know."""
     given = {
         "modules": str(files("flinders").joinpath("static", "standalone")),
         "wasm": str(build.library(target=build.WEB)),
         "data": data(),
         "schema": VERSION,
-        "recordings": [asked(session) for session in sessions],
+        "recordings": [case.asked for case in cases],
         "turns": turns,
     }
     done = subprocess.run(
@@ -173,24 +196,24 @@ def page_answers(sessions: Sequence[LiveSession], turns: int = 0) -> dict[str, A
     return answers
 
 
-def compared(names: Sequence[str], sessions: Sequence[LiveSession], turns: int = 0) -> list[Compared]:
-    """Evaluate sessions by both, and put them side by side."""
-    answers = page_answers(sessions, turns)["answers"]
-    return [_compared(*each) for each in zip(names, sessions, answers, strict=True)]
+def compared(names: Sequence[str], cases: Sequence[Case], turns: int = 0) -> list[Compared]:
+    """Evaluate cases by both, and put them side by side."""
+    answers = page_answers(cases, turns)["answers"]
+    return [_compared(*each) for each in zip(names, cases, answers, strict=True)]
 
 
-def _compared(name: str, session: LiveSession, page: dict[str, Any]) -> Compared:
-    program = evaluate(session)
-    samples, _ = used_readings(session)
-    record = engine().fit(samples.field, time=samples.time, dip_deg=asked(session)["dipDeg"])
+def _compared(name: str, case: Case, page: dict[str, Any]) -> Compared:
+    fit, samples = case.fit, case.samples
+    program = None if fit is None else view(fit, samples, goal=case.goal)
+    record = engine().fit(samples.field, time=samples.time, dip_deg=case.asked["dipDeg"])
     return Compared(
         name=name,
         rows=len(samples),
-        method="" if program.view is None else program.view.method,
-        verdicts=("" if program.view is None else program.view.verdict, (page["view"] or {}).get("verdict", "")),
+        method="" if program is None else program.method,
+        verdicts=("" if program is None else program.verdict, (page["view"] or {}).get("verdict", "")),
         findings=(_findings(program), [(each["code"], each["severity"]) for each in _of(page)]),
         sentences=(_sentences(program), [_sentence(page), *(each["advice"] for each in _of(page))]),
-        reasons=([reason.code for reason in program.reasons], [reason["code"] for reason in page["reasons"]]),
+        reasons=[reason["code"] for reason in page["reasons"]],
         claim=_claim(program, page),
         engine_off=engine_off(record, page["engine"]),
         fit_ms=page["fit_ms"],
@@ -208,19 +231,17 @@ def _sentence(page: dict[str, Any]) -> str:
     return str((page["view"] or {}).get("sentence", ""))
 
 
-def _findings(program: Evaluated) -> list[tuple[str, str]]:
-    view = program.view
-    return [] if view is None else [(finding.code, finding.severity) for finding in view.findings]
+def _findings(program: View | None) -> list[tuple[str, str]]:
+    return [] if program is None else [(finding.code, finding.severity) for finding in program.findings]
 
 
-def _sentences(program: Evaluated) -> list[str]:
-    view = program.view
-    return [""] if view is None else [view.sentence, *(finding.advice for finding in view.findings)]
+def _sentences(program: View | None) -> list[str]:
+    return [""] if program is None else [program.sentence, *(finding.advice for finding in program.findings)]
 
 
-def _claim(program: Evaluated, page: dict[str, Any]) -> float:
+def _claim(program: View | None, page: dict[str, Any]) -> float:
     """Heading error of the page over that of the program."""
-    own, other = program.view and program.view.heading_error_deg, page["view"] and page["view"]["heading_error_deg"]
+    own, other = program and program.heading_error_deg, page["view"] and page["view"]["heading_error_deg"]
     return other["worst"] / own.worst if own and other else math.nan
 
 
@@ -251,13 +272,13 @@ def real() -> Iterator[tuple[str, Samples]]:
 
 def report(title: str, rows: Sequence[Compared]) -> None:
     """Print how many agree in what, and what each of the others is."""
-    full = [row for row in rows if not row.is_level and row.verdicts[0]]
+    full = [row for row in rows if row.verdicts[0]]
     judged = [row for row in full if row.verdicts[0] != "refused"]
     alike = [row for row in full if row.verdicts[0] == row.verdicts[1]]
     same = [row for row in full if row.findings[0] == row.findings[1]]
     words = [row for row in full if row.sentences[0] == row.sentences[1]]
     claims = [abs(row.claim - 1.0) for row in full]
-    print(f"\n{title}: {len(rows)} recordings, of them {sum(row.is_level for row in rows)} level turns for the program")
+    print(f"\n{title}: {len(rows)} recordings, of them {sum(row.method == 'level' for row in rows)} level turns")
     print(f"  same verdict            {len(alike)} of {len(full)}")
     print(f"  same findings           {len(same)} of {len(full)}")
     print(f"  same sentences          {len(words)} of {len(full)}")
@@ -279,9 +300,9 @@ def main() -> int:
         print(error, file=sys.stderr)
         return 1
     for title, cases in (("shared recordings", real()), ("simulated", simulated())):
-        named = [(name, session_of(thinned(samples))) for name, samples in cases]
-        report(title, compared([name for name, _ in named], [session for _, session in named], TURNS))
-    tumble = session_of(flinders.simulate.tumble(seed=1, n=3000).samples)
+        named = [(name, case_of(thinned(samples))) for name, samples in cases]
+        report(title, compared([name for name, _ in named], [case for _, case in named], TURNS))
+    tumble = case_of(flinders.simulate.tumble(seed=1, n=3000).samples)
     (row,) = compared(["tumble"], [tumble], 60)
     print(f"\n3,000 readings: a fit takes {row.fit_ms:.1f} ms, all that is shown {row.evaluate_ms:.1f} ms")
     return 0

@@ -10,9 +10,9 @@ called from a lower package, as a callback or a recording that wraps another; wh
 not count.
 
 reading     from a CSV file to the exported header: ``calibrate`` and ``export --to arduino``
-line        from a line of a serial port to what the page is told: the transcript, the session, a message
+line        from a line of a serial port to the frame that pages are sent; the session is theirs, in JavaScript
 array       from an array of readings to its fit: `flinders.fit`
-live fit    from the readings of a session to the view that its pages draw
+session     from the readings of a session to the calibration that it is finished with
 row group   from a row group of a Parquet file to a row of the table: ``fleet``, all but what its worker does
 worker      from the readings of that row group to the row: the same in one process, less the files of the other
 """
@@ -143,27 +143,23 @@ def a_row_group(folder: Path, workers: int = 1) -> None:
 
 
 def a_line(_: Path) -> None:
-    """From a line of a serial port to what the page is told: all but the port, the socket and the fit."""
-    from flinders.live.page_state import session_state
-    from flinders.live.session import Arrived, Evaluated, FitDone, LiveSession, begin_fit, step
-
-    from flinders.core.units import Unit
-    from flinders.live.buffer import rows_of
-    from flinders.live.messages import encode
+    """From a line of a serial port to the frame that pages are sent: all but the port, the recorder and the socket."""
+    from flinders.live.buffer import ReadingBuffer, Timeline, rows_of
+    from flinders.live.messages import readings_frame
     from flinders.live.transcript import Transcript
 
-    field = _tumble().field
-    transcript, session = Transcript("the board"), LiveSession()
-    for number, (x, y, z) in enumerate(field.tolist()):
+    transcript, timeline, buffer = Transcript("the board"), Timeline(), ReadingBuffer.empty()
+    for number, (x, y, z) in enumerate(_tumble().field.tolist()):
         line = f"X: {x:.2f} Y: {y:.2f} Z: {z:.2f} uT\n"
         taken = transcript.take(line.encode(), at=0.1 * number)
         if taken.readings is not None:
-            session = step(session, Arrived(0.1 * number, rows_of(taken.readings), Unit.of("uT")))[0]
-    session = begin_fit(session)
-    session, messages = step(session, FitDone(60.0, Evaluated(key=session.shown.key), 0.01))
-    for message in messages:
-        encode(message)
-    encode(session_state(session))
+            rows = rows_of(taken.readings)
+            rows[:, 0], timeline = timeline(rows[:, 0])
+            buffer = buffer.extended(rows)
+    readings_frame(
+        generation=1, first=0, stride=buffer.stride, total=buffer.total, is_last=True,
+        rows=buffer.rows(0, len(buffer)), latest=buffer.latest, is_microtesla=True,
+    )  # fmt: skip
 
 
 def an_array(_: Path) -> None:
@@ -171,15 +167,17 @@ def an_array(_: Path) -> None:
     flinders.fit(_tumble().field, unit="uT")
 
 
-def a_live_fit(_: Path) -> None:
-    """From the readings of a session to the view of their fit."""
-    from flinders.live.evaluation import evaluate
-    from flinders.live.session import Arrived, LiveSession, step
+def a_session(_: Path) -> None:
+    """From the readings of a session to the calibration that it is finished with."""
+    from flinders.live.buffer import ReadingBuffer, rows_of
+    from flinders.live.finished import Wanted, finished
+    from flinders.live.messages import Edits
+    from flinders.live.session_file import Log
 
-    from flinders.core.units import Unit
-    from flinders.live.buffer import rows_of
-
-    evaluate(step(LiveSession(), Arrived(60.0, rows_of(_tumble()), Unit.of("uT")))[0])
+    log = Log(ReadingBuffer.empty().extended(rows_of(_tumble())), _tumble().unit)
+    made = finished("1", Wanted("the board", Edits(), log, None, {}, None))
+    if made.view is None:
+        sys.exit(made.refusal)
 
 
 def sizes() -> dict[str, list[int]]:
@@ -239,7 +237,7 @@ def main() -> None:
         "a reading, to the header": a_reading,
         "a line, to the page": a_line,
         "an array, to its fit": an_array,
-        "a live fit, to its view": a_live_fit,
+        "a session, to its end": a_session,
         "a row group": a_row_group,
     }
     made = {name: walked(run) for name, run in runs.items()}

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from benchmarks import firmware
-from benchmarks.page_verdict import asked, session_of
+from benchmarks.page_verdict import case_of
 from tests.javascript import run
 
 from flinders.core.samples import Samples
@@ -112,8 +112,8 @@ def _checked(judgement: Records) -> list[int]:
 def page(each: Sequence[Samples]) -> list[Said]:
     """What the page that needs no program says."""
     wasm = base64.b64encode(build.library(target=build.WEB).read_bytes()).decode()
-    sessions = [asked(session_of(samples)) for samples in each]
-    return list(starmap(Said.of, run(EVALUATE, {"wasm": wasm, "data": data(), "asked": sessions})))
+    asked = [case_of(samples).asked for samples in each]
+    return list(starmap(Said.of, run(EVALUATE, {"wasm": wasm, "data": data(), "asked": asked})))
 
 
 def board(each: Sequence[Samples]) -> list[Said]:

@@ -46,8 +46,9 @@ static void fill(flinders_real *field, size_t rows)
 {
     const double scale = uniform() < 0.6 ? 50 : pow(10, 40 * uniform() - 20), noise = pow(10, 3 * uniform() - 3);
     const double height = uniform() < 0.5 ? 2 : 2 * uniform(), offset = 4 * uniform() - 2;
+    const double level = uniform() < 0.3 ? uniform() : 2; /* of a level turn, or 2 */
     for (size_t row = 0; row < rows; row++) {
-        const double z = 1 - height * uniform(), turn = 6.283185307179586 * uniform(), flat = sqrt(1 - z * z);
+        const double z = level < 2 ? level : 1 - height * uniform(), turn = 6.283185307179586 * uniform(), flat = sqrt(1 - z * z);
         field[3 * row] = (flinders_real)(scale * (flat * cos(turn) + noise * (uniform() - 0.5) + offset));
         field[3 * row + 1] = (flinders_real)(scale * (1.1 * flat * sin(turn) + noise * (uniform() - 0.5)));
         field[3 * row + 2] = (flinders_real)(scale * (0.9 * z + noise * (uniform() - 0.5)));
@@ -90,6 +91,7 @@ static flinders_options some_options(void)
     for (int i = 0; i < 9; i++) options.information[10 * i] = (flinders_real)(i < 3 ? 0 : uniform());
     if (uniform() < 0.02) fill_with_anything(options.information, 81);
     if (uniform() < 0.02) fill_with_anything(options.expected, 9);
+    if (uniform() < 0.2) options.level = 0;
     if (uniform() < 0.02) options.robust = options.kernels = options.statistics = INT32_MIN + (int32_t)below(9);
     return options;
 }
@@ -114,16 +116,29 @@ static void ask_for_turns(const flinders_real *field, size_t rows, const flinder
     free(means), free(turned), free(workspace);
 }
 
-/* Ask whether readings lie in a plane, and numbers of any kind. */
-static void ask_for_a_plane(const flinders_real *field, size_t rows)
+/* Ask whether readings of a covariance of any kind lie in a plane. */
+static void ask_for_a_plane(void)
 {
-    flinders_real *wild = need(3 * rows * sizeof *wild), *scratch = need(5 * rows * sizeof *scratch), covariance[6];
-    fill_with_anything(wild, 3 * rows);
-    flinders_trimmed_covariance(uniform() < 0.7 ? field : wild, rows, scratch, covariance);
-    if (uniform() < 0.1) fill_with_anything(covariance, 6);
+    flinders_real covariance[6];
+    for (int i = 0; i < 6; i++) covariance[i] = uniform() < 0.7 ? (flinders_real)uniform() : anything();
     const int is_level = flinders_is_level(covariance, uniform() < 0.5 ? INFINITY : anything(), anything());
     REQUIRE(is_level == 0 || is_level == 1);
-    free(wild), free(scratch);
+}
+
+/* Fit the ellipse of a level turn, of readings that may be none. */
+static void fit_level(const flinders_real *field, const flinders_real *time, size_t rows, const flinders_options *options)
+{
+    const size_t size = flinders_workspace_size(rows);
+    const int64_t ends[2] = {(int64_t)below(rows + 1), (int64_t)rows};
+    const int are_two = uniform() < 0.2;
+    void *workspace = need(size);
+    flinders_record record;
+    const int status = flinders_fit_level(field, time, rows, are_two ? ends : NULL, are_two ? 2 : 0, options, workspace, size,
+                                          &record);
+    REQUIRE(status >= 0 && status <= 9 && status == record.status);
+    REQUIRE(status || (record.plane == 1 && isfinite(record.centre[2]) && record.radius > 0));
+    REQUIRE(rows == 0 || flinders_fit_level(field, time, rows, NULL, 0, options, workspace, size - 1, &record) != FLINDERS_OK);
+    free(workspace);
 }
 
 /* Ask which directions readings cover, by themselves and by cells of space. */
@@ -328,7 +343,8 @@ static int fit(size_t recordings)
     REQUIRE(regressed >= 0 && regressed <= 9 && found.used <= (int64_t)rows[0]);
     if (uniform() < 0.3) fitted += renew(field, is_timed ? time : NULL, rows[0], records);
     ask_for_turns(field, rows[0], records, recordings);
-    ask_for_a_plane(field, rows[0]);
+    ask_for_a_plane();
+    fit_level(field, is_timed ? time : NULL, rows[0], &options);
     cover(field, rows[0], records);
     look_for_swaps(field, rows[0]);
     place(field, rows[0], records);

@@ -84,7 +84,7 @@ WORLDS = {
 def test_the_likelihood_has_the_same_minimum_and_covariance(world: str) -> None:
     field = WORLDS[world]
     expected = NumpyLikelihood().estimate(Readings.of(field))
-    record = engine().fit(field, robust=0)
+    record = engine().fit(field, robust=0, level=0)
     assert record["status"] == 0
     textbook = expected.covariance if expected.textbook is None else expected.textbook
     sigma = np.sqrt(np.diag(textbook))

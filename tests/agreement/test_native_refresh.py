@@ -1,4 +1,4 @@
-"""The engine renews an earlier calibration by the formulas of the literature; it compares two as `flinders.compare`."""
+"""The engine renews a calibration as its formulas say, and compares two as `flinders.compare`."""
 
 from __future__ import annotations
 
@@ -30,10 +30,8 @@ def wobble(seed: int = 4, motion: str = "wobble", n: int = 500, moved: float = 1
 
 
 def test_a_shape_is_known_as_well_as_it_is_claimed() -> None:
-    earlier = engine().earlier(
-        EARLIER.calibration.ellipsoid, EARLIER.claim.covariance, strength_ratio=0.8, soft_iron_sigma=0.005
-    )
-    ellipsoid = EARLIER.calibration.ellipsoid
+    ellipsoid, covariance = EARLIER.calibration.ellipsoid, EARLIER.claim.covariance
+    earlier = engine().earlier(ellipsoid.centre, ellipsoid.shape, covariance, strength_ratio=0.8, soft_iron_sigma=0.005)
     entries, radius = 0.8 * upper(ellipsoid.shape), ellipsoid.radius
     expected = 0.64 * (EARLIER.claim.covariance[3:, 3:] + np.square(1e-4 * radius) * np.eye(6))
     expected += np.square(0.01) * np.outer(entries, entries)
@@ -131,10 +129,10 @@ def test_two_calibrations_are_as_far_apart_as_flinders_compare_says(strengths: t
     )
     expected = compare(first, second, dip_deg=-35.0)
     calibrated = [
-        (fit.claim.ellipsoid, fit.claim.claimed_covariance, strength or 0.0)
+        (fit.claim.ellipsoid.centre, fit.claim.ellipsoid.shape, fit.claim.claimed_covariance, strength or 0.0)
         for fit, strength in zip((first, second), strengths, strict=True)
     ]
-    found = engine().compare(*calibrated, dip_deg=-35.0)
+    found = engine().compare(calibrated[0], calibrated[1], dip_deg=-35.0)
     heading = expected.heading_difference_deg
     npt.assert_allclose(
         [found[name] for name in ("rms_deg", "worst_deg", "chi_square", "freedom", "p_value")],

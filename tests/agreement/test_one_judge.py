@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pytest
 from benchmarks import firmware
-from benchmarks.page_verdict import session_of, thinned
+from benchmarks.page_verdict import case_of, thinned
 from click.testing import CliRunner
-from flinders.live.session import used_readings
 from tests import bindings
 from tests.bindings import Said
 
@@ -51,8 +50,8 @@ Where residuals last, a board claims less or more than the library, which models
 
 
 def as_arrived(samples: Samples) -> Samples:
-    """The readings as a session has them, which the page has: none that equals the one before it, with times."""
-    return used_readings(session_of(thinned(samples, firmware.READINGS)))[0]
+    """The readings as a session has them, which the page has: with times."""
+    return case_of(thinned(samples, firmware.READINGS)).samples
 
 
 def with_gap(half_angle_deg: float) -> Samples:

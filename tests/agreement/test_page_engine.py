@@ -9,25 +9,26 @@ import base64
 import math
 from dataclasses import replace
 from string import Formatter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 import numpy as np
 import pytest
 from benchmarks.datasets import dataset
-from benchmarks.page_verdict import asked, compared, page_answers, session_of, thinned
-from flinders.live.evaluation import evaluate
+from benchmarks.page_verdict import case_of, compared, page_answers, thinned
 from tests.javascript import run
 from tests.worlds import carried_about
 
 import flinders
 from flinders import simulate
+from flinders.comparison.comparison import compare
 from flinders.core.calibration_file import FindingRecord
 from flinders.core.samples import Samples
 from flinders.findings import Finding
 from flinders.findings.catalogue import CATALOGUE, OF_A_FIT, QUANTITIES_OF_A_FIT
-from flinders.live.messages import SourceState
+from flinders.live.guided import Session
 from flinders.native import build
+from flinders.report.view import view
 from flinders.standalone import engine
 
 if TYPE_CHECKING:
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from benchmarks.page_verdict import Compared
-    from flinders.live.session import LiveSession
 
     from flinders.fitting.result import Fit
     from flinders.heading.guidance import Goal
@@ -125,7 +125,6 @@ def held_together(rows: list[Compared]) -> None:
         for row in rows
         if row.verdicts[0] != row.verdicts[1]
         or row.findings[0] != row.findings[1]
-        or row.reasons[0] != row.reasons[1]
         or not (math.isnan(row.claim) or abs(row.claim - 1.0) < CLAIM)
         or (row.verdicts[0] != "refused" and not row.engine_off < ENGINE)
     ]
@@ -134,19 +133,18 @@ def held_together(rows: list[Compared]) -> None:
 
 def test_recordings_get_the_verdict_of_the_program(recordings: Callable[[str], Path]) -> None:
     samples = [thinned(flinders.read(recordings(name)), ROWS) for name in SHARED]
-    rows = compared(SHARED, [session_of(each) for each in samples])
-    assert not any(row.is_level for row in rows)
+    rows = compared(SHARED, [case_of(each) for each in samples])
     assert {row.verdicts[0] for row in rows} == {"", "good", "limited", "refused"}, "and one gives no fit"
     held_together(rows)
 
 
-def test_simulated_recordings_get_verdict_reasons_and_sentences_of_the_program() -> None:
+def test_simulated_recordings_get_verdict_and_sentences_of_the_program() -> None:
     cases = worlds()
-    rows = compared(list(cases), [session_of(samples) for samples in cases.values()])
+    rows = compared(list(cases), [case_of(samples) for samples in cases.values()])
     held_together(rows)
     unlike = [row for row in rows if row.method and row.sentences[0][1:] != row.sentences[1][1:]]
     assert not unlike, unlike
-    assert {code for row in rows for code in row.reasons[1]} >= {
+    assert {code for row in rows for code in row.reasons} >= {
         *("too-few-samples", "no-rotation", "stale", "frozen-axis", "wrong-unit", "saturated", "outliers")
     }
     assert {code for row in rows for code, _ in row.findings[1]} >= {
@@ -155,12 +153,12 @@ def test_simulated_recordings_get_verdict_reasons_and_sentences_of_the_program()
 
 
 def test_a_file_of_the_page_says_of_a_fit_what_the_program_says() -> None:
-    cases = [session_of(samples) for samples in worlds().values()]
+    cases = [case_of(samples) for samples in worlds().values()]
     checked = 0
-    for session, page in zip(cases, page_answers(cases)["answers"], strict=True):
+    for case, page in zip(cases, page_answers(cases)["answers"], strict=True):
         if page["record"] is None:
             continue
-        fit = evaluate(session).fit
+        fit = case.fit
         assert fit is not None
         records = msgspec.convert(page["record"]["findings"], tuple[FindingRecord, ...])
         loaded = [Finding.from_record(record, "page") for record in records]
@@ -171,11 +169,90 @@ def test_a_file_of_the_page_says_of_a_fit_what_the_program_says() -> None:
     assert checked > 5
 
 
-def test_a_level_turn_is_refused() -> None:
-    (answer,) = page_answers([session_of(simulate.tumble(seed=1, n=800, motion="level").samples)])["answers"]
-    assert answer["view"]["verdict"] == "refused"
-    assert answer["view"]["offset"] is None
-    assert answer["view"]["findings"][0]["advice"].endswith("flinders calibrate does")
+def level(dip_deg: float = 60.0, noise: float = 0.5, *, degrees: float = 360.0, sway_deg: float = 0.0) -> Samples:
+    """Readings of a turn that is level but for its sway, by a sensor with iron; 800 in 16 s."""
+    rng, time, dip = np.random.default_rng(7), np.arange(800) / 50.0, math.radians(dip_deg)
+    heading, roll = np.radians(degrees) * time / 16.0, np.radians(sway_deg) * np.sin(2.0 * time)
+    north, east = math.cos(dip) * np.cos(heading), -math.cos(dip) * np.sin(heading)
+    right, down = np.cos(roll) * east + np.sin(roll) * math.sin(dip), np.cos(roll) * math.sin(dip) - np.sin(roll) * east
+    shape = 50.0 * np.array([[1.02, 0.05, -0.04], [0.05, 0.97, 0.03], [-0.04, 0.03, 1.01]])
+    field = np.stack([north, right, down], axis=1) @ shape + [20.0, -35.0, 60.0]
+    return Samples(field + noise * rng.normal(size=(800, 3)), unit=flinders.Unit.of("uT"), time=time)
+
+
+def turns() -> dict[str, Samples]:
+    """Level turns, of which some are whole, and some leave their plane."""
+    rng, whole = np.random.default_rng(3), level()
+    field, passing = whole.field, np.outer(np.exp(-(((np.arange(800) - 400) / 15.0) ** 2)), [30.0, -20.0, 15.0])
+    stray = np.where(rng.random((800, 1)) < 0.03, 20.0 * rng.normal(size=(800, 3)), 0.0)
+    still = np.tile(field[-1], (300, 1)) + 0.5 * rng.normal(size=(300, 3))
+    return {
+        "whole": whole,
+        "flat field": level(5.0),
+        "steep field": level(75.0),
+        "quiet": level(noise=0.05),
+        "noisy": level(noise=2.0),
+        "half": level(degrees=180.0),
+        "a quarter": level(degrees=90.0),
+        "two turns": level(degrees=720.0),
+        "sways": level(sway_deg=0.5, degrees=720.0),
+        "sways more": level(sway_deg=2.0, degrees=720.0),
+        "rolls": level(sway_deg=8.0, degrees=720.0),
+        "strays": replace(whole, field=field + stray),
+        "magnet": replace(whole, field=field + passing),
+        "magnet at its height": replace(whole, field=field + passing * [1.0, 1.0, 0.0]),
+        "rest": Samples(np.concatenate([field, still]), unit=whole.unit, time=np.arange(1100) / 50.0),
+        "end of range": replace(whole, field=np.minimum(field, [40.0, np.inf, np.inf])),
+        "swapped sign": replace(whole, field=np.where(np.arange(800)[:, None] < 400, field, field * [1.0, -1.0, 1.0])),
+        "coarse": replace(whole, field=np.round(field / 1.5) * 1.5),
+        "counts": replace(whole, field=6.6 * field, unit=flinders.Unit.of("counts")),
+        "untimed": replace(whole, time=None),
+        "few": whole[::40],
+    }
+
+
+def test_level_turns_get_verdict_numbers_and_sentences_of_the_program() -> None:
+    cases = turns()
+    rows = compared(list(cases), [case_of(samples) for samples in cases.values()])
+    held_together(rows)
+    assert {row.name for row in rows if row.method != "level"} == {"rolls"}
+    unlike = [row for row in rows if row.sentences[0][1:] != row.sentences[1][1:]]
+    assert not unlike, unlike
+    assert {row.verdicts[0] for row in rows if row.method == "level"} == {"limited", "refused"}
+    assert {"level-plane", "outliers", "saturated", "at-rest"} <= {code for row in rows for code, _ in row.findings[1]}
+
+
+def test_level_turns_are_judged_at_the_dip_of_the_place() -> None:
+    dips = (-70.0, 5.0, 75.0)
+    cases = [replace(case_of(level(dip)), site=flinders.Site(inclination_deg=dip)) for dip in dips]
+    rows = compared([f"{dip}" for dip in dips], cases)
+    held_together(rows)
+    assert all(row.method == "level" and row.sentences[0][1:] == row.sentences[1][1:] for row in rows), rows
+
+
+@pytest.mark.parametrize("goal", GOALS)
+def test_the_page_draws_where_a_level_turn_is_good(goal: Goal) -> None:
+    cases = [case_of(turns()[name], goal=goal) for name in ("whole", "magnet", "flat field")]
+    for answer in page_answers(cases)["answers"]:
+        errors, words = answer["view"]["level_deg"], answer["view"]["guidance"]["words"]
+        assert answer["view"]["guidance"]["direction"] is None
+        if goal == "attitude":
+            assert errors is None
+            assert "upside down" in words
+            continue
+        assert "upside down" not in words
+        known = [error for error in errors if error is not None]
+        assert 20 < len(known) < 100
+        assert max(known) == pytest.approx(answer["view"]["heading_error_deg"]["worst"], rel=0.01)
+
+
+def test_a_file_of_a_level_turn_says_that_it_is_one() -> None:
+    case = case_of(level())
+    (page,) = page_answers([case])["answers"]
+    assert case.fit is not None
+    own = msgspec.to_builtins(case.fit.to_document().fit)
+    assert (page["record"]["plane"], page["record"]["z_down"]) == (own["plane"], own["z_down"]) == ("xy", True)
+    assert page["record"].keys() == own.keys()
 
 
 TUMBLED = simulate.tumble(seed=3)
@@ -209,22 +286,22 @@ def renewals() -> dict[str, tuple[Samples, Fit]]:
 
 
 def test_the_page_renews_an_earlier_calibration_as_the_program_does() -> None:
-    cases = renewals()
-    sessions = [
-        replace(session_of(thinned(samples)), previous=earlier, refreshes=True) for samples, earlier in cases.values()
+    renewed = renewals()
+    cases = [
+        replace(case_of(thinned(samples)), previous=earlier, is_renewed=True) for samples, earlier in renewed.values()
     ]
     methods, codes = set(), set()
-    for name, session, page in zip(cases, sessions, page_answers(sessions)["answers"], strict=True):
-        program = evaluate(session)
-        assert page["previous"] == msgspec.to_builtins(program.previous) | {
-            "change_deg": None if program.previous.change_deg is None else pytest.approx(program.previous.change_deg)
-        }
-        assert [reason["code"] for reason in page["reasons"]] == [reason.code for reason in program.reasons], name
-        if program.view is None:
+    for name, case, page in zip(renewed, cases, page_answers(cases)["answers"], strict=True):
+        fit = case.fit
+        if fit is None:
             assert page["view"] is None, name
             continue
-        drawn = msgspec.to_builtins(program.view)
-        left_out = {"findings": [], "guidance": None}  # a known shape makes opposite directions alike
+        changed = fit.evidence.diagnosis.refreshed
+        assert changed is not None
+        expected = None if fit.verdict == "refused" else pytest.approx(changed.heading_change_deg)
+        assert page["previous"]["change_deg"] == expected, name
+        drawn = msgspec.to_builtins(view(fit, case.samples))
+        left_out: dict[str, Any] = {"findings": [], "guidance": None}  # a known shape makes opposite directions alike
         same({**page["view"], **left_out}, {**drawn, **left_out}, "view")
         found = [finding["code"] for finding in page["view"]["findings"]]
         assert found == [finding["code"] for finding in drawn["findings"]], name
@@ -237,15 +314,14 @@ def test_the_page_renews_an_earlier_calibration_as_the_program_does() -> None:
 def test_the_page_says_what_chance_explains_of_a_difference_as_the_program_does() -> None:
     earlier = flinders.fit(TUMBLED.samples).with_name("monday.json")
     agrees, differs = (simulate.tumble(seed=8, n=1500, sensor=each).samples for each in (TUMBLED.sensor, MOVED))
-    sessions = [replace(session_of(thinned(samples)), previous=earlier) for samples in (agrees, differs)]
-    sessions.append(replace(sessions[1], target_deg=90.0))
-    answers = page_answers(sessions)["answers"]
-    states = [page["previous"] for page in answers]
-    for session, state in zip(sessions, states, strict=True):
-        program = evaluate(session).previous
-        assert program is not None
-        assert (state["name"], state["words"]) == (program.name, program.words)
-        assert state["change_deg"] == pytest.approx(program.change_deg, rel=1e-6)
+    cases = [replace(case_of(thinned(samples)), previous=earlier) for samples in (agrees, differs)]
+    cases.append(replace(cases[1], target_deg=90.0))
+    states = [page["previous"] for page in page_answers(cases)["answers"]]
+    for case, state in zip(cases, states, strict=True):
+        assert case.fit is not None
+        apart = compare(earlier, case.fit, dip_deg=case.fit.claim.dip_deg, target_deg=case.target_deg)
+        assert state["words"].startswith(f"it {apart.verdict}s ")
+        assert state["change_deg"] == pytest.approx(apart.heading_difference_deg.worst, rel=1e-6)
     assert [state["words"].split()[1] for state in states] == ["agrees", "contradicts", "differs"]
 
 
@@ -255,6 +331,7 @@ CLOSE = {
     "counts": (0.0, 1.0),
     "before_deg": (0.0, 2e-4),
     "sigma_deg": (0.0, 2e-4),
+    "level_deg": (0.0, 2e-4),
     "bound_95": (0.01, 0.0),
     "any_attitude_deg": (1e-4, 0.0),
     "after_deg": (0.01, 0.0),
@@ -262,11 +339,15 @@ CLOSE = {
 """Relative and absolute tolerance of what is rounded on its way, or counted by cells on one side."""
 
 
+PAGE_ALONE: Final = frozenset({"level_deg"})
+"""Of the view: what a report does not draw."""
+
+
 def same(page: object, program: object, name: str) -> None:
     """Hold a part of the page's view to that of the program."""
     if isinstance(program, dict):
         assert isinstance(page, dict)
-        assert set(page) == set(program), name
+        assert set(page) - PAGE_ALONE == set(program), name
         for key, value in program.items():
             same(page[key], value, name if name in CLOSE else key)
     elif name == "sentence":  # it has the bound of 95 %
@@ -279,41 +360,38 @@ def same(page: object, program: object, name: str) -> None:
         np.testing.assert_allclose(own, other, rtol=relative, atol=absolute, err_msg=name)
 
 
-def test_the_page_draws_what_the_live_page_draws() -> None:
+def test_the_page_draws_what_the_report_draws() -> None:
     samples = thinned(simulate.tumble(seed=7, n=600, motion="tilted", outliers=0.02).samples)
-    sessions = [replace(session_of(samples, target_deg=0.5), goal=goal) for goal in GOALS]
-    for session, answer in zip(sessions, page_answers(sessions)["answers"], strict=True):
-        program = evaluate(session)
-        same({**answer["view"], "findings": []}, {**msgspec.to_builtins(program.view), "findings": []}, "view")
-        assert (answer["used"], answer["rejected"]) == (program.used, program.rejected)
-        assert bool(answer["view"]["guidance"]["direction"]) == (session.goal == "attitude")
+    cases = [case_of(samples, target_deg=0.5, goal=goal) for goal in GOALS]
+    for case, answer in zip(cases, page_answers(cases)["answers"], strict=True):
+        assert case.fit is not None
+        program = view(case.fit, case.samples, goal=case.goal)
+        same({**answer["view"], "findings": []}, {**msgspec.to_builtins(program), "findings": []}, "view")
+        used = sum(program.tiles_seen)
+        assert (answer["used"], answer["rejected"]) == (used, len(samples) - used)
+        assert bool(answer["view"]["guidance"]["direction"]) == (case.goal == "attitude")
 
 
-def test_the_page_leads_who_turns_the_sensor_as_the_live_page_does() -> None:
+def test_the_page_leads_who_turns_the_sensor_as_a_session_does() -> None:
     level = simulate.tumble(seed=1, n=800, motion="level").samples
-    cases = [
+    turned = [
         simulate.tumble(seed=3, n=1500).samples[:100],
         simulate.tumble(seed=7, n=300, motion="tilted").samples,
         replace(level, field=level.field[:, [1, 2, 0]]),
     ]
-    sessions = [followed(thinned(samples), goal) for samples in cases for goal in GOALS]
-    for session, page in zip(sessions, page_answers(sessions)["answers"], strict=True):
-        view = evaluate(session).view
-        assert view is not None
-        assert view.guidance is not None
-        assert view.guidance.words.startswith("follow the arrow: ")
-        same(page["view"]["guidance"], msgspec.to_builtins(view.guidance), "guidance")
-        same(page["view"]["shown"], msgspec.to_builtins(view.shown), "shown")
+    cases = [case_of(thinned(samples), 0.1, goal, is_followed=True) for samples in turned for goal in GOALS]
+    for case, page in zip(cases, page_answers(cases)["answers"], strict=True):
+        session = Session(target_deg=case.target_deg, goal=case.goal, unit="uT")
+        state = session.add(case.samples.field, time=case.samples.time)
+        guidance = page["view"]["guidance"]
+        assert state.direction is not None
+        assert guidance["is_path"]
+        assert guidance["words"] == f"follow the arrow: {state.turn}"
+        np.testing.assert_allclose(guidance["direction"], state.direction, rtol=1e-9, atol=1e-12)
 
 
-def followed(samples: Samples, goal: Goal) -> LiveSession:
-    """A session of a sensor that somebody turns."""
-    session = replace(session_of(samples, target_deg=0.1), goal=goal)
-    return replace(session, source=SourceState("sensor", "serial", "connected", ""))
-
-
-NEVER_ON_THE_PAGE = frozenset({"level-plane", "mirrored-axes"})
-"""Findings of what the page does not do: it fits no level turn, and maps no axes."""
+NEVER_ON_THE_PAGE = frozenset({"mirrored-axes"})
+"""A finding of what the page does not do: it maps no axes."""
 
 NEVER_THERE = frozenset({"halves_ratio", "differ_deg"})
 """Values that are no number on the page: it compares neither halves of a recording nor several recordings."""
@@ -330,9 +408,7 @@ const { quantities } = fitOf(loaded, given.data, { ...given.asked, field, time: 
 return [NAMES.values, NAMES.words, Object.keys(quantities).filter((name) => !Number.isNaN(quantities[name]))];
 """
     wasm = build.library(target=build.WEB).read_bytes()
-    values, words, known = run(
-        program, {"wasm": packed(wasm), "data": engine.data(), "asked": asked(session_of(samples))}
-    )
+    values, words, known = run(program, {"wasm": packed(wasm), "data": engine.data(), "asked": case_of(samples).asked})
     looked_for = [CATALOGUE[code] for code in OF_A_FIT if CATALOGUE[code].rule.compared <= set(known)]
     assert {"heading-error", "few-samples", "structure", "stale-repeats"} <= {row.code for row in looked_for}
     for row in looked_for:

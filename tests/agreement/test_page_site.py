@@ -12,27 +12,28 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.level import Turned
-from benchmarks.page_verdict import compared, page_answers, session_of, site_of
-from flinders.live.evaluation import evaluate
-from flinders.live.session import LiveSession, Requested, step
+from benchmarks.page_verdict import Case, case_of, compared, page_answers, site_of
 from tests.agreement.test_page_engine import held_together, packed, same
 from tests.javascript import run
+from tests.page_session import UT, PageSession, log_of
 
 from flinders import simulate
 from flinders.core.geomag import newest_model, site_field
 from flinders.core.samples import Samples
+from flinders.core.units import Unit
 from flinders.errors import UsageError
 from flinders.estimators import Readings
 from flinders.estimators.known_dip import sited
 from flinders.estimators.level import Level
 from flinders.fitting.record import record_of
 from flinders.likelihood.site_field import Site
-from flinders.live.messages import parse
+from flinders.live.messages import LARGEST_DIP_DEG
 from flinders.native import build
+from flinders.report.view import view
 from flinders.standalone import engine
-from flinders.standalone.package import session_rules
 
 if TYPE_CHECKING:
+    from flinders.core.geomag import SiteField
     from flinders.native.engine import Records
 
 try:
@@ -40,7 +41,7 @@ try:
 except build.NoCompiler as error:
     pytest.skip(str(error), allow_module_level=True)
 
-PLACE: Final = {"type": "place", "latitude_deg": 48.2, "longitude_deg": 16.4, "year": 2026.9}
+PLACE: Final[dict[str, Any]] = {"type": "place", "latitude_deg": 48.2, "longitude_deg": 16.4, "year": 2026.9}
 FIELDS: Final = """
 const { siteField } = await load("geomag.js");
 return given.places.map((place) => Object.values(siteField(given.model, ...place)));
@@ -65,91 +66,97 @@ def test_the_coefficients_take_few_bytes() -> None:
     assert len(json.dumps(newest_model(), separators=(",", ":"))) < 2500
 
 
-ANSWERS: Final = """
-const { Session } = await load("session.js");
-return given.commands.map((command) => {
-    const session = new Session(given.rules);
-    return [session.requested(1, command)[0], session.judgedDip];
-});
-"""
-
-
-def answered(command: dict[str, Any]) -> tuple[str, float | None]:
-    """What the live page answers to a place, and the dip that it judges at then."""
+def field_at(latitude_deg: float, longitude_deg: float) -> SiteField | None:
+    """Field of a place at which the page can judge; None where there is none, or it is too steep."""
     try:
-        session, (notice,) = step(LiveSession(), Requested(1.0, parse(json.dumps(command))))
-    except UsageError as refused:
-        return refused.message, None
-    return notice.words, session.dip_deg
+        field = site_field(latitude_deg, longitude_deg, year=PLACE["year"])
+    except UsageError:
+        return None
+    return field if abs(field.inclination_deg) <= LARGEST_DIP_DEG else None
 
 
-def test_a_place_is_answered_as_on_the_live_page() -> None:
-    places = ((48.2, 16.4), (-33.9, 151.2), (0.0, -179.99), (86.0, 164.0), (95.0, 10.0), (-122.3, 47.6), (10.0, 400.0))
-    commands = [{**PLACE, "latitude_deg": latitude, "longitude_deg": longitude} for latitude, longitude in places]
-    answers = run(ANSWERS, {"commands": commands, "rules": session_rules()})
-    for command, (notice, (dip_deg, is_assumed)) in zip(commands, answers, strict=True):
-        words, expected = answered(command)
-        assert notice["words"] == words
-        assert notice["severity"] == ("warning" if expected is None else "info")
-        assert (dip_deg, is_assumed) == ((60.0, True) if expected is None else (expected, False))
+@pytest.mark.parametrize(
+    ("latitude_deg", "longitude_deg", "is_known"),
+    [
+        (48.2, 16.4, True),
+        (-33.9, 151.2, True),
+        (0.0, -179.99, True),
+        (86.0, 164.0, False),
+        (95.0, 10.0, False),
+        (-122.3, 47.6, False),
+        (10.0, 400.0, False),
+    ],
+)
+def test_a_place_is_answered_by_the_model_of_the_program(
+    latitude_deg: float, longitude_deg: float, is_known: bool
+) -> None:
+    session, field = PageSession(), field_at(latitude_deg, longitude_deg)
+    (notice,) = session.requested(1.0, **{**PLACE, "latitude_deg": latitude_deg, "longitude_deg": longitude_deg})
+    assert (notice.severity, field is not None) == (("info", True) if is_known else ("warning", False))
+    shown = session.state
+    if field is None:
+        assert shown.dip_assumed
+    else:
+        assert (shown.dip_deg, shown.dip_assumed) == (round(field.inclination_deg, 1), False)
+        assert f"is {shown.dip_deg:g}°, the strength of the field {field.strength:.1f} µT (WMM-2025" in notice.words
 
 
-def test_a_year_without_a_model_on_the_page_is_refused() -> None:
-    commands = [{**PLACE, "year": year} for year in (2019.5, 2024.999, 2030.001)]
-    for notice, (_, is_assumed) in run(ANSWERS, {"commands": commands, "rules": session_rules()}):
-        assert notice["severity"] == "warning"
-        assert "WMM-2025, from 2025 to 2030" in notice["words"]
-        assert is_assumed
+@pytest.mark.parametrize("year", [2019.5, 2024.999, 2030.001])
+def test_a_year_without_a_model_on_the_page_is_refused(year: float) -> None:
+    session = PageSession()
+    (notice,) = session.requested(1.0, **{**PLACE, "year": year})
+    assert notice.severity == "warning"
+    assert "WMM-2025, from 2025 to 2030" in notice.words
+    assert session.state.dip_assumed
 
 
-ASKED: Final = """
-const { Session } = await load("session.js");
-return given.units.map((inside) => {
-    const session = new Session(given.rules);
-    const rows = { time: Float64Array.of(0, 1), field: new Float64Array(6) };
-    const unit = { inside, recorded: inside, scale: 1 };
-    session.arrived(1, rows, unit);
-    session.requested(1, given.place);
-    session.requested(2, { type: "clear" });
-    session.arrived(3, rows, unit);
-    return session.task(9).site;
-});
-"""
+def placed_site() -> Site:
+    """The site that the place is for a session: the dip to a tenth of a degree."""
+    field = site_field(PLACE["latitude_deg"], PLACE["longitude_deg"], year=PLACE["year"])
+    site = Site.stated(Site.of(field), inclination_deg=round(field.inclination_deg, 1))
+    assert site is not None
+    return site
 
 
-def test_the_strength_of_the_place_counts_for_readings_in_a_true_unit() -> None:
-    """Also after a new start; the dip, to a tenth of a degree, is judged at and no more, as on the live page."""
-    in_microtesla, in_counts = run(ASKED, {"units": ["uT", "counts"], "rules": session_rules(), "place": PLACE})
-    session = placed(simulate.tumble(seed=1, n=60).samples)
-    expected = site_of((Site.stated(session.shown.known_site, inclination_deg=session.dip_deg) or Site()).evidence)
+@pytest.mark.parametrize("unit", ["uT", "counts"])
+def test_the_strength_of_the_place_counts_for_readings_in_a_true_unit(unit: str) -> None:
+    """Also after a new start; the dip, to a tenth of a degree, is judged at and no more."""
+    session = PageSession()
+    session.arrived(1.0, np.zeros((2, 7)), Unit.of(unit))
+    session.requested(1.0, **PLACE)
+    session.requested(2.0, "clear")
+    session.arrived(3.0, np.zeros((2, 7)), Unit.of(unit))
+    known, expected = session.used_site, site_of(placed_site().evidence)
+    if unit == "counts":
+        assert known is None
+        return
+    assert known is not None
     assert expected is not None
-    assert (in_microtesla["inclination_deg"], expected["inclination_deg"]) == (None, None)
-    same({**in_microtesla, "inclination_sigma_deg": None}, expected, "site")
-    assert in_counts is None
+    assert (known["inclination_deg"], expected["inclination_deg"]) == (None, None)
+    assert known["strength"] == pytest.approx(expected["strength"], rel=1e-9)
+    assert known["gain_sigma"] == expected["gain_sigma"]
 
 
-OWN: Final = """
-const { Session } = await load("session.js");
-const session = new Session(given.rules);
-session.live.site = given.site;
-const before = [session.judgedDip, session.task(1).site];
-session.requested(1, { type: "dip", deg: 40 });
-return [...before, session.judgedDip, session.task(1).site];
-"""
-
-
-def test_dip_and_strength_that_a_log_states_count_until_a_dip_is_typed() -> None:
+@pytest.mark.parametrize("unit", ["uT", "counts"])
+def test_dip_and_strength_that_a_log_states_count_until_a_dip_is_typed(unit: str) -> None:
     """In counts the dip alone."""
-    site = {"strength": 50.0, "gain_sigma": 0.05, "inclination_deg": 66.62, "inclination_sigma_deg": 1.0}
-    own, known, typed, nothing = run(OWN, {"rules": session_rules(), "site": site})
-    assert (own, known) == ([66.62, False], {**site, "strength": None})
-    assert (typed, nothing) == ([40, False], None)
+    session, log = PageSession(), log_of(simulate.tumble(seed=1, n=60).samples)
+    site = Site(strength=50.0, gain_sigma=0.05, inclination_deg=66.62, inclination_sigma_deg=1.0)
+    session.opened(1.0, "a.bin", log._replace(unit=Unit.of(unit), site=site))
+    known = session.used_site
+    assert known is not None
+    assert (session.state.dip_deg, session.state.dip_assumed, known["inclination_deg"]) == (66.6, False, 66.62)
+    assert known["strength"] == (50.0 if unit == "uT" else None)
+    session.requested(2.0, "dip", deg=40.0)
+    assert (session.state.dip_deg, session.state.dip_assumed) == (40.0, False)
+    known = session.used_site
+    assert known is None or known["inclination_deg"] is None
 
 
-def placed(samples: Samples, **place: float) -> LiveSession:
-    """A session of readings that have ended, at a place."""
-    session, _ = step(session_of(samples), Requested(1e9, parse(json.dumps({**PLACE, **place}))))
-    return session
+def placed(samples: Samples) -> Case:
+    """Readings at the place; those in counts have no strength."""
+    site = placed_site()
+    return replace(case_of(samples), site=site if samples.unit.inside == UT.inside else replace(site, strength=None))
 
 
 def test_a_tumble_at_a_place_gets_numbers_verdict_and_sentences_of_the_program() -> None:
@@ -163,20 +170,20 @@ def test_a_tumble_at_a_place_gets_numbers_verdict_and_sentences_of_the_program()
         "structure": simulate.tumble(seed=0, n=1500, disturbances=[simulate.MotorCurrent(0.2)]).samples,
         "few": tilted[:60],
     }
-    sessions = [placed(samples) for samples in cases.values()]
-    rows = compared(list(cases), sessions)
+    at_place = [placed(samples) for samples in cases.values()]
+    rows = compared(list(cases), at_place)
     held_together(rows)
     unlike = [row for row in rows if row.method and row.sentences[0][1:] != row.sentences[1][1:]]
     assert not unlike, unlike
     told = {row.name: {code for code, _ in row.findings[1]} for row in rows}
     assert {name for name, codes in told.items() if "strength-differs" in codes} == {"another unit"}
     assert {name for name, codes in told.items() if "scale-unknown" in codes} == {"another unit", "counts"}
-    for session, answer in zip(sessions, page_answers(sessions)["answers"], strict=True):
-        program = evaluate(session)
-        assert program.view is not None
+    for case, answer in zip(at_place, page_answers(at_place)["answers"], strict=True):
+        assert case.fit is not None
+        program = view(case.fit, case.samples)
         for name in ("field_strength", "field_strength_known", "offset", "offset_sigma", "matrix", "matrix_sigma"):
-            same(answer["view"][name], getattr(program.view, name), name)
-        same(answer["view"]["shown"], msgspec.to_builtins(program.view.shown), "shown")
+            same(answer["view"][name], getattr(program, name), name)
+        same(answer["view"]["shown"], msgspec.to_builtins(program.shown), "shown")
 
 
 LEVEL: Final = """

@@ -260,7 +260,6 @@ def test_what_stood_beside_the_sensor_is_left_out_by_a_button(visitor: Visitor, 
     expect(button).to_be_visible()
 
 
-@pytest.mark.xfail(strict=False, reason="the session in the browser does not know the field of a place yet")
 @pytest.mark.tools
 def test_the_dip_is_set_from_a_place(visitor: Visitor) -> None:
     page = done(visitor.page())
@@ -474,7 +473,6 @@ def test_what_is_no_log_is_refused_with_words_and_changes_nothing(visitor: Visit
     visitor.forgive(422)
 
 
-@pytest.mark.xfail(strict=False, reason="the session in the browser does not renew an earlier calibration yet")
 @pytest.mark.tools
 def test_an_earlier_calibration_dropped_on_the_finish_panel_is_compared_and_renewed(
     visitor: Visitor, program: Program, tmp_path: Path

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
+from tests.page_session import PageSession
 from tests.program import flinders_
 from tests.worlds import MOTORS, OFFSET_SENSOR
 
@@ -14,6 +15,7 @@ import flinders
 from flinders import Fit, simulate
 from flinders.core.samples import Joined
 from flinders.fitting.result import Judgement
+from flinders.live.buffer import rows_of
 from flinders.report.formatting import condition
 from flinders.report.notebook import html_of
 from flinders.report.view import view
@@ -114,6 +116,9 @@ def test_a_notebook_and_the_live_page_state_it() -> None:
     samples = simulate.tumble(seed=1).samples
     fit = flinders.fit(samples)
     assert condition(fit) in html_of(fit)
+    session = PageSession()
+    session.arrived(60.0, rows_of(samples))
+    assert session.evaluated().view.condition == view(fit, samples).condition
     assert view(fit, samples).condition in condition(fit)
 
 

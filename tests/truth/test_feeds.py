@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from tests.feeding import asked
+from tests.page_session import PageSession
 
-from flinders import Session, fit, simulate
+from flinders import fit, simulate
 from flinders.core.samples import Samples
 from flinders.errors import OutputError, UsageError
+from flinders.live.buffer import rows_of
 from flinders.live.feeds import AT_ONCE, FeedEvent, Replay
 from flinders.live.mavlink import ARDUPILOT, PX4, Telemetry, Vehicle
 from flinders.live.recorder import RecordedFeed, Resumed, ToFile
@@ -151,12 +153,15 @@ def test_it_is_rocked_at_first_and_good_after_half_a_minute() -> None:
     readings, events = asked(SimulatedFeed(seed=1, speed=None), lambda readings, _: len(readings) >= 1700)
     assert readings.time is not None
     assert readings.acceleration is not None
-    session, good_s = Session(unit="uT"), math.inf
+    session, good_s = PageSession(), math.inf
     for block in readings.blocks(rows=25):
-        state = session.add(block.field, time=block.time, acceleration=block.acceleration)
-        if block.time is not None and block.time[-1] < ROCKED_S:
-            assert state.phase == "collecting"
-        good_s = min(good_s, float(readings.time[state.readings - 1]) if state.phase == "good" else math.inf)
+        assert block.time is not None
+        at = float(block.time[-1])
+        session.arrived(at, rows_of(block), block.unit)
+        session.fit()
+        phase = session.state.phase
+        assert phase == "collecting" or at >= ROCKED_S
+        good_s = min(good_s, at if phase == "good" else math.inf)
     assert 25.0 < good_s < 32.0
     assert [event.at for event in events] == [0.0, *(at for at, _ in SAID)]
     assert "a common mistake" in events[1].words

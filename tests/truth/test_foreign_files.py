@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from benchmarks import fuzz
-from flinders.live.session import LiveSession
 from tests.program import flinders_
 from tests.samples import written
 from tests.trials import daily, nightly
@@ -24,8 +23,7 @@ from tests.trials import daily, nightly
 import flinders
 from flinders import simulate
 from flinders.core import files
-from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, fault_words
-from flinders.live.hub import _timed
+from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput
 from flinders.readers import _fmt, _source, parquet, ulog
 
 if TYPE_CHECKING:
@@ -177,15 +175,6 @@ def test_a_name_that_is_no_utf_8_stands_in_no_report(tmp_path: Path) -> None:
     assert ended.code == 0, ended.err
     assert "\ufffd.csv" in (out / "r.html").read_text(encoding="utf-8")
     assert "\ufffd.csv" in (out / "c.json").read_text(encoding="utf-8")
-
-
-def test_a_recording_that_provokes_a_fault_does_not_end_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(_: LiveSession) -> None:
-        raise KeyError("mag")
-
-    monkeypatch.setattr("flinders.live.evaluation.evaluate", broken)
-    evaluated, _ = _timed(LiveSession())
-    assert evaluated.refusal == fault_words(KeyError("mag"))
 
 
 # what is read is what is named

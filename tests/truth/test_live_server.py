@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import gzip
 import io
 import json
 import re
@@ -12,6 +13,8 @@ import struct
 import threading
 import time
 import warnings
+import zipfile
+import zlib
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
@@ -34,7 +37,7 @@ from flinders.errors import UsageError
 from flinders.fitting import calibrate
 from flinders.fitting.result import Fit
 from flinders.likelihood.site_field import Site
-from flinders.live import messages, motioncal, server
+from flinders.live import messages, motioncal, server, transfers
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_name, listening, server_of
 from flinders.live.buffer import ReadingBuffer
 from flinders.live.feeds import Replay
@@ -745,24 +748,81 @@ def test_a_log_that_is_too_large_is_refused_before_it_is_read(wall: Bench, monke
     assert UPLOAD_BYTES == 64 << 20
 
 
-def test_an_archive_that_unpacks_to_too_much_is_refused_before_it_is_read(
-    wall: Bench, monkeypatch: pytest.MonkeyPatch
+def arrays(columns: int) -> bytes:
+    """A compressed archive of 17 MB of zeros, in one array or in many."""
+    archive = io.BytesIO()
+    named: dict[str, Any] = {f"mag{column}": np.zeros((756_000 // columns, 3)) for column in range(columns)}
+    np.savez_compressed(archive, **named)
+    return archive.getvalue()
+
+
+def zipped(name: str, content: bytes, packing: int = zipfile.ZIP_DEFLATED) -> bytes:
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", packing) as members:
+        members.writestr(name, content)
+    return archive.getvalue()
+
+
+def matlab(size: int) -> bytes:
+    """A packed element of zeros behind the header of a file of MATLAB."""
+    packed = zlib.compress(bytes(size))
+    return b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<HHII", 0x0100, 0x4D49, 15, len(packed)) + packed
+
+
+ROW = b"1.0,2.0,3.0\n"
+
+
+def rows() -> bytes:
+    """18 MB of text."""
+    return ROW * 1_500_000
+
+
+LARGE: dict[str, Callable[[], bytes]] = {
+    "zeros.npz": lambda: arrays(1),
+    "many.npz": lambda: arrays(12),
+    "rows.csv.gz": lambda: gzip.compress(rows()),
+    "walk.zip": lambda: zipped("Magnetometer.csv", rows()),
+    "twice.zip": lambda: zipped("Magnetometer.csv", gzip.compress(rows())),
+    "walk.zip.gz": lambda: gzip.compress(zipped("Magnetometer.csv", rows())),
+    "zeros.mat": lambda: matlab(len(rows())),
+}
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_an_upload_that_unpacks_to_too_much_is_refused_while_it_is_unpacked(
+    wall: Bench, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    """A thousand times its size, in one array or in many; here of a sixteenth of the limit."""
-    assert server.UNPACKED_BYTES == 256 << 20
-    monkeypatch.setattr(server, "UNPACKED_BYTES", 16 << 20)
-    for columns in (1, 12):
-        archive = io.BytesIO()
-        arrays: dict[str, Any] = {f"mag{column}": np.zeros((756_000 // columns, 3)) for column in range(columns)}
-        np.savez_compressed(archive, **arrays)
-        assert len(archive.getvalue()) < 1 << 16
-        answer = wall.client.post("/open?name=zeros.npz", content=archive.getvalue(), headers=OWN)
-        assert answer.status_code == 422
-        assert answer.json()["words"].startswith("zeros.npz unpacks to 17 MB, and this page takes 16 MB")
-    small = io.BytesIO()
-    np.savez_compressed(small, mag=simulate.tumble(seed=5, n=400).samples.field)
-    assert wall.client.post("/open?name=small.npz", content=small.getvalue(), headers=OWN).status_code == 200
-    wall.hub.logs.clear()
+    """Whatever packs it, and however often; here a sixteenth of the limit."""
+    assert transfers.UNPACKED_BYTES == 256 << 20
+    monkeypatch.setattr(transfers, "UNPACKED_BYTES", 16 << 20)
+    monkeypatch.setattr(transfers, "load", None)  # which would read it
+    content = LARGE[name]()
+    assert len(content) < 1 << 17
+    answer = wall.client.post(f"/open?name={name}", content=content, headers=OWN)
+    assert (answer.status_code, answer.json()["code"]) == (422, "unreadable")
+    assert answer.json()["words"].startswith(f"{name} unpacks to more than 16 MB, which is the most")
+
+
+def test_a_packed_upload_within_the_limit_is_read(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So is one of exactly the limit, and one that was cut."""
+    field = simulate.tumble(seed=5, n=400).samples.field
+    text = b"mx_uT,my_uT,mz_uT\n" + b"".join(b"%.3f,%.3f,%.3f\n" % tuple(row) for row in field.tolist())
+    monkeypatch.setattr(transfers, "UNPACKED_BYTES", len(text))
+    packed = {"a.csv.gz": gzip.compress(text), "a.zip": zipped("mag.csv", text), "cut.csv.gz": gzip.compress(text)[:-9]}
+    for name, content in packed.items():
+        assert bench.client.post(f"/open?name={name}", content=content, headers=OWN).status_code == 200, name
+    assert len(bench.hub.logs) == len(packed)
+    bench.hub.logs.clear()
+
+
+def test_an_archive_with_a_packing_of_unbounded_memory_is_refused(wall: Bench) -> None:
+    """zipfile unpacks a read of bzip2 or LZMA in one piece: a kilobyte of it fills a gigabyte of memory."""
+    for packing in (zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA):
+        plain = zipped("mag.csv", ROW * 100, packing)
+        for content in (plain, gzip.compress(plain)):
+            answer = wall.client.post("/open?name=a.zip", content=content, headers=OWN)
+            assert answer.status_code == 422
+            assert answer.json()["words"].startswith("mag.csv is packed in an unusual way")
 
 
 def test_an_archive_of_a_version_to_come_is_refused(wall: Bench) -> None:
@@ -928,6 +988,42 @@ def test_who_never_says_what_he_wants_is_not_waited_for(listener: int) -> None:
     wait_until(is_answered)
     for one in [*slow, *crowd]:
         one.close()
+
+
+def test_a_recording_that_grows_while_it_is_sent_is_sent_as_it_was(listener: int, tmp_path: Path) -> None:
+    """Its length is that of the request, its last line is whole, and the answer is the beginning of the file."""
+    path, row, is_over = tmp_path / "session.csv", b"0.020,21.7,-4.1,43.2\n" * 50, threading.Event()
+
+    def write() -> None:
+        with path.open("ab", buffering=0) as file:
+            file.write(row * 2000)
+            while not is_over.wait(2e-4):
+                file.write(row[:-7])
+                file.write(row[-7:])
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        wait_until(lambda: path.exists() and path.stat().st_size > 1 << 20)
+        answers = [httpx.get(f"http://127.0.0.1:{listener}/session.csv") for _ in range(20)]
+    finally:
+        is_over.set()
+        writer.join()
+    content = path.read_bytes()
+    for answer in answers:
+        assert len(answer.content) == int(answer.headers["content-length"]) > 1 << 20
+        assert answer.content.endswith(b"\n")
+        assert content.startswith(answer.content)
+    assert answers[0].headers["content-disposition"] == 'attachment; filename="session.csv"'
+
+
+def test_a_snapshot_is_the_whole_lines_of_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "grüße.csv"
+    for content, size in ((b"", 0), (b"no end", 0), (b"1\n2", 2), (b"1\n" + b"2" * 200_000, 2), (b"1\n2\n", 4)):
+        path.write_bytes(content)
+        answer = transfers.snapshot(path)
+        assert answer.headers["content-length"] == f"{size}"
+    assert answer.headers["content-disposition"] == "attachment; filename*=utf-8''gr%C3%BC%C3%9Fe.csv"
 
 
 def test_a_browser_that_goes_away_in_an_upload_is_no_fault(listener: int, caplog: pytest.LogCaptureFixture) -> None:

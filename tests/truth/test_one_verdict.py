@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 from click.testing import CliRunner
+from tests.page_session import PageSession
 
 from flinders import simulate
 from flinders.cli import main
 from flinders.fitting.result import Fit
+from flinders.live.buffer import rows_of
 from flinders.live.guided import Session
 from flinders.report.html import TITLES
-from flinders.report.html_file import asset
+from flinders.report.modules import asset
 from flinders.report.notebook import html_of
 from flinders.simulate.recording import write_csv
-
-if TYPE_CHECKING:
-    from flinders.core.samples import Samples
 
 EXITS = {"good": 0, "limited": 3, "refused": 4}
 CASES = {
@@ -48,14 +46,12 @@ def test_all_renderings_have_the_word(verdict: str, tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.parametrize("verdict", CASES)
-def test_the_page_has_the_verdict_of_all_readings(verdict: str) -> None:
-    assert at_the_end(CASES[verdict].samples) == verdict
-
-
-def at_the_end(samples: Samples) -> str:
-    """Verdict of a session in which all readings arrived."""
-    session = Session(unit="uT")
-    return session.add(samples.field, time=samples.time).verdict
+def test_a_session_has_the_verdict_of_all_readings(verdict: str) -> None:
+    samples = CASES[verdict].samples
+    assert Session(unit="uT").add(samples.field, time=samples.time).verdict == verdict
+    page = PageSession()
+    page.arrived(60.0, rows_of(samples))
+    assert page.evaluated().view.verdict == verdict
 
 
 def test_the_page_calls_verdicts_as_the_report_does() -> None:

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from flinders.cli import main
-from flinders.report.html_file import asset
+from flinders.report.modules import asset
 from flinders.standalone import package
 from flinders.standalone.package import CSP, index_page
 

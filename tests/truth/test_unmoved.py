@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from flinders.live.evaluation import evaluate
-from flinders.live.session import Arrived, LiveSession, step
+from tests.page_session import PageSession
 from tests.trials import daily
 
 import flinders
@@ -229,7 +228,9 @@ def test_the_live_page_says_one_thing(trials: Choose) -> None:
     for seed in trials(25, 1).seeds:
         field, _ = handled(seed, n=3000)
         samples = Samples(field, time=np.arange(3000) / 50.0)
-        found = evaluate(step(LiveSession(), Arrived(60.0, rows_of(samples), samples.unit))[0])
+        session = PageSession()
+        session.arrived(60.0, rows_of(samples), samples.unit)
+        found = session.evaluated()
         assert [(reason.code, reason.severity) for reason in found.reasons] == [("no-rotation", "info")]
         assert found.refusal.startswith("all readings lie within ")
         assert found.view is None

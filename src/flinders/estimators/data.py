@@ -44,20 +44,20 @@ from flinders.core.samples import Joined, Recording, Samples, Wrapped, concatena
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import NeedsSamples, OutOfScale, StuckAxis, TooFewSamples, Unmoved
 from flinders.estimators.rests import Rests
+from flinders.geometry.plane import order_of
 from flinders.likelihood import magnitude
-from flinders.summary.cloud import keys_of
 from flinders.summary.quality import DataQuality
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from numpy.random import Generator
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
     from flinders.core.samples import Skipped
     from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.geometry.plane import Plane
     from flinders.summary.quality import Rail
     from flinders.summary.summary import Statistics
 
@@ -120,6 +120,28 @@ class WithinRange(Wrapped):
             yield block[free]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Flat(Wrapped):
+    """A recording whose first and second column are a plane's axes, and whose third one is the same for all."""
+
+    recording: Recording
+    plane: Plane
+    height: float = 0.0
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording."""
+        first, second, _ = order_of(self.plane)
+        for block in self.recording.blocks():
+            field = np.full_like(block.field, self.height)
+            field[:, 0], field[:, 1] = block.field[:, first], block.field[:, second]
+            yield replace(block, field=field)
+
+
+def laid_flat(readings: Readings, plane: Plane, height: float = 0.0) -> Readings:
+    """The readings of a plane, all at one height, with the sums of all."""
+    return readings.through(lambda recording: Flat(recording, plane, height))
+
+
 def within_range(readings: Readings) -> Readings:
     """Those readings that are at no rail, with the sums of all."""
     rails = readings.summary.health.rails
@@ -163,9 +185,6 @@ SMALLEST, LARGEST = 1e-12, 1e15
 
 FARTHEST: Final = 1000.0
 """Offset in spreads of the readings; a magnet that strong leaves no range to any sensor."""
-
-PER_CELL: Final = 4
-"""Readings of one place that count, where what counts is how many places agree."""
 
 
 def is_recording(source: Recording | ArrayLike) -> TypeGuard[Recording]:
@@ -318,16 +337,6 @@ class Readings:
         other = wrapped(self.recording)
         is_held = isinstance(self.recording, Samples)
         return replace(self, recording=concatenated(list(other.blocks()), other) if is_held else other)
-
-    def spread_out(self, field: Floats, rng: Generator) -> Floats:
-        """Take a few readings from each cell of the cloud: a rest or a clump then counts for no more than its place."""
-        cells = keys_of(field, self.summary.cloud.side)
-        order = rng.permutation(len(field))
-        order = order[np.argsort(cells[order], kind="stable")]
-        sorted_cells = cells[order]
-        first = np.flatnonzero(np.concatenate([[True], sorted_cells[1:] != sorted_cells[:-1]]))
-        rank = np.arange(len(order)) - np.repeat(first, np.diff(np.append(first, len(order))))
-        return field[np.sort(order[rank < PER_CELL])]
 
     @property
     def are_in_scale(self) -> bool:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 from flinders.errors import UsageError
 from flinders.estimators.base import Method, check_prior
-from flinders.estimators.in_plane import fitted_flat, laid_flat, lifted, require_turn
+from flinders.estimators.data import laid_flat
+from flinders.estimators.in_plane import fitted_flat, lifted, require_turn
 from flinders.geometry.plane import Plane, order_of
 from flinders.likelihood import prior
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
 from flinders.errors import UsageError
 from flinders.estimators.base import Method, check_prior
-from flinders.estimators.in_plane import ellipse_start, laid_flat, lift_of, lifted_covariance
-from flinders.estimators.likelihood import ENOUGH, Likelihood
-from flinders.estimators.robust import SEED
-from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.estimators.likelihood import LEVEL, estimated
 from flinders.likelihood import prior
 from flinders.native.engine import engine
 from flinders.summary.summary import FLAT_NOISE
@@ -62,7 +59,7 @@ class Level:
     prior: float = prior.SPREAD
     dip_deg: float = 60.0
 
-    name: ClassVar[str] = "level"
+    name: ClassVar[str] = LEVEL
     unknowns: ClassVar[int] = 6
     is_biased: ClassVar[bool] = False
 
@@ -83,27 +80,9 @@ class Level:
         """
         readings.require(self.unknowns, self.name, axes="xy")
         readings = readings.fitted()
-        height = float(readings.summary.moments.mean[2])
-        flat = laid_flat(readings, "xy", height)
-        rng = np.random.default_rng(SEED)
-        start = ellipse_start(flat.spread_out(flat.thinned(ENOUGH, self.name), rng), rng)
-        estimate = Likelihood(prior=self.prior).polish(flat, start, robust=True)
-        return self._lifted(estimate)
-
-    def _lifted(self, flat: Estimate) -> Estimate:
-        """Take an ellipse, found as the equator of an ellipsoid, to where the dip puts it."""
-        dip = np.deg2rad(self.dip_deg)
-        shape = flat.ellipsoid.shape / np.cos(dip)
-        ellipsoid = Ellipsoid(flat.ellipsoid.centre - np.sin(dip) * shape[:, 2], shape)
-        lift = lift_of(float(dip))
-        return replace(
-            flat,
-            ellipsoid=ellipsoid,
-            covariance=lifted_covariance(flat.covariance, lift, ellipsoid.radius),
-            textbook=None if flat.textbook is None else lifted_covariance(flat.textbook, lift, ellipsoid.radius),
-            method=self.name,
-            plane="xy",
-        )
+        field, ends = readings.in_memory(self.name)
+        record = engine().fit_level(field, ends=ends, prior=self.prior, dip_deg=self.dip_deg, rests=0)
+        return estimated(record, readings, has_statistics=True)
 
 
 def is_level(covariance: Floats, noise: float, *, within: float = FLAT_NOISE) -> bool:

@@ -13,8 +13,10 @@ from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.algebraic import trace_fit
 from flinders.estimators.base import Correlation, Estimate, Method, check_prior
 from flinders.estimators.consistent import adjusted
+from flinders.estimators.data import laid_flat
 from flinders.estimators.outliers import outliers_among
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.plane import PLANES
 from flinders.likelihood import prior
 from flinders.native.engine import UNDETERMINED, engine
 
@@ -30,8 +32,8 @@ ENOUGH: Final = 20_000
 """Readings on which the fit is iterated; the whole of a longer recording is gone through once, from there."""
 
 
-ROBUST: Final = "robust"
-"""Method of an estimate that outliers were rejected for."""
+ROBUST, LEVEL = "robust", "level"
+"""Methods of an estimate that outliers were rejected for, and of a level turn."""
 
 RESIDUALS: Final = ("lag_one", "correlation_time", "distortion", "excess_variance", "noise_lasts", "steps_kurtosis")
 """Of a record: what a `Correlation` is made of."""
@@ -123,15 +125,16 @@ class Likelihood:
 
 
 def recorded(
-    readings: Readings, prior: float | None, *, robust: int, dip_deg: float = 60.0, statistics: int = 1
+    readings: Readings, prior: float | None, *, robust: int, level: int, dip_deg: float = 60.0, statistics: int = 1
 ) -> Records:
     """The engine's record of a fit from the consistent start; raises NeedsSamples.
 
-    The fit is robust never (0), where residuals ask for it (1) or always (2).
+    The fit is robust never (0), where residuals ask for it (1) or always (2); `level`: 1 for the ellipse of a level
+    turn where readings are that.
     """
     field, ends = readings.in_memory(Likelihood.name)
     time = readings.recording.time if isinstance(readings.recording, Samples) else None
-    options = {"prior": prior or 0.0, "dip_deg": dip_deg, "robust": robust, "statistics": statistics}
+    options = {"prior": prior or 0.0, "dip_deg": dip_deg, "robust": robust, "level": level, "statistics": statistics}
     options["rests"] = readings.rests is None
     return engine().fit(field, time=time, ends=ends, **options)
 
@@ -144,7 +147,8 @@ def estimated(record: Records, readings: Readings, *, has_statistics: bool = Fal
     NotAnEllipsoid, Undetermined
         Where there is none.
     """
-    method = ROBUST if record["is_robust"] else Likelihood.name
+    plane = PLANES[record["plane"] - 1] if record["plane"] else None
+    method = LEVEL if plane else ROBUST if record["is_robust"] else Likelihood.name
     if record["status"] == UNDETERMINED:
         raise Undetermined(int(record["unobserved"]))
     if record["status"]:
@@ -153,7 +157,8 @@ def estimated(record: Records, readings: Readings, *, has_statistics: bool = Fal
     if record["is_robust"]:
         limit = float(record["rejected_beyond"])
         majority = Ellipsoid(record["majority_centre"], symmetric(record["majority_shape"]))
-        outliers = outliers_among(readings, majority, limit, int(record["dense"]))
+        near = readings if plane is None else laid_flat(readings, plane, float(majority.centre[2]))
+        outliers = outliers_among(near, majority, limit, int(record["dense"]))
     lag_one, time, direction, excess, lasting, steps = (float(record[name]) for name in RESIDUALS)
     lasting = 0.0 if math.isnan(lasting) else lasting
     return Estimate(
@@ -168,6 +173,7 @@ def estimated(record: Records, readings: Readings, *, has_statistics: bool = Fal
         unobserved=int(record["unobserved"]),
         rejected_beyond=limit,
         outliers=outliers,
+        plane=plane,
         may_be_swapped=not has_statistics or any(record["swaps"].tolist()),
     )
 

@@ -13,9 +13,6 @@ if TYPE_CHECKING:
     from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
 
-SEED: Final = 20240607
-"""Any number: with a fixed one the same readings give the same fit."""
-
 
 @dataclass(frozen=True, slots=True)
 class Robust:
@@ -74,7 +71,7 @@ class Robust:
         """
         readings.require(self.unknowns, self.name)
         fitted = readings.fitted()
-        return estimated(recorded(fitted, self.prior, robust=2), fitted, has_statistics=True)
+        return estimated(recorded(fitted, self.prior, robust=2, level=0), fitted, has_statistics=True)
 
 
 METHOD: Final = Method(

@@ -9,7 +9,8 @@ import numpy as np
 
 from flinders.estimators.base import Method
 from flinders.estimators.covariance import beyond_chance
-from flinders.estimators.in_plane import NotAnEllipse, equator, fitted_flat, laid_flat, lifted, require_turn
+from flinders.estimators.data import laid_flat
+from flinders.estimators.in_plane import NotAnEllipse, equator, fitted_flat, lifted, require_turn
 from flinders.estimators.likelihood import ENOUGH
 from flinders.geometry.plane import IN_PLANE, Plane, PlaneEllipse, order_of
 from flinders.likelihood import magnitude, prior

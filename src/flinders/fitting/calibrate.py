@@ -219,7 +219,11 @@ class _Estimated(NamedTuple):
         if not isinstance(estimator, Auto) or not isinstance(samples, Samples) or readings.parts:
             return None
         record = estimator.recorded(readings, statistics=2 if has_sigma else 1)
-        if record["status"] or record["hides_plane"] or not was_turned(record, (unit or UNSTATED).inside):
+        if record["status"] or record["hides_plane"]:
+            return None
+        if record["plane"] and not record["rails"]:
+            _moved(readings, estimator, unit)
+        elif not was_turned(record, (unit or UNSTATED).inside):
             return None
         if record["rests"]:
             readings = readings.fitted()

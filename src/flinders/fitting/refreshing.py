@@ -170,7 +170,8 @@ def earlier_of(previous: Fit, site: Site | None = None, *, soft_iron_sigma: floa
     calibration, claim = previous.calibration, previous.claim
     strength = strength_of(calibration, site)
     return engine().earlier(
-        calibration.ellipsoid,
+        calibration.ellipsoid.centre,
+        calibration.ellipsoid.shape,
         claim.covariance if claim.states_uncertainty else None,
         distortion=previous.evidence.residuals.distortion,
         strength_ratio=1.0 if strength is None else strength / calibration.field_strength,

@@ -7,7 +7,6 @@ import base64
 import contextlib
 import secrets
 import tempfile
-import zipfile
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -32,7 +31,6 @@ from flinders.errors import (
     LinkError,
     NotSent,
     OutputError,
-    UnreadableInput,
     UsageError,
     fault_words,
 )
@@ -67,7 +65,6 @@ SIGN_OF_LIFE_S: Final = 2.0  # From one message to the next, at most: a page tak
 JSON: Final = "application/json"
 MOST_PAGES: Final = 20
 CALIBRATION_BYTES: Final = 1 << 20  # Of a calibration file, which each page gets: a hundred times a usual one
-UNPACKED_BYTES: Final = 4 * UPLOAD_BYTES  # Of the members of an archive, as it declares them
 STALLED_S: Final = 10.0  # Seconds that an upload may send nothing
 
 
@@ -222,11 +219,13 @@ async def _calibration(request: Request) -> Response:
 
 
 async def _recording(request: Request) -> Response:
-    """The file of the session, as it is."""
+    """The file of the session, as it is now."""
+    from flinders.live.transfers import snapshot
+
     hub: Hub = request.app.state.hub
     if not hub.supply.path.exists():
         raise HTTPException(404, "nothing has been recorded yet")
-    return FileResponse(hub.supply.path, media_type="text/csv", filename=hub.supply.path.name)
+    return await asyncio.to_thread(snapshot, hub.supply.path)
 
 
 async def _report(request: Request) -> Response:
@@ -282,14 +281,13 @@ def _download(content: bytes, filename: str, kind: str) -> Response:
 
 async def _open(request: Request) -> Response:
     """Read a log that was dropped on a page: what is known of it, and its readings."""
-    from flinders.live.session_file import load
+    from flinders.live.transfers import load_upload
 
     hub: Hub = request.app.state.hub
     async with _dropped(request, UPLOAD_BYTES, "calibrate it with flinders calibrate") as (path, name):
         try:
-            _refuse_a_bomb(path, name)
             async with request.app.state.uploads.reading:
-                log, words, _ = await asyncio.to_thread(load, path, name)
+                log, words = await asyncio.to_thread(load_upload, path, name)
         except FlindersError as error:
             words = error.message.replace(str(path), name).replace(path.name, name)
             return JSONResponse({"words": words, "code": error.code}, status_code=422)
@@ -367,20 +365,6 @@ async def _sent(request: Request, name: str) -> AsyncIterator[bytes]:
             words = f"{name} stopped coming for {STALLED_S:g} s: send it again"
             raise HTTPException(408, words, {"Connection": "close"}) from None
         yield chunk
-
-
-def _refuse_a_bomb(path: Path, name: str) -> None:
-    """See that the members of an archive are not too large; zipfile unpacks no more than is declared."""
-    if not zipfile.is_zipfile(path):
-        return
-    declared = 0
-    with contextlib.suppress(Exception), zipfile.ZipFile(path) as archive:  # what is broken in it, its reader says
-        declared = sum(member.file_size for member in archive.infolist())
-    if declared > UNPACKED_BYTES:
-        raise UnreadableInput(
-            f"{name} unpacks to {declared >> 20:,} MB, and this page takes {UNPACKED_BYTES >> 20} MB: "
-            "calibrate it with flinders calibrate"
-        )
 
 
 async def _send(request: Request) -> Response:

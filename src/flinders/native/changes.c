@@ -52,7 +52,6 @@ void fl_residual_statistics(const fl_kernels *kernels, const fl_view *all, const
 {
     distribution(kernels, view, fit, room, record);
     fl_swaps(kernels, all->field, all->rows, room, record);
-    if (record->is_robust) fl_confirm_swaps(kernels, all, fit, room, record);
+    if (record->is_robust && !record->plane) fl_confirm_swaps(kernels, all, fit, room, record);
     jump(kernels, all->field, all->rows, room, record);
-    fl_coverage(kernels, &fit->surface, record->rejected_beyond, room, record);
 }

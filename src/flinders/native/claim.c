@@ -14,7 +14,7 @@
  */
 #include "judge.h"
 
-enum { PARAMETERS = 9 };
+enum { PARAMETERS = 9, OF_ELLIPSE = 5 };
 
 /* The variance of Student's t, ν/(ν − 2), for the ν readings beyond those that the parameters take up. Below three there is
  * no such variance, and the factor grows by four for each reading that is missing. */
@@ -30,6 +30,17 @@ static real widening(real rows, real repetition, int parameters)
     if (!(rows > 0)) return 1;
     const real freedom = rows / repetition - (real)parameters;
     return (freedom >= 1 ? (rows - (real)parameters) / freedom : repetition) * flinders_widening_by_few(freedom);
+}
+
+/* Parameters that a method finds: of an ellipse no more than five. */
+static int parameters_of(const flinders_record *record, const flinders_request *request)
+{
+#ifdef FLINDERS_SMALL /* a board knows no level turns */
+    (void)record;
+#else
+    if (record->plane && request->parameters > OF_ELLIPSE) return OF_ELLIPSE;
+#endif
+    return request->parameters;
 }
 
 /* Mean ratio of variances to those that would hold for independent residuals; 1 where these are not known. */
@@ -273,7 +284,7 @@ void flinders_claim(flinders_record *record, const flinders_request *request)
     if (!record->is_claimed) {
         record->is_claimed = 1, record->repetition = repetition_of(record);
         const real factor = request->parameters > 0 && !is_refreshed(record)
-            ? widening((real)record->fitted, record->repetition, request->parameters) : record->repetition;
+            ? widening((real)record->fitted, record->repetition, parameters_of(record, request)) : record->repetition;
         for (int i = 0; i < 81; i++) record->covariance[i] *= factor;
         record->level_rms_deg *= fl_sqrt(factor), record->level_worst_deg *= fl_sqrt(factor);
     }

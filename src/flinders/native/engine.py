@@ -21,12 +21,12 @@ from flinders.errors import NoEngine
 from flinders.native.build import HERE, NoCompiler, library
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
-    from flinders.geometry.ellipsoid import Ellipsoid
 
     Records = NDArray[np.void]
 
@@ -125,6 +125,7 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "kernels": (ctypes.c_int32,),
     "workspace_size": (_N,),
     "fit_parts": (_A, _A, _N, _A, _N, _A, _A, _N, _A),
+    "fit_level": (_A, _A, _N, _A, _N, _A, _A, _N, _A),
     "fit_many": (_A, _A, _A, _N, _A, _A, _N, _A),
     "rests": (_A, _N, _A, _N, _A, _N, _A, _A),
     "polish": (_A, _N, _A, _N, _A, _A, _A, _A, _N, _A),
@@ -175,7 +176,6 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "coverage_of_cells": (_A, _A, _N, _D, _A, _A, _D, _A, _A),
     "cells_of": (_A, _N, _A),
     "facing": (_A, _D, _A),
-    "trimmed_covariance": (_A, _N, _A, _A),
     "is_level": (_A, _D, _D),
     "list_outliers": (_A, _A, _N, _A, _A, _A, _A, _A, _N),
     "default_site": (_A,),
@@ -249,13 +249,30 @@ class Engine:
         ends : (P,) array-like of int, optional
             Where each of several recordings ends that the readings are: nothing that follows their order goes across.
         **options
-            Fields of ``flinders_options``: prior, dip_deg, robust, kernels, statistics, rests, bias_correction.
+            Fields of ``flinders_options``: prior, dip_deg, robust, kernels, statistics, rests, level, bias_correction.
         """
+        return self._fitted(self._library.flinders_fit_parts, field, time, ends, options)
+
+    def fit_level(
+        self, field: ArrayLike, *, time: ArrayLike | None = None, ends: ArrayLike | None = None, **options: float
+    ) -> Records:
+        """Fit the ellipse of a level turn to x and y of one recording; parameters and record are as of `fit`."""
+        return self._fitted(self._library.flinders_fit_level, field, time, ends, options)
+
+    def _fitted(
+        self,
+        function: Callable[..., int],
+        field: ArrayLike,
+        time: ArrayLike | None,
+        ends: ArrayLike | None,
+        options: dict[str, float],
+    ) -> Records:
+        """The record that a function of the library makes of one recording."""
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
         parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
         record, (workspace, size) = _blank(RECORD), self._workspace(len(readings))
-        self._library.flinders_fit_parts(
+        function(
             readings,
             times,
             len(readings),
@@ -347,7 +364,8 @@ class Engine:
 
     def earlier(
         self,
-        ellipsoid: Ellipsoid,
+        centre: ArrayLike,
+        shape: ArrayLike,
         covariance: Floats | None,
         *,
         distortion: float = 0.0,
@@ -358,8 +376,8 @@ class Engine:
 
         Parameters
         ----------
-        ellipsoid : Ellipsoid
-            As it was.
+        centre, shape : (3,), (3, 3) array-like
+            As they were.
         covariance : (9, 9) float, optional
             Of its offset and shape; None where it states none.
         distortion : float
@@ -370,9 +388,8 @@ class Engine:
             Share by which the soft iron may have changed, 1 σ.
         """
         earlier, known = _blank(EARLIER), None if covariance is None else _row(covariance)
-        centre, shape = _row(ellipsoid.centre), _entries(ellipsoid.shape)
         options = distortion, strength_ratio, soft_iron_sigma
-        self._library.flinders_earlier_of(centre, shape, known, *options, earlier)
+        self._library.flinders_earlier_of(_row(centre), _entries(shape), known, *options, earlier)
         return earlier
 
     def allow_change(self, earlier: Records) -> Records:
@@ -423,8 +440,8 @@ class Engine:
 
     def compare(
         self,
-        first: tuple[Ellipsoid, Floats, float],
-        second: tuple[Ellipsoid, Floats, float],
+        first: tuple[Floats, Floats, Floats, float],
+        second: tuple[Floats, Floats, Floats, float],
         *,
         dip_deg: float,
     ) -> Records:
@@ -432,14 +449,14 @@ class Engine:
 
         Parameters
         ----------
-        first, second : (Ellipsoid, (9, 9) float, float)
-            Each with its claimed covariance, and the strength of its field, 0 where that is not known.
+        first, second : ((3,) float, (3, 3) float, (9, 9) float, float)
+            Centre, shape, claimed covariance, and the strength of its field, 0 where that is not known.
         dip_deg : float
             Inclination of the field.
         """
         rows, difference = (_blank(CALIBRATED), _blank(CALIBRATED)), _blank(DIFFERENCE)
-        for row, (ellipsoid, covariance, strength) in zip(rows, (first, second), strict=True):
-            row["centre"], row["shape"] = ellipsoid.centre, _entries(ellipsoid.shape)
+        for row, (centre, shape, covariance, strength) in zip(rows, (first, second), strict=True):
+            row["centre"], row["shape"] = centre, _entries(shape)
             row["covariance"], row["strength"] = covariance.ravel(), strength
         self._require(self._library.flinders_compare(*rows, dip_deg, difference))
         return difference
@@ -843,14 +860,6 @@ class Engine:
         is_open = np.zeros(1, np.int32)
         facing = self._library.flinders_facing(np.ascontiguousarray(readings, np.float64), dip_deg, is_open)
         return float(facing), bool(is_open[0])
-
-    def trimmed_covariance(self, field: Floats) -> Floats:
-        """(6,) entries of the covariance of (N, 3) readings without those farthest from their plane."""
-        covariance, scratch = np.empty(6), np.empty(5 * len(field))
-        self._library.flinders_trimmed_covariance(
-            np.ascontiguousarray(field, np.float64), len(field), scratch, covariance
-        )
-        return covariance
 
     def site(self, **known: float | None) -> Records:
         """What is known of the field of a place: a row of `SITE`; None is not known."""

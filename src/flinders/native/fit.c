@@ -24,6 +24,7 @@ void flinders_default_options(flinders_options *options)
     memset(options->information, 0, sizeof options->information);
 #endif
     options->rests = 1;
+    options->level = 1;
 }
 
 /* A status in words. */
@@ -92,13 +93,13 @@ void fl_place_sums(const flinders_sums *sums, flinders_record *record)
         if (record->principal_variances[i] < 0) record->principal_variances[i] = 0;
 }
 
-/* What no method can work with. */
-static int refused(const flinders_record *record, const flinders_options *options)
+/* What no method can work with that needs so many readings, and so many of the axes to change. */
+static int refused(const flinders_record *record, const flinders_options *options, int fewest, int axes)
 {
     real largest = 0, size = 0;
     if (!(options->prior >= 0 && isfinite(options->prior)) || !(fl_abs(options->dip_deg) <= 89))
         return FLINDERS_BAD_OPTION;
-    if (record->rows < 10) return FLINDERS_TOO_FEW;
+    if (record->rows < fewest) return FLINDERS_TOO_FEW;
     for (int axis = 0; axis < 3; axis++) {
         const real low = fl_abs(record->lowest[axis]), high = fl_abs(record->highest[axis]);
         largest = low > largest ? low : largest;
@@ -106,7 +107,7 @@ static int refused(const flinders_record *record, const flinders_options *option
     }
     if (!((real)FL_SMALLEST < largest && largest < (real)FL_LARGEST)) return FLINDERS_OUT_OF_SCALE;
     if (fl_is_informed(options)) return FLINDERS_OK;
-    for (int axis = 0; axis < 3; axis++)
+    for (int axis = 0; axis < axes; axis++)
         if (!(record->highest[axis] > record->lowest[axis])) return FLINDERS_STUCK_AXIS;
     for (int axis = 0; axis < 3; axis++) size += record->mean[axis] * record->mean[axis];
     return fl_sqrt(size) > 1000 * record->spread ? FLINDERS_UNMOVED : FLINDERS_OK;
@@ -210,34 +211,46 @@ static int start_of(const fl_view *view, const flinders_options *options, const 
 #else
     if (options->is_informed) return fl_start_about(view, options->expected, start);
 #endif
-    memcpy(sums.sums, record->sums, sizeof sums.sums);
-    memcpy(sums.origin, record->sums_origin, sizeof sums.origin);
-    sums.scale = record->sums_scale;
+    fl_sums_of(record, &sums);
     return fl_start(&sums, start, &noise);
 }
 
-/* Fit all readings of a view in borrowed memory, each rest as one or none, or what remains of them without outliers. */
-int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
-                flinders_record *record)
+/* Look at the readings of a view in borrowed memory: what they say of themselves, each rest made one or none, and sums. A
+ * method needs so many different ones, and so many of the axes to change. */
+int fl_look(const fl_kernels *kernels, fl_view *view, const flinders_options *options, int fewest, int axes, fl_room *room,
+            flinders_record *record)
 {
-    fl_surface start;
     fl_clear_record(record);
     record->rows = (int64_t)view->rows;
     if (fl_quality(kernels, view->field, room->time, view->rows, record)) return FLINDERS_NOT_FINITE;
-    int status = refused(record, options);
+    const int status = refused(record, options, fewest, axes);
     if (status != FLINDERS_OK && status != FLINDERS_UNMOVED) return status;
     if (options->statistics) record->distinct = fl_distinct(view->field, view->rows, room);
-    if (options->statistics && record->distinct < 10) return FLINDERS_TOO_FEW;
+    if (options->statistics && record->distinct < fewest) return FLINDERS_TOO_FEW;
     record->fitted = record->rows, record->fitted_repeats = record->repeats, record->fitted_distinct = record->distinct;
     if (options->rests && room->fitted) leave_rests(view, room, record);
     sum_up(kernels, view->field, view->rows, record);
-    status = refused(record, options);
-    if (status != FLINDERS_OK) return status;
+    return refused(record, options, fewest, axes);
+}
+
+/* Fit all readings that were looked at, or what remains of them without outliers. */
+int fl_fit_looked(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
+                  flinders_record *record)
+{
+    fl_surface start;
     if (room->keys && (options->robust || options->statistics)) fl_cloud(kernels, view->field, view->rows, room);
     if (start_of(view, options, record, &start)) return FLINDERS_NOT_AN_ELLIPSOID;
-    status = fl_fit_from(kernels, view, options, &start, fl_is_informed(options) ? &start : NULL, room, fit, record);
+    const fl_surface *const of_majority = fl_is_informed(options) ? &start : NULL;
+    const int status = fl_fit_from(kernels, view, options, &start, of_majority, room, fit, record);
     if (status == FLINDERS_UNDETERMINED) record->unobserved = fit->unseen;
     if (status == FLINDERS_OK) fl_place_fit(fit, record);
     return status;
 }
 
+/* Both. */
+int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
+                flinders_record *record)
+{
+    const int status = fl_look(kernels, view, options, FL_ELLIPSOID, FL_AXES, room, record);
+    return status == FLINDERS_OK ? fl_fit_looked(kernels, view, options, room, fit, record) : status;
+}

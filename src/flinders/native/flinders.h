@@ -82,6 +82,8 @@ typedef struct flinders_options {
                               axes, and a covariance with it; 0: the fit alone (1) */
     int32_t rests;         /* 1: what is read while the direction stands still is one reading, its mean, or none beside a long
                               turn; 0: each reading counts (1) */
+    int32_t level;         /* 1: readings in one plane across z, as of a car or a boat that turns level, get the ellipse of that
+                              turn (record.plane is 1) where there is a prior; 0: always an ellipsoid (1) */
     int32_t bias_correction; /* 1: subtract what noise causes on a curved surface; 0: the minimum of Σ s² itself (1) */
 #ifndef FLINDERS_SMALL
     int32_t is_informed;     /* 1: the nine parameters are normally distributed beforehand, and `prior` does not count (0) */
@@ -438,6 +440,15 @@ FLINDERS_API int flinders_fit_parts(const flinders_real *field, const flinders_r
                                     const int64_t *ends, size_t parts, const flinders_options *options,
                                     void *workspace, size_t size, flinders_record *record);
 
+/* Fit the ellipse of a level turn: x and y alone, all at one height. Offset and shape are those of the ellipsoid that has this
+ * ellipse where the field dips by `dip_deg`, z down; across the plane there is the prior alone, and the offset is known to
+ * the strength of the field. A record of it has `plane` 1, and its majority is that of readings at majority_centre[2].
+ * Parameters are as of flinders_fit_parts, which calls this by itself where readings are a level turn; needs a prior, six
+ * different readings, and x and y that change. Outliers are rejected where residuals ask for it, or never. */
+FLINDERS_API int flinders_fit_level(const flinders_real *field, const flinders_real *time, size_t rows,
+                                    const int64_t *ends, size_t parts, const flinders_options *options,
+                                    void *workspace, size_t size, flinders_record *record);
+
 /* A steady change while one recording was made, about a known ellipsoid: fills `drift_...` of a record, NaN where
  * readings are too few to tell. Of more than 5,000 every second, third ... is looked at. */
 FLINDERS_API int flinders_drift(const flinders_real *field, size_t rows, const flinders_real centre[3],
@@ -737,11 +748,6 @@ FLINDERS_API void flinders_cells_of(const flinders_real *directions, size_t coun
 /* An inclination with the sign that readings in each cell of the sphere show: a sensor mounted upside down sees the field come
  * from below. `is_open` is 1 where they lean, yet not as a level vehicle's do, so that both signs are possible. */
 FLINDERS_API flinders_real flinders_facing(const flinders_real readings[100], flinders_real dip_deg, int32_t *is_open);
-
-/* Covariance of readings (rows, 3) without the 9 % that are farthest from their plane, unit²; NaN where they are out of scale.
- * `scratch` has room for 5 * rows numbers. */
-FLINDERS_API void flinders_trimmed_covariance(const flinders_real *field, size_t rows, flinders_real *scratch,
-                                              flinders_real covariance[6]);
 
 /* Whether readings of a covariance lie in a plane across z, 1 or 0: by less than `within` times their noise, unit. */
 FLINDERS_API int flinders_is_level(const flinders_real covariance[6], flinders_real noise, flinders_real within);

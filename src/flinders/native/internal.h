@@ -64,6 +64,7 @@ typedef flinders_real real;
 #define FL_DEPENDENT (100 * FL_ROUNDING) /* of the largest eigenvalue: smaller ones are rounding */
 #define FL_FLAT ((real)0.01)    /* thickness of readings over their width: those are flat, ... */
 #define FL_FLATTEST ((real)0.2) /* ... and those never are */
+#define FL_FLAT_NOISE ((real)1.5) /* thickness of readings over their noise: below it they are flat */
 #define FL_FINEST ((real)1e-6) /* of the field: no sensor resolves less */
 
 enum { FL_LOOKED = 12 * 1024, FL_COLUMNS = 18, FL_STEPS = 50,

@@ -4,7 +4,6 @@
 
 enum { NONE = FLINDERS_NOTHING };
 
-#define FLAT_NOISE ((real)1.5)   /* thickness of readings that are flat, over their noise */
 #define EARTH_WEAKEST ((real)22) /* microtesla */
 #define EARTH_STRONGEST ((real)67)
 #define INDEPENDENT_NEEDED ((real)15) /* claims of 15 readings at rest are as wrong as true ones (`benchmarks.claims`); */
@@ -79,7 +78,7 @@ static void of_shape(const flinders_record *record, real *q)
     real axes[3], extent = 0;
     const int is_known = record->plane || record->sources & (FLINDERS_REFRESHED | FLINDERS_AIDED);
     const real width = fl_sqrt(record->principal_variances[2]);
-    const real flat = smaller(larger(FLAT_NOISE * record->noise, FL_FLAT * width), FL_FLATTEST * width);
+    const real flat = smaller(larger(FL_FLAT_NOISE * record->noise, FL_FLAT * width), FL_FLATTEST * width);
     for (int axis = 0; axis < 3; axis++) extent = larger(extent, record->highest[axis] - record->lowest[axis]);
     fl_sym3_values(record->shape, axes);
     q[FLINDERS_Q_FLATNESS] = where(!is_known && width > 0, fl_sqrt(larger(record->principal_variances[0], 0)) / width);

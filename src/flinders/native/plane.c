@@ -36,28 +36,16 @@ static size_t trim(real *field, size_t n, real *across, real *sorted)
     return kept;
 }
 
-/* The same of readings that may be moved; NaN of fewer than two. `across` and `sorted` (rows,) are lent. */
+/* Covariance of readings, which are moved, without those farthest from their plane. `across` and `sorted` (rows,) are lent. */
 static void trimmed(real *field, size_t rows, real *across, real *sorted, real covariance[6])
 {
     real mean[3], products[9];
     size_t n = rows;
     for (int i = 0; i < TRIMS && n > 1; i++) n = trim(field, n, across, sorted);
-    for (int i = 0; i < 6; i++) covariance[i] = FL_NOT_A_NUMBER;
-    if (n < 2) return;
     scatter(field, n, mean, products);
     for (int i = 0; i < 3; i++) covariance[i] = products[4 * i] / (real)(n - 1);
     covariance[3] = products[1] / (real)(n - 1), covariance[4] = products[2] / (real)(n - 1);
     covariance[5] = products[5] / (real)(n - 1);
-}
-
-/* Covariance without the readings farthest from their plane. */
-void flinders_trimmed_covariance(const real *field, size_t rows, real *scratch, real covariance[6])
-{
-    for (int i = 0; i < 6; i++) covariance[i] = FL_NOT_A_NUMBER;
-    for (size_t i = 0; i < 3 * rows; i++)
-        if (!(fl_abs(field[i]) < (real)FL_LARGEST)) return;
-    if (rows > 0) memcpy(scratch, field, 3 * rows * sizeof *field);
-    trimmed(scratch, rows, scratch + 3 * rows, scratch + 4 * rows, covariance);
 }
 
 /* Whether readings of a covariance lie in a plane across z. */
@@ -73,20 +61,20 @@ int flinders_is_level(const real covariance[6], real noise, real within)
     return thickness < (FL_FLATTEST * width < flat ? FL_FLATTEST * width : flat) && fl_abs(axes[6]) > UPRIGHT;
 }
 
-/* Whether readings may lie in one plane across z, as those of a level turn, but for outliers of a fit: a few of these always
- * lie on the surface that is found among them, however flat the rest. */
-int fl_hides_plane(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real limit, const fl_room *room)
+/* Covariance of the readings within a limit of a surface, without those farthest from their plane: a few outliers always lie
+ * on the surface that is found among them, however flat the rest. NaN of fewer than twenty. */
+void fl_inlier_covariance(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real limit,
+                          const fl_room *room, real covariance[6])
 {
     const fl_view all = {view->field, view->rows, NULL, 1};
-    real covariance[6];
     size_t near = 0, count = 0, kept = 0;
+    for (int i = 0; i < 6; i++) covariance[i] = FL_NOT_A_NUMBER;
     kernels->distances(&all, surface, room->distances);
     for (size_t row = 0; row < view->rows; row++) near += fl_abs(room->distances[row]) <= limit;
-    if (near < FEWEST_LEFT) return 0;
+    if (near < FEWEST_LEFT) return;
     const size_t stride = (near + FL_ENOUGH - 1) / FL_ENOUGH;
     for (size_t row = 0; row < view->rows; row++)
         if (fl_abs(room->distances[row]) <= limit && count++ % stride == 0)
             memcpy(room->some + 3 * kept++, view->field + 3 * row, 3 * sizeof *room->some);
     trimmed(room->some, kept, room->distances, room->scratch, covariance);
-    return flinders_is_level(covariance, FL_HUGE, 1);
 }

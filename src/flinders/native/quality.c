@@ -1,7 +1,7 @@
 /* What a recording says of itself before any fit: repeats, ends of the axes, time stamps, distinct readings. */
 #include "record.h"
 
-enum { PARTS = 18, BETWEEN = 24, /* numbers between two columns, which then share no lines of a cache */
+enum { PARTS = 19, BETWEEN = 24, /* numbers between two columns, which then share no lines of a cache */
        RAIL_COUNT = 8, RAIL_CONTRAST = 3 }; /* as in summary/quality.py */
 #define RAIL_SHARE ((real)0.01)
 #define RAIL_WIDTH ((real)0.25)
@@ -22,6 +22,7 @@ static void sizes_of(size_t rows, size_t sizes[PARTS])
     sizes[11] = 3 * FL_LOOKED * sizeof(real), sizes[12] = 2 * 100 * 100 * sizeof(real);
     sizes[13] = 3 * some * sizeof(real), sizes[14] = 12 * looked * sizeof(real);
     sizes[15] = 3 * rows * sizeof(real), sizes[16] = rows * sizeof(real), sizes[17] = rows * sizeof(int64_t);
+    sizes[18] = 3 * rows * sizeof(real);
 }
 
 /* Bytes of workspace that a recording needs. */
@@ -53,7 +54,7 @@ int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room)
     room->directions = (real *)(void *)parts[11], room->matrices = (real *)(void *)parts[12];
     room->some = (real *)(void *)parts[13], room->series = (real *)(void *)parts[14];
     room->fitted = (real *)(void *)parts[15], room->fitted_time = (real *)(void *)parts[16];
-    room->fitted_ends = (int64_t *)(void *)parts[17];
+    room->fitted_ends = (int64_t *)(void *)parts[17], room->flat = (real *)(void *)parts[18];
     room->time = NULL, room->ends = NULL, room->parts = 0, room->slots = 0, room->side = room->fullest = 0;
     return 0;
 }

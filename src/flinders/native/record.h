@@ -7,6 +7,8 @@
 #define FL_EMPTY UINT64_MAX /* key of a slot that is free */
 
 enum { FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096,
+       FL_ELLIPSOID = 10, FL_ELLIPSE = 6, /* unknowns, the noise among them, ... */
+       FL_AXES = 3, FL_AXES_OF_PLANE = 2, /* ... and axes that have to change */
        FL_STRETCHES = 12, FL_STRETCH = FL_LOOKED / FL_STRETCHES };
 
 #ifdef FLINDERS_FLOAT
@@ -41,6 +43,7 @@ typedef struct {
     real *fitted;            /* (3 * rows,) readings that a fit goes by; NULL: rests are not looked for */
     real *fitted_time;     /* (rows,) */
     int64_t *fitted_ends;  /* (rows,) */
+    real *flat;            /* (3 * rows,) readings laid flat */
     size_t slots;            /* of the table of cells that `fl_cloud` has made of all readings */
     real fullest;            /* readings of the cell that has most of them */
     real side;               /* of a cell */
@@ -100,6 +103,28 @@ void fl_swaps(const fl_kernels *kernels, const real *field, size_t rows, const f
 void fl_confirm_swaps(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
                       flinders_record *record);
 
+/* Readings to be fitted. */
+typedef struct {
+    const fl_kernels *kernels;
+    const flinders_options *options;
+    fl_view all, view; /* as they came, and those that a fit goes by */
+    const real *time;  /* (all.rows,) or NULL */
+    const int64_t *ends;
+    size_t parts;
+    fl_room room;
+} fl_task;
+
+/* Covariances of readings: of all, and of those that are no outliers. */
+typedef struct {
+    real all[6], inliers[6];
+} fl_scatter;
+
+/* level.c */
+int fl_may_be_turn(const flinders_record *record, const flinders_options *options);
+int fl_are_flat(const fl_scatter *readings, real noise, real within);
+int fl_fit_turn(fl_task *of, flinders_record *record);
+int fl_is_turn(const flinders_record *ellipsoid, const flinders_record *turn, const fl_scatter *readings, real dip_deg);
+
 /* fit.c: with little memory, and no statistics asked for, a room without `keys` and `some` will do; `scratch` may then be
  * the first half of `order`, and `distances` the second. */
 void fl_clear_record(flinders_record *record);
@@ -108,6 +133,10 @@ void fl_place_sums(const flinders_sums *sums, flinders_record *record);
 void fl_place_fit(const fl_fit *fit, flinders_record *record);
 int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
                 const fl_surface *start_of_majority, const fl_room *room, fl_fit *fit, flinders_record *record);
+int fl_look(const fl_kernels *kernels, fl_view *view, const flinders_options *options, int fewest, int axes, fl_room *room,
+            flinders_record *record);
+int fl_fit_looked(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
+                  flinders_record *record);
 int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
                 flinders_record *record);
 int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room);
@@ -128,8 +157,11 @@ void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *
 void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, int has_sigma,
              const fl_room *room, flinders_record *record);
 void fl_forget_outliers(fl_view *view, flinders_record *record);
-int fl_hides_plane(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real limit,
-                   const fl_room *room);
+void fl_inlier_covariance(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real limit,
+                          const fl_room *room, real covariance[6]);
+void fl_covariance_of(const fl_kernels *kernels, const fl_view *view, const flinders_options *options, fl_fit *fit,
+                      const fl_room *room, flinders_record *record);
+int fl_ellipse_start(const fl_kernels *kernels, const real *field, size_t rows, const fl_room *room, fl_surface *surface);
 real fl_cell_side(const real *field, size_t rows);
 void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room);
 int fl_cloud_of_any(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room);

@@ -210,6 +210,7 @@ void fl_raise(real *scatter, const real *white, int n, real share)
     real values[FL_WIDEST], inflation[FL_WIDEST], mean = 0, inverse[FL_WIDEST * FL_WIDEST];
     real turned[FL_WIDEST * FL_WIDEST], half[FL_WIDEST * FL_WIDEST], spread[FL_WIDEST * FL_WIDEST];
     const int k = fl_principal(white, n, values, inverse);
+    if (!k) return;
     for (int i = 0; i < n; i++)
         for (int j = 0; j < k; j++) inverse[k * i + j] /= fl_sqrt(values[j]);
     congruent(inverse, scatter, n, k, turned);

@@ -6,7 +6,7 @@
 #include "random.h"
 #include "record.h"
 
-enum { POINTS = 12, FEW_DRAWS = 24, ROUNDS = 12, PER_CELL = 4,
+enum { POINTS = 12, POINTS_OF_ELLIPSE = 7, FEW_DRAWS = 24, ROUNDS = 12, PER_CELL = 4,
        UNKNOWNS = 12, ENOUGH_TO_JUDGE = 40, OTHERS = 8 };
 
 #ifdef FLINDERS_SMALL
@@ -19,6 +19,7 @@ enum { DRAWS = 256, SCORED = 600, FEW_SCORED = 150 };
 #define REJECT ((real)4)
 #define BEYOND_DOUBT ((real)2.5) /* limits, which are ten standard deviations */
 #define SETTLED ((real)1e-4)
+#define STRAIGHT ((real)1e-6) /* variance across over that along, of an arc of two degrees: less is a line */
 #define LASTING ((real)0.5)  /* correlation of a residual with the next */
 #define SUSPECT ((real)0.95) /* of the standard deviation of all residuals, that of the best of many subsets */
 
@@ -74,21 +75,46 @@ static size_t absolute(const fl_kernels *kernels, const fl_view *view, const fl_
     return n;
 }
 
-/* Quadric through twelve points in the least-squares sense, tr Q = 3, pulled a little towards the sphere. */
-static int quadric_of(const real *points, const uint32_t *chosen, real quadric[10])
+/* Unknowns of a quadric with tr Q = 3, or of a conic with tr Q = 2 through readings laid flat, and their coefficients at a
+ * reading x, whose square the others have to add up to. */
+static int coefficients_at(const real x[3], int is_flat, real row[9])
 {
-    real normal[81] = {0}, right[9] = {0}, trace = 0;
-    for (int k = 0; k < POINTS; k++) {
-        const real x = points[3 * chosen[k]], y = points[3 * chosen[k] + 1], z = points[3 * chosen[k] + 2];
-        const real row[9] = {x * x - z * z, y * y - z * z, 2 * x * y, 2 * x * z, 2 * y * z, x, y, z, 1};
-        for (int i = 0; i < 9; i++) {
-            right[i] -= row[i] * (x * x + y * y + z * z);
-            for (int j = 0; j <= i; j++) normal[9 * i + j] += row[i] * row[j];
+#ifndef FLINDERS_SMALL /* a board fits no level turn */
+    if (is_flat) {
+        const real flat[5] = {x[0] * x[0] - x[1] * x[1], 2 * x[0] * x[1], x[0], x[1], 1};
+        memcpy(row, flat, sizeof flat);
+        return 5;
+    }
+#endif
+    const real full[9] = {x[0] * x[0] - x[2] * x[2], x[1] * x[1] - x[2] * x[2], 2 * x[0] * x[1], 2 * x[0] * x[2],
+                          2 * x[1] * x[2], x[0], x[1], x[2], 1};
+    (void)is_flat;
+    memcpy(row, full, sizeof full);
+    return 9;
+}
+
+/* Quadric through points in the least-squares sense, pulled a little towards the sphere; through points laid flat one whose
+ * equator is their conic. */
+static int quadric_of(const real *points, const uint32_t *chosen, int count, int is_flat, real quadric[10])
+{
+    real normal[81] = {0}, right[9] = {0}, row[9], trace = 0;
+    int n = 0;
+    for (int k = 0; k < count; k++) {
+        const real *const x = points + 3 * chosen[k];
+        n = coefficients_at(x, is_flat, row);
+        for (int i = 0; i < n; i++) {
+            right[i] -= row[i] * (x[0] * x[0] + x[1] * x[1] + x[2] * x[2]);
+            for (int j = 0; j <= i; j++) normal[n * i + j] += row[i] * row[j];
         }
     }
-    for (int i = 0; i < 9; i++) trace += normal[10 * i] += i < 5 ? (real)1e-3 : (real)1e-9;
-    for (int i = 0; i < 9; i++) normal[10 * i] += FL_ROUNDING * trace;
-    if (fl_solve(normal, 9, right)) return 1;
+    for (int i = 0; i < n; i++) trace += normal[(n + 1) * i] += i < (is_flat ? 2 : 5) ? (real)1e-3 : (real)1e-9;
+    for (int i = 0; i < n; i++) normal[(n + 1) * i] += FL_ROUNDING * trace;
+    if (fl_solve(normal, n, right)) return 1;
+    if (is_flat) {
+        const real of_equator[10] = {1 + right[0], 1 - right[0], 1, right[1], 0, 0, right[2], right[3], 0, right[4]};
+        memcpy(quadric, of_equator, sizeof of_equator);
+        return 0;
+    }
     quadric[0] = 1 + right[0], quadric[1] = 1 + right[1], quadric[2] = 1 - right[0] - right[1];
     memcpy(quadric + 3, right + 2, 7 * sizeof(real));
     return 0;
@@ -124,47 +150,66 @@ static size_t standardised(const fl_view *view, size_t n, size_t most, fl_random
     return chosen;
 }
 
-/* Choose twelve of n at random: those of the smallest of n random numbers. */
-static void draw_points(fl_random *random, size_t n, uint32_t chosen[POINTS])
+/* Choose so many of n at random, at most twelve: those of the smallest of n random numbers. */
+static void draw_points(fl_random *random, size_t n, uint32_t count, uint32_t chosen[POINTS])
 {
     uint64_t smallest[POINTS + 1];
     uint32_t places[POINTS + 1];
     for (uint32_t i = 0; i < n; i++) {
         const uint64_t number = fl_random_bits(random) >> 11;
-        uint32_t at = i < POINTS ? i : POINTS;
-        if (i >= POINTS && number >= smallest[POINTS - 1]) continue;
+        uint32_t at = i < count ? i : count;
+        if (i >= count && number >= smallest[count - 1]) continue;
         for (; at > 0 && smallest[at - 1] > number; at--) smallest[at] = smallest[at - 1], places[at] = places[at - 1];
         smallest[at] = number, places[at] = i;
     }
-    memcpy(chosen, places, POINTS * sizeof *chosen);
+    memcpy(chosen, places, count * sizeof *chosen);
 }
 
-/* Least median of squares: the best of many ellipsoids through twelve readings each; nonzero if there is none. */
-static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n, fl_random *random, int draws,
+/* A circle about readings laid flat, of a short arc; nonzero where they are on a line. */
+static int circle_about(const real *points, size_t n, const real middle[3], real radius, fl_surface *surface)
+{
+    const real shape[6] = {radius, radius, radius, 0, 0, 0};
+    real mean[2] = {0, 0}, xx = 0, yy = 0, xy = 0;
+    for (size_t i = 0; i < n; i++) mean[0] += points[3 * i] / (real)n, mean[1] += points[3 * i + 1] / (real)n;
+    for (size_t i = 0; i < n; i++) {
+        const real x = points[3 * i] - mean[0], y = points[3 * i + 1] - mean[1];
+        xx += x * x, yy += y * y, xy += x * y;
+    }
+    const real half = (xx + yy) / 2, apart = fl_sqrt((xx - yy) * (xx - yy) / 4 + xy * xy);
+    return half - apart <= STRAIGHT * (half + apart) || fl_surface_of(middle, shape, surface);
+}
+
+/* Least median of squares: the best of many ellipsoids through twelve readings each, or of ellipses through seven of
+ * readings laid flat; nonzero if there is none. */
+static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n, int is_flat, fl_random *random, int draws,
                         size_t scored, const fl_room *room, fl_surface *surface)
 {
     static const real ORIGIN[3] = {0, 0, 0};
     real local[3 * SCORED], middle[3], scale, distances[SCORED], best = FL_HUGE, quadric[10], axes[3];
     uint32_t order[POINTS];
     fl_surface tried, winner;
-    if (n < POINTS) return 1;
+    if (!is_flat && n < POINTS) return 1;
     fl_random_catch_up(random, room->order);
     const size_t chosen = standardised(view, n, scored, random, room, local, middle, &scale);
     const fl_view points = {local, chosen, NULL, 1};
+    const int count = !is_flat ? POINTS : chosen < POINTS_OF_ELLIPSE ? (int)chosen : POINTS_OF_ELLIPSE;
     if (!chosen) return 1;
     for (int draw = 0; draw < draws; draw++) {
-        draw_points(random, chosen, order);
-        if (quadric_of(local, order, quadric) || fl_surface_of_quadric(quadric, ORIGIN, 1, &tried)) continue;
+        draw_points(random, chosen, (uint32_t)count, order);
+        if (quadric_of(local, order, count, is_flat, quadric) || fl_surface_of_quadric(quadric, ORIGIN, 1, &tried)) continue;
         fl_sym3_values(tried.shape, axes);
         if (!(axes[2] < 5 * axes[0])) continue;
-        if (!kernels->has_closer(&points, &tried, best, chosen / 2 + 1)) continue;
+        if (!kernels->has_closer(&points, &tried, best, is_flat ? (chosen + 1) / 2 : chosen / 2 + 1)) continue;
         absolute(kernels, &points, &tried, distances);
-        best = fl_select(distances, chosen, chosen / 2);
+        const real typical = is_flat ? fl_median(distances, chosen) : fl_select(distances, chosen, chosen / 2);
+        if (is_flat && !(typical < best)) continue;
+        best = typical;
         winner = tried;
     }
-    if (!(best < FL_HUGE)) return 1;
+    if (!(best < FL_HUGE)) return is_flat ? circle_about(local, chosen, middle, scale, surface) : 1;
     for (int i = 0; i < 3; i++) winner.centre[i] = middle[i] + scale * winner.centre[i];
     for (int i = 0; i < 6; i++) winner.shape[i] *= scale;
+    if (is_flat) winner.shape[2] = (winner.shape[0] + winner.shape[1]) / 2;
     return fl_surface_of(winner.centre, winner.shape, surface);
 }
 
@@ -184,7 +229,7 @@ static int suspects_a_load(const fl_kernels *kernels, const fl_view *spread, siz
 {
     fl_random random = fl_random_begin();
     fl_surface other;
-    if (subset_start(kernels, spread, n, &random, DRAWS, SCORED, room, &other)) return 0;
+    if (subset_start(kernels, spread, n, 0, &random, DRAWS, SCORED, room, &other)) return 0;
     absolute(kernels, spread, &other, room->scratch);
     return typical(room->scratch, n) < SUSPECT * sigma ? FL_SUSPECTS : 0;
 }
@@ -233,7 +278,7 @@ int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *f
     const real quiet = (real)0.05 * fit->surface.radius;
     fl_surface other;
     if (fl_abs(kurtosis - 3) >= 2 * error || square >= quiet * quiet) {
-        if (subset_start(kernels, &spread, n, &random, FEW_DRAWS, FEW_SCORED, room, &other)) return 0;
+        if (subset_start(kernels, &spread, n, 0, &random, FEW_DRAWS, FEW_SCORED, room, &other)) return 0;
         absolute(kernels, &spread, &other, room->scratch);
         if (typical(room->scratch, n) < (real)0.75 * sigma) return 1;
     }
@@ -368,7 +413,7 @@ static void scatter_of_others(const fl_kernels *kernels, const samples *of, cons
     fl_fit other;
     real apart[9];
     for (int draw = 0; draw < OTHERS; draw++) {
-        if (subset_start(kernels, &of->spread, of->sampled, random, DRAWS, SCORED, room, &start)) continue;
+        if (subset_start(kernels, &of->spread, of->sampled, 0, random, DRAWS, SCORED, room, &start)) continue;
         if (fit_about(kernels, of, options, &start, room, &other, record) != FLINDERS_OK) continue;
         for (int i = 0; i < 3; i++) apart[i] = other.surface.centre[i] - fit->surface.centre[i];
         for (int i = 0; i < 6; i++) apart[3 + i] = other.surface.shape[i] - fit->surface.shape[i];
@@ -392,7 +437,7 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
     fl_surface first;
     if (n < UNKNOWNS) return FLINDERS_NOT_AN_ELLIPSOID;
     if (start) first = *start;
-    else if (subset_start(kernels, &of.spread, n, &random, DRAWS, SCORED, room, &first)) return FLINDERS_NOT_AN_ELLIPSOID;
+    else if (subset_start(kernels, &of.spread, n, 0, &random, DRAWS, SCORED, room, &first)) return FLINDERS_NOT_AN_ELLIPSOID;
     const int status = fit_about(kernels, &of, options, &first, room, fit, record);
     if (status != FLINDERS_OK) return status;
     if (!start && outweigh(kernels, &of.every, options, fit, record->dense, room))
@@ -403,6 +448,18 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
     fit->is_doubtful = certain_runs(room, rows, record->rejected_beyond, room->far);
     return FLINDERS_OK;
 }
+
+#ifndef FLINDERS_SMALL
+/* An ellipse to begin with through readings (rows, 3) laid flat, whose cells are in the table of a room; nonzero where half
+ * of them are in one place, or all on a line. */
+int fl_ellipse_start(const fl_kernels *kernels, const real *field, size_t rows, const fl_room *room, fl_surface *surface)
+{
+    fl_random random = fl_random_begin();
+    const size_t n = spread_out(kernels, field, rows, FL_ENOUGH, &random, room);
+    const fl_view spread = {field, rows, room->passed, 1};
+    return subset_start(kernels, &spread, n, 1, &random, DRAWS, SCORED, room, surface);
+}
+#endif
 
 /* The fit to all readings stands: none is rejected. */
 void fl_forget_outliers(fl_view *view, flinders_record *record)

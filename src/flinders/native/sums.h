@@ -13,4 +13,12 @@ void fl_sums_mean(const flinders_sums *sums, real mean[3]);
 void fl_sums_covariance(const flinders_sums *sums, real covariance[6]);
 real fl_sums_spread(const flinders_sums *sums);
 
+/* The sums of a record. */
+static inline void fl_sums_of(const flinders_record *record, flinders_sums *sums)
+{
+    memcpy(sums->sums, record->sums, sizeof sums->sums);
+    memcpy(sums->origin, record->sums_origin, sizeof sums->origin);
+    sums->scale = record->sums_scale;
+}
+
 #endif

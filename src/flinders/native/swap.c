@@ -135,7 +135,7 @@ static int fit_undone(const real *field, size_t rows, size_t stride, int swap, c
     flinders_options options;
     size_t n = 0, passed = 0;
     flinders_default_options(&options);
-    options.robust = options.statistics = 0;
+    options.robust = options.statistics = options.level = 0;
     for (size_t row = 0; row < rows; row += stride, n++) {
         while (passed < count && (size_t)moments[passed] <= row) passed++;
         take(field + 3 * row, passed % 2 ? swap : NONE, some + 3 * n);

@@ -28,7 +28,7 @@ import numpy as np
 
 from flinders.report.colours import colour_of
 from flinders.report.formatting import minus
-from flinders.report.html_file import asset
+from flinders.report.modules import asset
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

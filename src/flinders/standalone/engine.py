@@ -53,14 +53,6 @@ if TYPE_CHECKING:
 
     from flinders.findings import CatalogueRow, Condition
 
-SAID: Final = {
-    "one-plane": (
-        "all readings lie {where_flat}: also turn the sensor about its other axes, onto its side and upside down. This "
-        "page makes no calibration of a level turn: flinders calibrate does"
-    )
-}
-"""Sentences of the page alone, by the code of their finding: where the program can do more."""
-
 
 def _of(module: ModuleType, names: str, prefix: str = "") -> dict[str, Any]:
     """Numbers of a module, by their names with a prefix that tells them from those of others."""
@@ -72,7 +64,7 @@ NUMBERS: Final = {
     "EARTH_STRONGEST": EARTH_UT[1],
     "COVERAGE_LIMIT": limit_of("coverage"),
     "OUTLIERS_LIMIT": limit_of("outliers"),
-    **_of(verdict, "NOT_BY_CHANCE"),
+    **_of(verdict, "NOT_BY_CHANCE PLACED SKEWED"),
     **_of(comparison, "CHANCE"),
     **_of(advice, "WORTH_IT"),
     **_of(calibrate, "LOOKED_AT"),
@@ -124,7 +116,7 @@ def _row(row: CatalogueRow) -> dict[str, Any]:
     """What the page says of a finding of the engine, and the number and the limit that it states."""
     return {
         "code": row.code,
-        "said": SAID.get(row.code, row.template),
+        "said": row.template,
         "alarm": row.alarm,
         "number": row.rule.number or row.rule.quantity,
         "limit": row.rule.stated_limit,

@@ -46,6 +46,8 @@ export class Finish {
         this.finished = null;
         /** Readings that were here then. */
         this.readings = 0;
+        /** Whether an earlier calibration was to be renewed then. */
+        this.isRenewed = false;
         /** The calibration that is compared with. */
         this.previous = "";
         /** @type {State | null} */
@@ -110,6 +112,7 @@ export class Finish {
     async make() {
         const turn = ++this.asked;
         this.readings = counting(this.state);
+        this.isRenewed = this.state?.refreshing ?? false;
         this.finished = this.readings === 0 ? NOTHING : null;
         this.draw();
         if (this.finished) return;
@@ -165,6 +168,7 @@ export class Finish {
         byId("previous-clear", HTMLElement).hidden = !previous;
         byId("refresh-choice", HTMLElement).hidden = !previous;
         byId("refresh", HTMLInputElement).checked = state?.refreshing ?? false;
+        if (state && this.finished && state.refreshing !== this.isRenewed) this.make();
         const more = counting(state) - this.readings;
         byId("finish-more", HTMLElement).hidden = !this.finished || more === 0;
         setText(byId("finish-more-words", HTMLElement), more > 0 ? `${things(more, "reading")} came since.` : "The readings are others now.");

@@ -39,7 +39,7 @@ export function legendOf(state, view, mode, theme) {
 function tiles(target_deg, view, theme) {
     /** @type {LegendRow[]} */
     const rows = legend(target_deg, theme).map(({ colour, words }) => ({ kind: "tile", colour, words }));
-    const hasUnknown = view?.tiles_deg.some((deg) => deg === null);
+    const hasUnknown = (view?.level_deg ?? view?.tiles_deg)?.some((deg) => deg === null);
     if (hasUnknown) rows.push({ kind: "tile", colour: palette(theme).unknown, words: "not known" });
     rows.push({ kind: "hatch", colour: "currentColor", words: "not visited" });
     return rows;

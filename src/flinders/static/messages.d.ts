@@ -151,6 +151,7 @@ export interface View {
   any_attitude_deg: ErrorView | null;
   findings: Array<FindingView>;
   tiles_deg: Array<number | null>;
+  level_deg: Array<number | null> | null;
   tiles_seen: Array<number>;
   rejected: Array<[number, number]>;
   residuals: ResidualHistogram | null;

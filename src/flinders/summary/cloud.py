@@ -147,11 +147,6 @@ def natural_side(field: Floats) -> float:
     return float(2.0 ** np.round(np.log2(max(radius, SMALLEST_SIDE * largest) / 12.0)))
 
 
-def keys_of(readings: Floats, side: float) -> NDArray[np.int64]:
-    """(N,) keys of the cells that (N, 3) readings fall into."""
-    return _pack(_indices(readings.T, side).astype(np.int64))
-
-
 def _indices(axes: Floats, side: float) -> Floats:
     """(3, m) cell indices of (3, m) readings, whole numbers counted from −`_REACH`; what lies beyond, at the edge."""
     indices: Floats = np.multiply(axes, 1.0 / side, order="C")

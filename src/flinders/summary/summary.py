@@ -38,8 +38,8 @@ _STRETCH: Final = 65536
 FLAT, FLATTEST = 0.01, 0.2
 """Thickness over width: readings as thin as the first are flat; as thick as the second they never are."""
 
-FLAT_NOISE, NEARLY_FLAT_NOISE = 1.5, 3.0
-"""Thickness over noise: below the first it is noise; below the second it hardly stands out of it."""
+FLAT_NOISE: Final = 1.5
+"""Thickness over noise, below which it is noise."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

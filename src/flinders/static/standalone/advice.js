@@ -74,6 +74,7 @@ function wantedOf({ dipDeg, targetDeg, headingError }, goal) {
  * @returns {[string] | [string, number]} A name of `steps`, and the number of a pose where it takes one.
  */
 export function nextMovement(fit) {
+    if (fit.plane) return ["turn-level"];
     const advice = guide(fit, fit.headingError.worst > fit.targetDeg ? "heading" : "attitude");
     return isIdle(advice, fit.data) ? ["record-longer"] : ["hold", advice.pose];
 }
@@ -99,6 +100,7 @@ export function isIdle({ worstDeg, afterDeg }, { numbers }) {
  * @returns {View}
  */
 export function guided(view, fit, readings, isFlat, goal, frame) {
+    if (fit.plane) return view;
     const { surface, claimed, data, engine } = fit;
     const isRough = isFlat || engine.directionWorstDeg(surface, claimed, fit.headingError.dipDeg) > KNOWN_DEG;
     const belief = isRough ? engine.rough(readings.field) : claimOf(fit);

@@ -22,20 +22,32 @@ export function corrected(field, { centre, inverse }) {
 }
 
 /**
- * Readings in each tile: that with the nearest centre.
+ * Readings in each tile.
  * @param {Float64Array} vectors
  * @param {number[]} centres Three numbers a tile.
  * @returns {number[]}
  */
 export function tileCounts(vectors, centres) {
+    const counts = new Array(centres.length / 3).fill(0);
+    for (const tile of tilesOf(vectors, centres)) counts[tile]++;
+    return counts;
+}
+
+/**
+ * The tile that each direction is in: that with the nearest centre.
+ * @param {Float64Array} vectors
+ * @param {number[]} centres Three numbers a tile.
+ * @returns {number[]}
+ */
+export function tilesOf(vectors, centres) {
     const order = Array.from({ length: centres.length / 3 }, (_, tile) => tile);
     order.sort((one, other) => centres[3 * one + 2] - centres[3 * other + 2]);
     const ascending = Float64Array.from(order.flatMap((tile) => centres.slice(3 * tile, 3 * tile + 3)));
-    const counts = new Array(order.length).fill(0);
-    for (let i = 0; i < vectors.length; i += 3) {
-        counts[order[nearestOf(vectors[i], vectors[i + 1], vectors[i + 2], ascending)]]++;
+    const tiles = new Array(vectors.length / 3);
+    for (let i = 0; i < tiles.length; i++) {
+        tiles[i] = order[nearestOf(vectors[3 * i], vectors[3 * i + 1], vectors[3 * i + 2], ascending)];
     }
-    return counts;
+    return tiles;
 }
 
 /** Farther off in height than this is no centre of the tile that a direction is in. */

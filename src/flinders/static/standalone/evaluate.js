@@ -13,6 +13,12 @@ import { viewOf } from "./view.js";
 /** @typedef {import("./engine.js").Engine} Engine */
 /** @typedef {import("./findings.js").Finding} Finding */
 
+/** What a level turn that reaches the target gets for advice, by the goal: more level turns would add nothing. */
+const WHILE_LEVEL = {
+    heading: "it is good while level",
+    attitude: "it is good while level; for headings that hold when it is tilted, turn it tilted and upside down too",
+};
+
 /**
  * What a person asks of a fit.
  * @typedef {object} Wish
@@ -67,7 +73,7 @@ export function evaluate(engine, data, asked) {
     const alarms = found.filter(({ severity, code }) => severity === "warning" && !AT_ONCE.includes(code));
     const used = view.tiles_seen.reduce((sum, count) => sum + count, 0) || time.length;
     return {
-        view: isFollowed ? guided(view, fit, readings, isFlat, goal, frame) : view,
+        view: whileLevel(isFollowed ? guided(view, fit, readings, isFlat, goal, frame) : view, fit, goal),
         reasons: ordered([...ofMotion(readings, fit, isFlat), ...found]),
         refusal: "",
         refusalCode: "",
@@ -93,6 +99,19 @@ function renewedFit(engine, data, asked, previous) {
     const renewed = renewedOf(previous);
     const dip = asked.dipAssumed ? { dipDeg: renewed.dipDeg, dipAssumed: renewed.dipAssumed } : {};
     return fitOf(engine, data, { ...asked, ...dip, renewed });
+}
+
+/**
+ * Say of a level turn that it is good while level, and what is missing for other attitudes where these are the goal.
+ * @param {View} view
+ * @param {Fit} fit
+ * @param {import("./advice.js").Goal} goal
+ * @returns {View}
+ */
+function whileLevel(view, fit, goal) {
+    const isDone = fit.plane && view.verdict === "limited" && fit.headingError.worst <= fit.targetDeg;
+    if (!isDone || !view.guidance) return view;
+    return { ...view, guidance: { ...view.guidance, words: WHILE_LEVEL[goal] } };
 }
 
 /**
@@ -142,5 +161,6 @@ function recordOf(fit, findings, view) {
             values: plain(finding.values),
         })),
         ...(view.condition ? { conditions: data.conditions.filter((_, i) => (fit.judgement.conditions >> i) & 1) } : {}),
+        ...(fit.plane ? { plane: fit.plane, z_down: true } : {}),
     };
 }

@@ -113,6 +113,10 @@ const VALUES = {
     corrected_length: ({ strength }) => strength,
     previous: ({ renewed }) => renewed?.name ?? "",
     unit: ({ unit }) => unit,
+    plane: ({ plane }) => plane,
+    is_placed: ({ covariance, surface, data: { numbers } }) => Number(Math.sqrt(covariance[20]) < numbers.PLACED * surface.radius),
+    is_skewed: isSkewed,
+    z_down: () => 1,
     autocorrelation: ({ record: { lag_one: lagOne } }) => lagOne,
     textbook_deg: ({ isShrunk, textbookWorstDeg }) => (isShrunk ? NaN : textbookWorstDeg),
     nonlinear_axis: nonlinearAxis,
@@ -142,6 +146,13 @@ const WORDS = {
     length: ({ corrected_length: strength, unit }) => `${figures(strength, 4)} ${unit}`,
     rings: ({ unobserved }) => (unobserved === 1 ? ", as two rings of readings would" : ""),
     where_flat: whereFlat,
+    plane_axes: ({ plane }) => [...plane].join(" and "),
+    where_placed: ({ is_placed: isPlaced }) => (isPlaced ? "and in z by the site's field" : "only"),
+    assumed: ({ is_placed: isPlaced }) =>
+        isPlaced ? " (with z down, and the floor level unless an accelerometer was recorded)" : "",
+    where_z_points: () => "",
+    mounting: ({ is_skewed: isSkewed, is_placed: isPlaced }) =>
+        isSkewed && isPlaced ? "say how well the mounting is known, or " : "",
     independent_readings: independentReadings,
     correlation,
     axis_lag: lagWords,
@@ -169,6 +180,15 @@ function tiltedErrors(fit) {
     const beyond = [...TILTS, UPSIDE_DOWN].filter((tilt) => tilt > fit.attitudeLimitDeg);
     const ends = beyond.length ? [...new Set([beyond[0], beyond[beyond.length - 1]])] : [];
     return ends.map((tilt) => [tilt, fit.tiltedWorstDeg(tilt)]);
+}
+
+/**
+ * Whether the shape across the plane of a turn is not known.
+ * @param {Fit} fit
+ */
+function isSkewed({ covariance, surface, data: { numbers } }) {
+    const sigma = Math.sqrt(Math.max(...[6, 7, 8].map((i) => covariance[10 * i])));
+    return Number(sigma > numbers.SKEWED * surface.radius);
 }
 
 /** @param {Fit} fit */
@@ -209,7 +229,7 @@ function attitudes({ attitude_limit_deg: limit, target_deg: target, worst_deg: w
  * @param {EngineData} data
  * @returns {string}
  */
-function stepWords([name, pose], { steps, poses }) {
+export function stepWords([name, pose], { steps, poses }) {
     return steps[name].replace("{}", pose === undefined ? "" : poses.sensor[pose]);
 }
 

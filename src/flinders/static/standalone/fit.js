@@ -72,18 +72,19 @@ export class Fit {
         this.judgement = judgement;
         this.left = left;
         this.renewed = renewed ?? null;
-        this.method = this.renewed ? "refresh" : record.is_robust ? "robust" : "likelihood";
+        /** @type {"" | "xy"} The plane of a level turn that the fit rests on. */
+        this.plane = record.plane ? "xy" : "";
+        this.method = this.renewed ? "refresh" : this.plane ? "level" : record.is_robust ? "robust" : "likelihood";
         this.isShrunk = record.is_shrunk > 0;
         this.surface = surfaceOf(record.centre, record.shape);
-        /** Length of corrected readings. */
-        this.strength = this.renewed?.strength ?? this.surface.radius;
         this.covariance = record.covariance;
         this.noise = record.noise;
         this.samples = record.used;
         this.counts = left.coverage.readings;
-        this.isStrengthKnown = engine.usesStrength(record);
+        const strength = strengthOf(engine, record, this.renewed);
+        this.isStrengthKnown = strength !== null;
         /** Length of corrected readings. */
-        this.strength = this.isStrengthKnown ? record.site_strength : this.surface.radius;
+        this.strength = strength ?? this.surface.radius;
         this.rails = railsOf(record);
         this.structureDeg = judgement.structure_deg;
         this.headingError = { rms: judgement.rms_deg, worst: judgement.worst_deg, dipDeg: record.dip_deg };
@@ -171,6 +172,17 @@ export function fitOf(engine, data, request) {
 }
 
 /**
+ * Strength of the field, where it is known: of the place, or of the calibration that is renewed.
+ * @param {Engine} engine
+ * @param {Fitted} record
+ * @param {import("./previous.js").Renewed | null} renewed
+ * @returns {number | null}
+ */
+function strengthOf(engine, record, renewed) {
+    return renewed?.strength ?? (engine.usesStrength(record) ? record.site_strength : null);
+}
+
+/**
  * Judge a record, and once more where it may be that axes were swapped.
  * @param {Engine} engine
  * @param {EngineData} data
@@ -181,7 +193,7 @@ export function fitOf(engine, data, request) {
  * @returns {Fit}
  */
 function judged(engine, data, request, record, left, some) {
-    const strength = request.renewed?.strength ?? (engine.usesStrength(record) ? record.site_strength : null);
+    const strength = strengthOf(engine, record, request.renewed ?? null);
     const known = strength === null ? {} : { field_strength: strength, is_strength_known: 1 };
     const asked = { target_deg: request.targetDeg, is_microtesla: Number(request.unit !== "counts"), ...known };
     const first = engine.judge(record, asked);
@@ -272,7 +284,8 @@ function leftOf(engine, data, record, { some, when, isFree, rests, once }) {
     const known = { isRail, rests, when, coverage: engine.coverage(once.field, record) };
     if (!record.is_robust) return { ...known, near: once.field, outliers: [], isOut: isRail };
     const limit = record.rejected_beyond;
-    const distances = engine.distances(once.field, record.majority_centre, record.majority_shape);
+    const laid = record.plane ? laidFlat(once.field, record.majority_centre[2]) : once.field;
+    const distances = engine.distances(laid, record.majority_centre, record.majority_shape);
     const out = engine.leftOut(Uint8Array.from(distances, (distance) => Number(Math.abs(distance) > limit)), record.dense);
     const own = engine.distances(once.field, record.centre, record.shape);
     const isOut = new Uint8Array(some.length / 3);
@@ -286,6 +299,16 @@ function leftOf(engine, data, record, { some, when, isFree, rests, once }) {
         outliers,
         isOut: isFree.map((free) => (free ? isOut[next++] : 1)),
     };
+}
+
+/**
+ * Readings of a level turn, all at one height.
+ * @param {Float64Array} field
+ * @param {number} height
+ * @returns {Float64Array}
+ */
+function laidFlat(field, height) {
+    return field.map((part, i) => (i % 3 === 2 ? height : part));
 }
 
 /**

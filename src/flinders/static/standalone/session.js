@@ -247,6 +247,11 @@ export class Session {
         return known === null ? [this.rules.assumed_dip_deg, true] : [known, false];
     }
 
+    /** Whether somebody turns the sensor just now, and may be led. */
+    get isFollowed() {
+        return this.opened === null && this.live.pausedAt === null && this.source.link === "connected";
+    }
+
     /** @param {number} at */
     ticked(at) {
         this.at = at;
@@ -632,8 +637,8 @@ export class Session {
             dipDeg,
             dipAssumed,
             goal: this.goal,
-            isFollowed: this.opened === null && this.live.pausedAt === null && this.source.link === "connected",
             previous: this.previous,
+            isFollowed: this.isFollowed,
             site: this.#site,
             isRenewed: this.isRenewed,
         };

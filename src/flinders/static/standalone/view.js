@@ -1,8 +1,8 @@
 /** What the page draws of one fit, as `flinders.report.view` puts it together. */
 
-import { guide, isIdle } from "./advice.js";
-import { corrected, threes, tileCounts } from "./coverage.js";
-import { adviceOf, firstCauses, verdictOf } from "./findings.js";
+import { guide, isIdle, nextMovement } from "./advice.js";
+import { corrected, threes, tileCounts, tilesOf } from "./coverage.js";
+import { adviceOf, firstCauses, stepWords, verdictOf } from "./findings.js";
 import { figures, general } from "./numbers.js";
 
 /** @typedef {import("../messages.d.ts").View} View */
@@ -15,6 +15,7 @@ import { figures, general } from "./numbers.js";
 const BINS = 40;
 const WIDEST = 4;
 const ANY_ANGLE_DEG = 90;
+const RAD = Math.PI / 180;
 const EVERYWHERE = "turn it slowly through all directions, away from iron and from currents";
 
 /**
@@ -51,14 +52,6 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
 }
 
 /**
- * Whether corrected readings have the strength of the field as their length.
- * @param {Fit} fit
- */
-function isStrengthKnown({ renewed }) {
-    return renewed !== null && renewed.strength !== null;
-}
-
-/**
  * A finding with its sentence.
  * @param {Finding} finding
  * @param {import("./data.d.ts").EngineData} data
@@ -75,7 +68,7 @@ const UNTOLD = {
 }; // prettier-ignore
 const UNDRAWN = {
     noise: null, residuals: null, shown: null, heading_error_deg: null, attitude_limit_deg: null, any_attitude_deg: null,
-    turn: null, guidance: null,
+    turn: null, level_deg: null, guidance: null,
 }; // prettier-ignore
 
 /**
@@ -138,10 +131,10 @@ function copied({ engine, surface, strength, isStrengthKnown, covariance }, { de
  * @param {Fit} fit
  * @param {Float64Array} vectors Of the readings used.
  */
-function drawn({ surface, strength, noise }, vectors) {
+function drawn({ surface, strength, noise, plane }, vectors) {
     return {
         noise,
-        residuals: histogram(vectors, strength, noise),
+        residuals: histogram(lengthsOff(vectors, plane), strength, noise),
         shown: {
             offset: triple(surface.centre),
             matrix: rowsOf(surface.inverse.map((part) => strength * part)),
@@ -151,16 +144,28 @@ function drawn({ surface, strength, noise }, vectors) {
 }
 
 /**
- * How far corrected readings are from the sphere, counted.
+ * How much longer corrected readings are than the field; of a level turn, than their mean in its plane.
  * @param {Float64Array} vectors
+ * @param {Fit["plane"]} plane
+ * @returns {number[]}
+ */
+function lengthsOff(vectors, plane) {
+    const lengths = threes(vectors).map(([x, y, z]) => (plane ? Math.hypot(x, y) : Math.hypot(x, y, z)));
+    const mean = plane ? lengths.reduce((sum, length) => sum + length, 0) / lengths.length : 1;
+    return lengths.map((length) => length - mean);
+}
+
+/**
+ * How far corrected readings are from the sphere, counted.
+ * @param {number[]} lengths In units of the radius.
  * @param {number} radius
  * @param {number} noise
  */
-function histogram(vectors, radius, noise) {
+function histogram(lengths, radius, noise) {
     const widest = Math.max(WIDEST * noise, Number.MIN_VALUE);
     const counts = new Array(BINS).fill(0);
-    for (let i = 0; i < vectors.length; i += 3) {
-        const off = radius * (Math.hypot(vectors[i], vectors[i + 1], vectors[i + 2]) - 1);
+    for (const length of lengths) {
+        const off = radius * length;
         counts[Math.min(Math.max(Math.floor((BINS * (off + widest)) / (2 * widest)), 0), BINS - 1)]++;
     }
     return { edges: Array.from({ length: BINS + 1 }, (_, i) => widest * ((2 * i) / BINS - 1)), counts };
@@ -195,8 +200,31 @@ function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal, fram
             before_deg: deviationDeg.map(rounded),
             sigma_deg: sigmaDeg.map(rounded),
         },
+        level_deg: fit.plane && goal === "heading" ? levelErrors(fit, { headingDeg, sigmaDeg }) : null,
         guidance: guidance(fit, goal, frame),
     };
+}
+
+/**
+ * Heading error of a level vehicle on the tiles that its field meets; null on the others.
+ * @param {Fit} fit
+ * @param {{headingDeg: number[], sigmaDeg: number[]}} turn
+ * @returns {(number | null)[]}
+ */
+function levelErrors({ headingError, data }, { headingDeg, sigmaDeg }) {
+    const dip = headingError.dipDeg * RAD;
+    const { centres } = data.tiles;
+    /** @type {(number | null)[]} */
+    const errors = new Array(centres.length / 3).fill(null);
+    const directions = headingDeg.flatMap((heading) => {
+        const [north, east] = [Math.cos(heading * RAD), Math.sin(heading * RAD)];
+        return [Math.cos(dip) * north, -Math.cos(dip) * east, Math.sin(dip)];
+    });
+    tilesOf(Float64Array.from(directions), centres).forEach((tile, i) => {
+        const error = rounded(sigmaDeg[i]);
+        if (error < ANY_ANGLE_DEG) errors[tile] = Math.max(errors[tile] ?? 0, error);
+    });
+    return errors;
 }
 
 /**
@@ -208,10 +236,11 @@ function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal, fram
  */
 function guidance(fit, goal, frame) {
     const advice = guide(fit, goal, frame);
-    const isOpen = isIdle(advice, fit.data);
+    const isOpen = fit.plane || isIdle(advice, fit.data);
+    const around = fit.plane ? stepWords(nextMovement(fit), fit.data) : EVERYWHERE;
     return {
         direction: isOpen ? null : triple(advice.direction),
-        words: isOpen ? EVERYWHERE : advice.words,
+        words: isOpen ? around : advice.words,
         worst_deg: Math.hypot(advice.worstDeg, fit.structureDeg),
         after_deg: Math.hypot(advice.afterDeg, fit.structureDeg),
         goal,

@@ -15,7 +15,7 @@
  * @typedef {{part: import("../vendor/three.js").Object3D, from: Matrix4, to: Matrix4}} Way
  *
  * @typedef {Omit<import("../store.js").Points, "acceleration">} Points
- * @typedef {Pick<View, "unit" | "offset" | "shown" | "tiles_deg" | "tiles_seen" | "guidance">} Shown
+ * @typedef {Pick<View, "unit" | "offset" | "shown" | "tiles_deg" | "level_deg" | "tiles_seen" | "guidance">} Shown
  *
  * @typedef {object} Options
  * @property {Tiles} tiles
@@ -521,9 +521,15 @@ export class Scene {
         return /** @type {Uint8Array} */ (this.marked.array);
     }
 
+    /** Heading error of each tile: of a vehicle that is level, where that is asked of a level turn, else of any. */
+    get errors() {
+        return this.view?.level_deg ?? this.view?.tiles_deg ?? null;
+    }
+
     /** Colour the tiles. @param {boolean} slowly  from what they are now */
     #paint(slowly) {
-        const { tiles_deg: errors = null, tiles_seen: seen = null } = this.view ?? {};
+        const { tiles_seen: seen = null } = this.view ?? {};
+        const errors = this.errors;
         let most = 0;
         for (let tile = 0; tile < this.tiles.corners.length; tile += 1) {
             const error = errors?.[tile] ?? null;
@@ -785,7 +791,8 @@ export class Scene {
 
     /** What people who do not see the view are told. */
     #describe() {
-        const { tiles_deg: errors = null, tiles_seen: seen = null } = this.view ?? {};
+        const { tiles_seen: seen = null } = this.view ?? {};
+        const errors = this.errors;
         const good = errors?.filter((error) => error !== null && error <= this.target_deg).length ?? 0;
         const visited = seen?.filter((count) => count > 0).length ?? 0;
         const known =

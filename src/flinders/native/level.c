@@ -1,0 +1,139 @@
+/* Level turns: the ellipse of readings in one plane across z, and whether readings are those of such a turn.
+ *
+ * A level vehicle that turns in a field of dip I meets u = (cos I cos ψ, −cos I sin ψ, sin I), and in x and y reads
+ *
+ *     c + S₂ (cos ψ, −sin ψ),     c = b + sin I (S₁₃, S₂₃),     S₂ = cos I (S₁₁, S₁₂; S₁₂, S₂₂)
+ *
+ * an ellipse, whatever the iron. It is found as the equator of an ellipsoid through the readings laid at one height, and
+ * lifted to the dip. Across the plane the prior speaks alone, and the offset is known to the strength of the field.
+ */
+#include "judge.h"
+#include "residuals.h"
+
+#define NEARLY_FLAT ((real)3)      /* thickness over noise, below which readings hardly leave their plane */
+#define MUCH_BETTER ((real)5)      /* times smaller a claim that takes readings for a turn which leave their plane by more */
+#define TILTED ((real)0.2)         /* share of the readings: where more leave the plane of a turn, the body was tilted */
+#define THINNEST ((real)1e-12)     /* semi-axis of a start over the range of the readings */
+
+/* Copy readings, all at one height. */
+static void lay_flat(const fl_view *view, real height, real *out)
+{
+    for (size_t row = 0; row < view->rows; row++) {
+        out[3 * row] = view->field[3 * row], out[3 * row + 1] = view->field[3 * row + 1];
+        out[3 * row + 2] = height;
+    }
+}
+
+/* Take an equator to the ellipsoid that has it at a dip, rad. */
+static int lift_surface(const fl_surface *flat, real dip, fl_surface *out)
+{
+    static const int THIRD[3] = {4, 5, 2}; /* column of the shape */
+    real centre[3], shape[6];
+    for (int i = 0; i < 6; i++) shape[i] = flat->shape[i] / fl_cos(dip);
+    for (int i = 0; i < 3; i++) centre[i] = flat->centre[i] - fl_sin(dip) * shape[THIRD[i]];
+    return fl_surface_of(centre, shape, out);
+}
+
+/* Its covariance; the offset across is known to `unclaimed`, whatever it was before. */
+static void lift_covariance(real covariance[81], real dip, real unclaimed)
+{
+    static const int THIRD[3] = {7, 8, 5}; /* of the parameters */
+    real lift[81] = {0}, half[81];
+    for (int i = 0; i < 9; i++) {
+        lift[10 * i] = i < 3 ? 1 : 1 / fl_cos(dip);
+        covariance[9 * 2 + i] = covariance[9 * i + 2] = 0;
+        if (i < 3) lift[9 * i + THIRD[i]] = -fl_sin(dip) / fl_cos(dip);
+    }
+    fl_multiply(lift, covariance, 9, 9, 9, half);
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < 9; j++) {
+            covariance[9 * i + j] = 0;
+            for (int k = 0; k < 9; k++) covariance[9 * i + j] += half[9 * i + k] * lift[9 * j + k];
+        }
+    covariance[20] += unclaimed * unclaimed;
+}
+
+/* Take a record of an ellipse to the dip. */
+static int lift(const fl_fit *fit, real dip_deg, fl_surface *surface, flinders_record *record)
+{
+    const real dip = dip_deg / FL_TO_DEG;
+    if (lift_surface(&fit->surface, dip, surface)) return FLINDERS_NOT_AN_ELLIPSOID;
+    fl_place(surface, record);
+    lift_covariance(record->covariance, dip, surface->radius);
+    lift_covariance(record->textbook, dip, surface->radius);
+    record->dip_deg = dip_deg;
+    fl_tilted_error(surface, record->covariance, dip_deg, 0, NULL, &record->level_rms_deg, &record->level_worst_deg);
+    return FLINDERS_OK;
+}
+
+/* Whether a start is next to nothing beside the readings. */
+static int is_thin(const fl_surface *start, const flinders_record *record)
+{
+    real axes[3], range = 0;
+    for (int axis = 0; axis < 2; axis++) {
+        const real own = record->highest[axis] - record->lowest[axis];
+        range = own > range ? own : range;
+    }
+    fl_sym3_values(start->shape, axes);
+    return !(axes[0] > (real)FL_SMALLEST && axes[0] > THINNEST * range);
+}
+
+/* Fit the ellipse of readings that were looked at, robustly where residuals ask for it. */
+int fl_fit_turn(fl_task *of, flinders_record *record)
+{
+    flinders_options own = *of->options;
+    fl_view flat = {of->room.flat, of->view.rows, NULL, 1};
+    fl_surface start, surface;
+    fl_fit fit;
+    if (own.robust > 1) own.robust = 1;
+    lay_flat(&of->view, record->mean[2], of->room.flat);
+    fl_cloud(of->kernels, flat.field, flat.rows, &of->room);
+    if (fl_ellipse_start(of->kernels, flat.field, flat.rows, &of->room, &start) || is_thin(&start, record))
+        return FLINDERS_NOT_AN_ELLIPSOID;
+    int status = fl_fit_from(of->kernels, &flat, &own, &start, &start, &of->room, &fit, record);
+    if (status != FLINDERS_OK) return status;
+    fl_covariance_of(of->kernels, &flat, &own, &fit, &of->room, record);
+    fl_place_fit(&fit, record);
+    record->plane = 1;
+    if (own.statistics) fl_residual_statistics(of->kernels, &of->all, &flat, &fit, &of->room, record);
+    status = lift(&fit, own.dip_deg, &surface, record);
+    if (status != FLINDERS_OK || !own.statistics) return status;
+    fl_cloud(of->kernels, of->view.field, of->view.rows, &of->room);
+    fl_coverage(of->kernels, &surface, record->rejected_beyond, &of->room, record);
+    return FLINDERS_OK;
+}
+
+/* Whether readings lie in a plane across z, but for so many times their noise: all, or those that are no outliers. */
+int fl_are_flat(const fl_scatter *readings, real noise, real within)
+{
+    return flinders_is_level(readings->all, noise, within) || flinders_is_level(readings->inliers, noise, within);
+}
+
+/* Worst level heading error that a record claims, degrees. */
+static real claimed(const flinders_record *record, real dip_deg)
+{
+    fl_surface surface;
+    real rms, worst;
+    if (fl_surface_of(record->centre, record->shape, &surface)) return FL_NOT_A_NUMBER;
+    fl_level_errors(&surface, record->covariance, dip_deg, &rms, &worst);
+    return worst;
+}
+
+/* Whether readings are a level turn rather than an ellipsoid: they leave their plane by noise alone, or the turn claims less. */
+int fl_is_turn(const flinders_record *ellipsoid, const flinders_record *turn, const fl_scatter *readings, real dip_deg)
+{
+    if ((real)turn->rejected > TILTED * (real)turn->fitted) return 0;
+    if (fl_are_flat(readings, ellipsoid->noise, FL_FLAT_NOISE)) return 1;
+    const int is_nearly = ellipsoid->unobserved || fl_are_flat(readings, ellipsoid->noise, NEARLY_FLAT);
+    if (!is_nearly && turn->rejected) return 0; /* what leaves the plane are no outliers */
+    return (is_nearly ? 1 : MUCH_BETTER) * claimed(turn, dip_deg) < claimed(ellipsoid, dip_deg);
+}
+
+/* Whether a level turn is looked for: there is a prior across its plane, and each axis changes; one that does not may be a
+ * broken one. */
+int fl_may_be_turn(const flinders_record *record, const flinders_options *options)
+{
+    for (int axis = 0; axis < 3; axis++)
+        if (!(record->highest[axis] > record->lowest[axis])) return 0;
+    return options->level && options->prior > 0 && !fl_is_informed(options);
+}

@@ -1,0 +1,283 @@
+"""The session of the page, played in Node.js: events go in, each with its time, and what the page shows comes out.
+
+A fit is what the worker of the page makes of the readings, with the engine as WebAssembly. No clock, socket or browser.
+"""
+
+from __future__ import annotations
+
+import atexit
+import itertools
+import json
+import subprocess
+import weakref
+from base64 import b64decode, b64encode
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
+import numpy as np
+from tests.javascript import MODULES, node
+
+from flinders.core.calibration_file import dumps
+from flinders.core.units import MICROTESLA, Unit
+from flinders.live.buffer import ReadingBuffer, rows_of
+from flinders.live.messages import Edits, SourceState, readings_frame
+from flinders.live.session_file import Log
+from flinders.native import build
+from flinders.standalone.package import live_data
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.fitting.result import Fit
+    from flinders.live.messages import Link
+
+PROGRAM: Final = Path(__file__).with_suffix(".mjs")
+SENSOR: Final = SourceState("/dev/ttyACM0", "serial", "connected", "")
+UT: Final = Unit.of("uT")
+
+_numbers = itertools.count()
+_gone: list[int] = []
+"""Sessions that nobody holds any more, to be forgotten."""
+
+
+class PageSession:
+    """A session that runs in Node.js.
+
+    Parameters
+    ----------
+    source : SourceState, optional
+    frame : str
+        Whose axes readings are in.
+    rules : dict
+        Numbers of `RULES` of ``session.js`` that are others here.
+    **changes
+        Attributes of `Session` of ``session.js`` that are others than at its beginning.
+    """
+
+    def __init__(
+        self,
+        source: SourceState = SENSOR,
+        *,
+        frame: str = "sensor",
+        rules: dict[str, float] | None = None,
+        **changes: Any,
+    ) -> None:
+        self.at = 0.0
+        self._number = next(_numbers)
+        weakref.finalize(self, _gone.append, self._number)
+        given = {"source": msgspec.to_builtins(source), "frame": frame, "rules": rules or {}, **changes}
+        self._ask("new", **given)
+
+    # Events
+
+    def arrived(self, at: float, rows: Floats, unit: Unit = UT) -> None:
+        """Readings of the sensor: (N, 7) as `rows_of` has them."""
+        acceleration = _packed(rows[:, 4:]) if np.isfinite(rows[:, 4:]).any() else None
+        columns = {"time": _packed(rows[:, 0]), "field": _packed(rows[:, 1:4]), "acceleration": acceleration}
+        self._tell("arrived", at, unit=_unit(unit), **columns)
+
+    def received(self, at: float, frame: bytes, *, is_old: bool = False) -> None:
+        """Readings that a server passes on."""
+        self._tell("received", at, frame=b64encode(frame).decode(), is_old=is_old)
+
+    def adopted(self, at: float, edits: Edits) -> None:
+        """What was done on another page."""
+        self._tell("adopted", at, edits=msgspec.to_builtins(edits))
+
+    def linked(self, at: float, link: Link, words: str = "") -> list[SimpleNamespace]:
+        """The link to the source has changed; what a person is told."""
+        return self._told("linked", at, link=link, words=words)
+
+    def unrecorded(self, at: float, words: str) -> None:
+        """What arrives cannot be written down."""
+        self._tell("unrecorded", at, words=words)
+
+    def opened(self, at: float, name: str, log: Log) -> None:
+        """A log that was dropped."""
+        about = {"is_timed": log.is_timed, "frame": log.advice_frame, "site": log.site}
+        frame = b64encode(frame_of_buffer(log.buffer, log.unit)).decode()
+        self._tell("opened", at, name=name, frame=frame, about=msgspec.to_builtins(about))
+
+    def got_previous(self, at: float, fit: Fit) -> None:
+        """A calibration from before."""
+        self._tell("previous", at, name=fit.name, text=dumps(fit.to_document()))
+
+    def requested(self, at: float, type: str, **command: Any) -> list[SimpleNamespace]:
+        """A command of a person; what they are told."""
+        return self._told("requested", at, command={"type": type, **command})
+
+    def ticked(self, at: float) -> None:
+        """Time has passed."""
+        self._tell("ticked", at)
+
+    def begin_fit(self) -> None:
+        """A fit begins, and what comes of it waits."""
+        self._ask("begun")
+
+    def fit_done(self, at: float, seconds: float = 0.01) -> None:
+        """What came of the fit is taken over."""
+        self._tell("done", at, seconds=seconds)
+
+    def fit(self) -> None:
+        """A fit, in no time."""
+        self.begin_fit()
+        self.fit_done(self.at)
+
+    # What it shows
+
+    @property
+    def state(self) -> SimpleNamespace:
+        """The state that the page is told."""
+        state: SimpleNamespace = self._ask("state")
+        return state
+
+    @property
+    def shown(self) -> SimpleNamespace:
+        """The newest fit."""
+        shown: SimpleNamespace = self._ask("shown")
+        return shown
+
+    @property
+    def view(self) -> Any:  # noqa: ANN401 - a namespace, or None
+        """What is drawn, of the newest fit or of one that is kept; None where there is none."""
+        return self._ask("view")
+
+    def evaluated(self) -> SimpleNamespace:
+        """What a fit of the readings would come to now."""
+        found: SimpleNamespace = self._ask("evaluated")
+        return found
+
+    def wants_fit(self, at: float) -> bool:
+        """Whether a fit is due."""
+        return bool(self._ask("wants", at=at))
+
+    @property
+    def used(self) -> list[int]:
+        """Which readings a fit takes, counted from 0."""
+        return list(self._ask("used").numbers)
+
+    @property
+    def used_field(self) -> Floats:
+        """(N, 3) the readings that a fit takes."""
+        return _floats(self._ask("used").field).reshape(-1, 3)
+
+    @property
+    def used_site(self) -> dict[str, Any] | None:
+        """What counts of the field at the place."""
+        site: dict[str, Any] | None = self._ask("used", as_dict=True)["site"]
+        return site
+
+    @property
+    def held(self) -> SimpleNamespace:
+        """Readings in memory: `total`, `stride`, `time` (N,), `field` (N, 3)."""
+        held: SimpleNamespace = self._ask("held")
+        held.time, held.field = _floats(held.time), _floats(held.field).reshape(-1, 3)
+        return held
+
+    @property
+    def edits(self) -> Edits:
+        """What the others have to know of it."""
+        return msgspec.convert(self._ask("edits", as_dict=True), Edits)
+
+    @property
+    def left_out(self) -> list[list[float]]:
+        """Stretches that the calibration in the end does without."""
+        return list(self._ask("leftOut"))
+
+    def points(self, page: str = "") -> bytes | None:
+        """The points that one of several pages lacks, as a frame; None where there is nothing new."""
+        frame = self._ask("points", page=page)
+        return None if frame is None else b64decode(frame)
+
+    def _told(self, name: str, at: float, /, **given: Any) -> list[SimpleNamespace]:
+        self.at = at
+        return list(self._ask(name, at=at, **given) or ())
+
+    def _tell(self, name: str, at: float, /, **given: Any) -> None:
+        self._told(name, at, **given)
+
+    def _ask(self, name: str, /, *, as_dict: bool = False, **given: Any) -> Any:  # noqa: ANN401 - as JSON
+        while _gone:
+            _asked({"number": _gone.pop(), "name": "forget"})
+        answer = _asked({"number": self._number, "name": name, "given": given})
+        said = json.loads(answer)
+        assert "fault" not in said, said["fault"]
+        return said["answer"] if as_dict else _named(said["answer"])
+
+
+def log_of(samples: Samples) -> Log:
+    """Samples as a log that was dropped."""
+    buffer = ReadingBuffer.empty().extended(rows_of(samples))
+    return Log(buffer, samples.unit, samples.axes, "sensor", samples.time is not None)
+
+
+def frame_of_buffer(buffer: ReadingBuffer, unit: Unit = UT) -> bytes:
+    """All readings in memory, as the server passes them on."""
+    return readings_frame(
+        generation=0, first=0, stride=buffer.stride, total=buffer.total, is_last=True,
+        rows=buffer.rows(0, len(buffer)), latest=buffer.latest, is_microtesla=unit.inside == MICROTESLA,
+    )  # fmt: skip
+
+
+def codes(state: SimpleNamespace) -> list[str]:
+    """Codes of the reasons of a state."""
+    return [reason.code for reason in state.reasons]
+
+
+def warnings(reasons: Iterable[SimpleNamespace]) -> list[str]:
+    """Codes of those that are warnings."""
+    return [reason.code for reason in reasons if reason.severity == "warning"]
+
+
+def _named(value: Any) -> Any:  # noqa: ANN401 - as JSON
+    """JSON with attributes in place of keys."""
+    if isinstance(value, dict):
+        return SimpleNamespace(**{name: _named(each) for name, each in value.items()})
+    return [_named(each) for each in value] if isinstance(value, list) else value
+
+
+def _packed(numbers: Floats) -> str:
+    return b64encode(np.ascontiguousarray(numbers, "<f8").tobytes()).decode()
+
+
+def _floats(text: str) -> Floats:
+    return np.frombuffer(b64decode(text), "<f8").copy()
+
+
+def _unit(unit: Unit) -> dict[str, Any]:
+    return {"inside": unit.inside, "recorded": unit.inside, "scale": 1.0}
+
+
+def _asked(message: dict[str, Any]) -> str:
+    """What Node.js answers."""
+    program = _program()
+    assert program.stdin is not None
+    assert program.stdout is not None
+    program.stdin.write(json.dumps(message) + "\n")
+    program.stdin.flush()
+    answer = program.stdout.readline()
+    assert answer, f"{message['name']}: Node.js has ended"
+    return answer
+
+
+@cache
+def _program() -> subprocess.Popen[str]:
+    """Node.js, which plays all sessions of this process until that ends."""
+    wasm = build.library(target=build.WEB).read_bytes()
+    program = subprocess.Popen(
+        [node(), str(PROGRAM)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, encoding="utf-8"
+    )
+    assert program.stdin is not None
+    start = {"modules": str(MODULES), "wasm": b64encode(wasm).decode(), "data": json.loads(live_data())}
+    program.stdin.write(json.dumps(start) + "\n")
+    atexit.register(_end, program)
+    return program
+
+
+def _end(program: subprocess.Popen[str]) -> None:
+    program.communicate()
