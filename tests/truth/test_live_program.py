@@ -507,3 +507,40 @@ def test_another_site_gets_no_socket(start: Start, tmp_path: Path) -> None:
 def test_a_refresh_needs_a_calibration_to_renew() -> None:
     ended = flinders_("live", "--simulate", "--refresh")
     assert (ended.code, "name its file with --previous" in ended.said) == (2, True)
+
+
+def ended_with_json(is_enough: Callable[[], object], *words: str) -> dict[str, Any]:
+    """Run ``flinders live --json`` until there is enough, and read what it prints in the end."""
+    command = [sys.executable, "-m", "flinders", "live", "--json", "--no-open", "--port", "0", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
+        assert program.stderr is not None
+        while "http:" not in (line := program.stderr.readline()):
+            assert line
+        Page(line[line.index("http:") :].strip())  # it serves, and Ctrl-C ends it
+        wait_until(is_enough)
+        program.send_signal(signal.SIGINT)
+        out, _ = program.communicate(timeout=PATIENCE_S)
+    assert program.returncode == 0
+    found: dict[str, Any] = json.loads(out)
+    assert list(found) == ["recording", "readings", "fit", "refusal"]
+    return found
+
+
+def test_in_the_end_it_prints_the_fit_of_all_readings_that_came(tmp_path: Path) -> None:
+    session = tmp_path / "session.csv"
+    found = ended_with_json(
+        lambda: len(recorded(session)) > 1500, "--simulate", "--speed", "100", "--target", "2", "-o", str(session)
+    )
+    fit = flinders.fit(flinders.open_recording(session), target_deg=2.0)
+    assert (found["recording"], found["readings"]) == (str(session), len(recorded(session)))
+    assert (found["refusal"], found["fit"]["verdict"]) == ("", fit.verdict)
+    assert found["fit"]["samples"] == fit.samples
+    assert found["fit"]["heading_error_deg"]["worst"] == fit.heading_error_deg.worst
+
+
+def test_where_nothing_came_it_says_in_the_end_why_there_is_no_fit(tmp_path: Path) -> None:
+    session = tmp_path / "session.csv"
+    found = ended_with_json(lambda: True, "--udp", str(free_port()), "-o", str(session))
+    assert (found["recording"], found["readings"], found["fit"]) == (None, 0, None)
+    assert found["refusal"]
+    assert not session.exists()

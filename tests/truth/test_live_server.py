@@ -105,7 +105,8 @@ class Bench:
     def finish(self, edits: Edits | None = None, log: str = "") -> httpx.Response:
         """Have the calibration of all readings made."""
         address = f"/finish?log={log}" if log else "/finish"
-        return self.client.post(address, content=encode(edits or self.hub.edits), headers=OWN)
+        answer: httpx.Response = self.client.post(address, content=encode(edits or self.hub.edits), headers=OWN)
+        return answer
 
     def of_finished(self, edits: Edits | None = None, log: str = "") -> str:
         """Have it made, and return how its exports are asked for."""
