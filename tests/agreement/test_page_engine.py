@@ -224,7 +224,7 @@ def test_level_turns_get_verdict_numbers_and_sentences_of_the_program() -> None:
 
 def test_level_turns_are_judged_at_the_dip_of_the_place() -> None:
     dips = (-70.0, 5.0, 75.0)
-    cases = [replace(case_of(level(dip)), site=Site(inclination_deg=dip)) for dip in dips]
+    cases = [replace(case_of(level(dip)), site=flinders.Site(inclination_deg=dip)) for dip in dips]
     rows = compared([f"{dip}" for dip in dips], cases)
     held_together(rows)
     assert all(row.method == "level" and row.sentences[0][1:] == row.sentences[1][1:] for row in rows), rows

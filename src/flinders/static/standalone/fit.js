@@ -193,7 +193,7 @@ function strengthOf(engine, record, renewed) {
  * @returns {Fit}
  */
 function judged(engine, data, request, record, left, some) {
-    const strength = strengthOf(engine, record, request.renewed);
+    const strength = strengthOf(engine, record, request.renewed ?? null);
     const known = strength === null ? {} : { field_strength: strength, is_strength_known: 1 };
     const asked = { target_deg: request.targetDeg, is_microtesla: Number(request.unit !== "counts"), ...known };
     const first = engine.judge(record, asked);
@@ -204,17 +204,6 @@ function judged(engine, data, request, record, left, some) {
     const fit = new Fit(request, again.record, again.judgement, left, data, engine);
     fit.swap = swap;
     return fit;
-}
-
-/**
- * The strength of the field, where it is known: of a calibration that is renewed, or of the place.
- * @param {Engine} engine
- * @param {Fitted} record
- * @param {import("./previous.js").Renewed | null} [renewed]
- * @returns {number | null}
- */
-function strengthOf(engine, record, renewed) {
-    return renewed?.strength ?? (engine.usesStrength(record) ? record.site_strength : null);
 }
 
 /** What a record of all readings says of the recording, beside the fit of those at no end of an axis. */
