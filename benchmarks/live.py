@@ -5,7 +5,8 @@
 A board on a pseudo-terminal talks like MotionCal's sketches, `flinders live` listens, and Chromium shows the page at
 1280 × 800 with software rendering.
 
-*start*: from starting the program to its address, and from asking for the page to its first drawn state.
+*start*: from starting the program to its address, and from asking for the page to its first drawn state; the bytes of
+the page without the 3-D view, as they are sent.
 *page*: 20,000 points are shown, and readings come at 100 a second for so many seconds. Processor time is the program's,
 in shares of a core, and with it the browser's for comparison; an update is a frame of readings that the page received,
 drawn when WebGL has drawn after it; a page that cannot keep up draws several at once. Latency is counted for each
@@ -22,6 +23,7 @@ import os
 import tempfile
 import threading
 import time
+import urllib.request
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -47,11 +49,17 @@ SHOWN: Final = 20_000
 RATE_HZ: Final = 100.0
 FAST_HZ: Final = 10_000.0
 WIRE_HZ: Final = 1000.0
+PARTS: Final = (
+    "", "static/theme.js", "static/page.css", "static/compass.svg", "static/live.js", "page.json", "static/worker.js",
+    "flinders.wasm",
+)  # fmt: skip
+"""What a browser asks for before it draws the sphere."""
+KB_LIMIT: Final = 250.0
 TICKS_A_SECOND: Final = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
 WATCH: Final = """() => {
     const seen = window.seen = {received: 0, drawn: 0, pictures: 0, frames: []};
     let [newest, fresh] = [null, 0];
-    flinders.connection.socket.addEventListener("message", (event) => {
+    flinders.connection.connection.socket.addEventListener("message", (event) => {
         if (typeof event.data === "string") return;
         seen.received += 1;
         requestAnimationFrame(() => {
@@ -224,7 +232,7 @@ def opened(browser: Browser, program: Program, size: tuple[int, int] = (1280, 80
 
 def start(browser: Browser, folder: Path, times: int = 5) -> list[str]:
     """Lines on how long it takes until the page is there."""
-    programs, pages = [], []
+    programs, pages, size = [], [], 0
     for turn in range(times):
         place = folder / str(turn)
         place.mkdir()
@@ -235,13 +243,22 @@ def start(browser: Browser, folder: Path, times: int = 5) -> list[str]:
             page.goto(program.address)
             pages.append(page.evaluate(READY) / 1e3)
             page.context.close()
+            size = sum(sent_bytes(program.address + part) for part in PARTS)
     worst = [f"{np.median(found):.2f} s (worst {max(found):.2f})" for found in (programs, pages)]
     together = float(np.median(np.add(programs, pages)))
     return [
         f"| program started → address | {worst[0]} | |",
         f"| page asked for → first drawn state | {worst[1]} | {_judged(float(np.median(pages)), START_LIMIT_S, 's')} |",
         f"| both | {together:.2f} s | |",
+        f"| over the wire, without the 3-D view | {size / 1e3:.0f} kB | {_judged(size / 1e3, KB_LIMIT, 'kB')} |",
     ]
+
+
+def sent_bytes(address: str) -> int:
+    """How many bytes a browser gets for an address."""
+    asked = urllib.request.Request(address, headers={"Accept-Encoding": "gzip"})
+    with urllib.request.urlopen(asked) as answer:
+        return len(answer.read())
 
 
 READY: Final = """() => new Promise(resolve => {

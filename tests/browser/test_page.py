@@ -73,6 +73,11 @@ def state(page: Page, name: str) -> Any:  # noqa: ANN401 - a number, a text, a l
     return page.evaluate(f"flinders.store.state.{name}")
 
 
+def of_finished(page: Page, path: str) -> str:
+    """The address of something of the calibration that Finish has made."""
+    return f"{page.url}{path}?of={page.evaluate('flinders.connection.finished.number')}"
+
+
 def calibrated(path: Path, out: Path) -> Document:
     """What the command line makes of a file."""
     done = CliRunner().invoke(main, ["calibrate", str(path), "-o", str(out)])
@@ -111,11 +116,12 @@ def test_the_verdict_and_the_numbers_are_those_of_the_command_line(
 def test_every_export_shows_what_the_server_gives(visitor: Visitor) -> None:
     page = done(visitor.page())
     page.keyboard.press("f")
+    expect(page.locator("#verdict")).to_have_attribute("data-verdict", "good")
     targets = page.locator("#export-target option").evaluate_all("options => options.map(option => option.value)")
     assert len(targets) > 20
     for target in targets[::5]:
         page.locator("#export-target").select_option(target)
-        answer = page.request.get(f"{visitor.program.address}export/{target}", headers={"Accept": "application/json"})
+        answer = page.request.get(of_finished(page, f"export/{target}"), headers={"Accept": "application/json"})
         found = answer.json()
         text = found.get("text") or found.get("refusal") or "bytes, to be downloaded"
         expect(page.locator("#preview")).to_contain_text(text.splitlines()[-1].strip()[1:])
@@ -133,7 +139,7 @@ def test_what_is_downloaded_is_what_the_server_has_and_flinders_reads_it(
         files[button] = tmp_path / started.value.suggested_filename
         started.value.save_as(files[button])
     downloaded = calibration_file.read(files["Calibration"])
-    assert same(downloaded, calibration_file.loads(page.request.get(f"{program.address}calibration.json").body()))
+    assert same(downloaded, calibration_file.loads(page.request.get(of_finished(page, "calibration.json")).body()))
     assert same(downloaded, calibrated(program.recording, tmp_path / "by-command.json"))
     assert files["Readings"].read_bytes() == program.recording.read_bytes()
     assert same(downloaded, calibrated(files["Readings"], tmp_path / "again.json"))

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 import shutil
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import pytest
 from tests.trials import nightly
 from tests.truth.test_report import fitted, flat
+from tests.truth.test_swing_standard import account
 
+from flinders.report.certificate import certificate
 from flinders.report.formatting import degrees
 from flinders.report.html import page as report
 from flinders.report.pdf import BROWSERS, printed
@@ -171,4 +173,13 @@ def test_a_browser_prints_it_to_a4(folder: Path) -> None:
     boxes = re.findall(rb"/MediaBox\s*\[\s*0 0 ([\d.]+) ([\d.]+)\s*\]", made)
     assert boxes
     assert all(abs(float(w) - 595) < 2 and abs(float(h) - 842) < 2 for w, h in boxes)
-    assert len(boxes) <= 6
+    assert len(boxes) == 4
+
+
+def test_a_certificate_is_one_sheet() -> None:
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if program is None:
+        pytest.skip("no browser to print with")
+    for name, step_deg in (("within", 30.0), ("open", 15.0), ("beyond", 15.0)):
+        made = printed(certificate(replace(account(name), step_deg=step_deg)), program)
+        assert len(re.findall(rb"/MediaBox", made)) == 1, name

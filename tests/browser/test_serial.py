@@ -89,11 +89,11 @@ def test_a_board_that_lies_still_is_asked_to_be_turned(bench: Bench, lines: list
     still = np.array([22.0, -8.0, 41.0]) + 0.5 * np.random.default_rng(1).normal(size=(2000, 3))
     bench.board.play(motioncal(still), 100)
     page = bench.page()
-    expect(page.locator("#empty-lead")).to_have_text("Start turning")
-    expect(page.locator("#turning")).to_be_visible()
+    expect(page.locator("#hand .caption")).to_have_text("Step 1 of 3")
+    expect(page.locator("#hand .bodies")).to_be_visible()
     expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
     bench.board.play(lines, 1000)
-    expect(page.locator("#empty")).to_be_hidden()
+    expect(page.locator("#hand .bodies")).to_be_hidden()
 
 
 @pytest.mark.nightly

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
 
 import pytest
@@ -38,7 +37,7 @@ def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Pa
     expect(page.locator("#source-name")).to_have_text("simulation")
     until(page, "flinders.store.state.readings > 20 && flinders.store.points.count > 20")
     until(page, "flinders.store.state.phase === 'good'")
-    expect(page.locator("#drawn")).to_be_hidden()
+    expect(page.locator("#hand")).to_be_hidden()
     expect(page.locator("#phase")).to_have_text("Good")
     expect(page.locator("#advice-words")).to_contain_text("press Finish")
     page.locator("#pause").click()
@@ -54,29 +53,30 @@ def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Pa
         page.locator("#save-calibration").click()
     started.value.save_as(tmp_path / "cal.json")
     saved = calibration_file.read(tmp_path / "cal.json")
-    served = calibration_file.loads(page.request.get(f"{visitor.program.address}calibration.json").body())
+    number = page.evaluate("flinders.connection.finished.number")
+    served = calibration_file.loads(page.request.get(f"{page.url}calibration.json?of={number}").body())
     assert saved.calibration == served.calibration
     assert saved.fit is not None
     assert saved.fit.verdict == "good"
 
 
-POSES = """() => [...document.querySelectorAll("#drawn .side, #drawn .way")].map(part => part.getAttribute("d"))"""
+SHAPES = """() => [".solid .hull", ".way"].map(part => document.querySelector(`#hand ${part}`).getAttribute("d"))"""
 
 
 @pytest.mark.nightly
-def test_a_drawn_board_turns_as_the_sensor_is_to_be_turned(visitor: Visitor) -> None:
+def test_the_thing_in_the_hand_turns_as_the_sensor_is_to_be_turned(visitor: Visitor) -> None:
     context = visitor.context(reduced_motion="no-preference")
     page = visitor.page(context)
-    until(page, "flinders.store.view?.guidance?.direction")
-    expect(page.locator("#drawn")).to_be_visible()
-    expect(page.locator("#advice-words")).to_have_text("Turn the sensor as the drawing shows.")
-    expect(page.locator("#drawn svg")).to_have_attribute("aria-label", re.compile("Follow the arrow"))
-    side, way = page.evaluate(POSES)
+    until(page, "flinders.store.state.readings > 20")
+    expect(page.locator("#hand")).to_be_visible()
+    expect(page.locator("#hand .caption")).to_have_text("Step 1 of 3")
+    assert page.locator("#hand > svg").get_attribute("aria-label") == page.locator("#advice-words").text_content()
+    hull, way = page.evaluate(SHAPES)
     assert way, "an arrow shows which way"
-    until(page, f"document.querySelector('#drawn .side').getAttribute('d') !== '{side}'")
+    until(page, f"document.querySelector('#hand .solid .hull').getAttribute('d') !== '{hull}'")
     expect(page.locator("#notices")).to_contain_text("a common mistake")
     page.locator("#pause").click()
-    expect(page.locator("#drawn")).to_be_hidden()
+    expect(page.locator("#hand")).to_be_hidden()
 
 
 def test_it_starts_again_only_when_that_is_confirmed(visitor: Visitor) -> None:

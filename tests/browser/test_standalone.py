@@ -150,6 +150,35 @@ def test_a_log_that_is_dropped_gets_a_verdict_and_a_file_that_flinders_reads(vis
     expect(page.locator("#notices")).to_contain_text("x.json: it is no calibration file")
 
 
+SIZES_OF: Final = """() => ["#hand > svg", "#scene"].map(part => {
+    const { width, height } = document.querySelector(part).getBoundingClientRect();
+    return width * height;
+})"""
+
+
+def test_the_thing_in_the_hand_is_chosen_once_and_is_the_largest_object(visitor: Visitor) -> None:
+    page = visitor.page(visitor.context(viewport={"width": 1280, "height": 720}))
+    page.locator("#use-simulation").click()
+    expect(page.locator("#advice-words")).to_have_text("Turn it once around, like a wheel.")
+    assert page.locator("#hand .bodies button").count() == 6
+    page.locator('#hand .bodies button[data-body="boat"]').click()
+    expect(page.locator("#advice-words")).to_contain_text("Steer one slow circle")
+    expect(page.locator("#hand .bodies")).to_be_hidden()
+    hand, sphere = page.evaluate(SIZES_OF)
+    assert hand > sphere
+    page.locator("#hand .in-hand").click()
+    page.locator('#hand .bodies button[data-body="phone"]').click()
+    page.reload()
+    page.locator("#use-simulation").click()
+    expect(page.locator("#hand .in-hand")).to_have_text("Phone")
+    for width, height in ((844, 390), (640, 360)):
+        page.set_viewport_size({"width": width, "height": height})
+        expect(page.locator("#advice-words")).to_be_in_viewport(ratio=1)
+        expect(page.locator("#hand > svg")).to_be_in_viewport(ratio=0.95)
+        expect(page.locator(".status")).to_be_hidden()
+        assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+
+
 @pytest.mark.tools
 def test_what_the_page_cannot_read_is_refused_with_advice(visitor: Visitor) -> None:
     page = visitor.page()

@@ -45,8 +45,7 @@ def test_a_sensor_that_lies_still_is_not_a_broken_one(browser: Browser, tmp_path
     with Program(tmp_path, *played) as program:
         visitor = Visitor(browser, program)
         page = visitor.page()
-        expect(page.locator("#empty-lead")).to_have_text("Start turning")
-        expect(page.locator("#turning svg")).to_be_visible()
+        expect(page.locator("#hand > svg")).to_be_visible()
         expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
         expect(page.locator("#worst")).to_have_text("–")
         visitor.leave()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import subprocess
@@ -375,8 +376,29 @@ def test_what_a_run_wrote_is_no_recording(folder: Path) -> None:
     assert (first.other_files, again.other_files) == ({}, {"tables of fleets": 1})
     assert (again.verdicts, again.files) == ({"good": 2}, 1)
     (folder / "a.parquet").unlink()
-    with pytest.raises(UnreadableInput, match="no recordings, but 1 table that `flinders fleet` wrote"):
+    with pytest.raises(UnreadableInput, match="no recordings, but 1 file that Flinders wrote"):
         run(str(folder), folder.parent / "no.parquet", Options(), workers=0)
+
+
+def test_truths_and_calibrations_beside_recordings_are_no_units(folder: Path) -> None:
+    """They are known by what is in them: JSON with readings is a recording, whatever it is called."""
+    recording = simulate.tumble(seed=1, n=400)
+    csv = "mx_uT,my_uT,mz_uT\n" + "".join("{:.2f},{:.2f},{:.2f}\n".format(*row) for row in recording.samples.field)
+    (folder / "U0.csv").write_text(csv)
+    (folder / "U1.truth.json").write_text(
+        json.dumps([{"mx": x, "my": y, "mz": z} for x, y, z in recording.samples.field.tolist()])
+    )
+    truth = simulate.truth.dumps(simulate.truth.Truth.of(recording))
+    for name in ("U0.truth.json", "U0.json", "aside.JSON"):
+        (folder / name).write_text(truth)
+    flinders.fit(recording.samples).save(folder / "calibration.json")
+    (folder / "U2.truth.json").write_text('{"truth": 1}')
+    ended = run(str(folder), folder.parent / "out.parquet", Options(unit="uT"), workers=0)
+    assert told(UnitResults.read(folder.parent / "out.parquet")) == {
+        "U0": (400, GOOD[1]), "U1.truth": (400, GOOD[1]), "U2.truth": (0, "unreadable"),
+    }  # fmt: skip
+    assert ended.other_files == {"calibration files": 1, "truth files": 3}
+    assert ended.files == 3
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of POSIX")

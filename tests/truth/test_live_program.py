@@ -29,9 +29,13 @@ from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 
 import flinders
 from flinders.core.calibration_file import loads
+from flinders.live.messages import IS_VEHICLE, Edits, encode, parse
+from flinders.live.session_file import read_edits
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from flinders.core.calibration_file import Document
 
     Start = Callable[..., "Program"]
 
@@ -40,7 +44,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="programs are fo
 NURSERY = """
 import os, sys
 sys.dont_write_bytecode = True  # a module that is imported while the disk is full would be cut short for all who follow
-import flinders.live.server, flinders.live.recorder, flinders.live.simulated, flinders.live.evaluation
+import flinders.live.server, flinders.live.recorder, flinders.live.simulated, flinders.live.finished
 from flinders.cli import main
 for line in sys.stdin:
     out, err, *words = line.rstrip("\\n").split("\\x1f")
@@ -80,6 +84,14 @@ class Program:
     def get(self, path: str) -> bytes:
         with urllib.request.urlopen(f"{self.address}{path}", timeout=PATIENCE_S) as answer:
             return bytes(answer.read())
+
+    def calibration(self, edits: Edits) -> Document:
+        """Have the calibration of all readings made, as a page does, and get its file."""
+        origin = {"Origin": self.address.rstrip("/")}
+        request = urllib.request.Request(f"{self.address}finish", encode(edits).encode(), origin)
+        with urllib.request.urlopen(request, timeout=PATIENCE_S) as answer:
+            number = json.loads(answer.read())["number"]
+        return loads(self.get(f"calibration.json?of={number}"))
 
     def signal(self, number: int) -> None:
         with contextlib.suppress(ProcessLookupError):
@@ -124,6 +136,11 @@ def start(nursery: subprocess.Popen[str], tmp_path: Path) -> Iterator[Start]:
         program.signal(signal.SIGKILL)
 
 
+def resident_mb(pid: int) -> float:
+    """Memory that a process holds, in MB."""
+    return int(Path(f"/proc/{pid}/statm").read_text(encoding="utf-8").split()[1]) * resource.getpagesize() / 1e6
+
+
 def wait_for_more(program: Program, session: Path) -> None:
     """Wait until a program that runs has recorded something."""
     before = len(recorded(session))
@@ -145,7 +162,7 @@ def test_killed_ten_times_at_random_moments_it_loses_at_most_a_second_and_goes_o
             if is_running := number % 2 == 0:
                 wait_for_more(program, session)
             time.sleep(rng.uniform(0.05, 0.45))
-            shown = Page(program.address).hello["state"]["readings"] if is_running else 0
+            shown = Page(program.address).readings() if is_running else 0
             program.signal(signal.SIGKILL)
             killed = time.monotonic()
             program.wait()
@@ -159,7 +176,7 @@ def test_killed_ten_times_at_random_moments_it_loses_at_most_a_second_and_goes_o
         board.stop()
     assert max(lost) < 1.0 + 5.0 * heartbeat.worst_s
     program = start(*words, "--resume", str(session))
-    found = loads(program.get("calibration.json"))
+    found = program.calibration(Edits())
     program.signal(signal.SIGTERM)
     program.wait()
     rows = recorded(session)
@@ -201,15 +218,61 @@ def test_what_was_done_by_hand_outlives_a_crash(start: Start, tmp_path: Path) ->
     program = start("--simulate", "-o", str(session))
     wait_until(lambda: len(recorded(session)) >= 30)
     page = Page(program.address)
-    page.send({"type": "target", "deg": 2.0})
-    page.send({"type": "exclude", "start_s": 0.0, "end_s": 0.25})
+    done = Edits(excluded=((0.0, 0.25),), target_deg=2.0, dip_deg=-30.0, goal="attitude")
+    page.send(encode(done))
     wait_until(lambda: "[0.0,0.25]" in session.read_text(encoding="utf-8"))
     program.signal(signal.SIGKILL)
     program.wait()
-    state = Page(start("--simulate", "--resume", str(session)).address).hello["state"]
-    assert state["excluded"] == [[0.0, 0.25]]
-    assert state["target_deg"] == 2.0
-    assert state["readings"] > 0
+    page = Page(start("--simulate", "--resume", str(session)).address)
+    assert page.edits == done
+    assert page.readings() > 0
+
+
+def test_a_pause_that_lasted_until_the_end_is_left_out_and_what_comes_after_it_is_not(
+    start: Start, tmp_path: Path
+) -> None:
+    session = tmp_path / "session.csv"
+    program = start("--simulate", "-o", str(session))
+    wait_until(lambda: len(recorded(session)) >= 10)
+    Page(program.address).send(encode(Edits(paused_s=0.1)))
+    wait_for_more(program, session)
+    wait_until(lambda: read_edits(session).paused_s == 0.1)
+    program.signal(signal.SIGKILL)
+    program.wait()
+    times = flinders.read(session).time
+    assert times is not None
+    program = start("--simulate", "--resume", str(session))
+    page = Page(program.address)
+    assert page.edits == Edits(excluded=((0.1, float(times[-1])),))
+    wait_for_more(program, session)
+    wait_until(lambda: read_edits(session) == page.edits)  # so that another crash changes nothing
+
+
+def test_what_was_left_behind_stays_behind_when_a_session_is_resumed(start: Start, tmp_path: Path) -> None:
+    session = tmp_path / "session.csv"
+    program = start("--simulate", "-o", str(session))
+    wait_until(lambda: len(recorded(session)) >= 40)
+    Page(program.address).send(encode(Edits(begun_s=0.5)))
+    wait_until(lambda: read_edits(session).begun_s == 0.5)
+    program.signal(signal.SIGTERM)
+    program.wait()
+    times = flinders.read(session).time
+    assert times is not None
+    program = start("--resume", str(session))
+    page = Page(program.address)
+    assert page.edits.begun_s == 0.5
+    assert page.readings() == int((times > 0.5).sum()) > 0
+
+
+def test_options_go_before_what_a_resumed_session_says_and_are_written_down(start: Start, tmp_path: Path) -> None:
+    session = tmp_path / "session.csv"
+    program = start("--simulate", "--target", "2", "--dip", "-30", "-o", str(session))
+    wait_until(lambda: read_edits(session) == Edits(target_deg=2.0, dip_deg=-30.0))
+    program.signal(signal.SIGKILL)
+    program.wait()
+    program = start("--simulate", "--target", "1", "--resume", str(session))
+    assert Page(program.address).edits == Edits(dip_deg=-30.0)
+    wait_until(lambda: read_edits(session) == Edits(dip_deg=-30.0))
 
 
 def test_a_session_that_is_resumed_without_a_source_is_shown_and_never_simulated(start: Start, tmp_path: Path) -> None:
@@ -221,8 +284,8 @@ def test_a_session_that_is_resumed_without_a_source_is_shown_and_never_simulated
     before = session.read_bytes()
     program = start("--resume", str(session))
     page = Page(program.address)
-    assert page.hello["state"]["source"]["kind"] == "file"
-    assert page.hello["state"]["readings"] == len(recorded(session))
+    assert page.welcome["source"]["kind"] == "file"
+    assert page.readings() == len(recorded(session))
     program.signal(signal.SIGINT)
     program.wait()
     assert session.read_bytes() == before
@@ -233,12 +296,40 @@ def test_a_session_of_a_log_that_is_resumed_without_it_is_judged_at_its_place(st
     log.write_bytes(b"".join(dataflash()))
     program = start("--replay", str(log), "--speed", "500", "-o", str(session))
     wait_until(lambda: len(recorded(session)) >= 30)
-    expected = Page(program.address).hello["state"]
+    page = Page(program.address)
+    assert page.next_frame()[4] & IS_VEHICLE
+    expected = page.edits.site
+    assert expected is not None
+    wait_until(lambda: read_edits(session).site == expected)
     program.signal(signal.SIGINT)
     program.wait()
-    state = Page(start("--resume", str(session)).address).hello["state"]
-    assert not expected["dip_assumed"]
-    assert (state["dip_deg"], state["dip_assumed"]) == (expected["dip_deg"], False)
+    program = start("--resume", str(session))
+    page = Page(program.address)
+    assert page.edits.site == expected
+    assert expected.strength is not None
+    assert 20.0 < expected.strength < 70.0
+
+
+def test_readings_turned_by_axes_are_those_of_the_file_when_it_is_resumed(start: Start, tmp_path: Path) -> None:
+    session, port = tmp_path / "session.csv", free_port()
+    words = ["--udp", str(port), "--unit", "uT", "--axes=-y,x,z"]
+    program = start(*words, "-o", str(session))
+    board = UdpBoard(port, 200)
+    board.start()
+    board.join()
+    wait_until(lambda: len(recorded(session)) == 200, lambda: program.said)
+    page = Page(program.address)
+    page.wait_for(200)
+    program.signal(signal.SIGTERM)
+    program.wait()
+    later = Page(start(*words, "--resume", str(session)).address)
+    later.wait_for(200)
+    expected = np.array([[float(cell) for cell in line.split(",")] for line in board.lines]) @ [
+        [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0],
+    ]  # fmt: skip
+    for seen in (page, later):
+        npt.assert_allclose(seen.field, expected, atol=1e-9)
+        assert seen.flags & IS_VEHICLE
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -277,7 +368,41 @@ class Page:
             self._rest += self._wire.recv(4096)
         head, _, self._rest = self._rest.partition(b"\r\n\r\n")
         self.status = int(head.split()[1])
-        self.hello: dict[str, Any] = json.loads(self.frame()[1]) if self.status == 101 else {}
+        kind, content = self.frame() if self.status == 101 else (8, b"")
+        self.welcome: dict[str, Any] = json.loads(content) if kind == 1 else {}
+        self.field, self.flags = np.empty((0, 3)), 0
+
+    @property
+    def edits(self) -> Edits:
+        """Those that it was welcomed with."""
+        edits = parse(json.dumps(self.welcome["edits"]))
+        assert isinstance(edits, Edits)
+        return edits
+
+    def next_frame(self) -> tuple[int, ...]:
+        """The head of the next frame of readings, which it takes; none may be left out."""
+        opcode, content = self.frame()
+        while opcode != 2:
+            opcode, content = self.frame()
+        head = struct.unpack("<8I", content[:32])
+        _, _, first, count, self.flags, *_ = head
+        assert first == len(self.field)
+        start = 32 + 8 * (7 + count)
+        field = np.frombuffer(content[start : start + 24 * count], "<f8").reshape(-1, 3)
+        self.field = np.vstack([self.field, field])
+        return head
+
+    def readings(self) -> int:
+        """How many had come when it was told all."""
+        while True:
+            *_, total, is_last = self.next_frame()
+            if is_last:
+                return total
+
+    def wait_for(self, count: int) -> None:
+        """Wait until it has so many readings."""
+        while len(self.field) < count:
+            self.next_frame()
 
     def _take(self, count: int) -> bytes:
         while len(self._rest) < count:
@@ -296,10 +421,7 @@ class Page:
             (size,) = struct.unpack("!Q", self._take(8))
         return kind & 15, self._take(size)
 
-    def send(self, message: object) -> None:
-        self.send_text(json.dumps(message))
-
-    def send_text(self, text: str) -> None:
+    def send(self, text: str) -> None:
         content, mask = text.encode(), secrets.token_bytes(4)
         masked = bytes(byte ^ mask[place % 4] for place, byte in enumerate(content))
         size = len(content)
@@ -311,6 +433,10 @@ class Page:
             opcode, content = self.frame()
             if opcode == 1 and (found := json.loads(content))["type"] == kind:
                 return dict(found)
+
+    def is_open(self) -> bool:
+        """Whether the other end has more to say."""
+        return bool(self._wire.recv(1, socket.MSG_PEEK))
 
     def is_closed(self) -> bool:
         """Whether the other end closes, after what it had to say."""
@@ -332,27 +458,41 @@ def test_a_page_that_stalls_delays_nobody_and_gets_all_points_when_it_wakes(star
     board = UdpBoard(port, 1000)
     with Heartbeat() as heartbeat:
         board.start()
-        while awake.until("state")["readings"] < 1000:
-            pass
+        awake.wait_for(1000)
         board.join()
     behind = time.monotonic() - board.sent[-1][0]
     assert behind < 1.0 + 5.0 * heartbeat.worst_s
     assert recorded(session) == board.lines
-    seen = 0
-    while seen < 1000:
-        opcode, content = stalled.frame()
-        if opcode == 2:
-            _, _, first, count, *_ = struct.unpack("<8I", content[:32])
-            assert first == seen  # none left out
-            seen += count
+    stalled.wait_for(1000)
+    for page in (awake, stalled):
+        sent = [",".join(f"{value:.3f}" for value in row) for row in page.field.tolist()]
+        assert sent == board.lines  # all of them, in order
 
 
 def test_an_oversized_message_ends_that_page_and_no_other(start: Start, tmp_path: Path) -> None:
     program = start("--simulate", "-o", str(tmp_path / "session.csv"))
     loud, quiet = Page(program.address), Page(program.address)
-    loud.send_text(" " * 70_000 + "{}")
+    loud.send(" " * 70_000 + "{}")
     assert loud.is_closed()
-    assert quiet.until("state")["readings"] > 0
+    quiet.wait_for(5)
+
+
+def test_twenty_pages_that_never_read_cost_the_program_little_and_a_further_one_is_refused(
+    start: Start, tmp_path: Path
+) -> None:
+    """A minute at 1 kHz comes at once: what waits for them is one frame each, of 20,000 readings."""
+    log, session = tmp_path / "long.csv", tmp_path / "session.csv"
+    field = np.tile(flinders.simulate.tumble(seed=1).samples.field, (20, 1))
+    table = np.column_stack([np.arange(len(field)) / 1000.0, field])
+    np.savetxt(log, table, fmt="%.3f", delimiter=",", header="t_s,mx_uT,my_uT,mz_uT", comments="")
+    program = start("--replay", str(log), "--speed", "100", "-o", str(session))
+    before = resident_mb(program.pid)
+    deaf = [Page(program.address, stalls=True) for _ in range(19)]
+    awake = Page(program.address)
+    awake.wait_for(60_000)
+    assert Page(program.address).is_closed()
+    assert resident_mb(program.pid) - before < 100.0
+    assert all(page.is_open() for page in deaf)
 
 
 def test_another_site_gets_no_socket(start: Start, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import gzip
 import io
 import json
 import re
@@ -12,16 +13,17 @@ import struct
 import threading
 import time
 import warnings
-from dataclasses import replace
+import zipfile
+import zlib
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import httpx
+import msgspec
 import numpy as np
 import numpy.testing as npt
 import pytest
-from flinders.live.page_state import session_state
-from flinders.live.session import LiveSession
 from starlette.websockets import WebSocketDisconnect
 from tests.message_types import typescript
 from tests.waiting import PATIENCE_S, Heartbeat, wait_until
@@ -31,17 +33,21 @@ from flinders import simulate
 from flinders.core.axes import Axes
 from flinders.core.calibration_file import loads
 from flinders.core.units import Unit
+from flinders.errors import UsageError
 from flinders.fitting import calibrate
 from flinders.fitting.result import Fit
-from flinders.live import motioncal, server
+from flinders.likelihood.site_field import Site
+from flinders.live import messages, motioncal, server, transfers
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_name, listening, server_of
+from flinders.live.buffer import ReadingBuffer
 from flinders.live.feeds import Replay
-from flinders.live.hub import UPLOAD_BYTES, Hub
-from flinders.live.messages import MAGIC, SourceState
+from flinders.live.hub import FRAME_ROWS, MAX_FINISHED, MAX_LOGS, UPLOAD_BYTES, Hub, Page
+from flinders.live.messages import LONGEST, MAGIC, MAX_SPANS, Edits, Notice, Previous, encode, parse
 from flinders.live.recorder import RecordedFeed, ToFile
 from flinders.live.server import STATIC, application
-from flinders.live.session_file import Edits, Supply, default_path
+from flinders.live.session_file import Log, Supply, default_path, edits_in, line_of, read_edits
 from flinders.live.transports import Scripted
+from flinders.native import build
 from flinders.targets import registry
 
 with warnings.catch_warnings():
@@ -54,6 +60,7 @@ if TYPE_CHECKING:
 
     from starlette.testclient import WebSocketTestSession
 
+    from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.live.transports import ByteSource
     from flinders.targets.motioncal import MotionCalPacket
@@ -73,13 +80,18 @@ class Bench:
         host: str = "127.0.0.1",
         tokens: Tokens | None = None,
         board: ByteSource | None = None,
+        axes: str = "x,y,z",
+        most: int | None = None,
     ) -> None:
         self.path = folder / "session.csv"
         self.sink = ToFile(self.path)
         feed = RecordedFeed(Replay(samples, speed=None), self.sink)
-        supply = Supply(feed, self.sink, self.path, Axes(), board=board)
-        source = SourceState("bench", "serial", "waiting", "")
-        self.hub = Hub(LiveSession(source=source, has_board=board is not None), supply)
+        buffer = ReadingBuffer.empty() if most is None else ReadingBuffer.empty(most)
+        of = Axes.of(axes)
+        supply = Supply(
+            feed, "serial", self.sink, self.path, of, board=board, reading={"axes": axes}, log=Log(buffer, axes=of)
+        )
+        self.hub = Hub(supply)
         self.said: list[str] = []
         self.app = application(self.hub, Gate.of(host, 8410, ("bench",)), tokens, self.said.append)
         self.client = TestClient(self.app, base_url=f"http://{HOST}")
@@ -87,17 +99,24 @@ class Bench:
     def page(self) -> WebSocketTestSession:
         return self.client.websocket_connect("/socket", headers=OWN)
 
-    def until(self, done: Callable[[LiveSession], bool]) -> None:
-        wait_until(lambda: done(self.hub.session), lambda: self.hub.session)
+    def until(self, done: Callable[[Hub], bool]) -> None:
+        wait_until(lambda: done(self.hub), lambda: (self.hub.source, self.hub.edits))
+
+    def finish(self, edits: Edits | None = None, log: str = "") -> httpx.Response:
+        """Have the calibration of all readings made."""
+        address = f"/finish?log={log}" if log else "/finish"
+        return self.client.post(address, content=encode(edits or self.hub.edits), headers=OWN)
+
+    def of_finished(self, edits: Edits | None = None, log: str = "") -> str:
+        """Have it made, and return how its exports are asked for."""
+        answer = self.finish(edits, log)
+        assert answer.status_code == 200, answer.text
+        return f"?of={answer.json()['number']}"
 
 
-def has_fit(session: LiveSession) -> bool:
-    return session.view is not None and session.shown.evaluated.key == session.shown.key
-
-
-def has_all(session: LiveSession) -> bool:
-    """There is a fit of all readings that come."""
-    return has_fit(session) and session.source.link == "ended"
+def has_all(hub: Hub) -> bool:
+    """All readings have come."""
+    return hub.source.link == "ended"
 
 
 @contextlib.contextmanager
@@ -133,80 +152,315 @@ def received(socket: WebSocketTestSession, kind: str) -> dict[str, Any]:
                 return found
 
 
-def first_points(socket: WebSocketTestSession) -> bytes:
+@dataclass
+class Readings:
+    """What a frame holds, unpacked as a page does it."""
+
+    generation: int
+    first: int
+    stride: int
+    total: int
+    is_last: bool
+    is_microtesla: bool
+    is_vehicle: bool
+    latest: Floats
+    time: Floats
+    field: Floats
+    acceleration: Floats | None
+
+    @classmethod
+    def of(cls, content: bytes) -> Readings:
+        magic, generation, first, count, flags, stride, total, is_last = struct.unpack("<8I", content[:32])
+        numbers = np.frombuffer(content, "<f8", offset=32)
+        has_acceleration = bool(flags & 1)
+        assert magic == MAGIC
+        assert len(numbers) == 7 + count * (7 if has_acceleration else 4)
+        latest, time, field, acceleration = np.split(numbers, np.cumsum([7, count, 3 * count]))
+        return cls(
+            generation, first, stride, total, bool(is_last), bool(flags & 2), bool(flags & 4), latest, time,
+            field.reshape(-1, 3), acceleration.reshape(-1, 3) if has_acceleration else None,
+        )  # fmt: skip
+
+
+@dataclass
+class Follower:
+    """What a page has in memory, by the rule of its buffer."""
+
+    generation: int = -1
+    stride: int = 1
+    rows: Floats = field(default_factory=lambda: np.empty((0, 4)))
+    total: int = 0
+
+    def take(self, got: Readings) -> None:
+        if got.generation > self.generation:
+            self.rows, self.stride = self.rows[:0], got.stride
+        self.rows = self.rows[:: got.stride // self.stride]
+        assert got.first == len(self.rows)
+        self.rows = np.vstack([self.rows, np.column_stack([got.time, got.field])])
+        self.generation, self.stride, self.total = got.generation, got.stride, got.total
+
+
+def next_readings(socket: WebSocketTestSession) -> Readings:
+    """The next frame of readings; whatever else comes is passed over."""
     while True:
         content = socket.receive().get("bytes")
         if content is not None:
-            return bytes(content)
+            return Readings.of(bytes(content))
+
+
+def all_readings(socket: WebSocketTestSession, follower: Follower | None = None) -> Follower:
+    """All readings that have come, frame by frame."""
+    follower = follower or Follower()
+    is_last = False
+    while not is_last:
+        got = next_readings(socket)
+        follower.take(got)
+        is_last = got.is_last
+    return follower
+
+
+def kept(socket: WebSocketTestSession) -> dict[str, Any]:
+    """The next edits that the server keeps."""
+    found: dict[str, Any] = received(socket, "kept")["edits"]
+    return found
 
 
 def test_a_page_is_told_all_there_is_when_it_comes(wall: Bench) -> None:
     with wall.page() as socket:
-        hello = json.loads(socket.receive_text())
-        content = first_points(socket)
-    assert hello["type"] == "hello"
-    assert hello["version"] == flinders.__version__
-    assert len(hello["tiles"]["centres"]) == 642 * 3
-    assert sorted(map(len, hello["tiles"]["corners"])) == [15] * 12 + [18] * 630
-    assert [target["name"] for target in hello["targets"]] == list(registry())
-    assert hello["state"]["phase"] == "good"
-    assert hello["view"]["verdict"] == "good"
-    magic, generation, first, count, flags, stride, *_ = struct.unpack("<8I", content[:32])
-    assert (magic, generation, first, count, flags, stride) == (MAGIC, 1, 0, 3000, 1, 1)
-    numbers = np.frombuffer(content, "<f4", offset=32)
+        welcome = json.loads(socket.receive_text())
+        got = next_readings(socket)
+    assert welcome["type"] == "welcome"
+    assert welcome["version"] == flinders.__version__
+    assert [target["name"] for target in welcome["targets"]] == list(registry())
+    assert welcome["source"]["link"] == "ended"
+    assert welcome["edits"] == json.loads(encode(Edits()))
+    assert (welcome["recording"], welcome["axes"], welcome["has_board"]) == (str(wall.path), "x,y,z", False)
+    assert (got.generation, got.first, got.stride, got.total, got.is_last) == (1, 0, 1, 3000, True)
     samples = simulate.tumble(seed=1).samples
-    assert len(numbers) == 6 + 3000 * 7
-    npt.assert_allclose(numbers[:3], samples.field[-1], rtol=1e-6)
     assert samples.time is not None
-    npt.assert_allclose(numbers[6 : 6 + 3000], samples.time, atol=1e-4)
-    npt.assert_allclose(numbers[3006 : 3006 + 9000].reshape(-1, 3), samples.field, rtol=1e-6)
+    npt.assert_array_equal(got.time, samples.time)
+    npt.assert_array_equal(got.field, samples.field)
+    npt.assert_array_equal(got.latest[1:4], samples.field[-1])
+    npt.assert_array_equal(got.acceleration, samples.acceleration)
+    assert (got.is_microtesla, got.is_vehicle) == (True, False)
+
+
+def test_readings_come_with_accelerations_in_counts_and_in_the_axes_of_the_vehicle(tmp_path: Path) -> None:
+    samples = simulate.tumble(seed=3, n=1200).samples
+    felt = np.random.default_rng(3).normal(size=samples.field.shape)
+    felt[100:200] = np.nan
+    bench = Bench(tmp_path, replace(samples, unit=Unit.of("counts"), acceleration=felt), axes="-y,x,z")
+    with bench.client:
+        bench.until(has_all)
+        with bench.page() as socket:
+            got = next_readings(socket)
+    turn = Axes.of("-y,x,z")
+    npt.assert_array_equal(got.field, turn.apply(samples.field))
+    assert got.acceleration is not None
+    npt.assert_array_equal(got.acceleration, turn.apply(felt))
+    assert (got.is_microtesla, got.is_vehicle) == (False, True)
+    bench.sink.close()
+
+
+def test_a_clock_that_was_set_back_goes_on_in_what_pages_get(tmp_path: Path) -> None:
+    samples = simulate.tumble(seed=1, n=1000).samples
+    assert samples.time is not None
+    times = np.where(np.arange(1000) < 400, samples.time, samples.time - 5.0)
+    bench = Bench(tmp_path, replace(samples, time=times))
+    with bench.client:
+        bench.until(has_all)
+        with bench.page() as socket:
+            got = all_readings(socket)
+    assert got.rows[399, 0] == got.rows[400, 0]
+    npt.assert_allclose(np.diff(got.rows[:, 0])[400:], 0.02, atol=1e-9)
+    npt.assert_array_equal(got.rows[:, 1:], samples.field)
+    bench.sink.close()
+
+
+@pytest.mark.parametrize("begins_early", [False, True])
+def test_of_more_readings_than_memory_holds_a_page_gets_every_second_or_fourth(
+    tmp_path: Path, begins_early: bool
+) -> None:
+    """However often it was told meanwhile, it has the same as one that comes in the end."""
+    samples = simulate.tumble(seed=1).samples
+    bench = Bench(tmp_path, samples, most=1000)
+    page, follower = Page(), Follower()
+    if begins_early:
+        take = bench.hub._take
+
+        def taking() -> None:
+            take()
+            while (content := bench.hub.frame(page)) is not None:
+                follower.take(Readings.of(content))
+
+        bench.hub._take = taking  # type: ignore[method-assign]
+        bench.hub._feed_thread._feed = RecordedFeed(Replay(samples, speed=300.0), bench.sink)
+    with bench.client:
+        bench.until(has_all)
+        with bench.page() as socket:
+            got = all_readings(socket)
+        if begins_early:
+            assert follower.total == 3000
+            npt.assert_array_equal(follower.rows, got.rows)
+    assert (got.stride, got.total) == (4, 3000)
+    npt.assert_array_equal(got.rows[:, 1:], samples.field[::4])
+    bench.sink.close()
+
+
+def test_many_readings_come_in_frames_of_bounded_size(tmp_path: Path) -> None:
+    count = 2 * FRAME_ROWS + 5000
+    samples = simulate.tumble(seed=1, n=count).samples
+    bench = Bench(tmp_path, samples)
+    page, sizes, follower = Page(), [], Follower()
+    with bench.client:
+        bench.until(has_all)
+        while (content := bench.hub.frame(page)) is not None:
+            got = Readings.of(content)
+            sizes.append(len(got.time))
+            follower.take(got)
+            assert got.total == follower.rows.shape[0]
+            assert got.is_last == (got.total == count)
+    assert sizes == [FRAME_ROWS, FRAME_ROWS, 5000]
+    npt.assert_array_equal(follower.rows[:, 1:], samples.field)
+    bench.sink.close()
+
+
+def test_begun_anew_pages_get_what_came_later(bench: Bench) -> None:
+    with bench.page() as one, bench.page() as other:
+        assert [all_readings(socket).generation for socket in (one, other)] == [1, 1]
+        one.send_text(encode(Edits(begun_s=29.99)))
+        for socket in (one, other):
+            got = next_readings(socket)
+            assert (got.generation, got.first, got.total) == (2, 0, 1500)
+            assert got.time[0] == 30.0
+    assert bench.finish().json()["view"]["samples"] == 1500
+
+
+def test_what_was_left_behind_stays_so_and_a_page_that_did_not_know_is_told(bench: Bench) -> None:
+    """Its edits cross those of the page that has begun anew: the time stays, and it gets the readings once more."""
+    with bench.page() as one, bench.page() as other:
+        one.send_text(encode(Edits(begun_s=29.99)))
+        while kept(one)["begun_s"] != 29.99:
+            pass
+        for begun_s in (None, 10.0):
+            other.send_text(encode(Edits(begun_s=begun_s, target_deg=0.5)))
+            for socket in (one, other):
+                while (told := kept(socket))["target_deg"] != 0.5:
+                    pass
+                assert told["begun_s"] == 29.99
+                assert next_readings(socket).total == 1500
+            one.send_text(encode(Edits(begun_s=29.99, target_deg=2.0)))
+            for socket in (one, other):
+                while kept(socket)["target_deg"] != 2.0:
+                    pass
+    wait_until(lambda: read_edits(bench.path) == Edits(begun_s=29.99, target_deg=2.0))
+
+
+def test_readings_that_have_not_come_cannot_be_left_behind(wall: Bench) -> None:
+    with wall.page() as socket:
+        socket.send_text(encode(Edits(begun_s=1e9)))
+        assert "begun anew at 1e+09 s" in received(socket, "notice")["words"]
+    assert wall.hub.generation == 1
+    assert wall.hub.edits == Edits()
 
 
 def test_what_one_page_does_both_see(bench: Bench) -> None:
     with bench.page() as one, bench.page() as other:
-        one.send_json({"type": "exclude", "start_s": 1.0, "end_s": 2.0})
-        while not (told := received(other, "state"))["excluded"]:
+        rows = [all_readings(socket).rows for socket in (one, other)]
+        one.send_text(encode(Edits(excluded=((1.0, 2.0),))))
+        assert kept(other)["excluded"] == [[1.0, 2.0]]
+        other.send_text(encode(Edits(dip_deg=-20.0)))
+        while (told := kept(one))["excluded"]:
             pass
-        assert told["excluded"] == [[1.0, 2.0]]
-        assert told["excluded_readings"] == 51
-        other.send_json({"type": "undo"})
-        while received(one, "state")["excluded"]:
+        assert told["dip_deg"] == -20.0
+    npt.assert_array_equal(rows[0], rows[1])
+
+
+def test_a_page_is_told_how_many_of_its_messages_were_heard(bench: Bench) -> None:
+    """So it knows which edits are from before its own, which crossed them."""
+    with bench.page() as one, bench.page() as other:
+        for target_deg in (2.0, 3.0):
+            one.send_text(encode(Edits(target_deg=target_deg)))
+        one.send_text("nonsense")
+        while (told := received(one, "kept"))["heard"] < 3:
             pass
-        received(one, "fit")
+        assert told["edits"]["target_deg"] == 3.0
+        while (told := received(other, "kept"))["edits"]["target_deg"] != 3.0:
+            pass
+        assert told["heard"] == 0
+
+
+def test_a_page_that_does_not_listen_keeps_the_newest_of_each_message() -> None:
+    """Fifty notices, and no more; what is kept of edits is told whatever else has happened since."""
+    page = Page()
+    for number in range(200):
+        page.tell(messages.Kept(Edits(target_deg=1.0 + number / 10.0), number))
+        page.tell(Previous(f"{number}.json", "{}"))
+        page.tell(Notice("info", f"{number}"))
+    told = list(iter(page.next_message, None))
+    assert [type(message).__name__ for message in told[:3]] == ["Kept", "Previous", "Notice"]
+    assert told[0] == messages.Kept(Edits(target_deg=20.9), 199)
+    assert [message.words for message in told[2:] if isinstance(message, Notice)] == [*map(str, range(150, 200))]
 
 
 def test_a_page_that_comes_again_sees_the_same(bench: Bench) -> None:
     with bench.page() as socket:
-        socket.send_json({"type": "target", "deg": 0.5})
-        while received(socket, "state")["target_deg"] != 0.5:
-            pass
-    bench.until(has_fit)
-    hellos = []
+        socket.send_text(encode(Edits(target_deg=0.5, excluded=((1.0, 2.0),))))
+        assert kept(socket)["target_deg"] == 0.5
+    seen = []
     for _ in range(2):
         with bench.page() as socket:
-            hellos.append(json.loads(socket.receive_text()))
-    for hello in hellos:
-        hello["state"].pop("rate_hz")  # over the last two seconds
-    assert hellos[0] == hellos[1]
-    assert hellos[0]["state"]["target_deg"] == 0.5
+            seen.append((json.loads(socket.receive_text()), all_readings(socket)))
+    assert seen[0][0] == seen[1][0]
+    assert seen[0][0]["edits"]["target_deg"] == 0.5
+    npt.assert_array_equal(seen[0][1].rows, seen[1][1].rows)
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "", "{}", "null", "[1]", "{", '{"type": "format_disk"}', '{"type": "target"}', '{"type": "target", "deg": "1"}',
-        '{"type": "target", "deg": -1}', '{"type": "target", "deg": 1e999}', '{"type": "dip", "deg": 90}',
-        '{"type": "goal", "goal": "money"}', '{"type": "exclude", "start_s": 2, "end_s": 1}',
-        '{"type": "undo", "and": "more"}', '{"type": "exclude", "start_s": null, "end_s": 1}',
+        "", "{}", "null", "[1]", "{", '{"type": "format_disk"}', '{"type": "exclude", "start_s": 1, "end_s": 2}',
+        '{"type": "edits", "target_deg": "1"}', '{"type": "edits", "target_deg": true}',
+        '{"type": "edits", "target_deg": -1}', '{"type": "edits", "target_deg": 5e-324}',
+        '{"type": "edits", "target_deg": 181}', '{"type": "edits", "target_deg": 1e999}',
+        '{"type": "edits", "target_deg": NaN}', '{"type": "edits", "begun_s": -1e999}',
+        f'{{"type": "edits", "paused_s": 1{"0" * 400}}}', '{"type": "edits", "dip_deg": 90}',
+        '{"type": "edits", "dip_deg": null, "dip_deg": -89.5}', '{"type": "edits", "goal": "money"}',
+        '{"type": "edits", "excluded": [[2, 1]]}', '{"type": "edits", "excluded": [[1, 2, 3]]}',
+        '{"type": "edits", "excluded": [[null, 1]]}', '{"type": "edits", "excluded": [[1, 3], [2, 4]]}',
+        '{"type": "edits", "excluded": [[3, 4], [1, 2]]}', '{"type": "edits", "and": "more"}',
+        f'{{"type": "edits", "excluded": {"[" * 30_000}',
+        f'{{"type": "edits", "excluded": {[[place, place] for place in range(1001)]}}}',
+        '{"type": "edits", "site": 5}', '{"type": "edits", "site": {"strength": 1e300}}',
+        '{"type": "edits", "site": {"strength": -50}}',
+        '{"type": "edits", "site": {"inclination_deg": 200}}', '{"type": "edits", "site": {"gain_sigma": 0}}',
+        '{"type": "edits", "site": {"gain_sigma": null}}', '{"type": "edits", "refreshing": 1}',
+        '{"type": "previous", "name": "x", "text": "{}"}', '{"type": "previous", "text": "", "and": "more"}',
     ],
+    ids=lambda text: text[:60],
 )  # fmt: skip
 def test_what_is_no_message_is_refused_in_words_and_changes_nothing(wall: Bench, text: str) -> None:
-    before = wall.hub.session.revision
     with wall.page() as socket:
         socket.send_text(text)
+        told = received(socket, "kept")
         notice = received(socket, "notice")
     assert notice["severity"] == "error"
-    assert wall.hub.session.revision == before
+    assert "Traceback" not in notice["words"]
+    assert told == {"type": "kept", "edits": json.loads(encode(Edits())), "heard": 1}
+    assert wall.hub.edits == Edits()
+    assert wall.hub.previous == Previous()
+
+
+def test_there_are_as_many_stretches_as_a_page_may_take_out() -> None:
+    spans = tuple((2.0 * number, 2.0 * number + 1.0) for number in range(MAX_SPANS))
+    edits = Edits(excluded=spans)
+    assert parse(encode(edits)) == edits
+    assert len(encode(edits)) < LONGEST
+
+
+def test_text_that_is_no_unicode_is_no_message() -> None:
+    with pytest.raises(UsageError, match="not a message"):
+        parse("\ud800")
 
 
 def test_bytes_are_no_message(wall: Bench) -> None:
@@ -216,12 +470,9 @@ def test_bytes_are_no_message(wall: Bench) -> None:
 
 
 def test_ten_thousand_fuzzed_messages_change_nothing(wall: Bench) -> None:
+    """Those that mean something all the same are left out here: a digit of a number became another one."""
     rng = np.random.default_rng(1)
-    good = [b'{"type":"exclude","start_s":1,"end_s":2}', b'{"type":"target","deg":0.5}', b'{"type":"clear"}']
-    before = wall.hub.session
-    from flinders.errors import UsageError
-    from flinders.live.messages import parse
-
+    good = [b'{"type":"edits","excluded":[[1,2]]}', b'{"type":"edits","target_deg":0.5}', b'{"type":"edits"}']
     refused = 0
     with wall.page() as socket:
         for number in range(10_000):
@@ -236,24 +487,72 @@ def test_ten_thousand_fuzzed_messages_change_nothing(wall: Bench) -> None:
                 if number % 50 == 0:  # those that go through the socket
                     socket.send_text(text)
         socket.send_text("the end")
-        while "the end" not in received(socket, "notice")["words"] and len(wall.hub.pages) == 0:
-            pass
+        socket.send_text("")
+        while "truncated" not in received(socket, "notice")["words"]:
+            assert len(wall.hub.pages) == 1
     assert refused > 9_000
-    assert wall.hub.session.live.exclusions == before.live.exclusions
-    assert wall.hub.session.target_deg == before.target_deg
-    assert wall.hub.session.live.buffer.total == 3000
+    assert wall.hub.edits == Edits()
+    assert wall.hub.log.buffer.total == 3000
 
 
 def test_every_answer_has_the_headers(wall: Bench) -> None:
-    for path in ("/", "/nothing-there", "/export/json", "/calibration.json", "/session.csv", "/static/messages.d.ts"):
+    for path in ("/", "/nothing-there", "/export/json", "/page.json", "/session.csv", "/static/messages.d.ts"):
         answer = wall.client.get(path)
         for name in HEADERS:
             assert name in answer.headers, (path, name)
     assert wall.client.get("/").status_code == 200
 
 
+@pytest.mark.parametrize(
+    ("path", "kind"),
+    [
+        ("/page.json", "application/json"), ("/static/live.js", "text/javascript"),
+        ("/static/worker.js", "text/javascript"), ("/static/views/scene.js", "text/javascript"), ("/", "text/html"),
+    ],
+)  # fmt: skip
+def test_the_page_and_what_it_is_made_of_come_with_their_types(wall: Bench, path: str, kind: str) -> None:
+    answer = wall.client.get(path)
+    assert answer.status_code == 200
+    assert answer.headers["content-type"].partition(";")[0] == kind
+
+
+def test_the_tables_of_the_page_are_those_of_the_program(wall: Bench) -> None:
+    assert set(wall.client.get("/page.json").json()) >= {"engine", "targets"}
+
+
+def test_the_engine_of_the_page_comes_as_webassembly(
+    wall: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = tmp_path / "flinders.wasm"
+    module.write_bytes(b"\0asm\1\0\0\0")
+    asked: list[build.Platform] = []
+
+    def library(*, target: build.Platform) -> Path:
+        asked.append(target)
+        return module
+
+    monkeypatch.setattr(build, "library", library)
+    answer = wall.client.get("/flinders.wasm")
+    assert (answer.status_code, answer.content) == (200, module.read_bytes())
+    assert answer.headers["content-type"] == "application/wasm"
+    assert asked == [build.WEB]
+
+
+def test_where_the_engine_cannot_be_compiled_for_browsers_the_page_is_told_what_to_install(
+    wall: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def library(**_: object) -> Path:
+        raise build.NoCompiler("ziglang is needed to compile for wasm32-wasi: run 'pip install ziglang'")
+
+    monkeypatch.setattr(build, "library", library)
+    answer = wall.client.get("/flinders.wasm")
+    assert answer.status_code == 501
+    assert "pip install ziglang" in answer.json()["words"]
+
+
 def test_the_calibration_is_that_of_flinders_calibrate(wall: Bench) -> None:
-    answer = wall.client.get("/calibration.json")
+    told = wall.finish().json()
+    answer = wall.client.get(f"/calibration.json?of={told['number']}")
     document = loads(answer.content)
     fit = flinders.fit(flinders.open_recording(wall.path))
     assert document.fit is not None
@@ -263,24 +562,93 @@ def test_the_calibration_is_that_of_flinders_calibrate(wall: Bench) -> None:
     assert document.provenance is not None
     assert document.provenance.files[0].name == "session.csv"
     assert "attachment" in answer.headers["content-disposition"]
+    assert (told["name"], told["refusal"]) == ("session.csv", "")
+    assert told["view"]["samples"] == fit.samples
+    assert told["view"]["verdict"] == fit.verdict
 
 
 def test_what_is_taken_out_is_not_in_the_calibration_and_is_written_down(bench: Bench) -> None:
+    edits = Edits(excluded=((0.0, 30.0),), paused_s=59.0)
     with bench.page() as socket:
-        socket.send_json({"type": "exclude", "start_s": 0.0, "end_s": 30.0})
-        while not received(socket, "state")["excluded"]:
-            pass
-    document = loads(bench.client.get("/calibration.json").content)
+        socket.send_text(encode(edits))
+        kept(socket)
+    document = loads(bench.client.get(f"/calibration.json{bench.of_finished()}").content)
     assert document.fit is not None
-    assert document.fit.samples == 3000 - 1501
-    wait_until(lambda: Edits.read(bench.path).excluded == ((0.0, 30.0),))
+    assert document.fit.samples == 3000 - 1501 - 50
+    wait_until(lambda: read_edits(bench.path) == edits)
     assert len(flinders.read(bench.path)) == 3000
+
+
+def test_a_calibration_is_of_the_edits_that_are_asked_for(bench: Bench) -> None:
+    """Those of the page that asks, whatever the session's are by then; they change nothing."""
+    for excluded, samples in ((((0.0, 30.0),), 1499), (((0.0, 30.0), (59.0, 60.0)), 1449)):
+        answer = bench.finish(Edits(excluded=excluded)).json()
+        assert answer["view"]["samples"] == samples
+        document = loads(bench.client.get(f"/calibration.json?of={answer['number']}").content)
+        assert document.fit is not None
+        assert document.fit.samples == samples
+    assert bench.hub.edits == Edits()
+
+
+@pytest.mark.parametrize(
+    ("content", "status", "words"),
+    [
+        (b"", 400, "not a message"), (b"{}", 400, "not a message"), (b"\xff\xfe{}", 400, "not a message"),
+        (b'{"type": "edits", "target_deg": 1e999}', 400, "out of range"),
+        (b'{"type": "previous", "name": "", "text": ""}', 400, "what was done to its readings"),
+        (b'{"type": "edits", "excluded": ' + b"[" * 60_000, 400, "not a message"),
+        (b'{"type": "edits"}' + b" " * LONGEST, 413, "65,536 bytes"),
+        (b'{"type": "edits", "refreshing": true}', 400, "no earlier calibration"),
+    ],
+)  # fmt: skip
+def test_what_no_calibration_can_be_made_after_is_refused(wall: Bench, content: bytes, status: int, words: str) -> None:
+    answer = wall.client.post("/finish", content=content, headers=OWN)
+    assert answer.status_code == status
+    assert words in answer.json()["words"]
+
+
+@pytest.mark.parametrize(
+    "edits",
+    [
+        Edits(site=Site(1e9, 60.0, 0.05, 1.0)), Edits(site=Site(1e-3, 60.0, 0.05, 1.0)),
+        Edits(site=Site(50.0, 90.0, 1e-300, 1e-300)), Edits(site=Site(length=1e9, gain_sigma=0.1)),
+        Edits(site=Site(50.0, 60.0, 0.05, 1.0, z_down=True, alignment_sigma_deg=180.0)),
+        Edits(target_deg=1e-3), Edits(target_deg=180.0, dip_deg=89.0, goal="attitude"),
+        Edits(excluded=((-1e308, 1e308),)), Edits(paused_s=-1e308), Edits(begun_s=1e308),
+        Edits(excluded=tuple((number / 20.0, number / 20.0 + 0.01) for number in range(1000))),
+    ],
+)  # fmt: skip
+def test_whatever_numbers_a_page_sends_the_answer_is_a_calibration_or_why_there_is_none(
+    wall: Bench, edits: Edits
+) -> None:
+    line = json.dumps(msgspec.to_builtins(edits)).replace("Infinity", "1e300")
+    answer = wall.client.post("/finish", content=line, headers=OWN)
+    assert answer.status_code == 200, answer.text
+    told = answer.json()
+    assert told["view"] is not None or told["refusal"]
+    for path in ("/calibration.json", "/report.html", "/export/c"):
+        assert wall.client.get(f"{path}?of={told['number']}").status_code in (200, 400, 409), path
+
+
+@pytest.mark.parametrize("path", ["/calibration.json", "/report.html", "/export/c", "/export/json"])
+def test_a_calibration_that_was_not_made_is_not_given(wall: Bench, path: str) -> None:
+    for query in ("", "?of=", "?of=00000000", "?of=../../session.csv"):
+        answer = wall.client.get(f"{path}{query}")
+        assert answer.status_code == 409
+        assert "press Finish again" in answer.json()["words"]
+
+
+def test_the_last_calibrations_are_held_and_those_before_are_forgotten(bench: Bench) -> None:
+    numbers = [bench.of_finished() for _ in range(MAX_FINISHED + 1)]
+    answers = [bench.client.get(f"/calibration.json{number}").status_code for number in numbers]
+    assert answers == [409, *[200] * MAX_FINISHED]
 
 
 @pytest.mark.parametrize("target", ["ardupilot", "c", "motioncal", "json"])
 def test_an_export_comes_as_text_with_its_warnings_and_as_a_file(wall: Bench, target: str) -> None:
-    told = wall.client.get(f"/export/{target}", headers={"accept": "application/json"}).json()
-    plain = wall.client.get(f"/export/{target}")
+    address = f"/export/{target}{wall.of_finished()}"
+    told = wall.client.get(address, headers={"accept": "application/json"}).json()
+    plain = wall.client.get(address)
     assert told["filename"] == f"{target}{registry()[target].suffix}"
     assert isinstance(told["warnings"], list)
     expected = told["text"].encode() if told["binary_base64"] is None else base64.b64decode(told["binary_base64"])
@@ -299,26 +667,68 @@ def test_a_target_that_is_not_there_is_named_and_no_path_is_opened(wall: Bench) 
         assert wall.client.get(path).status_code in (404, 405), path
 
 
-def test_a_log_is_opened_and_closed_again(bench: Bench) -> None:
-    samples = simulate.tumble(seed=5, n=400).samples
+def text_of(samples: Samples) -> str:
+    """A log without times."""
     rows = "\n".join(",".join(f"{value:.3f}" for value in row) for row in samples.field)
-    with bench.page() as socket:
-        answer = bench.client.post(
-            "/open?name=..%2F..%2Fmy%20log.csv", content=f"mx_uT,my_uT,mz_uT\n{rows}\n", headers=OWN
-        )
-        assert answer.status_code == 200, answer.text
-        assert answer.json()["words"].startswith("my log.csv: columns mx_uT, my_uT, mz_uT in uT")
-        while received(socket, "state")["opened"] != "my log.csv":
-            pass
-        bench.until(has_fit)
-        document = loads(bench.client.get("/calibration.json").content)
-        assert document.fit is not None
-        assert document.fit.samples == 400
-        assert bench.client.get("/session.csv").status_code == 409
-        socket.send_json({"type": "back_to_live"})
-        while received(socket, "state")["opened"]:
-            pass
-    assert bench.hub.session.shown.buffer.total == 3000
+    return f"mx_uT,my_uT,mz_uT\n{rows}\n"
+
+
+def opened(bench: Bench, content: str | bytes, name: str = "my%20log.csv") -> tuple[dict[str, Any], Readings]:
+    """Drop a log on a page: what is known of it, and its readings."""
+    answer = bench.client.post(f"/open?name={name}", content=content, headers=OWN)
+    assert answer.status_code == 200, answer.text
+    length = int.from_bytes(answer.content[:8], "little")
+    assert length % 8 == 0
+    about: dict[str, Any] = json.loads(answer.content[8 : 8 + length])
+    return about, Readings.of(answer.content[8 + length :])
+
+
+def test_a_log_is_opened_and_calibrated_beside_the_session(bench: Bench) -> None:
+    samples = simulate.tumble(seed=5, n=400).samples
+    about, got = opened(bench, text_of(samples), "..%2F..%2Fmy%20log.csv")
+    assert about["words"].startswith("my log.csv: columns mx_uT, my_uT, mz_uT in uT")
+    assert (about["name"], about["is_timed"], about["site"]) == ("my log.csv", False, None)
+    npt.assert_array_equal(got.time, np.arange(400.0))
+    npt.assert_allclose(got.field, samples.field, atol=5e-4)
+    npt.assert_array_equal(got.latest[1:4], got.field[-1])
+    assert (got.first, got.stride, got.total, got.is_last, got.is_microtesla) == (0, 1, 400, True, True)
+    told = bench.finish(Edits(excluded=((0.0, 9.0),)), about["number"]).json()
+    assert (told["name"], told["view"]["samples"]) == ("my log.csv", 390)
+    document = loads(bench.client.get(f"/calibration.json?of={told['number']}").content)
+    assert document.fit is not None
+    assert document.fit.samples == 390
+    assert bench.client.get("/session.csv").status_code == 200
+    assert bench.hub.log.buffer.total == 3000
+    assert bench.hub.edits == Edits()
+
+
+def test_a_log_with_accelerations_in_counts_is_passed_on_whole(bench: Bench) -> None:
+    rng = np.random.default_rng(2)
+    table = np.column_stack(
+        [np.arange(300) / 50.0, simulate.tumble(seed=5, n=300).samples.field, rng.normal(size=(300, 3))]
+    )
+    text = io.StringIO()
+    np.savetxt(
+        text, table, fmt="%.6f", delimiter=",", header="t_s,mag_x,mag_y,mag_z,accel_x,accel_y,accel_z", comments=""
+    )
+    about, got = opened(bench, text.getvalue())
+    assert about["is_timed"]
+    assert not got.is_microtesla
+    assert got.acceleration is not None
+    npt.assert_allclose(np.column_stack([got.time, got.field]), table[:, :4], atol=1e-6)
+    npt.assert_allclose(
+        got.acceleration / np.linalg.norm(got.acceleration), table[:, 4:] / np.linalg.norm(table[:, 4:]), atol=1e-6
+    )
+
+
+def test_logs_that_are_no_longer_in_memory_are_refused_in_words(bench: Bench) -> None:
+    text = text_of(simulate.tumble(seed=5, n=400).samples)
+    numbers = [opened(bench, text)[0]["number"] for _ in range(MAX_LOGS + 1)]
+    assert [bench.finish(log=number).status_code for number in numbers] == [400, *[200] * MAX_LOGS]
+    for number in (numbers[0], "0000", "../session.csv"):
+        answer = bench.finish(log=number)
+        assert answer.status_code == 400
+        assert "drop it again" in answer.json()["words"]
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00" * 5000, b"hello, world\n" * 50, b"1,2\n3,4\n"])
@@ -327,7 +737,7 @@ def test_what_is_no_log_is_refused_by_the_name_it_had(wall: Bench, content: byte
     assert answer.status_code == 422
     assert "holiday.jpg" in answer.json()["words"]
     assert "dropped-" not in answer.json()["words"]
-    assert wall.hub.session.opened is None
+    assert wall.hub.logs == {}
 
 
 def test_a_log_that_is_too_large_is_refused_before_it_is_read(wall: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -337,26 +747,81 @@ def test_a_log_that_is_too_large_is_refused_before_it_is_read(wall: Bench, monke
     assert UPLOAD_BYTES == 64 << 20
 
 
-def test_an_archive_that_unpacks_to_too_much_is_refused_before_it_is_read(
-    wall: Bench, monkeypatch: pytest.MonkeyPatch
+def arrays(columns: int) -> bytes:
+    """A compressed archive of 17 MB of zeros, in one array or in many."""
+    archive = io.BytesIO()
+    named: dict[str, Any] = {f"mag{column}": np.zeros((756_000 // columns, 3)) for column in range(columns)}
+    np.savez_compressed(archive, **named)
+    return archive.getvalue()
+
+
+def zipped(name: str, content: bytes, packing: int = zipfile.ZIP_DEFLATED) -> bytes:
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", packing) as members:
+        members.writestr(name, content)
+    return archive.getvalue()
+
+
+def matlab(size: int) -> bytes:
+    """A packed element of zeros behind the header of a file of MATLAB."""
+    packed = zlib.compress(bytes(size))
+    return b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<HHII", 0x0100, 0x4D49, 15, len(packed)) + packed
+
+
+ROW = b"1.0,2.0,3.0\n"
+
+
+def rows() -> bytes:
+    """18 MB of text."""
+    return ROW * 1_500_000
+
+
+LARGE: dict[str, Callable[[], bytes]] = {
+    "zeros.npz": lambda: arrays(1),
+    "many.npz": lambda: arrays(12),
+    "rows.csv.gz": lambda: gzip.compress(rows()),
+    "walk.zip": lambda: zipped("Magnetometer.csv", rows()),
+    "twice.zip": lambda: zipped("Magnetometer.csv", gzip.compress(rows())),
+    "walk.zip.gz": lambda: gzip.compress(zipped("Magnetometer.csv", rows())),
+    "zeros.mat": lambda: matlab(len(rows())),
+}
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_an_upload_that_unpacks_to_too_much_is_refused_while_it_is_unpacked(
+    wall: Bench, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    """A thousand times its size, in one array or in many; here of a sixteenth of the limit."""
-    assert server.UNPACKED_BYTES == 256 << 20
-    monkeypatch.setattr(server, "UNPACKED_BYTES", 16 << 20)
-    for columns in (1, 12):
-        archive = io.BytesIO()
-        arrays: dict[str, Any] = {f"mag{column}": np.zeros((756_000 // columns, 3)) for column in range(columns)}
-        np.savez_compressed(archive, **arrays)
-        assert len(archive.getvalue()) < 1 << 16
-        answer = wall.client.post("/open?name=zeros.npz", content=archive.getvalue(), headers=OWN)
-        assert answer.status_code == 422
-        assert answer.json()["words"].startswith("zeros.npz unpacks to 17 MB, and this page takes 16 MB")
-    small = io.BytesIO()
-    np.savez_compressed(small, mag=simulate.tumble(seed=5, n=400).samples.field)
-    assert wall.client.post("/open?name=small.npz", content=small.getvalue(), headers=OWN).status_code == 200
-    with wall.page() as socket:
-        socket.send_json({"type": "back_to_live"})
-        wall.until(lambda session: session.opened is None)
+    """Whatever packs it, and however often; here a sixteenth of the limit."""
+    assert transfers.UNPACKED_BYTES == 256 << 20
+    monkeypatch.setattr(transfers, "UNPACKED_BYTES", 16 << 20)
+    monkeypatch.setattr(transfers, "load", None)  # which would read it
+    content = LARGE[name]()
+    assert len(content) < 1 << 17
+    answer = wall.client.post(f"/open?name={name}", content=content, headers=OWN)
+    assert (answer.status_code, answer.json()["code"]) == (422, "unreadable")
+    assert answer.json()["words"].startswith(f"{name} unpacks to more than 16 MB, which is the most")
+
+
+def test_a_packed_upload_within_the_limit_is_read(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So is one of exactly the limit, and one that was cut."""
+    field = simulate.tumble(seed=5, n=400).samples.field
+    text = b"mx_uT,my_uT,mz_uT\n" + b"".join(b"%.3f,%.3f,%.3f\n" % tuple(row) for row in field.tolist())
+    monkeypatch.setattr(transfers, "UNPACKED_BYTES", len(text))
+    packed = {"a.csv.gz": gzip.compress(text), "a.zip": zipped("mag.csv", text), "cut.csv.gz": gzip.compress(text)[:-9]}
+    for name, content in packed.items():
+        assert bench.client.post(f"/open?name={name}", content=content, headers=OWN).status_code == 200, name
+    assert len(bench.hub.logs) == len(packed)
+    bench.hub.logs.clear()
+
+
+def test_an_archive_with_a_packing_of_unbounded_memory_is_refused(wall: Bench) -> None:
+    """zipfile unpacks a read of bzip2 or LZMA in one piece: a kilobyte of it fills a gigabyte of memory."""
+    for packing in (zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA):
+        plain = zipped("mag.csv", ROW * 100, packing)
+        for content in (plain, gzip.compress(plain)):
+            answer = wall.client.post("/open?name=a.zip", content=content, headers=OWN)
+            assert answer.status_code == 422
+            assert answer.json()["words"].startswith("mag.csv is packed in an unusual way")
 
 
 def test_an_archive_of_a_version_to_come_is_refused(wall: Bench) -> None:
@@ -370,24 +835,38 @@ def test_an_archive_of_a_version_to_come_is_refused(wall: Bench) -> None:
     assert answer.json()["words"].startswith("later.npz cannot be read as")
 
 
-def test_a_calibration_from_before_is_compared(bench: Bench) -> None:
-    content = bench.client.get("/calibration.json").content
-    answer = bench.client.post("/previous?name=monday.json", content=content, headers=OWN)
-    assert answer.status_code == 200
-    with bench.page() as socket:
-        while (told := received(socket, "state"))["previous"] is None:
+def test_a_calibration_from_before_is_kept_and_passed_on(bench: Bench) -> None:
+    content = bench.client.get(f"/calibration.json{bench.of_finished()}").content
+    assert len(content) < server.CALIBRATION_BYTES / 20
+    with bench.page() as one, bench.page() as other:
+        answer = bench.client.post("/previous?name=..%2Fmonday.json", content=content, headers=OWN)
+        assert answer.status_code == 200
+        for socket in (one, other):
+            assert received(socket, "previous") == {"type": "previous", "name": "monday.json", "text": content.decode()}
+        with bench.page() as late:
+            assert json.loads(late.receive_text())["previous"]["name"] == "monday.json"
+        for wrong in (b"", b"{}", b"mx,my,mz\n1,2,3\n", b"\xff\xfe"):
+            assert bench.client.post("/previous?name=x", content=wrong, headers=OWN).status_code == 422
+        assert bench.hub.previous.name == "monday.json"
+        one.send_text(encode(Previous()))
+        while received(other, "previous")["name"]:
             pass
-        assert told["previous"]["name"] == "monday.json"
-        assert told["previous"]["change_deg"] < 1e-6
-        socket.send_json({"type": "previous_clear"})
-        while received(socket, "state")["previous"] is not None:
-            pass
-    for wrong in (b"", b"{}", b"mx,my,mz\n1,2,3\n", b"\xff\xfe"):
-        assert bench.client.post("/previous?name=x", content=wrong, headers=OWN).status_code == 422
+    assert (bench.hub.previous, bench.hub.renewed) == (Previous(), None)
+    answer = bench.client.post("/previous?name=x", content=b" " * (server.CALIBRATION_BYTES + 1), headers=OWN)
+    assert answer.status_code == 413
+
+
+def test_an_earlier_calibration_is_renewed_where_edits_say_so(bench: Bench) -> None:
+    content = bench.client.get(f"/calibration.json{bench.of_finished()}").content
+    bench.client.post("/previous?name=monday.json", content=content, headers=OWN)
+    answer = bench.client.get(f"/calibration.json{bench.of_finished(Edits(refreshing=True))}")
+    document = loads(answer.content)
+    assert document.provenance is not None
+    assert [file.name for file in document.provenance.files] == ["session.csv", "session.csv"]
 
 
 def test_a_source_that_is_no_board_takes_no_calibration(wall: Bench) -> None:
-    answer = wall.client.post("/send", headers=OWN)
+    answer = wall.client.post(f"/send{wall.of_finished()}", headers=OWN)
     assert answer.status_code == 422
     assert "flinders send" in answer.json()["words"]
 
@@ -395,32 +874,26 @@ def test_a_source_that_is_no_board_takes_no_calibration(wall: Bench) -> None:
 def test_a_calibration_of_another_sensor_is_not_sent_to_the_board(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What is shown is a colleague's log: the board gets nothing of it, and gets its own once that is closed."""
+    """A colleague's log was finished: the board gets nothing of it, and gets its own."""
     sent: list[MotionCalPacket] = []
     monkeypatch.setattr(motioncal, "send", lambda _, packet, **_more: sent.append(packet))
-    bench = Bench(tmp_path, simulate.tumble(seed=9).samples, board=Scripted([]))
+    board = Scripted([])
+    bench = Bench(tmp_path, simulate.tumble(seed=9).samples, board=board)
     own = simulate.tumble(seed=9).sensor
     other = simulate.Sensor.random(np.random.default_rng(77))
-    buffer = "t_s,mx_uT,my_uT,mz_uT\n" + "".join(
-        f"{time:.3f},{x:.3f},{y:.3f},{z:.3f}\n"
-        for time, (x, y, z) in zip(
-            np.arange(3000) / 50.0, simulate.tumble(seed=77, sensor=other).samples.field.tolist(), strict=True
-        )
-    )
+    log = text_of(simulate.tumble(seed=77, sensor=other).samples)
     with bench.client:
-        bench.until(has_fit)
-        assert session_state(bench.hub.session).can_send
-        assert bench.client.post("/open?name=colleague.csv", content=buffer.encode(), headers=OWN).status_code == 200
-        bench.until(has_fit)
-        assert not session_state(bench.hub.session).can_send
-        answer = bench.client.post("/send", headers=OWN)
-        assert answer.status_code == 409
-        assert "colleague.csv is shown" in answer.json()["words"]
+        bench.until(has_all)
+        for name in ("colleague.csv", "session.csv"):
+            about, _ = opened(bench, log, name)
+            number = bench.of_finished(log=about["number"])
+            bench.hub.logs.clear()  # as other logs would do that were dropped since
+            answer = bench.client.post(f"/send{number}", headers=OWN)
+            assert answer.status_code == 409
+            assert f"is of {name}" in answer.json()["words"]
+        assert bench.client.post("/send", headers=OWN).status_code == 409
         assert sent == []
-        with bench.page() as socket:
-            socket.send_json({"type": "back_to_live"})
-            bench.until(lambda session: session.opened is None)
-        assert bench.client.post("/send", headers=OWN).status_code == 200
+        assert bench.client.post(f"/send{bench.of_finished()}", headers=OWN).status_code == 200
     assert len(sent) == 1
     npt.assert_allclose(sent[0].offset, own.offset, atol=1.0)
     assert np.abs(np.subtract(sent[0].offset, other.offset)).max() > 5.0
@@ -431,14 +904,15 @@ def test_a_preview_of_what_a_target_refuses_is_an_answer_and_the_file_is_an_erro
     samples = simulate.tumble(seed=1).samples
     bench = Bench(tmp_path, replace(samples, field=16.0 * samples.field, unit=Unit.of("counts")))
     with bench.client:
-        bench.until(has_fit)
+        bench.until(has_all)
+        number = bench.of_finished()
         refused = 0
         for target in registry():
-            answer = bench.client.get(f"/export/{target}", headers={"accept": "application/json"})
+            answer = bench.client.get(f"/export/{target}{number}", headers={"accept": "application/json"})
             assert answer.status_code == 200, (target, answer.text)
             if "refusal" in answer.json():
                 refused += 1
-                plain = bench.client.get(f"/export/{target}")
+                plain = bench.client.get(f"/export/{target}{number}")
                 assert plain.status_code in (400, 409), target
                 assert plain.json()["words"] == answer.json()["refusal"]
         assert refused > 0
@@ -453,9 +927,12 @@ def test_what_cannot_be_recorded_is_in_the_calibration_all_the_same(tmp_path: Pa
     with bench.client:
         bench.until(has_all)
         with bench.page() as socket:
-            assert "not-recorded" in str(json.loads(socket.receive_text())["state"]["reasons"])
-        bench.path.write_text("t_s,mx,my,mz\n", encoding="utf-8")
-        document = loads(bench.client.get("/calibration.json").content, source="the page")
+            assert json.loads(socket.receive_text())["unrecorded"] == "the disk is full"
+            bench.path.write_text("t_s,mx,my,mz\n", encoding="utf-8")
+            number = bench.of_finished()
+            document = loads(bench.client.get(f"/calibration.json{number}").content, source="the page")
+            bench.sink.why = ""
+            assert received(socket, "unrecorded")["words"] == ""
     found = Fit.from_document(document, name="the page").calibration
     npt.assert_allclose(found.offset, calibrate.fit(samples).calibration.offset, rtol=1e-6)
     bench.sink.close()
@@ -512,6 +989,42 @@ def test_who_never_says_what_he_wants_is_not_waited_for(listener: int) -> None:
         one.close()
 
 
+def test_a_recording_that_grows_while_it_is_sent_is_sent_as_it_was(listener: int, tmp_path: Path) -> None:
+    """Its length is that of the request, its last line is whole, and the answer is the beginning of the file."""
+    path, row, is_over = tmp_path / "session.csv", b"0.020,21.7,-4.1,43.2\n" * 50, threading.Event()
+
+    def write() -> None:
+        with path.open("ab", buffering=0) as file:
+            file.write(row * 2000)
+            while not is_over.wait(2e-4):
+                file.write(row[:-7])
+                file.write(row[-7:])
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        wait_until(lambda: path.exists() and path.stat().st_size > 1 << 20)
+        answers = [httpx.get(f"http://127.0.0.1:{listener}/session.csv") for _ in range(20)]
+    finally:
+        is_over.set()
+        writer.join()
+    content = path.read_bytes()
+    for answer in answers:
+        assert len(answer.content) == int(answer.headers["content-length"]) > 1 << 20
+        assert answer.content.endswith(b"\n")
+        assert content.startswith(answer.content)
+    assert answers[0].headers["content-disposition"] == 'attachment; filename="session.csv"'
+
+
+def test_a_snapshot_is_the_whole_lines_of_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "grüße.csv"
+    for content, size in ((b"", 0), (b"no end", 0), (b"1\n2", 2), (b"1\n" + b"2" * 200_000, 2), (b"1\n2\n", 4)):
+        path.write_bytes(content)
+        answer = transfers.snapshot(path)
+        assert answer.headers["content-length"] == f"{size}"
+    assert answer.headers["content-disposition"] == "attachment; filename*=utf-8''gr%C3%BC%C3%9Fe.csv"
+
+
 def test_a_browser_that_goes_away_in_an_upload_is_no_fault(listener: int, caplog: pytest.LogCaptureFixture) -> None:
     own = f"127.0.0.1:{listener}"
     head = f"POST /open?name=a.csv HTTP/1.1\r\nHost: {own}\r\nOrigin: http://{own}\r\nContent-Length: 1000\r\n\r\n1,2"
@@ -560,23 +1073,41 @@ def test_files_on_their_way_share_the_limit_of_one(listener: int, monkeypatch: p
 def test_nothing_can_be_made_of_nothing(tmp_path: Path) -> None:
     bench = Bench(tmp_path, simulate.tumble(seed=1, n=5).samples)
     with bench.client:
-        bench.until(lambda session: session.live.buffer.total == 5)
+        bench.until(has_all)
+        told = bench.finish().json()
+        assert told["view"] is None
+        assert "5 usable readings" in told["refusal"]
         for path in ("/calibration.json", "/export/c"):
-            answer = bench.client.get(path)
+            answer = bench.client.get(f"{path}?of={told['number']}")
             assert answer.status_code == 409
-            assert "5 usable readings" in answer.json()["words"]
+            assert answer.json()["words"] == told["refusal"]
     bench.sink.close()
 
 
+def test_before_the_first_reading_there_is_nothing_to_make_a_calibration_of(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, simulate.tumble(seed=1, n=5).samples[:0])
+    with bench.client:
+        bench.until(has_all)
+        told = bench.finish().json()
+        assert (told["view"], "turn the sensor first" in told["refusal"]) == (None, True)
+        with bench.page() as socket:
+            got = next_readings(socket)
+            assert (got.total, len(got.time), got.is_last) == (0, 0, True)
+            socket.send_text(encode(Edits(target_deg=0.5)))
+            kept(socket)
+    bench.sink.close()
+    assert "flinders live" not in bench.path.read_text(encoding="utf-8")
+
+
 def test_the_report_comes_as_a_file_also_of_a_refusal(wall: Bench, tmp_path: Path) -> None:
-    answer = wall.client.get("/report.html")
+    answer = wall.client.get(f"/report.html{wall.of_finished()}")
     assert answer.status_code == 200
     assert "attachment" in answer.headers["content-disposition"]
     assert answer.text.lstrip().lower().startswith("<!doctype html")
     short = Bench(tmp_path, simulate.tumble(seed=1, n=5).samples)
     with short.client:
-        short.until(lambda session: session.live.buffer.total == 5)
-        assert "No calibration" in short.client.get("/report.html").text
+        short.until(has_all)
+        assert "No calibration" in short.client.get(f"/report.html{short.of_finished()}").text
     short.sink.close()
 
 
@@ -600,14 +1131,15 @@ STRANGERS: list[dict[str, str]] = [
 def test_another_site_gets_no_socket_and_posts_nothing(wall: Bench, headers: dict[str, str]) -> None:
     with pytest.raises(WebSocketDisconnect), wall.client.websocket_connect("/socket", headers=headers):
         pass
-    for path in ("/open?name=x", "/previous?name=x", "/send"):
+    for path in ("/open?name=x", "/previous?name=x", "/send", "/finish"):
         assert wall.client.post(path, content=b"1,2,3\n", headers=headers).status_code == 403
     assert wall.hub.pages == set()
 
 
 def test_a_request_that_names_no_origin_reads_and_changes_nothing(wall: Bench) -> None:
     assert wall.client.get("/").status_code == 200
-    assert wall.client.post("/send").status_code == 403
+    for path in ("/send", "/finish", "/open?name=x", "/previous?name=x"):
+        assert wall.client.post(path, content=b"{}").status_code == 403
     with pytest.raises(WebSocketDisconnect), wall.client.websocket_connect("/socket"):
         pass
 
@@ -631,7 +1163,10 @@ def test_an_open_server_asks_for_its_token_once(tmp_path: Path) -> None:
     with bench.client:
         phone = httpx.Headers({"host": "192.0.2.7:8410"})
         client = bench.client
-        for path in ("/", "/session.csv", "/static/messages.d.ts", "/?token=guess", f"/session.csv?token={first}"):
+        for path in (
+            "/", "/session.csv", "/page.json", "/flinders.wasm", "/static/messages.d.ts", "/?token=guess",
+            f"/session.csv?token={first}",
+        ):  # fmt: skip
             assert client.get(path, headers=phone).status_code == 401, path
         page = client.get("/", headers={**phone, "accept": "text/html"})
         assert (page.status_code, "Open the whole address" in page.text) == (401, True)
@@ -654,8 +1189,8 @@ def test_an_open_server_asks_for_its_token_once(tmp_path: Path) -> None:
 
 
 def test_the_types_of_the_page_are_those_of_the_messages() -> None:
-    assert (STATIC / "messages.d.ts").read_text(encoding="utf-8") == typescript(), (
-        "python -m tests.message_types > src/flinders/static/messages.d.ts"
+    assert (STATIC / "wire.d.ts").read_text(encoding="utf-8") == typescript(), (
+        "python -m tests.message_types > src/flinders/static/wire.d.ts"
     )
 
 
@@ -671,8 +1206,14 @@ def test_a_session_is_named_by_its_time_and_never_over_another(tmp_path: Path) -
 
 def test_edits_that_a_crash_has_cut_are_passed_over() -> None:
     done = Edits(excluded=((1.0, 2.0),), goal="attitude")
-    wrong = done.line().replace('"site":null', '"site":{"inclination_deg":200}')
-    assert Edits.within([done.line(), done.line()[:30], "# flinders live: {}x", wrong]) == done
+    wrong = line_of(done).replace('"site":null', '"site":{"inclination_deg":200}')
+    cut_off = [line_of(done)[:30], "# flinders live: {}x", wrong, line_of(done).replace("1.0,2.0", "2.0,1.0")]
+    assert edits_in([line_of(done), *cut_off]) == done
+
+
+def test_edits_of_a_site_are_read_as_they_were_written() -> None:
+    done = Edits(site=Site(49.3, 66.1, 0.05, 1.0, z_down=True), dip_deg=-12.5, begun_s=0.1 + 0.2, refreshing=True)
+    assert edits_in([line_of(done)]) == done
 
 
 def test_all_is_let_go_of_in_the_end(tmp_path: Path) -> None:

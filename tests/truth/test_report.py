@@ -77,7 +77,15 @@ def test_a_report_begins_with_the_verdict_in_words_and_degrees() -> None:
     fit, samples = fitted()
     words = Page.of(page(fit, samples)).words
     worst = degrees(fit.heading_error_deg.worst)
-    assert words.index("Good") < words.index(f"good to {worst}") < words.index("What there is to know")
+    order = (
+        "Good",
+        f"good to {worst}",
+        "Before and after",
+        "What there is to know",
+        "Seen along the axes",
+        "Residuals",
+    )
+    assert [words.index(part) for part in order] == sorted(words.index(part) for part in order)
     assert f"Worst heading off by {worst}" in words
 
 
@@ -87,6 +95,33 @@ def test_a_limited_report_says_what_to_do() -> None:
     assert "Limited" in words
     for finding in fit.findings:
         assert finding.advice[1:].rstrip(".") in words
+
+
+def test_a_report_says_what_to_do_once() -> None:
+    """Not again beside what follows from a finding, in the sentence above, or with each target's text."""
+    short = simulate.tumble(seed=1, n=3000).samples[:150]
+    with pytest.raises(Refused) as refused:
+        calibrate.fit(short)
+    assert [finding.code for finding in refused.value.fit.findings if "next_step" in finding.values]
+    words = Page.of(page(refused.value, short)).words
+    assert words.count("turn it slowly once around") == words.count("turn the sensor as above") == 1
+    fit, samples = fitted("tilted")
+    said = Page.of(page(fit, samples, listings=listings_of(fit))).words
+    for finding in fit.findings:
+        assert said.count(finding.advice[1:].rstrip(".")) == 1 + sum(
+            finding.advice[1:].rstrip(".") in " ".join(listing.text.split()) for listing in listings_of(fit)
+        )
+
+
+def test_the_numbers_beside_a_projection_are_whole() -> None:
+    """Also those of counts: the plot moves to the right, as far as the longest number needs."""
+    samples = fitted()[1]
+    for scale in (1.0, 300.0):
+        counts = replace(samples, field=scale * samples.field)
+        for drawing in projections(FigureData.of(calibrate.fit(counts), counts), is_corrected=False):
+            numbers = re.findall(r'<text[^>]*x="([\d.]+)"[^>]*text-anchor="end"[^>]*>(−?[\d.]+)</text>', drawing)
+            assert numbers
+            assert all(float(right) >= 6.5 * len(number) for right, number in numbers), scale
 
 
 def test_a_refused_report_has_figures_and_no_number_to_copy() -> None:
@@ -477,4 +512,4 @@ def test_an_identity_is_shown_too() -> None:
 
 
 def test_an_error_of_another_kind_is_a_report_too() -> None:
-    assert "nothing came" in Page.of(page(FitError("nothing came"))).words
+    assert "Nothing came." in Page.of(page(FitError("nothing came"))).words

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import html
+import io
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.testing as npt
 import pytest
+from rich.console import Console
 from tests.program import flinders_
 
 from flinders.errors import FitError
 from flinders.heading.compensation import compensation
 from flinders.heading.deviation import common_error, conformity, design, fit
 from flinders.heading.standards import STANDARDS
+from flinders.heading.stationary import Rest, half_turns
 from flinders.report.certificate import certificate
+from flinders.report.swing_pages import of_swing
+from flinders.report.swing_words import COMPENSATE, READ_BETTER, SwingAccount
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -166,10 +173,73 @@ def test_a_certificate_has_the_card_both_swings_and_fields_to_sign() -> None:
         assert part in text
 
 
-def test_a_certificate_tells_of_a_curve_beyond_its_limit_and_of_one_without() -> None:
-    wild = fit(np.arange(0.0, 360.0, 45.0), 20.0 * np.sin(np.arange(8.0) * np.pi / 4.0))
-    assert "Beyond the limit" in certificate(wild, step_deg=45.0, conformity=conformity(wild, 10.0))
-    assert 'data-verdict="limited"' in certificate(wild, step_deg=45.0, reasons=["the curve is a guess"])
+AROUND = np.arange(0.0, 360.0, 45.0)
+WAVE = np.sin(np.deg2rad(AROUND))
+SWINGS = {
+    "within": (AROUND, 4.0 * WAVE + [0.1, 0, 0, -0.1, 0, 0.1, 0, 0], 5.0),
+    "open": (AROUND, 4.0 * WAVE + [1.5, 0, -1.5, -2.0, 0, 1.5, 1.5, -1.0], 5.4),
+    "beyond": (AROUND, 20.0 * WAVE + [0.1, 0, 0, -0.1, 0, 0.1, 0, 0], 10.0),
+    "beyond, and no card holds": (AROUND, 70.0 * WAVE + [0.1, 0, 0, -0.1, 0, 0.1, 0, 0], 10.0),
+    "five headings": (AROUND[:5], 4.0 * WAVE[:5], 5.0),
+    "a gap": (AROUND[:6], 4.0 * WAVE[:6] + [0.1, 0, 0, -0.1, 0, 0.1], 5.0),
+    "without a limit": (AROUND, 4.0 * WAVE + [0.1, 0, 0, -0.1, 0, 0.1, 0, 0], None),
+}
+
+
+def account(name: str) -> SwingAccount:
+    compass, deviation, limit = SWINGS[name]
+    curve = fit(compass, deviation)
+    sigma = np.full(len(compass), np.nan if curve.sigma_deg is None else curve.sigma_deg).tolist()
+    rests = [Rest(place, place + 1, heading, sigma[place], 0.1) for place, heading in enumerate(compass.tolist())]
+    return SwingAccount(
+        curve,
+        target_deg=1.0,
+        step_deg=30.0,
+        halves=half_turns(rests, (compass + deviation).tolist()),
+        rule=STANDARDS["solas"],
+        conformity=None if limit is None else conformity(curve, limit),
+        before=compensation(np.arange(0.0, 360.0, 90.0), [2.0, -1.5, 1.0, 0.25]),
+    )
+
+
+def flat(text: str) -> str:
+    """Text without markup, in small letters, with single spaces and one kind of minus."""
+    plain = html.unescape(re.sub(r"<(style|script)\b.*?</\1>|<[^>]+>", " ", text, flags=re.DOTALL))
+    return " ".join(plain.replace("−", "-").casefold().split())
+
+
+def on_terminal(swing: SwingAccount) -> str:
+    console = Console(width=200, record=True, file=io.StringIO())
+    console.print(of_swing(swing))
+    return flat(console.export_text())
+
+
+@pytest.mark.parametrize("name", SWINGS)
+def test_a_certificate_says_what_the_terminal_says(name: str) -> None:
+    """Each verdict with its words, what limits it, each coefficient and each line of the card, once."""
+    swing = account(name)
+    assert swing.deviation is not None
+    pages = on_terminal(swing), flat(certificate(swing))
+    said = [one.words for one in swing.statements]
+    said += [words for one in swing.statements for _, words in one.notes] + swing.rule_notes
+    for words in map(str.casefold, said):
+        assert [page.count(words.replace("−", "-")) for page in pages] == [1, 1], words
+    cells = [cell for column in swing.coefficients(swing.deviation).values() for cell in column]
+    cells += [cell for row in swing.card(swing.deviation) for cell in (row.heading, row.deviation, row.sigma)]
+    for cell in (*(one.title for one in swing.statements), *cells):
+        assert all(cell.casefold().strip() in page for page in pages), cell
+    for advice in (READ_BETTER, COMPENSATE):
+        assert all(page.count(advice) <= 1 for page in pages), advice
+
+
+def test_the_gravest_verdict_heads_a_certificate() -> None:
+    head = re.compile(r'class="verdict" data-verdict="(\w+)".*?<h1[^>]*>([^<]+)', re.DOTALL)
+    heads = {name: head.search(certificate(account(name))) for name in SWINGS}
+    assert {name: found and found.groups() for name, found in heads.items()} == {
+        "within": ("good", "Within the limit"), "open": ("refused", "Fails"),
+        "beyond": ("refused", "Beyond the limit"), "beyond, and no card holds": ("refused", "Beyond the limit"),
+        "five headings": ("limited", "Open"), "a gap": ("limited", "Limited"), "without a limit": ("good", "Good"),
+    }  # fmt: skip
 
 
 MISTAKES = {

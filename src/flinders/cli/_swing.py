@@ -209,7 +209,7 @@ class Swing:
     def as_dict(self, target_deg: float) -> dict[str, Any]:
         """JSON-ready."""
         from flinders.heading.stationary import hard_iron
-        from flinders.report.swing_pages import limits
+        from flinders.report.swing_words import limits
 
         deviation, halves = self.deviation, self.halves
         return {
@@ -233,7 +233,7 @@ class Swing:
 
     def exit_code(self, target_deg: float) -> int:
         """How the command ends."""
-        from flinders.report.swing_pages import limits
+        from flinders.report.swing_words import limits
 
         missed = bool(self.rests) and any(abs(half.error_deg) > target_deg for half in self.halves)
         if self.deviation is None:

@@ -262,7 +262,7 @@ def _as_dict(hub: Hub, recording: str | None) -> dict[str, Any]:
     """JSON-ready: what there was when the page was closed: the recording, how far it had come, and the fit of all."""
     from flinders.fitting.result import Refused
 
-    made = hub.made(hub.edits)
+    made = hub.made()
     found = made.outcome.fit if isinstance(made.outcome, Refused) else made.outcome
     fit = None if isinstance(found, FlindersError) else found
     return {

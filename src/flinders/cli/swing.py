@@ -21,7 +21,7 @@ from flinders.cli._swing import (
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from flinders.report.swing_words import SwingAccount
 
 
 @program.command_of(
@@ -59,6 +59,8 @@ def command(options: SwingOptions) -> int:
     should its heading have been. LOG may be one of a boat, NMEA 0183, NMEA 2000 by candump, or Signal K: straight legs
     all round are held against the true heading of another instrument or the course over ground.
     """
+    from flinders.report.swing_pages import of_swing
+
     outputs, target_deg = options.checked_outputs(options.standard.before), options.target_deg
     program = options.standard.check()
     if not options.inputs:
@@ -66,8 +68,9 @@ def command(options: SwingOptions) -> int:
     if options.standard.compensate:
         return _compensate(options)
     swing = _swing(options).judged_by(options.standard, options.place)
-    _write(swing, options, program)
-    outputs.print(lambda: swing.as_dict(target_deg), lambda: _page(swing, options))
+    account = _account(swing, options)
+    _write(account, options, program)
+    outputs.print(lambda: swing.as_dict(target_deg), lambda: of_swing(account))
     if not options.as_json:
         outputs.say_written()
     return swing.exit_code(target_deg)
@@ -113,12 +116,12 @@ def _compensate(options: SwingOptions) -> int:
     return GOOD
 
 
-def _write(swing: Swing, options: SwingOptions, program: str) -> None:
+def _write(swing: SwingAccount, options: SwingOptions, program: str) -> None:
     """Write card, curve and certificate."""
     from flinders.report.certificate import certificate
     from flinders.report.drawings import swing_drawing
     from flinders.report.pdf import printed
-    from flinders.report.swing_pages import card, limits, sentences
+    from flinders.report.swing_pages import card, sentences
 
     path, deviation, outputs = options.standard.certificate, swing.deviation, options.outputs
     if deviation is None:
@@ -134,24 +137,15 @@ def _write(swing: Swing, options: SwingOptions, program: str) -> None:
     declination_deg = None if swing.site is None else swing.site.declination_deg
     outputs.write(sentences(deviation, options.card_step_deg, declination_deg), options.sentences)
     if path is not None:
-        text = certificate(
-            deviation,
-            rule=options.standard.rule,
-            conformity=swing.conformity,
-            before=swing.before,
-            site=swing.site,
-            reasons=limits(deviation, options.target_deg),
-            facts=options.standard.facts(),
-            step_deg=options.card_step_deg,
-        )
+        text = certificate(swing, options.standard.facts())
         outputs.write(printed(text, program) if program else text, path)
 
 
-def _page(swing: Swing, options: SwingOptions) -> RenderableType:
-    """Lay out the page."""
-    from flinders.report.swing_pages import of_swing
+def _account(swing: Swing, options: SwingOptions) -> SwingAccount:
+    """What the swing says of what was asked."""
+    from flinders.report.swing_words import SwingAccount
 
-    return of_swing(
+    return SwingAccount(
         swing.deviation,
         site=swing.site,
         rests=swing.rests,

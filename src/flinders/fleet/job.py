@@ -226,7 +226,7 @@ class RunSummary:
     # ``median``, ``p95`` and ``largest`` of the worst heading error of rows that are good or limited
     worst_deg: dict[str, float]
     rejected: list[dict[str, str]]  # unit, recording, code and finding of the first rows that are refused or failed
-    other_files: dict[str, int]  # files of other kinds, by their suffix
+    other_files: dict[str, int]  # files that are no recordings, by their suffix, or by what Flinders wrote them as
     resumed: int  # partitions that an earlier run had done
     workers_lost: int  # workers that died, or left the cluster
     # partitions that were run again because their worker died; a cluster reports only those that it gave up

@@ -18,6 +18,7 @@ a partition of its own, which takes its rows alone.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import json
@@ -26,7 +27,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from itertools import chain, islice, pairwise
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
@@ -43,7 +44,9 @@ from flinders.fleet.dataset import (
 )
 from flinders.fleet.results import SIGN, VERSION
 from flinders.fleet.storage import MAGIC, StoredFile, listed
+from flinders.fleet.storage import opened as stored
 from flinders.readers import READERS
+from flinders.readers.dialects.json_records import own_kind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -77,6 +80,10 @@ BATCHES: Final = tuple([column] for column in BATCH_COLUMNS)
 """Names of folders with the hardware batch."""
 TABLES_OF_FLEETS: Final = "tables of fleets"
 """Kind of the tables that a run wrote: an output may lie among the recordings."""
+OWN_FILES: Final = {"truth": "truth files", "calibration": "calibration files"}
+"""Kinds of other files that Flinders writes beside recordings, by what these call themselves."""
+MAX_OWN_BYTES: Final = 1 << 20
+"""Size of such a file: the truth of a recording has two thousand bytes, a calibration a few times that."""
 AHEAD: Final = 8 * LOOKS
 """Files that are submitted at a time: memory is bounded for any number of files."""
 
@@ -137,7 +144,8 @@ class Plan:
 
     partitions: tuple[Partition, ...]
     files: int  # files that are read
-    other_files: dict[str, int]  # files of other kinds by their suffix, entries that are no files, and tables of fleets
+    # files of other kinds by their suffix, entries that are no files, and files that Flinders wrote
+    other_files: dict[str, int]
     fingerprint: str  # hash of files, options and release: partitions with another one belong to another run
 
 
@@ -164,11 +172,10 @@ def plan_of(where: str, options: Options) -> Plan:
             f"{where}: none of {len(files)} files is a recording: they end in {', '.join(other_files)}"
         )
     tables, logs, own = _sorted_out(taken, options)
-    if own:
-        other_files[TABLES_OF_FLEETS] = len(own)
-        taken = [file for file in taken if file not in own]
+    other_files.update(own.values())
+    taken = [file for file in taken if file not in own]
     if not taken:
-        raise UnreadableInput(f"{where}: no recordings, but {counted(len(own), 'table')} that `flinders fleet` wrote")
+        raise UnreadableInput(f"{where}: no recordings, but {counted(len(own), 'file')} that Flinders wrote")
     if options.unit_column is not None and not tables and not any(part.error for part in logs):
         raise UsageError(
             f"{where}: a column of units is for Parquet and Arrow tables, and there is none: give each unit a file or "
@@ -186,15 +193,15 @@ def plan_of(where: str, options: Options) -> Plan:
 
 def _sorted_out(
     files: Sequence[StoredFile], options: Options
-) -> tuple[list[_TableSlice], list[FileSlice], set[StoredFile]]:
-    """Slices of tables; logs, and files that cannot be opened, which get a row; tables of fleets."""
+) -> tuple[list[_TableSlice], list[FileSlice], dict[StoredFile, str]]:
+    """Slices of tables; logs, and files that cannot be opened, which get a row; kinds of files that Flinders wrote."""
     tables: list[_TableSlice] = []
     logs: list[FileSlice] = []
-    own: set[StoredFile] = set()
+    own: dict[StoredFile, str] = {}
     unopened: list[FileSlice] = []
     for file, surveyed in zip(files, _in_threads(lambda file: _survey(file, options), files), strict=True):
-        if surveyed is None:
-            own.add(file)
+        if isinstance(surveyed, str):
+            own[file] = surveyed
         elif isinstance(surveyed, list):
             tables += surveyed
             logs += [] if surveyed else [FileSlice(file)]
@@ -259,16 +266,16 @@ def _is_readable(name: str) -> bool:
     return name.lower().endswith((*READABLE, "/"))
 
 
-def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice | None:
-    """Slices of a file of rows, none for a log; None for a table of a fleet; a slice with the error of a broken one."""
+def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice | str:
+    """Slices of a file of rows, none for a log; the kind of what Flinders wrote; a slice with a broken one's error."""
     if not file.name.lower().endswith(TABLES):
-        return []
+        return OWN_FILES.get(_own_kind(file)) or []
     is_table = False
     try:
         with opened(file, options) as table:
             is_table = True
             if SIGN in (table.schema.metadata or {}):
-                return None
+                return TABLES_OF_FLEETS
             keys = KeyColumns.of_schema(file.name, table.schema, options)
             if keys is None:
                 return []
@@ -280,6 +287,16 @@ def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice
         if keys is None:
             return FileSlice(file, error=error, is_table=is_table)
         return [_TableSlice(FileSlice(file, (0,), error=error), keys.unit_value, keys.unit_value, keys)]
+
+
+def _own_kind(file: StoredFile) -> str:
+    """What a file of JSON says of itself that Flinders wrote; nothing of others."""
+    if not file.name.lower().endswith(".json") or file.size > MAX_OWN_BYTES:
+        return ""
+    with contextlib.suppress(FlindersError, OSError), stored(file) as source:
+        content = Path(source).read_bytes() if isinstance(source, str) else source.read()
+        return own_kind(content.decode("utf-8", "replace"))
+    return ""
 
 
 def _slices(file: StoredFile, table: TableFile, keys: KeyColumns) -> Iterator[_TableSlice]:

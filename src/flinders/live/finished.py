@@ -50,6 +50,8 @@ class Wanted:
         How the file is read, as `flinders.open_recording` takes it.
     previous : Fit, optional
         The calibration to renew, where `edits` say that.
+    is_of_sensor : bool
+        The readings are those of the session's sensor, and not of a log.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Wanted:
     path: Path | None
     reading: dict[str, Any]
     previous: Fit | None
+    is_of_sensor: bool = True
 
     def fitted(self, recording: Recording) -> Fit | FlindersError:
         """The fit of a recording at the site, or why there is none that may be used."""
@@ -81,6 +84,7 @@ class Finished:
     recording: Recording
     outcome: Fit | FlindersError
     files: tuple[SourceFile, ...] = ()
+    is_of_sensor: bool = True
 
     @property
     def fit(self) -> Fit:
@@ -121,7 +125,7 @@ def finished(number: str, wanted: Wanted) -> Finished:
     earlier = () if renewed is None else renewed.provenance.files
     if wanted.path is None:
         samples = _in_memory(wanted)
-        return Finished(number, wanted.name, samples, wanted.fitted(samples), earlier)
+        return Finished(number, wanted.name, samples, wanted.fitted(samples), earlier, wanted.is_of_sensor)
     try:
         file = open_recording(wanted.path, **wanted.reading)
     except FlindersError as error:
@@ -143,7 +147,7 @@ def _in_memory(wanted: Wanted) -> Samples:
         source=wanted.name,
         frame=log.frame,
     )
-    return next(iter(TrimmedRecording(samples, left_out(wanted.edits)).blocks()))
+    return next(TrimmedRecording(samples, left_out(wanted.edits)).blocks(), samples)
 
 
 def _nothing_yet(error: FlindersError) -> FlindersError:

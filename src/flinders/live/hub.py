@@ -28,6 +28,7 @@ from flinders.live.feeds import FeedEvent, FeedThread
 from flinders.live.messages import (
     Edits,
     FromServer,
+    Kept,
     Limits,
     Linked,
     Notice,
@@ -52,7 +53,7 @@ if TYPE_CHECKING:
 SOONEST_S: Final = 0.04
 LATEST_S: Final = 0.1
 """From one look at what came to the next, and so from one frame to the next: as soon as something has come."""
-MOST_NOTICES: Final = 50  # Messages that wait for a page, at most; older ones go
+MOST_NOTICES: Final = 50  # That wait for a page, at most; older ones go
 UPLOAD_BYTES: Final = 64 << 20
 MAX_LOGS: Final = 4  # That were dropped on pages, in memory
 MAX_FINISHED: Final = 4  # Calibrations that may still be asked for
@@ -69,16 +70,27 @@ class Page:
     """One connection: what it has got, and what waits for it."""
 
     wake: asyncio.Event = field(default_factory=asyncio.Event)
-    waiting: deque[FromServer] = field(default_factory=lambda: deque(maxlen=MOST_NOTICES))
+    news: dict[type, FromServer] = field(default_factory=dict)
+    notices: deque[Notice] = field(default_factory=lambda: deque(maxlen=MOST_NOTICES))
+    heard: int = 0  # messages that came from it
     generation: int = 0
     stride: int = 1
     count: int = 0  # rows of the buffer that it has
     total: int = 0  # readings that had come when it got the newest
 
     def tell(self, message: FromServer) -> None:
-        """Let a message wait for it."""
-        self.waiting.append(message)
+        """Let a message wait for it; of all but notices the newest of a kind is enough."""
+        if isinstance(message, Notice):
+            self.notices.append(message)
+        else:
+            self.news[type(message)] = message
         self.wake.set()
+
+    def next_message(self) -> FromServer | None:
+        """Take the message that has waited longest; None where none waits."""
+        if self.news:
+            return self.news.pop(next(iter(self.news)))
+        return self.notices.popleft() if self.notices else None
 
 
 class Hub:
@@ -97,6 +109,7 @@ class Hub:
         self.name = secrets.token_hex(4)
         self._feed_thread = FeedThread(supply.feed)
         self._finishing = asyncio.Lock()
+        self._recorded: Edits | None = None
         self._came = asyncio.Event()
 
     async def run(self) -> None:
@@ -114,8 +127,10 @@ class Hub:
             signal.raise_signal(signal.SIGTERM)
 
     async def stop(self) -> None:
-        """Let go of the feed, once what it holds is written."""
+        """Let go of the feed, once what it holds is written, and take the last of it."""
         await asyncio.to_thread(self._feed_thread.stop)
+        if self.failure is None:
+            self._take()
 
     def welcome(self) -> Welcome:
         """The first message to a page."""
@@ -128,7 +143,6 @@ class Hub:
             limits=Limits(UPLOAD_BYTES),
             source=self.source,
             axes=str(self.supply.axes),
-            frame=self.log.advice_frame,
             recording=str(self.supply.path),
             unrecorded=self.unrecorded,
             has_board=self.supply.board is not None,
@@ -160,28 +174,48 @@ class Hub:
             rows=rows,
             latest=buffer.latest if is_all else rows[-1],
             is_microtesla=self.log.unit.inside == MICROTESLA,
+            is_vehicle=self.log.advice_frame == "vehicle",
         )
 
-    def edit(self, edits: Edits, page: Page) -> None:
-        """Keep what a person did on a page, and pass it on to the others."""
-        if edits == self.edits:
-            return
-        if edits.begun_s is not None and edits.begun_s != self.edits.begun_s:
-            self.generation += 1
-            self.log = self.log._replace(buffer=self.log.buffer.after(edits.begun_s))
-        self.edits = edits
-        self._feed_thread.do(lambda: self.supply.sink.write(line_of(edits)))
-        self._tell(edits, but=page)
+    def edit(self, edits: Edits) -> None:
+        """Keep what a person did on a page, write it down, and pass it on; what was left behind stays so.
 
-    def compare_with(self, previous: Previous, but: Page | None = None) -> None:
+        Raises `UsageError` where readings that have not come yet would be left behind.
+        """
+        if edits.begun_s != self.edits.begun_s:
+            edits = msgspec.structs.replace(edits, begun_s=self._begun_anew(edits.begun_s))
+        self.edits = edits
+        self._record_edits()
+        for page in self.pages:
+            page.tell(Kept(self.edits, page.heard))
+
+    def _begun_anew(self, begun_s: float | None) -> float:
+        """Leave the readings up to a time behind, return that of the last of them, and send the others once more."""
+        if begun_s is not None and begun_s > self.timeline.at:
+            raise UsageError(f"begun anew at {begun_s:g} s: need a time up to that of the newest reading")
+        self.generation += 1
+        latest = max(time for time in (begun_s, self.edits.begun_s) if time is not None)
+        self.log = self.log._replace(buffer=self.log.buffer.after(latest))
+        return latest
+
+    def _record_edits(self) -> None:
+        """Write down what a person did, between the readings, once there are any."""
+        edits = self.edits
+        if edits != self._recorded and self.timeline.at > -np.inf:
+            self._recorded = edits
+            self._feed_thread.do(lambda: self.supply.sink.write(line_of(edits)))
+
+    def compare_with(self, previous: Previous) -> None:
         """Keep a calibration from before, and pass it on to the pages."""
         from flinders.core.calibration_file import loads
         from flinders.fitting.result import Fit
 
-        name, text = previous.name, previous.text
-        self.renewed = Fit.from_document(loads(text.encode(), source=name), name=name) if text else None
-        self.previous = previous
-        self._tell(previous, but=but)
+        renewed = None
+        if previous != Previous():
+            document = loads(previous.text.encode(), source=previous.name)
+            renewed = Fit.from_document(document, name=previous.name)
+        self.previous, self.renewed = previous, renewed
+        self._tell(previous)
 
     def keep(self, name: str, log: Log) -> str:
         """Hold a log that was dropped on a page, and forget the oldest of several; returns its number."""
@@ -191,16 +225,22 @@ class Hub:
             del self.logs[next(iter(self.logs))]
         return number
 
-    def made(self, edits: Edits, number: str | None = None) -> Finished:
-        """The calibration of all readings of the sensor, or of a log, after what was done to them."""
+    def made(self) -> Finished:
+        """The calibration of all readings of the sensor, after what was done to them."""
         from flinders.live.finished import finished
 
-        return finished(secrets.token_hex(8), self._wanted(edits, number))
+        return finished("", self._wanted(self.edits, None))
 
     async def finish(self, edits: Edits, number: str | None) -> Finished:
-        """The same, one at a time, for whoever asks for its exports then."""
+        """Make the calibration of all readings of the sensor, or of a log, and hold it for whoever asks for exports.
+
+        One at a time. Raises `UsageError` for a log that is no longer in memory.
+        """
+        from flinders.live.finished import finished
+
         async with self._finishing:
-            made = await asyncio.to_thread(self.made, edits, number)
+            wanted = self._wanted(edits, number)
+            made = await asyncio.to_thread(finished, secrets.token_hex(8), wanted)
         self.finished[made.number] = made
         while len(self.finished) > MAX_FINISHED:
             del self.finished[next(iter(self.finished))]
@@ -215,7 +255,7 @@ class Hub:
         if number not in self.logs:
             raise UsageError("that log is no longer in memory: drop it again")
         name, log = self.logs[number]
-        return Wanted(name, edits, log, None, {}, self.renewed)
+        return Wanted(name, edits, log, None, {}, self.renewed, is_of_sensor=False)
 
     async def on_feed(self, job: Callable[[], Any]) -> Any:  # noqa: ANN401 - whatever the job gives
         """Do something on the thread of the feed."""
@@ -251,6 +291,7 @@ class Hub:
         self.log = self.log._replace(
             buffer=self.log.buffer.extended(rows), unit=Unit.of(batches[-1].unit.inside), frame=batches[-1].frame
         )
+        self._record_edits()
         if self.source.link != "connected":
             self._link("connected", "")
         for page in self.pages:
@@ -260,19 +301,23 @@ class Hub:
         """Say what happened to the sensor."""
         link = LINKS.get(event.kind)
         if link is not None:
-            self._link(link, "" if event.kind == "silent" else event.words)
+            words = "" if event.kind == "silent" else event.words
+            if self._link(link, words) and words and link != "ended":
+                self._tell(Notice("warning" if link == "gone" else "info", words))
         elif event.kind == "settled":
             self._tell(Notice("info", f"understood as {event.words}"))
         else:
             self._tell(Notice("warning", event.words))
 
-    def _link(self, link: Link, words: str) -> None:
+    def _link(self, link: Link, words: str) -> bool:
+        """Tell what the link is; returns whether it is another."""
         source = msgspec.structs.replace(self.source, link=link, words=words)
-        if source != self.source:
-            self.source = source
-            self._tell(Linked(source))
+        if source == self.source:
+            return False
+        self.source = source
+        self._tell(Linked(source))
+        return True
 
-    def _tell(self, message: FromServer, but: Page | None = None) -> None:
+    def _tell(self, message: FromServer) -> None:
         for page in self.pages:
-            if page is not but:
-                page.tell(message)
+            page.tell(message)

@@ -1,7 +1,7 @@
 """The wire of the live page: every message as a dataclass, binary readings, and the page's types made from them.
 
 The session is the page's. The server tells it where readings come from and what was done to them so far, passes each
-reading on, and keeps and passes on what a person does (`Edits`).
+reading on, and keeps and passes on what a person does (`Edits`, `Kept`).
 
 >>> parse('{"type": "edits", "target_deg": 0.5}').target_deg
 0.5
@@ -38,13 +38,17 @@ Link = Literal["connected", "waiting", "gone", "ended"]
 Goal = Literal["heading", "attitude"]
 Span = tuple[float, float]
 
+MIN_TARGET_DEG: Final = 1e-3
 LARGEST_DIP_DEG: Final = 89.0
+MIN_STRENGTH: Final = 1e-3  # Of the field at a site, in the unit of the readings
+MAX_STRENGTH: Final = 1e9
 LONGEST: Final = 65_536  # Bytes of a message from a page
 MAX_SPANS: Final = 1000  # Nobody takes out more by hand
 MAGIC: Final = 0x464C4E44
 HEADER: Final = struct.Struct("<8I")
 HAS_ACCELERATION: Final = 1
 IS_MICROTESLA: Final = 2
+IS_VEHICLE: Final = 4
 
 
 class SourceState(Struct, frozen=True):
@@ -69,7 +73,17 @@ class Edits(Struct, frozen=True, kw_only=True, tag_field="type", tag="edits", fo
     refreshing: bool = False  # the calibration keeps the soft iron of the one from before
 
 
-class Previous(Struct, frozen=True, tag_field="type", tag="previous"):
+class Kept(Struct, frozen=True, tag_field="type", tag="kept"):
+    """The edits that the server keeps, after so many messages of the page that is told.
+
+    A page that has sent more than were `heard` need not look at them: those after them will follow.
+    """
+
+    edits: Edits
+    heard: int
+
+
+class Previous(Struct, frozen=True, tag_field="type", tag="previous", forbid_unknown_fields=True):
     """A calibration from before: the name and the text of its file; both empty for none."""
 
     name: str = ""
@@ -118,7 +132,6 @@ class Welcome(Struct, frozen=True, tag_field="type", tag="welcome"):
     limits: Limits
     source: SourceState
     axes: str  # that readings are mapped to, as `--axes` takes them
-    frame: Literal["sensor", "vehicle"]  # whose these are
     recording: str  # file that the server writes to
     unrecorded: str
     has_board: bool  # the source is a board that takes a calibration
@@ -126,13 +139,13 @@ class Welcome(Struct, frozen=True, tag_field="type", tag="welcome"):
     previous: Previous
 
 
-FromServer = Welcome | Edits | Previous | Linked | Unrecorded | Notice
+FromServer = Welcome | Kept | Previous | Linked | Unrecorded | Notice
 
 _DECODER: Final = msgspec.json.Decoder(Edits | Previous)
 _ENCODER: Final = msgspec.json.Encoder()
 
 
-def encode(message: FromServer) -> str:
+def encode(message: FromServer | Edits) -> str:
     """Write a message as a text frame."""
     return _ENCODER.encode(message).decode()
 
@@ -143,19 +156,24 @@ def parse(text: str | bytes) -> Edits | Previous:
         raise UsageError(f"a message of {len(text):,} bytes: need at most {LONGEST:,}")
     try:
         message: Edits | Previous = _DECODER.decode(text)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
         raise UsageError(f"not a message of this page: {in_words(error)}") from None
     if isinstance(message, Edits):
         refuse_out_of_range(message)
+    elif message != Previous():
+        raise UsageError("a calibration to compare with comes as a file: drop that on the page")
     return message
 
 
 def refuse_out_of_range(edits: Edits) -> None:
     """Raise `UsageError` for numbers that cannot be meant."""
-    if not 0.0 < edits.target_deg <= 180.0:
-        raise UsageError(f"target {edits.target_deg:g}°: need an angle above 0°, up to 180°")
+    if not MIN_TARGET_DEG <= edits.target_deg <= 180.0:
+        raise UsageError(f"target {edits.target_deg:g}°: need an angle from {MIN_TARGET_DEG:g}° to 180°")
     if edits.dip_deg is not None and not abs(edits.dip_deg) <= LARGEST_DIP_DEG:
         raise UsageError(f"dip {edits.dip_deg:g}°: need −89° to 89°")
+    for strength in () if edits.site is None else (edits.site.strength, edits.site.length):
+        if strength is not None and not MIN_STRENGTH <= strength <= MAX_STRENGTH:
+            raise UsageError(f"field of {strength:g}: need {MIN_STRENGTH:g} to {MAX_STRENGTH:g}")
     if len(edits.excluded) > MAX_SPANS:
         raise UsageError(f"{len(edits.excluded):,} stretches are left out: need at most {MAX_SPANS:,}")
     for start, end in edits.excluded:
@@ -176,6 +194,7 @@ def readings_frame(
     rows: Floats,
     latest: Floats,
     is_microtesla: bool,
+    is_vehicle: bool,
 ) -> bytes:
     """Pack readings into a binary frame, little-endian.
 
@@ -197,18 +216,21 @@ def readings_frame(
     latest : (7,) float
     is_microtesla : bool
         The unit of the field; else counts.
+    is_vehicle : bool
+        The axes of the field are those of a vehicle; else of the sensor.
 
     Examples
     --------
     >>> rows = np.zeros((2, 7))
     >>> frame = readings_frame(
-    ...     generation=1, first=0, stride=1, total=2, is_last=True, rows=rows, latest=rows[1], is_microtesla=True
+    ...     generation=1, first=0, stride=1, total=2, is_last=True, rows=rows, latest=rows[1], is_microtesla=True,
+    ...     is_vehicle=False,
     ... )
     >>> len(frame), frame[:4]
     (200, b'DNLF')
     """
     has_acceleration = bool(np.isfinite(rows[:, 4]).any())
-    flags = HAS_ACCELERATION * has_acceleration | IS_MICROTESLA * is_microtesla
+    flags = HAS_ACCELERATION * has_acceleration | IS_MICROTESLA * is_microtesla | IS_VEHICLE * is_vehicle
     parts = [latest, rows[:, 0], rows[:, 1:4], *([rows[:, 4:]] if has_acceleration else [])]
     header = HEADER.pack(MAGIC, generation & 0xFFFFFFFF, first, len(rows), flags, stride, total, is_last)
     return header + b"".join(np.ascontiguousarray(part, "<f8").tobytes() for part in parts)

@@ -25,7 +25,7 @@ from __future__ import annotations
 import struct
 import zlib
 from itertools import islice
-from typing import TYPE_CHECKING, Any, BinaryIO, Final
+from typing import IO, TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -68,9 +68,9 @@ def open_mat(file: File, **options: Any) -> TableRecording:
     `MOST_MEMBER` bytes, raises `UnreadableInput`; columns that are not clear `NoMagnetometer`.
     """
     with file.path.open("rb") as stream:
-        order = ">" if stream.read(HEADER).endswith(b"MI") else "<"
-        unpacked = spooled(file.name, metered(file.name, _unpacked(stream, order), lambda: file.size, most=MOST_MEMBER,
-                                              ratio=False))  # fmt: skip
+        chunks = metered(file.name, inflated(stream), lambda: file.size, most=MOST_MEMBER, ratio=False)
+        unpacked = spooled(file.name, chunks)
+        order = _order(stream)
     content = memoryview(np.memmap(unpacked.path, np.uint8, "r"))  # type: ignore[arg-type]
     matrices = [element for kind, element in _elements(content, order) if kind == MATRIX]
     arrays = {
@@ -89,8 +89,15 @@ def open_mat(file: File, **options: Any) -> TableRecording:
     return recording
 
 
-def _unpacked(stream: BinaryIO, order: str) -> Iterator[bytes]:
+def _order(stream: IO[bytes]) -> str:
+    """Order of the bytes of numbers, by the end of the header."""
+    stream.seek(HEADER - 2)
+    return ">" if stream.read(2) == b"MI" else "<"
+
+
+def inflated(stream: IO[bytes]) -> Iterator[bytes]:
     """Yield the elements of a file without their packing."""
+    order = _order(stream)
     while tag := stream.read(8):
         kind, length = struct.unpack(f"{order}II", tag)
         if kind != COMPRESSED:

@@ -1,10 +1,11 @@
 """The certificate of a swing as one HTML file: how the compass keeps its limit, its card, and fields to sign.
 
 >>> from flinders.heading.deviation import fit
->>> swing = fit(range(0, 360, 45), [1.0, 2.0, 1.5, -0.2, -0.5, -0.8, -1.5, -0.7])
->>> text = certificate(swing, step_deg=45.0)
+>>> from flinders.report.swing_words import SwingAccount
+>>> curve = fit(range(0, 360, 45), [1.0, 2.0, 1.5, -0.2, -0.5, -0.8, -1.5, -0.7])
+>>> text = certificate(SwingAccount(curve, target_deg=1.0, step_deg=45.0))
 >>> text.startswith("<!doctype html>"), text.count("<tr>"), "Signature" in text
-(True, 15, True)
+(True, 16, True)
 """
 
 from __future__ import annotations
@@ -12,117 +13,77 @@ from __future__ import annotations
 import base64
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
-import numpy as np
-
-from flinders.geometry.angles import shown_heading
-from flinders.heading.deviation import NAMES
+from flinders.errors import UsageError
 from flinders.report.drawings import swing_drawing
-from flinders.report.formatting import as_sentence, minus, with_uncertainty
+from flinders.report.formatting import as_sentence, minus
 from flinders.report.html_file import html_file, script_of, style_of
-from flinders.report.swing_pages import MEANINGS, conformity_words, limit_words, sided, swing_words
+from flinders.report.swing_words import TITLES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping
 
-    from flinders.core.geomag import SiteField
-    from flinders.heading.compensation import Compensation
-    from flinders.heading.deviation import Conformity, Deviation
-    from flinders.heading.standards import Standard
+    from flinders.report.swing_words import Statement, SwingAccount
 
 FIELDS: Final = ("Place and date", "Swung by, licence", "Reference of headings", "Next swing due", "Signature")
 """What is filled in by hand."""
 
-TITLES: Final = {"within": "Within the limit", "open": "Not shown to be within the limit", "beyond": "Beyond the limit"}
-COLOURS: Final = {"within": "good", "open": "limited", "beyond": "refused"}
+GRAVITY: Final = ("refused", "limited", "good")
+"""Verdicts, the gravest first."""
 
 
-def certificate(
-    deviation: Deviation,
-    *,
-    step_deg: float,
-    rule: Standard | None = None,
-    conformity: Conformity | None = None,
-    before: Compensation | None = None,
-    site: SiteField | None = None,
-    reasons: Sequence[str] = (),
-    facts: Mapping[str, str] | None = None,
-) -> str:
-    """Write a swing as a certificate.
+def certificate(swing: SwingAccount, facts: Mapping[str, str] | None = None) -> str:
+    """Write a swing as a certificate; one without a curve has none.
 
     Parameters
     ----------
-    deviation : Deviation
-        The curve, the error of the base in its uncertainty.
-    step_deg : float
-        Between the lines of the card.
-    rule : Standard, optional
-        By which the compass was swung.
-    conformity : Conformity, optional
-        How the curve keeps the limit.
-    before : Compensation, optional
-        Coefficients before the compass was compensated.
-    site : SiteField, optional
-        Where the declination comes from.
-    reasons : sequence of str
-        What limits the curve.
+    swing : SwingAccount
+        What it says; the error of the base is in its uncertainty.
     facts : mapping of str to str, optional
         What else to tell, such as vehicle and compass.
     """
-    drawing = base64.b64encode(swing_drawing(deviation).encode()).decode()
+    if swing.deviation is None:
+        raise UsageError("without known headings there is no curve, and nothing to certify")
+    drawing = base64.b64encode(swing_drawing(swing.deviation).encode()).decode()
+    first, *others = sorted(swing.statements, key=_gravity)
+    site = {} if swing.site is None else {"Declination": str(swing.site)}
+    table, card = swing.coefficients(swing.deviation), swing.card(swing.deviation)
+    (_, *columns, _), rows = table, zip(*table.values(), strict=True)
     given = {
-        "outcome": _outcome(deviation, conformity, reasons),
+        "outcome": {"verdict": first.verdict, "title": first.title, "sentence": as_sentence(first.words)},
         "what": "Compass swing",
         "numbers": (),
         "date": f"{datetime.now(UTC):%Y-%m-%d}",
         "release": version("flinders"),
-        "facts": {**(facts or {}), **_rule_facts(rule, conformity), **({"Declination": str(site)} if site else {})},
-        "reasons": [as_sentence(reason) for reason in reasons],
-        "coefficients": list(_coefficients(deviation, before)),
-        "has_before": before is not None,
-        "card": list(_card(deviation, step_deg)),
+        "facts": {**(facts or {}), **_rule_facts(swing), **site},
+        "others": [(one, as_sentence(one.words)) for one in others],
+        "notes": [(kind, as_sentence(words)) for kind, words in _notes(swing)],
+        "columns": columns,
+        "coefficients": [(name, meaning, cells) for name, *cells, meaning in rows],
+        "halves_of_card": [half for half in (card[: -(-len(card) // 2)], card[-(-len(card) // 2) :]) if half],
         "drawing": f"data:image/svg+xml;base64,{drawing}",
         "fields": FIELDS,
     }
-    return html_file("certificate.html.j2", given, style=style_of("certificate.css"), script=script_of(), filters={})
+    return html_file("certificate.html.j2", given, style=style_of("certificate.css"), script=script_of(),
+                     filters={"minus": minus})  # fmt: skip
 
 
-def _outcome(deviation: Deviation, conformity: Conformity | None, reasons: Sequence[str]) -> dict[str, str]:
-    """The verdict: that of the limit, and of the curve where that is limited."""
-    words = as_sentence(swing_words(deviation) if conformity is None else conformity_words(conformity))
-    if conformity is not None and (conformity.verdict != "within" or not reasons):
-        return {"verdict": COLOURS[conformity.verdict], "title": TITLES[conformity.verdict], "sentence": words}
-    title = "Deviation of a compass" if conformity is None else TITLES["within"]
-    return {"verdict": "limited" if reasons else "good", "title": title, "sentence": words}
+def _gravity(statement: Statement) -> tuple[int, bool]:
+    """Order of statements: the gravest first, and of those the limit, which is why a certificate is asked for."""
+    return GRAVITY.index(statement.verdict), statement.title not in TITLES.values()
 
 
-def _rule_facts(rule: Standard | None, conformity: Conformity | None) -> dict[str, str]:
+def _notes(swing: SwingAccount) -> list[tuple[str, str]]:
+    """What limits the swing, then what else there is to know."""
+    said = [note for one in swing.statements for note in one.notes]
+    said += [("note", words) for words in (*(swing.logged.notes if swing.logged else ()), *swing.rule_notes)]
+    return sorted(said, key=lambda note: note[0] != "limits")
+
+
+def _rule_facts(swing: SwingAccount) -> dict[str, str]:
     """Rule, limit, and what was seen of the rule."""
-    limit = {} if conformity is None else {"Limit": f"{conformity.limit_deg:g}° on any heading"}
-    if rule is None:
+    limit = {} if swing.conformity is None else {"Limit": f"{swing.conformity.limit_deg:g}° on any heading"}
+    if swing.rule is None:
         return limit
-    return {"Rule": rule.title, **(limit or {"Limit": limit_words(rule)}), "Seen of the rule": "; ".join(rule.sources)}
-
-
-def _coefficients(deviation: Deviation, before: Compensation | None) -> Iterator[tuple[str, ...]]:
-    """Name, value before, value now and meaning of each coefficient."""
-    earlier = [] if before is None else [before.a_deg, before.b_deg, before.c_deg]
-    sigmas = deviation.sigmas_deg
-    for place, (name, value) in enumerate(zip(NAMES, deviation.coefficients_deg.tolist(), strict=True)):
-        old = minus(f"{earlier[place]:+.1f}°") if place < len(earlier) else ""
-        now = f"{value:+.2f}" if sigmas is None else with_uncertainty(value, max(float(sigmas[place]), 0.005))
-        yield name, old, f"{minus(now)}°", MEANINGS[place]
-
-
-def _card(deviation: Deviation, step_deg: float) -> Iterator[dict[str, Any]]:
-    """Lines of the card: for a magnetic heading the one to steer; by compass the deviation with its 1 σ."""
-    headings, values, sigmas = deviation.card(step_deg)
-    steer = deviation.compass(headings) if deviation.is_one_to_one else np.full(len(headings), np.nan)
-    for place, heading in enumerate(headings.tolist()):
-        yield {
-            "heading": shown_heading(heading),
-            "steer": shown_heading(float(steer[place])),
-            "deviation": sided(float(values[place])),
-            "sigma": "" if sigmas is None else f"± {max(float(sigmas[place]), 0.01):.2f}°",
-        }
+    return {"Rule": swing.rule.title, **limit, "Seen of the rule": "; ".join(swing.rule.sources)}

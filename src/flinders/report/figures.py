@@ -61,7 +61,9 @@ PLANES: Final = ((0, 1), (0, 2), (1, 2))
 """What is to the right and what is up in each projection."""
 
 SIDE, EDGE = 260, 34
-"""Of a square figure, and its margin to the left and below."""
+"""Of a square figure, and its margin below and, unless numbers are long, to the left."""
+DIGIT: Final = 7.0
+"""Width of a digit beside an axis."""
 WIDE: Final = 820
 FARTHEST: Final = 4.0
 """The origin is in sight as long as the offset is no longer than so many field strengths."""
@@ -80,18 +82,25 @@ PARAMETERS: Final = ("bx", "by", "bz", "Sxx", "Syy", "Szz", "Sxy", "Sxz", "Syz")
 
 def projections(drawn: FigureData, *, is_corrected: bool) -> list[str]:
     """The readings seen along z, y and x: before with the fitted ellipse, after with the circle."""
-    name, inner, figures = "after" if is_corrected else "before", SIDE - EDGE - 8, []
-    for i, j in PLANES:
-        panel = projection(drawn, (i, j), is_corrected=is_corrected)
-        plot = panel.at(EDGE, 8, inner, inner)
+    name, figures = "after" if is_corrected else "before", []
+    panels = [projection(drawn, plane, is_corrected=is_corrected) for plane in PLANES]
+    edge = max(EDGE, *map(_width_of_numbers, panels))
+    inner = SIDE - edge - 8
+    for (i, j), panel in zip(PLANES, panels, strict=True):
+        plot = panel.at(edge, 8, inner, inner)
         parts = (
             panel.grid(plot),
             text(plot.right - 6, plot.bottom - 6, panel.x_words, "end", "name halo"),
             text(plot.left + 6, plot.top + 14, AXES[j], "start", "name halo"),
             plot.clipped(f"clip-{name}-{i}{j}", *panel.draw(plot)),
         )
-        figures.append(chart(SIDE, SIDE, f"Projection {AXES[i]}{AXES[j]} {name} correction", *parts))
+        figures.append(chart(SIDE, plot.bottom + EDGE, f"Projection {AXES[i]}{AXES[j]} {name} correction", *parts))
     return figures
+
+
+def _width_of_numbers(panel: Panel) -> float:
+    """Width that the numbers beside a panel take."""
+    return 10.0 + DIGIT * max((len(words) for _, words in round_ticks(panel.y, 5)), default=0)
 
 
 def projection(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool) -> Panel:
@@ -477,9 +486,9 @@ def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
 # --------------------------------------------------------------------------------------------------------- deviation
 
 
-def deviation(view: View, target_deg: float) -> str:
+def deviation(view: View, target_deg: float, *, wide: float = WIDE, high: float = 120.0) -> str:
     """A level turn: what the raw compass is off over the heading, and 1 σ and 2 σ of the corrected one."""
-    return stacked("Deviation over the heading, before and after", deviations(view, target_deg), wide=WIDE, high=120.0)
+    return stacked("Deviation over the heading, before and after", deviations(view, target_deg), wide=wide, high=high)
 
 
 def deviations(view: View, target_deg: float) -> tuple[Panel, Panel]:

@@ -13,8 +13,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 from rich.console import Group
@@ -44,6 +43,7 @@ from flinders.report.formatting import (
     on_the_point,
     p_value,
     reach,
+    said_once,
     shown_findings,
     summary,
     written_time,
@@ -88,7 +88,7 @@ def of_fit(fit: Fit, spell: Spelling = in_python, *, is_verbose: bool = False) -
         blocks = (_merged_parts(repeats), result, _merged_verdict(fit, repeats))
         return Group(page(*blocks), findings(shown_findings(fit), spell))
     tops = () if is_refused else (Text(summary(fit)), of_recipe(fit), _before_and_after(fit), _since(fit))
-    shown = _said_once(_shown(fit, is_verbose=is_verbose))
+    shown = said_once(_shown(fit, is_verbose=is_verbose))
     return Group(page(*tops, result, _fit_verdict(fit)), findings(shown, spell))
 
 
@@ -204,16 +204,6 @@ def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Tex
 def findings(findings: Iterable[Finding], spell: Spelling) -> RenderableType:
     """What limits it and what to do."""
     return notes((finding.severity, advice(finding, spell)) for finding in findings)
-
-
-def _said_once(findings: Iterable[Finding]) -> Iterator[Finding]:
-    """Findings of which one alone says how to move on, and others point to it."""
-    above: set[Any] = set()
-    for finding in findings:
-        steps = {name: finding.values[name] for name in ("next_step", "next_movement") if name in finding.values}
-        again = {name: ("as-above",) for name, step in steps.items() if step in above}
-        above.update(steps.values())
-        yield replace(finding, values={**finding.values, **again})
 
 
 def good_to(fit: Fit) -> str:

@@ -10,7 +10,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from flinders.fitting.verdict import improves
 from flinders.likelihood.parameters import TERMS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Iterator, Sequence
     from datetime import datetime
 
     from flinders.arrays import Floats
@@ -233,6 +234,16 @@ def shown_findings(fit: Fit) -> list[Finding]:
     if fit.verdict != "refused":
         return list(causes)
     return [finding for finding in causes if finding.severity != "note" or finding.code in OF_RECORDING]
+
+
+def said_once(findings: Iterable[Finding]) -> Iterator[Finding]:
+    """Findings of which one alone says how to move on, and others point to it."""
+    above: set[Any] = set()
+    for finding in findings:
+        steps = {name: finding.values[name] for name in ("next_step", "next_movement") if name in finding.values}
+        again = {name: ("as-above",) for name, step in steps.items() if step in above}
+        above.update(steps.values())
+        yield replace(finding, values={**finding.values, **again})
 
 
 def mounting(fit: Fit) -> str:

@@ -36,7 +36,7 @@ from flinders.core.units import label
 from flinders.errors import FlindersError, counted, figures
 from flinders.findings.words import UPSIDE_DOWN
 from flinders.fitting.claim import dip_words
-from flinders.fitting.export import export_fit, origin_lines
+from flinders.fitting.export import export_fit
 from flinders.fitting.result import Fit, fit_of
 from flinders.report import figures as drawing
 from flinders.report.colours import STEPS
@@ -52,6 +52,7 @@ from flinders.report.formatting import (
     matrix_entries,
     minus,
     offset_entries,
+    said_once,
     sources,
     with_uncertainty,
     with_unit,
@@ -72,6 +73,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.random_walk import RandomWalk
     from flinders.errors import FitError
     from flinders.estimators.regressors import DisturbanceEstimate
+    from flinders.findings import Finding
     from flinders.fitting.aiding import Aiding
     from flinders.report.view import View
 
@@ -133,6 +135,7 @@ def page(
     given = {
         "outcome": _outcome(outcome, fit),
         "fit": fit,
+        "findings": [] if fit is None else _findings(fit),
         "usable": usable,
         "upside_down": UPSIDE_DOWN,
         "parameters": [] if usable is None else _parameters(usable),
@@ -166,8 +169,7 @@ def listings_of(fit: Fit) -> list[Listing]:
         except FlindersError:
             continue
         if export.data is None:
-            notes = () if export.has_comments else tuple(origin_lines(fit))
-            listings.append(Listing(target.use, f"{name}{target.suffix}", export.text, (*notes, *export.warnings)))
+            listings.append(Listing(target.use, f"{name}{target.suffix}", export.text, tuple(export.warnings)))
     return listings
 
 
@@ -197,11 +199,17 @@ def python_of(calibration: Calibration) -> str:
 def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
     """Verdict, its title, and what it is in a sentence."""
     if fit is None:
-        why = cast("FitError", outcome).message.rstrip(".")
-        return {"verdict": "refused", "title": "No calibration", "sentence": f"{why}."}
+        why = as_sentence(cast("FitError", outcome).message)
+        return {"verdict": "refused", "title": "No calibration", "sentence": why}
     title = TITLES[fit.verdict] if fit.claim.states_uncertainty else "Of unknown quality"
-    said = " ".join(map(as_sentence, filter(None, (sentence(fit), condition(fit)))))
+    said = " ".join(map(as_sentence, filter(None, (sentence(fit, advises=False), condition(fit)))))
     return {"verdict": fit.verdict, "title": title, "sentence": said}
+
+
+def _findings(fit: Fit) -> list[tuple[Finding, str]]:
+    """Findings with their sentences, the most severe first; what to do stands once, beside the cause."""
+    said = [(finding, finding.fault if finding.follows_from else finding.advice) for finding in said_once(fit.findings)]
+    return [(finding, as_sentence(words)) for finding, words in said]
 
 
 def _walk_words(walk: RandomWalk, fit: Fit) -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import base64
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
@@ -22,11 +22,17 @@ from flinders.fitting.claim import dip_words, heading_words
 from flinders.report import figures
 from flinders.report.charts import as_file
 from flinders.report.colours import STEPS, colour_of
+from flinders.report.formatting import said_once
 from flinders.report.view import view_alone
 
 if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.report.colours import Theme
+
+NARROW, WIDE = 184, 500
+"""Pixels across of the sphere and of the deviation: side by side in an output of 700, with letters of eleven."""
+LETTERS: Final = round(11 * figures.SIDE / NARROW)
+"""Size of the letters of the sphere, which is drawn larger than it is shown."""
 
 
 def html_of(fit: Fit) -> str:
@@ -34,7 +40,7 @@ def html_of(fit: Fit) -> str:
     is_described = fit.evidence.is_described
     title = f"{SIGNS[fit.verdict]} {fit.verdict}: "
     title += f"{fit.method}, {counted(fit.samples, 'reading')}" if is_described else "nothing is stated"
-    causes = [finding for finding in first_causes(fit.findings) if finding.severity != "note"]
+    causes = said_once(finding for finding in first_causes(fit.findings) if finding.severity != "note")
     words = [f"{SIGNS[finding.severity]} {advice(finding)}" for finding in causes]
     if fit.verdict == "refused":
         return refusal(title, words)
@@ -56,21 +62,23 @@ def html_of(fit: Fit) -> str:
 def _pictures(fit: Fit) -> str:
     """Sphere and deviation of a fit that states its uncertainty, as HTML: images, whose styles stay in them."""
     view = view_alone(fit)
+    target = fit.claim.target_deg
+    ball, turn = figures.ball(view, target), figures.deviation(view, target, wide=WIDE, high=96.0)
     drawn = (
-        (figures.ball(view, fit.claim.target_deg), "Predicted heading error in each direction", "14rem"),
-        (figures.deviation(view, fit.claim.target_deg), "Deviation over the heading, before and after", "32rem"),
+        (ball, "Predicted heading error in each direction", NARROW, f".figure text {{ font-size: {LETTERS}px }}"),
+        (turn, "Deviation over the heading, before and after", WIDE, ""),
     )
-    least, *_, most, _ = (words for _, words in figures.error_legend(fit.claim.target_deg))
+    least, *_, most, _ = (words for _, words in figures.error_legend(target))
     caption = f"Sphere: heading error to expect where the field points, from {least} (green) to {most} (red)"
     unseen = "" if all(view.tiles_seen) else "; hatched where no reading was taken"
     return f"<div>{''.join(_image(*each) for each in drawn)}<br><small>{caption}{unseen}.</small></div>"
 
 
-def _image(chart: str, title: str, width: str) -> str:
+def _image(chart: str, title: str, width: int, rules: str) -> str:
     """A chart as an image that needs no file."""
     dark = f"@media (prefers-color-scheme: dark) {{ {_map_colours('dark')} }}"
-    content = base64.b64encode(as_file(chart, f"{_map_colours('light')} {dark}").encode()).decode()
-    style = f"width: {width}; max-width: 100%; vertical-align: middle"
+    content = base64.b64encode(as_file(chart, f"{_map_colours('light')} {dark} {rules}").encode()).decode()
+    style = f"width: {width}px; max-width: 100%; vertical-align: middle"
     return f'<img alt="{title}" style="{style}" src="data:image/svg+xml;base64,{content}">'
 
 

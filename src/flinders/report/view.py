@@ -356,8 +356,10 @@ def _finding(finding: Finding) -> FindingView:
     return FindingView(finding.code, finding.severity, number, limit, finding.advice)
 
 
-def sentence(fit: Fit, limit_deg: float | None = None) -> str:
+def sentence(fit: Fit, limit_deg: float | None = None, *, advises: bool = True) -> str:
     """The verdict in plain words, in a sentence or two; `limit_deg` is the attitude limit, where that is known already.
+
+    What to do about a refusal is left out unless it `advises`, as on a page whose findings say it.
 
     >>> from flinders import simulate
     >>> from flinders.fitting import calibrate
@@ -373,7 +375,8 @@ def sentence(fit: Fit, limit_deg: float | None = None) -> str:
         if worst > fit.claim.target_deg:
             much = heading_words(fit.claim) if worst < ANY_ANGLE_DEG else "any angle"
             return f"Headings may be off by {much}. {target}"
-        return f"Not fit for use: {first_causes(fit.findings)[0].advice}"
+        cause = first_causes(fit.findings)[0]
+        return f"Not fit for use: {cause.advice if advises else cause.fault}"
     limit = fit.claim.attitude_limit_deg if limit_deg is None else limit_deg
     attitudes = "while level" if limit < 1.0 else reach(limit)
     good = "are good to" if worst <= fit.claim.target_deg else "may be off by"

@@ -12,8 +12,8 @@ import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
 import { legendOf, legendRow } from "./legend.js";
 import { listenForPlace, showRemedies } from "./remedies.js";
 import { errors, Gap, goesOn, Store } from "./store.js";
-import { Board } from "./views/board.js";
 import { ems, gauge } from "./views/gauge.js";
+import { Guide, LeadView } from "./views/lead.js";
 import { brief, capital, counted, degrees, duration, frequency, ICONS, PHASES, REASONS, sentence, things } from "./views/words.js";
 import { drawChanged, lay, markHovered } from "./widgets.js";
 
@@ -27,22 +27,16 @@ import { drawChanged, lay, markHovered } from "./widgets.js";
 /** Charts are drawn no more often than this, and take at most a sixth of the time. */
 const CHART_MS = 100;
 const CHART_SHARE = 6;
-/** Letters of advice that the large type has room for. */
-const LONG_ADVICE = 112;
 /** Where the browser keeps which theme was chosen; see theme.js. */
 const THEME = "flinders-theme";
-/** What to do, where no direction is better than the others; and where the drawn board shows it. */
-const AROUND = "Turn the sensor slowly through all directions.";
-const AS_DRAWN = "Turn the sensor as the drawing shows.";
 const SAID_MS = 4000;
 const NOTICE_MS = 9000;
 
 const store = new Store();
 const finish = new Finish(notify, () => link);
 const panels = lay(byId("strip", HTMLElement), { store, send, notify, hover });
-/** Drawn beside the sphere, and in its place before the first turn. */
-const board = new Board(byId("drawn", HTMLElement));
-const begin = new Board(byId("turning", HTMLElement));
+const guide = new Guide();
+const leadView = new LeadView(guide, drawAll);
 /** @type {Scene | null} */
 let scene = null;
 let sceneAsked = false;
@@ -129,11 +123,13 @@ function askFrame() {
 function draw(now) {
     frameAsked = false;
     const { state, view } = store;
+    if (dirty.now && store.now && view) leadView.turn(store.now, view);
+    const lead = guide.follow(store, now / 1000);
+    if (state && lead) leadView.draw(state, view, lead);
     if (dirty.state && state) drawState(state, view);
     if (dirty.state) finish.show(state);
-    if (dirty.points || dirty.view || dirty.state) drawScene(view, state);
+    if (dirty.points || dirty.view || dirty.state || guide.lead?.target !== sceneTarget) drawScene(view, state);
     if (dirty.now) scene?.setNow(store.now ? { raw: store.now.raw } : null);
-    if (dirty.now && store.now && view?.shown) board.attitude.follow(store.now, view.shown);
     const picture = { view, state, now: store.now, points: store.points };
     drawChanged(panels, /** @type {const} */ (["view", "state", "now"]).filter((part) => dirty[part]), picture);
     if (dirty.hovered) {
@@ -193,7 +189,7 @@ function drawState(state, view) {
     if (document.activeElement !== goal) goal.value = state.goal;
     drawPhase(state);
     drawSource(state);
-    drawAdvice(state, view);
+    drawAdvice(state);
     drawLegend();
     for (const { controls } of panels) controls?.show(state);
     byId("clear", HTMLElement).hidden = state.opened !== null;
@@ -212,11 +208,12 @@ function drawPhase(state) {
     const panel = byId("status-title", HTMLElement).closest(".status");
     if (panel instanceof HTMLElement) panel.dataset.phase = state.phase;
     const title = byId("phase", HTMLElement);
-    setIcon(title, ICONS[state.phase]);
+    const isResult = isEnded(state) && state.phase === "collecting" && state.told !== "fitting";
+    setIcon(title, ICONS[isResult ? "limited" : state.phase]);
     const strong = title.querySelector("strong");
-    const phase = PHASES[state.phase] ?? state.phase;
+    const phase = isResult ? (store.view ? "Misses the target" : "No calibration") : (PHASES[state.phase] ?? state.phase);
     const phaseTitle = state.paused ? "Paused" : phase;
-    const words = phaseTitle === PHASES.good ? capital(state.words.slice(PHASES.good.length + 2)) : state.words; // "Good: …"
+    const words = state.words.startsWith(`${phaseTitle}: `) ? capital(state.words.slice(phaseTitle.length + 2)) : state.words; // "Good: …"
     if (strong) setText(strong, phaseTitle);
     const shown = state.phase === "waiting" || isStill(state, store.view) ? "" : words; // which the middle of the page says
     setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravest(state) : shown);
@@ -259,39 +256,12 @@ function drawSource({ phase, source, readings, rejected, excluded_readings, rate
     byId("source", HTMLElement).title = [source.name, source.words, words, recording ? `recorded to ${recording}` : ""].filter(Boolean).join("\n");
 }
 
-/**
- * @param {State} state
- * @param {View | null} view
- */
-function drawAdvice(state, view) {
-    drawEmpty(state, view);
-    const words = advice(state, view);
-    byId("advice", HTMLElement).hidden = words === "";
+/** @param {State} state */
+function drawAdvice(state) {
+    drawEmpty(state);
     showRemedies(byId("remedies", HTMLElement), state, send);
-    const wrong = state.phase === "wrong";
-    const stands = ["good", "wrong"].includes(state.phase) || (state.phase === "limited" && !goesOn(state));
-    setIcon(byId("advice", HTMLElement), stands ? ICONS[state.phase] : "next");
     byId("advice", HTMLElement).dataset.phase = state.phase;
-    byId("advice", HTMLElement).classList.toggle("long", words.length > LONG_ADVICE);
-    setText(byId("advice-words", HTMLElement), words);
-    drawBoard(state, view?.guidance ?? null);
-    const spoken = words === AS_DRAWN ? sentence(view?.guidance?.words ?? "") : words;
-    say("advice", wrong ? "" : spoken); // what is wrong is said with the phase
-}
-
-/**
- * Show how to turn next, as long as that is asked for.
- * @param {State} state
- * @param {View["guidance"]} guidance
- */
-function drawBoard(state, guidance) {
-    const isAsked = goesOn(state) && !state.paused && !isStill(state, store.view);
-    if (isAsked && (state.phase === "collecting" || state.phase === "limited")) {
-        const { direction = null, frame = "sensor", words = AROUND } = guidance ?? {};
-        board.show({ direction, frame }, capital(words));
-    } else {
-        board.hide();
-    }
+    say("advice", state.phase === "wrong" ? "" : (guide.lead?.words ?? "")); // what is wrong is said with the phase
 }
 
 /**
@@ -305,6 +275,14 @@ const EXAMPLES = Object.freeze({
 });
 
 /**
+ * Whether the readings are all that there will be: of a log, or of a playback that has ended.
+ * @param {State} state
+ */
+function isEnded(state) {
+    return !goesOn(state) && state.readings > 0;
+}
+
+/**
  * Whether a sensor that somebody may turn has not been turned yet.
  * @param {State} state
  * @param {View | null} view
@@ -315,52 +293,17 @@ function isStill(state, view) {
 }
 
 /**
- * In place of the sphere: where readings are waited for, and what sends them; or how to begin.
+ * In place of the sphere: where readings are waited for, and what sends them.
  * @param {State} state
- * @param {View | null} view
  */
-function drawEmpty(state, view) {
-    const { phase, readings, source } = state;
-    const still = isStill(state, view);
-    const isEmpty = readings === 0 || still;
+function drawEmpty({ phase, readings, source }) {
+    const isEmpty = readings === 0;
     byId("empty", HTMLElement).hidden = !isEmpty;
     byId("stage", HTMLElement).toggleAttribute("data-empty", isEmpty);
-    if (still) begin.show({ direction: null, frame: "sensor" }, AROUND);
-    else begin.hide();
-    const lead = phase === "waiting" ? "Waiting for readings" : "No readings";
-    setText(byId("empty-lead", HTMLElement), still ? "Start turning" : lead);
-    setText(byId("empty-from", HTMLElement), still ? AROUND : `from ${source.name}`);
-    byId("empty-drop", HTMLElement).hidden = still;
+    setText(byId("empty-lead", HTMLElement), phase === "waiting" ? "Waiting for readings" : "No readings");
+    setText(byId("empty-from", HTMLElement), `from ${source.name}`);
     byId("empty-board", HTMLElement).hidden = phase !== "waiting" || !EXAMPLES[source.kind];
     setText(byId("empty-example", HTMLElement), EXAMPLES[source.kind] ?? "");
-}
-
-/**
- * What to do next, in the large type.
- * @param {State} state
- * @param {View | null} view
- * @returns {string}
- */
-function advice(state, view) {
-    const guidance = view?.guidance ?? null;
-    if (state.phase === "waiting" || isStill(state, view)) return "";
-    if (state.phase === "wrong") return sentence(brief(state.words)[0]);
-    if (!goesOn(state) && state.readings > 0) {
-        if (state.phase === "good" || state.phase === "limited") return "Done: press Finish.";
-        const next = guidance && !hasLetters(guidance) && !guidance.is_path ? sentence(guidance.words) : AROUND;
-        return `The recording has ended. To do better, record again: ${next.replace(/^\w/, (letter) => letter.toLowerCase())}`;
-    }
-    if (state.phase === "good") return "Done: press Finish, or keep turning to make it better.";
-    if (guidance === null) return AROUND;
-    return hasLetters(guidance) ? AS_DRAWN : sentence(guidance.words);
-}
-
-/**
- * Whether advice names axes of a sensor, which nobody can see on a board.
- * @param {import("./messages.d.ts").GuidanceView} guidance
- */
-function hasLetters({ direction, frame }) {
-    return direction !== null && frame === "sensor";
 }
 
 let legendDrawn = "";
@@ -414,8 +357,20 @@ function painted() {
 
 /** @type {View | null} */
 let sceneView = null;
-let sceneLeads = true;
+/** @type {readonly number[] | null} where the arrow leads */
+let sceneTarget = null;
 let maskKey = "";
+
+/**
+ * The arrow on the sphere leads where the page asks to turn, and nowhere else.
+ * @param {View} view
+ * @param {readonly number[] | null} target
+ * @returns {View["guidance"]}
+ */
+function guidanceTo({ guidance }, target) {
+    if (!target || !guidance) return null;
+    return { ...guidance, direction: [target[0], target[1], target[2]] };
+}
 
 /**
  * @param {View | null} view
@@ -427,11 +382,10 @@ function drawScene(view, state) {
     else if (sceneFrom < store.points.count) scene.appendPoints(store.points, sceneFrom);
     sceneFrom = store.points.count;
     if (state) scene.setTarget(state.target_deg);
-    const leads = state !== null && state.phase !== "wrong" && goesOn(state);
-    if (view !== sceneView || leads !== sceneLeads) {
-        sceneView = view;
-        sceneLeads = leads;
-        scene.setView(view && !leads ? { ...view, guidance: null } : view);
+    const target = guide.lead?.target ?? null;
+    if (view !== sceneView || target !== sceneTarget) {
+        [sceneView, sceneTarget] = [view, target];
+        scene.setView(view && { ...view, guidance: guidanceTo(view, target) });
     }
     const spans = state?.excluded ?? [];
     const key = JSON.stringify([spans, view?.rejected ?? [], store.points.stride]);

@@ -23,6 +23,8 @@ const LAST_TARGET = "flinders-export";
 /** What can be had of any calibration, in any unit. */
 const FIRST_TARGET = "c";
 const TURN_FIRST = "turn the sensor through all directions; the first fit comes after some seconds";
+/** What comes of no readings. @type {import("./standalone/running.js").Finished} */
+const NOTHING = { name: "", view: null, refusal: "" };
 /** What begins a line of a preview that is a comment. */
 const COMMENT = /^\s*(\/\*|\*|\/\/|#|--|%|;|$)/;
 
@@ -44,11 +46,15 @@ export class Finish {
         this.finished = null;
         /** Readings that were here then. */
         this.readings = 0;
+        /** Whether an earlier calibration was to be renewed then. */
+        this.isRenewed = false;
+        /** The calibration that is compared with. */
+        this.previous = "";
         /** @type {State | null} */
         this.state = null;
         this.targets.addEventListener("change", () => {
             remember(LAST_TARGET, this.targets.value);
-            this.showPreview(null, "…");
+            this.showPreview(null, "");
             this.ask();
         });
         this.onClick("copy", () => this.copy());
@@ -89,6 +95,7 @@ export class Finish {
     say(words, how = "done") {
         this.answer.dataset.how = how;
         setText(this.answer, words && sentence(words));
+        if (words) this.answer.scrollIntoView({ block: "nearest" });
     }
 
     get isOpen() {
@@ -104,15 +111,16 @@ export class Finish {
     /** Make the calibration of all readings, which the dialog is about from then on. */
     async make() {
         const turn = ++this.asked;
-        const readings = this.state?.readings ?? 0;
-        this.finished = null;
+        this.readings = counting(this.state);
+        this.isRenewed = this.state?.refreshing ?? false;
+        this.finished = this.readings === 0 ? NOTHING : null;
         this.draw();
-        this.verdict("none", "Making the calibration …", `of all ${things(readings, "reading")}`);
+        if (this.finished) return;
+        this.verdict("none", "Making the calibration …", `of all ${things(this.readings, "reading")}`);
         try {
             const finished = await this.link().finish();
             if (turn !== this.asked) return;
             this.finished = finished;
-            this.readings = readings;
         } catch (error) {
             if (!(error instanceof Refusal)) throw error;
             if (turn !== this.asked) return;
@@ -146,7 +154,7 @@ export class Finish {
     show(state) {
         this.state = state;
         if (!this.isOpen) return;
-        setText(byId("kept", HTMLElement), state?.recording ? `All that arrives is recorded to ${state.recording}.` : "");
+        setText(byId("kept", HTMLElement), state?.recording && state.opened === null ? `All that arrives is recorded to ${state.recording}.` : "");
         const previous = state?.previous ?? null;
         setText(
             byId("previous-words", HTMLElement),
@@ -154,10 +162,14 @@ export class Finish {
                 ? `${previous.name}: ${sentence(previous.words)}`
                 : "A calibration file of this sensor: how many degrees have headings changed since?",
         );
+        const name = previous?.name ?? "";
+        if (name && name !== this.previous) byId("compare", HTMLDetailsElement).open = true;
+        this.previous = name;
         byId("previous-clear", HTMLElement).hidden = !previous;
         byId("refresh-choice", HTMLElement).hidden = !previous;
         byId("refresh", HTMLInputElement).checked = state?.refreshing ?? false;
-        const more = (state?.readings ?? 0) - this.readings;
+        if (state && this.finished && state.refreshing !== this.isRenewed) this.make();
+        const more = counting(state) - this.readings;
         byId("finish-more", HTMLElement).hidden = !this.finished || more === 0;
         setText(byId("finish-more-words", HTMLElement), more > 0 ? `${things(more, "reading")} came since.` : "The readings are others now.");
         this.allow();
@@ -171,21 +183,17 @@ export class Finish {
         this.numbers(view);
         const region = byId("parameters", HTMLElement);
         if (view?.offset) table(region, view);
-        else region.replaceChildren(element("p", view ? "A refused fit gives no numbers to copy." : "None yet."));
+        else region.replaceChildren();
+        for (const id of ["take", "preview", "export-warnings"]) byId(id, HTMLElement).hidden = Boolean(this.finished && !view?.offset);
+        byId("details", HTMLElement).hidden = !view?.offset;
         setList(byId("findings", HTMLElement), view?.findings ?? [], (finding) => {
             const row = noted(ICONS[finding.severity] ?? "info", finding.advice);
             row.dataset.severity = finding.severity;
             return row;
         });
         byId("known", HTMLElement).hidden = !view?.findings.length;
-        this.showPreview(null, this.finished ? this.refusal() : "…");
+        this.showPreview(null, "");
         this.show(this.state);
-    }
-
-    /** Why nothing is exported. */
-    refusal() {
-        if (!this.finished?.view) return sentence(this.finished?.refusal || "There is no calibration yet.");
-        return `A refused fit is not exported. ${this.finished.view.sentence}`;
     }
 
     /** Switch buttons off that have nothing to act on. */
@@ -247,12 +255,8 @@ export class Finish {
     /** Get the text of the chosen export. */
     async ask() {
         const target = this.targets.value;
-        if (!target || !this.finished) return;
+        if (!target || !this.finished?.view?.offset) return;
         const turn = ++this.asked;
-        if (!this.finished.view?.offset) {
-            this.showPreview(null, this.refusal());
-            return;
-        }
         try {
             const answer = await this.link().ask(`export/${encodeURIComponent(target)}`, { headers: { Accept: "application/json" } });
             const preview = /** @type {Preview} */ (await answer.json());
@@ -273,10 +277,12 @@ export class Finish {
         const binary = preview?.binary_base64;
         const words = binary && !text ? `${preview.filename}: ${atob(binary).length} bytes, to be downloaded.\n\n${hex(atob(binary))}` : text;
         const host = byId("preview", HTMLElement);
-        host.classList.toggle("refusal", preview === null);
+        host.classList.toggle("refusal", preview === null && text !== "");
         setText(host, words);
         host.scrollTop = preview ? heightAbove(host, text) : 0;
-        setList(byId("export-warnings", HTMLElement), preview?.warnings ?? [], (warning) => noted("limited", warning));
+        const known = this.finished?.view?.findings.map(({ advice }) => advice) ?? [];
+        const warnings = preview?.warnings.filter((warning) => !known.includes(warning)) ?? [];
+        setList(byId("export-warnings", HTMLElement), warnings, (warning) => noted("limited", warning));
         this.allow();
     }
 
@@ -322,6 +328,15 @@ export class Finish {
         const { words } = await answer.json().catch(() => ({}));
         this.say(typeof words === "string" ? words : "sent");
     }
+}
+
+/**
+ * How many readings count.
+ * @param {State | null} state
+ * @returns {number}
+ */
+function counting(state) {
+    return state ? state.readings - state.excluded_readings : 0;
 }
 
 /**

@@ -37,12 +37,16 @@ export class RelayLink extends SessionLink {
         this.generation = -1;
         /** Readings come that came before the page did. */
         this.isBehind = true;
+        /** Messages that were sent on this connection. */
+        this.sent = 0;
+        /** The server has said all that there is, and nothing of it is late: what the page shows holds. */
+        this.isHeard = false;
         /** The edits that the server has, as JSON. */
         this.told = "";
         /** Number and key of the calibration that was finished. */
         this.finished = { number: "", key: -1 };
         this.connection = new Connection(address, {
-            onLink: (state, seconds) => state !== "open" && listener.onLink(state, seconds),
+            onLink: (state, seconds) => this.#linked(state, seconds),
             onMessage: (message) => this.#heard(message),
             onFrame: (frame) => this.#passed(frame),
         });
@@ -53,6 +57,10 @@ export class RelayLink extends SessionLink {
         return { version, session, targets, limits };
     }
 
+    say() {
+        if (this.isHeard) super.say();
+    }
+
     retry() {
         this.connection.retry();
     }
@@ -60,9 +68,8 @@ export class RelayLink extends SessionLink {
     /** @param {Command} message */
     send(message) {
         if (!this.connection.isOpen) return false;
-        if (message.type === "previous_clear") this.connection.send({ type: "previous", name: "", text: "" });
+        if (message.type === "previous_clear") this.#say({ type: "previous", name: "", text: "" });
         super.send(message);
-        if (message.type === "clear" && this.session.opened === null) this.generation += 1;
         this.#tellEdits();
         return true;
     }
@@ -90,17 +97,22 @@ export class RelayLink extends SessionLink {
         return { name, view, refusal };
     }
 
+    /** @param {"open" | "lost" | "trying"} state @param {number} seconds */
+    #linked(state, seconds) {
+        if (state === "open") return; // the readings have yet to come
+        this.isHeard = false;
+        this.listener.onLink(state, seconds);
+    }
+
     /** @param {FromServer} message */
     #heard(message) {
-        const { session, now } = this;
+        const { session } = this;
         switch (message.type) {
             case "welcome":
                 this.#welcomed(message);
                 break;
-            case "edits":
-                if (message.begun_s !== session.live.begunS) this.generation += 1;
-                session.adopt(now, message);
-                this.told = JSON.stringify(session.edits);
+            case "kept":
+                if (message.heard >= this.sent) this.#adopt(message.edits);
                 break;
             case "source":
                 session.source = message.source;
@@ -123,17 +135,20 @@ export class RelayLink extends SessionLink {
     /** @param {Welcome} welcome */
     #welcomed(welcome) {
         const { session } = this;
-        const isOther = welcome.session !== this.welcome?.session;
         this.welcome = welcome;
+        this.sent = 0;
         Object.assign(session, { source: welcome.source, recording: welcome.recording, unrecorded: welcome.unrecorded, hasBoard: welcome.has_board });
-        session.live.frame = welcome.frame;
-        if (isOther) {
-            session.adopt(this.now, welcome.edits);
-            this.#compareWith(welcome.previous);
-        }
-        this.told = JSON.stringify(session.edits);
+        if (session.arrivedAt) session.arrivedAt = this.now; // nothing could arrive meanwhile
+        this.#adopt(welcome.edits);
+        this.#compareWith(welcome.previous);
         this.generation = -1;
-        this.renew();
+    }
+
+    /** @param {import("./wire.d.ts").Edits} edits  that the server keeps */
+    #adopt(edits) {
+        const { session } = this;
+        if (JSON.stringify(edits) !== JSON.stringify(session.edits)) session.adopt(this.now, edits);
+        this.told = JSON.stringify(session.edits);
     }
 
     /** @param {import("./wire.d.ts").Previous} previous */
@@ -151,15 +166,19 @@ export class RelayLink extends SessionLink {
 
     /** @param {ArrayBuffer} bytes */
     #passed(bytes) {
-        const { passed, unit, generation, isLast } = passedIn(bytes);
-        if (generation < this.generation) return; // it was on its way when somebody started again
+        const { passed, unit, frame, generation, isLast } = passedIn(bytes);
         if (generation > this.generation) {
             this.session.restart();
             this.isBehind = true;
         }
         this.generation = generation;
+        this.session.live.frame = frame;
         this.session.received(this.now, passed, unit, this.isBehind);
         if (isLast) this.isBehind = false;
+        if (!this.isHeard) {
+            this.isHeard = true;
+            this.renew();
+        }
         this.step();
     }
 
@@ -167,9 +186,9 @@ export class RelayLink extends SessionLink {
     #open(bytes) {
         const length = Number(new BigUint64Array(bytes, 0, 1)[0]);
         const about = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 8, length)));
-        const { passed, unit } = passedIn(bytes, 8 + length);
+        const { passed, unit, frame } = passedIn(bytes, 8 + length);
         const series = new Series(this.session.rules.capacity, unit, about.is_timed);
-        Object.assign(series, { number: about.number, frame: about.frame, site: about.site });
+        Object.assign(series, { number: about.number, frame, site: about.site });
         series.buffer.follow(passed);
         this.session.openedLog(this.now, about.name, series);
         this.tell(about.words);
@@ -182,6 +201,11 @@ export class RelayLink extends SessionLink {
         const edits = JSON.stringify(this.session.edits);
         if (edits === this.told) return;
         this.told = edits;
-        this.connection.send(this.session.edits);
+        this.#say(this.session.edits);
+    }
+
+    /** @param {import("./wire.d.ts").Edits | import("./wire.d.ts").Previous} message */
+    #say(message) {
+        if (this.connection.send(message)) this.sent += 1;
     }
 }

@@ -60,12 +60,18 @@ export interface Welcome {
   limits: Limits;
   source: SourceState;
   axes: string;
-  frame: "sensor" | "vehicle";
   recording: string;
   unrecorded: string;
   has_board: boolean;
   edits: Edits;
   previous: Previous;
+}
+
+/** The edits that the server keeps, after so many messages of the page that is told. */
+export interface Kept {
+  type: "kept";
+  edits: Edits;
+  heard: number;
 }
 
 /** The link to the source has changed. */
@@ -87,4 +93,4 @@ export interface Notice {
   words: string;
 }
 
-export type FromServer = Welcome | Edits | Previous | Linked | Unrecorded | Notice;
+export type FromServer = Welcome | Kept | Previous | Linked | Unrecorded | Notice;

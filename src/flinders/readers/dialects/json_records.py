@@ -97,6 +97,16 @@ def has_several_to_a_record(text: str) -> bool:
     return one_by_one(records) is not records
 
 
+def own_kind(text: str) -> str:
+    """What Flinders calls a file of its own with this text, such as ``truth``; nothing of any other text.
+
+    >>> own_kind('{"flinders": "truth", "schema": 1}'), own_kind('{"mx": [1, 2]}'), own_kind("mx,my,mz")
+    ('truth', '', '')
+    """
+    document = _loaded(text) if MARK in text and text.lstrip().startswith("{") else None
+    return str(document[MARK]) if isinstance(document, dict) and MARK in document else ""
+
+
 def _record(line: str) -> dict[str, object] | list[object] | None:
     """Parse an object or a list of plain values; numbers stay as they are written."""
     record = _loaded(line) if line.lstrip().startswith(("{", "[")) else None

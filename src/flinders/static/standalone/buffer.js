@@ -118,7 +118,7 @@ export class ReadingBuffer {
         this.total = total;
         this.#put(passed, 0, 1);
         for (let i = 0; i < 6; i++) this.latest[i] = latest[1 + i];
-        this.seconds = latest[0];
+        this.seconds = total > 0 ? latest[0] : 0;
     }
 
     /**
@@ -276,6 +276,12 @@ export class Exclusions {
     /** @param {Span} span */
     restoring(span) {
         return this.#then(without(this.spans, span));
+    }
+
+    /** As another page has them: one step, taken here too. @param {Span[]} spans */
+    becoming(spans) {
+        const isSame = (/** @type {Exclusions} */ step) => JSON.stringify(step.spans) === JSON.stringify(spans);
+        return [this.undone(), this.redone()].find(isSame) ?? this.#then(spans);
     }
 
     undone() {

@@ -7,6 +7,7 @@ const MAGIC = 0x464c4e44;
 const HEADER_BYTES = 32;
 const HAS_ACCELERATION = 1;
 const IS_MICROTESLA = 2;
+const IS_VEHICLE = 4;
 const LATEST = 7;
 /** @type {Unit} */
 const MICROTESLA = { inside: "uT", recorded: "uT", scale: 1 };
@@ -16,7 +17,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
 /**
  * @param {ArrayBuffer} bytes
  * @param {number} [offset]  a multiple of eight
- * @returns {{passed: Passed, unit: Unit, generation: number, isLast: boolean}}
+ * @returns {{passed: Passed, unit: Unit, frame: "sensor" | "vehicle", generation: number, isLast: boolean}}
  * @throws {Error} For what is no such frame.
  */
 export function passedIn(bytes, offset = 0) {
@@ -28,5 +29,6 @@ export function passedIn(bytes, offset = 0) {
     const rest = numbers.subarray(LATEST + count);
     const acceleration = isFelt ? rest.subarray(3 * count) : null;
     const passed = { first, stride, total, latest, time, field: rest.subarray(0, 3 * count), acceleration };
-    return { passed, unit: flags & IS_MICROTESLA ? MICROTESLA : COUNTS, generation, isLast: isLast > 0 };
+    const unit = flags & IS_MICROTESLA ? MICROTESLA : COUNTS;
+    return { passed, unit, frame: flags & IS_VEHICLE ? "vehicle" : "sensor", generation, isLast: isLast > 0 };
 }

@@ -91,8 +91,8 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {number} dipDeg
  * @property {boolean} dipAssumed
  * @property {"heading" | "attitude"} goal
- * @property {Previous | null} previous
  * @property {boolean} isFollowed  somebody turns the sensor just now, and may be led
+ * @property {Previous | null} previous
  * @property {Site | null} site  what counts of the place
  * @property {boolean} isRenewed  its soft iron is kept, and its hard iron found anew
  */
@@ -294,6 +294,7 @@ export class Session {
     restart() {
         const { live } = this;
         live.buffer = new ReadingBuffer(live.buffer.most);
+        this.arrivals = [];
         live.generation = ++this.generations;
         live.key = ++this.keys;
     }
@@ -380,7 +381,7 @@ export class Session {
         this.at = at;
         if (edits.begun_s !== this.live.begunS) this.#begin(edits.begun_s);
         const { live } = this;
-        if (JSON.stringify(edits.excluded) !== JSON.stringify(live.exclusions.spans)) live.exclusions = new Exclusions(edits.excluded);
+        live.exclusions = live.exclusions.becoming(edits.excluded);
         live.pausedAt = edits.paused_s;
         live.site = edits.site;
         this.targetDeg = edits.target_deg;

@@ -130,7 +130,7 @@ function ofView(session, view) {
     if (worst === null) return ["collecting", view.sentence];
     if (worst > session.targetDeg) {
         const known = worst < 90 ? `the worst error to expect is ${figures(worst)}° (1 σ)` : "no heading is known yet";
-        return ["collecting", `Keep turning: ${known}, ${target}.`];
+        return ["collecting", `${isEnded(session) ? "Misses the target" : "Keep turning"}: ${known}, ${target}.`];
     }
     const done = `the worst ${errorOf(session)} to expect is ${figures(worst)}° (${bound(session, view)}), ${target}`;
     if (!alarms.every((code) => session.isSettled(code))) {
@@ -140,6 +140,14 @@ function ofView(session, view) {
     if (!isSure(session)) return ["collecting", `Almost: ${done}; keep turning a little.`];
     if (view.verdict === "limited") return ["limited", `Good enough, with limits: ${done}${asFarAs(session, view)}.`];
     return ["good", `Good: ${done}.${view.condition && ` ${sentence(view.condition)}`}`];
+}
+
+/**
+ * Whether the readings are all that there will be: of a log, or of a playback that has ended.
+ * @param {Session} session
+ */
+function isEnded({ opened, source }) {
+    return opened !== null || source.link === "ended";
 }
 
 /**
@@ -175,12 +183,16 @@ function isSure({ shown, isRepeated, isOver }) {
  * @param {Session} session
  * @returns {[string, string | null]}
  */
-function beforeAFit({ shown: { buffer, evaluated }, source }) {
-    if (buffer.total === 0) return [`${source.name} has ended without a reading.`, null];
+function beforeAFit(session) {
+    const { buffer, evaluated } = session.shown;
+    if (buffer.total === 0) return [`${session.source.name} has ended without a reading.`, null];
     if (evaluated.reasons.some(({ code }) => code === "no-rotation")) {
-        return ["Start turning: turn the sensor slowly through all directions.", null];
+        return [isEnded(session) ? "The sensor was not turned." : "Start turning: turn the sensor slowly through all directions.", null];
     }
-    if (!evaluated.refusal) return ["Looking at the first readings. Turn the sensor slowly through all directions.", null];
+    if (!evaluated.refusal) {
+        if (isEnded(session)) return ["Looking at the readings.", "fitting"];
+        return ["Looking at the first readings. Turn the sensor slowly through all directions.", null];
+    }
     return [sentence(evaluated.refusal), evaluated.refusalCode || null];
 }
 

@@ -15,6 +15,13 @@ import { corrected, cross, dot } from "./vectors.js";
 /** @type {Rotation} */
 export const LEVEL = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
 
+/**
+ * From axes of a sensor or vehicle to those of a drawn body: to its right, to its front, out of its face. A vehicle's point
+ * forward, to the right and down; a sensor is drawn with its z out of the face.
+ * @type {Readonly<Record<"sensor" | "vehicle", Rotation>>}
+ */
+export const DRAWN = { sensor: LEVEL, vehicle: [[0, 1, 0], [1, 0, 0], [0, 0, -1]] };
+
 /** @param {Vector} v @returns {Vector} Of length one; unchanged where it has none. */
 export function unit(v) {
     const length = Math.hypot(...v);
@@ -64,6 +71,8 @@ export function between(from, to) {
 /** The attitude of a body, kept up as readings come. */
 export class Attitude {
     rotation = LEVEL;
+    /** Whether an accelerometer says which way is up. */
+    isUpright = false;
     /** @type {Vector | null} where the field points, in axes of the body */
     field = null;
 
@@ -75,6 +84,7 @@ export class Attitude {
     follow({ raw, acceleration }, shown) {
         const field = unit(corrected(raw, shown));
         const upright = acceleration && level(field, unit(acceleration));
+        this.isUpright = Boolean(upright);
         if (upright) this.rotation = upright;
         else if (this.field) this.rotation = product(this.rotation, rotation(between(field, this.field)));
         this.field = field;

@@ -1,0 +1,163 @@
+r"""Files that come from a page and go to it: what an upload unpacks to is bounded, a growing file is sent as it was.
+
+What a packed file says of its own size is not believed: it is unpacked once, and refused as soon as that is too much.
+Only then its reader unpacks it, as it does for the command line, which has no such bound.
+
+>>> import gzip
+>>> from pathlib import Path
+>>> path = Path(tempfile.mkdtemp()) / "log.csv.gz"
+>>> _ = path.write_bytes(gzip.compress(b"1,2,3\n" * 1000))
+>>> with path.open("rb") as file:
+...     sum(map(len, unpacked(file)))
+6000
+>>> refuse_large(path, "log.csv.gz")
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import os
+import tempfile
+import zipfile
+from functools import partial
+from typing import IO, TYPE_CHECKING, Final
+from urllib.parse import quote
+
+from starlette.responses import StreamingResponse
+
+from flinders.errors import UnreadableInput
+from flinders.live.session_file import load
+from flinders.readers._source import CHUNK, GZIP
+from flinders.readers._tokenizer import shown
+from flinders.readers.arrays import MOST_MEMBERS, ZIP
+from flinders.readers.matlab import MAT, inflated
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from flinders.live.session_file import Log
+
+PACKED: Final = (GZIP, ZIP, MAT)
+"""First bytes of files that are packed."""
+UNPACKED_BYTES: Final = 256 << 20
+"""Bytes that an upload may unpack to; text of that length is read in half a minute."""
+MAX_LAYERS: Final = 3
+"""Packings around each other that are undone: a reader undoes no more."""
+PACKINGS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Packings of members of an archive that `zipfile` undoes in bounded memory."""
+TAIL: Final = 1 << 16
+"""Bytes that are searched at a time for the end of the last whole line."""
+
+
+def load_upload(path: Path, name: str) -> tuple[Log, str]:
+    """Read an uploaded recording, and say how it was read; `UnreadableInput` where it unpacks to too much."""
+    refuse_large(path, name)
+    log, words, _ = load(path, name)
+    return log, words
+
+
+def refuse_large(path: Path, name: str) -> None:
+    """Refuse a file that unpacks to more than `UNPACKED_BYTES` with `UnreadableInput`; a broken one is let pass."""
+    size = 0
+    with path.open("rb") as file:
+        for piece in unpacked(file):
+            size += len(piece)
+            if size > UNPACKED_BYTES:
+                raise UnreadableInput(
+                    f"{name} unpacks to more than {UNPACKED_BYTES >> 20} MB, which is the most that this page takes: "
+                    "calibrate it with flinders calibrate"
+                )
+
+
+def unpacked(file: IO[bytes], layers: int = MAX_LAYERS) -> Iterator[bytes]:
+    """Yield what a file unpacks to, a piece at a time, and what is packed inside that; nothing of a plain file."""
+    for pieces in map(_while_sound, _packed_files(file)):
+        first = next(pieces, b"")
+        yield first
+        if layers > 1 and first.startswith(PACKED):
+            yield from _twice_unpacked(first, pieces, layers - 1)
+        else:
+            yield from pieces
+
+
+def _while_sound(pieces: Iterator[bytes]) -> Iterator[bytes]:
+    """Yield pieces up to the first that is broken, of which the reader says what is wrong."""
+    with contextlib.suppress(Exception):
+        yield from pieces
+
+
+def _twice_unpacked(first: bytes, pieces: Iterator[bytes], layers: int) -> Iterator[bytes]:
+    """Yield the rest of a packed file, then what it unpacks to in turn."""
+    with tempfile.TemporaryFile() as inner:
+        inner.write(first)
+        for piece in pieces:
+            inner.write(piece)
+            yield piece
+        yield from unpacked(inner, layers)
+
+
+def _packed_files(file: IO[bytes]) -> Iterator[Iterator[bytes]]:
+    """Yield the pieces of each file that is packed in a file.
+
+    An archive with a packing other than `PACKINGS` raises `UnreadableInput`.
+    """
+    file.seek(0)
+    start = file.read(len(MAT))
+    file.seek(0)
+    if start.startswith(GZIP):
+        yield _pieces(partial(gzip.GzipFile, fileobj=file))
+    elif start.startswith(ZIP):
+        yield from _members(file)
+    elif start.startswith(MAT):
+        yield inflated(file)
+
+
+def _members(file: IO[bytes]) -> Iterator[Iterator[bytes]]:
+    """Yield the pieces of each member of an archive, as `_packed_files`; none of a broken archive."""
+    with contextlib.suppress(zipfile.BadZipFile, NotImplementedError), zipfile.ZipFile(file) as archive:
+        members = [member for member in archive.infolist() if not member.is_dir()]
+        for member in members[:MOST_MEMBERS]:
+            if member.compress_type not in PACKINGS:
+                raise UnreadableInput(
+                    f"{shown(member.filename)} is packed in an unusual way: pack the archive anew, as most programs do"
+                )
+            yield _pieces(partial(archive.open, member))
+
+
+def _pieces(opened: Callable[[], gzip.GzipFile | IO[bytes]]) -> Iterator[bytes]:
+    """Open a packed file, and unpack it a piece at a time."""
+    with opened() as stream:
+        yield from iter(partial(stream.read, CHUNK), b"")
+
+
+def snapshot(path: Path) -> StreamingResponse:
+    """Answer with the whole lines that a file has now, however it grows while they are sent."""
+    with path.open("rb") as file:
+        size = _whole_lines(file)
+    name = quote(path.name)
+    named = f'filename="{name}"' if name == path.name else f"filename*=utf-8''{name}"
+    headers = {"Content-Length": f"{size}", "Content-Disposition": f"attachment; {named}"}
+    return StreamingResponse(_first_bytes(path, size), media_type="text/csv", headers=headers)
+
+
+def _whole_lines(file: IO[bytes]) -> int:
+    """Size of a file up to the end of its last whole line."""
+    end = file.seek(0, os.SEEK_END)
+    while end > 0:
+        start = max(end - TAIL, 0)
+        file.seek(start)
+        line_end = file.read(end - start).rfind(b"\n")
+        if line_end >= 0:
+            return start + line_end + 1
+        end = start
+    return 0
+
+
+def _first_bytes(path: Path, size: int) -> Iterator[bytes]:
+    """Read so many bytes of a file, a piece at a time."""
+    with path.open("rb") as file:
+        while piece := file.read(min(CHUNK, size)):
+            size -= len(piece)
+            yield piece
