@@ -159,6 +159,7 @@ def a_line(_: Path) -> None:
     readings_frame(
         generation=1, first=0, stride=buffer.stride, total=buffer.total, is_last=True,
         rows=buffer.rows(0, len(buffer)), latest=buffer.latest, is_microtesla=True,
+        is_vehicle=False,
     )  # fmt: skip
 
 

@@ -221,6 +221,7 @@ def frame_of_buffer(buffer: ReadingBuffer, unit: Unit = UT) -> bytes:
     return readings_frame(
         generation=0, first=0, stride=buffer.stride, total=buffer.total, is_last=True,
         rows=buffer.rows(0, len(buffer)), latest=buffer.latest, is_microtesla=unit.inside == MICROTESLA,
+        is_vehicle=False,
     )  # fmt: skip
 
 
