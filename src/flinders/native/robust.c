@@ -201,9 +201,9 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
         if (!(axes[2] < 5 * axes[0])) continue;
         if (!kernels->has_closer(&points, &tried, best, is_flat ? (chosen + 1) / 2 : chosen / 2 + 1)) continue;
         absolute(kernels, &points, &tried, distances);
-        const real typical = is_flat ? fl_median(distances, chosen) : fl_select(distances, chosen, chosen / 2);
-        if (is_flat && !(typical < best)) continue;
-        best = typical;
+        const real median = is_flat ? fl_median(distances, chosen) : fl_select(distances, chosen, chosen / 2);
+        if (is_flat && !(median < best)) continue;
+        best = median;
         winner = tried;
     }
     if (!(best < FL_HUGE)) return is_flat ? circle_about(local, chosen, middle, scale, surface) : 1;
