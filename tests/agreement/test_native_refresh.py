@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.testing as npt
@@ -61,7 +62,11 @@ def test_a_fit_with_a_known_shape_is_at_the_maximum_of_the_posterior(motion: str
 def test_what_is_known_of_all_nine_parameters_counts() -> None:
     samples, whole = wobble().samples, flinders.fit(wobble(seed=5, motion="hand", n=3000).samples).claim
     expected = np.concatenate([whole.ellipsoid.centre, upper(whole.ellipsoid.shape)])
-    known = {"is_informed": 1, "expected": expected, "information": np.linalg.inv(whole.covariance).ravel()}
+    known: dict[str, Any] = {
+        "is_informed": 1,
+        "expected": expected,
+        "information": np.linalg.inv(whole.covariance).ravel(),
+    }
     both, alone = engine().fit(samples.field, **known), engine().refresh(samples.field, earlier_of(EARLIER))
     sigma = np.sqrt(np.diag(whole.covariance))
     assert np.all(np.abs(both["centre"] - expected[:3]) < 3.0 * sigma[:3])
@@ -134,6 +139,8 @@ def test_two_calibrations_are_as_far_apart_as_flinders_compare_says(strengths: t
     ]
     found = engine().compare(calibrated[0], calibrated[1], dip_deg=-35.0)
     heading = expected.heading_difference_deg
+    assert expected.chi_square is not None
+    assert expected.p_value is not None
     npt.assert_allclose(
         [found[name] for name in ("rms_deg", "worst_deg", "chi_square", "freedom", "p_value")],
         [heading.rms, heading.worst, expected.chi_square, expected.freedom, expected.p_value],
