@@ -88,9 +88,10 @@ def row_of(who: str, stops_s: float, runs: Sequence[Run]) -> str:
     seconds = np.array([run.seconds for run in runs])
     brisk = np.array([run.speed_deg >= BRISK_DEG for run in runs])
     words = max(run.words * MINUTE_S / max(min(run.seconds, LONGEST_S), MINUTE_S) for run in runs)
-    most = np.quantile(seconds, 0.98, method="higher")
+    last = float(np.quantile(seconds, 0.98, method="higher"))
+    most = f"{last:.1f} s" if last < LONGEST_S else f"> {LONGEST_S:.0f} s"
     return (
-        f"| {PEOPLE[who]} | {'yes' if stops_s else ''} | {np.median(seconds):.1f} s | {most:.1f} s "
+        f"| {PEOPLE[who]} | {'yes' if stops_s else ''} | {np.median(seconds):.1f} s | {most} "
         f"| {np.mean(seconds <= 20.0):.1%} | {np.mean(seconds <= 30.0):.1%} | {np.mean(seconds[brisk] <= 20.0):.1%} "
         f"| {np.median([run.turned_deg for run in runs]):.0f}° | {words:.0f} |"
     )
