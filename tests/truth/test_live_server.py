@@ -48,6 +48,7 @@ from flinders.live.server import STATIC, application
 from flinders.live.session_file import Log, Supply, default_path, edits_in, line_of, read_edits
 from flinders.live.transports import Scripted
 from flinders.native import build
+from flinders.standalone.package import live_data
 from flinders.targets import registry
 
 with warnings.catch_warnings():
@@ -93,7 +94,7 @@ class Bench:
         )
         self.hub = Hub(supply)
         self.said: list[str] = []
-        self.app = application(self.hub, Gate.of(host, 8410, ("bench",)), tokens, self.said.append)
+        self.app = application(self.hub, Gate.of(host, 8410, ("bench",)), tokens, self.said.append, live_data)
         self.client = TestClient(self.app, base_url=f"http://{HOST}")
 
     def page(self) -> WebSocketTestSession:

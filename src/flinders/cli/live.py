@@ -217,6 +217,7 @@ def command(options: Live) -> None:
     from flinders.live.hub import Hub
     from flinders.live.server import application
     from flinders.live.session_file import begun
+    from flinders.standalone.package import live_data
 
     axes = Axes.of(options.axes)
     previous, renewed = _previous(options)
@@ -230,7 +231,7 @@ def command(options: Live) -> None:
         tokens = Tokens() if gate.is_open else None
         hub = Hub(supply, previous, renewed)
         _announce(hub, port, tokens.current if tokens else None, options)
-        serve(application(hub, gate, tokens, say), listener)
+        serve(application(hub, gate, tokens, say, live_data), listener)
         if hub.failure is not None:
             raise hub.failure
     is_there = supply.path.exists()

@@ -92,8 +92,14 @@ class Uploads:
             self.size -= mine
 
 
-def application(hub: Hub, gate: Gate, tokens: Tokens | None = None, say: Callable[[str], None] = print) -> ASGIApp:
-    """Put routes and guard around a hub; the rest is as `Guard` takes it."""
+def application(
+    hub: Hub,
+    gate: Gate,
+    tokens: Tokens | None = None,
+    say: Callable[[str], None] = print,
+    tables: Callable[[], bytes] = bytes,
+) -> ASGIApp:
+    """Put routes and guard around a hub; `tables` are those that the page takes, and the rest is as `Guard` takes it."""
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -122,7 +128,7 @@ def application(hub: Hub, gate: Gate, tokens: Tokens | None = None, say: Callabl
     ]
     handlers = dict.fromkeys((FlindersError, HTTPException, Exception), _on_error)
     app = Starlette(routes=routes, lifespan=lifespan, exception_handlers=handlers)
-    app.state.hub, app.state.uploads = hub, Uploads()
+    app.state.hub, app.state.uploads, app.state.tables = hub, Uploads(), tables
     return Guard(app, gate, tokens, say)
 
 
@@ -153,11 +159,9 @@ def _script(request: Request) -> Response:
         raise HTTPException(404, f"{entry} is missing from this installation") from None
 
 
-async def _data(_: Request) -> Response:
+async def _data(request: Request) -> Response:
     """What the page takes from the program: sentences, tables, and where fields of structs lie."""
-    from flinders.standalone.package import live_data
-
-    return Response(await asyncio.to_thread(live_data), media_type="application/json")
+    return Response(await asyncio.to_thread(request.app.state.tables), media_type=JSON)
 
 
 async def _engine(_: Request) -> Response:
