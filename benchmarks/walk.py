@@ -199,7 +199,7 @@ def foreign_sizes() -> dict[str, list[int]]:
     counts: dict[str, list[int]] = {}
     for path in sorted(ROOT.rglob("*.*")):
         name = LANGUAGES.get(path.suffix, "")
-        if not name or "vendor" in path.parts:
+        if not name or {"vendor", "bundled"} & set(path.parts):
             continue
         text = path.read_text("utf-8")
         comments = re.findall(r"^[ \t]*(?:/\*.*?\*/[ \t]*$|//[^\n]*)", text, flags=re.MULTILINE | re.DOTALL)

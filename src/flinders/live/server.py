@@ -99,7 +99,7 @@ def application(
     say: Callable[[str], None] = print,
     tables: Callable[[], bytes] = bytes,
 ) -> ASGIApp:
-    """Put routes and guard around a hub; `tables` are those that the page takes, and the rest is as `Guard` takes it."""
+    """Put routes and guard around a hub; `tables` are for the page, the rest is as `Guard` takes it."""
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:

@@ -3,7 +3,7 @@
 import { errors } from "./store.js";
 import { byId, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
 import { table } from "./views/table.js";
-import { counted, degrees, ICONS, measured, sentence, significant, things, VERDICTS } from "./views/words.js";
+import { counted, degrees, ICONS, measured, PHASES, sentence, significant, things, VERDICTS } from "./views/words.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./messages.d.ts").View} View */
@@ -25,6 +25,8 @@ const FIRST_TARGET = "c";
 const TURN_FIRST = "turn the sensor through all directions; the first fit comes after some seconds";
 /** What comes of no readings. @type {import("./standalone/running.js").Finished} */
 const NOTHING = { name: "", view: null, refusal: "" };
+/** What may be wrong while the readings that are here are sound. */
+const NOT_OF_READINGS = ["gone", "nothing-arrives", "not-recorded"];
 /** What begins a line of a preview that is a comment. */
 const COMMENT = /^\s*(\/\*|\*|\/\/|#|--|%|;|$)/;
 
@@ -375,7 +377,9 @@ function judged(finished, state) {
     const { worst } = errors(view, state?.goal ?? "heading");
     const anyhow = state?.goal === "attitude" && worst !== null ? [`Whichever way it is held: ${degrees(worst)} (1 σ).`] : [];
     const rests = view.condition ? [sentence(view.condition)] : [];
-    const words = [view.sentence, ...rests, ...anyhow].join(" ");
+    const wrong = state?.phase === "wrong" ? state.reasons.filter(({ severity, code }) => severity === "warning" && !NOT_OF_READINGS.includes(code)) : [];
+    const words = [...wrong.map(({ advice }) => sentence(advice)), view.sentence, ...rests, ...anyhow].join(" ");
+    if (wrong.length) return { kind: "refused", title: PHASES.wrong, words };
     const target = view.heading_error_deg?.target_deg ?? Infinity;
     const misses = view.verdict !== "refused" && worst !== null && worst > target;
     return { kind: misses ? "limited" : view.verdict, title: misses ? "Misses the target" : VERDICTS[view.verdict], words };
