@@ -171,6 +171,8 @@ SIZES: Final[dict[str, dict[str, Any]]] = {
     "1440": {"viewport": {"width": 1440, "height": 900}},
     "1280": {"viewport": {"width": 1280, "height": 720}},
     "phone": ON_PHONE,
+    "sideways": {**ON_PHONE, "viewport": {"width": 844, "height": 390}},
+    "zoomed": {"viewport": {"width": 640, "height": 360}, "device_scale_factor": 2},
 }
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-import msgspec
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
@@ -212,6 +211,8 @@ def command(options: Live) -> None:
     """
     options.check()
     sys.setswitchinterval(SWITCH_S)
+    import msgspec
+
     from flinders.core.axes import Axes
     from flinders.live.access import Gate, Tokens, listening, own_names, serve
     from flinders.live.hub import Hub
