@@ -189,21 +189,23 @@ SEED: Final = 1
 
 
 def simulated_sensor() -> dict[str, Any]:
-    """Sensor of `flinders live --simulate`: readings without noise in 0.01 µT, the noise to add, what is said when.
+    """Sensor of `flinders live --simulate`: readings without noise, the noise to add, what is said when.
+
+    Readings are second differences of x, y and z in 0.01 µT, which pack to a fifth.
 
     >>> played = simulated_sensor()
-    >>> played["rate_hz"], len(played["centi_ut"]) // 3, [at for at, _ in played["said"]]
+    >>> played["rate_hz"], len(played["steps_centi_ut"][0]), [at for at, _ in played["said"]]
     (50.0, 3800, [4.0, 16.0])
     """
     of_sensor, of_motion, unused = np.random.default_rng(SEED).spawn(3)
     sensor = Sensor.random(of_sensor)
     path = rocked_and_turned(of_motion)
     field = FIELD_UT * seen_from(path.attitudes, north_and_down(DIP_DEG))
-    still = replace(sensor, noise=0.0)
+    centi_ut = (100.0 * replace(sensor, noise=0.0).read(field, unused)).round().astype(int)
     return {
         "rate_hz": RATE_HZ,
         "noise_ut": sensor.noise,
-        "centi_ut": (100.0 * still.read(field, unused)).round().astype(int).ravel().tolist(),
+        "steps_centi_ut": np.diff(centi_ut, n=2, axis=0, prepend=np.zeros((2, 3), int)).T.tolist(),
         "said": [list(each) for each in SAID],
     }
 

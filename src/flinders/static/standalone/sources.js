@@ -207,7 +207,7 @@ function refusedSensor(error) {
  * @typedef {object} Simulation
  * @property {number} rate_hz
  * @property {number} noise_ut
- * @property {number[]} centi_ut  readings without noise, in 0.01 µT
+ * @property {number[][]} steps_centi_ut  second differences of x, y and z without noise, in 0.01 µT
  * @property {[number, string][]} said
  */
 
@@ -221,6 +221,7 @@ export class Simulated {
         this.name = "simulation";
         this.kind = /** @type {const} */ ("simulated");
         this.simulation = simulation;
+        this.axes = simulation.steps_centi_ut.map((steps) => summed(summed(steps)));
         this.speed = speed;
         this.count = 0;
         this.timer = 0;
@@ -247,12 +248,18 @@ export class Simulated {
 
     /** @param {number} number @returns {number[]} */
     reading(number) {
-        const { centi_ut, noise_ut } = this.simulation;
-        const length = centi_ut.length / 3;
+        const { axes, simulation: { noise_ut } } = this;
+        const { length } = axes[0];
         const turn = Math.floor(number / length);
         const place = turn % 2 ? length - 1 - (number % length) : number % length;
-        return [0, 1, 2].map((axis) => centi_ut[3 * place + axis] / 100 + noise_ut * normal());
+        return axes.map((centi_ut) => centi_ut[place] / 100 + noise_ut * normal());
     }
+}
+
+/** @param {number[]} steps @returns {number[]} Sums of the first one, two … of them. */
+function summed(steps) {
+    let sum = 0;
+    return steps.map((step) => (sum += step));
 }
 
 /** A number of the normal distribution: Box and Muller. */
