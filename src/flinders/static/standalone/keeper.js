@@ -12,7 +12,7 @@
 const NAME = "flinders-readings";
 const WRITE_MS = 1000;
 /** The page that is loaded again waits so long for its predecessor, and one beside another as long in vain. */
-const RELEASE_MS = 2000;
+const RELEASE_MS = 5000;
 
 export class Keeper {
     /** @param {IDBDatabase | null} database  Null where the browser has none for us. */
