@@ -11,6 +11,7 @@ import { Finish } from "./finish.js";
 import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
 import { legendOf, legendRow } from "./legend.js";
 import { listenForPlace, showRemedies } from "./remedies.js";
+import { Sounds } from "./sounds.js";
 import { errors, Gap, goesOn, Store } from "./store.js";
 import { ems, gauge } from "./views/gauge.js";
 import { Guide, LeadView } from "./views/lead.js";
@@ -37,6 +38,7 @@ const finish = new Finish(notify, () => link);
 const panels = lay(byId("strip", HTMLElement), { store, send, notify, hover });
 const guide = new Guide();
 const leadView = new LeadView(guide, drawAll);
+const sounds = new Sounds(byId("sounds", HTMLInputElement));
 /** @type {Scene | null} */
 let scene = null;
 let sceneAsked = false;
@@ -126,6 +128,7 @@ function draw(now) {
     if (dirty.now && store.now && view) leadView.turn(store.now, view);
     const lead = guide.follow(store, now / 1000);
     if (state && lead) leadView.draw(state, view, lead);
+    if (state) sounds.follow(state, view, lead, now / 1000);
     if (dirty.state && state) drawState(state, view);
     if (dirty.state) finish.show(state);
     if (dirty.points || dirty.view || dirty.state || guide.lead?.target !== sceneTarget) drawScene(view, state);
