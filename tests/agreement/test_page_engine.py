@@ -226,7 +226,7 @@ def felt(samples: Samples, slope_deg: float, *, up: float = -9.81) -> Samples:
     """What an accelerometer measures with a level turn on a slope; of a few readings nothing."""
     heading, slope = np.radians(360.0) * np.arange(len(samples)) / len(samples), math.radians(slope_deg)
     across = np.stack([np.cos(heading), -np.sin(heading), np.zeros(len(samples))], axis=1) * math.sin(slope)
-    acceleration = up * (across + [0.0, 0.0, math.cos(slope)])
+    acceleration = up * (across + np.array([0.0, 0.0, math.cos(slope)]))
     acceleration[::50] = np.nan
     return replace(samples, acceleration=acceleration)
 
