@@ -21,7 +21,7 @@ const milliseconds = (work) => {
 const answers = recordings.map((asked) => {
     const { name, text } = asked.previous ?? {};
     const previous = asked.previous && { name, calibration: readCalibration(text, { targets: { schema } }) };
-    const readings = { ...asked, field: floats(asked.field), time: floats(asked.time), previous };
+    const readings = { ...asked, field: floats(asked.field), time: floats(asked.time), acceleration: floats(asked.acceleration), previous };
     const { field, time, dipDeg } = readings;
     return {
         ...evaluate(engine, data, readings),

@@ -92,6 +92,7 @@ class Case:
         return {
             "field": _packed(self.samples.field),
             "time": None if self.samples.time is None else _packed(self.samples.time),
+            "acceleration": None if self.samples.acceleration is None else _packed(self.samples.acceleration),
             "unit": label(self.samples.unit.inside),
             "targetDeg": self.target_deg,
             "dipDeg": dip_deg,

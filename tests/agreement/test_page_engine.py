@@ -222,6 +222,36 @@ def test_level_turns_get_verdict_numbers_and_sentences_of_the_program() -> None:
     assert {"level-plane", "outliers", "saturated", "at-rest"} <= {code for row in rows for code, _ in row.findings[1]}
 
 
+def felt(samples: Samples, slope_deg: float, *, up: float = -9.81) -> Samples:
+    """What an accelerometer measures with a level turn on a slope; of a few readings nothing."""
+    heading, slope = np.radians(360.0) * np.arange(len(samples)) / len(samples), math.radians(slope_deg)
+    across = np.stack([np.cos(heading), -np.sin(heading), np.zeros(len(samples))], axis=1) * math.sin(slope)
+    acceleration = up * (across + np.array([0.0, 0.0, math.cos(slope)]))
+    acceleration[::50] = np.nan
+    return replace(samples, acceleration=acceleration)
+
+
+def test_an_accelerometer_shows_slopes_and_where_z_points_as_in_the_program() -> None:
+    known = flinders.Site(inclination_deg=60.0, inclination_sigma_deg=1.0)
+    whole, rest, ends = (turns()[name] for name in ("whole", "rest", "end of range"))
+    of = {
+        "level": (felt(whole, 0.0), None), "slope": (felt(whole, 5.0), None), "rest": (felt(rest, 3.0), None),
+        "end of range": (felt(ends, 5.0), None), "upside down": (felt(whole, 0.0, up=9.81), None),
+        "nothing felt at a place": (whole, known), "slope at a place": (felt(whole, 5.0), known),
+        "upside down at a place": (felt(whole, 0.0, up=9.81), known),
+    }  # fmt: skip
+    cases = [replace(case_of(samples), samples=samples, site=site) for samples, site in of.values()]
+    rows = compared(list(of), cases)
+    held_together(rows)
+    unlike = [(row.name, row.sentences) for row in rows if row.sentences[0] != row.sentences[1]]
+    assert not unlike, unlike
+    records = [answer["record"] for answer in page_answers(cases)["answers"]]
+    assert [each and each["z_down"] for each in records] == [
+        case.fit and case.fit.evidence.z_down if record else None for case, record in zip(cases, records, strict=True)
+    ]
+    assert {each["z_down"] for each in records if each} == {True, False, None}
+
+
 def test_level_turns_are_judged_at_the_dip_of_the_place() -> None:
     dips = (-70.0, 5.0, 75.0)
     cases = [replace(case_of(level(dip)), site=flinders.Site(inclination_deg=dip)) for dip in dips]

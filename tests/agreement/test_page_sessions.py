@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks.level import Turned
 from tests.javascript import run
 from tests.page_session import PageSession
 
@@ -73,3 +75,17 @@ def test_an_earlier_calibration_is_as_far_off_as_flinders_compare_says() -> None
     shown, worst = session.state.previous, compare(before, now, dip_deg=-35.0).heading_difference_deg.worst
     assert shown.change_deg == pytest.approx(worst, rel=1e-6)
     assert f"{worst:.1f}" in shown.words
+
+
+def test_a_session_lets_an_accelerometer_show_a_slope() -> None:
+    turn, _ = Turned(slope_deg=5.0).record(1, 300)
+    worst = flinders.fit(turn.samples).heading_error_deg.worst
+    shown = []
+    for samples in (turn.samples, replace(turn.samples, acceleration=None)):
+        session = PageSession()
+        session.arrived(60.0, rows_of(samples))
+        session.fit()
+        shown.append(session.shown.view.heading_error_deg.worst)
+    assert shown[0] == pytest.approx(worst, rel=1e-6)
+    assert shown[1] < 0.3
+    assert worst > 1.0

@@ -12,7 +12,7 @@ from tests.worlds import TUMBLED_SENSOR
 import flinders
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.errors import AxesError, UnitError, UsageError
+from flinders.errors import AxesError, TooFewSamples, UnitError, UsageError
 from flinders.fitting.known_heading import PoseSigmas, refresh_at_headings
 from flinders.fitting.result import Fit, Refused
 from flinders.likelihood.site_field import Site
@@ -126,6 +126,17 @@ def test_what_cannot_be_refreshed_is_refused(earlier: Fit) -> None:
         flinders.refresh(readings, earlier, soft_iron_sigma=2.0)
     with pytest.raises(flinders.FitError, match="within"):
         flinders.refresh(np.tile(readings.field[:1], (50, 1)), earlier)
+
+
+@pytest.mark.parametrize(
+    ("rows", "found", "among", "needed"), [(0, 0, 0, 20), (19, 19, 0, 20), (8, 8, 80, 10)], ids=["none", "few", "alike"]
+)
+def test_too_few_readings_are_counted_as_they_are(earlier: Fit, rows: int, found: int, among: int, needed: int) -> None:
+    readings = recorded().samples
+    some = readings[np.linspace(0, len(readings) - 1, rows).astype(int).repeat(10 if among else 1)]
+    with pytest.raises(TooFewSamples) as caught:
+        flinders.refresh(some, earlier)
+    assert (caught.value.found, caught.value.among, caught.value.needed) == (found, among, needed)
 
 
 def poses(headings: Sequence[float], *, pitch_deg: float = 0.0) -> list[Samples]:

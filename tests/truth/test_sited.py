@@ -118,6 +118,14 @@ def test_no_turn_is_claimed_better_than_it_is(turned: Turned) -> None:
     assert max(ratios) < 4.0
 
 
+def test_a_slope_widens_the_claim_without_a_site_too() -> None:
+    (flat, _), (steep, _) = (Turned(slope_deg=slope).record(1, 300) for slope in (0.0, 5.0))
+    claims = [flinders.fit(truth.samples).heading_error_deg.worst for truth in (flat, steep)]
+    assert claims[0] < 0.3
+    assert claims[1] > 1.0
+    assert claims[1] == pytest.approx(refit(steep.samples).heading_error_deg.worst, rel=1e-9)
+
+
 def test_a_slope_counts_as_a_tilt_of_the_vehicle() -> None:
     claims = []
     for slope in (0.0, 2.0, 5.0):

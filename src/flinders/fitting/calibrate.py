@@ -221,6 +221,8 @@ class _Estimated(NamedTuple):
         record = estimator.recorded(readings, statistics=2 if has_sigma else 1)
         if record["status"] or record["hides_plane"]:
             return None
+        if record["plane"] and samples.acceleration is not None:  # it may show a slope, and the claim widens
+            return None
         if record["plane"] and not record["rails"]:
             _moved(readings, estimator, unit)
         elif not was_turned(record, (unit or UNSTATED).inside):

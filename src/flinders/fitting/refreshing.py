@@ -29,7 +29,7 @@ A few readings within 30° see a change of a hundredth of the soft iron seldom, 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 
@@ -52,6 +52,7 @@ from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
+    from flinders.core.samples import Recording
     from flinders.estimators import Estimate
     from flinders.fitting.aiding import Aiding, AnyAiding
     from flinders.fitting.calibrate import AnyReadings
@@ -65,6 +66,9 @@ TOO_FEW, OUT_OF_SCALE, UNMOVED = (constant(name) for name in ("TOO_FEW", "OUT_OF
 
 FEWEST: Final = 20
 """Readings, as ``refresh.c`` has it."""
+
+FEWEST_DIFFERENT: Final = 10
+"""Of these, as ``record.h`` has it."""
 
 TO_ALL_SIDES: Final = "by 30° to all sides"
 """How a sensor has to be turned."""
@@ -253,10 +257,13 @@ def _solved(readings: Readings, earlier: Records, dip_deg: float) -> _Found:
     ------
     TooFewSamples, Unmoved, OutOfScale, NotAnEllipsoid
     """
-    samples = in_memory(readings.recording or Samples.of([]))
+    samples = in_memory(cast("Recording", readings.recording))
     record = engine().refresh(samples.field, earlier, time=samples.time, dip_deg=dip_deg)
-    if record["status"] == TOO_FEW:
+    if record["status"] == TOO_FEW and len(samples) < FEWEST:
         raise TooFewSamples(found=len(samples), needed=FEWEST, method=METHOD)
+    if record["status"] == TOO_FEW:
+        found = int(record["distinct"])
+        raise TooFewSamples(found=found, among=len(samples), needed=FEWEST_DIFFERENT, method=METHOD)
     if record["status"] == UNMOVED:
         turn_deg = engine().turn_deg(samples.field, symmetric(earlier["parameters"][3:]))
         raise Unmoved(turn_deg, TO_ALL_SIDES)

@@ -72,6 +72,8 @@ EARLIER: Final = layout("flinders_earlier", np.float64)
 """Layout of what an earlier calibration tells."""
 
 CALIBRATED: Final = layout("flinders_calibrated", np.float64)
+"""Layout of a calibration that is compared with another."""
+
 DIFFERENCE: Final = layout("flinders_difference", np.float64)
 """Layout of how far two calibrations are apart."""
 
@@ -372,7 +374,7 @@ class Engine:
         strength_ratio: float = 1.0,
         soft_iron_sigma: float = 0.0,
     ) -> Records:
-        """What an earlier calibration tells of a sensor whose hard iron has changed: a row of `EARLIER`.
+        """A row of `EARLIER`: what an earlier calibration tells of a sensor whose hard iron has changed.
 
         Parameters
         ----------
@@ -393,7 +395,7 @@ class Engine:
         return earlier
 
     def allow_change(self, earlier: Records) -> Records:
-        """The same where the readings show that the soft iron has changed."""
+        """A copy of a row of `EARLIER` that allows the soft iron to have changed by 5 %, 1 σ."""
         freer = earlier.copy()
         self._library.flinders_allow_change(freer)
         return freer

@@ -93,7 +93,7 @@ void fl_place_sums(const flinders_sums *sums, flinders_record *record)
         if (record->principal_variances[i] < 0) record->principal_variances[i] = 0;
 }
 
-/* What no method can work with that needs so many readings, and so many of the axes to change. */
+/* Why a method refuses readings; it needs at least `fewest` of them, and the first `axes` axes have to change. */
 static int refused(const flinders_record *record, const flinders_options *options, int fewest, int axes)
 {
     real largest = 0, size = 0;
@@ -216,7 +216,7 @@ static int start_of(const fl_view *view, const flinders_options *options, const 
 }
 
 /* Look at the readings of a view in borrowed memory: what they say of themselves, each rest made one or none, and sums. A
- * method needs so many different ones, and so many of the axes to change. */
+ * method needs at least `fewest` different ones, and the first `axes` axes have to change. */
 int fl_look(const fl_kernels *kernels, fl_view *view, const flinders_options *options, int fewest, int axes, fl_room *room,
             flinders_record *record)
 {
@@ -247,7 +247,7 @@ int fl_fit_looked(const fl_kernels *kernels, fl_view *view, const flinders_optio
     return status;
 }
 
-/* Both. */
+/* Look at the readings of a view, then fit an ellipsoid to them. */
 int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
                 flinders_record *record)
 {

@@ -256,6 +256,7 @@ typedef struct flinders_heights {
     flinders_real slope[2];
     flinders_real covariance[9]; /* of both, the height first */
 } flinders_heights;
+
 /* What is known of a sensor by an earlier calibration; `flinders_earlier_of` fills it. */
 typedef struct flinders_earlier {
     flinders_real parameters[9];  /* offset and shape as they are expected, unit */

@@ -23,7 +23,7 @@ from flinders.findings import CATALOGUE, limit_of
 from flinders.findings.catalogue import OF_A_FIT, QUANTITIES_OF_A_FIT
 from flinders.findings.poses import POSE_WORDS
 from flinders.findings.row import CONDITIONS, resting_on
-from flinders.findings.words import STEPS
+from flinders.findings.words import STEPS, Z_ELSEWHERE, Z_OPEN
 from flinders.fitting import advice, calibrate, refreshing, verdict
 from flinders.heading import path_planning
 from flinders.native.engine import (
@@ -42,6 +42,7 @@ from flinders.native.engine import (
     REQUEST,
     ROUTE,
     SITE,
+    VERTICAL,
     constant,
 )
 from flinders.report.view import tiles_view
@@ -76,7 +77,7 @@ NUMBERS: Final = {
 STRUCTS: Final = {
     "options": OPTIONS, "record": RECORD, "request": REQUEST, "judgement": JUDGEMENT, "belief": BELIEF, "goal": GOAL,
     "advice": ADVICE, "route": ROUTE, "outlier": OUTLIER, "change": AXIS_CHANGE, "coverage": COVERAGE,
-    "site": SITE,
+    "site": SITE, "vertical": VERTICAL,
     "earlier": EARLIER, "calibrated": CALIBRATED, "difference": DIFFERENCE,
 }  # fmt: skip
 """Structs of flinders.h that the page reads or writes."""
@@ -95,6 +96,8 @@ def data() -> dict[str, Any]:
             "every-way": Unmoved.EVERY_WAY,
             "to-all-sides": refreshing.TO_ALL_SIDES,
             "other-recording": refreshing.OTHER_UNIT,
+            "z-elsewhere": Z_ELSEWHERE,
+            "z-open": Z_OPEN,
         },
         "conditions": list(CONDITIONS),
         "resting": [resting_on(_conditions(bits)) for bits in range(1 << len(CONDITIONS))],

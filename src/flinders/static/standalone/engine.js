@@ -12,7 +12,7 @@
 
 /**
  * @typedef {"record" | "options" | "request" | "judgement" | "belief" | "goal" | "advice" | "route" | "outlier" | "change" |
- *     "coverage" | "site" | "earlier" | "calibrated" | "difference"} Struct
+ *     "coverage" | "site" | "vertical" | "earlier" | "calibrated" | "difference"} Struct
  * @typedef {Record<Struct, Layout>} Layouts
  */
 
@@ -551,18 +551,25 @@ export class Engine {
      * @param {Float64Array} field The readings that the fit goes by.
      * @param {Fitted} record
      * @param {import("./session.js").Site} site
+     * @param {Float64Array | null} [felt] What an accelerometer measured with them.
      * @returns {Fitted}
      */
-    atSite(field, record, site) {
+    atSite(field, record, site, felt = null) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, workspace] = this.#placed([field.byteLength, size]);
+        const [fieldAt, feltAt, workspace] = this.#placed([field.byteLength, felt?.byteLength ?? 0, size]);
         new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
         this.#write("record", record);
+        const vertical = felt ? this.at.vertical : 0;
+        if (felt) {
+            new Float64Array(this.memory.buffer, feltAt, felt.length).set(felt);
+            new Uint8Array(this.memory.buffer, vertical, this.layouts.vertical.size).fill(0);
+            this.call.flinders_vertical_add(fieldAt, feltAt, rows, this.at.record, vertical);
+        }
         this.call.flinders_default_site(this.at.site);
         const known = Object.entries(site).filter(([name]) => name in this.layouts.site.fields);
         this.#write("site", Object.fromEntries(known.map(([name, value]) => [name, Number(value ?? NaN)])));
-        this.call.flinders_at_site(fieldAt, rows, 0, this.at.site, workspace, size, this.at.record);
+        this.call.flinders_at_site(fieldAt, rows, vertical, this.at.site, workspace, size, this.at.record);
         return this.#decoded("record");
     }
 

@@ -161,6 +161,6 @@ function recordOf(fit, findings, view) {
             values: plain(finding.values),
         })),
         ...(view.condition ? { conditions: data.conditions.filter((_, i) => (fit.judgement.conditions >> i) & 1) } : {}),
-        ...(fit.plane ? { plane: fit.plane, z_down: true } : {}),
+        ...(fit.plane ? { plane: fit.plane, z_down: fit.zDown } : {}),
     };
 }

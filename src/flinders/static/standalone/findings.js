@@ -116,7 +116,7 @@ const VALUES = {
     plane: ({ plane }) => plane,
     is_placed: ({ covariance, surface, data: { numbers } }) => Number(Math.sqrt(covariance[20]) < numbers.PLACED * surface.radius),
     is_skewed: isSkewed,
-    z_down: () => 1,
+    z_down: ({ zDown }) => (zDown === null ? NaN : Number(zDown)),
     autocorrelation: ({ record: { lag_one: lagOne } }) => lagOne,
     textbook_deg: ({ isShrunk, textbookWorstDeg }) => (isShrunk ? NaN : textbookWorstDeg),
     nonlinear_axis: nonlinearAxis,
@@ -148,9 +148,9 @@ const WORDS = {
     where_flat: whereFlat,
     plane_axes: ({ plane }) => [...plane].join(" and "),
     where_placed: ({ is_placed: isPlaced }) => (isPlaced ? "and in z by the site's field" : "only"),
-    assumed: ({ is_placed: isPlaced }) =>
-        isPlaced ? " (with z down, and the floor level unless an accelerometer was recorded)" : "",
-    where_z_points: () => "",
+    assumed: ({ is_placed: isPlaced, z_down: zDown }) =>
+        isPlaced ? ` (with ${zDown ? "z down, and " : ""}the floor level unless an accelerometer was recorded)` : "",
+    where_z_points: ({ z_down: zDown }, { said }) => (Number.isNaN(zDown) ? said["z-open"] : zDown ? "" : said["z-elsewhere"]),
     mounting: ({ is_skewed: isSkewed, is_placed: isPlaced }) =>
         isSkewed && isPlaced ? "say how well the mounting is known, or " : "",
     independent_readings: independentReadings,

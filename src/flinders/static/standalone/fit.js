@@ -18,6 +18,7 @@ import { filled } from "./wording.js";
  * @typedef {object} Request
  * @property {Float64Array} field Three numbers a reading, µT or counts.
  * @property {Float64Array | null} time Seconds, ascending.
+ * @property {Float64Array | null} [acceleration] What an accelerometer measured with each reading, NaN where nothing.
  * @property {string} unit "µT" or "counts".
  * @property {number} targetDeg
  * @property {number} dipDeg
@@ -34,6 +35,8 @@ import { filled } from "./wording.js";
 /** Codes of statuses of the engine, as `flinders.errors` has them. */
 const CODES = ["", "too-few-samples", "not-finite", "out-of-scale", "stuck-axis", "unmoved", "not-an-ellipsoid", "undetermined"];
 const ASKS_SWAP = 2;
+/** Whether z points down in a level turn, by `z_axis` of a record; null where nothing shows. */
+const Z_DOWN = [true, false, null];
 const REFRESHED = 8;
 const UNMOVED = 5;
 
@@ -74,6 +77,7 @@ export class Fit {
         this.renewed = renewed ?? null;
         /** @type {"" | "xy"} The plane of a level turn that the fit rests on. */
         this.plane = record.plane ? "xy" : "";
+        this.zDown = Z_DOWN[record.z_axis];
         this.method = this.renewed ? "refresh" : this.plane ? "level" : record.is_robust ? "robust" : "likelihood";
         this.isShrunk = record.is_shrunk > 0;
         this.surface = surfaceOf(record.centre, record.shape);
@@ -144,7 +148,7 @@ export function surfaceOf(centre, shape) {
  * @returns {Fit | Refusal}
  */
 export function fitOf(engine, data, request) {
-    const { field, time, unit, dipDeg, renewed } = request;
+    const { field, time, acceleration, unit, dipDeg, renewed } = request;
     /** @type {(field: Float64Array, time: Float64Array | null) => Fitted} */
     const fit = (field, time) => (renewed ? engine.refresh(field, time, renewed, { dipDeg }) : engine.fit(field, time, { dipDeg }));
     const whole = fit(field, time);
@@ -165,8 +169,10 @@ export function fitOf(engine, data, request) {
     if (fitted.status) return { code: CODES[fitted.status] ?? "", words: engine.message(fitted.status) };
     const rests = fitted.rests ? engine.rests(some) : NO_RESTS;
     const once = fittedOnce(some, rests);
-    const record = request.site && !renewed ? engine.atSite(once.field, fitted, request.site) : fitted;
-    const isAlone = wasTurned && !request.site;
+    const felt = acceleration && fitted.plane ? fittedOnce(chosen(acceleration, isFree, 3), rests).field : null;
+    const isPlaced = !renewed && Boolean(request.site || felt);
+    const record = isPlaced ? engine.atSite(once.field, fitted, request.site ?? {}, felt) : fitted;
+    const isAlone = wasTurned && !isPlaced;
     const left = { ...leftOf(engine, data, record, { some, when, isFree, rests, once }), isAlone };
     return judged(engine, data, request, withWhole(record, whole, left, engine, data), left, some);
 }

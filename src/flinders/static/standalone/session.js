@@ -84,6 +84,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {number} key
  * @property {Float64Array} field
  * @property {Float64Array | null} time
+ * @property {Float64Array | null} acceleration  beside each of them, where it was recorded
  * @property {"sensor" | "vehicle"} frame  whose axes advice is given in
  * @property {Uint32Array} numbers  which reading of the session each of them is
  * @property {string} unit
@@ -621,14 +622,15 @@ export class Session {
      */
     task(most, leftOut = this.shown.excluded) {
         const { shown } = this;
-        const { time, field, stride } = shown.buffer;
+        const { time, field, acceleration, stride } = shown.buffer;
         const all = shown.buffer.outside(leftOut);
         const step = Math.max(Math.ceil(all.length / most), 1);
         const used = all.filter((_, i) => i % step === 0);
         const [dipDeg, dipAssumed] = this.judgedDip;
         return {
             key: shown.key,
-            field: Float64Array.from({ length: 3 * used.length }, (_, i) => field[3 * used[Math.floor(i / 3)] + (i % 3)]),
+            field: rowsOf(field, used),
+            acceleration: acceleration && rowsOf(acceleration, used),
             time: Float64Array.from(used, (place) => time[place]),
             numbers: used.map((place) => place * stride),
             unit: labelOf(shown.unit),
@@ -813,6 +815,16 @@ export function seriesOf(rules, { time, field, unit }) {
     const times = time ?? Float64Array.from({ length: field.length / 3 }, (_, i) => i);
     series.buffer.extend({ time: new Timeline().take(times), field });
     return series;
+}
+
+/**
+ * Some rows of three numbers.
+ * @param {Float64Array} numbers
+ * @param {Uint32Array} rows
+ * @returns {Float64Array}
+ */
+function rowsOf(numbers, rows) {
+    return Float64Array.from({ length: 3 * rows.length }, (_, i) => numbers[3 * rows[Math.floor(i / 3)] + (i % 3)]);
 }
 
 /** @param {Unit} unit @returns {string} As the page shows it. */
