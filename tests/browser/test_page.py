@@ -75,7 +75,7 @@ def state(page: Page, name: str) -> Any:  # noqa: ANN401 - a number, a text, a l
 
 def of_finished(page: Page, path: str) -> str:
     """The address of something of the calibration that Finish has made."""
-    return f"{page.url}{path}?of={page.evaluate('flinders.connection.finished.number')}"
+    return f"{page.url}{path}?of={page.evaluate('flinders.connection.finished')}"
 
 
 def calibrated(path: Path, out: Path) -> Document:
@@ -495,6 +495,26 @@ def test_an_earlier_calibration_dropped_on_the_finish_panel_is_compared_and_rene
     visitor.forgive(422)
 
 
+@pytest.mark.tools
+def test_what_the_command_line_renews_the_page_renews(
+    browser: Browser, program: Program, tumble: Path, tmp_path: Path
+) -> None:
+    """Also once its connection was lost."""
+    calibrated(program.recording, tmp_path / "before.json")
+    played = ("--replay", str(tumble), "--speed", "500")
+    with Program(tmp_path, *played, "--previous", "before.json", "--refresh") as renewing:
+        visitor = Visitor(browser, renewing)
+        page = visitor.page()
+        until(page, f"flinders.store.state?.refreshing && {SETTLED}")
+        page.evaluate("flinders.connection.connection.socket.close()")
+        until(page, "document.documentElement.dataset.line === 'lost'")
+        until(page, "document.documentElement.dataset.line === 'open' && flinders.store.state.refreshing")
+        page.keyboard.press("f")
+        expect(page.locator("#numbers")).to_contain_text("refresh")
+        visitor.leave()
+        visitor.close()
+
+
 # everybody
 
 
@@ -830,5 +850,11 @@ def test_a_program_that_ends_is_noticed_and_comes_back_with_everything(
         page.locator("#retry").click()
         expect(page.locator("#lost")).to_be_hidden()
         until(page, "flinders.store.state.excluded.length === 1 && flinders.store.state.readings >= 3000")
+        page.evaluate("flinders.connection.session.live.kept = {evaluated: {}, view: {}, seconds: 60}")
+    with Program(tmp_path, "--simulate", "--output", "other.csv", "--port", port):
+        page.locator("#retry").click()
+        until(page, "flinders.store.state.excluded.length === 0 && flinders.store.state.readings > 0")
+        assert state(page, "kept") is None
+        assert state(page, "readings") < 3000
     visitor.complaints.clear()  # the browser notes each connection that was refused
     visitor.close()

@@ -79,10 +79,11 @@ class Page:
     total: int = 0  # readings that had come when it got the newest
 
     def tell(self, message: FromServer) -> None:
-        """Let a message wait for it; of all but notices the newest of a kind is enough."""
+        """Let a message wait for it; of all but notices the newest of a kind is enough, after those of other kinds."""
         if isinstance(message, Notice):
             self.notices.append(message)
         else:
+            self.news.pop(type(message), None)
             self.news[type(message)] = message
         self.wake.set()
 
@@ -99,7 +100,9 @@ class Hub:
     def __init__(self, supply: Supply, previous: Previous | None = None, renewed: Fit | None = None) -> None:
         self.supply, self.pages = supply, set[Page]()
         self.source = SourceState(supply.feed.name, supply.kind, "waiting", "")
-        self.edits, self.previous, self.renewed = supply.edits, previous or Previous(), renewed
+        self.previous, self.renewed = previous or Previous(), renewed
+        refreshing = supply.edits.refreshing and renewed is not None
+        self.edits = msgspec.structs.replace(supply.edits, refreshing=refreshing)
         self.log, self.timeline = supply.log, supply.timeline
         self.generation = 1
         self.unrecorded = ""
@@ -206,7 +209,7 @@ class Hub:
             self._feed_thread.do(lambda: self.supply.sink.write(line_of(edits)))
 
     def compare_with(self, previous: Previous) -> None:
-        """Keep a calibration from before, and pass it on to the pages."""
+        """Keep a calibration from before, which is renewed once that is asked for, and pass it on to the pages."""
         from flinders.core.calibration_file import loads
         from flinders.fitting.result import Fit
 
@@ -216,6 +219,7 @@ class Hub:
             renewed = Fit.from_document(document, name=previous.name)
         self.previous, self.renewed = previous, renewed
         self._tell(previous)
+        self.edit(msgspec.structs.replace(self.edits, refreshing=False))
 
     def keep(self, name: str, log: Log) -> str:
         """Hold a log that was dropped on a page, and forget the oldest of several; returns its number."""

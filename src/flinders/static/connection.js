@@ -85,11 +85,6 @@ export class Connection {
         this.open();
     }
 
-    /** Connect anew and get everything again. */
-    renew() {
-        this.socket?.close();
-    }
-
     open() {
         this.listener.onLink("trying", 0);
         const socket = new WebSocket(this.address);

@@ -111,8 +111,9 @@ export class SessionLink {
     }
 
     async fit() {
-        const { evaluated, seconds } = await this.fitter.fit(this.session.beginFit());
-        this.session.fitDone(this.now, evaluated, seconds);
+        const { session } = this;
+        const { evaluated, seconds } = await this.fitter.fit(session.beginFit());
+        session.fitDone(this.now, evaluated, seconds);
         this.say();
     }
 
