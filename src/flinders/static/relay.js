@@ -55,8 +55,8 @@ export class RelayLink extends SessionLink {
     }
 
     get greeting() {
-        const { version, session, targets, limits } = /** @type {Welcome} */ (this.welcome);
-        return { version, session, targets, limits };
+        const { version, targets, limits } = /** @type {Welcome} */ (this.welcome);
+        return { version, targets, limits };
     }
 
     say() {

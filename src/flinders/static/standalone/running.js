@@ -123,7 +123,7 @@ export class SessionLink {
         const { view } = session;
         if (view !== this.view) {
             this.view = view;
-            listener.onMessage({ type: "fit", revision: session.revision, view });
+            listener.onMessage({ type: "fit", view });
         }
         const since = now - this.statedAt;
         if (this.isUrgent || since >= SILENT_STATE_S || (since >= STATE_S && session.revision !== this.statedRevision)) {
