@@ -882,6 +882,8 @@ def test_another_earlier_calibration_is_not_renewed_until_that_is_asked_for(benc
 def test_a_session_that_renewed_is_none_without_its_earlier_calibration(bench: Bench) -> None:
     hub = Hub(replace(bench.hub.supply, edits=Edits(refreshing=True, target_deg=0.5)))
     assert hub.edits == Edits(target_deg=0.5)
+    hub.edit(Edits(refreshing=True, dip_deg=40.0))  # as of a page that has not heard yet
+    assert hub.edits == Edits(dip_deg=40.0)
 
 
 def test_a_log_is_judged_at_the_site_that_its_page_says(bench: Bench) -> None:

@@ -101,8 +101,7 @@ class Hub:
         self.supply, self.pages = supply, set[Page]()
         self.source = SourceState(supply.feed.name, supply.kind, "waiting", "")
         self.previous, self.renewed = previous or Previous(), renewed
-        refreshing = supply.edits.refreshing and renewed is not None
-        self.edits = msgspec.structs.replace(supply.edits, refreshing=refreshing)
+        self.edits = self._renewing_what_is_there(supply.edits)
         self.log, self.timeline = supply.log, supply.timeline
         self.generation = 1
         self.unrecorded = ""
@@ -187,10 +186,14 @@ class Hub:
         """
         if edits.begun_s != self.edits.begun_s:
             edits = msgspec.structs.replace(edits, begun_s=self._begun_anew(edits.begun_s))
-        self.edits = edits
+        self.edits = self._renewing_what_is_there(edits)
         self._record_edits()
         for page in self.pages:
             page.tell(Kept(self.edits, page.heard))
+
+    def _renewing_what_is_there(self, edits: Edits) -> Edits:
+        """Edits that renew no calibration where none is there: it was not given again, or another page took it away."""
+        return edits if self.renewed else msgspec.structs.replace(edits, refreshing=False)
 
     def _begun_anew(self, begun_s: float | None) -> float:
         """Leave the readings up to a time behind, return that of the last of them, and send the others once more."""

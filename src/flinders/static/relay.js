@@ -163,11 +163,11 @@ export class RelayLink extends SessionLink {
         const compared = JSON.stringify([name, text]);
         if (compared === this.compared) return;
         this.compared = compared;
-        this.session.requested(this.now, { type: "previous_clear" });
-        if (!text) return;
         try {
-            this.session.gotPrevious(this.now, { name, calibration: readCalibration(text, this.data, this.welcome?.axes) });
+            if (text) this.session.gotPrevious(this.now, { name, calibration: readCalibration(text, this.data, this.welcome?.axes) });
+            else this.session.requested(this.now, { type: "previous_clear" });
         } catch (error) {
+            this.session.requested(this.now, { type: "previous_clear" });
             this.tell(error instanceof Unreadable ? `${name}: ${error.message}` : String(error), "error");
         }
     }
