@@ -69,7 +69,7 @@ export class RelayLink extends SessionLink {
 
     /** @param {Command} message */
     send(message) {
-        if (!this.connection.isOpen) return false;
+        if (!this.isHeard || !this.connection.isOpen) return false; // what is here may be of another session
         if (message.type === "previous_clear") this.#say({ type: "previous", name: "", text: "" });
         super.send(message);
         this.#tellEdits();
