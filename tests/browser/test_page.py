@@ -60,6 +60,13 @@ AS_AT_FIRST = [
 ]
 
 
+KEEP = """() => {
+    const { live } = flinders.connection.session;
+    live.kept = { evaluated: live.evaluated, view: live.evaluated.view, seconds: 60 };
+}"""
+"""Keep the newest fit, as several that confirm it would."""
+
+
 def done(page: Page) -> Page:
     """Have everything as at first, whatever the last test did, and wait until the fit of all readings is shown."""
     page.evaluate("commands => commands.forEach(command => flinders.connection.send(command))", AS_AT_FIRST)
@@ -515,6 +522,24 @@ def test_what_the_command_line_renews_the_page_renews(
         visitor.close()
 
 
+@pytest.mark.tools
+def test_a_page_that_hears_of_its_own_edits_keeps_its_result(browser: Browser, tumble: Path, tmp_path: Path) -> None:
+    """Also at a site, of which not all numbers are known."""
+    with Program(tmp_path, "--replay", str(tumble), "--speed", "500") as program:
+        visitor = Visitor(browser, program)
+        page, other = done(visitor.page()), visitor.page(visitor.context())
+        place = {"type": "place", "latitude_deg": 47.0, "longitude_deg": 8.0, "year": 2026.0}
+        page.evaluate("place => flinders.connection.send(place)", place)
+        until(page, "flinders.connection.session.live.site?.z_down === false")  # as the server has it
+        page.evaluate(KEEP)
+        page.evaluate("flinders.connection.send({type: 'pause', paused: true})")
+        until(other, "flinders.store.state.paused")
+        page.evaluate("() => new Promise((resolve) => setTimeout(resolve, 300))")
+        assert state(page, "kept") is not None
+        visitor.leave()
+        visitor.close()
+
+
 # everybody
 
 
@@ -830,11 +855,6 @@ def test_what_watches_over_these_tests_notices_strangers_and_complaints(browser:
 
 
 # the line
-
-KEEP = """() => {
-    const { live } = flinders.connection.session;
-    live.kept = { evaluated: live.evaluated, view: live.evaluated.view, seconds: 60 };
-}"""
 
 
 @pytest.mark.tools

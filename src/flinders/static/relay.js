@@ -6,7 +6,7 @@
 import { Connection } from "./connection.js";
 import { passedIn } from "./standalone/passed.js";
 import { SessionLink } from "./standalone/running.js";
-import { Series, Session } from "./standalone/session.js";
+import { Series, Session, stated } from "./standalone/session.js";
 import { Unreadable } from "./standalone/tables.js";
 import { readCalibration } from "./standalone/targets.js";
 
@@ -154,7 +154,8 @@ export class RelayLink extends SessionLink {
     /** @param {import("./wire.d.ts").Edits} edits  that the server keeps */
     #adopt(edits) {
         const { session } = this;
-        if (JSON.stringify(edits) !== JSON.stringify(session.edits)) session.adopt(this.now, edits);
+        const kept = JSON.stringify({ ...edits, site: edits.site && stated(edits.site) });
+        if (kept !== JSON.stringify(session.edits)) session.adopt(this.now, edits);
         this.told = JSON.stringify(session.edits);
     }
 

@@ -830,12 +830,12 @@ export function labelOf({ inside }) {
 }
 
 /**
- * What is known of a site, without what is not.
+ * What is known of a site, without what is not, by name: the same for the same site.
  * @param {Site} site
  * @returns {import("../wire.d.ts").Site}
  */
-function stated(site) {
-    return Object.fromEntries(Object.entries(site).filter(([, value]) => value !== null));
+export function stated(site) {
+    return Object.fromEntries(Object.entries(site).filter(([, value]) => value !== null).sort());
 }
 
 /**
