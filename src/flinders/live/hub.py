@@ -79,7 +79,7 @@ class Page:
     total: int = 0  # readings that had come when it got the newest
 
     def tell(self, message: FromServer) -> None:
-        """Let a message wait for it; of all but notices the newest of a kind is enough, after those of other kinds."""
+        """Let a message wait for it; of all but notices the newest of a kind is enough, and goes last."""
         if isinstance(message, Notice):
             self.notices.append(message)
         else:
@@ -192,7 +192,7 @@ class Hub:
             page.tell(Kept(self.edits, page.heard))
 
     def _renewing_what_is_there(self, edits: Edits) -> Edits:
-        """Edits that renew no calibration where none is there: it was not given again, or another page took it away."""
+        """Take the wish to renew out of edits where there is no earlier calibration, as after a page has taken it away."""
         return edits if self.renewed else msgspec.structs.replace(edits, refreshing=False)
 
     def _begun_anew(self, begun_s: float | None) -> float:
