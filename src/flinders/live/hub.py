@@ -192,7 +192,7 @@ class Hub:
             page.tell(Kept(self.edits, page.heard))
 
     def _renewing_what_is_there(self, edits: Edits) -> Edits:
-        """Take the wish to renew out of edits where there is no earlier calibration, as after a page has taken it away."""
+        """Take the wish to renew out of edits where there is no earlier calibration, as once a page took it away."""
         return edits if self.renewed else msgspec.structs.replace(edits, refreshing=False)
 
     def _begun_anew(self, begun_s: float | None) -> float:
