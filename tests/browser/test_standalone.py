@@ -33,13 +33,17 @@ FAKE: Final = """
         made.open = async ({ baudRate }) => {
             window.board.baud = baudRate;
             made.readable = new ReadableStream({ start: (begun) => { controller = begun; } });
+            made.writable = new WritableStream({ write: (bytes) => window.board.take?.(bytes) });
         };
         return made;
     };
     window.board = {
         port: port(),
         print: (text) => controller.enqueue(new TextEncoder().encode(text)),
-        unplug: () => { window.board.port.readable = null; controller.error(new Error("lost")); },
+        unplug: () => {
+            window.board.port.readable = window.board.port.writable = null;
+            controller.error(new Error("lost"));
+        },
         plug: () => {
             window.board.port = port();
             const event = new Event("connect");
@@ -248,6 +252,34 @@ def test_every_shape_of_lines_is_read_from_a_port(visitor: Visitor, context: Bro
     assert len(counts) >= 48
     assert set(counts) <= {59, 60}, "of some shapes the first line may be cut, or the last reading has no end"
     assert page.evaluate("board.baud") == 9600
+
+
+ECHOES: Final = """
+void (board.take = (bytes) => {
+    const view = new DataView(bytes.buffer, bytes.byteOffset);
+    const line = (name, places) => `${name}:${places.map((at) => view.getFloat32(2 + 4 * at, true).toFixed(3))}\\r\\n`;
+    board.print(line("Cal1", [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]) + line("Cal2", [10, 13, 14, 13, 11, 15, 14, 15, 12]));
+})
+"""
+"""A board that says what it was sent, as sketches for MotionCal do."""
+
+
+def test_a_calibration_is_sent_to_the_board_and_its_echo_confirms_it(visitor: Visitor, context: BrowserContext) -> None:
+    page = visitor.page(context)
+    connected(page)
+    page.evaluate(ECHOES)
+    lines = "".join(f"Raw:0,0,0,0,0,0,{x:.0f},{y:.0f},{z:.0f}\r\n" for x, y, z in 10 * TUMBLE.field)
+    page.evaluate("lines => board.print(lines)", lines)
+    until(page, "flinders.store.state.phase === 'good'")
+    page.keyboard.press("f")
+    page.locator("#send").click()
+    expect(page.locator("#answer")).to_contain_text("The board: confirmed by the board's echo, to 3 decimals")
+    page.locator("dialog[open] .shut").click()
+    page.evaluate("board.take = null")
+    page.evaluate("board.unplug()")
+    page.keyboard.press("f")
+    page.locator("#send").click()
+    expect(page.locator("#answer")).to_contain_text("plug it in")
 
 
 @pytest.mark.tools

@@ -242,6 +242,8 @@ def run_of_page(program: str) -> object:
 
 MODULES = ("views/words.js", "store.js", "finish.js")
 MISSES = "Misses the target"
+LEVEL = [{"code": "level-plane", "severity": "limits"}, {"code": "rotation-unknown", "severity": "note"}]
+NOISY = {"code": "noise", "severity": "limits"}
 
 
 def test_angles_have_the_same_digits_on_the_page_as_in_sentences() -> None:
@@ -255,6 +257,9 @@ def test_angles_have_the_same_digits_on_the_page_as_in_sentences() -> None:
     [
         ({}, "heading", "good", "Good"),
         ({"verdict": "limited"}, "heading", "limited", "Limited"),
+        ({"verdict": "limited", "findings": LEVEL}, "heading", "limited", "Good while level"),
+        ({"verdict": "limited", "findings": [*LEVEL, NOISY]}, "heading", "limited", "Limited"),
+        ({"verdict": "limited", "findings": LEVEL}, "attitude", "limited", MISSES),
         ({"verdict": "limited", "heading_error_deg": {"worst": 0.4, "target_deg": 0.2}}, "heading", "limited", MISSES),
         ({"verdict": "good"}, "attitude", "limited", MISSES),
         ({"verdict": "refused"}, "attitude", "refused", "Refused"),

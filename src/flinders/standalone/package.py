@@ -223,13 +223,11 @@ SOURCE_BUTTON: Final = (
     '<svg class="icon" aria-hidden="true"><use href="#i-send"/></svg><span>Source</span></button>\n      '
 )
 KEPT: Final = (
-    '<p class="faint kept">For a report, and to send it to a board: save the readings or the calibration, and use '
-    "<code>flinders report</code> and <code>flinders send</code>.</p>\n        "
+    '<p class="faint kept">For a report: save the readings, and use <code>flinders report</code>.</p>\n        '
 )
 HELP: Final = (
     "Nothing leaves this browser: readings of a board stay in it until you start again, also when the page is loaded "
-    "again. Reports, sending to a board and binary logs need the program: "
-    "<code>pip install flinders</code>."
+    "again. Reports and binary logs need the program: <code>pip install flinders</code>."
 )
 
 
@@ -250,7 +248,7 @@ EDITS: Final = (
     ),
     ('<button type="button" id="open"', f'{SOURCE_BUTTON}<button type="button" id="open"'),
     ('<main class="board">', '<main class="board">\n    {start}'),
-    *map(_hidden, ("open", "save-report", "send")),
+    *map(_hidden, ("open", "save-report")),
     ('<p class="faint kept" id="kept">', f'{KEPT}<p class="faint kept" id="kept">'),
     ("Everything that arrives is recorded on the computer that runs Flinders; closing this page loses nothing.", HELP),
     (

@@ -11,10 +11,12 @@ import { Finish } from "./finish.js";
 import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
 import { legendOf, legendRow } from "./legend.js";
 import { listenForPlace, showRemedies } from "./remedies.js";
+import { Sounds } from "./sounds.js";
+import { staysLevel } from "./standalone/choreography.js";
 import { errors, Gap, goesOn, Store } from "./store.js";
 import { ems, gauge } from "./views/gauge.js";
 import { Guide, LeadView } from "./views/lead.js";
-import { brief, capital, counted, degrees, duration, frequency, ICONS, PHASES, REASONS, sentence, things } from "./views/words.js";
+import { brief, capital, counted, degrees, duration, frequency, ICONS, isGoodWhileLevel, PHASES, REASONS, sentence, things, WHILE_LEVEL } from "./views/words.js";
 import { drawChanged, lay, markHovered } from "./widgets.js";
 
 /** @typedef {import("./messages.d.ts").Command} Command */
@@ -37,6 +39,7 @@ const finish = new Finish(notify, () => link);
 const panels = lay(byId("strip", HTMLElement), { store, send, notify, hover });
 const guide = new Guide();
 const leadView = new LeadView(guide, drawAll);
+const sounds = new Sounds(byId("sounds", HTMLInputElement));
 /** @type {Scene | null} */
 let scene = null;
 let sceneAsked = false;
@@ -126,6 +129,7 @@ function draw(now) {
     if (dirty.now && store.now && view) leadView.turn(store.now, view);
     const lead = guide.follow(store, now / 1000);
     if (state && lead) leadView.draw(state, view, lead);
+    if (state) sounds.follow(state, view, lead, now / 1000);
     if (dirty.state && state) drawState(state, view);
     if (dirty.state) finish.show(state);
     if (dirty.points || dirty.view || dirty.state || guide.lead?.target !== sceneTarget) drawScene(view, state);
@@ -206,12 +210,15 @@ function drawState(state, view) {
 /** @param {State} state */
 function drawPhase(state) {
     const panel = byId("status-title", HTMLElement).closest(".status");
-    if (panel instanceof HTMLElement) panel.dataset.phase = state.phase;
     const title = byId("phase", HTMLElement);
     const isResult = isEnded(state) && state.phase === "collecting" && state.told !== "fitting";
-    setIcon(title, ICONS[isResult ? "limited" : state.phase]);
+    const isLevel = state.phase === "limited" && isGoodWhileLevel(store.view, state.goal);
+    const shownPhase = isLevel && guide.lead && staysLevel(guide.lead.body) ? "good" : state.phase; // all that a car can do
+    if (panel instanceof HTMLElement) panel.dataset.phase = shownPhase;
+    setIcon(title, ICONS[isResult ? "limited" : shownPhase]);
     const strong = title.querySelector("strong");
-    const phase = isResult ? (store.view ? "Misses the target" : "No calibration") : (PHASES[state.phase] ?? state.phase);
+    const reached = isLevel ? WHILE_LEVEL : (PHASES[state.phase] ?? state.phase);
+    const phase = isResult ? (store.view ? "Misses the target" : "No calibration") : reached;
     const phaseTitle = state.paused ? "Paused" : phase;
     const words = state.words.startsWith(`${phaseTitle}: `) ? capital(state.words.slice(phaseTitle.length + 2)) : state.words; // "Good: …"
     if (strong) setText(strong, phaseTitle);

@@ -3,7 +3,7 @@
 import { errors } from "./store.js";
 import { byId, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
 import { table } from "./views/table.js";
-import { counted, degrees, ICONS, measured, PHASES, sentence, significant, things, VERDICTS } from "./views/words.js";
+import { counted, degrees, ICONS, isGoodWhileLevel, measured, PHASES, sentence, significant, things, VERDICTS, WHILE_LEVEL } from "./views/words.js";
 
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./messages.d.ts").View} View */
@@ -382,7 +382,8 @@ function judged(finished, state) {
     if (wrong.length) return { kind: "refused", title: PHASES.wrong, words };
     const target = view.heading_error_deg?.target_deg ?? Infinity;
     const misses = view.verdict !== "refused" && worst !== null && worst > target;
-    return { kind: misses ? "limited" : view.verdict, title: misses ? "Misses the target" : VERDICTS[view.verdict], words };
+    const title = isGoodWhileLevel(view, state?.goal ?? "heading") ? WHILE_LEVEL : VERDICTS[view.verdict];
+    return { kind: misses ? "limited" : view.verdict, title: misses ? "Misses the target" : title, words };
 }
 
 /**

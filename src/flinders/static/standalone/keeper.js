@@ -11,8 +11,8 @@
 
 const NAME = "flinders-readings";
 const WRITE_MS = 1000;
-/** The page that is loaded again waits so long for its predecessor, and one beside another as long in vain. */
-const RELEASE_MS = 5000;
+/** A page that is loaded again waits so long for its predecessor to go; then it begins without what that kept. */
+const RELEASE_MS = 2000;
 
 export class Keeper {
     /** @param {IDBDatabase | null} database  Null where the browser has none for us. */
@@ -23,16 +23,20 @@ export class Keeper {
         this.timer = 0;
         /** Called where the browser has no more room. */
         this.onFull = () => {};
+        /** Called where it is ours later, as the page that had it is closed. */
+        this.onOpen = () => {};
     }
 
     /** @returns {Promise<Keeper>} */
     static async open() {
-        try {
+        const keeper = new Keeper(null); // as long as another page has it, or storage is switched off
+        const open = async () => {
             await locked(NAME);
-            return new Keeper(await opened(NAME));
-        } catch {
-            return new Keeper(null); // another page has it, or storage is switched off
-        }
+            keeper.database = await opened(NAME);
+            keeper.onOpen();
+        };
+        await Promise.race([open().catch(() => {}), new Promise((done) => setTimeout(done, RELEASE_MS))]);
+        return keeper;
     }
 
     get isOpen() {
@@ -101,8 +105,8 @@ function joined(parts) {
 }
 
 /**
- * Lock a name until the page is closed; rejected where another page has it. When a page is loaded again, the lock of the
- * one before is released a moment later.
+ * Lock a name until the page is closed, once no other page has it. When a page is loaded again, the lock of the one before
+ * is released a moment later.
  * @param {string} name
  * @returns {Promise<void>}
  */
@@ -112,7 +116,7 @@ function locked(name) {
             done();
             return new Promise(() => {});
         };
-        navigator.locks.request(name, { signal: AbortSignal.timeout(RELEASE_MS) }, whileOpen).catch(failed);
+        navigator.locks.request(name, whileOpen).catch(failed);
     });
 }
 

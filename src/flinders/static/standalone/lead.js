@@ -9,7 +9,7 @@
 import { goesOn } from "../store.js";
 import { between, DRAWN, rotated, unit } from "../views/turn.js";
 import { corrected, dot } from "../views/vectors.js";
-import { brief, sentence } from "../views/words.js";
+import { brief, REASONS, sentence } from "../views/words.js";
 import { isOver, progress, SEQUENCES, staysLevel } from "./choreography.js";
 import { gapOf } from "./gaps.js";
 
@@ -130,9 +130,11 @@ function turn(choreography) {
  * @param {State} state
  * @param {View | null} view
  */
-function ended({ phase, told, words }, view) {
+function ended({ phase, told, words, reasons }, view) {
     if (phase === "good" || phase === "limited") return "Done: press Finish.";
     if (told === "fitting") return words;
+    const disturbed = reasons.find(({ spans }) => spans.length > 0);
+    if (disturbed) return `${REASONS[disturbed.code] ?? ""} Leave the interval out, or record again.`.trim();
     const guidance = view?.guidance ?? null;
     const isSaid = guidance && !guidance.is_path && (guidance.direction === null || guidance.frame === "vehicle");
     const next = isSaid ? sentence(guidance.words) : AROUND;

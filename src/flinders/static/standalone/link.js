@@ -9,7 +9,8 @@ import { degrees } from "../views/words.js";
 import { SessionLink } from "./running.js";
 import { seriesOf } from "./session.js";
 import { readLog } from "./lines.js";
-import { unitOf } from "./sources.js";
+import { send } from "./sending.js";
+import { Board, unitOf } from "./sources.js";
 import { Unreadable } from "./tables.js";
 import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } from "./targets.js";
 
@@ -37,13 +38,14 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
 
 const UPLOAD_BYTES = 64 << 20;
 const IN_BROWSER = "this browser";
+/** The target that boards read from a port. */
+const PACKET = "motioncal";
 /** Kinds of sources whose readings cannot be had again. */
 const ONCE = ["serial", "phone"];
 /** @type {SourceState} */
 const NO_SOURCE = { name: "no source", kind: "simulated", link: "waiting", words: "" };
 const NOT_HERE = {
     "report.html": "This page makes no report: save the readings, and run flinders report.",
-    send: "This page sends nothing to boards: save the calibration, and run flinders send.",
 };
 
 export class OwnLink extends SessionLink {
@@ -109,6 +111,7 @@ export class OwnLink extends SessionLink {
         if (path.startsWith("export/")) return this.export(path.slice("export/".length));
         if (path === "calibration.json") return this.calibration();
         if (path === "session.csv") return this.readings();
+        if (path === "send") return this.sendToBoard();
         throw new Refusal(NOT_HERE[/** @type {keyof typeof NOT_HERE} */ (path)] ?? `This page has no ${path}.`);
     }
 
@@ -159,6 +162,14 @@ export class OwnLink extends SessionLink {
         const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files };
         const file = calibrationFile(this.data, this.calibrationNow(), { fit: this.made?.record ?? null, provenance });
         return download(file, "calibration.json");
+    }
+
+    /** Send the calibration to the board that the readings come from. */
+    async sendToBoard() {
+        if (!(this.source instanceof Board) || this.session.opened) throw new Refusal("This source takes no calibration: save it, or paste what the export shows.");
+        const packet = exported(this.data, PACKET, this.calibrationNow()).binary_base64 ?? "";
+        const words = await send(this.source, Uint8Array.from(atob(packet), (letter) => letter.charCodeAt(0)));
+        return Response.json({ words: `${this.source.name}: ${words}` });
     }
 
     /** The readings that are in memory, as a table in the recorded unit. */
@@ -229,6 +240,7 @@ export class OwnLink extends SessionLink {
     /** @param {SourceState} source  what the page says of it */
     show(source) {
         this.session.source = source;
+        this.session.hasBoard = source.kind === "serial";
         this.session.recording = ONCE.includes(source.kind) && this.keeper.isOpen ? IN_BROWSER : "";
         this.isUrgent = true;
         this.step();

@@ -24,8 +24,15 @@ async function begin() {
     });
     const [link] = links;
     const choice = new Choice(link, data);
-    await link.restore();
-    choice.follow();
+    const restored = async () => {
+        await link.restore();
+        choice.follow();
+    };
+    await restored();
+    keeper.onOpen = () => {
+        if (link.isUsed) keeper.database = null; // it has readings of another page
+        else restored();
+    };
     guard(link, keeper);
     navigator.serviceWorker?.register(address("sw.js")).catch(() => {}); // without it the page works, but not offline
 }

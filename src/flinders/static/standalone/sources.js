@@ -29,6 +29,7 @@ import { LineReader } from "./lines.js";
  * @property {(options: {baudRate: number, bufferSize?: number}) => Promise<void>} open
  * @property {() => Promise<void>} close
  * @property {ReadableStream<Uint8Array> | null} readable
+ * @property {WritableStream<Uint8Array> | null} [writable]
  * @property {() => object} [getInfo]  whose device it is
  */
 
@@ -69,6 +70,8 @@ export class Board {
         this.isStopped = false;
         /** @type {ReadableStreamDefaultReader<Uint8Array> | null} */
         this.reader = null;
+        /** @type {import("./sending.js").Echoes | null} who waits for what the board holds */
+        this.echoes = null;
         this.plugged = (/** @type {Event} */ event) => this.again(/** @type {any} */ (event.target));
     }
 
@@ -117,8 +120,25 @@ export class Board {
         this.feed?.link("gone", "the board is gone: plug it in again, and the page goes on");
     }
 
+    /**
+     * @param {Uint8Array} bytes
+     * @throws {Refusal} Where they cannot be sent.
+     */
+    async write(bytes) {
+        const writer = this.port.writable?.getWriter();
+        if (!writer) throw new Refusal("The board is gone: plug it in, and send again.");
+        try {
+            await writer.write(bytes);
+        } catch (error) {
+            throw new Refusal(`The board did not take it: plug it in, and send again. (${words(error)})`);
+        } finally {
+            writer.releaseLock();
+        }
+    }
+
     /** @param {string} text */
     take(text) {
+        this.echoes?.take(text);
         const at = (performance.now() - (this.begun ?? 0)) / 1000;
         const { rows } = this.lines.take(text, at);
         if (this.lines.silence && !this.isSilenceSaid) this.feed?.tell(this.lines.silence, "warning");

@@ -209,6 +209,22 @@ export const VERDICTS = Object.freeze({
     refused: "Refused",
 });
 
+/** The title of a limited fit that lacks nothing but tilt. */
+export const WHILE_LEVEL = "Good while level";
+
+/**
+ * Whether level headings are the goal and good, and nothing but the other attitudes is not known.
+ * @param {import("../messages.d.ts").View | null} view
+ * @param {string} goal
+ * @returns {boolean}
+ */
+export function isGoodWhileLevel(view, goal) {
+    const error = view?.heading_error_deg;
+    if (!view || !error || goal !== "heading" || view.verdict !== "limited" || error.worst > error.target_deg) return false;
+    const limits = (view.findings ?? []).filter(({ severity }) => severity === "limits");
+    return limits.length > 0 && limits.every(({ code }) => code === "level-plane");
+}
+
 /**
  * The icon (a symbol of the page) of each phase, verdict and severity of a finding or notice.
  * @type {Readonly<Record<string, string>>}
