@@ -122,8 +122,8 @@ class Played {
         return this.session.edits;
     }
 
-    leftOut() {
-        return this.session.leftOut;
+    finishing() {
+        return this.session.finishing;
     }
 
     state() {

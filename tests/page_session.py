@@ -185,9 +185,9 @@ class PageSession:
         return msgspec.convert(self._ask("edits", as_dict=True), Edits)
 
     @property
-    def left_out(self) -> list[list[float]]:
-        """Stretches that the calibration in the end does without."""
-        return list(self._ask("leftOut"))
+    def finishing(self) -> Edits:
+        """What the calibration in the end is made by."""
+        return msgspec.convert(self._ask("finishing", as_dict=True), Edits)
 
     def points(self, page: str = "") -> bytes | None:
         """The points that one of several pages lacks, as a frame; None where there is nothing new."""

@@ -60,6 +60,13 @@ AS_AT_FIRST = [
 ]
 
 
+KEEP = """() => {
+    const { live } = flinders.connection.session;
+    live.kept = { evaluated: live.evaluated, view: live.evaluated.view, seconds: 60 };
+}"""
+"""Keep the newest fit, as several that confirm it would."""
+
+
 def done(page: Page) -> Page:
     """Have everything as at first, whatever the last test did, and wait until the fit of all readings is shown."""
     page.evaluate("commands => commands.forEach(command => flinders.connection.send(command))", AS_AT_FIRST)
@@ -75,7 +82,7 @@ def state(page: Page, name: str) -> Any:  # noqa: ANN401 - a number, a text, a l
 
 def of_finished(page: Page, path: str) -> str:
     """The address of something of the calibration that Finish has made."""
-    return f"{page.url}{path}?of={page.evaluate('flinders.connection.finished.number')}"
+    return f"{page.url}{path}?of={page.evaluate('flinders.connection.finished')}"
 
 
 def calibrated(path: Path, out: Path) -> Document:
@@ -286,10 +293,10 @@ def test_a_reload_keeps_everything(visitor: Visitor) -> None:
     page.evaluate("flinders.connection.send({type: 'exclude', start_s: 5, end_s: 6})")
     page.get_by_role("button", name="Light or dark").click()
     until(page, "flinders.store.state.excluded.length === 1 && flinders.store.state.dip_deg === -33")
-    before = page.evaluate("({...flinders.store.state, revision: 0, rate_hz: 0})")
+    before = page.evaluate("({...flinders.store.state, rate_hz: 0})")
     page.reload()
     until(page, "window.flinders?.store.state && flinders.store.points.count === 3000")
-    after = page.evaluate("({...flinders.store.state, revision: 0, rate_hz: 0})")
+    after = page.evaluate("({...flinders.store.state, rate_hz: 0})")
     for name in ("target_deg", "goal", "dip_deg", "excluded", "excluded_readings", "readings", "can_undo"):
         assert after[name] == before[name], name
     expect(page.locator("#target")).to_have_value("2.5")
@@ -493,6 +500,44 @@ def test_an_earlier_calibration_dropped_on_the_finish_panel_is_compared_and_rene
     dropped(page, "before.json", b"{}")
     expect(page.locator("#notices [data-severity=error]")).to_contain_text("before.json")
     visitor.forgive(422)
+
+
+@pytest.mark.tools
+def test_what_the_command_line_renews_the_page_renews(
+    browser: Browser, program: Program, tumble: Path, tmp_path: Path
+) -> None:
+    """Also once its connection was lost."""
+    calibrated(program.recording, tmp_path / "before.json")
+    played = ("--replay", str(tumble), "--speed", "500")
+    with Program(tmp_path, *played, "--previous", "before.json", "--refresh") as renewing:
+        visitor = Visitor(browser, renewing)
+        page = visitor.page()
+        until(page, f"flinders.store.state?.refreshing && {SETTLED}")
+        page.evaluate("flinders.connection.connection.socket.close()")
+        until(page, "document.documentElement.dataset.line === 'lost'")
+        until(page, "document.documentElement.dataset.line === 'open' && flinders.store.state.refreshing")
+        page.keyboard.press("f")
+        expect(page.locator("#numbers")).to_contain_text("refresh")
+        visitor.leave()
+        visitor.close()
+
+
+@pytest.mark.tools
+def test_a_page_that_hears_of_its_own_edits_keeps_its_result(browser: Browser, tumble: Path, tmp_path: Path) -> None:
+    """Also at a site, of which not all numbers are known."""
+    with Program(tmp_path, "--replay", str(tumble), "--speed", "500") as program:
+        visitor = Visitor(browser, program)
+        page, other = done(visitor.page()), visitor.page(visitor.context())
+        place = {"type": "place", "latitude_deg": 47.0, "longitude_deg": 8.0, "year": 2026.0}
+        page.evaluate("place => flinders.connection.send(place)", place)
+        until(page, "flinders.connection.session.live.site?.z_down === false")  # as the server has it
+        page.evaluate(KEEP)
+        page.evaluate("flinders.connection.send({type: 'pause', paused: true})")
+        until(other, "flinders.store.state.paused")
+        page.evaluate("() => new Promise((resolve) => setTimeout(resolve, 300))")
+        assert state(page, "kept") is not None
+        visitor.leave()
+        visitor.close()
 
 
 # everybody
@@ -830,5 +875,10 @@ def test_a_program_that_ends_is_noticed_and_comes_back_with_everything(
         page.locator("#retry").click()
         expect(page.locator("#lost")).to_be_hidden()
         until(page, "flinders.store.state.excluded.length === 1 && flinders.store.state.readings >= 3000")
+        page.evaluate(KEEP)
+    with Program(tmp_path, "--simulate", "--output", "other.csv", "--port", port):
+        until(page, "flinders.store.state.excluded.length === 0 && flinders.store.state.readings > 0")
+        assert state(page, "kept") is None
+        assert state(page, "readings") < 3000
     visitor.complaints.clear()  # the browser notes each connection that was refused
     visitor.close()

@@ -53,7 +53,7 @@ def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Pa
         page.locator("#save-calibration").click()
     started.value.save_as(tmp_path / "cal.json")
     saved = calibration_file.read(tmp_path / "cal.json")
-    number = page.evaluate("flinders.connection.finished.number")
+    number = page.evaluate("flinders.connection.finished")
     served = calibration_file.loads(page.request.get(f"{page.url}calibration.json?of={number}").body())
     assert saved.calibration == served.calibration
     assert saved.fit is not None

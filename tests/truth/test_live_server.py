@@ -867,6 +867,36 @@ def test_an_earlier_calibration_is_renewed_where_edits_say_so(bench: Bench) -> N
     assert [file.name for file in document.provenance.files] == ["session.csv", "session.csv"]
 
 
+def test_another_earlier_calibration_is_not_renewed_until_that_is_asked_for(bench: Bench) -> None:
+    content = bench.client.get(f"/calibration.json{bench.of_finished()}").content
+    bench.client.post("/previous?name=monday.json", content=content, headers=OWN)
+    with bench.page() as page:
+        page.send_text(encode(Edits(refreshing=True)))
+        bench.until(lambda hub: hub.edits.refreshing)
+        bench.client.post("/previous?name=tuesday.json", content=content, headers=OWN)
+        assert not bench.hub.edits.refreshing
+        assert received(page, "previous")["name"] == "tuesday.json"
+        assert not received(page, "kept")["edits"]["refreshing"]
+
+
+def test_a_session_that_renewed_is_none_without_its_earlier_calibration(bench: Bench) -> None:
+    hub = Hub(replace(bench.hub.supply, edits=Edits(refreshing=True, target_deg=0.5)))
+    assert hub.edits == Edits(target_deg=0.5)
+    hub.edit(Edits(refreshing=True, dip_deg=40.0))  # as of a page that has not heard yet
+    assert hub.edits == Edits(dip_deg=40.0)
+
+
+def test_a_log_is_judged_at_the_site_that_its_page_says(bench: Bench) -> None:
+    """A page has the site that the log states, and a person may have given another."""
+    log = text_of(simulate.tumble(seed=9).samples)
+    about, _ = opened(bench, log, "log.csv")
+    name, held = bench.hub.logs[about["number"]]
+    bench.hub.logs[about["number"]] = name, held._replace(site=Site(30.0, 20.0, 0.05, 1.0))
+    view = bench.finish(Edits(site=Site(50.0, -65.0, 0.05, 1.0)), about["number"]).json()["view"]
+    assert view["heading_error_deg"]["dip_deg"] == -65.0
+    assert view["field_strength"] == pytest.approx(50.0, rel=0.1)
+
+
 def test_a_source_that_is_no_board_takes_no_calibration(wall: Bench) -> None:
     answer = wall.client.post(f"/send{wall.of_finished()}", headers=OWN)
     assert answer.status_code == 422

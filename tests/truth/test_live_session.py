@@ -19,7 +19,8 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.fitting import calibrate
 from flinders.fitting.result import Refused
-from flinders.live.buffer import rows_of
+from flinders.likelihood.site_field import Site
+from flinders.live.buffer import ReadingBuffer, rows_of
 from flinders.live.session_file import load
 from flinders.native import build
 
@@ -402,7 +403,7 @@ def test_a_good_result_is_kept_and_it_is_said_that_something_changed() -> None:
     assert (shown.phase, shown.kept.is_changed, codes(shown)[0]) == ("good", True, "changed-since")
     assert 27.0 <= shown.kept.seconds <= 34.0
     assert (session.view.verdict, session.shown.view.verdict) == ("good", "limited")
-    ((start, end),) = session.left_out
+    ((start, end),) = session.finishing.excluded
     assert start == pytest.approx(shown.kept.seconds, abs=1e-6)
     assert end > session.at
 
@@ -412,9 +413,38 @@ def test_all_readings_count_again_where_somebody_says_so() -> None:
     session.requested(session.at, "use_all")
     assert fitted(session).state.kept is None
     assert session.state.phase != "good"
-    assert session.left_out == []
+    assert session.finishing.excluded == ()
     session.requested(session.at, "exclude", start_s=28.0, end_s=45.0)
     assert fitted(session).state.phase == "good"
+
+
+def test_what_is_yet_to_come_in_a_pause_is_left_out_in_the_end() -> None:
+    """The server may have readings by then that the page has not."""
+    session = after(simulate.tumble(seed=1).samples)
+    session.requested(session.at, "pause", paused=True)
+    assert session.finishing.paused_s == session.edits.paused_s
+    assert session.finishing.paused_s is not None
+
+
+def test_a_log_is_finished_by_its_own_site_and_not_by_that_of_the_sensor() -> None:
+    session = after(simulate.tumble(seed=1).samples)
+    session.requested(session.at, "place", latitude_deg=47.0, longitude_deg=8.0, year=2026.0)
+    session.requested(session.at, "clear")
+    there = session.edits.site
+    assert there is not None
+    site = Site(30.0, 20.0, 0.05, 1.0, z_down=True)
+    session.opened(session.at, "log", log_of(simulate.tumble(seed=2).samples)._replace(site=site))
+    assert (session.finishing.site, session.finishing.begun_s) == (site, None)
+    session.requested(session.at, "place", latitude_deg=0.0, longitude_deg=0.0, year=2026.0)
+    assert session.finishing.site not in (site, there)
+    assert session.edits.site == there
+
+
+def test_the_last_readings_of_an_ended_source_do_not_bring_it_back() -> None:
+    session = PageSession()
+    session.linked(0.0, "ended")
+    session.received(0.1, frame_of_buffer(ReadingBuffer.empty().extended(rows_of(simulate.tumble(seed=1).samples))))
+    assert session.state.source.link == "ended"
 
 
 @pytest.mark.parametrize(("every_s", "fits"), daily([(0.5, 2), (2.0, 1)]))

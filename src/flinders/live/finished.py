@@ -64,8 +64,7 @@ class Wanted:
 
     def fitted(self, recording: Recording) -> Fit | FlindersError:
         """The fit of a recording at the site, or why there is none that may be used."""
-        known = self.edits.site if self.log.site is None else self.log.site
-        site = Site.stated(self.log.site_known(known), inclination_deg=self.edits.dip_deg)
+        site = Site.stated(self.log.site_known(self.edits.site), inclination_deg=self.edits.dip_deg)
         if self.edits.refreshing and self.previous is None:
             raise UsageError("there is no earlier calibration to renew: choose its file first")
         how = partial(refresh, previous=self.previous) if self.edits.refreshing and self.previous else fit

@@ -79,10 +79,11 @@ class Page:
     total: int = 0  # readings that had come when it got the newest
 
     def tell(self, message: FromServer) -> None:
-        """Let a message wait for it; of all but notices the newest of a kind is enough."""
+        """Let a message wait for it; of all but notices the newest of a kind is enough, and goes last."""
         if isinstance(message, Notice):
             self.notices.append(message)
         else:
+            self.news.pop(type(message), None)
             self.news[type(message)] = message
         self.wake.set()
 
@@ -99,7 +100,8 @@ class Hub:
     def __init__(self, supply: Supply, previous: Previous | None = None, renewed: Fit | None = None) -> None:
         self.supply, self.pages = supply, set[Page]()
         self.source = SourceState(supply.feed.name, supply.kind, "waiting", "")
-        self.edits, self.previous, self.renewed = supply.edits, previous or Previous(), renewed
+        self.previous, self.renewed = previous or Previous(), renewed
+        self.edits = self._renewing_what_is_there(supply.edits)
         self.log, self.timeline = supply.log, supply.timeline
         self.generation = 1
         self.unrecorded = ""
@@ -184,10 +186,14 @@ class Hub:
         """
         if edits.begun_s != self.edits.begun_s:
             edits = msgspec.structs.replace(edits, begun_s=self._begun_anew(edits.begun_s))
-        self.edits = edits
+        self.edits = self._renewing_what_is_there(edits)
         self._record_edits()
         for page in self.pages:
             page.tell(Kept(self.edits, page.heard))
+
+    def _renewing_what_is_there(self, edits: Edits) -> Edits:
+        """Take the wish to renew out of edits where there is no earlier calibration, as once a page took it away."""
+        return edits if self.renewed else msgspec.structs.replace(edits, refreshing=False)
 
     def _begun_anew(self, begun_s: float | None) -> float:
         """Leave the readings up to a time behind, return that of the last of them, and send the others once more."""
@@ -206,7 +212,7 @@ class Hub:
             self._feed_thread.do(lambda: self.supply.sink.write(line_of(edits)))
 
     def compare_with(self, previous: Previous) -> None:
-        """Keep a calibration from before, and pass it on to the pages."""
+        """Keep a calibration from before, which is renewed once that is asked for, and pass it on to the pages."""
         from flinders.core.calibration_file import loads
         from flinders.fitting.result import Fit
 
@@ -216,6 +222,7 @@ class Hub:
             renewed = Fit.from_document(document, name=previous.name)
         self.previous, self.renewed = previous, renewed
         self._tell(previous)
+        self.edit(msgspec.structs.replace(self.edits, refreshing=False))
 
     def keep(self, name: str, log: Log) -> str:
         """Hold a log that was dropped on a page, and forget the oldest of several; returns its number."""

@@ -1,5 +1,5 @@
 /**
- * The live page: takes what the server says into the store, and draws the store.
+ * The live page: takes what its session says into the store, and draws the store.
  *
  * Messages only mark what is to be drawn; drawing happens in the next frame of the screen, so that a slow machine draws
  * less often and never falls behind. Charts of all readings are drawn at most ten times a second, what is read as
@@ -107,7 +107,7 @@ const listener = {
 };
 
 /**
- * Ask the server for something, or say that it cannot hear us.
+ * Ask the session for something, or say that there is no line to the server.
  * @param {Command} message
  */
 function send(message) {

@@ -2,7 +2,7 @@
  * The line to the server: one WebSocket that comes back by itself.
  *
  * The waits between attempts double up to eight seconds. Nothing that the user asks for is kept for later: while there
- * is no line, it is refused with words, because the state is the server's and may have changed meanwhile.
+ * is no line, it is refused with words, because other pages may have done something meanwhile.
  */
 
 import { Refusal } from "./dom.js";
@@ -83,11 +83,6 @@ export class Connection {
         if (this.isOpen || this.socket?.readyState === WebSocket.CONNECTING) return;
         window.clearTimeout(this.timer);
         this.open();
-    }
-
-    /** Connect anew and get everything again. */
-    renew() {
-        this.socket?.close();
     }
 
     open() {

@@ -45,7 +45,6 @@ export interface PreviousState {
 export interface SessionState {
   kept: { seconds: number; is_changed: boolean } | null; // the best fit that was within the target, and its moment
   type: "state";
-  revision: number;
   source: SourceState;
   unit: string;
   readings: number;
@@ -163,7 +162,6 @@ export interface View {
 /** Of the program, and what it can do. */
 export interface Greeting {
   version: string;
-  session: string;
   targets: Array<TargetInfo>;
   limits: Limits;
 }
@@ -179,7 +177,6 @@ export interface Hello extends Greeting {
 /** A new fit; null where there is none. */
 export interface FitMessage {
   type: "fit";
-  revision: number;
   view: View | null;
 }
 

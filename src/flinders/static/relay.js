@@ -6,7 +6,7 @@
 import { Connection } from "./connection.js";
 import { passedIn } from "./standalone/passed.js";
 import { SessionLink } from "./standalone/running.js";
-import { Series } from "./standalone/session.js";
+import { Series, Session, stated } from "./standalone/session.js";
 import { Unreadable } from "./standalone/tables.js";
 import { readCalibration } from "./standalone/targets.js";
 
@@ -43,8 +43,10 @@ export class RelayLink extends SessionLink {
         this.isHeard = false;
         /** The edits that the server has, as JSON. */
         this.told = "";
-        /** Number and key of the calibration that was finished. */
-        this.finished = { number: "", key: -1 };
+        /** The calibration to compare with that the server has, as JSON. */
+        this.compared = "";
+        /** Number of the calibration that was finished. */
+        this.finished = "";
         this.connection = new Connection(address, {
             onLink: (state, seconds) => this.#linked(state, seconds),
             onMessage: (message) => this.#heard(message),
@@ -53,8 +55,8 @@ export class RelayLink extends SessionLink {
     }
 
     get greeting() {
-        const { version, session, targets, limits } = /** @type {Welcome} */ (this.welcome);
-        return { version, session, targets, limits };
+        const { version, targets, limits } = /** @type {Welcome} */ (this.welcome);
+        return { version, targets, limits };
     }
 
     say() {
@@ -67,7 +69,7 @@ export class RelayLink extends SessionLink {
 
     /** @param {Command} message */
     send(message) {
-        if (!this.connection.isOpen) return false;
+        if (!this.isHeard || !this.connection.isOpen) return false; // what is here may be of another session
         if (message.type === "previous_clear") this.#say({ type: "previous", name: "", text: "" });
         super.send(message);
         this.#tellEdits();
@@ -81,19 +83,18 @@ export class RelayLink extends SessionLink {
      */
     async ask(address, options = {}) {
         const isOfFinished = OF_FINISHED.some((start) => address.startsWith(start));
-        const answer = await this.connection.ask(isOfFinished ? `${address}?of=${this.finished.number}` : address, options);
+        const answer = await this.connection.ask(isOfFinished ? `${address}?of=${this.finished}` : address, options);
         if (address.startsWith("open?")) this.#open(await answer.arrayBuffer());
         return answer;
     }
 
     /** @returns {Promise<Finished>} */
     async finish() {
-        const { shown, edits, leftOut } = this.session;
+        const { shown, finishing } = this.session;
         const log = shown.number ? `?log=${shown.number}` : "";
-        const asked = { ...edits, excluded: leftOut, paused_s: null, ...(log && { begun_s: null }) };
-        const answer = await this.connection.ask(`finish${log}`, { method: "POST", body: JSON.stringify(asked) });
+        const answer = await this.connection.ask(`finish${log}`, { method: "POST", body: JSON.stringify(finishing) });
         const { number, name, view, refusal } = await answer.json();
-        this.finished = { number, key: shown.key };
+        this.finished = number;
         return { name, view, refusal };
     }
 
@@ -106,7 +107,6 @@ export class RelayLink extends SessionLink {
 
     /** @param {FromServer} message */
     #heard(message) {
-        const { session } = this;
         switch (message.type) {
             case "welcome":
                 this.#welcomed(message);
@@ -115,11 +115,11 @@ export class RelayLink extends SessionLink {
                 if (message.heard >= this.sent) this.#adopt(message.edits);
                 break;
             case "source":
-                session.source = message.source;
-                session.revision += 1;
+                this.session.source = message.source;
+                this.session.revision += 1;
                 break;
             case "unrecorded":
-                session.unrecorded = message.words;
+                this.session.unrecorded = message.words;
                 this.tell(message.words || "what arrives is recorded again", message.words ? "error" : "info");
                 break;
             case "previous":
@@ -134,32 +134,41 @@ export class RelayLink extends SessionLink {
 
     /** @param {Welcome} welcome */
     #welcomed(welcome) {
-        const { session } = this;
+        if (this.welcome && this.welcome.session !== welcome.session) this.#forget();
         this.welcome = welcome;
         this.sent = 0;
+        const { session } = this;
         Object.assign(session, { source: welcome.source, recording: welcome.recording, unrecorded: welcome.unrecorded, hasBoard: welcome.has_board });
         if (session.arrivedAt) session.arrivedAt = this.now; // nothing could arrive meanwhile
-        this.#adopt(welcome.edits);
         this.#compareWith(welcome.previous);
+        this.#adopt(welcome.edits); // which say whether that is renewed
         this.generation = -1;
+    }
+
+    /** Forget the session of a server that was ended: the next one may be of another sensor. */
+    #forget() {
+        this.session = new Session(this.data);
+        this.compared = "";
     }
 
     /** @param {import("./wire.d.ts").Edits} edits  that the server keeps */
     #adopt(edits) {
         const { session } = this;
-        if (JSON.stringify(edits) !== JSON.stringify(session.edits)) session.adopt(this.now, edits);
+        const kept = JSON.stringify({ ...edits, site: edits.site && stated(edits.site) });
+        if (kept !== JSON.stringify(session.edits)) session.adopt(this.now, edits);
         this.told = JSON.stringify(session.edits);
     }
 
-    /** @param {import("./wire.d.ts").Previous} previous */
+    /** @param {import("./wire.d.ts").Previous} previous  one that cannot be read is none */
     #compareWith({ name, text }) {
-        if (!text) {
-            this.session.requested(this.now, { type: "previous_clear" });
-            return;
-        }
+        const compared = JSON.stringify([name, text]);
+        if (compared === this.compared) return;
+        this.compared = compared;
         try {
-            this.session.gotPrevious(this.now, { name, calibration: readCalibration(text, this.data, this.welcome?.axes) });
+            if (text) this.session.gotPrevious(this.now, { name, calibration: readCalibration(text, this.data, this.welcome?.axes) });
+            else this.session.requested(this.now, { type: "previous_clear" });
         } catch (error) {
+            this.session.requested(this.now, { type: "previous_clear" });
             this.tell(error instanceof Unreadable ? `${name}: ${error.message}` : String(error), "error");
         }
     }

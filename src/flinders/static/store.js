@@ -1,7 +1,5 @@
 /**
- * What the page knows: the last state, fit and hello of the server, and the readings shown.
- *
- * Nothing is decided here. The server's word is the state, and a page that is loaded again shows the same.
+ * What the page knows: the last state, fit and hello of its session, and the readings shown. Nothing is decided here.
  */
 
 /** @typedef {import("./messages.d.ts").Hello} Hello */
@@ -31,7 +29,7 @@ const FIRST_ROOM = 4096;
  * @property {[number, number, number] | null} acceleration
  */
 
-/** Raised for a frame that does not follow on what is here: the page then connects anew and gets all of it. */
+/** Raised for a frame that does not follow on what is here: the page then asks its session for all of it. */
 export class Gap extends Error {}
 
 /**
@@ -72,7 +70,7 @@ export class Store {
     }
 
     /**
-     * Take a message of the server.
+     * Take a message of the session.
      * @param {FromSession} message
      */
     take(message) {
@@ -128,7 +126,7 @@ export class Store {
     }
 
     /**
-     * Keep every so many points when the server shows fewer of them.
+     * Keep every so many points when the session shows fewer of them.
      * @param {number} stride
      */
     thin(stride) {

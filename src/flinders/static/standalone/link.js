@@ -89,7 +89,7 @@ export class OwnLink extends SessionLink {
     retry() {}
 
     get greeting() {
-        return { version: this.data.version, session: "page", targets: targetsOf(this.data), limits: { upload_bytes: UPLOAD_BYTES } };
+        return { version: this.data.version, targets: targetsOf(this.data), limits: { upload_bytes: UPLOAD_BYTES } };
     }
 
     /** @param {Command} message */

@@ -111,8 +111,9 @@ export class SessionLink {
     }
 
     async fit() {
-        const { evaluated, seconds } = await this.fitter.fit(this.session.beginFit());
-        this.session.fitDone(this.now, evaluated, seconds);
+        const { session } = this;
+        const { evaluated, seconds } = await this.fitter.fit(session.beginFit());
+        session.fitDone(this.now, evaluated, seconds);
         this.say();
     }
 
@@ -122,7 +123,7 @@ export class SessionLink {
         const { view } = session;
         if (view !== this.view) {
             this.view = view;
-            listener.onMessage({ type: "fit", revision: session.revision, view });
+            listener.onMessage({ type: "fit", view });
         }
         const since = now - this.statedAt;
         if (this.isUrgent || since >= SILENT_STATE_S || (since >= STATE_S && session.revision !== this.statedRevision)) {

@@ -269,6 +269,7 @@ export class Session {
         const { length } = rows.time;
         if (length === 0) return;
         const { live } = this;
+        if (this.source.link !== "connected") this.source = { ...this.source, link: "connected", words: "" };
         live.buffer.extend({ ...rows, time: this.timeline.take(rows.time) });
         live.unit = unit;
         this.#came(at, length);
@@ -310,7 +311,6 @@ export class Session {
         if (live.pausedAt === null) live.key = ++this.keys;
         this.revision += 1;
         if (length === 0) return;
-        if (this.source.link !== "connected") this.source = { ...this.source, link: "connected", words: "" };
         const old = this.arrivals.filter(([when]) => when <= at - this.rules.rate_s).length;
         this.arrivals = [...this.arrivals.slice(Math.max(old - 1, 0)), [at, this.timeline.at, length]];
         this.arrivedAt = at;
@@ -359,16 +359,25 @@ export class Session {
 
     /** What was done to the readings of the sensor, for whoever keeps it. @returns {Edits} */
     get edits() {
-        const { live } = this;
+        return this.#editsOf(this.live);
+    }
+
+    /** What the calibration in the end is made by: what was done to the readings that are shown. @returns {Edits} */
+    get finishing() {
+        return { ...this.#editsOf(this.shown), excluded: this.leftOut };
+    }
+
+    /** @param {Series} series @returns {Edits} */
+    #editsOf({ exclusions, pausedAt, begunS, site }) {
         return {
             type: "edits",
-            excluded: live.exclusions.spans,
-            paused_s: live.pausedAt,
-            begun_s: live.begunS,
+            excluded: exclusions.spans,
+            paused_s: pausedAt,
+            begun_s: begunS,
             target_deg: this.targetDeg,
             dip_deg: this.dipDeg,
             goal: this.goal,
-            site: live.site && stated(live.site),
+            site: site && stated(site),
             refreshing: this.isRenewed,
         };
     }
@@ -833,12 +842,12 @@ export function labelOf({ inside }) {
 }
 
 /**
- * What is known of a site, without what is not.
+ * What is known of a site, without what is not, by name: the same for the same site.
  * @param {Site} site
  * @returns {import("../wire.d.ts").Site}
  */
-function stated(site) {
-    return Object.fromEntries(Object.entries(site).filter(([, value]) => value !== null));
+export function stated(site) {
+    return Object.fromEntries(Object.entries(site).filter(([, value]) => value !== null).sort());
 }
 
 /**

@@ -23,7 +23,6 @@ export function sessionState(session) {
     const [dipDeg, dipAssumed] = session.judgedDip;
     return {
         type: "state",
-        revision: session.revision,
         source: session.source,
         unit: labelOf(shown.unit),
         readings: buffer.total,
