@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 import numpy.testing as npt
 import pytest
@@ -416,6 +417,21 @@ def test_all_readings_count_again_where_somebody_says_so() -> None:
     assert session.finishing.excluded == ()
     session.requested(session.at, "exclude", start_s=28.0, end_s=45.0)
     assert fitted(session).state.phase == "good"
+
+
+@pytest.mark.parametrize(
+    ("change", "is_kept"),
+    [
+        ({"paused_s": 39.0}, True),
+        ({"excluded": ((36.0, 39.0),)}, True),
+        ({"excluded": ((10.0, 12.0),)}, False),
+        ({"target_deg": 3.0}, False),
+    ],
+)
+def test_edits_of_another_page_end_a_kept_result_only_where_it_depends_on_them(change: dict, is_kept: bool) -> None:
+    session = disturbed_later(28.0)
+    session.adopted(session.at, msgspec.structs.replace(session.edits, **change))
+    assert (fitted(session).state.kept is not None) is is_kept
 
 
 def test_what_is_yet_to_come_in_a_pause_is_left_out_in_the_end() -> None:

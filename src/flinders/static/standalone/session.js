@@ -388,6 +388,7 @@ export class Session {
      * @param {Edits} edits
      */
     adopt(at, edits) {
+        const before = this.#ofKept(this.edits);
         this.at = at;
         if (edits.begun_s !== this.live.begunS) this.#begin(edits.begun_s);
         const { live } = this;
@@ -399,7 +400,7 @@ export class Session {
         this.goal = edits.goal;
         this.refreshes = edits.refreshing;
         this.shown.within = [];
-        this.#useAll();
+        if (this.#ofKept(this.edits) !== before) this.#useAll();
         this.#refit();
     }
 
@@ -566,6 +567,12 @@ export class Session {
         live.pausedAt = null;
         this.#refit();
         return [];
+    }
+
+    /** What a kept fit depends on: a pause, and what is left out after it, are not of it. @param {Edits} edits */
+    #ofKept({ excluded, paused_s: _, ...others }) {
+        const until = this.live.kept?.seconds ?? -Infinity;
+        return JSON.stringify([others, excluded.filter(([start]) => start <= until).map(([start, end]) => [start, Math.min(end, until)])]);
     }
 
     /** Keep no earlier fit: the newest counts. */
