@@ -428,7 +428,9 @@ def test_all_readings_count_again_where_somebody_says_so() -> None:
         ({"target_deg": 3.0}, False),
     ],
 )
-def test_edits_of_another_page_end_a_kept_result_only_where_it_depends_on_them(change: dict, is_kept: bool) -> None:
+def test_edits_of_another_page_end_a_kept_result_only_where_it_depends_on_them(
+    change: dict[str, object], is_kept: bool
+) -> None:
     session = disturbed_later(28.0)
     session.adopted(session.at, msgspec.structs.replace(session.edits, **change))
     assert (fitted(session).state.kept is not None) is is_kept
