@@ -656,6 +656,27 @@ def test_a_desk_shows_the_board_without_scrolling(visitor: Visitor) -> None:
         assert sizes == [width, height]
 
 
+COVERED = """() => {
+    const notice = document.querySelector("#notices li").getBoundingClientRect();
+    return [...document.querySelectorAll(".panel")].filter(panel => {
+        const { left, right, top, bottom } = panel.getBoundingClientRect();
+        return left < notice.right && right > notice.left && top < notice.bottom && bottom > notice.top;
+    }).map(panel => panel.className);
+}"""
+"""Panels that a notice lies over."""
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 720), (1920, 1080), (900, 900), (390, 844), (844, 390)])
+def test_a_notice_covers_no_panel_where_the_page_is_at_its_end(visitor: Visitor, width: int, height: int) -> None:
+    page = done(visitor.page())
+    page.set_viewport_size({"width": width, "height": height})
+    page.locator("#target").fill("999")
+    page.locator("#target").dispatch_event("change")
+    expect(page.locator("#notices li")).to_have_count(1)
+    page.evaluate("window.scrollTo(0, document.documentElement.scrollHeight)")
+    assert page.evaluate(COVERED) == []
+
+
 SMALL = """() => [...document.querySelectorAll("body *")].filter(one => one.checkVisibility() &&
     [...one.childNodes].some(({nodeType, data}) => nodeType === Node.TEXT_NODE && data.trim())
 ).map(one => {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from typing import TYPE_CHECKING
 
 import pytest
@@ -58,6 +59,16 @@ def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Pa
     assert saved.calibration == served.calibration
     assert saved.fit is not None
     assert saved.fit.verdict == "good"
+    with page.expect_download() as drawn:
+        page.get_by_role("button", name="Picture").click()
+    drawn.value.save_as(tmp_path / "card.png")
+    assert (tmp_path / "card.png").read_bytes()[16:24] == struct.pack(">2I", 1200, 630)
+    page.get_by_role("button", name="Turn it and look").click()
+    expect(page.locator("#finish-panel")).to_be_hidden()
+    needles = page.locator(".panel.heading")
+    expect(needles).to_contain_class("enlarged")
+    page.keyboard.press("Escape")
+    expect(needles).not_to_contain_class("enlarged")
 
 
 SHAPES = """() => [".solid .hull", ".way"].map(part => document.querySelector(`#hand ${part}`).getAttribute("d"))"""

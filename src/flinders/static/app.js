@@ -35,7 +35,10 @@ const SAID_MS = 4000;
 const NOTICE_MS = 9000;
 
 const store = new Store();
-const finish = new Finish(notify, () => link);
+const finish = new Finish(notify, () => link, () => {
+    const panel = document.querySelector(".panel.heading:not(.enlarged)");
+    if (panel instanceof HTMLElement) enlarge(panel);
+});
 const panels = lay(byId("strip", HTMLElement), { store, send, notify, hover });
 const guide = new Guide();
 const leadView = new LeadView(guide, drawAll);

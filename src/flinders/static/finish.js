@@ -1,5 +1,6 @@
 /** The finish panel: verdict, numbers, export, what to keep, and the calibration from before. */
 
+import { drawCard } from "./card.js";
 import { errors } from "./store.js";
 import { byId, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
 import { table } from "./views/table.js";
@@ -34,8 +35,9 @@ export class Finish {
     /**
      * @param {(severity: "info" | "warning" | "error", words: string) => void} notify
      * @param {() => import("./standalone/running.js").Link} link
+     * @param {() => void} showNeedles Draws the headings before and after as large as the page.
      */
-    constructor(notify, link) {
+    constructor(notify, link, showNeedles) {
         this.notify = notify;
         this.link = link;
         this.dialog = byId("finish-panel", HTMLDialogElement);
@@ -64,8 +66,13 @@ export class Finish {
         this.onClick("save-calibration", () => this.fetchFile("calibration.json", "calibration.json"));
         this.onClick("save-report", () => this.fetchFile("report.html", "report.html"));
         this.onClick("save-session", () => this.fetchFile("session.csv", "session.csv"));
+        this.onClick("save-card", () => this.saveCard());
         this.onClick("send", () => this.send());
         this.onClick("finish-again", () => this.make());
+        byId("check", HTMLButtonElement).addEventListener("click", () => {
+            this.dialog.close();
+            showNeedles();
+        });
     }
 
     /**
@@ -205,7 +212,9 @@ export class Finish {
         const canSend = usable && Boolean(state?.can_send);
         byId("save-calibration", HTMLButtonElement).disabled = !usable;
         byId("save-report", HTMLButtonElement).disabled = !finished?.view; // of a refused fit it says why
+        byId("save-card", HTMLButtonElement).disabled = !usable || !finished?.view?.uncorrected_heading_error_deg;
         byId("save-session", HTMLButtonElement).disabled = !(state && state.readings > 0);
+        byId("checking", HTMLElement).hidden = !usable || state?.opened !== null || state.source.link !== "connected";
         byId("send", HTMLButtonElement).hidden = !canSend;
         byId("send", HTMLButtonElement).disabled = !canSend;
         const [copy, download] = [byId("copy", HTMLButtonElement), byId("export-file", HTMLButtonElement)];
@@ -322,6 +331,17 @@ export class Finish {
         const answer = await this.link().ask(address);
         const named = /filename="([^"/\\]+)"/.exec(answer.headers.get("Content-Disposition") ?? "")?.[1];
         save(await answer.blob(), named ?? name);
+    }
+
+    async saveCard() {
+        const { view, name } = this.finished ?? NOTHING;
+        const [error, raw] = [view?.heading_error_deg, view?.uncorrected_heading_error_deg];
+        if (!view || !error || !raw) return;
+        const { title } = judged(this.finished, this.state);
+        const numbers = { before: degrees(raw.worst), after: degrees(error.worst), bound: degrees(error.bound_95), readings: view.samples };
+        const picture = await drawCard({ name: this.state?.opened ?? this.state?.source.name ?? name, verdict: title, seconds: this.state?.seconds ?? null, ...numbers });
+        if (!picture) throw new Refusal("the browser makes no picture of it");
+        save(picture, "heading-error.png");
     }
 
     async send() {

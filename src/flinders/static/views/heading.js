@@ -126,6 +126,7 @@ function point(host, kind, deg) {
 export const heading = {
     name: "heading",
     title: "Heading now",
+    enlarges: "the heading",
     place: "side",
     host: "dial",
     on: ["now", "view"],
@@ -157,6 +158,10 @@ export const heading = {
         .rose.corrected .number { color: var(--corrected); }
         .rose.unknown .needle { opacity: 0; }
         .rose.unknown .number { color: var(--faint); }
+        .enlarged .rose svg { max-height: none; }
+        .enlarged .rose .number { font-size: 3rem; }
+        .enlarged .dial :is(.tilt, figcaption) { font-size: 1.25rem; }
+        @media (max-aspect-ratio: 1/1) { .enlarged .dial { grid-template: repeat(2, minmax(0, 1fr)) auto / 1fr; } }
         .dial .tilt { grid-column: 1 / -1; min-height: 1.25em; margin-top: 0.25rem; font-size: 0.8125rem; color: var(--faint); text-align: center; }
         @media (min-width: 1100px) and (min-height: 640px) { .panel.heading { grid-area: 1 / 3 / 2 / 4; } }
     `,
