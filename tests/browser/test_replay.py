@@ -12,6 +12,7 @@ from tests.browser.visitor import Visitor, until
 
 from flinders.cli import main
 from flinders.core import calibration_file
+from flinders.readers import open_log
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,14 +30,7 @@ LOGS = [
         "michaelwro_fxos8700/mag-readings.txt", id="a table without header or times", marks=pytest.mark.nightly
     ),
     pytest.param("sunsided_hmc5883l/full-sphere.csv", id="a table with times, acceleration and rate"),
-    pytest.param(
-        "dronekit_log171_3mags/log171.bin",
-        id="a log of ArduPilot",
-        marks=[
-            pytest.mark.nightly,
-            pytest.mark.xfail(strict=False, reason="the session in the browser does not know the site of a log yet"),
-        ],
-    ),
+    pytest.param("dronekit_log171_3mags/log171.bin", id="a log of ArduPilot", marks=pytest.mark.nightly),
 ]
 
 
@@ -63,7 +57,8 @@ def test_a_log_played_back_gives_the_calibration_of_the_command_line(
     assert found.fit.samples == expected.fit.samples
     assert found.fit.verdict == expected.fit.verdict
     assert _judged_at(found.fit) == _judged_at(expected.fit)
-    done = CliRunner().invoke(main, ["calibrate", str(program.recording), "-o", str(plain), "--force"])
+    stated = place_and_day(log)  # which the recording of a log does not say
+    done = CliRunner().invoke(main, ["calibrate", str(program.recording), *stated, "-o", str(plain), "--force"])
     assert done.exit_code in (0, LIMITED), done.output
     expected = calibration_file.read(plain)  # also of a log without times, which gets them as it is played
     size = expected.calibration.field_strength
@@ -71,6 +66,15 @@ def test_a_log_played_back_gives_the_calibration_of_the_command_line(
     np.testing.assert_allclose(found.calibration.matrix, expected.calibration.matrix, atol=1e-6)
     assert visitor.complaints == []
     assert visitor.strangers == []
+
+
+def place_and_day(log: Path) -> list[str]:
+    """Options that state what a log says of where and when it was made."""
+    made = open_log(log)
+    if made.position is None or made.begun is None:
+        return []
+    place = (made.position.latitude_deg, made.position.longitude_deg, made.position.altitude_m)
+    return ["--at", ",".join(map(str, place)), "--date", made.begun.date().isoformat()]
 
 
 def _judged_at(fit: Fitted) -> tuple[float | None, bool]:
