@@ -304,8 +304,8 @@ def fit(
     ArrayError
         For readings of the wrong shape.
     UsageError
-        For a method or parameter that does not exist, or numbers out of range; its `UnitError` and `AxesError` for a
-        unit or axes that cannot be used.
+        For an unknown method or parameter, or a number out of range. `UnitError` and `AxesError`, its subclasses, for
+        an unusable unit or unusable axes.
     InputError
         For a file or table that cannot be read, as `flinders.read`.
     Unmoved

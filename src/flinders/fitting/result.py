@@ -387,7 +387,7 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
 
 
 def _with_error(claim: Claim, error: HeadingErrorRecord, aiding: Aiding | None) -> Claim:
-    """Give a claim the heading error of its file."""
+    """The claim with the heading error that the calibration file states."""
     dip_deg = math.nan if error.dip_deg is None else error.dip_deg
     known_dip_deg = claim.dip_deg if error.dip_deg is None else abs(error.dip_deg)
     return replace(

@@ -106,7 +106,7 @@ class Site:
     ) -> Self | None:
         """A known site with the numbers that somebody states, without uncertainty; None where neither is there.
 
-        A stated strength is the length of corrected readings; what is known of the gain counts as it did.
+        A stated strength sets the length of corrected readings; the known strength still counts in the fit.
 
         >>> Site.stated(Site(50.0, 60.0, 0.05, 1.0), inclination_deg=66.0).evidence.inclination_deg is None
         True
@@ -136,7 +136,7 @@ class Site:
 
     @property
     def judged(self) -> Self:
-        """The site without evidence: length of corrected readings, dip at which headings are judged, mounting."""
+        """What a fit is judged with: length of corrected readings, dip and mounting, without uncertainties."""
         return type(self)(self.fixed_length, self.inclination_deg, alignment_sigma_deg=self.alignment_sigma_deg)
 
     @property

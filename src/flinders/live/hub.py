@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 SOONEST_S: Final = 0.04
 LATEST_S: Final = 0.1
 """From one look at what came to the next, and so from one frame to the next: as soon as something has come."""
-MOST_NOTICES: Final = 50  # That wait for a page, at most; older ones go
+MOST_NOTICES: Final = 50  # Notices that wait for one page; beyond that the oldest is dropped
 UPLOAD_BYTES: Final = 64 << 20
 MAX_LOGS: Final = 4  # That were dropped on pages, in memory
 MAX_FINISHED: Final = 4  # Calibrations that may still be asked for

@@ -11,7 +11,7 @@ flinders.errors.UsageError: excluded from 3 to 2 s: need a start before the end
 >>> encode(Notice(severity="info", words="the port is back"))
 '{"type":"notice","severity":"info","words":"the port is back"}'
 
-What is not known, and what is not finite, is null. ``static/wire.d.ts`` is made from the dataclasses by
+Unknown and non-finite numbers are sent as null. ``static/wire.d.ts`` is made from the dataclasses by
 ``tests/message_types.py``, and a test sees that it stays so.
 """
 
@@ -74,9 +74,9 @@ class Edits(Struct, frozen=True, kw_only=True, tag_field="type", tag="edits", fo
 
 
 class Kept(Struct, frozen=True, tag_field="type", tag="kept"):
-    """The edits that the server keeps, after so many messages of the page that is told.
+    """The edits that the server holds, after `heard` messages from the page that this is sent to.
 
-    A page that has sent more than were `heard` need not look at them: those after them will follow.
+    A page that has sent more messages than that ignores them: newer edits will follow.
     """
 
     edits: Edits

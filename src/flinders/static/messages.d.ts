@@ -1,29 +1,13 @@
 /** What the page is told by its session, and what it asks of it. */
 
+import type { Limits, SourceState, TargetInfo } from "./wire.d.ts";
+
+export type { Limits, SourceState, TargetInfo };
+
 /** The tiles, sent once. */
 export interface TilesView {
   centres: Array<number>;
   corners: Array<Array<number>>;
-}
-
-/** A target that a calibration can be exported for. */
-export interface TargetInfo {
-  name: string;
-  title: string;
-  suffix: string;
-}
-
-/** What a page may send. */
-export interface Limits {
-  upload_bytes: number;
-}
-
-/** Where readings come from, and whether they do. */
-export interface SourceState {
-  name: string;
-  kind: "serial" | "udp" | "tcp" | "mavlink" | "replay" | "simulated" | "phone" | "file";
-  link: "connected" | "waiting" | "gone" | "ended";
-  words: string;
 }
 
 /** Something that is wrong, or worth knowing, what to do about it, and intervals that a person may leave out. */

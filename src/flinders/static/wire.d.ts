@@ -67,7 +67,7 @@ export interface Welcome {
   previous: Previous;
 }
 
-/** The edits that the server keeps, after so many messages of the page that is told. */
+/** The edits that the server holds, after `heard` messages from the page that this is sent to. */
 export interface Kept {
   type: "kept";
   edits: Edits;

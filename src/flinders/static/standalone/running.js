@@ -1,6 +1,6 @@
 /**
- * A session that runs: readings go in, fits run in a worker, one at a time, always of the newest readings, and the page
- * is told what is new. Where readings come from, and what is done with a calibration, is of those that extend it.
+ * Runs a session: takes readings, fits the newest in a worker, one fit at a time, and tells the page what has changed.
+ * Subclasses provide the source of the readings, and what is done with a calibration.
  */
 
 import { notice, Session } from "./session.js";

@@ -99,7 +99,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  */
 
 /**
- * The field of a place and how the sensor is mounted in it, by the names of `flinders_site`; null where it is not known.
+ * The field at a place, and the sensor's mounting, named as in `flinders_site`; null where unknown.
  * @typedef {object} Site
  * @property {number | null} [strength]
  * @property {number | null} [gain_sigma]
