@@ -31,15 +31,15 @@ import numpy as np
 
 import flinders
 from flinders import simulate
-from flinders.fleet.change_points import YEAR
-from flinders.fleet.drift import drift_of
-from flinders.fleet.results import UnitResult, UnitResults, objects
+from flinders.apps.fleet.change_points import YEAR
+from flinders.apps.fleet.drift import drift_of
+from flinders.apps.fleet.results import UnitResult, UnitResults, objects
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from flinders.apps.fleet.report import FleetDrift, UnitDrift
     from flinders.arrays import Floats
-    from flinders.report.fleet import FleetDrift, UnitDrift
 
 FIELD: Final = 48.0
 ENTRIES: Final = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))

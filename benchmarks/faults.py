@@ -3,8 +3,8 @@
     python -m benchmarks.faults [--each 500] [--good 5000] [--workers 2]     # each fault and severity, so many units
     python -m benchmarks.faults --fleet 1000000 [--bad 0.03] --out runs/     # a fleet as it is drawn, to go on with
 
-Units are those of `flinders.simulate.fleet`, judged by ``flinders.fit_many``, which says of each what ``flinders.fit``
-says. A unit is **found** where it is limited or refused, or gives no fit at all, or where a note names what is wrong
+Units are those of `flinders.apps.fleet.simulate`, judged by ``flinders.fit_many``, which says of each what
+``flinders.fit`` says. A unit is **found** where it is limited or refused, or gives no fit at all, or where a note names what is wrong
 (`TELLING`); a good unit that is found is a false alarm. It is told by its gravest finding, and by such notes. Of those
 missed, **off** are the ones whose calibration is more than `HARM_DEG` off at the worst level heading, by the truth: a
 fault that leaves the calibration right does no harm in it.
@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 import numpy as np
 
 from flinders import fit_many, simulate
-from flinders.simulate.fleet import BAD, DIP_DEG, FAULTS, Specimen, unit
+from flinders.apps.fleet.simulate import BAD, DIP_DEG, FAULTS, Specimen, unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

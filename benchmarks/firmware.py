@@ -27,10 +27,10 @@ import flinders
 from benchmarks.fits import recordings
 from benchmarks.recordings import FOLDER
 from flinders import simulate
+from flinders.apps.board import package
 from flinders.core.units import MICROTESLA
 from flinders.errors import FitError
 from flinders.findings.catalogue import OF_A_FIT
-from flinders.firmware import package
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import level_gradients
 from flinders.native.build import EXACT, STRICT, system_compiler

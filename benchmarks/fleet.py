@@ -2,7 +2,7 @@
 
     OPENBLAS_NUM_THREADS=1 python -m benchmarks.fleet [--units 20000] [--curve 1000 5000 20000] [--faulty | --field]
 
-Units are those of `flinders.simulate.fleet`, good ones unless ``--faulty`` asks for its three per cent. A thousand
+Units are those of `flinders.apps.fleet.simulate`, good ones unless ``--faulty`` asks for its three per cent. A thousand
 are simulated and the others are those again, with another offset: so a million need no hour. Files have a column
 ``unit``, a time and three axes in single precision, and a row group each; reading means all of that in NumPy, in double
 precision, by one core; the engine is that, and a record of each unit. Each job has a process of its own. Ratios to
@@ -28,16 +28,16 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 
 import flinders
+from flinders.apps.fleet.dataset import Options
+from flinders.apps.fleet.job import Checkpoint, run
+from flinders.apps.fleet.results import UnitResults
+from flinders.apps.fleet.scheduler import cores
+from flinders.apps.fleet.simulate import BAD, FIELD_UT, Specimen, fleet
 from flinders.errors import FlindersError
 from flinders.estimators import METHODS, Readings
-from flinders.fleet.dataset import Options
-from flinders.fleet.job import Checkpoint, run
-from flinders.fleet.results import UnitResults
-from flinders.fleet.scheduler import cores
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.native.engine import engine
 from flinders.simulate import GaussMarkov, ThermalDrift, angle_error_deg, tumble
-from flinders.simulate.fleet import BAD, FIELD_UT, Specimen, fleet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

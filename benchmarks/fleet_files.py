@@ -18,10 +18,10 @@ from time import perf_counter, process_time
 import numpy as np
 
 from benchmarks.bucket import Bucket
-from flinders.fleet import plan
-from flinders.fleet.dataset import Options
-from flinders.fleet.job import run
-from flinders.simulate.fleet import fleet
+from flinders.apps.fleet import plan
+from flinders.apps.fleet.dataset import Options
+from flinders.apps.fleet.job import run
+from flinders.apps.fleet.simulate import fleet
 
 REPEATS = 5
 """Runs, of which the least counts."""

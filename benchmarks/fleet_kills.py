@@ -30,9 +30,9 @@ from pyarrow import parquet
 from tests.waiting import running_in, wait_until
 
 from flinders import simulate
-from flinders.fleet.dataset import Options
-from flinders.fleet.job import run
-from flinders.fleet.plan import plan_of
+from flinders.apps.fleet.dataset import Options
+from flinders.apps.fleet.job import run
+from flinders.apps.fleet.plan import plan_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

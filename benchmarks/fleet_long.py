@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.fleet.dataset import Options
-from flinders.fleet.job import run
-from flinders.fleet.results import UnitResults
+from flinders.apps.fleet.dataset import Options
+from flinders.apps.fleet.job import run
+from flinders.apps.fleet.results import UnitResults
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -227,8 +227,8 @@ def read_file(content: bytes, folder: Path, _: str) -> None:
 
 def calibrate_fleet(content: bytes, folder: Path, kind: str) -> None:
     """Make the table of a fleet of one file."""
-    from flinders.fleet.dataset import Options
-    from flinders.fleet.job import run as calibrate
+    from flinders.apps.fleet.dataset import Options
+    from flinders.apps.fleet.job import run as calibrate
 
     fleet = folder / "fleet"
     fleet.mkdir(exist_ok=True)
@@ -250,8 +250,9 @@ def read_live(content: bytes, _: Path, kind: str) -> None:
 
 
 def _read_mavlink(content: bytes) -> None:
-    from flinders.live.mavlink import PX4, Telemetry, Vehicle
-    from flinders.live.transports import Scripted
+    from flinders.apps.vehicles.mavlink import PX4, Vehicle
+    from flinders.apps.vehicles.telemetry import Telemetry
+    from flinders.links.transports import Scripted
 
     vehicle = Vehicle(Scripted([content[start : start + 512] for start in range(0, len(content), 512)]))
     vehicle.autopilot, vehicle.system = PX4, 1
@@ -284,8 +285,8 @@ def _client(folder: str) -> TestClient:
     """A page's client, with a server of its own in this process."""
     from flinders import simulate
     from flinders.core.axes import Axes
+    from flinders.links.feeds import Replay
     from flinders.live.access import Gate
-    from flinders.live.feeds import Replay
     from flinders.live.hub import Hub
     from flinders.live.recorder import RecordedFeed, ToFile
     from flinders.live.server import application
@@ -437,7 +438,8 @@ def _kind(words: str) -> str:
 def preload() -> None:
     """Import what readers need before children are made of this process."""
     for name in ("h5py", "pyarrow.parquet", "pyarrow.ipc", "pyarrow.compute", "pyulog", "rosbags.highlevel",
-                 "pymavlink.dialects.v20.common", "flinders.live.transcript", "flinders.live.mavlink"):  # fmt: skip
+                 "pymavlink.dialects.v20.common", "flinders.live.transcript",
+                 "flinders.apps.vehicles.mavlink"):  # fmt: skip
         with contextlib.suppress(ImportError):
             __import__(name)
 

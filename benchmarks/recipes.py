@@ -25,7 +25,7 @@ import flinders
 from benchmarks.datasets import dataset, heading_error_deg
 from benchmarks.emulations import EMULATIONS
 from benchmarks.recordings import FOLDER
-from flinders.comparison.methods import compare_methods
+from flinders.apps.classic.methods import compare_methods
 from flinders.core.samples import Samples
 from flinders.errors import FitError
 from flinders.estimators import METHODS, Readings
@@ -33,7 +33,7 @@ from flinders.estimators import METHODS, Readings
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from flinders.comparison.methods import Entry
+    from flinders.apps.classic.methods import Entry
     from flinders.geometry.ellipsoid import Ellipsoid
 
 SETS: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S7", "S8")

@@ -24,10 +24,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders.core.survey import ROLLS_DEG
-from flinders.fitting.survey import fit_survey
-from flinders.geometry.angles import folded
-from flinders.heading.pointing_error import (
+from flinders.apps.survey.calibration import fit_survey
+from flinders.apps.survey.instrument import ROLLS_DEG
+from flinders.apps.survey.pointing_error import (
     AZIMUTHS_DEG,
     INCLINATIONS_DEG,
     angle_gradients,
@@ -35,17 +34,18 @@ from flinders.heading.pointing_error import (
     pointing_errors,
     posed,
 )
+from flinders.apps.survey.shots import read_shots
+from flinders.apps.survey.simulate_shots import survey_shots, true_angles
+from flinders.geometry.angles import folded
 from flinders.likelihood.parameters import Parameters
 from flinders.likelihood.pointing import FINEST_AIM, SurveyParameters, SurveyProblem
 from flinders.likelihood.solver import Equations, Iterate
-from flinders.readers import read_shots
-from flinders.simulate import survey_shots
-from flinders.simulate.survey import true_angles
 
 if TYPE_CHECKING:
+    from flinders.apps.survey.calibration import SurveyFit
+    from flinders.apps.survey.simulate_shots import SimulatedSurvey
     from flinders.arrays import Floats
-    from flinders.fitting.survey import SurveyFit
-    from flinders.simulate import Sensor, SimulatedSurvey
+    from flinders.simulate import Sensor
 
 SHOTS: Final = (12, 24, 56)
 NOISE: Final = 0.002

@@ -20,15 +20,16 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.estimators.tolles_lawson import NO_RIDGE, Equations, fitted
-from flinders.estimators.tolles_lawson_terms import Signal
-from flinders.simulate import Aircraft, Sensor, calibration_flight, fluxgate
+from flinders.apps.survey.simulate_aircraft import Aircraft, calibration_flight, fluxgate
+from flinders.apps.survey.tolles_lawson import NO_RIDGE, Equations, fitted
+from flinders.apps.survey.tolles_lawson_terms import Signal
+from flinders.simulate import Sensor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from flinders.apps.survey.simulate_aircraft import Flight
     from flinders.arrays import Floats
-    from flinders.simulate import Flight
 
 BETWEEN_DEG: Final = (45.0, 135.0, 225.0, 315.0)
 MANOEUVRES: Final = ("roll", "pitch", "yaw")

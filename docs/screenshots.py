@@ -245,7 +245,7 @@ def _fleet(folder: Path) -> list[str]:
     import pyarrow
     from pyarrow import parquet
 
-    from flinders.simulate.fleet import unit
+    from flinders.apps.fleet.simulate import unit
 
     made = [unit(place, bad=0.3 if place % 3 == 2 else 0.03).samples for place in range(UNITS)]
     rows = np.repeat(np.arange(UNITS), [len(each) for each in made])

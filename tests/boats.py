@@ -13,7 +13,7 @@ import numpy as np
 
 from flinders.core.geomag import site_field
 from flinders.geometry.angles import wrapped
-from flinders.heading.deviation import design
+from flinders.heading.harmonics import design
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

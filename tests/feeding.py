@@ -14,13 +14,13 @@ from tests.waiting import PATIENCE_S
 
 from flinders import simulate
 from flinders.core.samples import COLUMNS, Samples
-from flinders.live.feeds import FeedEvent
+from flinders.links.feeds import FeedEvent
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from flinders.live.feeds import Feed
+    from flinders.links.feeds import Feed
 
 
 def joined(blocks: list[Samples]) -> Samples:

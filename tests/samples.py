@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.readers import READERS
+from flinders.readers import registry
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -164,10 +164,10 @@ WRITERS: dict[str, Callable[[Path, Floats], None]] = {
 }
 """By the name of the reader."""
 
-LOGS = frozenset(reader.name for reader in READERS if reader.log is not None)
+LOGS = frozenset(reader.name for reader in registry() if reader.log is not None)
 """Those of several instruments, whose units and clocks are their own."""
 
-BY_NAME = {reader.name: reader for reader in READERS}
+BY_NAME = {reader.name: reader for reader in registry()}
 
 
 def written(name: str, folder: Path, table: Floats) -> Path:

@@ -13,16 +13,23 @@ Names are looked up when they are first used, so that importing the package cost
 from __future__ import annotations
 
 import sys
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
+
+from flinders.core import plugins
+from flinders.core.lazy import attributes
+from flinders.core.version import VERSION as __version__
 
 if TYPE_CHECKING:
     from flinders import errors as errors
     from flinders import estimators as estimators
     from flinders import simulate as simulate
+    from flinders.apps.classic.methods import compare_methods as compare_methods
+    from flinders.apps.fleet import fit_many as fit_many
+    from flinders.apps.survey.aeromagnetic import tolles_lawson as tolles_lawson
+    from flinders.apps.survey.calibration import fit_survey as fit_survey
+    from flinders.apps.survey.shots import read_shots as read_shots
     from flinders.comparison.comparison import compare as compare
     from flinders.comparison.merging import merge as merge
-    from flinders.comparison.methods import compare_methods as compare_methods
     from flinders.comparison.multi_sensor import fit_multi as fit_multi
     from flinders.core import units as units
     from flinders.core.axes import Axes as Axes
@@ -32,19 +39,15 @@ if TYPE_CHECKING:
     from flinders.errors import FitError as FitError
     from flinders.errors import FlindersError as FlindersError
     from flinders.findings import Finding as Finding
-    from flinders.fitting.aeromagnetic import tolles_lawson as tolles_lawson
     from flinders.fitting.aiding import Instruments as Instruments
     from flinders.fitting.calibrate import fit as fit
     from flinders.fitting.refreshing import refresh as refresh
     from flinders.fitting.result import Fit as Fit
-    from flinders.fitting.survey import fit_survey as fit_survey
-    from flinders.fleet import fit_many as fit_many
     from flinders.likelihood.site_field import Site as Site
     from flinders.live.guided import Session as Session
     from flinders.readers import open_log as open_log
     from flinders.readers import open_recording as open_recording
     from flinders.readers import read as read
-    from flinders.readers import read_shots as read_shots
     from flinders.summary.summary import Summary as Summary
 
 _HOMES: Final = {
@@ -61,38 +64,31 @@ _HOMES: Final = {
     "Summary": "summary.summary",
     "Unit": "core.units",
     "compare": "comparison.comparison",
-    "compare_methods": "comparison.methods",
     "errors": "errors",
     "estimators": "estimators",
     "fit": "fitting.calibrate",
-    "fit_many": "fleet",
     "fit_multi": "comparison.multi_sensor",
-    "fit_survey": "fitting.survey",
     "merge": "comparison.merging",
     "open_log": "readers",
     "open_recording": "readers",
     "read": "readers",
-    "read_shots": "readers",
     "refresh": "fitting.refreshing",
     "simulate": "simulate",
-    "tolles_lawson": "fitting.aeromagnetic",
     "units": "core.units",
 }
 """Public names and the module each lives in; a module of that name is the thing itself."""
 
-__version__: Final = "0.1.0"
-"""That of pyproject.toml; ``importlib.metadata``, which knows it too, takes longer to load than a fit."""
 
-__all__ = sorted([*_HOMES, "__version__"])  # noqa: PLE0605
+def _public() -> dict[str, str]:
+    """Public names and the module of each, with those of `flinders.apps` that are there, and their own."""
+    added = {name: f"{app}.{module}".removeprefix("flinders.") for name, app, module in plugins.app_rows("PUBLIC")}
+    return {**_HOMES, **added, **{app: f"apps.{app}" for app in plugins.apps()}}
 
 
 def __getattr__(name: str) -> object:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'flinders' has no attribute {name!r}")
-    home = _HOMES[name]
-    module = import_module(f"flinders.{home}")
-    attribute: Any = module if home.rpartition(".")[2] == name else getattr(module, name)
-    globals()[name] = attribute  # looked up once
+    if name == "__all__":
+        return __dir__()
+    attribute = attributes(__name__, _public())(name)
     if result := sys.modules.get("flinders.fitting.result"):
         vars(result)["Fit"]._repr_html_ = _html_of
     return attribute
@@ -106,4 +102,4 @@ def _html_of(fit: Fit) -> str:
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return sorted([*_public(), "__version__"])

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from flinders.readers._fmt import read_packed
-from flinders.targets import ardupilot
+from flinders.apps.vehicles.readers.dataflash_format import read_packed
+from flinders.apps.vehicles.targets import ardupilot
 
 if TYPE_CHECKING:
     from collections.abc import Callable

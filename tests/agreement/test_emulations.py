@@ -25,12 +25,12 @@ from tests.trials import examples
 from tests.worlds import HARD_IRON, SOFT_IRON
 
 from flinders import simulate
+from flinders.apps.classic.recipes.sphere import Sphere
 from flinders.core.samples import Samples
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples
 from flinders.estimators.algebraic import Algebraic, fit_error
 from flinders.estimators.consistent import Consistent, adjusted
 from flinders.estimators.data import Readings
-from flinders.estimators.reference.sphere import Sphere
 from flinders.summary.moments import Moments
 from flinders.summary.summary import Summary
 

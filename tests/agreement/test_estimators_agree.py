@@ -14,6 +14,15 @@ import pytest
 from tests.worlds import HARD_IRON, SOFT_IRON
 
 from flinders import simulate
+from flinders.apps.classic.recipes.alonso_shuster import AlonsoShuster
+from flinders.apps.classic.recipes.axes import AxisAligned
+from flinders.apps.classic.recipes.ekf import Ekf
+from flinders.apps.classic.recipes.ellipsoid import Constrained
+from flinders.apps.classic.recipes.li import Li
+from flinders.apps.classic.recipes.sequential import Sequential
+from flinders.apps.classic.recipes.sphere import Sphere
+from flinders.apps.classic.recipes.two_step import TwoStep
+from flinders.apps.classic.two_axis_recipe import TwoAxisRecipe
 from flinders.estimators import METHODS, Estimator, Readings
 from flinders.estimators.algebraic import Algebraic
 from flinders.estimators.auto import Auto
@@ -21,17 +30,8 @@ from flinders.estimators.consistent import Consistent
 from flinders.estimators.ellipse import Ellipse
 from flinders.estimators.level import Level
 from flinders.estimators.likelihood import Likelihood
-from flinders.estimators.reference.alonso_shuster import AlonsoShuster
-from flinders.estimators.reference.axes import AxisAligned
-from flinders.estimators.reference.ekf import Ekf
-from flinders.estimators.reference.ellipsoid import Constrained
-from flinders.estimators.reference.li import Li
-from flinders.estimators.reference.minmax import MinMax
-from flinders.estimators.reference.sequential import Sequential
-from flinders.estimators.reference.sphere import Sphere
-from flinders.estimators.reference.two_step import TwoStep
+from flinders.estimators.minmax import MinMax
 from flinders.estimators.robust import Robust
-from flinders.estimators.two_axis import TwoAxisRecipe
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 
 if TYPE_CHECKING:

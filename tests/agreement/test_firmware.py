@@ -21,12 +21,12 @@ from click.testing import CliRunner
 
 import flinders
 from flinders import simulate
+from flinders.apps.board import package
 from flinders.cli import main
 from flinders.errors import OutputError, OutputExists
 from flinders.findings.catalogue import OF_A_FIT, QUANTITIES
-from flinders.firmware import package
 from flinders.heading.guidance import guide
-from flinders.live import motioncal
+from flinders.links import motioncal
 from flinders.native.build import system_compiler
 from flinders.native.engine import engine
 from flinders.targets.motioncal import MotionCalPacket

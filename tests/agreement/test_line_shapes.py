@@ -21,8 +21,8 @@ from tests.waiting import wait_until
 import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
+from flinders.links.transports import Serial
 from flinders.live.recorder import Recorder, ToFile
-from flinders.live.transports import Serial
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tests.javascript import run
 
-from flinders.live.motioncal import echo_lines
+from flinders.links.motioncal import echo_lines
 from flinders.targets.motioncal import MotionCalPacket
 
 SEND: Final = """

@@ -9,10 +9,10 @@ import pytest
 from benchmarks.drift import Fleet, simulated
 from tests.trials import daily
 
-from flinders.fleet.aggregate import overview_of
-from flinders.fleet.drift import drift_of
-from flinders.fleet.results import UnitResult, UnitResults
-from flinders.report.fleet import page as report
+from flinders.apps.fleet.aggregate import overview_of
+from flinders.apps.fleet.drift import drift_of
+from flinders.apps.fleet.report import page as report
+from flinders.apps.fleet.results import UnitResult, UnitResults
 from flinders.report.html_file import style_of
 
 if TYPE_CHECKING:

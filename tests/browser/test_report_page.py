@@ -12,7 +12,7 @@ from tests.trials import nightly
 from tests.truth.test_report import fitted, flat
 from tests.truth.test_swing_standard import account
 
-from flinders.report.certificate import certificate
+from flinders.apps.marine.certificate import certificate
 from flinders.report.formatting import degrees
 from flinders.report.html import page as report
 from flinders.report.pdf import BROWSERS, printed

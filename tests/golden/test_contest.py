@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def test_a_few_methods_on_a_tumble(golden: Golden, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ticks = itertools.count()
-    monkeypatch.setattr("flinders.comparison.methods.time.perf_counter", lambda: next(ticks) * 1e-3)
+    monkeypatch.setattr("flinders.apps.classic.methods.time.perf_counter", lambda: next(ticks) * 1e-3)
     field = simulate.tumble(seed=8, n=1500).samples.field
     write_field(tmp_path / "tumble.csv", field)
     line = "flinders compare-methods tumble.csv --methods auto,algebraic,axes,sphere,minmax"

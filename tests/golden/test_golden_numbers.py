@@ -14,14 +14,14 @@ import pytest
 from tests.worlds import HARD_IRON, SIX_READINGS, SOFT_IRON, spiral
 
 import flinders
+from flinders.apps.classic.recipes.ellipsoid import Constrained
+from flinders.apps.classic.recipes.li import Li
+from flinders.apps.classic.recipes.sphere import Sphere
 from flinders.estimators import Estimator, Readings, fit_error
 from flinders.estimators.algebraic import Algebraic
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.likelihood import Likelihood
-from flinders.estimators.reference.ellipsoid import Constrained
-from flinders.estimators.reference.li import Li
-from flinders.estimators.reference.minmax import MinMax
-from flinders.estimators.reference.sphere import Sphere
+from flinders.estimators.minmax import MinMax
 from flinders.fitting.axis_extremes import from_extremes
 from flinders.simulate import hemisphere
 

@@ -18,10 +18,10 @@ from tests.golden.sessions import rounded
 from tests.worlds import table_text
 
 from flinders import simulate
+from flinders.apps.marine.deviation import fit
+from flinders.apps.marine.swing_pages import card
 from flinders.cli import main
 from flinders.geometry.angles import folded
-from flinders.heading.deviation import fit
-from flinders.report.swing_pages import card
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -17,13 +17,13 @@ from tests.worlds import HARD_IRON, SIX_READINGS, SOFT_IRON
 
 import flinders
 from flinders import simulate
+from flinders.apps.classic.recipes.li import Li
+from flinders.apps.classic.recipes.sphere import Sphere
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators import Estimator, Readings
 from flinders.estimators.algebraic import Algebraic
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.likelihood import Likelihood
-from flinders.estimators.reference.li import Li
-from flinders.estimators.reference.sphere import Sphere
 from flinders.geometry.ellipsoid import symmetric, upper
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import pytest
 from tests.golden.sessions import assert_sessions_are_real, session
 from tests.truth.test_survey import in_counts, topodroid
 
-from flinders.simulate import survey_shots
+from flinders.apps.survey.simulate_shots import survey_shots
 
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden

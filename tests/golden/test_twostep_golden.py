@@ -12,9 +12,8 @@ import numpy.testing as npt
 import pytest
 from tests.worlds import HARD_IRON, SOFT_IRON, spiral
 
-from flinders.estimators import Readings
-from flinders.estimators.reference.alonso_shuster import AlonsoShuster
-from flinders.estimators.reference.attitude_independent import (
+from flinders.apps.classic.recipes.alonso_shuster import AlonsoShuster
+from flinders.apps.classic.recipes.attitude_independent import (
     Collapsed,
     ProductSums,
     Reference,
@@ -22,10 +21,11 @@ from flinders.estimators.reference.attitude_independent import (
     ellipsoid_of,
     parameters,
 )
+from flinders.estimators import Readings
 
 if TYPE_CHECKING:
+    from flinders.apps.classic.recipes.attitude_independent import Weights
     from flinders.arrays import Floats
-    from flinders.estimators.reference.attitude_independent import Weights
 
 
 @pytest.mark.parametrize(

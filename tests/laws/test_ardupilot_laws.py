@@ -10,15 +10,15 @@ import numpy.testing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flinders.apps.vehicles.readers.dataflash import WANTED
+from flinders.apps.vehicles.readers.dataflash_format import read_packed
+from flinders.apps.vehicles.targets.ardupilot import ORIENTATIONS, spellings
+from flinders.apps.vehicles.targets.ardupilot import ArduPilotParameters as Parameters
+from flinders.apps.vehicles.targets.autopilot import parse
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import InputError, NotExportable
-from flinders.readers._fmt import read_packed
-from flinders.readers.dataflash import WANTED
-from flinders.targets._autopilot import parse
 from flinders.targets._mounting import euler
-from flinders.targets.ardupilot import ORIENTATIONS, spellings
-from flinders.targets.ardupilot import ArduPilotParameters as Parameters
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

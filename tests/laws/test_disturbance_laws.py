@@ -13,6 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.trials import examples
 
+from flinders.apps.vehicles.targets.ardupilot import ArduPilotParameters as ArduPilot
+from flinders.apps.vehicles.targets.px4 import Px4Parameters as Px4
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import dumps, loads
@@ -22,8 +24,6 @@ from flinders.core.samples import Joined, Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, UsageError
 from flinders.targets import ExportOptions, find, read_back
-from flinders.targets.ardupilot import ArduPilotParameters as ArduPilot
-from flinders.targets.px4 import Px4Parameters as Px4
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -13,23 +13,23 @@ from hypothesis.extra.numpy import arrays
 from tests.trials import examples
 
 from flinders import simulate
+from flinders.apps.classic.recipes.axes import AxisAligned
+from flinders.apps.classic.recipes.ellipsoid import Constrained
+from flinders.apps.classic.recipes.li import Li
+from flinders.apps.classic.recipes.sphere import Sphere
 from flinders.errors import NeedsSamples
 from flinders.estimators import METHODS, Estimator, Readings
 from flinders.estimators.algebraic import Algebraic
 from flinders.estimators.auto import Auto
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.likelihood import Likelihood
-from flinders.estimators.reference.axes import AxisAligned
-from flinders.estimators.reference.ellipsoid import Constrained
-from flinders.estimators.reference.li import Li
-from flinders.estimators.reference.minmax import MinMax
-from flinders.estimators.reference.sphere import Sphere
+from flinders.estimators.minmax import MinMax
 from flinders.estimators.robust import Robust
 from flinders.native.engine import engine
 
 if TYPE_CHECKING:
+    from flinders.apps.classic.recipes.ellipsoid import Radii
     from flinders.arrays import Floats
-    from flinders.estimators.reference.ellipsoid import Radii
 
 TURNED: list[Estimator] = [
     Auto(),

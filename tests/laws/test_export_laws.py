@@ -12,13 +12,13 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from flinders.apps.classic.adis16480 import HARD_IRON_STEP_MG, HIGHEST, LOWEST, MG, SOFT_IRON_STEP, Registers
+from flinders.apps.classic.budget import Heading, Magnet, Pair, Wire
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import FlindersError, NotExportable, UsageError
-from flinders.heading.budget import Heading, Magnet, Pair, Wire
 from flinders.targets import registry
-from flinders.targets.adis16480 import HARD_IRON_STEP_MG, HIGHEST, LOWEST, MG, SOFT_IRON_STEP, Registers
 
 REGISTERS = ("adis16480", "adis16488")
 sizes = st.floats(1e-6, 1e6)

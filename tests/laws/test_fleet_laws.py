@@ -12,16 +12,16 @@ from tests.trials import examples
 
 import flinders
 from flinders import simulate
-from flinders.fleet import UnitResult, UnitResults, fit_many, worker
-from flinders.fleet.dataset import Options
-from flinders.fleet.job import run
-from flinders.fleet.plan import plan_of
+from flinders.apps.fleet import UnitResult, UnitResults, fit_many, worker
+from flinders.apps.fleet.dataset import Options
+from flinders.apps.fleet.job import run
+from flinders.apps.fleet.plan import plan_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from flinders.fleet.recordings import Job
+    from flinders.apps.fleet.recordings import Job
 
 pyarrow = pytest.importorskip("pyarrow")
 from pyarrow import feather, parquet  # noqa: E402 - after it is known to be there
@@ -162,7 +162,7 @@ def test_each_reading_is_in_one_partition(
     tmp_path_factory: pytest.TempPathFactory, cuts: list[int], largest: int, group: int
 ) -> None:
     """For files cut anywhere, and any bound on what fits into memory."""
-    from flinders.fleet import plan
+    from flinders.apps.fleet import plan
 
     folder = tmp_path_factory.mktemp("cut")
     ends = sorted({min(cut, WHOLE.num_rows) for cut in np.cumsum(cuts)} | {WHOLE.num_rows})

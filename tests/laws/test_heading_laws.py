@@ -8,12 +8,13 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from flinders.apps.marine.deviation import fit
 from flinders.geometry.angles import folded, shown_heading, wrapped
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.attitude import dip_deg, magnetic_heading_deg
 from flinders.heading.axis_consistency import EVERY, Frames
-from flinders.heading.deviation import design, fit
 from flinders.heading.error_propagation import attitude_limit_deg, tilted_error
+from flinders.heading.harmonics import design
 
 angles = st.floats(-1e6, 1e6)
 headings = st.floats(0.0, 359.999)

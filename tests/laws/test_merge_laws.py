@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.trials import examples
 
+from flinders.apps.fleet import UnitResult, UnitResults
+from flinders.apps.fleet import results as merging
+from flinders.apps.fleet.results import merge, named_rows, table_counts
 from flinders.errors import OutputError
-from flinders.fleet import UnitResult, UnitResults
-from flinders.fleet import results as merging
-from flinders.fleet.results import merge, named_rows, table_counts
 
 pytest.importorskip("pyarrow")
 

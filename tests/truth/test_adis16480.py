@@ -9,12 +9,12 @@ import numpy.testing as npt
 import pytest
 
 from flinders import simulate
+from flinders.apps.classic.adis16480 import HARD_IRON_STEP_MG, NAMES, SOFT_IRON_STEP, Register, Registers
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, NotExportable, UnitError, UsageError
 from flinders.targets import find, registry
-from flinders.targets.adis16480 import HARD_IRON_STEP_MG, NAMES, SOFT_IRON_STEP, Register, Registers
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

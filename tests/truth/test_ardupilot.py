@@ -13,6 +13,13 @@ import numpy.testing as npt
 import pytest
 
 from flinders import simulate
+from flinders.apps.vehicles.readers import dataflash
+from flinders.apps.vehicles.readers import dataflash_format as _fmt
+from flinders.apps.vehicles.readers.dataflash import READERS, open_dataflash
+from flinders.apps.vehicles.targets import ardupilot
+from flinders.apps.vehicles.targets.ardupilot import BY_CURRENT, ORIENTATIONS
+from flinders.apps.vehicles.targets.ardupilot import ArduPilotParameters as Parameters
+from flinders.apps.vehicles.targets.autopilot import parse
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import (
@@ -25,14 +32,8 @@ from flinders.errors import (
     UsageError,
 )
 from flinders.geometry import quaternions
-from flinders.readers import _fmt, dataflash
 from flinders.readers._source import File, find, on_disk
-from flinders.readers.dataflash import READERS, open_dataflash
-from flinders.targets import ardupilot
-from flinders.targets._autopilot import parse
 from flinders.targets._mounting import euler
-from flinders.targets.ardupilot import BY_CURRENT, ORIENTATIONS
-from flinders.targets.ardupilot import ArduPilotParameters as Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

@@ -19,27 +19,27 @@ from tests.worlds import method_with
 
 import flinders
 from flinders import simulate
-from flinders.cli import main
-from flinders.comparison.evaluation import evaluate
-from flinders.core.samples import Joined, Samples
-from flinders.errors import FitError, NeedsSamples, UsageError
-from flinders.estimators import Estimator, Readings
-from flinders.estimators.reference import ekf as filters
-from flinders.estimators.reference.alonso_shuster import AlonsoShuster
-from flinders.estimators.reference.attitude_independent import (
+from flinders.apps.classic.recipes import ekf as filters
+from flinders.apps.classic.recipes.alonso_shuster import AlonsoShuster
+from flinders.apps.classic.recipes.attitude_independent import (
     Collapsed,
     ConstantStrength,
     ProductSums,
     Reference,
     WrongStrength,
-    at_one_strength,
     jacobian,
     parameters,
     regressors,
     theta_of,
 )
-from flinders.estimators.reference.ekf import Ekf
-from flinders.estimators.reference.sequential import Sequential, SequentialState
+from flinders.apps.classic.recipes.ekf import Ekf
+from flinders.apps.classic.recipes.sequential import Sequential, SequentialState
+from flinders.cli import main
+from flinders.comparison.evaluation import evaluate
+from flinders.core.samples import Joined, Samples
+from flinders.errors import FitError, NeedsSamples, UsageError
+from flinders.estimators import Estimator, Readings
+from flinders.estimators.one_strength import at_one_strength
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import symmetric, upper
 from flinders.readers import read

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from flinders.apps.classic.budget import EXAMPLES, UNITS, Heading, Magnet, Pair, UnitValue, Wire, magnet_moment, parse
 from flinders.cli import main
 from flinders.errors import UnitError, UsageError
-from flinders.heading.budget import EXAMPLES, UNITS, Heading, Magnet, Pair, UnitValue, Wire, magnet_moment, parse
 
 MU0 = 4e-7 * math.pi
 

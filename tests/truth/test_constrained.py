@@ -11,18 +11,18 @@ from tests.worlds import HARD_IRON, SOFT_IRON
 
 import flinders
 from flinders import simulate
+from flinders.apps.classic.recipes.axes import AxisAligned
+from flinders.apps.classic.recipes.ellipsoid import Constrained
+from flinders.apps.classic.recipes.sphere import Sphere
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators import Readings, fit_error
 from flinders.estimators.algebraic import Algebraic
-from flinders.estimators.reference.axes import AxisAligned
-from flinders.estimators.reference.ellipsoid import Constrained
-from flinders.estimators.reference.sphere import Sphere
 from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
+    from flinders.apps.classic.recipes.ellipsoid import Radii
     from flinders.arrays import Floats
     from flinders.estimators import Estimator
-    from flinders.estimators.reference.ellipsoid import Radii
 
 SKEW: Final = 50.0 * SOFT_IRON
 PAIRS: Final = {"xy": (50.0, 50.0, 65.0), "xz": (50.0, 65.0, 50.0), "yz": (65.0, 50.0, 50.0)}

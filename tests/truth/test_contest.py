@@ -12,9 +12,9 @@ import pytest
 from click.testing import CliRunner
 
 from flinders import simulate
+from flinders.apps.classic.methods import Contest, compare_methods
 from flinders.cli import main
 from flinders.comparison.cross_validation import Validation
-from flinders.comparison.methods import Contest, compare_methods
 from flinders.errors import FitError, NeedsSamples, TooFewSamples, UsageError
 from flinders.estimators import METHODS
 from flinders.heading.error_propagation import HeadingError

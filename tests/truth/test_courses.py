@@ -14,6 +14,7 @@ from tests.program import flinders_
 
 import flinders
 from flinders import simulate
+from flinders.apps.marine.compass_log import read_courses
 from flinders.core.geomag import site_field
 from flinders.core.samples import Samples
 from flinders.errors import FitError, UnreadableInput, UsageError
@@ -23,7 +24,6 @@ from flinders.geometry.angles import wrapped
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.heading.error_propagation import level_error
 from flinders.readers._resample import TimeSeries
-from flinders.readers.compass_log import read_courses
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

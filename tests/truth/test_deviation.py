@@ -8,10 +8,11 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
+from flinders.apps.marine.deviation import Expected, eight_points, eight_points_sigma, fit
 from flinders.errors import ArrayError, FitError, UsageError
 from flinders.geometry.angles import folded, mean_deg, shown_heading, wrapped
 from flinders.heading.attitude import level_heading_deg
-from flinders.heading.deviation import Expected, design, eight_points, eight_points_sigma, fit
+from flinders.heading.harmonics import design
 from flinders.heading.stationary import half_turns, hard_iron, rests
 
 if TYPE_CHECKING:

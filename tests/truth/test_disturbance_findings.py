@@ -14,6 +14,7 @@ from tests.worlds import ARMS, MOTORS, PER_AMPERE
 
 import flinders
 from flinders import simulate
+from flinders.apps.vehicles.targets.ardupilot import ArduPilotParameters as ArduPilot
 from flinders.cli import main
 from flinders.comparison.evaluation import evaluate
 from flinders.core.calibration import Calibration
@@ -26,7 +27,6 @@ from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import of_column, of_noisy
 from flinders.simulate import recording
 from flinders.simulate.truth import Truth
-from flinders.targets.ardupilot import ArduPilotParameters as ArduPilot
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,6 +18,8 @@ from tests.worlds import ARMS, MOTORS, OFFSET_SENSOR, PER_AMPERE
 
 import flinders
 from flinders import simulate
+from flinders.apps.vehicles.targets.ardupilot import ArduPilotParameters as ArduPilot
+from flinders.apps.vehicles.targets.px4 import Px4Parameters as Px4
 from flinders.cli import main
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
@@ -35,8 +37,6 @@ from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
 from flinders.simulate import recording
 from flinders.targets import ExportOptions, find, registry
-from flinders.targets.ardupilot import ArduPilotParameters as ArduPilot
-from flinders.targets.px4 import Px4Parameters as Px4
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -12,6 +12,7 @@ from tests.worlds import SOFT_IRON, Streamed
 
 import flinders
 from flinders import simulate
+from flinders.apps.classic.recipes.li import Li
 from flinders.core.samples import Samples
 from flinders.errors import FitError, NeedsSamples
 from flinders.estimators import Estimator, Readings, data
@@ -19,7 +20,6 @@ from flinders.estimators.algebraic import Algebraic
 from flinders.estimators.auto import Auto
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.likelihood import Likelihood
-from flinders.estimators.reference.li import Li
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import upper
 from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble

@@ -13,12 +13,12 @@ from click.testing import CliRunner
 from tests.worlds import write_field
 
 from flinders import simulate
+from flinders.apps.classic.adis16480 import NAMES, Registers
 from flinders.cli import main
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.targets import registry
-from flinders.targets.adis16480 import NAMES, Registers
 
 if TYPE_CHECKING:
     from click.testing import Result

@@ -12,11 +12,11 @@ from benchmarks.faults import TELLING, judged, off_deg, summary, table, tallied
 from benchmarks.faults import Piece as Part
 
 import flinders
+from flinders.apps.fleet.simulate import FAULTS, FIELD_UT, HARD_UT, NOISE_UT, SOFT, fleet, unit
 from flinders.diagnostics.axis_swap import axis_swap_of
 from flinders.errors import UsageError
 from flinders.fitting.result import Refused
 from flinders.simulate import tumble
-from flinders.simulate.fleet import FAULTS, FIELD_UT, HARD_UT, NOISE_UT, SOFT, fleet, unit
 
 if TYPE_CHECKING:
     from pathlib import Path

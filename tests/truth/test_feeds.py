@@ -17,16 +17,17 @@ from tests.feeding import asked
 from tests.page_session import PageSession
 
 from flinders import fit, simulate
+from flinders.apps.vehicles.mavlink import ARDUPILOT, PX4, Vehicle
+from flinders.apps.vehicles.targets.ardupilot import ArduPilotParameters as Parameters
+from flinders.apps.vehicles.telemetry import Telemetry
 from flinders.core.samples import Samples
 from flinders.errors import OutputError, UsageError
+from flinders.links.feeds import AT_ONCE, FeedEvent, Replay
+from flinders.links.transports import Udp
 from flinders.live.buffer import rows_of
-from flinders.live.feeds import AT_ONCE, FeedEvent, Replay
-from flinders.live.mavlink import ARDUPILOT, PX4, Telemetry, Vehicle
 from flinders.live.recorder import RecordedFeed, Resumed, ToFile
 from flinders.live.simulated import ROCKED_S, SAID, SimulatedFeed
-from flinders.live.transports import Udp
 from flinders.readers import open_recording, read
-from flinders.targets.ardupilot import ArduPilotParameters as Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -22,16 +22,16 @@ from tests.waiting import running_in, wait_until
 
 import flinders
 from flinders import simulate
+from flinders.apps.fleet import UnitResults, job, scheduler, worker
+from flinders.apps.fleet.dataset import Options
+from flinders.apps.fleet.job import Checkpoint, log_to, run
+from flinders.apps.fleet.plan import plan_of
 from flinders.cli import main
 from flinders.errors import DocumentError, FlindersError, LinkError, OutputError, UsageError
-from flinders.fleet import UnitResults, job, scheduler, worker
-from flinders.fleet.dataset import Options
-from flinders.fleet.job import Checkpoint, log_to, run
-from flinders.fleet.plan import plan_of
 
 if TYPE_CHECKING:
+    from flinders.apps.fleet.plan import Partition
     from flinders.arrays import Floats
-    from flinders.fleet.plan import Partition
 
 pyarrow = pytest.importorskip("pyarrow")
 from pyarrow import csv, parquet  # noqa: E402 - after it is known to be there
@@ -145,7 +145,7 @@ def test_a_file_that_kills_its_workers_is_left_out(logs: Path, tmp_path: Path, m
 def test_only_the_guilty_file_of_a_partition_is_lost(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from flinders.fleet import plan
+    from flinders.apps.fleet import plan
 
     write_csv(logs / "U3" / "poison.csv", FIELDS[0])
     monkeypatch.setattr(plan, "LEAST_PARTITIONS", 1)
@@ -266,7 +266,7 @@ def test_files_with_the_same_names_of_columns_are_written_in_different_ways(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Delimiter, decimal sign, order of the columns, unit of the time: each file of a partition is read as it is."""
-    from flinders.fleet import plan
+    from flinders.apps.fleet import plan
 
     monkeypatch.setattr(plan, "LEAST_PARTITIONS", 1)
     field, time = FIELDS[0], np.arange(150)
@@ -478,7 +478,7 @@ def test_a_unit_with_many_readings_beside_small_ones_is_streamed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A unit beyond what is held in memory is gone through again and again, and gives what it gives in memory."""
-    from flinders.fleet import plan
+    from flinders.apps.fleet import plan
 
     long = simulate.tumble(seed=9, n=3000, motion="uniform").samples.field
     names = {f"mag_{axis}_uT": long[:, column] for column, axis in enumerate("xyz")}

@@ -13,18 +13,18 @@ from benchmarks.drift import Fleet, simulated
 from click.testing import CliRunner
 from tests.trials import daily
 
+from flinders.apps.fleet.aggregate import overview_of
+from flinders.apps.fleet.drift import drift_of
+from flinders.apps.fleet.history import arranged, batch_rule, date_of, is_date
+from flinders.apps.fleet.report import page
+from flinders.apps.fleet.results import UnitResults, objects
 from flinders.cli import main
-from flinders.fleet.aggregate import overview_of
-from flinders.fleet.drift import drift_of
-from flinders.fleet.history import arranged, batch_rule, date_of, is_date
-from flinders.fleet.results import UnitResults, objects
-from flinders.report.fleet import page
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from flinders.apps.fleet.report import FleetDrift, UnitDrift
     from flinders.arrays import Floats
-    from flinders.report.fleet import FleetDrift, UnitDrift
 
 parquet = pytest.importorskip("pyarrow.parquet")
 

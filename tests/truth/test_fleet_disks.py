@@ -15,11 +15,11 @@ import pytest
 from benchmarks.bucket import Bucket
 
 from flinders import simulate
+from flinders.apps.fleet import UnitResults, storage
+from flinders.apps.fleet.dataset import Options
+from flinders.apps.fleet.job import LOGGER, Progress, log_event, log_to, run
+from flinders.apps.fleet.scheduler import map_units
 from flinders.errors import OutputError
-from flinders.fleet import UnitResults, storage
-from flinders.fleet.dataset import Options
-from flinders.fleet.job import LOGGER, Progress, log_event, log_to, run
-from flinders.fleet.scheduler import map_units
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -144,7 +144,7 @@ def test_a_script_without_a_main_block_is_refused(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(
         "from flinders.errors import LinkError\n"
-        "from flinders.fleet.scheduler import map_units\n"
+        "from flinders.apps.fleet.scheduler import map_units\n"
         "try:\n    list(map_units(abs, range(100), workers=2))\n"
         "except LinkError as error:\n    raise SystemExit(str(error))\n",
         encoding="utf-8",

@@ -16,23 +16,23 @@ from click.testing import CliRunner
 
 import flinders
 from flinders import simulate
+from flinders.apps.fleet.aggregate import overview_of
+from flinders.apps.fleet.change_points import Variance, change_points, estimate_variance, interval_tests
+from flinders.apps.fleet.drift import drift_of
+from flinders.apps.fleet.history import OffsetSeries, histories
+from flinders.apps.fleet.report import page
+from flinders.apps.fleet.results import UnitResult, UnitResults
 from flinders.cli import main
 from flinders.comparison.comparison import compare
 from flinders.comparison.pairs import EllipsoidPairs, differences
 from flinders.errors import DocumentError, UsageError
-from flinders.fleet.aggregate import overview_of
-from flinders.fleet.change_points import Variance, change_points, estimate_variance, interval_tests
-from flinders.fleet.drift import drift_of
-from flinders.fleet.history import OffsetSeries, histories
-from flinders.fleet.results import UnitResult, UnitResults
-from flinders.report.fleet import page
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from benchmarks.drift import Truth
 
-    from flinders.report.fleet import UnitDrift
+    from flinders.apps.fleet.report import UnitDrift
 
 parquet = pytest.importorskip("pyarrow.parquet")
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from flinders.apps.fleet import job
+from flinders.apps.fleet.aggregate import overview_of
+from flinders.apps.fleet.report import page
+from flinders.apps.fleet.results import UnitResult, UnitResults
+from flinders.apps.fleet.worker import LostWorker
 from flinders.errors import FitError, FlindersError, InputError, UsageError
 from flinders.findings import action
-from flinders.fleet import job
-from flinders.fleet.aggregate import overview_of
-from flinders.fleet.results import UnitResult, UnitResults
-from flinders.fleet.worker import LostWorker
-from flinders.report.fleet import page
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -10,18 +10,18 @@ from benchmarks.bucket import Bucket
 from click.testing import CliRunner
 
 from flinders import simulate
+from flinders.apps.fleet import UnitResults
+from flinders.apps.fleet.dataset import Options
+from flinders.apps.fleet.job import run
+from flinders.apps.fleet.plan import LOOKS, plan_of
 from flinders.cli import main
 from flinders.errors import OutputError, OutputExists, UnreadableInput
-from flinders.fleet import UnitResults
-from flinders.fleet.dataset import Options
-from flinders.fleet.job import run
-from flinders.fleet.plan import LOOKS, plan_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from flinders.fleet.storage import StoredFile
+    from flinders.apps.fleet.storage import StoredFile
 
 pyarrow = pytest.importorskip("pyarrow")
 pytest.importorskip("obstore")

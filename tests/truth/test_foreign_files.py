@@ -22,9 +22,11 @@ from tests.trials import daily, nightly
 
 import flinders
 from flinders import simulate
+from flinders.apps.vehicles.readers import dataflash_format as _fmt
+from flinders.apps.vehicles.readers import ulog
 from flinders.core import files
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput
-from flinders.readers import _fmt, _source, parquet, ulog
+from flinders.readers import _source, parquet
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 import flinders
 from flinders import simulate
+from flinders.apps.vehicles.targets.autopilot import parse
 from flinders.cli import main
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
@@ -21,7 +22,6 @@ from flinders.core.units import Unit
 from flinders.errors import AxesError, NotExportable
 from flinders.fitting.calibrate import fit
 from flinders.targets import find, read_back, registry
-from flinders.targets._autopilot import parse
 
 if TYPE_CHECKING:
     from click.testing import Result

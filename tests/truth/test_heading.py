@@ -9,8 +9,8 @@ import numpy.testing as npt
 import pytest
 
 from flinders import simulate
+from flinders.apps.marine.deviation import fit
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
-from flinders.heading.deviation import fit
 from flinders.heading.error_propagation import (
     attitude_limit_deg,
     deviation_covariance,

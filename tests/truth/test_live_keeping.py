@@ -13,9 +13,9 @@ import pytest
 from tests.waiting import wait_until
 
 from flinders.errors import OutputError
-from flinders.live.feeds import FeedEvent, FeedThread
+from flinders.links.feeds import FeedEvent, FeedThread
+from flinders.links.transports import Udp
 from flinders.live.recorder import AGAIN_S, Patient, Recorder, ToFile
-from flinders.live.transports import Udp
 
 if TYPE_CHECKING:
     from pathlib import Path

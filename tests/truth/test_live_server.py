@@ -37,16 +37,17 @@ from flinders.errors import UsageError
 from flinders.fitting import calibrate
 from flinders.fitting.result import Fit
 from flinders.likelihood.site_field import Site
-from flinders.live import messages, motioncal, server, transfers
+from flinders.links import motioncal
+from flinders.links.feeds import Replay
+from flinders.links.transports import Scripted
+from flinders.live import messages, server, transfers
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_name, listening, server_of
 from flinders.live.buffer import ReadingBuffer
-from flinders.live.feeds import Replay
 from flinders.live.hub import FRAME_ROWS, MAX_FINISHED, MAX_LOGS, UPLOAD_BYTES, Hub, Page
 from flinders.live.messages import LONGEST, MAGIC, MAX_SPANS, Edits, Notice, Previous, encode, parse
 from flinders.live.recorder import RecordedFeed, ToFile
 from flinders.live.server import STATIC, application
 from flinders.live.session_file import Log, Supply, default_path, edits_in, line_of, read_edits
-from flinders.live.transports import Scripted
 from flinders.native import build
 from flinders.standalone.package import live_data
 from flinders.targets import registry
@@ -63,7 +64,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.live.transports import ByteSource
+    from flinders.links.transports import ByteSource
     from flinders.targets.motioncal import MotionCalPacket
 
 HOST = "127.0.0.1:8410"

@@ -21,7 +21,7 @@ from flinders.core.samples import Joined, Samples
 from flinders.core.units import Unit
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators import Readings
-from flinders.estimators.reference.minmax import MinMax
+from flinders.estimators.minmax import MinMax
 from flinders.fitting.axis_extremes import from_extremes
 from flinders.fitting.result import Fit
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
-    from flinders.estimators.reference.minmax import Variant
+    from flinders.estimators.minmax import Variant
 
 IRON: Final = {
     "none": np.eye(3),

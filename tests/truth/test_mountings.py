@@ -16,6 +16,8 @@ import numpy.testing as npt
 import pytest
 from tests.trials import daily
 
+from flinders.apps.vehicles.targets.ardupilot import ORIENTATIONS
+from flinders.apps.vehicles.targets.px4 import MOUNTINGS
 from flinders.arrays import floats
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import ProvenanceRecord, SourceFile
@@ -25,8 +27,6 @@ from flinders.fitting.export import export_fit
 from flinders.fitting.result import Fit
 from flinders.targets import ExportOptions, find
 from flinders.targets._mounting import angles, apart_deg, euler
-from flinders.targets.ardupilot import ORIENTATIONS
-from flinders.targets.px4 import MOUNTINGS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -16,6 +16,10 @@ from tests.trials import daily
 
 import flinders
 from flinders import simulate
+from flinders.apps.vehicles.readers.ulog import READERS, open_ulog
+from flinders.apps.vehicles.targets.autopilot import ROTATIONS
+from flinders.apps.vehicles.targets.px4 import MOUNTINGS, board_mounting, compasses, mounting, of_device
+from flinders.apps.vehicles.targets.px4 import Px4Parameters as Parameters
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
@@ -32,12 +36,8 @@ from flinders.errors import (
 from flinders.geometry import quaternions
 from flinders.readers._resample import TimeSeries
 from flinders.readers._source import File
-from flinders.readers.ulog import READERS, open_ulog
 from flinders.targets import ExportOptions, registry
-from flinders.targets._autopilot import ROTATIONS
 from flinders.targets._mounting import euler, without_turn
-from flinders.targets.px4 import MOUNTINGS, board_mounting, compasses, mounting, of_device
-from flinders.targets.px4 import Px4Parameters as Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -146,7 +146,7 @@ def test_a_mistyped_parameter_is_answered_with_the_one_that_was_meant(samples: S
     with pytest.raises(UsageError, match=r"'libelihood' is not known .did you mean 'likelihood'"):
         flinders.fit(samples.field, method="libelihood")
     with pytest.raises(AttributeError, match=r"'Robst' .did you mean 'Robust'"):
-        flinders.estimators.Robst()  # type: ignore[attr-defined]
+        flinders.estimators.Robst()
 
 
 def test_a_fit_has_ten_parameters_and_all_are_named() -> None:

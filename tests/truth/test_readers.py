@@ -28,7 +28,7 @@ from flinders.core import files
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import FlindersError, MissingExtra, NoMagnetometer, UnreadableInput, UsageError
-from flinders.readers import READERS, Instrument, Log, Reader, TableRecording
+from flinders.readers import Instrument, Log, Reader, TableRecording, registry
 from flinders.readers._log import Stored
 
 if TYPE_CHECKING:
@@ -444,7 +444,8 @@ def log_of(path: Path, beginning: float = 50.0) -> Log:
 def flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A log of a format that the table of readers has for the length of a test."""
     row = Reader("test", "log of tests", (".test",), "all", starts=(b"TEST",), log=lambda file: log_of(file.path))
-    monkeypatch.setattr(flinders.readers, "READERS", (row, *READERS))
+    rows = (row, *registry())
+    monkeypatch.setattr(flinders.readers, "registry", lambda: rows)
     path = tmp_path / "flight.test"
     path.write_bytes(b"TEST")
     return path
@@ -596,7 +597,7 @@ def test_each_format_is_documented_from_the_table(request: pytest.FixtureRequest
     path = ROOT / "docs" / "formats.md"
     text = path.read_text(encoding="utf-8")
     lines = ["| format | endings | what is read | needs |", "|---|---|---|---|"]
-    for reader in READERS:
+    for reader in registry():
         assert reader.docs, f"the row of {reader.name} does not say what is read: docs"
         section = re.search(rf"^## {re.escape(reader.title)}\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL | re.I)
         assert section is None or "```sh\nflinders " in section[1], f"'## {reader.title}' shows no command"
@@ -609,7 +610,7 @@ def test_each_format_is_documented_from_the_table(request: pytest.FixtureRequest
     if request.config.getoption("--regenerate", default=False):
         path.write_text(pattern.sub(lambda _: f"{table}\n", text), encoding="utf-8")
         return
-    assert f"{table}\n" in text, "docs/formats.md has another table than READERS: pytest --regenerate this test"
+    assert f"{table}\n" in text, "docs/formats.md has another table than the rows: pytest --regenerate this test"
 
 
 def anchor(title: str) -> str:
@@ -619,7 +620,7 @@ def anchor(title: str) -> str:
 def test_extras_are_those_that_can_be_installed() -> None:
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     section = text[text.index("[project.optional-dependencies]") :]
-    assert all(f"\n{reader.extra} = [" in section for reader in READERS if reader.extra)
+    assert all(f"\n{reader.extra} = [" in section for reader in registry() if reader.extra)
 
 
 def test_every_real_log_can_be_opened(recordings: Callable[[str], Path]) -> None:

@@ -19,9 +19,9 @@ from benchmarks.terms_recordings import clusters
 from tests.trials import daily
 
 import flinders
+from flinders.apps.classic.recipes.li import Li
 from flinders.errors import FitError, InputError
 from flinders.estimators import Readings
-from flinders.estimators.reference.li import Li
 from flinders.fitting.result import Fit, Refused
 
 if TYPE_CHECKING:

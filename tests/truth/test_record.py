@@ -22,9 +22,9 @@ from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 from flinders import simulate
 from flinders.cli import main
 from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInput
+from flinders.links.transports import Gone, Quiet, Scripted, Serial, Tcp, Udp
 from flinders.live.recorder import Recorder, ToFile
 from flinders.live.transcript import RecordingStatistics, escaped, settle
-from flinders.live.transports import Gone, Quiet, Scripted, Serial, Tcp, Udp
 from flinders.readers import read
 
 if TYPE_CHECKING:

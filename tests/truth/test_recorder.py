@@ -19,10 +19,10 @@ from tests.feeding import asked
 from flinders import simulate
 from flinders.cli import main
 from flinders.errors import OutputError
-from flinders.live.feeds import FeedEvent
+from flinders.links.feeds import FeedEvent
+from flinders.links.transports import Gone, Quiet, Scripted
 from flinders.live.recorder import Recorder, Resumed, ToFile
 from flinders.live.transcript import LONGEST, Transcript
-from flinders.live.transports import Gone, Quiet, Scripted
 from flinders.readers import read
 
 if TYPE_CHECKING:

@@ -24,18 +24,18 @@ from tests.trials import nightly
 from tests.truth.test_mountings import anyhow, right_angles
 from tests.waiting import PATIENCE_S, wait_until
 
+from flinders.apps.vehicles import mavlink
+from flinders.apps.vehicles.mavlink import Vehicle
+from flinders.apps.vehicles.mavlink_parameters import ParameterPlan
+from flinders.apps.vehicles.targets import ardupilot, px4
+from flinders.apps.vehicles.targets.autopilot import parse
 from flinders.cli import main
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import ProvenanceRecord, SourceFile, write
 from flinders.core.units import Unit
 from flinders.errors import LinkError, NotConfirmed, NotExportable, NotSent, UsageError
-from flinders.live import mavlink
-from flinders.live.mavlink import Vehicle
-from flinders.live.mavlink_parameters import ParameterPlan
-from flinders.live.transports import Udp
-from flinders.targets import ardupilot, px4
-from flinders.targets._autopilot import parse
+from flinders.links.transports import Udp
 from flinders.targets._mounting import euler
 
 if TYPE_CHECKING:

@@ -26,8 +26,8 @@ from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import LinkError, NotConfirmed
-from flinders.live import motioncal
-from flinders.live.transports import Serial
+from flinders.links import motioncal
+from flinders.links.transports import Serial
 from flinders.targets.motioncal import MotionCalPacket
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import pytest
 from tests.program import flinders_
 
 import flinders
-from flinders.cli.simulate import MOTIONS
+from flinders.cli.simulate_three_axis import MOTIONS
 from flinders.simulate import MOTIONS as KNOWN
 from flinders.simulate import truth, tumble
 

@@ -12,6 +12,7 @@ import pytest
 
 import flinders
 from flinders import simulate
+from flinders.apps.classic.simulate_two_axis import Polar, TwoAxis, swing
 from flinders.errors import ArrayError, OutputExists, UnreadableInput, UsageError
 from flinders.simulate import (
     MOTIONS,
@@ -24,8 +25,6 @@ from flinders.simulate import (
     Simulated,
     Step,
     ThermalDrift,
-    TwoAxis,
-    swing,
     truth,
     tumble,
 )
@@ -409,7 +408,7 @@ def test_a_level_fit_recovers_the_compass(skew_deg: float) -> None:
     npt.assert_allclose(again.offset, compass.offset, atol=1e-6)
     assert again.skew_deg == pytest.approx(skew_deg, abs=1e-6)
     assert again.scale[1] / again.scale[0] == pytest.approx(0.9 / 1.1)
-    rose = simulate.two_axis.Polar.of(swung, found.matrix, found.offset)
+    rose = Polar.of(swung, found.matrix, found.offset)
     assert np.abs(rose.corrected_error_deg).max() < 1e-6
     assert np.ptp(rose.corrected_radius) < 1e-6
 

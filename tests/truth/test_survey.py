@@ -14,17 +14,16 @@ import pytest
 from tests.program import flinders_
 
 import flinders
+from flinders.apps.survey.calibration import SurveyFit, check_shots, fit_survey
+from flinders.apps.survey.instrument import PROCEDURE, Shots, SurveyCalibration, pointing_angles
+from flinders.apps.survey.pointing_error import AZIMUTHS_DEG, INCLINATIONS_DEG, curved, posed
+from flinders.apps.survey.simulate_shots import survey_shots, true_angles
+from flinders.apps.survey.targets import distox_coefficients, mag_cal_json, of_distox, of_mag_cal
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
-from flinders.core.survey import PROCEDURE, Shots, SurveyCalibration, pointing_angles
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, DocumentError, FitError, InputError, NotExportable, UnreadableInput, UsageError
-from flinders.fitting.survey import SurveyFit, check_shots, fit_survey
 from flinders.geometry.angles import folded
-from flinders.heading.pointing_error import AZIMUTHS_DEG, INCLINATIONS_DEG, curved, posed
-from flinders.simulate import survey_shots
-from flinders.simulate.survey import true_angles
-from flinders.targets.survey import distox_coefficients, mag_cal_json, of_distox, of_mag_cal
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,8 +31,8 @@ if TYPE_CHECKING:
 
     from tests.trials import Choose
 
-    from flinders.core.survey import Pointing
-    from flinders.simulate import SimulatedSurvey
+    from flinders.apps.survey.instrument import Pointing
+    from flinders.apps.survey.simulate_shots import SimulatedSurvey
 
 COUNTS = 24000
 

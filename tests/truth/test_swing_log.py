@@ -12,12 +12,12 @@ from tests.boats import DECLINATION, TRUTH, Boat, circles, nmea0183_of, nmea2000
 from tests.program import flinders_
 from tests.trials import daily
 
+from flinders.apps.marine import nmea0183, nmea2000, signalk
+from flinders.apps.marine.compass_log import read_compass_log
+from flinders.apps.marine.deviation import Deviation, fit
+from flinders.apps.marine.legs import LoggedSwing, legs, turning
 from flinders.errors import FitError, UnreadableInput
 from flinders.geometry.angles import folded
-from flinders.heading.deviation import Deviation, fit
-from flinders.heading.legs import LoggedSwing, legs, turning
-from flinders.readers import nmea0183, nmea2000, signalk
-from flinders.readers.compass_log import read_compass_log
 
 if TYPE_CHECKING:
     from tests.trials import Choose

@@ -14,14 +14,15 @@ import pytest
 from rich.console import Console
 from tests.program import flinders_
 
+from flinders.apps.marine.certificate import certificate
+from flinders.apps.marine.compensation import compensation
+from flinders.apps.marine.deviation import common_error, conformity, fit
+from flinders.apps.marine.standards import STANDARDS
+from flinders.apps.marine.swing_pages import of_swing
+from flinders.apps.marine.swing_words import COMPENSATE, READ_BETTER, SwingAccount
 from flinders.errors import FitError
-from flinders.heading.compensation import compensation
-from flinders.heading.deviation import common_error, conformity, design, fit
-from flinders.heading.standards import STANDARDS
+from flinders.heading.harmonics import design
 from flinders.heading.stationary import Rest, half_turns
-from flinders.report.certificate import certificate
-from flinders.report.swing_pages import of_swing
-from flinders.report.swing_words import COMPENSATE, READ_BETTER, SwingAccount
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -24,7 +24,7 @@ from tests.trials import daily, nightly
 
 from flinders.core.samples import BLOCK, Joined
 from flinders.errors import AxesError, NoMagnetometer, UnitError, UnreadableInput, UsageError
-from flinders.readers import READERS, TextRecording, open_recording, read
+from flinders.readers import TextRecording, open_recording, read, registry
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -560,7 +560,7 @@ def test_json_above_the_limit_is_refused(written: Callable[..., Path], monkeypat
 
 def test_every_reader_has_a_name_and_suffixes() -> None:
     """The table of formats is complete."""
-    assert all(row.name and row.suffixes for row in READERS)
+    assert all(row.name and row.suffixes for row in registry())
 
 
 # Streams that come once ----------------------------------------------------------------------------------------------

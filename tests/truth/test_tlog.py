@@ -12,12 +12,12 @@ import pytest
 from tests.trials import daily
 
 from flinders import simulate
+from flinders.apps.vehicles.readers import tlog
+from flinders.apps.vehicles.readers.tlog import begins_with_packet, open_tlog
+from flinders.apps.vehicles.targets.ardupilot import ArduPilotParameters as Parameters
 from flinders.errors import InputError, MissingExtra, NoMagnetometer, UnreadableInput
 from flinders.geometry import quaternions
-from flinders.readers import tlog
 from flinders.readers._source import File
-from flinders.readers.tlog import begins_with_packet, open_tlog
-from flinders.targets.ardupilot import ArduPilotParameters as Parameters
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,20 +14,21 @@ import pytest
 from tests.program import flinders_
 
 import flinders
+from flinders.apps.survey.aeromagnetic import dumps, loads
+from flinders.apps.survey.simulate_aircraft import Aircraft, calibration_flight, fluxgate
+from flinders.apps.survey.tolles_lawson import fitted
+from flinders.apps.survey.tolles_lawson_terms import NAMES, Signal, as_coefficients, cosine_transform, turned
 from flinders.core.axes import Axes
 from flinders.errors import DocumentError, FitError, FlindersError, InputError, StuckAxis, UnitError, UsageError
-from flinders.estimators.tolles_lawson import fitted
-from flinders.estimators.tolles_lawson_terms import NAMES, Signal, as_coefficients, cosine_transform, turned
-from flinders.fitting.aeromagnetic import dumps, loads
-from flinders.simulate import Aircraft, Sensor, calibration_flight, fluxgate
+from flinders.simulate import Sensor
 from flinders.simulate.recording import write_csv
 
 if TYPE_CHECKING:
     from tests.trials import Choose
 
+    from flinders.apps.survey.simulate_aircraft import Flight
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.simulate import Flight
 
 PERFECT = Sensor()
 FLIGHT = calibration_flight(1, vector=PERFECT)

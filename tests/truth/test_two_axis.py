@@ -18,19 +18,19 @@ from tests.worlds import judged, method_with
 
 import flinders
 from flinders import simulate
+from flinders.apps.classic import composition
+from flinders.apps.classic.cli import two_axis as cli_two_axis
+from flinders.apps.classic.composition import refuse_unloaded, rotation_error, turns_of
+from flinders.apps.classic.simulate_two_axis import TwoAxis, swing
+from flinders.apps.classic.turn_drawing import turn_drawing
+from flinders.apps.classic.two_axis_recipe import TwoAxisRecipe
 from flinders.cli import main
-from flinders.cli import two_axis as cli_two_axis
-from flinders.comparison import composition
-from flinders.comparison.composition import refuse_unloaded, rotation_error, turns_of
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, StuckAxis, TooFewSamples, UsageError
 from flinders.estimators import Readings
 from flinders.estimators.ellipse import Ellipse
-from flinders.estimators.two_axis import TwoAxisRecipe
 from flinders.fitting.result import Fit
 from flinders.geometry.plane import PLANES, PlaneEllipse, Spacing, Turn, order_of, root
 from flinders.heading.error_propagation import level_turn
-from flinders.report.drawings import turn_drawing
-from flinders.simulate import TwoAxis, swing
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:

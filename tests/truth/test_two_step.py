@@ -12,10 +12,10 @@ from tests.worlds import HARD_IRON
 
 import flinders
 from flinders import simulate
+from flinders.apps.classic.recipes.two_step import TwoStep, triangular
 from flinders.cli import main
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators import Readings
-from flinders.estimators.reference.two_step import TwoStep, triangular
 
 if TYPE_CHECKING:
     from tests.trials import Choose

@@ -13,6 +13,7 @@ from tests.trials import daily
 from tests.worlds import rms
 
 from flinders import simulate
+from flinders.apps.classic.recipes.sphere import Sphere
 from flinders.comparison.cross_validation import NotValidated, cross_validated
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
@@ -20,8 +21,7 @@ from flinders.estimators import METHODS, Readings
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.level import Level
 from flinders.estimators.likelihood import Likelihood
-from flinders.estimators.reference.minmax import MinMax
-from flinders.estimators.reference.sphere import Sphere
+from flinders.estimators.minmax import MinMax
 
 if TYPE_CHECKING:
     from tests.trials import Choose

@@ -10,7 +10,8 @@ import sys
 try:
     import click
 
-    from flinders.cli._program import EXIT_CODES, Commands, Program, show_versions
+    from flinders.cli._commands import ROWS, Commands
+    from flinders.cli._program import EXIT_CODES, Program, show_versions
 except (KeyboardInterrupt, RuntimeError) as error:  # a class that is made meanwhile hands it on as a cause
     if not isinstance(error.__cause__ or error, KeyboardInterrupt):
         raise
@@ -25,39 +26,7 @@ main = Program(
     "  flinders check calibration.json tomorrow.csv\n"
     "\n\b\nExit codes:\n" + "\n".join(f"  {code:>3}  {meaning}" for code, meaning in EXIT_CODES.items()),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    commands=Commands(  # type: ignore[arg-type]  # click only reads them
-        "info",
-        "calibrate",
-        "show",
-        "apply",
-        "heading",
-        "swing",
-        "survey",
-        "two_axis",
-        "check",
-        "refresh",
-        "tolles_lawson",
-        "compare",
-        "report",
-        "plot",
-        "merge",
-        "fleet",
-        "drift",
-        "export",
-        "import_",
-        "targets",
-        "live",
-        "record",
-        "send",
-        "firmware",
-        "page",
-        "budget",
-        "simulate",
-        "evaluate",
-        "demo",
-        "methods",
-        "compare_methods",
-    ),
+    commands=Commands.of(ROWS, table="COMMANDS"),  # type: ignore[arg-type]  # click only reads them
 )
 main = click.option(
     "--version",

@@ -94,11 +94,11 @@ def provenance(parts: Iterable[CountedRecording] = (), files: Iterable[SourceFil
     """Which release made it, when, from which files: those of the parts that were read, after `files`."""
     from datetime import UTC, datetime
 
-    from flinders import __version__
+    from flinders.core.version import VERSION
     from flinders.core.calibration_file import ProvenanceRecord
 
     return ProvenanceRecord(
-        flinders=__version__,
+        flinders=VERSION,
         date=datetime.now(UTC).replace(microsecond=0),
         files=(*files, *(source_file(part) for part in parts)),
     )

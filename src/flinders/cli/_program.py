@@ -27,23 +27,22 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
 from dataclasses import Field as DataclassField
 from dataclasses import dataclass, field, fields
 from functools import partial, wraps
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, TypeVar, dataclass_transform
 
 import click
 from click.shell_completion import CompletionItem
 
+from flinders.cli._commands import Commands
 from flinders.cli._output import Output, Outputs, error_words, print_fit, print_json, say
 from flinders.cli._spelling import in_options, searched
 from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from types import FrameType, ModuleType
 
     from flinders.findings import Verdict
@@ -80,32 +79,19 @@ def show_versions(context: click.Context, _option: click.Parameter, is_asked: bo
         context.exit()
 
 
-class Commands(Mapping[str, "click.Command"]):
-    """Commands by name, each the ``command`` of a module of its own beside this one, imported when it is asked for.
+class Commanded(click.Group):
+    """A group of `Commands`; its help imports none of them."""
 
-    `modules`: ``two_axis`` holds ``two-axis``; a name that Python keeps for itself ends with an underscore.
-
-    >>> commands = Commands("info", "import_", "two_axis")
-    >>> list(commands), commands["two-axis"].name
-    (['info', 'import', 'two-axis'], 'two-axis')
-    """
-
-    def __init__(self, *modules: str) -> None:
-        self._modules = {module.rstrip("_").replace("_", "-"): module for module in modules}
-
-    def __getitem__(self, name: str) -> click.Command:
-        command: click.Command = import_module(f"flinders.cli.{self._modules[name]}").command
-        return command
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._modules)
-
-    def __len__(self) -> int:
-        return len(self._modules)
+    def format_commands(self, _context: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands below their headings."""
+        assert isinstance(self.commands, Commands)
+        for heading, entries in self.commands.headings():
+            with formatter.section(heading):
+                formatter.write_dl(entries)
 
 
-class Program(click.Group):
-    """A group of commands that ends with a code of the table, whatever happens."""
+class Program(Commanded):
+    """The group of all commands, which ends with a code of the table, whatever happens."""
 
     def main(  # type: ignore[override]  # click's overloads only tell what `standalone_mode` does
         self,

@@ -2,8 +2,8 @@
 
 A keyword of the Python interface is the option whose parameter has its name, or lists it among its `keywords`.
 
->>> from flinders.cli._program import Commands
->>> calibrate = Commands("calibrate")["calibrate"]
+>>> from flinders.cli import main
+>>> calibrate = main.commands["calibrate"]
 >>> in_options({"unit": "mG", "axes": "-x,y,z", "force": True, "disturbances": None, "rotation": None}, [calibrate])
 '--unit mG, --axes=-x,y,z, --force, --with'
 """

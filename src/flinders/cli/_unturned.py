@@ -29,7 +29,7 @@ def typed(
     from flinders.core.axes import Axes
     from flinders.core.calibration_file import dumps
     from flinders.core.units import Unit
-    from flinders.estimators.reference.minmax import MinMax
+    from flinders.estimators.minmax import MinMax
     from flinders.fitting.axis_extremes import from_extremes
     from flinders.report.fit_pages import of_extremes
 

@@ -8,7 +8,7 @@ import re
 from importlib import metadata, resources
 from typing import TYPE_CHECKING, Final
 
-from flinders import __version__
+from flinders.core.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -26,7 +26,7 @@ def versions() -> str:
     there = [f"{name} {_version(name)}" for name in optional if _version(name)]
     missing = [name for name in optional if not _version(name)]
     rows = {
-        "flinders": __version__,
+        "flinders": VERSION,
         "Python": f"{platform.python_version()}, {platform.system()} {platform.machine()}",
         "NumPy": _version("numpy"),
         "engine": _engine(),

@@ -40,7 +40,6 @@ class Apply(program.Group):
     "apply",
     Apply,
     common=("output", "add", "columns", "sensor", "as_json"),
-    short_help="Correct a recording with a calibration file.",
     epilog="""\b
 Example:
   flinders apply calibration.json raw.csv -o corrected.csv

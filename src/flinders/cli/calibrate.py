@@ -113,7 +113,7 @@ class OutputOptions(program.Group, heading=program.OUTPUT):
         if self.convergence is None:
             return
         from flinders.estimators import METHODS
-        from flinders.estimators.reference.trace import Watched
+        from flinders.estimators.trace import Watched
 
         watched = [name for name, kind in METHODS.items() if issubclass(kind, Watched)]
         if method not in watched:
@@ -422,7 +422,6 @@ class Calibrate(program.Group):
 @program.command_of(
     "calibrate",
     Calibrate,
-    short_help="Fit recordings of a sensor and write its calibration.",
     common=("output", "columns", "unit", "sensor", "report"),
     epilog="""\b
 Example:

@@ -45,7 +45,6 @@ class Check(program.Group):
     "check",
     Check,
     common=("target_deg", "is_followed", "columns", "sensor", "as_json"),
-    short_help="Say whether a calibration holds on another recording.",
     epilog="""\b
 Example:
   flinders check calibration.json today.csv

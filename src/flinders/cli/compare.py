@@ -30,7 +30,6 @@ class Compare(program.Group):
     "compare",
     Compare,
     common=("target_deg", "dip_deg", "as_json"),
-    short_help="Say how far two calibrations are apart, in degrees.",
     epilog="""\b
 Example:
   flinders compare monday.json tuesday.json

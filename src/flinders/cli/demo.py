@@ -33,7 +33,6 @@ class Demo(program.Group):
     "demo",
     Demo,
     common=("seed", "path", "target_deg", "dip_deg", "as_json", "force"),
-    short_help="Simulate a tumbled sensor and calibrate it.",
     epilog="""\b
 Example:
   flinders demo

@@ -31,7 +31,6 @@ class Evaluate(program.Group):
     "evaluate",
     Evaluate,
     common=("target_deg", "dip_deg", "as_json"),
-    short_help="Hold a calibration against the truth of a simulation.",
     epilog="""\b
 Example:
   flinders evaluate calibration.json tumble.truth.json

@@ -50,7 +50,6 @@ class ExportCommand(program.Group):
     cls=NamingTargets,
     common=("target", "output", "compass", "listed", "lossy", "name", "force", "as_json"),
     headings={"Vehicle": ("mounting",)},
-    short_help="Write a calibration for what uses it.",
     epilog="""\b
 Example:
   flinders export --to ardupilot --compass 2 calibration.json -o compass.param

@@ -55,7 +55,6 @@ class Heading(program.Group):
     "heading",
     Heading,
     common=("output", "place", "date", "is_level", "as_json"),
-    short_help="Turn a recording into magnetic and true headings.",
     epilog="""\b
 Example:
   flinders heading calibration.json log.csv -o headings.csv

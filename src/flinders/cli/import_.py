@@ -45,7 +45,6 @@ class Import(program.Group):
     Import,
     cls=NamingTargets,
     common=("output", "target", "compass", "force", "as_json"),
-    short_help="Read a calibration out of another tool's file.",
     epilog="""\b
 Example:
   flinders import compass.param -o calibration.json

@@ -28,7 +28,6 @@ class Info(program.Group):
     "info",
     Info,
     common=("columns", "unit", "place", "date", "as_json"),
-    short_help="Say what a recording or a log holds, and what to type next.",
     epilog="""\b
 Example:
   flinders info flight.bin

@@ -90,10 +90,10 @@ class LiveSource(program.Group):
 
     def opened(self, stack: contextlib.ExitStack, resume: str | None = None) -> Source:
         """Open what is named; a port where one is plugged in; else the simulation, or the session to resume alone."""
-        from flinders.live.feeds import NoSensor, Replay
+        from flinders.links.feeds import NoSensor, Replay, feed_kind
+        from flinders.links.transports import opened_lines, opened_link
         from flinders.live.recorder import RecordedFeed, Recorder
         from flinders.live.session_file import Source
-        from flinders.live.transports import opened_lines, opened_link
         from flinders.readers import open_recording
 
         reading = {name: value for name, value in self.lines.as_dict().items() if value is not None}
@@ -104,10 +104,9 @@ class LiveSource(program.Group):
             feed = Replay(recording, speed=self.speed or 1.0)
             return Source("replay", partial(RecordedFeed, feed), site=site)
         if self.mavlink is not None:
-            from flinders.live.mavlink import Telemetry, Vehicle
-
+            feed_of = feed_kind("mavlink")
             link = stack.enter_context(contextlib.closing(opened_link(self.mavlink, self.baud)))
-            return Source("mavlink", partial(RecordedFeed, Telemetry(Vehicle.find(link), self.compass)))
+            return Source("mavlink", partial(RecordedFeed, feed_of(link, self.compass)))
         kind, port = self._lines(is_resumed=resume is not None)
         if kind == "file":
             return Source(kind, lambda _sink, resumed: NoSensor(str(resume)))  # noqa: ARG005 - as a source has it
@@ -121,7 +120,7 @@ class LiveSource(program.Group):
 
     def _lines(self, *, is_resumed: bool) -> tuple[Kind, str | None]:
         """What sends lines, and through which port; the simulation, or a session of before, where nothing does."""
-        from flinders.live.transports import only_port
+        from flinders.links.transports import only_port
 
         if self.udp is not None or self.tcp is not None:
             return "tcp" if self.udp is None else "udp", None

@@ -27,7 +27,6 @@ class Merge(program.Group):
     "merge",
     Merge,
     common=("output", "target_deg", "dip_deg", "force", "as_json"),
-    short_help="Put several calibrations of a sensor together.",
     epilog="""\b
 Example:
   flinders merge monday.json tuesday.json -o merged.json

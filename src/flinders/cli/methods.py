@@ -32,7 +32,6 @@ class Methods(program.Group):
 @program.command_of(
     "methods",
     Methods,
-    short_help="List the methods and when to use each.",
     epilog="""\b
 Example:
   flinders methods

@@ -33,7 +33,6 @@ class Plot(program.Group):
     "plot",
     Plot,
     common=("output", "what", "columns", "sensor"),
-    short_help="Draw a calibration and a recording.",
     epilog="""\b
 Example:
   flinders plot calibration.json tumble.csv -o figure.svg

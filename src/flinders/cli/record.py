@@ -54,7 +54,7 @@ class Record(program.Group):
         if senders > 1:
             raise UsageError("--serial, --udp and --tcp name several sensors: record each with a command of its own")
         if senders == 0:
-            from flinders.live.transports import ports_in_words
+            from flinders.links.transports import ports_in_words
 
             raise UsageError(
                 f"nothing to record: name a --serial port ({ports_in_words()}), or --udp PORT, --tcp HOST:PORT"
@@ -94,8 +94,8 @@ def command(options: Record) -> None:
     describes any other. A line that is not understood is kept as a comment. A crash loses at most a second; a
     port that goes away is waited for.
     """
+    from flinders.links.transports import opened_lines
     from flinders.live.recorder import Recorder, Resumed, ToFile, ToStandardOutput
-    from flinders.live.transports import opened_lines
 
     options.check()
     path, is_resumed = str(options.output), options.resume

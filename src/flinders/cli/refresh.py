@@ -89,7 +89,6 @@ class Refresh(program.Group):
     "refresh",
     Refresh,
     common=("previous", "output", "names", "headings", "target_deg", "as_json"),
-    short_help="Renew the hard iron of a calibration in ten seconds.",
     epilog="""\b
 Example:
   flinders refresh --previous calibration.json wobble.csv -o refreshed.json
@@ -199,7 +198,7 @@ def _on_courses(opened: list[CountedRecording], previous: Fit, options: Refresh)
 
 def _courses(recording: Any, path: str | None) -> tuple[TimeSeries, object]:  # noqa: ANN401 - a recording of any reader
     """Velocity over ground by the clock of a recording, and the log that knows the place: itself, or one beside it."""
-    from flinders.readers.compass_log import read_courses
+    from flinders.readers._courses import read_courses
 
     if path is not None:
         log, start = read_courses(path), clock_start(recording)

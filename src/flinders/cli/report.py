@@ -100,7 +100,6 @@ class Report(program.Group):
     "report",
     Report,
     common=("output", "pdf", "columns", "sensor"),
-    short_help="Write a report of a calibration and a recording.",
     epilog="""\b
 Example:
   flinders report calibration.json tumble.csv

@@ -21,7 +21,6 @@ class Show(program.Group):
     "show",
     Show,
     common=("verbose", "as_json"),
-    short_help="Say what a calibration file holds.",
     epilog="""\b
 Example:
   flinders show calibration.json

@@ -65,7 +65,6 @@ class Targets(program.Group):
 @program.command_of(
     "targets",
     Targets,
-    short_help="List what a calibration can be written for.",
     epilog="""\b
 Example:
   flinders targets

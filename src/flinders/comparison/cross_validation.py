@@ -11,7 +11,7 @@ place and their moment, and would vouch for each other.
 
 >>> from flinders import simulate
 >>> from flinders.estimators.auto import Auto
->>> from flinders.estimators.reference.sphere import Sphere
+>>> from flinders.apps.classic.recipes.sphere import Sphere
 >>> swept = simulate.tumble(seed=1, n=800, motion="uniform").samples
 >>> good, simple = (cross_validated(method, swept) for method in (Auto(), Sphere()))
 >>> good.heading_error_deg, simple.bias_deg > 20 * good.heading_error_deg.rms
@@ -29,7 +29,7 @@ import numpy as np
 from flinders.core.samples import joined
 from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings
-from flinders.estimators.reference.attitude_independent import at_one_strength
+from flinders.estimators.one_strength import at_one_strength
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import equator, order_of
 from flinders.heading.error_propagation import level_error

@@ -33,9 +33,7 @@ from flinders.comparison.comparison import (
 from flinders.core.calibration import Calibration
 from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
-from flinders.fitting.calibrate import fit
-from flinders.fitting.result import Refused
-from flinders.geometry.plane import PlaneEllipse, Turn, down_of, heading_errors
+from flinders.geometry.plane import down_of, heading_errors
 from flinders.heading.error_propagation import (
     DirectionError,
     HeadingError,
@@ -45,9 +43,6 @@ from flinders.heading.error_propagation import (
     level_turn,
     upright,
 )
-from flinders.likelihood.site_field import Site
-from flinders.simulate import TwoAxis, swing
-from flinders.simulate.two_axis import Polar
 from flinders.summary.pooling import chance_of, chi_square_of
 
 if TYPE_CHECKING:
@@ -55,7 +50,6 @@ if TYPE_CHECKING:
     from flinders.core.axes import Axes
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
-    from flinders.simulate import Simulated
     from flinders.simulate.truth import Truth
 
 Claim = Literal["as claimed", "worse than claimed", "unclaimed"]
@@ -312,64 +306,3 @@ def _angles_deg(seen: Floats) -> DirectionError:
 def _ratio(error: float, claimed: float) -> float | None:
     """An error over the claimed one; None where nothing is claimed."""
     return error / claimed if claimed > 0.0 else None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Recovery:
-    """A swing of a simulated compass, and what a calibration makes of it."""
-
-    true: TwoAxis
-    estimate: TwoAxis
-    swung: Simulated  #: the recording
-    polar: Polar  #: the recording around the compass rose, before and after correction
-    fit: Fit  #: of the method ``level``, also one that is refused
-    turn: Turn  #: the points of the recording, and the ellipses through them: of mean and scatter, and of the fit
-    refusal: Refused | None = None  #: why it would be no calibration to use
-
-    @property
-    def verdict(self) -> str:
-        """A swing of two axes is never better than limited."""
-        return "limited" if self.refusal is None else "refused"
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        numbers = {
-            "scale_x": (self.true.scale[0], self.estimate.scale[0]),  # gain of the axis
-            "scale_y": (self.true.scale[1], self.estimate.scale[1]),  # gain of the axis
-            "offset_x": (self.true.offset[0], self.estimate.offset[0]),  # hard iron along the axis
-            "offset_y": (self.true.offset[1], self.estimate.offset[1]),  # hard iron along the axis
-            "skew_deg": (self.true.skew_deg, self.estimate.skew_deg),  # angle by which the axes are not square
-            "noise": (self.true.noise, self.estimate.noise),  # standard deviation of one axis of a reading
-        }
-        pairs = {name: {"true": true, "estimate": estimate} for name, (true, estimate) in numbers.items()}
-        return {
-            "verdict": self.verdict,
-            "recovery": pairs,  # of each quantity of the compass its `true` value and the `estimate`
-            "turn": self.turn.as_dict(),
-            "polar": self.polar.as_dict(),
-            "unit": "uT",  # of scales, offsets and noise
-        }
-
-
-def recover(
-    compass: TwoAxis, *, seed: int = 0, points: int = 36, field_strength: float = 50.0, dip_deg: float = 60.0
-) -> Recovery:
-    """Swing a compass around, calibrate it by the method ``level``, and state what was found in its own terms.
-
-    Raises `FitError` where there is no calibration at all.
-    """
-    swung = swing(compass, seed=seed, points=points, field_strength=field_strength, dip_deg=dip_deg)
-    refusal = None
-    try:
-        result = fit(swung.samples, method="level", site=Site(field_strength, dip_deg))
-    except Refused as refused:
-        result, refusal = refused.fit, refused
-    calibration, dip = result.calibration, math.radians(dip_deg)
-    shape = field_strength * np.linalg.inv(calibration.matrix)
-    centre = calibration.offset[:2] + math.sin(dip) * shape[:2, 2]
-    horizontal = field_strength * math.cos(dip)
-    ellipse = PlaneEllipse(centre, math.cos(dip) * shape[:2, :2])
-    estimate = TwoAxis.from_ellipse(centre, ellipse.shape, horizontal, noise=result.noise or 0.0)
-    polar = Polar.of(swung, calibration.matrix, calibration.offset)
-    turn = Turn.of("xy", swung.samples.field[:, :2], ellipse)
-    return Recovery(compass, estimate, swung, polar, result, turn, refusal)

@@ -278,3 +278,13 @@ def _publish(temporary: Path, target: Path, *, force: bool) -> None:
         else:
             return
     temporary.replace(target)
+
+
+def licence() -> str:
+    """The licence of flinders, which is in its distribution."""
+    from importlib.metadata import distribution
+
+    for file in distribution("flinders").files or ():
+        if file.name == "LICENSE" and "licenses" in file.parts:
+            return file.read_text()
+    raise OutputError("the licence of flinders is not installed with it: install flinders anew")

@@ -1,22 +1,70 @@
-"""Rows that installed packages add to a table of this one, through entry points.
+"""Rows that other packages add to a table of this one: those of `flinders.apps`, and installed ones.
 
-A package lists, in the group of a table, where its row or its sequence of rows is:
+A package of `flinders.apps` names its modules in ``rows.py``, a mapping for each table, and nothing is imported before
+it is asked for. What is not there adds nothing: the library works without any of them.
+
+An installed package lists, in the group of a table, where its row or its sequence of rows is:
 
     [project.entry-points."flinders.readers"]
     vendor = "vendor_flinders:READERS"
 
->>> plugin_rows("flinders.no_such_table", str)
-()
+>>> app_modules("NO_SUCH_TABLE"), plugin_rows("flinders.no_such_table", str)
+({}, ())
 """
 
 from __future__ import annotations
 
-from importlib.metadata import EntryPoint, entry_points
-from typing import TypeVar
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from flinders.errors import PluginError
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from importlib.metadata import EntryPoint
+    from types import ModuleType
+
 Row = TypeVar("Row")
+
+APPS: Final = "flinders.apps"
+"""Package of the packages for one trade each."""
+
+
+@cache
+def apps() -> tuple[str, ...]:
+    """Names of the packages of `flinders.apps`, in alphabetical order."""
+    folder = Path(__file__).parents[1] / "apps"
+    return tuple(sorted(module.name for module in iter_modules([str(folder)]) if module.ispkg))
+
+
+@cache
+def app_modules(table: str) -> Mapping[str, str]:
+    """Full names of the modules that packages of `flinders.apps` add to a table, each by what the table calls it."""
+    return {name: f"{app}.{module}" for name, app, module in app_rows(table)}
+
+
+@cache
+def app_rows(table: str) -> tuple[tuple[str, str, Any], ...]:
+    """Rows that packages of `flinders.apps` add to a table: name, full name of the package, and what it says of it."""
+    return tuple(
+        (name, f"{APPS}.{app}", row)
+        for app in apps()
+        for name, row in getattr(import_module(f"{APPS}.{app}.rows"), table, {}).items()
+    )
+
+
+def modules_of(package: ModuleType, table: str, *, first: Iterable[str] = ()) -> dict[str, str]:
+    """Full names of the public modules of a package and of those that `flinders.apps` adds to its table, by last part.
+
+    Those of `first` come first, as far as they are there, and all others by name.
+    """
+    own = {module.name: f"{package.__name__}.{module.name}" for module in iter_modules(package.__path__)}
+    there = {**{name: path for name, path in own.items() if not name.startswith("_")}, **app_modules(table)}
+    order = [*(name for name in first if name in there), *sorted(there)]
+    return {name: there[name] for name in dict.fromkeys(order)}
 
 
 def plugin_rows(group: str, kind: type[Row]) -> tuple[Row, ...]:
@@ -24,6 +72,8 @@ def plugin_rows(group: str, kind: type[Row]) -> tuple[Row, ...]:
 
     Raises `PluginError` for a package that cannot be imported, or whose rows are of another kind.
     """
+    from importlib.metadata import entry_points
+
     entries = sorted(entry_points(group=group), key=lambda entry: entry.name)
     return tuple(row for entry in entries for row in _rows(entry, kind))
 

@@ -38,8 +38,8 @@ from flinders.estimators.mounting import (
 from flinders.findings import Finding, certain, finding_in
 from flinders.geometry.rotation import lengths
 from flinders.heading.attitude import magnetic_heading_deg, tilt_error_deg
-from flinders.heading.deviation import design
 from flinders.heading.error_propagation import direction_error_deg, level_error
+from flinders.heading.harmonics import design
 from flinders.likelihood import attitude, dip, gyro
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.magnitude import distances

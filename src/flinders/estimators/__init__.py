@@ -12,17 +12,19 @@ general ellipsoid without bias from sums alone: streams, fleets, saved summaries
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from importlib import import_module
-from pkgutil import walk_packages
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
+from flinders.core.plugins import modules_of
 from flinders.errors import UsageError, did_you_mean
 from flinders.estimators.algebraic import fit_error
 from flinders.estimators.base import Estimate, Estimator, Method
 from flinders.estimators.data import Readings, within_range
 from flinders.estimators.outliers import outliers_of
+from flinders.estimators.trace import Convergence
 
 if TYPE_CHECKING:
     from flinders.estimators.algebraic import Algebraic as Algebraic
@@ -31,18 +33,8 @@ if TYPE_CHECKING:
     from flinders.estimators.ellipse import Ellipse as Ellipse
     from flinders.estimators.level import Level as Level
     from flinders.estimators.likelihood import Likelihood as Likelihood
-    from flinders.estimators.reference.alonso_shuster import AlonsoShuster as AlonsoShuster
-    from flinders.estimators.reference.axes import AxisAligned as AxisAligned
-    from flinders.estimators.reference.ekf import Ekf as Ekf
-    from flinders.estimators.reference.ellipsoid import Constrained as Constrained
-    from flinders.estimators.reference.li import Li as Li
-    from flinders.estimators.reference.minmax import MinMax as MinMax
-    from flinders.estimators.reference.sequential import Sequential as Sequential
-    from flinders.estimators.reference.sphere import Sphere as Sphere
-    from flinders.estimators.reference.trace import Convergence as Convergence
-    from flinders.estimators.reference.two_step import TwoStep as TwoStep
+    from flinders.estimators.minmax import MinMax as MinMax
     from flinders.estimators.robust import Robust as Robust
-    from flinders.estimators.two_axis import TwoAxisRecipe as TwoAxisRecipe
 
 FIRST: Final = (
     "auto", "likelihood", "robust", "level", "consistent", "li", "algebraic", "ellipsoid", "axes", "sphere", "minmax",
@@ -56,8 +48,8 @@ T = TypeVar("T")
 
 @cache
 def _modules() -> dict[str, str]:
-    """Full names of the modules of this package, by their last part."""
-    return {module.name.rpartition(".")[2]: module.name for module in walk_packages(__path__, f"{__name__}.")}
+    """Full names of the modules of methods, and of others of this package, by their last part."""
+    return modules_of(sys.modules[__name__], "METHODS")
 
 
 @cache
@@ -126,22 +118,19 @@ def table() -> str:
     return f"| method | unknowns | when to use it | source |\n|---|---:|---|---|\n{lines}"
 
 
-if not TYPE_CHECKING:  # a type checker reads the names and options of methods from the imports above
-
-    def __getattr__(name: str) -> Any:  # noqa: ANN401
-        """The class of a method by its own name, ``flinders.estimators.Likelihood``, and what few methods have."""
-        if name == "Convergence":
-            return import_module(f"{__name__}.reference.trace").Convergence
-        for kind in METHODS.values() if name[0].isupper() else ():
-            if kind.__name__ == name:
-                return kind
-        known = [kind.__name__ for kind in METHODS.values()]
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{did_you_mean(name, known)}")
+def __getattr__(name: str) -> Any:  # noqa: ANN401 - of which type checkers know those that are imported above
+    """The class of a method by its own name, ``flinders.estimators.Likelihood``."""
+    for kind in METHODS.values() if name[0].isupper() else ():
+        if kind.__name__ == name:
+            return kind
+    known = [kind.__name__ for kind in METHODS.values()]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}{did_you_mean(name, known)}")
 
 
 __all__ = [
     "METHODS",
     "ROWS",
+    "Convergence",
     "Estimate",
     "Estimator",
     "Method",

@@ -26,7 +26,7 @@ from flinders.core.calibration_file import Fitted
 from flinders.core.units import Unit, label
 from flinders.errors import UsageError
 from flinders.estimators.data import LARGEST, SMALLEST
-from flinders.estimators.reference.minmax import MinMax, spanned, strength_of
+from flinders.estimators.minmax import MinMax, spanned, strength_of
 from flinders.findings import Finding, certain, linked
 from flinders.fitting.result import Judged, Outcome
 from flinders.fitting.verdict import of_calibration
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, ProvenanceRecord
-    from flinders.estimators.reference.minmax import Variant
+    from flinders.estimators.minmax import Variant
 
 TYPED: Final = "typed-extremes"
 

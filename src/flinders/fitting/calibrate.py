@@ -389,7 +389,7 @@ def _estimated(readings: Readings, estimator: Estimator, request: Request, unit:
     joint, aiding = _aided(readings.as_read, request)
     if joint is not None:
         return _Estimated.of(joint, readings, aiding)._replace(is_joint=True)
-    from flinders.estimators.reference.attitude_independent import at_one_strength
+    from flinders.estimators.one_strength import at_one_strength
 
     estimate = _at_site(estimator.estimate(readings), readings, request)
     return _Estimated.of(estimate, at_one_strength(readings, estimate), aiding)

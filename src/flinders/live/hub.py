@@ -23,8 +23,8 @@ import numpy as np
 
 from flinders.core.units import MICROTESLA, Unit
 from flinders.errors import UsageError
+from flinders.links.feeds import FeedEvent, FeedThread
 from flinders.live.buffer import rows_of
-from flinders.live.feeds import FeedEvent, FeedThread
 from flinders.live.messages import (
     Edits,
     FromServer,

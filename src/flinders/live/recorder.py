@@ -5,7 +5,7 @@ once and forced to the disk each second, so that a crash loses at most a second,
 
 >>> import tempfile
 >>> from pathlib import Path
->>> from flinders.live.transports import Scripted
+>>> from flinders.links.transports import Scripted
 >>> file = Path(tempfile.mkdtemp()) / "tumble.csv"
 >>> board = Scripted([b"booting\r\nRaw:0,0,8192,0,0,0,217,4,-5", b"86\r\nRaw:0,0,8192,0,0,0,217,2,-587\r\n"])
 >>> with ToFile(file) as sink:
@@ -48,7 +48,7 @@ import numpy as np
 from flinders.core.files import locked, reason, refuse_existing
 from flinders.core.units import MICROTESLA
 from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInput, counted
-from flinders.live.feeds import FeedEvent
+from flinders.links.feeds import FeedEvent
 from flinders.live.transcript import RecordingStatistics, Taken, Transcript, escaped
 
 if TYPE_CHECKING:
@@ -57,8 +57,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.live.feeds import Feed, Received
-    from flinders.live.transports import ByteSource
+    from flinders.links.feeds import Feed, Received
+    from flinders.links.transports import ByteSource
 
 SYNC_S: Final = 1.0  # Seconds after which what was received is forced to the disk
 WAIT_S: Final = 0.1  # Longest wait for bytes: how soon the end of a recording is noticed
@@ -612,7 +612,7 @@ class RecordedFeed:
     >>> import tempfile
     >>> from pathlib import Path
     >>> from flinders import read, simulate
-    >>> from flinders.live.feeds import Replay
+    >>> from flinders.links.feeds import Replay
     >>> file = Path(tempfile.mkdtemp()) / "tumble.csv"
     >>> tumble = simulate.tumble(seed=1, n=400).samples
     >>> with ToFile(file) as sink:

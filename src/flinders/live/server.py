@@ -373,7 +373,7 @@ async def _sent(request: Request, name: str) -> AsyncIterator[bytes]:
 
 async def _send(request: Request) -> Response:
     """Send the calibration to the board that the readings come from."""
-    from flinders.live import motioncal
+    from flinders.links import motioncal
     from flinders.targets.motioncal import MotionCalPacket
 
     hub: Hub = request.app.state.hub

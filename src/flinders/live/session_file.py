@@ -40,10 +40,10 @@ if TYPE_CHECKING:
 
     from flinders.core.samples import Recording, Samples
     from flinders.likelihood.site_field import Site
-    from flinders.live.feeds import Feed
+    from flinders.links.feeds import Feed
+    from flinders.links.transports import ByteSource
     from flinders.live.messages import Kind, Span
     from flinders.live.recorder import Sink
-    from flinders.live.transports import ByteSource
 
 FOLDER: Final = "flinders-sessions"
 SIGN: Final = "# flinders live: "

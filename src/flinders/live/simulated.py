@@ -23,7 +23,7 @@ from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.geometry.rotation import rotations
-from flinders.live.feeds import FeedEvent, Received, Replay
+from flinders.links.feeds import FeedEvent, Received, Replay
 from flinders.simulate import Imu, Sensor, hand_tumble, north_and_down, seen_from, specific_force
 from flinders.simulate.motions import Trajectory, integrated, random_attitude
 

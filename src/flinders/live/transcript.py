@@ -36,7 +36,7 @@ from flinders.core.axes import Axes
 from flinders.core.samples import added
 from flinders.core.units import label
 from flinders.errors import FlindersError, OutputError, counted, figures
-from flinders.live.feeds import FeedEvent
+from flinders.links.feeds import FeedEvent
 from flinders.readers._clock import Midnights
 from flinders.readers._columns import unit_of
 from flinders.readers._layout import SPOKEN, Cells, TextLayout, recognise_layout, sniff
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples, Skipped
     from flinders.core.units import Unit
-    from flinders.live.feeds import Kind
+    from flinders.links.feeds import Kind
     from flinders.readers._columns import Columns
     from flinders.readers.dialects import Dialect
 

@@ -12,7 +12,7 @@ tumble.csv: columns mag_x_mG, mag_y_mG, mag_z_mG in mG, time in t_s; comma-separ
 >>> read(tumble).field[0]
 array([ 21.7,   0.4, -58.6])
 
-A reader is a module of this package with its row in ``READERS`` at the end, by which it is found here. It needs a
+A reader is a module of this package with its row in ``READERS`` at the end, by which `registry` finds it. It needs a
 sample in tests/samples.py; its line in docs/formats.md is made from the row. Other packages add rows through the entry
 points ``flinders.readers``, and are asked first.
 """
@@ -21,40 +21,36 @@ from __future__ import annotations
 
 import contextlib
 import os
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cache, reduce
 from importlib import import_module
+from itertools import chain
 from numbers import Real
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import IO, TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.plugins import plugin_rows
+from flinders.core.plugins import modules_of, plugin_rows
 from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of, in_memory
-from flinders.core.survey import Shots
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError, reading
 from flinders.readers._frame import is_frame, open_frame
 from flinders.readers._log import Instrument, Log, Position, Stored
 from flinders.readers._names import FIRST, Choice
 from flinders.readers._source import File, Progress, Reader, Source, find, foreign_kind, on_disk
 from flinders.readers._table import Table, TableRecording, open_table
-from flinders.readers.ros import METADATA, is_bag_folder
-from flinders.readers.shots import instrument_shots
 from flinders.readers.text import TextRecording, open_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from flinders.core.survey import Pointing
     from flinders.readers._columns import Columns
 
 __all__ = [
-    "READERS",
     "Choice",
     "Instrument",
     "Log",
@@ -69,7 +65,7 @@ __all__ = [
     "open_recording",
     "open_table",
     "read",
-    "read_shots",
+    "registry",
 ]
 
 AnyPath: TypeAlias = "str | os.PathLike[str]"
@@ -83,15 +79,16 @@ LAST: Final = "text"
 """The module that takes what no other does: whatever is not binary."""
 
 
-def _rows() -> tuple[Reader, ...]:
-    """Collect the rows at the ends of the modules of this package, those of `LAST` last."""
-    there = sorted(module.name for module in iter_modules(__path__) if module.name != LAST)
-    modules = (import_module(f"{__name__}.{name}") for name in (*there, LAST))
-    return tuple(row for module in modules for row in getattr(module, "READERS", ()))
+@cache
+def registry() -> tuple[Reader, ...]:
+    """All readers, in the order in which they are asked whether they take a file; the first call imports their modules.
 
-
-READERS: Final = _rows()
-"""Asked in this order which of them takes a file."""
+    Raises `PluginError` for an installed package whose readers cannot be loaded.
+    """
+    modules = modules_of(sys.modules[__name__], "READERS")
+    last = modules.pop(LAST)
+    rows = (getattr(import_module(module), "READERS", ()) for module in (*modules.values(), last))
+    return (*plugin_rows("flinders.readers", Reader), *chain.from_iterable(rows))
 
 
 def open_recording(
@@ -337,37 +334,6 @@ class _Options:
             )
 
 
-def read_shots(
-    path: str | os.PathLike[str],
-    *,
-    axes: str = "x,y,z",
-    acceleration_axes: str | None = None,
-    pointing: Pointing | None = None,
-) -> Shots:
-    """Read the shots of a survey instrument: of TopoDroid, mag-cal or a SAP6, else each reading of a recording.
-
-    Parameters
-    ----------
-    axes : str
-        Where each axis of the instrument, right-handed, comes from in the magnetometer, such as ``x,y,-z``.
-    acceleration_axes : str, optional
-        The same of the accelerometer; by default as `axes`.
-    pointing : str, optional
-        Axis of the laser, x, y or z; by default y for files of mag-cal, else x.
-
-    Raises
-    ------
-    InputError
-        For what is not there or cannot be read, and for a recording of a magnetometer alone.
-    """
-    if path == "-":
-        raise UsageError("shots are looked at twice: name a file, not standard input")
-    turned = Axes.of(axes)
-    of_gravity = turned if acceleration_axes is None else Axes.of(acceleration_axes)
-    shots = instrument_shots(path, axes=turned, acceleration_axes=of_gravity, pointing=pointing)
-    return Shots.of(read(path), turned, of_gravity, pointing or "x") if shots is None else shots
-
-
 def is_source(source: object) -> bool:
     """Whether `open_recording` takes it as one recording: a path, an open file, or a table in memory."""
     return isinstance(source, (str, os.PathLike)) or hasattr(source, "read") or is_frame(source)
@@ -411,22 +377,23 @@ def _is_folder(path: AnyPath) -> bool:
 
 def _source_of(path: AnyPath, *, once: bool = False) -> Source:
     """Find what a path names; a folder of ROS goes by the description in it, and weighs what all in it does."""
-    if not hasattr(path, "read") and _is_folder(path) and is_bag_folder(Path(path)):
-        folder = Path(path)
+    if not hasattr(path, "read") and _is_folder(path) and (description := _description_of(Path(path))):
+        folder = description.parent
         size = sum(member.stat().st_size for member in folder.iterdir() if member.is_file())
-        return File(folder.name, folder / METADATA, size)
+        return File(folder.name, description, size)
     return find(path, once=once, check=_reader_of)
 
 
-@cache
-def _plugins() -> tuple[Reader, ...]:
-    """Rows of other packages, loaded when a file is read: they import this one."""
-    return plugin_rows("flinders.readers", Reader)
+def _description_of(folder: Path) -> Path | None:
+    """The file that describes a folder which is one recording; None of any other folder."""
+    names = (reader.folder_file for reader in registry() if reader.folder_file)
+    files = (folder / name for name in names)
+    return next((file for file in files if os.path.isfile(file)), None)  # noqa: PTH113 - as _is_folder
 
 
 def _reader_of(name: str, head: bytes) -> Reader:
     """Find the reader of what starts with these bytes."""
-    for reader in (*_plugins(), *READERS):
+    for reader in registry():
         if reader.accepts(head):
             return reader
     kind = foreign_kind(head)

@@ -11,10 +11,13 @@ r"""Texts that are known and hold no readings of a magnetometer: what they are, 
 from __future__ import annotations
 
 import re
+from functools import cache
+from importlib import import_module
+from itertools import chain
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from flinders.core.plugins import app_modules
 from flinders.errors import NoMagnetometer
-from flinders.readers import nmea0183, nmea2000
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,13 +42,6 @@ TEXTS: Final = (
         "arc: a sensor is calibrated from readings while it was turned",
     ),
     KnownText(
-        nmea2000.SIGN,
-        0.6,
-        "is a candump of NMEA 2000: its headings in degrees are for flinders swing; readings x, y, z of a "
-        "magnetometer it has none",
-        may_be_read=True,
-    ),
-    KnownText(
         re.compile(
             r"^\s*(?:\(\d[\d.]*\)\s+)?[a-z]+\d+\s+(?:[RT]X\s+\S+\s+\S+\s+)?[0-9A-Fa-f]{3,8}"
             r"(?:##?[0-9A-Fa-f.R]*|\s+\[\d\d?\](?:\s+[0-9A-Fa-f]{2})*)(?:\s+\S*)?\s*$"
@@ -61,20 +57,20 @@ TEXTS: Final = (
         "is a dump of a database: export the table as CSV with a header, such as with sqlite3 -header -csv FILE "
         "'SELECT * FROM mag', psql --csv or mysql --batch",
     ),
-    KnownText(
-        nmea0183.SIGN,
-        0.0,
-        "is a log of a boat, with headings in degrees: flinders swing finds the deviation from it; a calibration needs "
-        "readings x, y, z of the magnetometer",
-        may_be_read=True,
-    ),
 )
+
+
+@cache
+def _texts() -> tuple[KnownText, ...]:
+    """Kinds that are known, those first that packages of `flinders.apps` add: they are more special."""
+    added = map(import_module, app_modules("KNOWN_TEXTS").values())
+    return (*chain.from_iterable(module.TEXTS for module in added), *TEXTS)
 
 
 def refusal(name: str, lines: Sequence[str], *, is_unread: bool = False) -> NoMagnetometer | None:
     """Say what a text is that holds no readings; if `is_unread`, also where readings might have stood beside it."""
     some = [line for line in lines[:LOOKED_AT] if line.strip()]
-    for text in TEXTS:
+    for text in _texts():
         count = sum(text.sign.search(line) is not None for line in some)
         if count and count >= text.share * len(some) and (is_unread or not text.may_be_read):
             return NoMagnetometer(f"{name} {text.words}")

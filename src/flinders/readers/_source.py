@@ -584,6 +584,7 @@ class Reader:
     #: opens a table, a magnetometer in columns or one of several, with the options of `open_text`
     open: Callable[..., Any] | None = None
     log: Callable[..., Any] | None = None  #: or opens a `Log`: several instruments, which know their units
+    folder_file: str = ""  #: a folder that has a file of this name is one recording, which that file describes
     extra: str = ""  #: the optional dependency it needs, or nothing
     takes_topic: bool = False  #: of a table: it has several, and takes the name of one
     takes_unit: bool = False  #: of a log: it may hold readings whose unit it does not know, and takes one

@@ -4,7 +4,7 @@
 ('no more than chance explains (p = 0.43)', 'more than chance explains (p < 0.0001)')
 >>> duration(0.00421), duration(12.5), duration(90)
 ('4.2 ms', '12 s', '90 s')
->>> from flinders.simulate import TwoAxis
+>>> from flinders.apps.classic.simulate_two_axis import TwoAxis
 >>> [name for name, *_ in recovery_rows(TwoAxis(), TwoAxis())]
 ['scale x', 'scale y', 'offset x', 'offset y', 'skew', 'noise']
 >>> shown_when(1.7e9, "flight 12"), shown_when(float("nan"), "flight 12"), shown_when(float("nan"), "")
@@ -15,7 +15,6 @@
 
 from __future__ import annotations
 
-import math
 import textwrap
 from typing import TYPE_CHECKING, Final
 
@@ -26,22 +25,17 @@ from rich.text import Text
 
 from flinders.comparison.comparison import CHANCE
 from flinders.core.units import label
-from flinders.errors import counted, figures, in_python, percent
-from flinders.findings import VERDICTS, advice
+from flinders.errors import counted, figures, in_python
+from flinders.findings import advice
 from flinders.findings.words import ANY_ANGLE_DEG
-from flinders.geometry.ellipsoid import upper
-from flinders.report.fit_pages import plane_rows
-from flinders.report.fleet import STATES, about_order, chance, common_unit, when
 from flinders.report.formatting import (
-    FINEST,
     angle,
     degrees,
-    on_the_point,
     p_value,
     shown_findings,
     with_uncertainty,
 )
-from flinders.report.terminal import COLOURS, lines, notes, page, styled, table, verdict, whole_columns
+from flinders.report.terminal import lines, notes, page, styled, table, verdict
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -52,16 +46,10 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.comparison.comparison import Comparison, RotationDifference, Strength
     from flinders.comparison.evaluation import Evaluation
-    from flinders.comparison.methods import Contest, Entry
-    from flinders.core.calibration import Calibration
     from flinders.errors import Spelling
     from flinders.estimators import Method
-    from flinders.findings import Severity, Verdict
     from flinders.fitting.result import Fit
-    from flinders.geometry.plane import Turn
     from flinders.heading.error_propagation import DirectionError, HeadingError
-    from flinders.report.fleet import BatchDrift, FleetDrift
-    from flinders.simulate.two_axis import Polar, TwoAxis
     from flinders.targets import Target
 
 AGREEMENT: Final = {
@@ -79,16 +67,6 @@ TURNED: Final = (
 
 EVALUATED: Final = {"as claimed": "AS CLAIMED", "worse than claimed": "WORSE THAN CLAIMED", "unclaimed": "NO CLAIM"}
 
-ROUNDING_DEG: Final = 1e-4
-"""Degrees of heading that come from rounding alone."""
-
-STATE_COLOURS: Final = {
-    "recalibrate": "red", "unsure": "yellow", "changed": "yellow", "unordered": "yellow", "steady": "green",
-}  # fmt: skip
-SHOWN: Final = 12
-"""Units, steps and batches that are listed; the report and ``--out`` have more."""
-LONGEST: Final = 17
-"""Characters of a recording's name that are shown."""
 
 WIDTH: Final = 78
 
@@ -133,34 +111,6 @@ def of_untold(known: Fit, fit: Fit, strength: Strength, spell: Spelling = in_pyt
 def of_evaluation(evaluation: Evaluation) -> RenderableType:
     """Lay out a calibration against the truth: true errors, claimed ones, their ratio, the verdict."""
     return page(_true_errors(evaluation), _true_parameters(evaluation), _evaluation_verdict(evaluation))
-
-
-def of_recovery(true: TwoAxis, estimate: TwoAxis, polar: Polar, turn: Turn) -> RenderableType:
-    """Lay out a swung two-axis compass: its parameters, true and estimated, the recipe, headings before and after."""
-    rows = [
-        (name, f"{expected:.4f}{unit}", f"{value:.4f}{unit}", f"{round(value - expected, 4) + 0.0:+.4f}{unit}")
-        for name, expected, value, unit in recovery_rows(true, estimate)
-    ]
-    headings = [
-        ("raw", *_heading_cells(polar.raw_error_deg, polar.raw_radius)),
-        ("corrected", *_heading_cells(polar.corrected_error_deg, polar.corrected_radius)),
-    ]
-    return page(
-        table(("parameter", "true", "found", "error"), rows),
-        table(("recipe", "mean and scatter", "least squares"), plane_rows(turn, "µT")),
-        table(("heading", "error, rms", "worst", "radius"), headings),
-    )
-
-
-def of_contest(contest: Contest) -> RenderableType:
-    """Lay out all methods on one recording: worth, numbers, and why some are not to be trusted.
-
-    Numbers of refused calibrations are here, dim, because they are compared with those of a spreadsheet or a paper;
-    nothing is written.
-    """
-    entries = [entry for entry in contest.entries if entry.fit is not None]
-    result = _method_numbers(entries) if entries else None
-    return page(Group(_worth(contest), _basis(contest)), result, notes(_reasons(contest)))
 
 
 # --------------------------------------------------------------------------------------------------- two calibrations
@@ -349,208 +299,10 @@ def _digits(share: float) -> str:
     return f"{figures(100 * share)}%" if abs(share) > 1e-9 else "0%"
 
 
-def recovery_rows(true: TwoAxis, estimate: TwoAxis) -> list[tuple[str, float, float, str]]:
-    """Name, true value, estimate and unit of each parameter."""
-    return [
-        ("scale x", true.scale[0], estimate.scale[0], ""),
-        ("scale y", true.scale[1], estimate.scale[1], ""),
-        ("offset x", true.offset[0], estimate.offset[0], " µT"),
-        ("offset y", true.offset[1], estimate.offset[1], " µT"),
-        ("skew", true.skew_deg, estimate.skew_deg, "°"),
-        ("noise", true.noise, estimate.noise, " µT"),
-    ]
-
-
-def _heading_cells(errors: Floats, radius: Floats) -> tuple[str, str, str]:
-    """Errors, rms and worst, and the range of the radius."""
-    rms, worst = float(np.sqrt(np.mean(errors**2))), float(np.abs(errors).max())
-    return angle(rms), angle(worst), f"{radius.min():.2f} to {radius.max():.2f} µT"
-
-
 # ------------------------------------------------------------------------------------------------------ many methods
 
 
-def duration(seconds: float) -> str:
-    """Write how long something took, to two digits."""
-    return f"{figures(seconds * 1e3)} ms" if seconds < 1.0 else f"{figures(seconds)} s"
-
-
-def _worth(contest: Contest) -> Table:
-    """Rms heading errors of each method: claimed, cross-validated, and from the first."""
-    names = ("\nclaimed", "cross-\nvalidated", f"from\n{contest.reference}", "\ntime", "\nverdict")
-    headings = [Column("heading error,\nrms", no_wrap=True), *whole_columns(names)]
-    return table(headings, [_method_row(entry) for entry in contest.entries])
-
-
-def _method_row(entry: Entry) -> tuple[RenderableType, ...]:
-    return (
-        Text(entry.method, "bold" if entry.verdict == "good" else ""),
-        _rms(None if entry.fit is None else entry.fit.heading_error_deg),
-        _rms(None if entry.validation is None else entry.validation.heading_error_deg),
-        _rms(entry.difference_deg),
-        duration(entry.seconds),
-        Text(entry.verdict, COLOURS[entry.verdict]),
-    )
-
-
-def _rms(error: HeadingError | None) -> str:
-    if error is None:
-        return "–"
-    return degrees(error.rms) if error.rms > ROUNDING_DEG else "0°"
-
-
-def _basis(contest: Contest) -> Text:
-    blocks = f"{contest.blocks} blocks of time, each held back once" if contest.blocks else "too few to hold any back"
-    if contest.stride > 1:
-        blocks = f"cross-validated on one of {contest.stride}: {blocks}"
-    return Text(f"{counted(contest.readings, 'reading')}; {blocks}", "dim")
-
-
-def _method_numbers(entries: list[Entry]) -> Text:
-    """Offsets, and matrices as their diagonal and what is above it, one line for each method."""
-    calibrations = [entry.fit.calibration for entry in entries if entry.fit is not None]
-    columns = [on_the_point(list(column)) for column in zip(*map(_entries, calibrations), strict=True)]
-    rows = [(" ".join(cells[:3]), " ".join(cells[3:])) for cells in zip(*columns, strict=True)]
-    width, (offset, matrix) = max(len(entry.method) for entry in entries), rows[0]
-    title = f"offset, {label(calibrations[0].unit)}".ljust(len(offset)) + "   "
-    text = Text(no_wrap=True, overflow="ignore")
-    text.append(f"{'':{width}}  {title}{'matrix: xx yy zz xy xz yz'.ljust(len(matrix))}\n", "dim")
-    for entry, row in zip(entries, rows, strict=True):
-        text.append(f"{entry.method:{width}}  {'   '.join(row)}\n", "dim" if entry.verdict == "refused" else "")
-    text.rstrip()
-    return text
-
-
-def _entries(calibration: Calibration) -> list[str]:
-    decimals = max(0, -math.floor(math.log10(FINEST * calibration.field_strength)))
-    offset = [f"{round(value, decimals) + 0.0:.{decimals}f}" for value in calibration.offset.tolist()]
-    return [*offset, *(f"{value:.4f}" for value in upper(calibration.matrix).tolist())]
-
-
-def _reasons(contest: Contest) -> list[tuple[str, str]]:
-    """Why a method is not to be trusted here: the gravest reason in words, the others by their code; each said once."""
-    said: dict[str, list[Entry]] = {}
-    for entry in contest.entries:
-        if entry.reasons:
-            also = f" (also {', '.join(entry.codes[1:])})" if len(entry.codes) > 1 else ""
-            said.setdefault(entry.reasons[0].replace(repr(entry.method), "it") + also, []).append(entry)
-    return [
-        (_SEVERITIES[entries[0].verdict], f"{', '.join(entry.method for entry in entries)}: {reason}")
-        for reason, entries in said.items()
-    ]
-
-
-_SEVERITIES: Final[dict[Verdict, Severity]] = {verdict: severity for severity, verdict in VERDICTS.items()}
-
-
 # ------------------------------------------------------------------------------------------ a fleet over time
-
-
-def of_drift(drift: FleetDrift) -> RenderableType:
-    """Lay out how a fleet changed: states, the units to recalibrate, what was moved, and batches."""
-    units = _units(drift) if drift.listed else None
-    steps = _steps(drift) if drift.steps else None
-    batches = _batches(drift) if drift.batches else None
-    return page(_states(drift), units, steps, batches, Group(*_remarks(drift)))
-
-
-def shown_when(seconds: float, recording: str) -> str:
-    """Write the day of a recording; where no date is known, the end of its name."""
-    if math.isfinite(seconds) or not recording:
-        return when(seconds)
-    return recording if len(recording) <= LONGEST else f"…{recording[1 - LONGEST :]}"
-
-
-def _states(drift: FleetDrift) -> Table:
-    rows = [
-        styled(STATE_COLOURS.get(name, "dim"), name, f"{drift.states[name]:,}", words)
-        for name, words in STATES.items()
-        if drift.states[name]
-    ]
-    return table((Column("units", no_wrap=True), "", Column("")), rows, is_dense=True)
-
-
-def _units(drift: FleetDrift) -> Table:
-    names = (Column("worst first", no_wrap=True), Column("state", no_wrap=True))
-    rows = [
-        (one.unit, one.state, *map(_known_angle, (one.worst_deg, one.sigma_deg, one.offset_deg, one.matrix_deg)),
-         shown_when(one.reference_s, one.reference), shown_when(one.newest_s, one.newest))
-        for one in drift.listed[:SHOWN]
-    ]  # fmt: skip
-    count = drift.states["recalibrate"] + drift.states["unsure"] if len(drift.listed) > SHOWN else 0
-    headings = (*names, "heading", "1 σ", "offset", "matrix", drift.against, "newest")
-    return table(headings, [*rows, *_more(count)], is_dense=True)
-
-
-def _known_angle(angle_deg: float) -> str:
-    """An angle of a table; nothing where it is not known."""
-    return "" if math.isnan(angle_deg) else degrees(angle_deg)
-
-
-def _steps(drift: FleetDrift) -> Table:
-    unit = common_unit(drift.steps)
-    by = f"offset by, {unit}" if unit else "offset by"
-    headings = (Column("moved", no_wrap=True), "heading", by, "chance", "after", "before")
-    rows = [
-        (one.unit, degrees(one.worst_deg),
-         f"{figures(math.hypot(*one.offset_change))} {label(one.unit_of_field)}".removesuffix(f" {unit}"),
-         chance(one.p_value), shown_when(one.before_s, one.before), shown_when(one.after_s, one.after))
-        for one in drift.steps[:SHOWN]
-    ]  # fmt: skip
-    return table(headings, [*rows, *_more(drift.step_count)], is_dense=True)
-
-
-def _batches(drift: FleetDrift) -> Table:
-    headings = (Column("batch", no_wrap=True), "units", "recalibrate", "changed", "steps", "not good")
-    rows = [_batch_row(one) for one in _shown_batches(drift.batches, SHOWN)]
-    return table((*headings, Column("stands out by")), [*rows, *_more(len(drift.batches))], is_dense=True)
-
-
-def _batch_row(one: BatchDrift) -> list[Text]:
-    counts = (one.units, one.states.get("recalibrate", 0), one.states.get("changed", 0), one.step_units)
-    cells = (*(f"{count:,}" for count in counts), percent(*one.not_good), ", ".join(one.stands_out))
-    return styled("yellow" if one.stands_out else "", one.batch or "not known", *cells)
-
-
-def _more(count: int) -> list[tuple[str]]:
-    """A row that says how many are not shown, if there are any."""
-    return [(f"and {count - SHOWN:,} more",)] if count > SHOWN else []
-
-
-def _shown_batches(batches: Sequence[BatchDrift], most: int) -> list[BatchDrift]:
-    """Take so many by name: those that stand out, and of the others those with the largest share that changed."""
-    worst = sorted(batches, key=lambda one: (not one.stands_out, -one.changed / max(one.units, 1), one.batch))[:most]
-    return sorted(worst, key=lambda one: one.batch)
-
-
-def _remarks(drift: FleetDrift) -> list[str]:
-    """What else there is to know, a line each."""
-    against = "its first" if drift.against == "first" else "the one before"
-    what = f"{counted(drift.calibrations, 'calibration')} of {counted(drift.units, 'unit')}"
-    remarks = [f"{what}; the newest of each against {against}, level vehicle, dip {abs(drift.dip_deg):.3g}°"]
-    remarks += about_order(drift)
-    if drift.variance_factor > 1.05:
-        remarks.append(
-            f"recordings scatter {figures(drift.variance_factor**0.5)} times as far as they claim: allowed for"
-        )
-    if drift.random_walk_deg_per_root_year > 0.005:
-        remarks.append(
-            f"slow drift of this fleet: {degrees(drift.random_walk_deg_per_root_year)} of heading over a year (1 σ)"
-        )
-    undated = drift.undated
-    if undated.units and undated.variance_factor > 1.05:
-        times = figures(undated.variance_factor**0.5)
-        remarks.append(f"recordings without dates scatter {times} times as far as they claim: allowed for")
-    if undated.units and undated.random_walk_deg_per_root_recording > 0.005:
-        by = f"{degrees(undated.random_walk_deg_per_root_recording)} of heading from one recording to the next (1 σ)"
-        remarks.append(f"slow drift where no dates are known: {by}")
-    if drift.without_calibration:
-        rows = counted(drift.without_calibration, "row")
-        remarks.append(f"{rows} left out: refused, failed, or in another unit than the others")
-    if drift.batches:
-        remarks.append(f"the batch is told by {drift.batch_source}")
-    share = f"{drift.false_alarm_probability:.0%} of fleets of this size in which nothing changed"
-    return [*remarks, f"chance alone lists a unit, or a step, in {share}"]
 
 
 # ------------------------------------------------------------------------------------------ what to choose from

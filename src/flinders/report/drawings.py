@@ -3,7 +3,7 @@
 A **swing** is a curve of deviation over the compass heading with its band of 1 σ, what was observed, and how far off it
 is.
 
->>> from flinders.heading.deviation import fit
+>>> from flinders.apps.marine.deviation import fit
 >>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
 >>> swing_drawing(swing).startswith("<svg"), swing_drawing(swing).count("<circle")
 (True, 8)
@@ -17,7 +17,7 @@ the right, as on a compass card with x ahead and y to the right. Rings are lengt
 A **convergence** is how an estimate settles while readings come in, also as a table (CSV).
 
 >>> from flinders.estimators import Readings
->>> from flinders.estimators.reference.sequential import Sequential
+>>> from flinders.apps.classic.recipes.sequential import Sequential
 >>> from flinders.simulate import tumble
 >>> steps = Sequential().converge(Readings.of(tumble(seed=1, n=400).samples), steps=8)
 >>> trace = Trace(steps, "sequential", unit="uT")
@@ -36,202 +36,31 @@ import numpy as np
 
 from flinders.arrays import runs
 from flinders.core.units import label
-from flinders.errors import FitError, counted, figures
+from flinders.errors import FitError, counted
 from flinders.estimators import Readings, within_range
-from flinders.fitting.claim import heading_words
-from flinders.heading.deviation import NAMES
 from flinders.heading.error_propagation import level_gradients
 from flinders.report.charts import (
     Axis,
     Panel,
-    Plot,
-    circle,
-    clipped,
-    compass_ticks,
     drawing,
-    key,
     nearest_round,
-    rectangle,
     round_up,
     segment,
     text,
-    thinned,
 )
-from flinders.report.fit_pages import evenness, is_mean
-from flinders.report.formatting import degrees, minus, with_uncertainty
+from flinders.report.formatting import minus, with_uncertainty
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
     from flinders.estimators import Convergence, Estimator
-    from flinders.estimators.reference.trace import Watched
-    from flinders.fitting.result import Fit
-    from flinders.geometry.plane import PlaneEllipse, Turn
-    from flinders.heading.deviation import Deviation
+    from flinders.estimators.trace import Watched
     from flinders.report.charts import Canvas
 
 # ------------------------------------------------------------------------------------------------------------- a swing
 
-GRID: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0)
-"""Degrees between the lines of the drawing."""
-LINES: Final = 4
-"""Lines above zero, at most, and as many below."""
-
-NARROW: Final = """\
-.figure .curve { stroke-width: 2.5 }
-@media (max-width: 520px) { .figure text, .figure .title { font-size: 21px } .figure .between { display: none } }
-"""
-"""On a narrow screen letters are larger and every second number is left out."""
-
-
-def swing_drawing(deviation: Deviation) -> str:
-    """Draw a curve of deviation and what it was fitted to."""
-    around = np.arange(0.0, 361.0, 2.0)
-    curve, sigma = deviation.at(around), deviation.sigma_at(around)
-    spread = 0.0 if sigma is None else float(sigma.max())
-    largest = min(1.04 * (float(np.abs([*curve, *deviation.observed_deg]).max()) + spread), 180.0)
-    step = next((step for step in GRID if LINES * step >= largest), GRID[-1])
-    count = max(math.ceil(largest / step), 1)
-
-    def draw(canvas: Canvas) -> list[str]:
-        band = "" if sigma is None else canvas.area("band", around, curve - sigma, curve + sigma)
-        return [band, canvas.line("curve corrected", around, curve)]
-
-    numbers = [(line * step, _sided(line * step)) for line in range(-count, count + 1)]
-    panel = Panel(Axis(0.0, 360.0), Axis(-step * count, step * count), draw, x_ticks=compass_ticks(), y_ticks=numbers)
-    plot = panel.at(92, 84, 576, 300)
-    edge = rectangle("", plot.left - 8, plot.top, plot.width + 16, plot.height)
-    pairs = zip(NAMES, (deviation.coefficients_deg.round(2) + 0.0).tolist(), strict=True)  # no −0.00
-    return drawing(
-        720,
-        452,
-        "Deviation over compass heading",
-        text(24, 30, "Deviation, magnetic less compass", "start", "title"),
-        text(24, 58, "\N{EM SPACE}".join(minus(f"{name} {value:+.2f}°") for name, value in pairs), "start"),
-        key(696, 30, ("raw", "seen"), ("corrected", "curve" if sigma is None else "curve ± 1 σ")),
-        panel.grid(plot, gap=24),
-        clipped("inside", edge, *panel.draw(plot), _observed(deviation, plot)),
-        text(plot.middle, 436, "heading by compass"),
-        style=NARROW,
-    )
-
-
-def _sided(deviation_deg: float) -> str:
-    """Degrees, east or west."""
-    side = " E" if deviation_deg > 0.0 else " W" if deviation_deg < 0.0 else ""
-    return f"{abs(deviation_deg):.4g}°{side}"
-
-
-def _observed(deviation: Deviation, plot: Plot) -> str:
-    """What was observed, each joined to the curve."""
-    rows = zip(deviation.compass_deg, deviation.observed_deg, deviation.residual_deg, strict=True)
-    return "".join(
-        segment("residual", plot.x(heading), plot.y(observed - residual), plot.x(heading), plot.y(observed))
-        + circle("observed", plot.x(heading), plot.y(observed), 5)
-        for heading, observed, residual in rows
-    )
-
 
 # ------------------------------------------------------------------------------------------------- a turn in one plane
-
-RADIUS, LEFT, RIGHT, MIDDLE = 152, 206.0, 594.0, 288.0
-"""Of the two charts: their radius, where their centres lie across, and how far down."""
-
-SHOWN: Final = 720
-"""Points that are drawn; more would be a smear."""
-
-AROUND: Final = np.linspace(0.0, 2.0 * np.pi, 120, endpoint=False)
-CIRCLE: Final = np.stack([np.cos(AROUND), np.sin(AROUND)], axis=1)
-
-
-def turn_drawing(turn: Turn, fit: Fit) -> str:
-    """Draw a turn before and after the correction of a fit; of a refused one it says so, and gives no number of it."""
-    loaded, unit = turn.recipe if is_mean(fit) else turn.ellipse, label(fit.calibration.unit)
-    title = f"Turn in the plane {turn.plane}: {turn.spacing.points:,} points"
-    subtitle = f"method {fit.method}; {evenness(turn, fit.claim.target_deg, is_mean=is_mean(fit))}"
-    points, ellipse = thinned(turn.points, SHOWN), loaded.centre + CIRCLE @ loaded.shape
-    return drawing(
-        800,
-        524,
-        f"{title}, before and after correction",
-        text(24, 34, title, "start", "title"),
-        text(24, 56, subtitle, "start"),
-        text(776, 34, "REFUSED: not fit for use" if fit.verdict == "refused" else "", "end", "title refused"),
-        _side(LEFT, "before", turn.plane, unit, points, ellipse, loaded),
-        _words(LEFT, "before", *_words_before(loaded, fit, unit)),
-        _side(RIGHT, "after", turn.plane, unit, loaded.correct(points), loaded.radius * CIRCLE),
-        _words(RIGHT, "after", *_words_after(loaded, fit, unit)),
-    )
-
-
-def ring_step(largest: float) -> float:
-    """Length from ring to ring: 1, 2 or 5 times a power of ten, so that three to seven of them hold a length."""
-    power = 10.0 ** math.floor(math.log10(largest / 2.0))
-    return next((step * power for step in (0.5, 1.0, 2.0, 5.0) if largest / (step * power) <= 5.0), 5.0 * power)
-
-
-def _polar(x: float, points: Floats, plane: str, unit: str) -> tuple[Plot, str]:
-    """Axes around a place of the drawing whose rings hold (n, 2) points; rings with their lengths, spokes and names."""
-    largest = float(np.linalg.norm(points, axis=1).max())
-    step = ring_step(largest)
-    rings = math.ceil(largest / step)
-    end = Axis(-step * rings, step * rings)
-    parts = []
-    for ring in range(1, rings + 1):
-        is_edge, radius = ring == rings, RADIUS * ring / rings
-        out = 4.0 + radius * math.sqrt(0.5)
-        parts.append(circle("edge" if is_edge else "ring", x, MIDDLE, round(radius, 1)))
-        parts.append(text(x + out, MIDDLE + out + 8, f"{ring * step:g}{f' {unit}' * is_edge}", "start"))
-    spokes = np.radians(range(0, 360, 30)).tolist()
-    parts += [
-        *(segment("grid", x, MIDDLE, x + RADIUS * math.sin(one), MIDDLE - RADIUS * math.cos(one)) for one in spokes),
-        text(x, MIDDLE - RADIUS - 8, f"+{plane[0]}", kind="name"),
-        text(x, MIDDLE + RADIUS + 18, f"−{plane[0]}", kind="name"),
-        text(x + RADIUS + 8, MIDDLE + 5, f"+{plane[1]}", "start", "name"),
-        text(x - RADIUS - 8, MIDDLE + 5, f"−{plane[1]}", "end", "name"),
-    ]
-    return Plot(x - RADIUS, MIDDLE - RADIUS, 2.0 * RADIUS, 2.0 * RADIUS, end, end), "".join(parts)
-
-
-def _side(
-    x: float, kind: str, plane: str, unit: str, points: Floats, outline: Floats, loaded: PlaneEllipse | None = None
-) -> str:
-    """Points, and the ellipse or circle that they lie on; of what is loaded, the long axis and the offset."""
-    plot, grid = _polar(x, np.concatenate([points, outline]), plane, unit)
-    size = 4.0 if len(points) <= 72 else 2.5
-    places = plot.places(*points.T[::-1]).tolist()
-    marks = "".join(circle(f"point {kind}", right, down, size) for right, down in places)
-    edge = plot.line(f"outline {kind}", *outline.T[::-1], is_closed=True)
-    if loaded is None:
-        return grid + edge + marks
-    angle = math.radians(loaded.direction_deg)
-    along = loaded.semi_axes[0] * np.array([math.cos(angle), math.sin(angle)])
-    ends = np.array([loaded.centre - along, loaded.centre + along])
-    return grid + edge + plot.line("aim", *ends.T[::-1]) + marks + plot.arm(*loaded.centre[::-1].tolist())
-
-
-def _words_before(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
-    if fit.verdict == "refused":
-        return "the ellipse that this method makes of the points", "nothing of it is to be used"
-    offset = ", ".join(minus(figures(value, 3)) for value in loaded.centre.tolist())
-    return (
-        f"offset {offset} {unit}; axis ratio {loaded.ratio:.3f}",
-        f"heading off by up to {degrees(fit.claim.uncorrected_heading_error_deg.worst)}",
-    )
-
-
-def _words_after(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
-    if fit.verdict == "refused":
-        return f"heading off by up to {heading_words(fit.claim)}", "not to be used"
-    return (
-        f"circle of {figures(loaded.radius, 4)} {unit}, points {figures(fit.noise)} {unit} off (1 σ)",
-        f"heading good to {heading_words(fit.claim)}",
-    )
-
-
-def _words(x: float, title: str, first: str, second: str) -> str:
-    """A title above a chart and two lines below it."""
-    return text(x, 98, title, kind="title") + text(x, 484, first) + text(x, 504, second)
 
 
 # ------------------------------------------------------------------------------------------------------- a convergence

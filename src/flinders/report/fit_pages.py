@@ -20,17 +20,13 @@ from rich.console import Group
 from rich.table import Column
 from rich.text import Text
 
-from flinders.comparison.composition import ANY_ANGLE, turns_of
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures, in_python
-from flinders.estimators.reference.minmax import MinMax
-from flinders.estimators.two_axis import TwoAxisRecipe
+from flinders.estimators.minmax import MinMax
 from flinders.findings import advice, first_causes, limit_of
-from flinders.findings.words import turns
 from flinders.fitting.axis_extremes import Extremes
 from flinders.fitting.claim import dip_words, heading_words
 from flinders.fitting.result import Fit, fit_of
-from flinders.geometry.plane import across
 from flinders.report.formatting import (
     aligned,
     condition,
@@ -62,11 +58,8 @@ if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
     from flinders.errors import FlindersError, Spelling
     from flinders.findings import Finding, Verdict
-    from flinders.geometry.plane import PlaneEllipse, Turn
 
 NOISE_REFUSED: Final = limit_of("noise", "refuses")
-NEGLIGIBLE: Final = 0.1
-"""Of the target: what costs less is not worth a word."""
 
 
 IN_NEARLY_EVERY_FIT: Final = ("scale-unknown", "rotation-unknown")
@@ -168,22 +161,6 @@ def of_several(together: Together, target_deg: float, spell: Spelling = in_pytho
     basis = f"heading: the worst error, 1 σ, level vehicle; the target is {target_deg:g}°"
     said = Group(notes(reasons), Text(f"{_agreed(together)}\n{basis}", "dim"))
     return page(table(headings, rows), said)
-
-
-def of_turn(
-    fit: Fit, turn: Turn, spell: Spelling = in_python, *, composed: Fit | None, after: str | None
-) -> RenderableType:
-    """Lay out a turn in one plane, its calibration, and what it makes of the one that was loaded before."""
-    mean_style, least_style = ("bold", "") if is_mean(fit) else ("", "bold")
-    headings = (
-        f"plane {turn.plane}, turned about {across(turn.plane)}",
-        Column("mean and scatter", justify="right", style=mean_style),
-        Column("least squares", justify="right", style=least_style),
-    )
-    recipe = table(headings, plane_rows(turn, label(fit.calibration.unit)))
-    words = spacing_words(turn, fit.claim.target_deg, is_mean=is_mean(fit))
-    more = [] if composed is None else [_composed(composed, after, spell)]
-    return Group(page(recipe, words), of_fit(fit, spell), *more)
 
 
 # ---------------------------------------------------------------------------------------------------------- one fit
@@ -385,65 +362,3 @@ def _agreed(together: Together) -> str:
 
 
 # -------------------------------------------------------------------------------------------------- a turn in one plane
-
-
-def is_mean(fit: Fit) -> bool:
-    """Whether the offset is the mean of the points."""
-    return fit.method == f"{TwoAxisRecipe.name} {fit.claim.plane}"
-
-
-def plane_rows(turn: Turn, unit: str) -> list[tuple[str, str, str]]:
-    """Name, what mean and scatter give and what least squares give, of each number of the recipe."""
-    points, axes = f"{turn.spacing.points:,}", ["xyz".index(axis) + 1 for axis in turn.plane]
-    entries = [f"S{row}{column}" for row in axes for column in axes]
-    means = [f"mean H{axis}" for axis in turn.plane]
-    names = (*means, "eigenvalues", "semi-axes", "axis ratio", "skew angle", *entries)
-    cells = (_ellipse_cells(ellipse, unit) for ellipse in (turn.recipe, turn.ellipse))
-    return [("points", points, points), *zip(names, *cells, strict=True)]
-
-
-def _ellipse_cells(ellipse: PlaneEllipse, unit: str) -> list[str]:
-    """Write an ellipse as the recipe has it."""
-    first, second = (figures(value, 6) for value in ellipse.eigenvalues.tolist())
-    long, short = (figures(axis, 6) for axis in ellipse.semi_axes.tolist())
-    return [
-        *(f"{value:.4f} {unit}" for value in ellipse.centre.tolist()),
-        f"{first}, {second}",
-        f"{long}, {short} {unit}",
-        f"{ellipse.ratio:.5f}",
-        f"{ellipse.direction_deg + 0.0:+.3f}°",
-        *(f"{entry + 0.0:+.6f}" for entry in ellipse.matrix.ravel().tolist()),
-    ]
-
-
-def spacing_words(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
-    """Say how the points are spaced, and whether their mean is the centre."""
-    spacing = turn.spacing
-    instead = "" if spacing.is_even(within_deg=target_deg) or not is_mean else "; use --method ellipse"
-    return (
-        f"{counted(spacing.points, 'point')}, widest gap {spacing.widest_gap_deg:.0f}°, first harmonic "
-        f"{spacing.first_harmonic:.3f}, second {spacing.second_harmonic:.3f}: "
-        f"{evenness(turn, target_deg, is_mean=is_mean)}{instead}"
-    )
-
-
-def evenness(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
-    """Say what the spacing of the points costs, or would cost, those who take the mean."""
-    spacing = turn.spacing
-    if spacing.cost_deg < NEGLIGIBLE * target_deg:
-        return "evenly spaced, the mean can be trusted"
-    cost = f"the mean {'costs' if is_mean else 'would cost'} up to {degrees(spacing.cost_deg)} of heading"
-    if spacing.is_even(within_deg=target_deg):
-        return f"{cost}, within the target of {target_deg:g}°"
-    return f"not evenly spaced, {cost}"
-
-
-def _composed(composed: Fit, after: str | None, spell: Spelling) -> RenderableType:
-    """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
-    error = composed.heading_error_deg
-    words = good_to(composed) if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
-    basis = f"{turns(turns_of(composed))}; level, dip {error.dip_deg:.3g}°"
-    said = _graded(composed.verdict, f"{words}, with limits:", basis)
-    title = Text(f"composed with {after}, to be loaded in its place", "bold")
-    result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))
-    return Group(page(result, said), findings(composed.findings, spell))

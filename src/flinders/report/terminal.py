@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
-    from flinders.heading.deviation import Deviation
     from flinders.report.figure_data import FigureData
     from flinders.report.view import View
 
@@ -135,9 +134,6 @@ DRAWN: Final = f"⣿{LETTERS[False]}"
 
 TINTS: Final = ("green", "green", "yellow", "red")
 
-STEPS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 45.0, 60.0, 90.0, 180.0)
-"""Degrees at the ends of the axis of deviation."""
-
 
 def plot(drawn: FigureData, fit: Fit, *, is_plain: bool = False, width: int = 80) -> Text:
     """Draw a good or limited fit in twelve lines; on a narrow terminal without the map.
@@ -212,12 +208,6 @@ def _map(view: View, fit: Fit) -> Iterator[list[int]]:
             (0 if error is not None and error <= fit.claim.target_deg else 2) + (0 if seen else 1)
             for error, seen in zip(errors, is_seen.tolist(), strict=True)
         ]
-
-
-def axis_end(deviation: Deviation) -> float:
-    """Degrees at the ends of the axis of characters: the least step beyond curve and observations."""
-    largest = max(deviation.largest_deg, float(np.abs(deviation.observed_deg).max()))
-    return next((step for step in STEPS if step >= largest), STEPS[-1])
 
 
 def dotted(value: float, end: float, width: int, *, seen: float | None = None) -> str:

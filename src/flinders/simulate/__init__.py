@@ -47,8 +47,7 @@ Anything can be put together:
 >>> rough.disturbances, rough.samples.current.shape, rough.samples.temperature.shape
 (('motor', 'drift', 'step', 'magnet'), (2000,), (2000,))
 
-A two-axis compass is `TwoAxis`, and `swing` turns it around; `truth.Truth` keeps what is true in a file; `fleet` makes
-any number of units, some of them with a fault. `calibration_flight` flies an `Aircraft` with a scalar magnetometer.
+`truth.Truth` keeps what is true in a file.
 """
 
 from __future__ import annotations
@@ -57,8 +56,7 @@ import numpy as np  # noqa: F401  for the examples above
 
 from flinders.geometry.rotation import rotation_vectors
 from flinders.geometry.sphere import clump, clumped, fibonacci, hemisphere, uniform
-from flinders.simulate import fleet, truth
-from flinders.simulate.aircraft import Aircraft, Flight, Manoeuvre, calibration_flight, fluxgate
+from flinders.simulate import truth
 from flinders.simulate.disturbances import (
     FieldStep,
     GaussMarkov,
@@ -90,15 +88,11 @@ from flinders.simulate.motions import (
 )  # fmt: skip
 from flinders.simulate.recording import RATE_NOISE, Imu, Simulated, angle_error_deg, specific_force, tumble, write_csv
 from flinders.simulate.sensor import Sensor, soft_iron
-from flinders.simulate.survey import SimulatedSurvey, survey_shots
-from flinders.simulate.two_axis import TwoAxis, swing
 
 __all__ = [
-    "MOTIONS", "RATE_HZ", "RATE_NOISE", "Aircraft", "FieldStep", "Flight", "GaussMarkov", "Imu", "Manoeuvre",
-    "MotorCurrent", "Motors", "PassingMagnet", "Perturbation", "Sensor", "Simulated", "SimulatedSurvey", "Step",
-    "ThermalDrift", "Trajectory", "TwoAxis", "angle_error_deg", "calibration_flight", "clump", "clumped", "drive",
-    "fibonacci", "figure_eight", "fleet", "flight", "fluxgate", "hand_tumble", "hemisphere", "level_turn",
+    "MOTIONS", "RATE_HZ", "RATE_NOISE", "FieldStep", "GaussMarkov", "Imu", "MotorCurrent", "Motors",
+    "PassingMagnet", "Perturbation", "Sensor", "Simulated", "Step", "ThermalDrift", "Trajectory", "angle_error_deg",
+    "clump", "clumped", "drive", "fibonacci", "figure_eight", "flight", "hand_tumble", "hemisphere", "level_turn",
     "north_and_down", "planar_sweeps", "posed", "rocked", "rotation_vectors", "seen_from", "soft_iron",
-    "specific_force", "stray_fields", "survey_shots", "swayed", "swing", "tilted", "truth", "tumble", "turns",
-    "uniform", "write_csv",
+    "specific_force", "stray_fields", "swayed", "tilted", "truth", "tumble", "turns", "uniform", "write_csv",
 ]  # fmt: skip

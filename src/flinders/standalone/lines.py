@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Final
 from flinders.core import silence, units
 from flinders.live import transcript
 from flinders.readers import (
-    READERS,
     _clock,
     _columns,
     _devices,
@@ -26,6 +25,7 @@ from flinders.readers import (
     _names,
     _source,
     _tokenizer,
+    registry,
 )
 from flinders.readers.dialects import (
     boxed,
@@ -148,7 +148,7 @@ def _portable(value: Any) -> Any:  # noqa: ANN401 - as JSON
 
 def _files() -> dict[str, Any]:
     """What files are by their endings and first bytes: recordings that a program reads, and other files."""
-    rows = [row for row in READERS if row.name != "text"]
+    rows = [row for row in registry() if row.name != "text"]
     return {
         "suffixes": {suffix: row.title for row in rows for suffix in row.suffixes if suffix not in (".log", ".zip")},
         "starts": {start.hex(): row.title for row in rows for start in row.starts if len(start) > 1},

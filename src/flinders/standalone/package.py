@@ -19,10 +19,9 @@ from typing import Any, Final
 import numpy as np
 
 from flinders.core.calibration_file import VERSION as SCHEMA
-from flinders.core.files import make_folder, reason, write_bytes
+from flinders.core.files import licence, make_folder, reason, write_bytes
 from flinders.core.geomag import newest_model
 from flinders.errors import NoEngine, OutputError
-from flinders.firmware.package import licence
 from flinders.fitting import refreshing
 from flinders.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
 from flinders.native import build

@@ -26,7 +26,7 @@ from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import VERSION
 from flinders.core.units import COUNTS, MICROTESLA, PER_UNIT, Unit
 from flinders.errors import FlindersError, figures
-from flinders.targets import ardupilot, motioncal, px4, registry
+from flinders.targets import motioncal, registry
 from flinders.targets._target import ASCII, COARSEST_DEG, DIRECTIONS, NEXT_TO_NOTHING
 from flinders.targets.code import digits
 
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Rotation
     from flinders.targets import Export, Target
+    from flinders.targets._target import Limit
 
 NAMES: Final = (
     "c", "arduino", "micropython", "motioncal", "adafruit-eeprom", "sensorlab", "ardupilot", "px4", "px4-shell",
@@ -77,7 +78,7 @@ def data() -> dict[str, Any]:
     """All that ``standalone/targets.js`` writes targets and calibration files by."""
     slots = _Slots()
     return {
-        "rows": [_row(registry()[name], slots) for name in NAMES],
+        "rows": [_row(registry()[name], slots) for name in NAMES if name in registry()],
         "slots": slots.rows,
         "ascii": {chr(code): text for code, text in ASCII.items()},
         "schema": VERSION,
@@ -126,7 +127,7 @@ def _row(target: Target, slots: _Slots) -> dict[str, Any]:
         "suffix": target.suffix,
         "comment": target.comment and asdict(target.comment),
         "relative": bool(target.lengths),
-        "limits": _limits(target.family, slots),
+        "limits": [_limit(limit, slots) for limit in target.limits],
         "variants": {name: _variant(target, calibration, slots) for name, calibration in _variants(target)},
     }
 
@@ -213,27 +214,8 @@ def _packet(content: bytes, calibration: Calibration, slots: _Slots) -> dict[str
     }
 
 
-def _limits(family: str, slots: _Slots) -> list[dict[str, Any]]:
-    """Parameters that an autopilot takes between two values only; several slots are the axes of a length."""
-
-    def limit(name: str, array: str, places: tuple[int, ...], over: float, low: float, high: float) -> dict[str, Any]:
-        each = [slots.place({"of": array, "at": at, "over": over, "sign": 1, "format": "general"}) for at in places]
-        return {"name": name, "slots": each, "low": low, "high": high}
-
-    diagonal, others = zip("XYZ", (0, 4, 8), strict=True), zip("XYZ", (1, 2, 5), strict=True)
-    if family == "px4":
-        bounds = (px4.LEAST_SCALE, px4.MOST_SCALE)
-        return [limit(f"CAL_MAG0_{axis}SCALE", "matrix", (at,), 1.0, *bounds) for axis, at in diagonal]
-    if family != "ardupilot":
-        return []
-    own = ardupilot
-    edges = (-own.MOST_OFF_DIAGONAL, own.MOST_OFF_DIAGONAL)
-    return [
-        limit("COMPASS_OFS", "offset", (0, 1, 2), own.MG, 0.0, own.MOST_OFFSET),
-        *(
-            limit(f"COMPASS_DIA_{axis}", "iron", (at,), 1.0, own.LEAST_DIAGONAL, own.MOST_DIAGONAL)
-            for axis, at in diagonal
-        ),
-        *(limit(f"COMPASS_ODI_{axis}", "iron", (at,), 1.0, *edges) for axis, at in others),
-        limit("COMPASS_SCALE", "scale", (0,), 1.0, 1 / own.MOST_SCALE, own.MOST_SCALE),
-    ]
+def _limit(limit: Limit, slots: _Slots) -> dict[str, Any]:
+    """A parameter that a target takes between two values only; several slots are the axes of a length."""
+    common = {"over": limit.unit, "sign": 1, "format": "general"}
+    places = [slots.place({"of": limit.quantity, "at": at, **common}) for at in limit.places]
+    return {"name": limit.name, "slots": places, "low": limit.low, "high": limit.high}

@@ -13,12 +13,12 @@ entry points ``flinders.targets``.
 
 from __future__ import annotations
 
+import sys
 from functools import cache
 from importlib import import_module
-from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Final
 
-from flinders.core.plugins import plugin_rows
+from flinders.core.plugins import modules_of, plugin_rows
 from flinders.errors import DocumentError, PluginError, UsageError, did_you_mean
 from flinders.targets._target import Export, ExportOptions, Target, TargetReader, Written
 
@@ -57,9 +57,8 @@ def registry() -> Mapping[str, Target]:
 
     Raises `PluginError` for a package whose targets cannot be loaded, or have the name of another.
     """
-    there = sorted(module.name for module in iter_modules(__path__) if not module.name.startswith("_"))
-    ordered = [*(name for name in FIRST if name in there), *(name for name in there if name not in FIRST)]
-    targets = {row.name: row for name in ordered for row in import_module(f"{__name__}.{name}").TARGETS}
+    modules = map(import_module, modules_of(sys.modules[__name__], "TARGETS", first=FIRST).values())
+    targets = {row.name: row for module in modules for row in module.TARGETS}
     for row in plugin_rows("flinders.targets", Target):
         if row.name in targets:
             raise PluginError(row.write.__module__, f"there is a target {row.name!r} already")

@@ -21,7 +21,7 @@ import re
 import textwrap
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Self, TypeAlias
 
 import numpy as np
 
@@ -225,6 +225,17 @@ class TargetReader:
         return re.search(self.mark, head) is not None
 
 
+class Limit(NamedTuple):
+    """A parameter that a target takes between two values only."""
+
+    name: str
+    quantity: str  # ``offset``, ``matrix``, ``scale`` (mean of its diagonal), or ``iron`` (matrix over scale)
+    places: tuple[int, ...]  # in it, row after row; of several, the length is meant
+    low: float
+    high: float
+    unit: float = 1.0  # µT in one of its numbers
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
     """One row of the table of targets."""
@@ -257,6 +268,7 @@ class Target:
     compasses: range | None = None  #: numbers of the compasses that it keeps; with them it takes ``--compass``
     named: bool = False  #: names in it stand in a program beside those of others, and it takes ``--name``
     mountings: MountingTable | None = None  #: those that it can be given; with them it takes ``--mounting``
+    limits: tuple[Limit, ...] = ()  #: of its parameters
 
     @property
     def where(self) -> str:

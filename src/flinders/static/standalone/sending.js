@@ -1,6 +1,6 @@
 /**
  * Sends a calibration to a board as MotionCal does, and reads its echo: two lines with what the board holds, ten numbers and
- * nine. Only when both hold what was sent is it confirmed. `flinders.live.motioncal` has the tolerance and its reasons.
+ * nine. Only when both hold what was sent is it confirmed. `flinders.links.motioncal` has the tolerance and its reasons.
  */
 
 import { Refusal } from "../dom.js";

@@ -1,0 +1,41 @@
+"""``flinders firmware``: the calibrator for a microcontroller."""
+
+from __future__ import annotations
+
+from flinders.cli import _options as option
+from flinders.cli import _program as program
+from flinders.cli._output import print_json, say
+
+
+class Firmware(program.Group):
+    """Where the package goes."""
+
+    folder: str = program.member("--out", required=True, metavar="DIR", help="Folder of the package; it is made.")
+    force: bool = option.force()
+    as_json: bool = option.as_json()
+
+
+@program.command_of(
+    "firmware",
+    Firmware,
+    common=("folder", "force", "as_json"),
+    epilog="""\b
+Example:
+  flinders firmware --out ~/Arduino/libraries/Flinders
+  flinders live --port /dev/ttyACM0
+""",
+)
+def command(options: Firmware) -> None:
+    """Write a library for Arduino, PlatformIO and CMake that calibrates a magnetometer on the board.
+
+    It is C99 without dependencies: the engine of this program in single precision, with the rules of the verdict that
+    need no more than 300 readings. Its example is a sketch for the LIS3MDL, which prints what flinders live reads, and
+    takes a calibration from flinders send --port.
+    """
+    from flinders.apps.board import package
+
+    files = package.write(options.folder, force=options.force)
+    if options.as_json:
+        print_json({"folder": options.folder, "version": package.VERSION, "files": list(map(str, files))})
+        return
+    say(f"{len(files)} files in {options.folder}: put the folder where libraries are, and open its example LIS3MDL")

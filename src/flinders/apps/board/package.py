@@ -1,0 +1,130 @@
+"""Writes the firmware package: one folder that Arduino, PlatformIO and CMake take as a library.
+
+The C files are those of the engine (`flinders.native`), as they are, with `board.c` and `packet.c` on top. Two
+definitions at the head of its `flinders.h` select single precision and a small stack.
+
+>>> sorted(contents())[:3]
+['CMakeLists.txt', 'LICENSE', 'README.md']
+>>> "src/likelihood.c" in contents()
+True
+"""
+
+from __future__ import annotations
+
+import json
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final
+
+from flinders.apps.board import poses
+from flinders.core.files import licence, make_folder, write_text
+from flinders.errors import OutputExists
+from flinders.native.build import HERE as NATIVE
+
+BOARD: Final = Path(__file__).parent / "board"
+
+ENGINE: Final = (
+    "flinders.h", "flinders_rules.h", "internal.h", "judge.h", "random.h", "record.h", "residuals.h", "sums.h",
+    "claim.c", "cloud.c", "covariance.c", "dispatch.c", "fit.c", "guidance.c", "heading.c", "judge.c", "kernels.c",
+    "likelihood.c", "linear.c", "quality.c", "random.c", "residuals.c", "rests.c", "robust.c", "rules.c", "runs.c",
+    "start.c", "sums.c",
+)  # fmt: skip
+"""Files of the engine that a board needs."""
+
+CONFIGURATION: Final = """\
+/* Single precision, and a stack of a few kilobytes. Define FLINDERS_DOUBLE where the processor has double precision. */
+#define FLINDERS_SMALL
+#ifndef FLINDERS_DOUBLE
+#define FLINDERS_FLOAT
+#endif
+
+"""
+"""Head of `flinders.h` on a board."""
+
+
+NAME: Final = "Flinders"
+VERSION: Final = version("flinders")
+AUTHORS: Final = "The Flinders developers"
+SENTENCE: Final = "Calibrates a magnetometer on the board, and says what heading error to expect."
+PARAGRAPH: Final = "Maximum-likelihood fit of offset and soft iron, verdict, and how to hold the sensor next."
+
+
+def write(directory: str | Path, *, force: bool = False) -> list[Path]:
+    """Write the package.
+
+    Parameters
+    ----------
+    directory : str or Path
+        The folder, which is made; its name is no matter.
+    force : bool
+        Replace files that are there.
+
+    Returns
+    -------
+    list of Path
+        The files, in order of name.
+
+    Raises
+    ------
+    OutputExists
+        Where a file is there and `force` is not given; nothing was written then.
+    OutputError
+        Where a file cannot be written.
+    """
+    files = {Path(directory, name): text for name, text in sorted(contents().items())}
+    for path in files:
+        if path.exists() and not force:
+            raise OutputExists(path)
+    for path, text in files.items():
+        make_folder(path.parent)
+        write_text(text, path, force=force)
+    return list(files)
+
+
+def contents() -> dict[str, str]:
+    """Every file of the package by its name."""
+    engine = {f"src/{name}": (NATIVE / name).read_text(encoding="utf-8") for name in ENGINE}
+    engine["src/flinders.h"] = CONFIGURATION + engine["src/flinders.h"]
+    own = (path for path in BOARD.rglob("*") if path.is_file())
+    return {
+        **engine,
+        **{path.relative_to(BOARD).as_posix(): path.read_text(encoding="utf-8") for path in own},
+        "src/poses.c": poses.source(),
+        "library.properties": _properties(),
+        "library.json": _manifest(),
+        "LICENSE": licence(),
+    }
+
+
+def _properties() -> str:
+    """`library.properties` of Arduino's library specification 1.5, rev. 2.2."""
+    fields = {
+        "name": NAME,
+        "version": VERSION,
+        "author": AUTHORS,
+        "maintainer": AUTHORS,
+        "sentence": SENTENCE,
+        "paragraph": PARAGRAPH,
+        "category": "Sensors",
+        "url": "",  # the project has none, and the field has to be there
+        "architectures": "*",
+        "includes": "flinders_board.h",
+    }
+    return "".join(f"{name}={value}\n" for name, value in fields.items())
+
+
+def _manifest() -> str:
+    """`library.json` of PlatformIO."""
+    fields = {
+        "name": NAME,
+        "version": VERSION,
+        "description": f"{SENTENCE} {PARAGRAPH}",
+        "keywords": ["magnetometer", "compass", "calibration", "hard iron", "soft iron"],
+        "authors": [{"name": AUTHORS, "maintainer": True}],
+        "license": "BSD-3-Clause",
+        "headers": "flinders_board.h",
+        "frameworks": "*",
+        "platforms": "*",
+        "build": {"flags": ["-ffp-contract=off"]},
+    }
+    return json.dumps(fields, indent=2) + "\n"

@@ -1,0 +1,3 @@
+"""What this package adds to tables of the library, by names of its modules; nothing is imported before it is used."""
+
+COMMANDS = {"firmware": ("Sensors on a wire", "cli.firmware", "Write the calibrator for a microcontroller.")}

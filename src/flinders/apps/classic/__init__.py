@@ -1,0 +1,31 @@
+"""Published recipes, each under its own name, as papers, data sheets and course notes have them.
+
+For whoever has to reproduce one, or wants to know what it costs; `flinders.fit` does better in every case that we know.
+
+- ``recipes``: estimators after their papers; `two_axis_recipe`: mean and scatter of a turn in one plane
+- `methods`: every method on one recording, side by side
+- `composition`: one turn after another, each with the last calibration loaded
+- `budget`: stray fields of wires and magnets; `adis16480`: registers of ADIS16480 and 16488
+- `simulate_two_axis`: a two-axis compass with known truth; `recovery`: what the recipe finds of it
+- `pages`, `methods_page`, `budget_page`, `turn_drawing`: what is shown; ``cli``: commands
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from flinders.core.lazy import attributes
+
+if TYPE_CHECKING:
+    from flinders.apps.classic.methods import compare_methods as compare_methods
+    from flinders.apps.classic.simulate_two_axis import TwoAxis as TwoAxis
+    from flinders.apps.classic.simulate_two_axis import swing as swing
+
+PUBLIC = {
+    "TwoAxis": "simulate_two_axis",
+    "compare_methods": "methods",
+    "swing": "simulate_two_axis",
+}
+
+if not TYPE_CHECKING:
+    __getattr__ = attributes(__name__, PUBLIC)

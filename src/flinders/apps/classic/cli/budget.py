@@ -1,0 +1,189 @@
+"""``flinders budget``: how much stray field there may be, and how far away its source must be."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import click
+
+from flinders.cli import _options as option
+from flinders.cli import _program as program
+from flinders.cli._output import print_result
+from flinders.errors import UsageError
+
+if TYPE_CHECKING:
+    from flinders.apps.classic.budget import Budget, UnitValue
+
+
+def _quantity(name: str, example: str, words: str) -> program.Field:
+    """An option that takes a number and its unit as they are typed."""
+    return program.member(f"--{name}", metavar="VALUE", help=f"{words}, such as {example}.")
+
+
+class Heading(program.Group):
+    """The stray field, and the heading error it makes in which field."""
+
+    field: str | None = _quantity("field", "150mG", "Horizontal part of the earth's field")
+    stray: str | None = _quantity("stray", "2.6mG", "Stray field")
+    error: str | None = _quantity("error", "1deg", "Worst heading error over all headings")
+    as_json: bool = option.as_json(heading="")
+
+
+class Wire(program.Group):
+    """A wire whose return is far away."""
+
+    current: str | None = _quantity("current", "0.2A", "Current in the wire")
+    distance: str | None = _quantity("distance", "1cm", "Distance from the middle of the wire")
+    heading: Heading = program.group(Heading)
+
+
+class Pair(program.Group):
+    """A wire and its return."""
+
+    current: str | None = _quantity("current", "10A", "Current in both wires, there and back")
+    separation: str | None = _quantity("separation", "5mm", "Distance between the middles of the wires")
+    distance: str | None = _quantity("distance", "10cm", "Distance from the middle between both")
+    heading: Heading = program.group(Heading)
+
+
+class Magnet(program.Group):
+    """A magnet, by its moment, or its remanence and volume."""
+
+    moment: str | None = _quantity("moment", "0.24Am2", "Magnetic moment")
+    remanence: str | None = _quantity(
+        "remanence", "1.3T", "Remanence of the magnet, in place of its moment, with its volume"
+    )
+    volume: str | None = _quantity("volume", "0.236cm3", "Volume of the magnet")
+    distance: str | None = _quantity("distance", "30cm", "Distance from the middle of the magnet")
+    side: bool = program.flag("--side", "The sensor is off its side, not off its poles: half the field.")
+    heading: Heading = program.group(Heading)
+
+
+@click.group(
+    "budget",
+    epilog="""\b
+Example:
+  flinders budget heading --field 150mG --error 1deg
+  flinders budget wire --current 0.2A --field 150mG --error 1deg
+""",
+)
+def command() -> None:
+    """Say how much stray field there may be for a heading error, and how far its source must be.
+
+    Each relation is solved for what is left out. Numbers come with their units, as they are typed: mG, uT, cm,
+    mm, A, mA, deg. A calibration takes off what never changes; the budget is for what comes, goes or is switched.
+    """
+
+
+@program.command_of(
+    "heading",
+    Heading,
+    command,
+    short_help="Heading error and stray field.",
+    epilog="""\b
+Example:
+  flinders budget heading --field 150mG --error 1deg
+  flinders budget heading --field 20uT --stray 0.5uT
+""",
+)
+def heading(options: Heading) -> None:
+    """Find one of horizontal field, stray field and worst heading error from the other two."""
+    from flinders.apps.classic.budget import Budget
+
+    budget = Budget("heading", _read(options))
+    if len(budget.given) != 2:
+        raise UsageError("need exactly two of --field, --stray and --error: the third is found")
+    budget.find_heading()
+    _print(budget, as_json=options.as_json)
+
+
+@program.command_of(
+    "wire",
+    Wire,
+    command,
+    short_help="A wire whose return is far away.",
+    epilog="""\b
+Example:
+  flinders budget wire --current 0.2A --distance 1cm
+  flinders budget wire --current 0.2A --field 150mG --error 1deg
+""",
+)
+def wire(options: Wire) -> None:
+    """Find field, current or distance of a long straight wire whose current returns far away.
+
+    With --field and --error in place of --stray it is the distance or current that is allowed.
+    """
+    from flinders.apps.classic import budget as physics
+
+    budget = physics.Budget("wire", _read(options))
+    budget.find_source(physics.Wire.solve, ("current", "distance"))
+    _print(budget, as_json=options.heading.as_json)
+
+
+@program.command_of(
+    "pair",
+    Pair,
+    command,
+    short_help="A wire with its return beside it.",
+    epilog="""\b
+Example:
+  flinders budget pair --current 10A --separation 5mm --distance 10cm
+  flinders budget pair --current 10A --separation 5mm --field 20uT --error 1deg
+""",
+)
+def pair(options: Pair) -> None:
+    """Find field, current, separation or distance of two long straight wires that carry a current there and back.
+
+    With --field and --error in place of --stray it is the distance, current or separation that is allowed.
+    """
+    from flinders.apps.classic import budget as physics
+
+    budget = physics.Budget("pair", _read(options))
+    budget.find_source(physics.Pair.solve, ("current", "separation", "distance"))
+    _print(budget, as_json=options.heading.as_json)
+
+
+@program.command_of(
+    "magnet",
+    Magnet,
+    command,
+    short_help="A magnet, as a dipole.",
+    epilog="""\b
+Example:
+  flinders budget magnet --moment 0.24Am2 --distance 30cm
+  flinders budget magnet --remanence 1.3T --volume 0.236cm3 --field 20uT --error 1deg
+""",
+)
+def magnet(options: Magnet) -> None:
+    """Find field, moment or distance of a magnet.
+
+    With --field and --error in place of --stray it is the distance or moment that is allowed.
+    """
+    from flinders.apps.classic import budget as physics
+
+    position: physics.Position = "equatorial" if options.side else "axial"
+    budget = physics.Budget("magnet", _read(options), position)
+    budget.find_moment()
+    budget.find_source(partial(physics.Magnet.solve, position=position), ("moment", "distance"))
+    _print(budget, as_json=options.heading.as_json)
+
+
+def _read(options: program.Group) -> dict[str, UnitValue]:
+    """Read what was typed, in the order of the options."""
+    from flinders.apps.classic.budget import QUANTITIES, UnitValue
+
+    given = {}
+    for name, text in options.typed().items():
+        if not isinstance(text, str):
+            continue
+        quantity = name.removeprefix("--")
+        given[quantity] = UnitValue.of(QUANTITIES[quantity][0], text, name)
+    return given
+
+
+def _print(budget: Budget, *, as_json: bool) -> None:
+    """Print what was given, what was found, and for what that holds."""
+    from flinders.apps.classic.budget_page import of_budget
+
+    print_result(budget.as_dict, lambda: of_budget(budget), as_json=as_json)

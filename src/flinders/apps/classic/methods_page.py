@@ -1,0 +1,121 @@
+"""All methods on one recording, as a page of the terminal.
+
+>>> duration(0.00421), duration(12.5), duration(90)
+('4.2 ms', '12 s', '90 s')
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from rich.console import Group
+from rich.table import Column
+from rich.text import Text
+
+from flinders.core.units import label
+from flinders.errors import counted, figures
+from flinders.findings import VERDICTS
+from flinders.geometry.ellipsoid import upper
+from flinders.report.formatting import (
+    FINEST,
+    degrees,
+    on_the_point,
+)
+from flinders.report.terminal import COLOURS, notes, page, table, whole_columns
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+    from rich.table import Table
+
+    from flinders.apps.classic.methods import Contest, Entry
+    from flinders.core.calibration import Calibration
+    from flinders.findings import Severity, Verdict
+    from flinders.heading.error_propagation import HeadingError
+
+ROUNDING_DEG: Final = 1e-4
+"""Degrees of heading that come from rounding alone."""
+
+
+def of_contest(contest: Contest) -> RenderableType:
+    """Lay out all methods on one recording: worth, numbers, and why some are not to be trusted.
+
+    Numbers of refused calibrations are here, dim, because they are compared with those of a spreadsheet or a paper;
+    nothing is written.
+    """
+    entries = [entry for entry in contest.entries if entry.fit is not None]
+    result = _method_numbers(entries) if entries else None
+    return page(Group(_worth(contest), _basis(contest)), result, notes(_reasons(contest)))
+
+
+def duration(seconds: float) -> str:
+    """Write how long something took, to two digits."""
+    return f"{figures(seconds * 1e3)} ms" if seconds < 1.0 else f"{figures(seconds)} s"
+
+
+def _worth(contest: Contest) -> Table:
+    """Rms heading errors of each method: claimed, cross-validated, and from the first."""
+    names = ("\nclaimed", "cross-\nvalidated", f"from\n{contest.reference}", "\ntime", "\nverdict")
+    headings = [Column("heading error,\nrms", no_wrap=True), *whole_columns(names)]
+    return table(headings, [_method_row(entry) for entry in contest.entries])
+
+
+def _method_row(entry: Entry) -> tuple[RenderableType, ...]:
+    return (
+        Text(entry.method, "bold" if entry.verdict == "good" else ""),
+        _rms(None if entry.fit is None else entry.fit.heading_error_deg),
+        _rms(None if entry.validation is None else entry.validation.heading_error_deg),
+        _rms(entry.difference_deg),
+        duration(entry.seconds),
+        Text(entry.verdict, COLOURS[entry.verdict]),
+    )
+
+
+def _rms(error: HeadingError | None) -> str:
+    if error is None:
+        return "–"
+    return degrees(error.rms) if error.rms > ROUNDING_DEG else "0°"
+
+
+def _basis(contest: Contest) -> Text:
+    blocks = f"{contest.blocks} blocks of time, each held back once" if contest.blocks else "too few to hold any back"
+    if contest.stride > 1:
+        blocks = f"cross-validated on one of {contest.stride}: {blocks}"
+    return Text(f"{counted(contest.readings, 'reading')}; {blocks}", "dim")
+
+
+def _method_numbers(entries: list[Entry]) -> Text:
+    """Offsets, and matrices as their diagonal and what is above it, one line for each method."""
+    calibrations = [entry.fit.calibration for entry in entries if entry.fit is not None]
+    columns = [on_the_point(list(column)) for column in zip(*map(_entries, calibrations), strict=True)]
+    rows = [(" ".join(cells[:3]), " ".join(cells[3:])) for cells in zip(*columns, strict=True)]
+    width, (offset, matrix) = max(len(entry.method) for entry in entries), rows[0]
+    title = f"offset, {label(calibrations[0].unit)}".ljust(len(offset)) + "   "
+    text = Text(no_wrap=True, overflow="ignore")
+    text.append(f"{'':{width}}  {title}{'matrix: xx yy zz xy xz yz'.ljust(len(matrix))}\n", "dim")
+    for entry, row in zip(entries, rows, strict=True):
+        text.append(f"{entry.method:{width}}  {'   '.join(row)}\n", "dim" if entry.verdict == "refused" else "")
+    text.rstrip()
+    return text
+
+
+def _entries(calibration: Calibration) -> list[str]:
+    decimals = max(0, -math.floor(math.log10(FINEST * calibration.field_strength)))
+    offset = [f"{round(value, decimals) + 0.0:.{decimals}f}" for value in calibration.offset.tolist()]
+    return [*offset, *(f"{value:.4f}" for value in upper(calibration.matrix).tolist())]
+
+
+def _reasons(contest: Contest) -> list[tuple[str, str]]:
+    """Why a method is not to be trusted here: the gravest reason in words, the others by their code; each said once."""
+    said: dict[str, list[Entry]] = {}
+    for entry in contest.entries:
+        if entry.reasons:
+            also = f" (also {', '.join(entry.codes[1:])})" if len(entry.codes) > 1 else ""
+            said.setdefault(entry.reasons[0].replace(repr(entry.method), "it") + also, []).append(entry)
+    return [
+        (_SEVERITIES[entries[0].verdict], f"{', '.join(entry.method for entry in entries)}: {reason}")
+        for reason, entries in said.items()
+    ]
+
+
+_SEVERITIES: Final[dict[Verdict, Severity]] = {verdict: severity for severity, verdict in VERDICTS.items()}

@@ -1,0 +1,545 @@
+"""The attitude-independent measurement: what the length of a reading says, whichever way the sensor points.
+
+Readings x of a field of known strength H are corrected as m = (I + D) x − b, with D symmetric and a noise of σ on each
+axis of m. Then |m|² = H² but for noise, which is
+
+    z = |x|² − H² = L θ' − |b|² + v,      L = (2x₁, 2x₂, 2x₃, −x₁², −x₂², −x₃², −2x₁x₂, −2x₁x₃, −2x₂x₃)
+
+linear in θ' = (c, E) with c = (I + D) b and E = 2D + D², but for β(θ') = |b|² = cᵀ(I + E)⁻¹c. The noise v has the mean
+μ = −3σ² and the variance σ_k² = 4σ²|m|² + 6σ⁴. Taking weighted means off z, L and μ takes β off with them: that is
+centring, and leaves a linear problem [1]_.
+
+**The strength has to vary for that.** H² = xᵀ(I + E)x − 2c·x + β, so the centred problem asks how H² varies with the
+monomials of x. Where H is one and the same, it does not vary with them: the answer is I + E = 0 and c = 0, D = −I, for
+any readings at all. Where it varies by less than the noise, I + E and c come out too small by the share of its
+variance that the readings explain, `ProductSums.explained`. The whole problem, with the mean taken in again, has the
+same root at D = −I, |b| = H, next to the right one.
+
+All is calculated about the mean reading x₀, with strengths in units of their mean H and readings in units of their
+own size R: (I + D) x − b = H [(I + D') x' − b'] with x' = (x − x₀)/R, I + D' = (I + D) R/H and Hb' = b − (I + D) x₀ is
+the same problem, with fewer digits lost. Where b and D stand for values in the code, they are b' and D'.
+
+.. [1] R. Alonso, M. D. Shuster, "TWOSTEP: A Fast Robust Algorithm for Attitude-Independent Magnetometer-Bias
+   Determination" and "Complete Linear Attitude-Independent Magnetometer Calibration", J. Astronaut. Sci. 50 (2002).
+   The equations are those of its implementations, not read in the papers.
+
+>>> offset, distortion = np.array([0.5, 0.3, 0.6]), symmetric(np.array([0.05, 0.1, 0.05, 0.05, 0.05, 0.05]))
+>>> solution = parameters(theta_of(offset, distortion))
+>>> np.allclose(solution[0], offset), np.allclose(solution[1], distortion)
+(True, True)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, Self, TypeAlias
+
+import numpy as np
+
+from flinders.apps.classic.recipes.sphere import Sphere
+from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, UsageError, figures
+from flinders.estimators.base import Estimate
+from flinders.estimators.consistent import adjusted
+from flinders.estimators.one_strength import at_one_strength
+from flinders.estimators.trace import Convergence, spread_counts
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.likelihood import magnitude
+from flinders.likelihood.equations import FINEST
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.estimators.data import Readings
+
+Weights: TypeAlias = Literal["estimate", "prior"]
+
+ENOUGH_EXPLAINED: Final = 0.5
+"""Share of the variance of H² below which most of what the centred problem knows of the scale comes from noise."""
+
+CONTRADICTED: Final = 0.8
+"""Of the distance of readings from one ellipsoid: a strength that varies by more would explain most of it, if true."""
+
+CONSTANT: Final = 1e-9
+"""Relative spread up to which a strength is one and the same, but for rounding."""
+
+COMPUTED: Final = 1e-4
+"""Relative distance (rms) up to which a strength is the length of the readings themselves, but for rounding."""
+
+COLLAPSED: Final = 0.5
+"""Of the gain that the fit began with: no noise halves it, the root at D = −I does."""
+
+MOST: Final = 50_000
+"""Readings that are gone through one by one; of a longer recording so many, spread evenly."""
+
+ROUNDING: Final = 1e-12
+"""Of the information, its diagonal scaled to one: less is none."""
+
+_EYE: Final = np.eye(3)
+BASIS: Final = np.array([symmetric(unit) for unit in np.eye(6)])
+"""(6, 3, 3) of symmetric matrices, in the order 11, 22, 33, 12, 13, 23."""
+
+
+class ConstantStrength(FitError):
+    """The strength of the field varies too little (`explained` of its variance) for a centred fit of all parameters."""
+
+    code: ClassVar[str] = "constant-strength"
+
+    def __init__(self, method: str, explained: float) -> None:
+        self.explained = explained
+        evidence = (
+            f"the readings explain {explained:.0%} of how the field's strength varies"
+            if explained > 0.0
+            else "the field has one and the same strength at all readings"
+        )
+        super().__init__(
+            f"{evidence}: {method!r} finding all would give D = −I for any readings. Use method 'auto' or "
+            "'alonso-shuster', or find the offset alone; or give the strength at each reading in a column "
+            "such as reference_strength_uT, where it varies",
+            hint={"find": "offset"},
+            method=method,
+            explained=explained,
+        )
+
+
+class WrongStrength(FitError):
+    """The strength given at each reading cannot be that of the field there."""
+
+    code: ClassVar[str] = "wrong-strength"
+
+
+class Collapsed(NotAnEllipsoid):
+    """The fit went to the root that any readings have: the gain shrank to `shrunk` of what it began with."""
+
+    code: ClassVar[str] = "collapsed"
+
+    def __init__(self, method: str, shrunk: float, why: str = "they cover too few directions for their noise") -> None:
+        self.shrunk, self.eigenvalues = shrunk, (0.0, 0.0, 0.0)
+        FitError.__init__(
+            self,
+            f"{method!r} has no solution near these readings: its gain shrank to {shrunk:.0%} of where it began, on "
+            f"the way to D = −I, which fits any readings: {why}. Use method 'auto', or turn the sensor onto all of "
+            "its sides",
+            method=method,
+            shrunk=shrunk,
+        )
+
+
+def check_options(*, weights: str, noise: float | None, field_strength: float | None) -> None:
+    """Refuse options that mean nothing.
+
+    Raises `UsageError`.
+    """
+    if weights not in ("estimate", "prior"):
+        raise UsageError(f"weights is {weights!r}: need estimate, prior")
+    for name, value in (("noise", noise), ("field_strength", field_strength)):
+        if value is not None and not 0.0 < value < np.inf:
+            raise UsageError(f"{name} is {value!r}: need a positive number in the unit of the readings")
+
+
+# The equations.
+
+
+def regressors(field: Floats) -> Floats:
+    """(N, 9) L of (N, 3) readings."""
+    x, y, z = field.T
+    rows: Floats = np.stack([2 * x, 2 * y, 2 * z, -x * x, -y * y, -z * z, -2 * x * y, -2 * x * z, -2 * y * z], axis=1)
+    return rows
+
+
+def beta(theta: Floats) -> tuple[float, Floats]:
+    """|b|² of (9,) θ', and its (9,) gradient: 2q and −qqᵀ with q = (I + E)⁻¹c."""
+    q = np.linalg.solve(_EYE + symmetric(theta[3:]), theta[:3])
+    x, y, z = q
+    gradient = np.array([2 * x, 2 * y, 2 * z, -x * x, -y * y, -z * z, -2 * x * y, -2 * x * z, -2 * y * z])
+    return float(theta[:3] @ q), gradient
+
+
+def theta_of(b: Floats, d: Floats) -> Floats:
+    """(9,) θ' = (c, E) of (3,) b and (3, 3) D."""
+    return np.concatenate([b + d @ b, upper(2.0 * d + d @ d)])
+
+
+def parameters(theta: Floats, method: str = "") -> tuple[Floats, Floats]:
+    """(3,) b and (3, 3) D of (9,) θ': D = U diag(√(1 + s) − 1) Uᵀ where E = U diag(s) Uᵀ.
+
+    Raises `NotAnEllipsoid` unless I + E is positive definite.
+    """
+    values, vectors = np.linalg.eigh(_EYE + symmetric(theta[3:]))
+    if not values[0] > 0.0:
+        raise NotAnEllipsoid(tuple(float(value / np.abs(values).max()) for value in values), method)
+    gain = (vectors * np.sqrt(values)) @ vectors.T
+    return np.linalg.solve(gain, theta[:3]), gain - _EYE
+
+
+def jacobian(b: Floats, d: Floats) -> Floats:
+    """(9, 9) J = ∂(c, E)/∂(b, D), D in the order 11, 22, 33, 12, 13, 23: I + D, M_cD above M_ED."""
+    gain = _EYE + d
+    whole = np.zeros((9, 9))
+    whole[:3, :3] = gain
+    whole[:3, 3:] = (BASIS @ b).T
+    whole[3:, 3:] = np.stack([upper(gain @ basis + basis @ gain) for basis in BASIS], axis=1)
+    return whole
+
+
+def ellipsoid_of(b: Floats, d: Floats, reference: Reference) -> Ellipsoid:
+    """The ellipsoid of b' and D': centre x₀ + R (I + D')⁻¹b', shape R (I + D')⁻¹, in the unit of the readings."""
+    inverse = np.linalg.inv(_EYE + d)
+    inverse = (inverse + inverse.T) / 2.0
+    return Ellipsoid(reference.origin + reference.size * inverse @ b, reference.size * inverse)
+
+
+def carried(covariance: Floats, b: Floats, d: Floats, reference: Reference) -> Floats:
+    """(9, 9) covariance of centre and shape, in unit², from that of (b', D')."""
+    inverse = np.linalg.inv(_EYE + d)
+    moves = np.zeros((9, 9))
+    moves[:3, :3] = inverse
+    moves[:3, 3:] = -(inverse @ BASIS @ (inverse @ b)).T
+    moves[3:, 3:] = -np.stack([upper(inverse @ basis @ inverse) for basis in BASIS], axis=1)
+    moves *= reference.size
+    whole: Floats = moves @ covariance @ moves.T
+    return (whole + whole.T) / 2.0
+
+
+# What is known of the strength.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """Readings beside the strength of the field."""
+
+    readings: Readings
+    method: str  # for messages
+    mean: float  # in the unit of the readings: mean strength, which strengths are divided by
+    size: float  # in the unit of the readings: of what they vary by, which they are divided by
+    spread: float  # standard deviation of the strength, as a share of its mean
+    is_told: bool  # by a column of the recording; else one strength was given, or none
+    alike: Ellipsoid | None  # consistent ellipsoid through the readings, as if the strength were one; to begin with
+    noise: float  # distance of the readings from it, or from a sphere (1 σ), in units of the mean strength
+
+    @classmethod
+    def of(cls, readings: Readings, method: str, field_strength: float | None) -> Self:
+        """Take the strength from the column of the recording, else the one that is given, else the readings' own.
+
+        Raises `NeedsSamples` where there are only sums; `WrongStrength` for a column that is not positive, is the
+        length of the readings themselves, is missing in one of several recordings, or stands beside a strength that is
+        given as well; `NotAnEllipsoid` where not even a sphere goes through the readings.
+        """
+        if readings.recording is None:
+            raise NeedsSamples(method)
+        reported = _ReportedStrength.of(readings)
+        if reported.count and field_strength is not None:
+            raise WrongStrength(
+                "the recording tells the field's strength at each reading, and another was given: give one of them",
+                hint={"site": None},
+                mean=reported.mean,
+                field_strength=field_strength,
+            )
+        spread = reported.spread if reported.count else 0.0
+        try:
+            ellipsoid, noise = adjusted(readings)
+            size, alike = ellipsoid.radius, ellipsoid
+        except NotAnEllipsoid:
+            sphere = Sphere().estimate(readings)
+            size, noise, alike = sphere.ellipsoid.radius, sphere.noise, None
+        mean = reported.mean if reported.count else field_strength or size
+        return cls(readings, method, mean, size, spread, bool(reported.count), alike, max(noise / size, FINEST))
+
+    @property
+    def origin(self) -> Floats:
+        """(3,) x₀, in the unit of the readings."""
+        return self.readings.summary.moments.mean
+
+    @property
+    def varies(self) -> bool:
+        """The strength is not one and the same."""
+        return self.spread > CONSTANT
+
+    def blocks(self) -> Iterator[tuple[Floats, Floats]]:
+        """Go through the readings: (m, 3) x' and (m,) strengths in units of their mean."""
+        for samples in _blocks(self.readings):
+            strength = samples.strength
+            if strength is None or not self.is_told:
+                yield (samples.field - self.origin) / self.size, np.ones(len(samples))
+            else:
+                known = np.isfinite(strength)
+                yield (samples.field[known] - self.origin) / self.size, strength[known] / self.mean
+
+    @property
+    def stride(self) -> int:
+        """Every so many-th reading is gone through one by one, so that there are `MOST` at the most."""
+        return max(1, -(-len(self.readings) // MOST))
+
+    def counts(self, steps: int) -> list[int]:
+        """Of the readings that are gone through, how many were seen at about so many steps."""
+        return spread_counts(-(-len(self.readings) // self.stride), steps)
+
+    def convergence(self, counts: Sequence[int], estimates: Sequence[Estimate | None]) -> Convergence:
+        """What was known after so many of the readings that are gone through."""
+        return Convergence.of([min(count * self.stride, len(self.readings)) for count in counts], estimates)
+
+    def thinned(self, limit: int) -> tuple[Floats, Floats]:
+        """Take at most about so many readings, spread evenly over the recording."""
+        stride = max(1, -(-len(self.readings) // limit))
+        pairs = [(field[::stride], strength[::stride]) for field, strength in self.blocks()]
+        field, strength = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+        return field, strength
+
+    def start(self) -> Floats:
+        """(9,) θ' of the consistent ellipsoid.
+
+        Raises `NotAnEllipsoid` where there is none.
+        """
+        ellipsoid = self.alike or adjusted(self.readings)[0]
+        gain = self.size * np.linalg.inv(ellipsoid.shape)
+        return theta_of(gain @ (ellipsoid.centre - self.origin) / self.size, gain - _EYE)
+
+    def variances(self, field: Floats, strength: Floats, noise: float, weights: Weights) -> Floats:
+        """(N,) σ_k², for (N, 3) x' and (N,) strengths.
+
+        ``weights`` says where: at the ``"estimate"``, where |m| is the strength, or at the ``"prior"`` D = 0 and
+        b = 0, where it is the length of the reading itself.
+        """
+        raw = (field * self.size + self.origin) / self.mean
+        square = np.einsum("ij,ij->i", raw, raw) if weights == "prior" else strength**2
+        variances: Floats = 4.0 * noise**2 * square + 6.0 * noise**4
+        return variances
+
+    def refuse_unrelated(self, explained: float) -> None:
+        """Refuse a strength that varies by as much as the readings do, and not with them.
+
+        Raises `WrongStrength`.
+        """
+        if self.varies and explained < ENOUGH_EXPLAINED and self.spread > CONTRADICTED * self.noise:
+            raise WrongStrength(
+                f"the strength told at each reading varies by {self.spread:.1%} (1 σ), and the readings follow "
+                f"{max(explained, 0.0):.0%} of that: check its column, its unit and its time; or take the column out",
+                spread=self.spread,
+                explained=explained,
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class _ReportedStrength:
+    """Sums of a column of strengths."""
+
+    count: int = 0
+    mean: float = 0.0
+    spread: float = 0.0
+
+    @classmethod
+    def of(cls, readings: Readings) -> Self:
+        """Go through the recording; count 0 where no reading has a strength."""
+        have = [any(block.strength is not None for block in _blocks(part)) for part in readings.each]
+        if not any(have):
+            return cls()
+        if not all(have):
+            raise WrongStrength("some of the recordings tell the field's strength at each reading and some do not")
+        count, total, square, apart = 0, 0.0, 0.0, 0.0
+        first = np.nan
+        for block in _blocks(readings):
+            if block.strength is None:
+                continue
+            known = np.isfinite(block.strength)
+            strength = block.strength[known]
+            if not np.all(strength > 0.0):
+                wrong = float(strength[~(strength > 0.0)][0])
+                raise WrongStrength(
+                    f"a strength of {figures(wrong)} is told at a reading: need positive numbers; check the column",
+                    strength=wrong,
+                )
+            if not len(strength):
+                continue
+            first = strength[0] if np.isnan(first) else first
+            count += len(strength)
+            total += float(np.sum(strength - first))
+            square += float(np.sum((strength - first) ** 2))
+            apart += float(np.sum((np.linalg.norm(block.field[known], axis=1) - strength) ** 2))
+        if not count:
+            return cls()
+        mean = float(first) + total / count
+        if np.sqrt(apart / count) < COMPUTED * mean:
+            raise WrongStrength(
+                "the strength told at each reading is the length of the reading itself: need one from a model of the "
+                "field or from another magnetometer; or take the column out"
+            )
+        return cls(count, mean, float(np.sqrt(max(square / count - (total / count) ** 2, 0.0))) / mean)
+
+
+def _blocks(readings: Readings) -> Iterator[Samples]:
+    if readings.recording is not None:
+        yield from readings.recording.blocks()
+
+
+# Sums.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProductSums:
+    """Weighted sums of products of L, z − μ and 1: all that both steps look at."""
+
+    gram: Floats  # (11, 11): Σ rrᵀ/σ_k² with r = (L, z − μ, 1)
+    scatter: Floats  # (11, 11): the same with each term times what v varies over the σ_k² that it is weighted with
+    count: int
+
+    @classmethod
+    def of(cls, reference: Reference, noise: float, weights: Weights = "estimate") -> Self:
+        """Add them up, for a noise in units of the mean strength; see `Reference.variances` for the weights."""
+        gram, scatter, count = np.zeros((11, 11)), np.zeros((11, 11)), 0
+        for field, strength in reference.blocks():
+            rows = rows_of(field, strength, noise)
+            weight = 1.0 / reference.variances(field, strength, noise, weights)
+            variance = reference.variances(field, strength, noise, "estimate")
+            gram += (rows.T * weight) @ rows
+            scatter += (rows.T * (weight**2 * variance)) @ rows
+            count += len(rows)
+        return cls(gram, scatter, count)
+
+    @property
+    def variance(self) -> float:
+        """s̄² with 1/s̄² = Σ 1/σ_k²."""
+        return float(1.0 / self.gram[10, 10])
+
+    @property
+    def means(self) -> Floats:
+        """(10,) weighted means of L and z − μ."""
+        return self.gram[:10, 10] * self.variance
+
+    @property
+    def centred(self) -> Floats:
+        """(10, 10) sums of products of L and z − μ with their means removed."""
+        centred: Floats = self.gram[:10, :10] - np.outer(self.gram[:10, 10], self.means)
+        return centred
+
+    @property
+    def explained(self) -> float:
+        """Share of the variance of H² that the readings explain, less what nine parameters take of anything.
+
+        About 1 where the strength varies by far more than the noise, 0 and below where it does not vary.
+        """
+        centred = self.centred
+        squared = np.zeros(10)
+        squared[[3, 4, 5, 9]] = -1.0  # H² = |x|² − z, but for a constant
+        whole = float(squared @ centred @ squared)
+        theta = self.solved()
+        left = float(centred[9, 9] - 2.0 * centred[9, :9] @ theta + theta @ centred[:9, :9] @ theta)
+        return 1.0 - max(left, 0.0) / max(whole, 1e-300) * (self.count - 1) / max(self.count - 10, 1)
+
+    def solved(self) -> Floats:
+        """(9,) θ' of the centred problem."""
+        centred = self.centred
+        scale = np.sqrt(np.maximum(np.diag(centred)[:9], 1e-300))
+        theta: Floats = np.linalg.lstsq(centred[:9, :9] / np.outer(scale, scale), centred[:9, 9] / scale, rcond=1e-14)[
+            0
+        ]
+        return theta / scale
+
+    def mean_residual(self, theta: Floats) -> float:
+        """z̄ − L̄θ' + β − μ̄."""
+        means = self.means
+        return float(means[9] - means[:9] @ theta + beta(theta)[0])
+
+    def cost(self, theta: Floats) -> float:
+        """Σ v²/σ_k², the mean taken in."""
+        row = np.concatenate([-theta, [1.0]])
+        return float(row @ self.centred @ row) + self.mean_residual(theta) ** 2 / self.variance
+
+    def information(self, theta: Floats) -> Floats:
+        """(9, 9) F = F̃ + (L̄ − ∂β)(L̄ − ∂β)ᵀ/s̄², of θ'."""
+        across = self.means[:9] - beta(theta)[1]
+        return self.centred[:9, :9] + np.outer(across, across) / self.variance
+
+    def unobserved(self, theta: Floats) -> int:
+        """Combinations of parameters of which rounding leaves nothing, as where the readings lie on two rings."""
+        information = self.information(theta)
+        scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        values = np.linalg.eigvalsh(information / np.outer(scale, scale))
+        return int(np.count_nonzero(values < ROUNDING))
+
+    def gradient(self, theta: Floats) -> Floats:
+        """(9,) half the gradient of the cost."""
+        centred = self.centred
+        across = self.means[:9] - beta(theta)[1]
+        gradient: Floats = centred[:9, :9] @ theta - centred[:9, 9] - self.mean_residual(theta) * across / self.variance
+        return gradient
+
+    def covariance(self, theta: Floats) -> Floats:
+        """(9, 9) of θ': F⁻¹ where the weights are what v varies; else what the weights make of it, F⁻¹BF⁻¹."""
+        slope = np.zeros((11, 9))
+        slope[:9], slope[10] = np.eye(9), -beta(theta)[1]
+        inverse = np.linalg.inv(self.information(theta))
+        covariance: Floats = inverse @ (slope.T @ self.scatter @ slope) @ inverse
+        return covariance
+
+
+def rows_of(field: Floats, strength: Floats, noise: float) -> Floats:
+    """(N, 11) rows L, z − μ and 1 of (N, 3) x' and (N,) strengths in units of their mean."""
+    z = np.einsum("ij,ij->i", field, field) - strength**2 + 3.0 * noise**2
+    return np.column_stack([regressors(field), z, np.ones(len(z))])
+
+
+def converged_noise(reference: Reference, b: Floats, d: Floats, taken: int) -> float:
+    """Standard deviation of |m| about the strength, in units of the mean strength; no less than a sensor resolves."""
+    count, total, square = 0, 0.0, 0.0
+    for field, strength in reference.blocks():
+        off = np.linalg.norm(field @ (_EYE + d) - b, axis=1) - strength
+        count, total, square = count + len(off), total + float(off.sum()), square + float(off @ off)
+    return max(float(np.sqrt(max(square - total**2 / count, 0.0) / max(count - taken, 1))), FINEST)
+
+
+def shrunk(theta: Floats, start: Floats) -> float:
+    """Smallest gain of one θ' along any direction, as a share of another's; 0 where there is none."""
+    values, vectors = np.linalg.eigh(_EYE + symmetric(start[3:]))
+    if not values[0] > 0.0:
+        return 0.0
+    root = vectors / np.sqrt(values)
+    least = float(np.linalg.eigvalsh(root.T @ (_EYE + symmetric(theta[3:])) @ root)[0])
+    return float(np.sqrt(max(least, 0.0)))
+
+
+# What comes out.
+
+
+def estimate_of(
+    reference: Reference, b: Floats, d: Floats, covariance: Floats, method: str, *, on_the_way: bool = False
+) -> Estimate:
+    """Put b, D and their covariance together as an estimate.
+
+    Parameters
+    ----------
+    b : (3,) float
+        b'.
+    d : (3, 3) float
+        D'.
+    covariance : (9, 9) float
+        Of both.
+    method : str
+        What was run.
+    on_the_way : bool
+        Only part of the readings was seen: nothing is said of residuals.
+    """
+    ellipsoid = ellipsoid_of(b, d, reference)
+    reported: Literal["", "constant", "varying"] = ""
+    if reference.is_told:
+        reported = "varying" if reference.varies else "constant"
+    known = reference.mean if reference.is_told else None
+    estimate = Estimate(ellipsoid, carried(covariance, b, d, reference), 0.0, method, strength=known, follows=reported)
+    if on_the_way:
+        return estimate
+    alike = at_one_strength(reference.readings, estimate)
+    square = sum(float(np.sum(magnitude.distances(block, ellipsoid) ** 2)) for block in alike.blocks(method))
+    noise = float(np.sqrt(square / max(len(alike) - 9, 1)))
+    return replace(estimate, noise=noise, used=len(alike))
+
+
+def widened_by_consistent(estimate: Estimate, reference: Reference) -> Estimate:
+    """Add what separates it from the consistent fit of the same readings to its claim, all of it.
+
+    That fit looks at all readings at once, and noise does not pull it. Nothing is removed for chance: the claim that
+    would say what chance explains is the one that is in doubt.
+    """
+    if reference.alike is None:
+        return estimate
+    apart = estimate.ellipsoid.parameters - reference.alike.parameters
+    return replace(estimate, covariance=estimate.covariance + np.outer(apart, apart))

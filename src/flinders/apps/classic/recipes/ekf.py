@@ -1,0 +1,249 @@
+"""EKF: an extended Kalman filter for offset and matrix, from the strength of the field alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, TypeAlias, get_args
+
+import numpy as np
+
+from flinders.apps.classic.recipes.attitude_independent import (
+    BASIS,
+    ENOUGH_EXPLAINED,
+    MOST,
+    Collapsed,
+    ProductSums,
+    Reference,
+    check_options,
+    converged_noise,
+    estimate_of,
+    parameters,
+    widened_by_consistent,
+)
+from flinders.apps.classic.recipes.sphere import Sphere
+from flinders.errors import UsageError
+from flinders.estimators.base import Method
+from flinders.geometry.ellipsoid import symmetric, upper
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.estimators.base import Estimate
+    from flinders.estimators.data import Readings
+    from flinders.estimators.trace import Convergence
+
+Start: TypeAlias = Literal["sphere", "zero"]
+
+MOST_DISTORTION: Final = 0.1
+"""Standard deviation of D at the start: with 1 it would take D = −I for likely."""
+
+LOST: Final = 0.25
+"""Of the smallest gain that it began with: on the way it may be off by as much as its start is wide, but not so far."""
+
+_EYE: Final = np.eye(9)
+
+
+@dataclass(frozen=True, slots=True)
+class Ekf:
+    """Extended Kalman filter whose state is (b, D), measured by z = |x|² − H² at each reading.
+
+        h(b, D) = −xᵀ(2D + D²)x + 2xᵀ(I + D)b − |b|²,      R = 4σ²|m|² + 6σ⁴,      mean of the noise −3σ²
+
+    linearised at the state so far, the covariance in Joseph's form [1]_. b and D are those
+    of `flinders.apps.classic.recipes.attitude_independent`; H is found as for `AlonsoShuster`. With one strength it
+    works too: the prior keeps it from D = −I where directions come at random.
+
+    The default `spread` is about that of the replications. With 0.3 many tumbles by hand lead the filter to D = −I:
+    while the sensor stays near one direction, noise tells it what only other directions could.
+
+    Use it to see how a filter on board settles, and for parity with one; `converge` shows it. Not for accuracy: each
+    reading counts where the state was when it came, so the answer depends on the order and on the start,
+    and the covariance it claims does not know of either. What separates it from fits of all readings at once joins the
+    covariance here, which on board nobody can do.
+
+    Parameters
+    ----------
+    start : str
+        ``"sphere"``: from the sphere through all readings. ``"zero"``: from b = 0 and D = 0, as published.
+    spread : float
+        Standard deviation of the start: of b as a share of the strength, and of D, there 0.1 at the most. A start at
+        zero needs as much as the iron is strong.
+    walk : float
+        Random walk of the state from one reading to the next, as a share as above; 0 for a sensor that does not change.
+    noise : float, optional
+        σ of each axis, in the unit of the readings; found from the readings where it is not given.
+    field_strength : float, optional
+        H, where the recording does not tell it.
+
+    Notes
+    -----
+    Covariance: that of the filter, carried over to centre and shape. With one strength the whole difference from
+    `Consistent` joins it: how far order and start have led the filter, of which its own covariance is no measure. True
+    heading errors are then 1.0 to 1.1 times those claimed (rms, `tests/truth/test_attitude_independent.py`).
+
+    References
+    ----------
+    .. [1] J. L. Crassidis, K.-L. Lai, R. R. Harman, "Real-Time Attitude-Independent Three-Axis Magnetometer
+       Calibration", J. Guid. Control Dyn. 28 (2005) 115–120. Equations as in replications of it, with
+       z − h(x) for the innovation and σ_k² for its variance; the paper's own tables were not read.
+
+    Examples
+    --------
+    >>> from flinders.estimators.data import Readings
+    >>> rng = np.random.default_rng(1)
+    >>> directions = rng.normal(size=(2000, 3))
+    >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    >>> field = directions @ np.diag([45, 50, 55]) + [20, 120, 90] + rng.normal(scale=0.2, size=directions.shape)
+    >>> ellipsoid = Ekf().estimate(Readings.of(field)).ellipsoid
+    >>> ellipsoid.centre.round(), ellipsoid.shape.diagonal().round()
+    (array([ 20., 120.,  90.]), array([45., 50., 55.]))
+    """
+
+    start: Start = "sphere"
+    spread: float = 0.05
+    walk: float = 0.0
+    noise: float | None = None
+    field_strength: float | None = None
+
+    name: ClassVar[str] = "ekf"
+    unknowns: ClassVar[int] = 10
+    is_biased: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Refuse options that mean nothing."""
+        if self.start not in get_args(Start):
+            raise UsageError(f"start is {self.start!r}: need {', '.join(get_args(Start))}")
+        limits: list[tuple[str, float | None, float]] = [("spread", self.spread, 1e-9), ("walk", self.walk, 0.0)]
+        for name, value, least in limits:
+            if value is None or not least <= value <= 100.0:
+                raise UsageError(f"{name} is {value!r}: need a number from {least:g} to 100")
+        check_options(weights="estimate", noise=self.noise, field_strength=self.field_strength)
+
+    def estimate(self, readings: Readings) -> Estimate:
+        """Fit an ellipsoid.
+
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NeedsSamples` where
+        there are only sums; `WrongStrength` if the strength told at each reading cannot be the field's;
+        `NotAnEllipsoid` if not even a sphere goes through the readings; `Collapsed` if the filter goes to D = −I.
+        """
+        reference, _, (begun, ended) = self._states(readings)
+        gained = ended.gain / begun.gain
+        if not gained > LOST:
+            raise Collapsed(
+                self.name,
+                gained,
+                "they come in an order that leads a filter astray, and a smaller spread may keep it",
+            )
+        estimate = self._estimate(ended, reference)
+        return estimate if reference.varies else widened_by_consistent(estimate, reference)
+
+    def converge(self, readings: Readings, steps: int = 100) -> Convergence:
+        """Follow the estimate at about so many steps; where it goes to D = −I, up to there.
+
+        Raises `FitError` as `estimate`, but for `Collapsed`.
+        """
+        reference, counts, (begun, *states) = self._states(readings, steps)
+        followed = [
+            self._estimate(state, reference, on_the_way=True) if state.gain > LOST * begun.gain else None
+            for state in states
+        ]
+        return reference.convergence(counts, followed)
+
+    def _states(self, readings: Readings, steps: int = 0) -> tuple[Reference, list[int], list[FilterState]]:
+        """How many readings were seen at each step, of all where no steps are asked for; the start and each state."""
+        readings.require(self.unknowns, self.name)
+        reference = Reference.of(readings, self.name, self.field_strength)
+        noise = self._noise(reference)
+        field, strength = reference.thinned(MOST)
+        state = self._begun(reference)
+        counts = reference.counts(steps) if steps else [len(field)]
+        at, states = 0, [state]
+        for count in counts:
+            taken = slice(at, count)
+            state = state.after(field[taken], strength[taken], noise, walk=self.walk)
+            states.append(state)
+            at = count
+        return reference, counts, states
+
+    def _noise(self, reference: Reference) -> float:
+        """The noise that is given, else that of the centred fit where the strength varies, else of the ellipsoid."""
+        if self.noise is not None:
+            return self.noise / reference.mean
+        count = len(reference.readings)
+        noise = reference.noise * float(np.sqrt(count / (count - 9)))
+        if reference.varies:
+            sums = ProductSums.of(reference, noise)
+            reference.refuse_unrelated(sums.explained)
+            if sums.explained >= ENOUGH_EXPLAINED:
+                return converged_noise(reference, *parameters(sums.solved(), self.name), 9)
+        return noise
+
+    def _begun(self, reference: Reference) -> FilterState:
+        """The start: (b', D') and its covariance."""
+        distortion = min(self.spread, MOST_DISTORTION)
+        if self.start == "sphere":
+            sphere = Sphere().estimate(reference.readings).ellipsoid
+            gain = reference.size / sphere.radius
+            b = (sphere.centre - reference.origin) / sphere.radius
+            spreads = np.concatenate([np.full(3, self.spread), np.full(6, distortion * gain)])
+            return FilterState(np.concatenate([b, upper((gain - 1.0) * np.eye(3))]), np.diag(spreads**2))
+        gain, origin = reference.size / reference.mean, reference.origin / reference.mean
+        moved = self.spread * np.eye(9)  # of (b, D), b and D being independent
+        moved[:3, 3:] = -distortion * (BASIS @ origin).T
+        moved[3:, 3:] = distortion * gain * np.eye(6)
+        return FilterState(np.concatenate([-origin, upper((gain - 1.0) * np.eye(3))]), moved @ moved.T)
+
+    def _estimate(self, state: FilterState, reference: Reference, *, on_the_way: bool = False) -> Estimate:
+        b, d = state.values[:3], symmetric(state.values[3:])
+        return estimate_of(reference, b, d, state.covariance, self.name, on_the_way=on_the_way)
+
+
+class FilterState(NamedTuple):
+    """What the filter keeps.
+
+    Examples
+    --------
+    >>> begun = FilterState(np.zeros(9), 0.01 * np.eye(9))
+    >>> seen = begun.after(np.array([[1.1, 0.0, 0.0], [-0.9, 0.0, 0.0]]), np.ones(2), noise=1e-3)
+    >>> seen.values[:3].round(2)
+    array([0.1, 0. , 0. ])
+    """
+
+    values: Floats  # (9,): b, D₁₁, D₂₂, D₃₃, D₁₂, D₁₃, D₂₃
+    covariance: Floats  # (9, 9)
+
+    @property
+    def gain(self) -> float:
+        """Smallest gain along any direction, of I + D; 0 where there is none."""
+        return max(float(np.linalg.eigvalsh(np.eye(3) + symmetric(self.values[3:]))[0]), 0.0)
+
+    def after(self, field: Floats, strength: Floats, noise: float, *, walk: float = 0.0) -> FilterState:
+        """Take (m, 3) readings and (m,) strengths in, one by one."""
+        values, covariance = self
+        moves = np.concatenate([np.broadcast_to(-np.eye(3), (len(field), 3, 3)), _by_distortion(field)], axis=2)
+        for reading, move, squared in zip(field, moves, (strength**2).tolist(), strict=True):
+            corrected = reading + move @ values
+            square = float(corrected @ corrected)
+            slope = -2.0 * corrected @ move
+            innovation = square - squared + 3.0 * noise**2
+            variance = 4.0 * noise**2 * square + 6.0 * noise**4
+            if walk:
+                covariance = covariance + walk**2 * _EYE
+            moved = covariance @ slope
+            gain = moved / (float(slope @ moved) + variance)
+            values = values + gain * innovation
+            reduced = _EYE - np.outer(gain, slope)
+            covariance = reduced @ covariance @ reduced.T + variance * np.outer(gain, gain)
+        return FilterState(values, (covariance + covariance.T) / 2.0)
+
+
+def _by_distortion(field: Floats) -> Floats:
+    """(m, 3, 6) ∂(Dx)/∂(D₁₁, D₂₂, D₃₃, D₁₂, D₁₃, D₂₃) at (m, 3) x."""
+    moves: Floats = np.einsum("kij,mj->mik", BASIS, field)
+    return moves
+
+
+METHOD: Final = Method(
+    Ekf,
+    use="an extended Kalman filter, as one on board would settle; depends on order and start",
+    source="Crassidis, Lai and Harman (2005)",
+)

@@ -1,0 +1,23 @@
+"""What this package adds to tables of the library, by names of its modules; nothing is imported before it is used."""
+
+CLASSIC = "Classic recipes"
+
+PUBLIC = {"compare_methods": "methods"}
+COMMANDS = {
+    "two-axis": (CLASSIC, "cli.two_axis", "Hard and soft iron of one plane, by the two-axis recipe."),
+    "budget": (CLASSIC, "cli.budget", "Say how far a cable must be."),
+    "compare-methods": (CLASSIC, "cli.compare_methods", "Run all methods on a recording, side by side."),
+}
+SIMULATIONS = {"two-axis": ("Commands", "cli.simulate", "A two-axis compass, swung around.")}
+METHODS = {
+    "alonso_shuster": "recipes.alonso_shuster",
+    "axes": "recipes.axes",
+    "ekf": "recipes.ekf",
+    "ellipsoid": "recipes.ellipsoid",
+    "li": "recipes.li",
+    "sequential": "recipes.sequential",
+    "sphere": "recipes.sphere",
+    "two_axis": "two_axis_recipe",
+    "two_step": "recipes.two_step",
+}
+TARGETS = {"adis16480": "adis16480"}

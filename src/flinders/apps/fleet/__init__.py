@@ -1,0 +1,30 @@
+"""A fleet: recordings of many units in, one table of calibrations out.
+
+>>> from flinders import simulate
+>>> rows = fit_many({"A17": simulate.tumble(seed=1).samples, "B02": [[1.0, 2.0, 3.0]]})
+>>> rows.unit.tolist(), rows.verdict.tolist(), rows.code.tolist()
+(['A17', 'B02'], ['good', 'refused'], ['', 'too-few-samples'])
+
+A file, or a range of its row groups, is one unit of work with one output file: what is done stays done. See
+`docs/fleet.md`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from flinders.core.lazy import attributes
+
+if TYPE_CHECKING:
+    from flinders.apps.fleet.results import UnitResult as UnitResult
+    from flinders.apps.fleet.results import UnitResults as UnitResults
+    from flinders.apps.fleet.worker import fit_many as fit_many
+
+PUBLIC = {
+    "UnitResult": "results",
+    "UnitResults": "results",
+    "fit_many": "worker",
+}
+
+if not TYPE_CHECKING:
+    __getattr__ = attributes(__name__, PUBLIC)

@@ -1,0 +1,114 @@
+"""``flinders drift``: which units of a fleet have a compass that changed, and where something was moved."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import click
+
+from flinders.cli import _options as option
+from flinders.cli import _program as program
+from flinders.cli._inputs import is_recording, refuse_calibration
+from flinders.cli._output import refuse_twice, working
+from flinders.cli._program import GOOD, LIMITED
+from flinders.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from flinders.apps.fleet.report import FleetDrift
+
+
+class Drift(program.Group):
+    """Tables of calibrations, what changes are held against, and what is written."""
+
+    tables: tuple[str, ...] = program.argument("TABLE...", nargs=-1)
+    out: str | None = program.member(
+        "-o", "--out", what="the table", metavar="FILE.parquet", help="Also write a table with a row for each unit."
+    )
+    report: str | None = program.member(
+        "--report",
+        what="the report",
+        metavar="FILE.html",
+        help="Also write a report of the fleet and how it changed.",
+    )
+    against: Literal["first", "previous"] = program.member(
+        "--against", type=click.Choice(["first", "previous"]), default="first", show_default=True,
+        help="Which calibration the newest is held against: what vehicles carry.",
+    )  # fmt: skip
+    batch: str | None = program.member(
+        "--batch", metavar="COLUMN|PATTERN",
+        help="What tells the hardware batch: a column, or a regular expression for a part of the unit's name "
+        "[default: the column batch, or what stands before the last part of the name].",
+    )  # fmt: skip
+    limit: int = program.member(
+        "--limit", type=click.IntRange(1, 1000), default=100, show_default=True, metavar="N",
+        help="Units, and steps, that are listed at most.",
+    )  # fmt: skip
+    target_deg: float = option.target("Change of heading that is good enough.")
+    dip_deg: float | None = option.dip("Inclination of the field at the site [default: what the tables say].")
+    force: bool = option.force()
+    as_json: bool = option.as_json()
+
+
+@program.command_of(
+    "drift",
+    Drift,
+    common=("report", "out", "against", "target_deg", "dip_deg", "batch", "limit"),
+    epilog="""\b
+Example:
+  flinders drift calibrations.parquet --report drift.html
+  flinders drift january.parquet june.parquet --against previous --out drift.parquet
+
+\b
+Exit codes:
+  0  no unit is to be recalibrated
+  3  some are
+""",
+)
+def command(options: Drift) -> int:
+    """Say how units of a fleet changed from recording to recording, in degrees of heading.
+
+    TABLE is what `flinders fleet` writes, with several recordings of each unit; those of one unit may be in several
+    tables, and count once. A change is held against what both calibrations claim, and a step against how this fleet
+    drifts slowly. Recordings are taken in the order of their dates, else of their names.
+    """
+    from flinders.apps.fleet.drift import drift_of, drift_table
+    from flinders.apps.fleet.drift_page import of_drift
+
+    refuse_twice(options.tables)
+    _refuse_no_table(options.tables)
+    outputs = options.checked_outputs()
+    with working() as watch, drift_table(options.out, force=options.force) as each:
+        if watch is not None:
+            watch("holding calibrations against each other")
+        drift = drift_of(
+            options.tables,
+            target_deg=options.target_deg,
+            dip_deg=options.dip_deg,
+            against=options.against,
+            batch=options.batch,
+            most=options.limit,
+            each=each,
+        )
+    if options.report is not None:
+        outputs.write(_report(drift, options), options.report)
+    outputs.print(drift.as_dict, lambda: of_drift(drift))
+    outputs.say_written()
+    return LIMITED if drift.states["recalibrate"] else GOOD
+
+
+def _refuse_no_table(paths: Iterable[str]) -> None:
+    """Refuse calibrations and recordings in the place of a table."""
+    for path in paths:
+        refuse_calibration(path, "flinders compare compares two; a table is of flinders fleet")
+        if is_recording(path):
+            raise UsageError(f"{path} is a recording: flinders fleet calibrates a folder of them, and writes the table")
+
+
+def _report(drift: FleetDrift, options: Drift) -> str:
+    """The report of a fleet and how it changed."""
+    from flinders.apps.fleet.aggregate import overview_of
+    from flinders.apps.fleet.report import page
+
+    return page(overview_of(options.tables, batch=options.batch, target_deg=drift.target_deg), drift)

@@ -1,0 +1,554 @@
+"""Histories of units: the calibrations of each in the order of time, read a bounded number of rows at a time.
+
+Tables are sorted by unit, as `flinders fleet` writes them, so that several are read in parallel, and a unit is complete
+once all have passed its name. A million rows take no more memory than a hundred thousand. A recording that is in
+several tables counts once, as in the last of them.
+
+The hardware batch of a unit comes from a column of the tables, or from a part of the unit's name (`BatchRule`).
+
+A recording has a date if its clock counts from 1970. A clock that counts from power-on says nothing of the order: then
+all recordings of the unit need an ISO 8601 date in their names, or none of them has one and they are ordered by name.
+
+>>> date_of("V101/2026-01-10T12-30-05.csv") - date_of("20260110.ulg")
+45005.0
+>>> date_of("flight 12"), date_of("03-04-2026.csv")
+(nan, nan)
+>>> names = ["run 10", "run 9", "run 11"]
+>>> arranged(names, np.array([3.0, 900.0, 400.0]))                          # seconds since power-on are no order
+Arrangement(places=[1, 0, 2], date_s=[nan, nan, nan], is_known=True)
+>>> arranged(["after", "2026-01-10", "before"], np.full(3, np.nan)).is_known
+False
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.apps.fleet.results import (
+    LISTS,
+    NAMES,
+    UNNAMED,
+    lists,
+    named_rows,
+    needs_arrow,
+    numbers,
+    objects,
+    refuse_other_table,
+    texts,
+)
+from flinders.comparison.pairs import EllipsoidPairs
+from flinders.core.files import reason
+from flinders.errors import DocumentError, UsageError
+from flinders.readers._columns import EPOCHS, LONG
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Collection, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+
+    _Flags = NDArray[np.bool_]
+    Paths = Sequence[str | os.PathLike[str]]
+
+COLUMNS: Final = (
+    "unit", "recording", "start_s", "verdict", "offset", "matrix", "covariance", "field_strength",
+    "dip_deg", "unit_of_field",
+)  # fmt: skip
+SAME: Final = ("unit", "recording", "start_s", "end_s", "readings", "offset")
+"""Columns that tell whether two rows are of one recording."""
+TABLE: Final = "table of the row"
+"""An added column: the number of the table, counted from 0."""
+ROWS: Final = 16_384
+"""Rows that are read at a time, of all tables together."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OffsetSeries:
+    """Offsets of many units over time."""
+
+    first: NDArray[np.intp]  # (U + 1,) first recording of each unit, in the order of time; and the end of the last
+    time: Floats  # (R,) in s, or the number of each recording if dates are not known
+    offset: Floats  # (R, 3) as a fraction of the field
+    covariance: Floats  # (R, 3, 3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Histories:
+    """Calibrations of some units, those of a unit together and in the order of time."""
+
+    unit: NDArray[np.object_]  # (U,) sorted names, of units without a calibration too
+    batch: NDArray[np.object_]  # (U,) hardware batch; empty if it is not known
+    first: NDArray[np.intp]  # (U + 1,) first calibration of each
+    # (U,) whether the order of a unit's recordings is known; if not, they are sorted by name
+    is_known: NDArray[np.bool_]
+    is_dated: NDArray[np.bool_]  # (U,) whether the dates of all of them are known
+    recording: NDArray[np.object_]  # (R,)
+    date_s: Floats  # (R,) in s since 1970; NaN if it is not known
+    calibrations: EllipsoidPairs  # R of them
+    unit_of_field: NDArray[np.object_]  # (R,)
+    dip_deg: Floats
+    verdicts: Mapping[tuple[str, str], int]  # rows of each batch and verdict, those without a calibration too
+    left_out: int  # rows without a calibration, and those in another unit of field than the first of their unit
+    duplicates: int  # rows that a later table has as well
+
+    @property
+    def line(self) -> NDArray[np.intp]:
+        """(R,) index of the unit of each calibration."""
+        return np.repeat(np.arange(len(self.unit)), np.diff(self.first))
+
+    @property
+    def offsets(self) -> OffsetSeries:
+        """Offsets as fractions of the field of a unit's first recording; without dates, time counts recordings."""
+        radius = self.calibrations.radius[self.first[self.line]] if len(self.calibrations) else np.empty(0)
+        covariance = self.calibrations.covariance[:, :3, :3] / radius[:, np.newaxis, np.newaxis] ** 2
+        time = np.where(self.is_dated[self.line], self.date_s, np.arange(len(self.line)) - self.first[self.line])
+        return OffsetSeries(self.first, time, self.calibrations.centre / radius[:, np.newaxis], covariance)
+
+    @classmethod
+    def of_table(cls, table: Any, rule: BatchRule | None = None, duplicates: int = 0) -> Histories:  # noqa: ANN401
+        """Sort the rows of whole units, each of a recording of its own."""
+        from pyarrow import compute
+
+        rows, table = len(table), named_rows(table)
+        keys = [("unit", "ascending"), ("start_s", "ascending"), ("recording", "ascending")]
+        table = table.take(compute.sort_indices(table, sort_keys=keys)).combine_chunks()
+        names, begins, line = np.unique(objects(texts(table.column("unit"))), return_index=True, return_inverse=True)
+        batch = objects(rule.of(table)) if rule else np.full(len(table), "", dtype=object)
+        verdict = objects(texts(table.column("verdict")))
+        usable = table.column("covariance").is_valid().to_numpy() & table.column("offset").is_valid().to_numpy()
+        chosen = np.flatnonzero(usable & np.isin(verdict.astype(str), ["good", "limited"]))
+        places, date_s, is_known, is_dated = _ordered(table.take(chosen), line[chosen], len(names))
+        chosen = chosen[places]
+        field = objects(texts(table.column("unit_of_field")))[chosen]
+        alike = _alike(line[chosen], field)
+        chosen = chosen[alike]
+        inside = table.take(chosen)
+        offset, matrix, covariance = (
+            lists(inside.column(name), LISTS[name]) for name in ("offset", "matrix", "covariance")
+        )
+        return cls(
+            unit=names,
+            batch=batch[begins],
+            first=np.searchsorted(line[chosen], np.arange(len(names) + 1)),
+            is_known=is_known,
+            is_dated=is_dated,
+            recording=objects(texts(inside.column("recording"))),
+            date_s=date_s[alike],
+            calibrations=EllipsoidPairs.of_columns(
+                offset, matrix, covariance, numbers(inside.column("field_strength"))
+            ),
+            unit_of_field=field[alike],
+            dip_deg=numbers(inside.column("dip_deg")),
+            verdicts=Counter(zip(batch.tolist(), verdict.tolist(), strict=True)) if rule else {},
+            left_out=rows - len(chosen),
+            duplicates=duplicates,
+        )
+
+
+def _ordered(table: Any, line: NDArray[np.intp], units: int) -> tuple[NDArray[np.intp], Floats, _Flags, _Flags]:  # noqa: ANN401
+    """Places of rows in the order of their recordings, their dates, and by unit whether order and dates are known.
+
+    Rows are sorted by unit and clock: a unit whose clocks all have dates, and different ones, stays as it is.
+    """
+    start = numbers(table.column("start_s"))
+    is_odd = ~is_date(start)
+    is_odd[np.flatnonzero((np.diff(line) == 0) & (np.diff(start) == 0.0))] = True
+    places, date_s = np.arange(len(line)), start.copy()
+    is_known, is_dated = np.ones(units, bool), np.ones(units, bool)
+    odd = np.unique(line[is_odd])
+    begins, ends = np.searchsorted(line, odd), np.searchsorted(line, odd, side="right")
+    recording, tables = table.column("recording"), table.column(TABLE).to_numpy()
+    for unit, begin, end in zip(odd.tolist(), begins.tolist(), ends.tolist(), strict=True):
+        names = texts(recording.slice(begin, end - begin))
+        order = arranged(names, start[begin:end], tables[begin:end].tolist())
+        places[begin:end] = begin + np.array(order.places)
+        date_s[begin:end] = order.date_s
+        is_known[unit], is_dated[unit] = order.is_known, order.is_dated
+    return places, date_s, is_known, is_dated
+
+
+def histories(
+    paths: Sequence[str | os.PathLike[str]], *, rule: BatchRule | None = None, rows: int = ROWS
+) -> Iterator[Histories]:
+    """Read Parquet tables of a fleet, whole units at a time, so many rows of all tables together.
+
+    Raises DocumentError for a file that is no table of a fleet, or is not sorted by unit.
+    """
+    columns = (*COLUMNS, rule.column) if rule and rule.column else COLUMNS
+    for table in _side_by_side(paths, columns, rows=rows):
+        whole = _counted_once(table)
+        yield Histories.of_table(whole, rule, len(table) - len(whole))
+
+
+def whole_units(paths: Sequence[str | os.PathLike[str]], columns: Sequence[str]) -> Iterator[Any]:
+    """Yield tables of Arrow with all rows of some units, in the order of their names, each recording once.
+
+    A column that is not of a fleet is null for tables without it; errors as for `histories`.
+    """
+    for table in _side_by_side(paths, columns):
+        yield _counted_once(table)
+
+
+def _side_by_side(
+    paths: Sequence[str | os.PathLike[str]], columns: Sequence[str], *, rows: int = ROWS
+) -> Iterator[Any]:
+    """Tables with all rows of some units, of all paths, in the order of their names."""
+    arrow = needs_arrow()
+    wanted = tuple(dict.fromkeys((*columns, *SAME)))
+    feeds = [_numbered(number, path, wanted, max(rows // len(paths), 1)) for number, path in enumerate(paths)]
+    waiting: list[Any] = [next(feed, None) for feed in feeds]
+    more = [table is not None for table in waiting]
+    while any(table is not None for table in waiting):
+        open_ends = [_last(table) for table, goes_on in zip(waiting, more, strict=True) if goes_on]
+        limit = min(open_ends) if open_ends else None
+        taken = []
+        for place, table in enumerate(waiting):
+            if table is not None:
+                done, waiting[place] = _split(table, limit)
+                taken.append(done)
+        whole = arrow.concat_tables(taken)
+        if len(whole):
+            yield whole
+        for place, goes_on in enumerate(more):
+            if goes_on and (waiting[place] is None or _last(waiting[place]) == limit):
+                further = next(feeds[place], None)
+                more[place] = further is not None
+                if further is not None:
+                    left = waiting[place]
+                    waiting[place] = further if left is None else arrow.concat_tables([left, further])
+
+
+def _numbered(number: int, path: str | os.PathLike[str], columns: Sequence[str], rows: int) -> Iterator[Any]:
+    """Read some columns of the table with a number, so many rows at a time."""
+    arrow = needs_arrow()
+    from pyarrow import parquet
+    from pyarrow.lib import ArrowException
+
+    last = ""
+    try:
+        with parquet.ParquetFile(path, page_checksum_verification=True) as file:
+            refuse_other_table(file.schema_arrow.names, columns, path)
+            present = [name for name in columns if name in file.schema_arrow.names]
+            for batch in file.iter_batches(rows, columns=present):
+                if len(batch):
+                    last = _sorted(path, batch.column("unit").to_pylist(), last)
+                    yield _completed(arrow, arrow.Table.from_batches([batch]), columns, number)
+    except OSError as error:
+        raise DocumentError(f"{path}: cannot be read as a table of a fleet: {reason(error)}") from None
+    except ArrowException as error:
+        raise DocumentError(
+            f"{path}: cannot be read as a table of a fleet ({error}): need what `flinders fleet` writes"
+        ) from None
+
+
+def _completed(arrow: Any, table: Any, columns: Sequence[str], number: int) -> Any:  # noqa: ANN401
+    """Table with columns in one order, those that are not of a fleet as texts, and the number of the table."""
+    names = table.column_names
+
+    def cells(name: str) -> Any:  # noqa: ANN401
+        if name not in names:
+            return arrow.nulls(len(table), arrow.string())
+        return table.column(name) if name in NAMES else table.column(name).cast("string")
+
+    arrays = [*map(cells, columns), arrow.array(np.full(len(table), number))]
+    return arrow.table(arrays, names=[*columns, TABLE])
+
+
+def _counted_once(table: Any) -> Any:  # noqa: ANN401
+    """Rows of whole units without those of recordings that a later table has as well."""
+    from pyarrow import array
+
+    tables = table.column(TABLE).to_pylist()
+    if len(set(tables)) == 1:
+        return table
+    keys = list(map(_key, *(table.column(name).to_pylist() for name in SAME)))
+    newest = dict(zip(keys, tables, strict=True))  # tables follow one another in their order
+    return table.filter(array([newest[key] == number for key, number in zip(keys, tables, strict=True)]))
+
+
+def _key(unit: str, recording: str | None, start_s: float | None, *others: Any) -> tuple[Any, ...]:
+    """Key of a recording: its start if that is a date, else also end and readings; without a name the offset too."""
+    if start_s is not None and is_date(np.array([start_s]))[0]:
+        return unit, recording, start_s
+    *span, offset = others
+    own = () if recording else tuple(f"{value:.6g}" for value in offset or ())
+    return unit, recording, start_s, *span, *own
+
+
+def _sorted(path: str | os.PathLike[str], units: list[str | None], last: str) -> str:
+    """Last unit; refuse a table that is not sorted by unit, or has a row without one."""
+    for unit in units:
+        if unit is None or unit < last:
+            fault = "a row has no unit" if unit is None else f"{unit!r} comes after {last!r}"
+            raise DocumentError(f"{path}: {fault}: sort the table by unit, as `flinders fleet` writes it")
+        last = unit
+    return last
+
+
+def _last(table: Any) -> str:  # noqa: ANN401
+    """Unit of the last row."""
+    return str(table.column("unit")[len(table) - 1].as_py())
+
+
+def _split(table: Any, limit: str | None) -> tuple[Any, Any]:  # noqa: ANN401
+    """Rows of units before a name, and the others; all rows and None without a limit."""
+    if limit is None:
+        return table, None
+    from pyarrow import compute
+
+    count = compute.sum(compute.less(table.column("unit"), limit)).as_py() or 0
+    left = table.slice(count)
+    return table.slice(0, count), left if len(left) else None
+
+
+def _alike(line: NDArray[np.intp], field: NDArray[np.object_]) -> NDArray[np.bool_]:
+    """(n,) whether rows are in the same unit of field as the first row of their unit."""
+    if not len(line):
+        return np.zeros(0, dtype=bool)
+    first = np.searchsorted(line, line)
+    alike: NDArray[np.bool_] = field == field[first]
+    return alike
+
+
+# ------------------------------------------------------------------------------------------------------ hardware batch
+
+COLUMN: Final = "batch"
+"""Column that is used by default, unless it is empty."""
+PREFIX: Final = re.compile(r"^(.+)[-_:/.][^-_:/.]+$")
+"""All but the last part of a unit's name: its batch, if there is no column."""
+MOST: Final = 2_000
+"""More batches than this are taken for none."""
+
+
+@dataclass(frozen=True, slots=True)
+class BatchRule:
+    """Rule for the hardware batch: the column, else the pattern.
+
+    >>> BatchRule(pattern=pattern_of("^L[0-9]", ())).of_name("L2-0017")
+    'L2'
+    >>> BatchRule(pattern=PREFIX).of_name("board-2024-17")
+    'board-2024'
+    """
+
+    column: str = ""  # empty if the name of the unit holds it
+    pattern: re.Pattern[str] = PREFIX  # its first group, or all that it matches
+    is_guess: bool = False  # whether it is a default
+
+    @property
+    def words(self) -> str:
+        """The rule, for people."""
+        if self.column:
+            return f"the column {self.column}"
+        return "the name of the unit" if self.is_guess else f"{self.pattern.pattern!r} in the name"
+
+    def of(self, table: Any) -> list[str]:  # noqa: ANN401 - pyarrow ships no types
+        """Batch of the unit of each row of a table with all rows of its units, the first by name; empty if unknown."""
+        units = texts(table.column("unit"))
+        known: dict[str, str] = {}
+        if self.column:
+            for unit, batch in zip(units, texts(table.column(self.column)), strict=True):
+                if batch:
+                    known[unit] = min(batch, known.get(unit, batch))
+            return [known.get(unit, "") for unit in units]
+        return [known[unit] if unit in known else known.setdefault(unit, self.of_name(unit)) for unit in units]
+
+    def of_name(self, unit: str) -> str:
+        """Batch in a unit's name; empty if there is none."""
+        match = self.pattern.search(unit)
+        if match is None:
+            return ""
+        return (match[1] if self.pattern.groups else match[0]) or ""
+
+    def are_useful(self, names: Collection[str], rows: int) -> bool:
+        """Whether these batches of so many rows are worth showing."""
+        return any(names) and len(names) <= MOST and (not self.is_guess or 2 <= len(names) <= rows / 4)
+
+
+def batch_rule(paths: Paths, text: str | None) -> BatchRule:
+    """Rule for hardware batches: a column of a table, or a regular expression for a part of the unit's name.
+
+    By default the column ``batch`` if it is not empty, else all but the last part of the name. Raises UsageError for a
+    text that gives no batch.
+    """
+    columns = _columns(paths)
+    if columns is None:
+        return BatchRule(is_guess=True)  # errors are raised where the files are read
+    if text is None:
+        return BatchRule(column=COLUMN) if _holds(paths, COLUMN) else BatchRule(is_guess=True)
+    if text in columns:
+        if not _holds(paths, text):
+            raise UsageError(f"batch {text!r}: that column is empty in all rows; {_choice(columns)}")
+        return BatchRule(column=text)
+    batches = BatchRule(pattern=pattern_of(text, columns))
+    if not any(batches.of_name(unit) for unit in _cells(paths, "unit") if not UNNAMED.search(unit)):
+        raise UsageError(
+            f"batch {text!r} is no column of the table, and as a regular expression finds nothing in the name of any "
+            f"unit; {_choice(columns)}"
+        )
+    return batches
+
+
+def pattern_of(text: str, columns: Sequence[str]) -> re.Pattern[str]:
+    """Compile a regular expression for the batch; raises UsageError."""
+    try:
+        return re.compile(text)
+    except re.error as error:
+        raise UsageError(
+            f"batch {text!r} is neither a column of the table nor a regular expression ({error}); {_choice(columns)}"
+        ) from None
+
+
+def _choice(columns: Sequence[str]) -> str:
+    """Advice on how to name a batch."""
+    return (
+        f"name a column ({', '.join(columns)}), or write what to find in the names of units, such as '^[A-Z]+'; "
+        "flinders fleet --batch-column NAME takes a column of the readings into its table"
+    )
+
+
+def _columns(paths: Paths) -> list[str] | None:
+    """Columns of all tables that are not nested; None if a table cannot be read."""
+    arrow = needs_arrow()
+    from pyarrow import parquet
+
+    columns: dict[str, None] = {}
+    try:
+        for path in paths:
+            fields = parquet.read_schema(path)
+            columns.update((field.name, None) for field in fields if not arrow.types.is_nested(field.type))
+    except (OSError, arrow.lib.ArrowException):
+        return None
+    return list(columns)
+
+
+def _holds(paths: Paths, name: str) -> bool:
+    """Whether a column has a text that is not empty."""
+    return any(cell for cell in _cells(paths, name))
+
+
+def _cells(paths: Paths, name: str) -> Iterator[str]:
+    """Texts of a column, each at least once, of all tables that have it."""
+    arrow = needs_arrow()
+    from pyarrow import parquet
+
+    for path in paths:
+        try:
+            with parquet.ParquetFile(path) as file:
+                if name in file.schema_arrow.names:
+                    for batch in file.iter_batches(columns=[name]):
+                        yield from texts(batch.column(0).cast("string").unique())
+        except (OSError, arrow.lib.ArrowException):
+            return  # raised where the table is read
+
+
+LATEST: Final = 4.0 * EPOCHS[-1][0]
+"""Seconds since 1970 beyond which a time is no date."""
+ISO_DATE: Final = re.compile(
+    r"(?<!\d)(?P<day>(?:19[89]|20\d)\d(?P<dash>[-_/]?)\d\d(?P=dash)\d\d)(?!\d)"
+    r"(?:(?:(?P<iso>T)|[\s_/-]{1,2})(?P<time>\d\d(?P<colon>[-:_])\d\d(?:(?P=colon)\d\d)?|\d{6}|(?<=T)\d{4})"
+    r"(?(iso)(?P<zone>Z|[+-]\d\d:?\d\d)?)(?![-:_+]?\d))?"
+)
+"""ISO 8601 with the separators of file names; other digits after a date may number recordings."""
+OTHER_DATE: Final = re.compile(r"(?<!\d)\d{1,2}([-_./])\d{1,2}\1(?:19[89]|20\d)\d(?!\d)")
+"""A date whose day and month cannot be told apart: it gives no order."""
+
+
+def is_date(seconds: Floats) -> NDArray[np.bool_]:
+    """(n,) whether times count from 1970, and not from power-on; NaN does not."""
+    counts: NDArray[np.bool_] = (seconds > LONG) & (seconds < LATEST)
+    return counts
+
+
+def date_of(name: str) -> float:
+    """Seconds since 1970 of the date in a recording's name, at midnight without a time of day; or NaN."""
+    date = _dated(name)
+    return date.day_s if math.isnan(date.time_s) else date.time_s
+
+
+@dataclass(frozen=True, slots=True)
+class _NameDate:
+    """Date in a name: midnight of the day and the time, both in s since 1970 or NaN."""
+
+    day_s: float = math.nan
+    time_s: float = math.nan
+    has_time: bool = False  # digits like a time of day follow the date; they may be no time, as 00-62
+
+
+@lru_cache(maxsize=65_536)
+def _dated(name: str) -> _NameDate:
+    """Find date and time of day in a name."""
+    for match in ISO_DATE.finditer(name):
+        day, time = (re.sub(r"\D", "", match[part] or "") for part in ("day", "time"))
+        day_s = _seconds(day)
+        if math.isfinite(day_s):
+            return _NameDate(day_s, _seconds(f"{day}T{time}{match['zone'] or ''}"), bool(time))
+    return _NameDate()
+
+
+def _seconds(text: str) -> float:
+    """Seconds since 1970 of a time in ISO 8601, in UTC unless it names a zone; NaN if there is no such time."""
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        return math.nan
+    return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
+
+
+@dataclass(frozen=True, slots=True)
+class Arrangement:
+    """Order of the recordings of one unit."""
+
+    places: list[int]  # indices of the recordings in order; by name if the order is not known
+    date_s: list[float]  # s, of each, in that order; NaN if it is not known
+    is_known: bool  # whether the order is known
+
+    @property
+    def is_dated(self) -> bool:
+        """Whether all dates are known."""
+        return self.is_known and not any(map(math.isnan, self.date_s))
+
+
+def arranged(names: Sequence[str], start_s: Floats, tables: Sequence[int] | None = None) -> Arrangement:
+    """Order the recordings of one unit, of n names, (n,) starts of their clocks, and numbers of their tables.
+
+    By their clocks if all know the date, else by the dates in their names if all have one, else by name if none has a
+    date. Recordings of one date are ordered by name, and equal names by their tables. Otherwise the order is not known.
+    """
+    keys = list(zip(map(_natural, names), tables or [0] * len(names), strict=True))
+    has_clock = is_date(start_s)
+    dates, is_known = (start_s.tolist(), True) if has_clock.all() else _dates_in(names)
+    is_known = is_known and not (has_clock.any() and math.isnan(math.fsum(dates)))
+    order = [(0.0 if math.isnan(date) else date, key) for date, key in zip(dates, keys, strict=True)]
+    places = sorted(range(len(names)), key=order.__getitem__)
+    clocks = start_s[places][has_clock[places]]
+    if not (is_known and len(set(order)) == len(order) and (np.diff(clocks) >= 0.0).all()):
+        is_known, places = False, sorted(range(len(names)), key=keys.__getitem__)
+    return Arrangement(places, [dates[place] for place in places], is_known)
+
+
+def _dates_in(names: Sequence[str]) -> tuple[list[float], bool]:
+    """Dates in names, and whether they give an order: all names have one, or none."""
+    each = [_dated(name) for name in names]
+    # such digits are times of day if they can be that in all names; else they number recordings
+    are_times = all(math.isfinite(date.time_s) for date in each if date.has_time)
+    dates = [date.time_s if are_times and date.has_time else date.day_s for date in each]
+    if all(map(math.isnan, dates)):
+        return dates, not any(map(OTHER_DATE.search, names))
+    days_with_time = {date.day_s for date in each if are_times and date.has_time}
+    days_alone = {date.day_s for date in each if not (are_times and date.has_time)}
+    return dates, not any(map(math.isnan, dates)) and not days_with_time & days_alone
+
+
+def _natural(name: str) -> tuple[str | int, ...]:
+    """Key of natural sorting: ``run 9`` before ``run 10``."""
+    return tuple(int(part) if place % 2 else part.casefold() for place, part in enumerate(re.split(r"(\d+)", name)))

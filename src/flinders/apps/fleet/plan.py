@@ -1,0 +1,468 @@
+r"""Plan of a run: recordings split into partitions, each of which is calibrated by itself and written as one file.
+
+A partition is some log files, some files of rows, or a range of row groups of one. It depends on the input alone, so
+that a run which is resumed, or uses more workers, has the same partitions. A unit with rows in several of them gets
+a partition of its own, which takes its rows alone.
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> from flinders.apps.fleet.dataset import Options
+>>> folder = Path(tempfile.mkdtemp())
+>>> for name in ("A17/monday.csv", "A17/friday.csv", "B02/monday.csv", "B02/notes.md"):
+...     (folder / name).parent.mkdir(exist_ok=True)
+...     _ = (folder / name).write_text("x,y,z\n")
+>>> plan = plan_of(str(folder), Options())
+>>> len(plan.partitions), [key_of(part.file.name) for part in plan.partitions[0].slices][:2], plan.other_files
+(3, [('A17', 'friday.csv')], {'.md': 1})
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import json
+from collections import Counter, defaultdict
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.metadata import version
+from itertools import chain, islice, pairwise
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Final, TypeVar
+
+import numpy as np
+
+from flinders.apps.fleet.dataset import (
+    BATCH_COLUMNS,
+    TABLES,
+    KeyColumns,
+    extents_of,
+    in_path,
+    opened,
+    units_of,
+)
+from flinders.apps.fleet.results import SIGN, VERSION
+from flinders.apps.fleet.storage import MAGIC, StoredFile, listed
+from flinders.apps.fleet.storage import opened as stored
+from flinders.errors import FlindersError, UnreadableInput, UsageError, counted
+from flinders.readers import registry
+from flinders.readers.dialects.json_records import own_kind
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from flinders.apps.fleet.dataset import Options, TableFile
+
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
+
+LARGEST: Final = 1_000_000
+"""Rows that a partition holds in memory: 64 MB with times and intermediate results."""
+SMALLEST: Final = 400_000
+"""Rows below which small files share a partition, which costs a few milliseconds."""
+MOST_SLICES: Final = 64
+"""Files in a partition."""
+LEAST_PARTITIONS: Final = 64
+"""Partitions of a small job, whose workers would otherwise wait for each other."""
+SHORT: Final = 100_000
+"""Rows that take a worker a tenth of a second: smaller partitions are not made,"""
+SHORT_BYTES: Final = 1 << 18
+"""nor of log files of fewer bytes, which take as long,"""
+FEW_PARTITIONS: Final = 16
+"""unless there would be fewer than this."""
+LOG_BYTES: Final = 1 << 24
+"""Bytes of log files in a partition."""
+LOOKS: Final = 32
+"""Files that are opened at a time: most of it is waiting for a store."""
+BATCHES: Final = tuple([column] for column in BATCH_COLUMNS)
+"""Names of folders with the hardware batch."""
+TABLES_OF_FLEETS: Final = "tables of fleets"
+"""Kind of the tables that a run wrote: an output may lie among the recordings."""
+OWN_FILES: Final = {"truth": "truth files", "calibration": "calibration files"}
+"""Kinds of other files that Flinders writes beside recordings, by what these call themselves."""
+MAX_OWN_BYTES: Final = 1 << 20
+"""Size of such a file: the truth of a recording has two thousand bytes, a calibration a few times that."""
+AHEAD: Final = 8 * LOOKS
+"""Files that are submitted at a time: memory is bounded for any number of files."""
+
+
+@dataclass(frozen=True, slots=True)
+class FileSlice:
+    """A log file, or some row groups of a file of rows."""
+
+    file: StoredFile
+    groups: tuple[int, ...] = ()  # None for a log
+    rows: int = 0  # of the groups
+    # why its row groups are not known: the file could not be opened as a table
+    error: FlindersError | None = field(default=None, compare=False)
+    is_table: bool = False  # whether such a file is a table of several units, which are not known
+
+    @property
+    def weight(self) -> int:
+        """Bytes to read, for the progress bar."""
+        return self.rows * 32 if self.groups else self.file.size
+
+
+@dataclass(frozen=True, slots=True)
+class Partition:
+    """Unit of work: what a worker calibrates at a time."""
+
+    slices: tuple[FileSlice, ...]
+    only: tuple[str, ...] | None = None  # units that are taken; None for all but `without`
+    without: tuple[str, ...] = ()  # units that another partition takes
+    _named: frozenset[str] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_named", frozenset(self.without if self.only is None else self.only))
+
+    @property
+    def rows(self) -> int:
+        """Rows of all slices."""
+        return sum(part.rows for part in self.slices)
+
+    @property
+    def weight(self) -> int:
+        """Bytes to read, for the progress bar."""
+        return sum(part.weight for part in self.slices) + 1
+
+    def takes(self, unit: str) -> bool:
+        """Whether readings of a unit are taken."""
+        return (unit in self._named) != (self.only is None)
+
+    def split(self) -> list[Partition]:
+        """A partition for each slice, to find the one that kills its worker; none if they belong together."""
+        if self.only is not None or len(self.slices) == 1:
+            return []
+        return [replace(self, slices=(part,)) for part in self.slices]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """All partitions of a run."""
+
+    partitions: tuple[Partition, ...]
+    files: int  # files that are read
+    # files of other kinds by their suffix, entries that are no files, and files that Flinders wrote
+    other_files: dict[str, int]
+    fingerprint: str  # hash of files, options and release: partitions with another one belong to another run
+
+
+@dataclass(frozen=True, slots=True)
+class _TableSlice:
+    """A slice of a file of rows with its first and last unit."""
+
+    part: FileSlice
+    least: str
+    greatest: str
+    keys: KeyColumns
+
+
+def plan_of(where: str, options: Options) -> Plan:
+    """List the input, and split it into partitions.
+
+    Raises UnreadableInput if nothing can be read, and UsageError if no file has the columns that the options name.
+    """
+    files = listed(where)
+    taken = [file for file in files if not file.kind and (MAGIC.search(where) or _is_readable(file.name))]
+    other_files = Counter(_kind(file) for file in set(files) - set(taken))
+    if not taken:
+        raise UnreadableInput(
+            f"{where}: none of {len(files)} files is a recording: they end in {', '.join(other_files)}"
+        )
+    tables, logs, own = _sorted_out(taken, options)
+    other_files.update(own.values())
+    taken = [file for file in taken if file not in own]
+    if not taken:
+        raise UnreadableInput(f"{where}: no recordings, but {counted(len(own), 'file')} that Flinders wrote")
+    if options.unit_column is not None and not tables and not any(part.error for part in logs):
+        raise UsageError(
+            f"{where}: a column of units is for Parquet and Arrow tables, and there is none: give each unit a file or "
+            "folder of its own, or convert the table with pyarrow.csv.read_csv and pyarrow.parquet.write_table",
+            hint={"unit_column": None},
+        )
+    _refuse_batch(where, tables, logs, options)
+    by_recording = defaultdict(list)
+    for table in tables:
+        by_recording[table.keys.recording_value].append(table)
+    alike = [_tables(tables, options) for _, tables in sorted(by_recording.items())]
+    partitions = (*chain.from_iterable(alike), *_logs(logs))
+    return Plan(partitions, len(taken), dict(sorted(other_files.items())), _fingerprint(taken, options))
+
+
+def _sorted_out(
+    files: Sequence[StoredFile], options: Options
+) -> tuple[list[_TableSlice], list[FileSlice], dict[StoredFile, str]]:
+    """Slices of tables; logs, and files that cannot be opened, which get a row; kinds of files that Flinders wrote."""
+    tables: list[_TableSlice] = []
+    logs: list[FileSlice] = []
+    own: dict[StoredFile, str] = {}
+    unopened: list[FileSlice] = []
+    for file, surveyed in zip(files, _in_threads(lambda file: _survey(file, options), files), strict=True):
+        if isinstance(surveyed, str):
+            own[file] = surveyed
+        elif isinstance(surveyed, list):
+            tables += surveyed
+            logs += [] if surveyed else [FileSlice(file)]
+        else:
+            unopened.append(surveyed)
+    wrong_columns = next((part.error for part in unopened if isinstance(part.error, UsageError)), None)
+    if wrong_columns is not None and not tables:
+        raise wrong_columns
+    logs += [replace(part, is_table=part.is_table or bool(tables)) for part in unopened]
+    return tables, sorted(logs, key=lambda part: part.file), own
+
+
+def _refuse_batch(where: str, tables: Sequence[_TableSlice], logs: Sequence[FileSlice], options: Options) -> None:
+    """Refuse an option for the hardware batch that matches no column and no folder."""
+    slices = [*(table.part for table in tables), *logs]
+    if options.batch_column is None or any(table.keys.batch for table in tables):
+        return
+    if not any(part.error or options.batch_column in in_path(part.file.name) for part in slices):
+        raise UsageError(
+            f"{where}: no file has a column {options.batch_column} or lies in a folder named after it: name another, "
+            "or leave that out",
+            hint={"batch_column": None},
+        )
+
+
+def _kind(file: StoredFile) -> str:
+    """Kind of a file that is left out."""
+    return file.kind or PurePosixPath(file.name).suffix or "none"
+
+
+def _in_threads(function: Callable[[Item], Answer], items: Iterable[Item]) -> Iterator[Answer]:
+    """Results in the order of the items, a bounded number of them computed ahead.
+
+    >>> list(_in_threads(abs, [-1, 2, -3]))
+    [1, 2, 3]
+    """
+    waiting = iter(items)
+    with ThreadPoolExecutor(LOOKS) as pool:
+        while batch := list(islice(waiting, AHEAD)):
+            yield from pool.map(function, batch)
+
+
+def key_of(name: str) -> tuple[str, str]:
+    """Unit and recording of a log file, by where it lies: the first folder is the unit, else the file itself.
+
+    A folder that names the batch of hardware is passed over. No unit, in a folder of null, is the empty text.
+
+    >>> key_of("A17/2026/monday.bin"), key_of("unit=A17/monday.csv"), key_of("A17.csv.gz")
+    (('A17', '2026/monday.bin'), ('A17', 'monday.csv'), ('A17', 'A17.csv.gz'))
+    >>> key_of("batch=7/unit=A%2017/monday.bin")
+    ('A 17', 'monday.bin')
+    """
+    parts = [part for part in PurePosixPath(name).parts if part.split("=")[:-1] not in BATCHES]
+    if len(parts) == 1:
+        return parts[0].removesuffix(".gz").rpartition(".")[0] or parts[0], parts[0]
+    first, recording = parts[0], "/".join(parts[1:])
+    return next(iter(in_path(f"{first}/{recording}").values()), first) if "=" in first else first, recording
+
+
+@cache
+def _endings() -> tuple[str, ...]:
+    """Endings of what is read from a folder: of readers, of tables, and of folders that cannot be listed."""
+    return (*{suffix for reader in registry() for suffix in reader.suffixes}, *TABLES, "/")
+
+
+def _is_readable(name: str) -> bool:
+    """Whether a file of a folder is read; a pattern reads whatever it matches."""
+    return name.lower().endswith(_endings())
+
+
+def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice | str:
+    """Slices of a file of rows, none for a log; the kind of what Flinders wrote; a slice with a broken one's error."""
+    if not file.name.lower().endswith(TABLES):
+        return OWN_FILES.get(_own_kind(file)) or []
+    is_table = False
+    try:
+        with opened(file, options) as table:
+            is_table = True
+            if SIGN in (table.schema.metadata or {}):
+                return TABLES_OF_FLEETS
+            keys = KeyColumns.of_schema(file.name, table.schema, options)
+            if keys is None:
+                return []
+            if not sum(table.groups):
+                raise UnreadableInput(f"{file.name} has no rows: record again, or check what was saved")
+            return list(_slices(file, table, keys))
+    except FlindersError as error:
+        keys = None if isinstance(error, UsageError) else KeyColumns.of_path(file.name, options)
+        if keys is None:
+            return FileSlice(file, error=error, is_table=is_table)
+        return [_TableSlice(FileSlice(file, (0,), error=error), keys.unit_value, keys.unit_value, keys)]
+
+
+def _own_kind(file: StoredFile) -> str:
+    """What a file of JSON says of itself that Flinders wrote; nothing of others."""
+    if not file.name.lower().endswith(".json") or file.size > MAX_OWN_BYTES:
+        return ""
+    with contextlib.suppress(FlindersError, OSError), stored(file) as source:
+        content = Path(source).read_bytes() if isinstance(source, str) else source.read()
+        return own_kind(content.decode("utf-8", "replace"))
+    return ""
+
+
+def _slices(file: StoredFile, table: TableFile, keys: KeyColumns) -> Iterator[_TableSlice]:
+    """Slices of a file of rows, each with its first and last unit."""
+    extents = extents_of(table, keys)
+    for groups in _ranges(table.groups):
+        part = FileSlice(file, groups, sum(table.groups[group] for group in groups))
+        ends = [end for group in groups if (end := extents[group]) is not None]
+        if len(ends) < len(groups):
+            units = units_of(table, keys, groups)
+            ends = [(min(units, default=""), max(units, default=""))]
+        yield _TableSlice(part, min(ends)[0], max(greatest for _, greatest in ends), keys)
+
+
+def _runs_that_fit(items: Iterable[Item], fits: Callable[[list[Item], Item], bool]) -> Iterator[list[Item]]:
+    """Split items into runs: a new one begins with an item that does not fit the run before it.
+
+    >>> list(_runs_that_fit([1, 2, 3, 9, 1], lambda run, item: sum(run) + item <= 5))
+    [[1, 2], [3], [9], [1]]
+    """
+    run: list[Item] = []
+    for item in items:
+        if run and not fits(run, item):
+            yield run
+            run = []
+        run.append(item)
+    if run:
+        yield run
+
+
+def _ranges(rows: Sequence[int]) -> Iterator[tuple[int, ...]]:
+    """Split row groups into ranges of up to `LARGEST` rows.
+
+    >>> list(_ranges([600_000, 300_000, 300_000, 2_000_000, 5]))
+    [(0, 1), (2,), (3,), (4,)]
+    """
+    above = np.cumsum([0, *rows])
+    runs = _runs_that_fit(range(len(rows)), lambda run, group: above[group + 1] - above[run[0]] <= LARGEST)
+    yield from map(tuple, runs)
+
+
+def _tables(tables: Sequence[_TableSlice], options: Options) -> Iterator[Partition]:
+    """Partitions of files of rows: first units that lie in one slice, then units that lie in several."""
+    across = _across(tables, options)
+    shared = defaultdict(list)
+    for unit, places in across.items():
+        for place in places:
+            shared[place].append(unit)
+    alone = {table.part: shared[place] for place, table in enumerate(tables) if table.keys.unit or not shared[place]}
+    for slices in _packed(list(alone)):
+        without = {unit for part in slices for unit in alone[part]}
+        yield Partition(tuple(slices), without=tuple(sorted(without)))
+    together = defaultdict(list)
+    for unit, places in sorted(across.items()):
+        together[places].append(unit)
+    yield from _joined(together, tables)
+
+
+def _enough(total: int, short: int) -> int:
+    """Rows or bytes from which on a partition takes no more files."""
+    return max(total // LEAST_PARTITIONS, min(short, total // FEW_PARTITIONS))
+
+
+def _packed(slices: Sequence[FileSlice]) -> Iterator[list[FileSlice]]:
+    """Pack small slices together, in order.
+
+    >>> files = [FileSlice(StoredFile(str(part), "", 0), (0,), 20_000) for part in range(200)]
+    >>> [len([*_packed(files[:count])]) for count in (3, 32, 100, 200)]
+    [3, 16, 20, 40]
+    """
+    total = sum(part.rows for part in slices)
+    enough = min(SMALLEST, _enough(total, SHORT))
+
+    def fits(run: list[FileSlice], part: FileSlice) -> bool:
+        rows = sum(each.rows for each in run)
+        return len(run) < MOST_SLICES and rows < enough and rows + part.rows <= LARGEST
+
+    return _runs_that_fit(slices, fits)
+
+
+def _joined(together: dict[tuple[int, ...], list[str]], tables: Sequence[_TableSlice]) -> Iterator[Partition]:
+    """Partitions of units that lie in several slices: each as many units as are likely to fit into memory."""
+    units: list[str] = []
+    places: set[int] = set()
+
+    def rows(numbers: Iterable[int]) -> int:
+        return sum(tables[number].part.rows for number in numbers)
+
+    def partition() -> Partition:
+        return Partition(tuple(tables[place].part for place in sorted(places)), only=tuple(sorted(units)))
+
+    for own, every in together.items():
+        shares = -(-rows(own) // LARGEST) if len(every) > 1 else 1
+        for share in range(shares):
+            if units and rows(places | set(own)) > SMALLEST:
+                yield partition()
+                units, places = [], set()
+            units += every[share::shares]
+            places |= set(own)
+    if units:
+        yield partition()
+
+
+def _across(tables: Sequence[_TableSlice], options: Options) -> dict[str, tuple[int, ...]]:
+    """Units with rows in several slices, and in which."""
+    across: dict[str, tuple[int, ...]] = {}
+    for cluster in _overlapping(tables):
+        overlapping = [tables[place] for place in cluster]
+        is_sorted = all(one.greatest <= two.least for one, two in pairwise(overlapping))
+        if is_sorted:  # only the last unit of one can be the first of the next
+            units = [{table.least, table.greatest} for table in overlapping]
+        else:
+            units = list(_in_threads(lambda table: _units(table, options), overlapping))
+        places = defaultdict(list)
+        for place, own in sorted(zip(cluster, units, strict=True), key=lambda each: each[0]):
+            for unit in own:
+                places[unit].append(place)
+        across |= {unit: tuple(each) for unit, each in places.items() if len(each) > 1}
+    return across
+
+
+def _overlapping(tables: Sequence[_TableSlice]) -> Iterator[list[int]]:
+    """Slices whose ranges of units overlap, from the least unit on."""
+    cluster: list[int] = []
+    greatest = ""
+    for place in sorted(range(len(tables)), key=lambda place: (tables[place].least, tables[place].greatest)):
+        if cluster and tables[place].least > greatest:
+            yield cluster
+            cluster = []
+        greatest = max(greatest, tables[place].greatest) if cluster else tables[place].greatest
+        cluster.append(place)
+    yield from [cluster] if cluster else []
+
+
+def _units(table: _TableSlice, options: Options) -> set[str]:
+    """Units of a slice."""
+    with opened(table.part.file, options) as file:
+        return units_of(file, table.keys, table.part.groups)
+
+
+def _logs(slices: Sequence[FileSlice]) -> Iterator[Partition]:
+    """Partitions of log files, in order.
+
+    >>> files = [FileSlice(StoredFile(str(part), "", 12_000)) for part in range(2000)]
+    >>> [len([*_logs(files[:count])]) for count in (3, 32, 600, 2000)]
+    [3, 16, 28, 63]
+    """
+    enough = _enough(sum(part.weight for part in slices), SHORT_BYTES)
+
+    def fits(run: list[FileSlice], part: FileSlice) -> bool:
+        size = sum(each.weight for each in run)
+        return len(run) < MOST_SLICES and size < enough and size + part.weight <= LOG_BYTES
+
+    return (Partition(tuple(run)) for run in _runs_that_fit(slices, fits))
+
+
+def _fingerprint(files: Sequence[StoredFile], options: Options) -> str:
+    """Hash of everything that a result depends on."""
+    inputs = {
+        "members": [dataclasses.astuple(file) for file in files],
+        "asked": dataclasses.asdict(options),
+        "versions": (version("flinders"), VERSION),
+    }
+    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,337 @@
+"""Run a function over units of work: in this process, in processes of this machine, or on a Dask cluster.
+
+`map_units` yields the index of each unit and its result as soon as there is one; the caller decides about order. A
+worker that dies (killed by a person, or by the system for want of memory) is replaced and its unit is run again; a unit
+whose worker dies `ATTEMPTS` times is yielded as `Abandoned`, and the others go on.
+
+>>> dict(map_units(abs, [-1, 2, -3], workers=0))
+{0: 1, 1: 2, 2: 3}
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+from collections import Counter, deque
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from time import monotonic
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from flinders.errors import LinkError, MissingExtra, OutputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+Unit = TypeVar("Unit")
+Result = TypeVar("Result")
+
+ATTEMPTS: Final = 3
+"""Workers that a unit of work may cost; as many as Dask allows."""
+UNSTARTED: Final = (
+    f"{ATTEMPTS} worker processes ended before they began: a script that calls this needs its calls below "
+    '`if __name__ == "__main__":`, and a worker needs memory; with 0 workers this process does it all'
+)
+"""What to do where no worker can be started."""
+PATIENCE_S: Final = 10.0
+"""Seconds within which a scheduler has to answer."""
+RECOUNT_S: Final = 5.0
+"""Seconds after which the workers of a cluster are looked at again: they come and go."""
+LOGGERS: Final = ("distributed", "distributed.client", "tornado", "tornado.application")
+"""Loggers of Dask, with handlers of their own."""
+ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""Variables of a worker's threads: its matrices are small, and the other cores have workers of their own."""
+KEPT_MEMORY: Final = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_": str(1 << 26)}
+"""Bytes up to which glibc keeps freed memory for the next partition: asking again takes a tenth of the time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Abandoned:
+    """A unit of work whose worker died in each of `attempts` attempts."""
+
+    attempts: int
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerDeath:
+    """A worker that died, or left a cluster."""
+
+    worker: str  # the number of its process, or its address
+    place: int | None = None  # index of its unit, which is run again; a cluster does not say
+    attempts: int = 0  # workers that this unit has cost so far
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def map_units(
+    work: Callable[[Unit], Result],
+    units: Sequence[Unit],
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    notice: Callable[[str], None] = lambda _: None,
+    died: Callable[[WorkerDeath], None] = lambda _: None,
+) -> Iterator[tuple[int, Result | Abandoned]]:
+    """Run a function over units, and yield the index of each and its result, in the order in which they are done.
+
+    In this process for no `workers`, in so many processes (by default one for each core), or on the Dask cluster of a
+    `scheduler`; function, units and results have to be picklable. `notice` is called with the reason if the work cannot
+    go on, `died` with each worker that died. Raises LinkError if there is no scheduler, or it goes away, and whatever
+    `work` raises.
+    """
+    if scheduler is not None:
+        yield from _on_cluster(work, units, scheduler, notice, died)
+    elif workers == 0:
+        yield from ((place, work(unit)) for place, unit in enumerate(units))
+    else:
+        yield from _in_processes(work, units, workers or cores(), died)
+
+
+def reach(scheduler: str) -> None:
+    """Check that a scheduler answers: raises LinkError, or MissingExtra without Dask."""
+    with _quiet(), _client(scheduler):
+        pass
+
+
+# --------------------------------------------------------------------------------------------------------- processes
+
+
+class _Worker:
+    """An executor of one process: a pool of several does not say which unit a process died of."""
+
+    def __init__(self) -> None:
+        """Start the process."""
+        with _environment(dict.fromkeys(ONE_THREAD, "1") | KEPT_MEMORY), _interrupts_blocked():
+            self.executor = ProcessPoolExecutor(1, _context(), _prepare)
+            self._pid = self.executor.submit(os.getpid)
+
+    def submit(self, work: Callable[[Unit], Result], unit: Unit) -> Future[Result]:
+        """Run a unit; if the process is dead already, the future says so."""
+        try:
+            return self.executor.submit(work, unit)
+        except BrokenProcessPool as error:
+            future: Future[Result] = Future()
+            future.set_exception(error)
+            return future
+
+    @property
+    def pid(self) -> str:
+        """Number of the process; empty if it died before it could say."""
+        return "" if self._pid.exception() else str(self._pid.result())
+
+    def stop(self) -> None:
+        """Kill the process, which holds nothing that is not here yet."""
+        for process in multiprocessing.active_children():
+            if str(process.pid) == self.pid:
+                process.kill()
+        self.executor.shutdown(cancel_futures=True)
+
+
+def _in_processes(
+    work: Callable[[Unit], Result], units: Sequence[Unit], count: int, died: Callable[[WorkerDeath], None]
+) -> Iterator[tuple[int, Result | Abandoned]]:
+    """Keep so many processes busy, and replace those that die."""
+    waiting = deque(range(len(units)))
+    attempts: Counter[int] = Counter()
+    unstarted = 0
+    workers = {_Worker() for _ in range(min(count, len(units)))}
+    busy: dict[Future[Result], tuple[_Worker, int]] = {}
+
+    def give(worker: _Worker) -> None:
+        if waiting:
+            place = waiting.popleft()
+            busy[worker.submit(work, units[place])] = worker, place
+
+    try:
+        for worker in workers:
+            give(worker)
+        while busy:
+            for future in wait(busy, return_when=FIRST_COMPLETED).done:
+                worker, place = busy.pop(future)
+                if not isinstance(future.exception(), BrokenProcessPool):
+                    yield place, future.result()
+                    give(worker)
+                    continue
+                attempts[place] += 1
+                unstarted = 0 if worker.pid else unstarted + 1
+                if unstarted == ATTEMPTS:
+                    raise LinkError(UNSTARTED)
+                died(WorkerDeath(worker.pid, place, attempts[place]))
+                workers.remove(worker)
+                worker.stop()
+                if attempts[place] < ATTEMPTS:
+                    waiting.appendleft(place)
+                else:
+                    yield place, Abandoned(attempts[place])
+                workers.add(worker := _Worker())
+                give(worker)
+    finally:
+        for worker in workers:
+            worker.stop()
+
+
+def _context() -> Any:  # noqa: ANN401 - one of several classes
+    """Start processes from a server that has imported what they need: safe beside threads, and fast to replace."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["flinders.apps.fleet.worker"])
+    return context
+
+
+def _prepare() -> None:
+    """Leave Ctrl-C to the parent process, and end with it: a worker without a parent would wait for ever."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Wait for the end of the parent process, then end this one."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@contextlib.contextmanager
+def _environment(values: dict[str, str]) -> Iterator[None]:
+    """Set variables, unless they are set, for processes that are started within the block."""
+    added = {name: value for name, value in values.items() if name not in os.environ}
+    os.environ.update(added)
+    try:
+        yield
+    finally:
+        for name in added:
+            del os.environ[name]
+
+
+@contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Block Ctrl-C in processes that are started within the block; here it is delivered at its end."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # it unblocks what is blocked when it starts, so it has to run by then
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+# ----------------------------------------------------------------------------------------------------------- cluster
+
+
+def _on_cluster(
+    work: Callable[[Unit], Result],
+    units: Sequence[Unit],
+    scheduler: str,
+    notice: Callable[[str], None],
+    died: Callable[[WorkerDeath], None],
+) -> Iterator[tuple[int, Result | Abandoned]]:
+    """Run units on a cluster; a scheduler that goes away is one error in one line."""
+    distributed = _distributed()
+    with _quiet():
+        client = _client(scheduler)
+        gone = (OSError, distributed.CancelledError, distributed.client.ClosedClientError)
+        try:
+            with client:
+                yield from _submitted(client, work, units, scheduler, notice, died)
+        except gone:
+            raise _is_gone(scheduler) from None
+
+
+def _client(scheduler: str) -> Any:  # noqa: ANN401 - Dask ships no types
+    """Join a cluster; raises LinkError if nobody answers."""
+    try:
+        return _distributed().Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise LinkError(
+            f"no Dask scheduler answers at {scheduler} ({error}): start one with `dask scheduler`"
+        ) from None
+
+
+def _submitted(
+    client: Any,  # noqa: ANN401 - Dask ships no types
+    work: Callable[[Unit], Result],
+    units: Sequence[Unit],
+    scheduler: str,
+    notice: Callable[[str], None],
+    died: Callable[[WorkerDeath], None],
+) -> Iterator[tuple[int, Result | Abandoned]]:
+    """Submit all units, and yield what is done; each result is released once it is read."""
+    places = {future: place for place, future in enumerate(client.map(work, units, pure=False))}
+    done = _distributed().as_completed(list(places), loop=client.loop, raise_errors=False)
+    present, looked = _present(client, set(), died), monotonic()
+    if not present:
+        notice(f"{scheduler} has no workers: waiting for one (`dask worker {scheduler}` starts one)")
+    for future in done:
+        yield places.pop(future), _of_future(future, scheduler)
+        future.release()
+        if monotonic() - looked > RECOUNT_S:
+            present, looked = _present(client, present, died), monotonic()
+    with contextlib.suppress(OSError):  # all is done: it does not matter if the scheduler has gone by now
+        _present(client, present, died)
+
+
+def _present(client: Any, before: set[str], died: Callable[[WorkerDeath], None]) -> set[str]:  # noqa: ANN401
+    """Workers of a cluster; those that were there before and are no more have died."""
+    now = set(client.nthreads())
+    for worker in sorted(before - now):
+        died(WorkerDeath(worker))
+    return now
+
+
+def _of_future(future: Any, scheduler: str) -> Any:  # noqa: ANN401
+    """Result of a future of Dask; what its worker raised is raised here."""
+    while future.status == "lost":  # its worker died with the result before it was read
+        future.exception()  # waits until another worker has run it again
+    if future.status == "finished":
+        return future.result()
+    if future.status == "error":
+        error = future.exception()
+        if isinstance(error, _distributed().scheduler.KilledWorker):
+            return Abandoned(ATTEMPTS)
+        if isinstance(error, OutputError):
+            raise OutputError(str(error))
+        raise RuntimeError(f"a worker of {scheduler} could not do its work: {type(error).__name__}: {error}")
+    raise _is_gone(scheduler)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence the loggers of Dask: about a scheduler that is gone they write pages."""
+    handlers = [handler for name in LOGGERS for handler in logging.getLogger(name).handlers]
+    levels = [handler.level for handler in handlers]
+    for handler in handlers:
+        handler.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for handler, level in zip(handlers, levels, strict=True):
+            handler.setLevel(level)
+
+
+def _is_gone(scheduler: str) -> LinkError:
+    """Error of a scheduler that went away during the run."""
+    return LinkError(f"the Dask scheduler at {scheduler} is gone: start it again, and resume", hint={"resume": True})
+
+
+def _distributed() -> Any:  # noqa: ANN401
+    """Import Dask's distributed; raises MissingExtra if it is not installed."""
+    try:
+        import distributed
+        import distributed.client
+        import distributed.scheduler
+    except ImportError:
+        raise MissingExtra("distributed", "fleet", "a run on a Dask scheduler") from None
+    return distributed

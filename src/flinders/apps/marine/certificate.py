@@ -1,0 +1,89 @@
+"""The certificate of a swing as one HTML file: how the compass keeps its limit, its card, and fields to sign.
+
+>>> from flinders.apps.marine.deviation import fit
+>>> from flinders.apps.marine.swing_words import SwingAccount
+>>> curve = fit(range(0, 360, 45), [1.0, 2.0, 1.5, -0.2, -0.5, -0.8, -1.5, -0.7])
+>>> text = certificate(SwingAccount(curve, target_deg=1.0, step_deg=45.0))
+>>> text.startswith("<!doctype html>"), text.count("<tr>"), "Signature" in text
+(True, 16, True)
+"""
+
+from __future__ import annotations
+
+import base64
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Final
+
+from flinders.apps.marine.drawing import swing_drawing
+from flinders.apps.marine.swing_words import TITLES
+from flinders.errors import UsageError
+from flinders.report.formatting import as_sentence, minus
+from flinders.report.html_file import html_file, script_of, style_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from flinders.apps.marine.swing_words import Statement, SwingAccount
+
+FIELDS: Final = ("Place and date", "Swung by, licence", "Reference of headings", "Next swing due", "Signature")
+"""What is filled in by hand."""
+
+GRAVITY: Final = ("refused", "limited", "good")
+"""Verdicts, the gravest first."""
+
+
+def certificate(swing: SwingAccount, facts: Mapping[str, str] | None = None) -> str:
+    """Write a swing as a certificate; one without a curve has none.
+
+    Parameters
+    ----------
+    swing : SwingAccount
+        What it says; the error of the base is in its uncertainty.
+    facts : mapping of str to str, optional
+        What else to tell, such as vehicle and compass.
+    """
+    if swing.deviation is None:
+        raise UsageError("without known headings there is no curve, and nothing to certify")
+    drawing = base64.b64encode(swing_drawing(swing.deviation).encode()).decode()
+    first, *others = sorted(swing.statements, key=_gravity)
+    site = {} if swing.site is None else {"Declination": str(swing.site)}
+    table, card = swing.coefficients(swing.deviation), swing.card(swing.deviation)
+    (_, *columns, _), rows = table, zip(*table.values(), strict=True)
+    given = {
+        "outcome": {"verdict": first.verdict, "title": first.title, "sentence": as_sentence(first.words)},
+        "what": "Compass swing",
+        "numbers": (),
+        "date": f"{datetime.now(UTC):%Y-%m-%d}",
+        "release": version("flinders"),
+        "facts": {**(facts or {}), **_rule_facts(swing), **site},
+        "others": [(one, as_sentence(one.words)) for one in others],
+        "notes": [(kind, as_sentence(words)) for kind, words in _notes(swing)],
+        "columns": columns,
+        "coefficients": [(name, meaning, cells) for name, *cells, meaning in rows],
+        "halves_of_card": [half for half in (card[: -(-len(card) // 2)], card[-(-len(card) // 2) :]) if half],
+        "drawing": f"data:image/svg+xml;base64,{drawing}",
+        "fields": FIELDS,
+    }
+    return html_file("certificate.html.j2", given, style=style_of("certificate.css"), script=script_of(),
+                     filters={"minus": minus})  # fmt: skip
+
+
+def _gravity(statement: Statement) -> tuple[int, bool]:
+    """Order of statements: the gravest first, and of those the limit, which is why a certificate is asked for."""
+    return GRAVITY.index(statement.verdict), statement.title not in TITLES.values()
+
+
+def _notes(swing: SwingAccount) -> list[tuple[str, str]]:
+    """What limits the swing, then what else there is to know."""
+    said = [note for one in swing.statements for note in one.notes]
+    said += [("note", words) for words in (*(swing.logged.notes if swing.logged else ()), *swing.rule_notes)]
+    return sorted(said, key=lambda note: note[0] != "limits")
+
+
+def _rule_facts(swing: SwingAccount) -> dict[str, str]:
+    """Rule, limit, and what was seen of the rule."""
+    limit = {} if swing.conformity is None else {"Limit": f"{swing.conformity.limit_deg:g}° on any heading"}
+    if swing.rule is None:
+        return limit
+    return {"Rule": swing.rule.title, **limit, "Seen of the rule": "; ".join(swing.rule.sources)}

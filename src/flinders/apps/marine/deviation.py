@@ -1,0 +1,438 @@
+"""The deviation of a compass on its ship: five coefficients from a swing, and the card made from them.
+
+``δ(ζ) = A + B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ``: magnetic less compass heading, east positive, over the *compass*
+heading ζ. A is a turned compass or a wrong reference, B and C are hard iron fore-and-aft and athwartships (and soft
+iron that the vertical field magnetises), D and E are soft iron.
+
+>>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])      # H.O. 226, figure 501
+>>> swing.coefficients_deg.round(4)
+array([ 1.    , 11.9397,  7.9598,  5.    ,  1.5   ])
+>>> eight_points([10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
+array([ 1. , 12. ,  8. ,  5. ,  1.5])
+>>> round(float(swing.at(45.0)), 1), round(float(swing.magnetic(45.0)), 1)
+(20.1, 65.1)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.arrays import column, floats, refuse_gaps
+from flinders.errors import ArrayError, FitError, UsageError, counted
+from flinders.geometry.angles import folded, wrapped
+from flinders.heading.harmonics import design
+from flinders.summary.pooling import chance_of, chi_square_of
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from flinders.arrays import Floats
+
+NAMES: Final = "ABCDE"
+LEAST: Final = 5
+"""Headings without which five coefficients are open."""
+SURE: Final = 2.0
+"""Standard deviations of the curve that have to fit inside the limit too."""
+ADVISED: Final = 8
+"""Headings that a swing should have."""
+LARGE_DEG: Final = 15.0
+"""Deviation beyond which the small-angle formula leaves more out than it is good for."""
+WIDEST_GAP_DEG: Final = 120.0
+"""Between headings that follow each other: a wider gap leaves the curve inside it open."""
+HALF_DEG: Final = 180.0
+"""A wider gap leaves less than half a circle: five coefficients of it are no more than a guess."""
+APART_DEG: Final = 1.0
+"""Headings closer than this are one."""
+UNLIKE_DEG: Final = 30.0
+"""Scatter about the curve that is none of a compass: unrelated headings scatter by 60° and more."""
+PLACED_DEG: Final = 1.0
+"""How near to the cardinal and intercardinal points headings must be for the eight-point formulas."""
+CARD_STEP_DEG: Final = 15.0
+CHANCE: Final = 1e-3
+"""A swing that is less likely than that says that its calibration no longer holds."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Deviation:
+    """A deviation curve, and the swing that it came from.
+
+    Where residuals are larger than chance makes them of the 1 σ that was given, the covariance is enlarged by the ratio
+    of χ² to the degrees of freedom.
+    """
+
+    coefficients_deg: Floats  # (5,) A, B, C, D and E
+    covariance: Floats | None  # (5, 5) degrees²; None where nothing says how well a heading was read
+    sigma_deg: float | None  # scatter of one observation about the curve, or what was given for it
+    compass_deg: Floats  # (N,) headings by the compass
+    observed_deg: Floats  # (N,) the deviation seen there
+    residual_deg: Floats  # (N,) observed less curve
+    chi_square: float | None = None  # of the residuals against what was given as their 1 σ
+
+    @property
+    def freedom(self) -> int:
+        """Headings more than there are coefficients."""
+        return len(self.compass_deg) - len(NAMES)
+
+    @property
+    def sigmas_deg(self) -> Floats | None:
+        """(5,) standard deviations of the coefficients, or None."""
+        return None if self.covariance is None else np.sqrt(np.diagonal(self.covariance).clip(min=0.0))
+
+    def at(self, compass_deg: ArrayLike) -> Floats:
+        """Deviation at compass headings: (...,) degrees to (...,) degrees."""
+        deviation: Floats = design(compass_deg) @ self.coefficients_deg
+        return deviation
+
+    def sigma_at(self, compass_deg: ArrayLike) -> Floats | None:
+        """1 σ of the curve at compass headings, or None where it is not known."""
+        if self.covariance is None:
+            return None
+        rows = design(compass_deg)
+        sigma: Floats = np.sqrt(np.sum(rows @ self.covariance * rows, axis=-1).clip(min=0.0))
+        return sigma
+
+    def magnetic(self, compass_deg: ArrayLike) -> Floats:
+        """Magnetic headings in [0, 360) for compass headings."""
+        return wrapped(floats(compass_deg, "compass_deg") + self.at(compass_deg))
+
+    def compass(self, magnetic_deg: ArrayLike) -> Floats:
+        """Compass headings in [0, 360) to steer for magnetic ones: the inverse of `magnetic`, to a millionth of 1°.
+
+        >>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
+        >>> round(float(swing.compass(swing.magnetic(100.0))), 6)
+        100.0
+
+        Raises `FitError` where deviations are so large that two compass headings mean one magnetic heading.
+        """
+        wanted = floats(magnetic_deg, "magnetic_deg")
+        if not self.is_one_to_one:
+            raise FitError("deviation changes faster than the heading: one magnetic heading has several by compass")
+        heading = wanted - self.at(wanted)
+        for _ in range(200):
+            step = folded(wanted - heading - self.at(heading))
+            heading = heading + step
+            if np.abs(step).max(initial=0.0) < 1e-9:
+                break
+        return wrapped(heading)
+
+    @property
+    def is_one_to_one(self) -> bool:
+        """The heading grows with the compass heading all round, so that each magnetic heading has one by compass."""
+        around = np.arange(0.0, 361.0)
+        return bool(np.diff(around + self.at(around)).min() > 0.0)
+
+    @property
+    def largest_deg(self) -> float:
+        """Largest deviation of the curve, whichever way, at whole degrees."""
+        return float(np.abs(self.at(np.arange(360.0))).max())
+
+    @property
+    def widest_gap_deg(self) -> float:
+        """Largest angle between neighbouring headings of the swing."""
+        return _widest_gap_deg(self.compass_deg)
+
+    @property
+    def eight(self) -> Floats | None:
+        """The eight-point coefficients, where the swing was made on just these points; else None."""
+        places = np.round(self.compass_deg / 45.0).astype(int) % 8
+        near = np.abs(folded(self.compass_deg - 45.0 * places)) <= PLACED_DEG
+        if len(places) != 8 or not near.all() or len(set(places.tolist())) != 8:
+            return None
+        return eight_points(self.observed_deg[np.argsort(places)])
+
+    def widened(self, covariance: ArrayLike) -> Deviation:
+        """The curve with an error added that is common to all its headings: (5, 5) degrees² of A to E.
+
+        Such an error is not in the residuals: that of the base, by which all known headings are off, is one of A.
+        A curve of which no uncertainty is known keeps none.
+        """
+        return (
+            self
+            if self.covariance is None
+            else replace(self, covariance=self.covariance + floats(covariance, "covariance"))
+        )
+
+    def card(self, step_deg: float = CARD_STEP_DEG) -> tuple[Floats, Floats, Floats | None]:
+        """Headings by compass, deviations and their 1 σ, all round in steps.
+
+        Raises `UsageError` unless the step goes into 360 a whole number of times.
+        """
+        if not (
+            step_deg > 0.0 and 360.0 / step_deg < 4000.0 and abs(360.0 / step_deg - round(360.0 / step_deg)) < 1e-9
+        ):
+            raise UsageError(f"a step of {step_deg:g}° does not go round: need a part of 360°, such as 10, 15 or 45")
+        headings = np.arange(round(360.0 / step_deg)) * step_deg
+        return headings, self.at(headings), self.sigma_at(headings)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        headings, deviations, sigmas = self.card()
+        return {
+            "coefficients_deg": dict(zip(NAMES, self.coefficients_deg.tolist(), strict=True)),
+            "sigma_deg": None if self.sigmas_deg is None else dict(zip(NAMES, self.sigmas_deg.tolist(), strict=True)),
+            "covariance": None if self.covariance is None else self.covariance.tolist(),
+            # A to E by the classic analysis of eight headings 45° apart; None for others
+            "eight_points_deg": None if self.eight is None else dict(zip(NAMES, self.eight.tolist(), strict=True)),
+            "headings": len(self.compass_deg),  # how many were observed
+            "freedom": self.freedom,
+            "observation_sigma_deg": self.sigma_deg,  # 1 σ of one observation about the curve, or what was given for it
+            "chi_square": self.chi_square,
+            "largest_deg": self.largest_deg,
+            "widest_gap_deg": self.widest_gap_deg,
+            # observations by compass heading: `deviation_deg` and its `residual_deg` from the curve
+            "swing": {
+                "compass_deg": self.compass_deg.tolist(),
+                "deviation_deg": self.observed_deg.tolist(),
+                "residual_deg": self.residual_deg.tolist(),
+            },
+            # the curve in steps of compass heading: `deviation_deg`, and its 1 σ
+            "card": {
+                "compass_deg": headings.tolist(),
+                "deviation_deg": deviations.tolist(),
+                "sigma_deg": None if sigmas is None else sigmas.tolist(),
+            },
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Expected:
+    """What a calibration leaves a compass to be off by, as far as its own claim goes: B to E, each around zero.
+
+    It is one and the same error on every heading of a swing, which therefore sees it: it is in the curve, and no part
+    of the uncertainty of that.
+    """
+
+    covariance: Floats  # (4, 4) degrees², of B, C, D and E; A is a matter of mounting, of which nothing is claimed
+    dip_deg: float  # for which it holds
+    dip_from: str  # where that comes from
+
+    @property
+    def sigmas_deg(self) -> Floats:
+        """(4,) standard deviations of B, C, D and E."""
+        sigmas: Floats = np.sqrt(np.diagonal(self.covariance).clip(min=0.0))
+        return sigmas
+
+    def chance(self, deviation: Deviation) -> tuple[float, int, float] | None:
+        """χ² of what a swing found, its degrees of freedom, and the chance of so much; None where no σ is known.
+
+        Where the swing's own σ comes from its residuals, few of them tell it badly: the chance allows for that, as far
+        as it matters beside what the calibration claims (Welch and Satterthwaite's degrees of freedom).
+
+        >>> swing = fit(range(0, 360, 45), [1.1, 0.8, 0.1, -0.6, -1.0, -0.8, 0.1, 0.6], sigma_deg=0.2)   # C is 1.0°
+        >>> [Expected(sigma**2 * np.eye(4), 60.0, "given").chance(swing)[2] > CHANCE for sigma in (0.5, 0.05)]
+        [True, False]
+        """
+        if deviation.covariance is None:
+            return None
+        rms, own = deviation.coefficients_deg[1:], deviation.covariance[1:, 1:]
+        square, freedom = chi_square_of(rms, own + self.covariance)
+        along = np.linalg.pinv(own + self.covariance, hermitian=True) @ rms
+        share = float(along @ own @ along) / square if deviation.chi_square is None and square > 0.0 else 0.0
+        others = deviation.freedom / share**2 if share > 0.0 else math.inf
+        return square, freedom, chance_of(square, freedom, others)
+
+    def as_dict(self, deviation: Deviation | None) -> dict[str, Any]:
+        """JSON-ready, held against a swing if there is one."""
+        chance = None if deviation is None else self.chance(deviation)
+        return {
+            "sigma_deg": dict(zip(NAMES[1:], self.sigmas_deg.tolist(), strict=True)),  # 1 σ of B, C, D and E
+            "covariance": self.covariance.tolist(),
+            "dip_deg": self.dip_deg,
+            "dip_from": self.dip_from,
+            # of what the swing found, against what the calibration claims
+            "chi_square": None if chance is None else chance[0],
+            "p_value": None if chance is None else chance[2],  # how often chance alone makes as much
+        }
+
+
+def fit(compass_deg: ArrayLike, deviation_deg: ArrayLike, *, sigma_deg: ArrayLike | None = None) -> Deviation:
+    """Find A to E by least squares: minimise ``Σ (δᵢ − δ(ζᵢ))²/σᵢ²``.
+
+    Parameters
+    ----------
+    compass_deg : (N,) degrees
+        Headings by the compass; five different ones at the least, and better eight, all round.
+    deviation_deg : (N,) degrees
+        Magnetic less compass heading there; 350 counts as −10.
+    sigma_deg : float or (N,) degrees, optional
+        1 σ of each. By default all are equally good, and how good is taken from the residuals, which takes six.
+
+    Raises
+    ------
+    FitError
+        For fewer than five different headings, headings within less than half a circle, or such as lie on no curve.
+    ArrayError
+        For arrays of the wrong shape, with gaps, or a σ that is not positive.
+
+    Notes
+    -----
+    With headings all round in equal steps A is the mean, and B, C, D and E are twice the means of δ sin ζ … cos 2ζ.
+    """
+    headings = wrapped(_listed(compass_deg, "compass_deg"))
+    deviations = folded(column(_listed(deviation_deg, "deviation_deg"), len(headings), "deviation_deg"))
+    _refuse_few(headings)
+    _refuse_an_arc(headings)
+    sigma = _sigmas(1.0 if sigma_deg is None else sigma_deg, len(headings))
+    rows = design(headings)
+    left, values, right = np.linalg.svd(rows / sigma[:, np.newaxis], full_matrices=False)
+    coefficients: Floats = right.T @ ((left.T @ (deviations / sigma)) / values)
+    residual = deviations - rows @ coefficients
+    square, freedom = float(np.sum((residual / sigma) ** 2)), len(headings) - len(NAMES)
+    scale = square / freedom if freedom else None
+    if sigma_deg is not None:
+        scale = max(1.0, scale or 0.0)
+    if scale is None:
+        return Deviation(coefficients, None, None, headings, deviations, residual)
+    root = right.T / values
+    one = float((np.mean(sigma**2) * scale) ** 0.5)
+    _refuse_unlike(one)
+    return Deviation(
+        coefficients,
+        scale * (root @ root.T),
+        one,
+        headings,
+        deviations,
+        residual,
+        None if sigma_deg is None else square,
+    )
+
+
+def common_error(sigma_deg: float) -> Floats:
+    """(5, 5) degrees² of A to E that an error adds by which all known headings are off together: it is one of A."""
+    covariance = np.zeros((len(NAMES), len(NAMES)))
+    covariance[0, 0] = sigma_deg**2
+    return covariance
+
+
+def eight_points(deviation_deg: ArrayLike) -> Floats:
+    """A to E in degrees from (8,) deviations on N, NE, E, SE, S, SW, W and NW, as adjusters work them out by hand.
+
+    A = mean; B = (E − W)/2; C = (N − S)/2; D = ((NE + SW) − (SE + NW))/4; E = ((N + S) − (E + W))/4
+    (H.O. 226, Handbook of Magnetic Compass Adjustment). B and C use two of the headings; `fit` uses all.
+
+    Raises `ArrayError` unless there are eight.
+    """
+    values = column(deviation_deg, 8, "deviation_deg")
+    refuse_gaps(values, "deviation_deg")
+    n, ne, e, se, s, sw, w, nw = values
+    return np.array(
+        [values.mean(), (e - w) / 2.0, (n - s) / 2.0, ((ne + sw) - (se + nw)) / 4.0, ((n + s) - (e + w)) / 4.0]
+    )
+
+
+def eight_points_sigma(sigma_deg: float) -> Floats:
+    """(5,) 1 σ of `eight_points` for observations that are good to `sigma_deg` each.
+
+    >>> eight_points_sigma(1.0).round(3)
+    array([0.354, 0.707, 0.707, 0.5  , 0.5  ])
+    """
+    return sigma_deg * np.array([8.0**-0.5, 2.0**-0.5, 2.0**-0.5, 0.5, 0.5])
+
+
+def _listed(values: ArrayLike, name: str) -> Floats:
+    """Let through a list of finite numbers."""
+    array = floats(values, name)
+    if array.ndim != 1:
+        raise ArrayError(f"{name} has shape {array.shape}: need (N,), one value a heading")
+    refuse_gaps(array, name)
+    return array
+
+
+def _sigmas(sigma_deg: ArrayLike, count: int) -> Floats:
+    """Let through one positive number, or one for each heading."""
+    given = floats(sigma_deg, "sigma_deg")
+    sigma = np.full(count, float(given)) if given.ndim == 0 else column(given, count, "sigma_deg")
+    wrong = sigma[~(np.isfinite(sigma) & (sigma > 0.0))]
+    if len(wrong):
+        raise ArrayError(f"sigma_deg is {wrong[0]:g} somewhere: need positive numbers of degrees")
+    return sigma
+
+
+def _refuse_few(headings: Floats) -> None:
+    """Refuse a swing that leaves coefficients open."""
+    different: list[float] = []
+    for heading in headings.tolist():
+        if len(different) < LEAST and all(abs(float(folded(heading - other))) >= APART_DEG for other in different):
+            different.append(heading)
+    if len(different) < LEAST:
+        raise FitError(
+            f"{counted(len(different), 'different heading')}, five coefficients need at least {LEAST}: "
+            f"steady the vehicle on {ADVISED} headings all round, each 45° from the last",
+            found=len(different),
+            needed=LEAST,
+        )
+
+
+def _refuse_an_arc(headings: Floats) -> None:
+    """Refuse a swing over less than half a circle."""
+    gap = _widest_gap_deg(headings)
+    if gap > HALF_DEG:
+        raise FitError(
+            f"all headings lie within {360.0 - gap:.0f}°, five coefficients need headings all round: "
+            f"steady the vehicle on {ADVISED} headings, each 45° from the last",
+            found=360.0 - gap,
+            needed=HALF_DEG,
+        )
+
+
+def _refuse_unlike(scatter_deg: float) -> None:
+    """Refuse headings by compass that do not go with the magnetic ones."""
+    if scatter_deg > UNLIKE_DEG:
+        raise FitError(
+            f"headings scatter by {scatter_deg:.0f}° (1 σ) about any curve of five coefficients: those by compass do "
+            "not go with the others; check the columns, the order of the lines, and that both count clockwise",
+            found=scatter_deg,
+            needed=UNLIKE_DEG,
+        )
+
+
+def _widest_gap_deg(headings: Floats) -> float:
+    """Largest angle between neighbouring headings (N,) of a circle, degrees."""
+    around = np.sort(headings)
+    return float(np.diff(np.append(around, around[0] + 360.0)).max())
+
+
+@dataclass(frozen=True, slots=True)
+class Conformity:
+    """What decides whether a curve keeps a limit: the reading or the place on the curve that comes nearest to it."""
+
+    limit_deg: float  # largest deviation that the rule allows
+    largest_deg: float  # deviation there, without its sign
+    compass_deg: float  # heading at which it is largest
+    sigma_deg: float | None  # of the curve there; None where it is not known
+    is_reading: bool  # of the swing, and not of the curve
+
+    @property
+    def verdict(self) -> str:
+        """``beyond`` the limit, ``within`` it with two standard deviations to spare, and else ``open``."""
+        if self.largest_deg > self.limit_deg:
+            return "beyond"
+        is_sure = self.sigma_deg is not None and self.largest_deg + SURE * self.sigma_deg <= self.limit_deg
+        return "within" if is_sure else "open"
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return {**values, "verdict": self.verdict}
+
+
+def conformity(deviation: Deviation, limit_deg: float) -> Conformity:
+    """Hold against a limit the readings of a swing, none of which may be beyond, and the curve at whole degrees.
+
+    >>> swing = fit(range(0, 360, 30), [3, 4, 2, 0, -1, -2, -3, -4, -2, 0, 1, 2])
+    >>> [conformity(swing, limit).verdict for limit in (10.0, 4.0, 3.0)]
+    ['within', 'open', 'beyond']
+    """
+    around, observed = np.arange(360.0), np.abs(deviation.observed_deg)
+    curve, sigma = np.abs(deviation.at(around)), deviation.sigma_at(around)
+    worst = int(observed.argmax())
+    if observed[worst] > max(limit_deg, float(curve.max())):
+        return Conformity(limit_deg, float(observed[worst]), float(deviation.compass_deg[worst]), None, True)
+    is_beyond = bool(curve.max() > limit_deg)
+    place = int((curve if is_beyond or sigma is None else curve + SURE * sigma).argmax())
+    known = None if sigma is None else float(sigma[place])
+    return Conformity(limit_deg, float(curve[place]), float(around[place]), known, False)

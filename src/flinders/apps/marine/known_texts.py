@@ -1,0 +1,25 @@
+"""Texts of boats that hold no readings of a magnetometer: what they are, and what to do with them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flinders.apps.marine import nmea0183, nmea2000
+from flinders.readers._known_texts import KnownText
+
+TEXTS: Final = (
+    KnownText(
+        nmea2000.SIGN,
+        0.6,
+        "is a candump of NMEA 2000: its headings in degrees are for flinders swing; readings x, y, z of a "
+        "magnetometer it has none",
+        may_be_read=True,
+    ),
+    KnownText(
+        nmea0183.SIGN,
+        0.0,
+        "is a log of a boat, with headings in degrees: flinders swing finds the deviation from it; a calibration needs "
+        "readings x, y, z of the magnetometer",
+        may_be_read=True,
+    ),
+)

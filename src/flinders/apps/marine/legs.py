@@ -1,0 +1,304 @@
+"""Deviations from a log under way: of straight legs, or while turning, against a heading or a course over ground.
+
+A course is not a heading. Current turns it: over ground a boat moves with v = s (sin h, cos h) + u, and the speeds on
+legs all round tell the current u, since |v − u| = s on each. The course through the water, that of v − u, is left to
+differ from the heading by leeway, of which nothing but a prior is known: `CRAB_DEG`. What u and leeway may be off by is
+the same error on all legs, which no residual shows: it turns B and C, and is stated as their covariance.
+
+>>> rng, around = np.random.default_rng(1), np.repeat(np.arange(0.0, 360.0, 45.0), 60)
+>>> velocity = 3.0 * np.exp(1j * np.deg2rad(around)) + (0.3 + 0.2j)             # north + i east, m/s
+>>> course, speed = np.rad2deg(np.angle(velocity)), np.abs(velocity)
+>>> swing = legs(np.arange(480.0), around + rng.normal(0.0, 0.5, 480), course, speed, is_course=True)
+>>> abs(swing.current - (0.3 + 0.2j)) < 0.01, len(swing.compass_deg), float(np.abs(swing.deviation_deg).max()) < 0.5
+(True, 8, True)
+
+While a vehicle turns, a compass that lags by τ reads behind by τ times the rate, and ahead while it turns the other
+way. Where a vehicle turns both ways τ comes out of the readings; turned one way it looks like A, of which it then is an
+uncertainty: τ is known beforehand to be 0 ± `LAG_S`.
+
+>>> time = np.arange(0.0, 480.0, 0.5)
+>>> heading = np.where(time < 240.0, 1.5 * time, 720.0 - 1.5 * time)
+>>> lagged = np.interp(time - 0.6, time, heading)
+>>> swing = turning(time, lagged % 360.0, (heading + 2.0) % 360.0)
+>>> float(np.abs(swing.deviation_deg - 2.0).max()) < 0.1, swing.notes[0][:24]
+(True, 'the compass lags by 0.60')
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+
+from flinders.apps.marine.deviation import LEAST, NAMES
+from flinders.errors import FitError, counted
+from flinders.geometry.angles import folded, mean_deg, wrapped
+from flinders.geometry.ellipsoid import sphere_through
+from flinders.heading.harmonics import design
+from flinders.heading.stationary import rests
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+
+    Complexes: TypeAlias = NDArray[np.complex128]
+    from collections.abc import Sequence
+
+LEG_S: Final = 20.0
+"""Shortest leg."""
+SMOOTH_S: Final = 10.0
+"""Over which a heading is averaged to find the legs: waves and the helmsman are no turns."""
+SLOWEST: Final = 2.0
+"""Speed over ground below which a course is none, m/s: four knots."""
+CRAB_DEG: Final = 1.0
+"""1 σ of what leeway turns the course from the heading."""
+SPEED_SHARE: Final = 0.02
+"""Of the speed through the water: what it may differ by from leg to leg at least, 1 σ."""
+BLOCKS: Final = 8
+"""Parts of a leg whose means say how well the mean of all is known."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoggedSwing:
+    """Readings of a swing, as a table has them, and the error that they have in common."""
+
+    compass_deg: Floats  #: (N,) degrees
+    deviation_deg: Floats  #: (N,) degrees
+    sigma_deg: Floats  #: (N,) degrees
+    seconds: Floats  #: (N,) s: how long each was
+    common_covariance: Floats  #: (5, 5) degrees²: covariance of A to E from errors that all readings share
+    notes: tuple[str, ...] = ()  #: what was taken out of them, and what is assumed
+    current: complex | None = None  #: North + i east by magnetic north, m/s, where it was taken out
+    is_steady: bool = True  #: they are of straight legs, not of turns
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        arrays = ("compass_deg", "deviation_deg", "sigma_deg", "seconds", "common_covariance")
+        current = None if self.current is None else [self.current.real, self.current.imag]
+        return {
+            **{name: getattr(self, name).tolist() for name in arrays},
+            "notes": list(self.notes),
+            "current_m_s": current,  # north and east by magnetic north, where it was taken out
+            "is_steady": self.is_steady,
+        }
+
+
+def legs(
+    time: Floats,
+    compass_deg: Floats,
+    reference_deg: Floats,
+    speed: Floats,
+    *,
+    is_course: bool,
+    least_s: float = LEG_S,
+    slowest: float = SLOWEST,
+    crab_deg: float = CRAB_DEG,
+) -> LoggedSwing:
+    """Take a reading from each straight leg of a log.
+
+    Raises `FitError` for fewer than five legs.
+
+    Parameters
+    ----------
+    time, compass_deg, reference_deg, speed : (N,)
+        s, degrees, magnetic degrees and m/s; NaN where there is no reference or speed.
+    is_course : bool
+        The reference is a course over ground.
+    least_s : float, s
+        Shortest leg.
+    slowest : float, m/s
+        Legs at less over ground are left out, of courses.
+    crab_deg : float, degrees
+        1 σ of leeway, of courses.
+    """
+    step = float(np.median(np.diff(time)))
+    spans = _spans(compass_deg, step, least_s)
+    unit: Complexes = np.exp(1j * np.deg2rad(reference_deg))
+    velocity = unit * speed if is_course else unit
+    taken = [span for span in spans if _is_sound(velocity[span], slowest if is_course else 0.0)]
+    _refuse_few(len(taken), len(spans), is_course=is_course, least_s=least_s, slowest=slowest)
+    means = np.array([np.nanmean(velocity[span]) for span in taken])
+    current, covariance = _current(means) if is_course else (None, np.zeros((2, 2)))
+    through = velocity - (current or 0.0)
+    rows = [_reading(compass_deg[span], through[span]) for span in taken]
+    common = np.zeros((len(NAMES), len(NAMES)))
+    if is_course:
+        common[1:3, 1:3] = covariance + crab_deg**2 * np.eye(2)
+    seconds = np.array([float(time[span.stop - 1] - time[span.start]) for span in taken])
+    compass, deviation, sigma = np.array(rows).T
+    return LoggedSwing(compass, deviation, sigma, seconds, common, _said(current, crab_deg), current)
+
+
+def _spans(compass_deg: Floats, step: float, least_s: float) -> list[slice]:
+    """Stretches of one smoothed heading, without what smoothing mixes with the turns."""
+    width = max(round(SMOOTH_S / step), 1)
+    smooth = np.convolve(np.exp(1j * np.deg2rad(compass_deg)), np.ones(width) / width, "same")
+    least = max(round(least_s / step), 1)
+    steady = rests(wrapped(np.rad2deg(np.angle(smooth))), least_readings=max(least, 8))
+    edge = min(width // 2, least // 4)
+    return [slice(rest.start + edge, rest.stop - edge) for rest in steady if rest.stop - rest.start > 2 * edge + BLOCKS]
+
+
+def _is_sound(velocity: Complexes, slowest: float) -> bool:
+    """Whether most of a leg has a reference, and moves fast enough."""
+    is_known = np.isfinite(velocity)
+    return bool(is_known.mean() > 0.5 and abs(velocity[is_known].mean()) >= slowest)
+
+
+def _current(means: Complexes) -> tuple[complex, Floats]:
+    """The current by the speeds of the legs, and what its uncertainty makes of B and C, degrees².
+
+    |v|² = 2 u·v + (s² − |u|²) is linear in u and the bracket; the uncertainty is that of s from leg to leg.
+    """
+    (up, right), radius = sphere_through(np.column_stack([means.real, means.imag]))
+    through = max(radius, 1e-6)
+    relative = means - complex(up, right)
+    unit = relative / np.abs(relative)
+    freedom = max(len(means) - 3, 1)
+    scatter = float(np.sqrt(np.sum((np.abs(relative) - through) ** 2) / freedom))
+    design = np.column_stack([unit.real, unit.imag, np.ones(len(means))])
+    inverse = np.linalg.pinv(design.T @ design)[:2, :2]
+    covariance = max(scatter / through, SPEED_SHARE) ** 2 * inverse  # of u/s, north and east
+    turn = np.array([[1.0, 0.0], [0.0, -1.0]])  # u north adds −sin h, u east cos h to course less heading
+    return complex(up, right), np.rad2deg(1.0) ** 2 * turn @ covariance @ turn
+
+
+def _reading(compass_deg: Floats, velocity: Complexes) -> tuple[float, float, float]:
+    """Mean heading by the compass, deviation and 1 σ of that, in degrees."""
+    is_known = np.isfinite(velocity)
+    compass, course = compass_deg[is_known], velocity[is_known]
+    middle = mean_deg(compass)
+    off = course * np.exp(-1j * np.deg2rad(compass))
+    parts = np.array([np.angle(part.sum()) for part in np.array_split(off, min(BLOCKS, len(off)))])
+    sigma = float(np.std(np.rad2deg(parts), ddof=1) / len(parts) ** 0.5)
+    return middle, float(np.rad2deg(np.angle(off.sum()))), max(sigma, 0.01)
+
+
+def _said(current: complex | None, crab_deg: float) -> tuple[str, ...]:
+    """What was taken out of courses, and what is assumed of them."""
+    if current is None:
+        return ()
+    towards = float(wrapped(np.rad2deg(np.angle(current))))
+    return (
+        f"the speeds of the legs show a current of {abs(current):.2f} m/s towards {towards:03.0f}° magnetic: taken out",
+        f"leeway is taken as 0 ± {crab_deg:g}° (1 σ), which is in the uncertainty of B and C",
+    )
+
+
+def _refuse_few(legs: int, steady: int, *, is_course: bool, least_s: float, slowest: float) -> None:
+    """Refuse a log with fewer legs than there are coefficients."""
+    if legs >= LEAST:
+        return
+    speed = f" at {slowest:g} m/s or more" if is_course else ""
+    raise FitError(
+        f"{counted(legs, 'straight leg')} of {least_s:g} s{speed} (of {steady} on one heading), five coefficients need "
+        f"{LEAST}: steer eight headings, each 45° from the last, for half a minute each",
+        found=legs,
+        needed=LEAST,
+    )
+
+
+SECTOR_DEG: Final = 15.0
+"""A reading is the mean while the compass passes one sector."""
+LAG_S: Final = 1.0
+"""1 σ of the lag, before it is seen."""
+LEAST_READINGS: Final = 3
+"""In a sector."""
+STEPS: Final = 4
+"""In which lag and scatter settle."""
+FINEST_DEG: Final = 0.01
+"""Scatter of a reading that is assumed at least."""
+
+
+def turning(time: Floats, compass_deg: Floats, heading_deg: Floats) -> LoggedSwing:
+    """Take a reading from each sector that the compass passes, the lag taken out.
+
+    Raises `FitError` where it passed fewer than five sectors.
+
+    Parameters
+    ----------
+    time, compass_deg, heading_deg : (N,)
+        s, degrees by the compass, and magnetic degrees by the other instrument; NaN where it has none.
+    """
+    is_known = np.isfinite(heading_deg)
+    time, compass, heading = time[is_known], compass_deg[is_known], heading_deg[is_known]
+    passes = _passes(compass)
+    if len(passes) < LEAST:
+        raise FitError(
+            f"the compass passed {len(passes)} sectors of {SECTOR_DEG:g}° with another heading beside it, five "
+            "coefficients need a whole circle: turn slowly all round, once each way",
+            found=len(passes),
+            needed=LEAST,
+        )
+    around = np.rad2deg(np.unwrap(np.deg2rad(heading)))
+    rows = _Rows.of(time, compass, around, passes)
+    lag, variance, scatter = 0.0, LAG_S**2, FINEST_DEG
+    for _ in range(STEPS if rows.is_both_ways else 0):
+        step, variance, scatter = rows.lag(lag)
+        lag += step
+        rows = _Rows.of(time, compass, np.interp(time - lag, time, around), passes)
+    along = np.linalg.lstsq(design(rows.compass_deg), rows.rate, rcond=None)[0]
+    return LoggedSwing(
+        rows.compass_deg,
+        rows.deviation_deg,
+        np.full(len(passes), scatter),
+        np.array([float(time[part.stop - 1] - time[part.start]) for part in passes]),
+        variance * np.outer(along, along),
+        (_words(lag, variance**0.5, is_both_ways=rows.is_both_ways),),
+        is_steady=False,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rows:
+    """A reading from each pass: (N,) heading by the compass, deviation and mean rate, degrees and degrees a second."""
+
+    compass_deg: Floats
+    deviation_deg: Floats
+    rate: Floats
+
+    @classmethod
+    def of(cls, time: Floats, compass_deg: Floats, heading_deg: Floats, passes: Sequence[slice]) -> Self:
+        """Take the means of the passes; `heading_deg` without seams."""
+        off = folded(heading_deg - compass_deg)
+        ends = [(part.start, part.stop - 1) for part in passes]
+        return cls(
+            np.array([mean_deg(compass_deg[part]) for part in passes]),
+            folded([mean_deg(off[part]) for part in passes]),
+            np.array([(heading_deg[last] - heading_deg[first]) / (time[last] - time[first]) for first, last in ends]),
+        )
+
+    @property
+    def is_both_ways(self) -> bool:
+        """Turned one way and the other, in enough sectors each."""
+        return min(int(np.sum(self.rate > 0.0)), int(np.sum(self.rate < 0.0))) >= LEAST
+
+    def lag(self, known: float) -> tuple[float, float, float]:
+        """What is left of the lag after `known` of it was taken out, s; its variance; the scatter of a reading."""
+        rows, scatter = np.column_stack([design(self.compass_deg), self.rate]), 1.0
+        for _ in range(STEPS):
+            prior = scatter / LAG_S
+            weighted = np.vstack([rows, [0.0] * LEAST + [prior]])
+            solution = np.linalg.lstsq(weighted, np.append(self.deviation_deg, -prior * known), rcond=None)[0]
+            residual = self.deviation_deg - rows @ solution
+            scatter = max(float(np.sqrt(np.sum(residual**2) / max(len(rows) - LEAST, 1))), FINEST_DEG)
+        inverse = np.linalg.pinv(weighted.T @ weighted)
+        return float(solution[-1]), scatter**2 * float(inverse[-1, -1]), scatter
+
+
+def _words(lag: float, sigma: float, *, is_both_ways: bool) -> str:
+    """What was taken out, or assumed."""
+    if is_both_ways:
+        return f"the compass lags by {lag:.2f} ± {sigma:.2f} s (1 σ), which was taken out"
+    return f"turned one way alone, a lag of 0 ± {sigma:g} s (1 σ) is in the uncertainty of A: turn both ways"
+
+
+def _passes(compass_deg: Floats) -> list[slice]:
+    """Stretches in one sector."""
+    edges = np.flatnonzero(np.diff(np.floor(compass_deg / SECTOR_DEG), prepend=-1.0, append=-1.0)).tolist()
+    return [slice(start, stop) for start, stop in pairwise(edges) if stop - start >= LEAST_READINGS]

@@ -1,0 +1,7 @@
+"""What this package adds to tables of the library, by names of its modules; nothing is imported before it is used."""
+
+TRADES = "Vehicles, boats and surveys"
+
+COMMANDS = {"swing": (TRADES, "cli.swing", "Deviation of a compass at known headings, and its card.")}
+COURSES = {"compass_log": "compass_log"}
+KNOWN_TEXTS = {"known_texts": "known_texts"}

@@ -1,0 +1,156 @@
+"""Aeromagnetic compensation: a calibration flight in, coefficients of Tolles and Lawson out, and their file.
+
+>>> from flinders.apps.survey.simulate_aircraft import calibration_flight
+>>> flight = calibration_flight(seed=1)
+>>> fit = tolles_lawson(flight.samples)
+>>> fit.verdict, loads(dumps(fit)) == fit
+('good', True)
+"""
+
+from __future__ import annotations
+
+import os
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Struct
+
+from flinders.apps.survey.tolles_lawson import TollesLawson, fitted
+from flinders.apps.survey.tolles_lawson_terms import NAMES
+from flinders.core.calibration_file import Count, NotNegative, gaps, lay_out, understood
+from flinders.core.files import read_bytes
+from flinders.core.samples import in_memory
+from flinders.errors import DocumentError, UsageError
+from flinders.estimators.data import recording_of
+from flinders.summary.summary import Summary
+
+if TYPE_CHECKING:
+    from flinders.fitting.calibrate import AnyReadings
+
+LARGEST: Final = 2**20
+"""Bytes; a file has six thousand."""
+
+
+class Coefficient(Struct, frozen=True, forbid_unknown_fields=True):
+    """One coefficient and its 1 σ."""
+
+    value: float  #: the coefficient
+    sigma: NotNegative  #: its 1 σ
+
+
+class CoefficientFile(
+    Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="tolles-lawson"
+):
+    """What a file of coefficients holds."""
+
+    schema: Literal[1] = 1  #: version of this layout
+    unit: Literal["nT"] = "nT"  #: eddy coefficients in nT s; induced and eddy ones where the field has 50 µT
+    coefficients: dict[str, Coefficient]
+    covariance: tuple[tuple[float, ...], ...]  #: (16, 16), in the order of the coefficients
+    ridge: NotNegative
+    before: NotNegative  #: nT: standard deviation of the strength without compensation, 0.1 to 0.9 Hz
+    after: NotNegative
+    cross_validated: NotNegative
+    as_flown: NotNegative
+    on_any_heading: NotNegative
+    improvement: NotNegative
+    verdict: Literal["good", "limited", "refused"]
+    unobserved: tuple[str, ...] = ()
+    readings: Count
+    seconds: NotNegative
+    version: str  #: of the Flinders that made it
+
+    def __post_init__(self) -> None:
+        """Refuse other terms, or a covariance of another size; called when a file is read."""
+        if set(self.coefficients) != set(NAMES):
+            raise ValueError(f"`coefficients` are not the {len(NAMES)} of Tolles and Lawson, from {NAMES[0]} on")
+        if [len(row) for row in self.covariance] != [len(NAMES)] * len(NAMES):
+            raise ValueError(f"`covariance` is not {len(NAMES)} by {len(NAMES)}")
+
+
+def tolles_lawson(source: AnyReadings) -> TollesLawson:
+    """Fit the field of an aircraft in its scalar magnetometer to a calibration flight.
+
+    Parameters
+    ----------
+    source : Samples, Recording, path, open file or data frame
+        Vector magnetometer in the axes of the aircraft with times, and the scalar magnetometer as `Samples.strength`;
+        without that the length of the vector is compensated. What `flinders.read` reads is read so.
+
+    Returns
+    -------
+    TollesLawson
+        Refused ones too, see its `verdict`.
+
+    Raises
+    ------
+    InputError, FitError
+        As `flinders.apps.survey.tolles_lawson.fitted`; `UsageError` for a summary.
+
+    Examples
+    --------
+    >>> from flinders.apps.survey.simulate_aircraft import calibration_flight
+    >>> one_heading = calibration_flight(seed=1, headings_deg=[0.0] * 4)
+    >>> tolles_lawson(one_heading.samples).unobserved[0]
+    'permanent x'
+    """
+    recording, _ = recording_of(source)
+    if isinstance(recording, Summary):
+        raise UsageError("a compensation needs readings: give the recording, not its summary")
+    return fitted(in_memory(recording))
+
+
+def as_dict(fit: TollesLawson) -> dict[str, Any]:
+    """JSON-ready: what stands in the file."""
+    each = zip(NAMES, fit.coefficients.tolist(), fit.sigma.tolist(), strict=True)
+    document = CoefficientFile(
+        coefficients={name: Coefficient(value, sigma) for name, value, sigma in each},
+        covariance=tuple(map(tuple, fit.covariance.tolist())),
+        **{name: getattr(fit, name) for name in KEPT},
+        improvement=fit.improvement,
+        verdict=fit.verdict,
+        version=version("flinders"),
+    )
+    plain: dict[str, Any] = msgspec.to_builtins(document)
+    return plain
+
+
+KEPT: Final = (
+    "ridge",
+    "before",
+    "after",
+    "cross_validated",
+    "as_flown",
+    "on_any_heading",
+    "unobserved",
+    "readings",
+    "seconds",
+)
+"""What the file and `TollesLawson` both have."""
+
+
+def dumps(fit: TollesLawson) -> str:
+    """Lay coefficients out as text; numbers are read back to the bit, and those not finite raise `UsageError`."""
+    content = as_dict(fit)
+    for place in gaps(content):
+        raise UsageError(f"coefficients: {place} is not finite: only finite numbers are written")
+    return lay_out(content) + "\n"
+
+
+def loads(text: str | bytes, *, source: str = "coefficients") -> TollesLawson:
+    """Understand the text of such a file; raises `DocumentError` for what is wrong with it."""
+    what = "a file of coefficients, as `flinders tolles-lawson` writes it"
+    document = understood(text, CoefficientFile, source, what=what, refused=DocumentError)
+    return TollesLawson(
+        np.array([document.coefficients[name].value for name in NAMES]),
+        np.array(document.covariance),
+        **{name: getattr(document, name) for name in KEPT},
+    )
+
+
+def load(path: str | os.PathLike[str]) -> TollesLawson:
+    """Read a file of coefficients; what cannot be opened or is none raises `DocumentError`."""
+    text = read_bytes(path, largest=LARGEST, what="file of coefficients", refused=DocumentError)
+    return loads(text, source=os.fspath(path))

@@ -1,0 +1,358 @@
+"""Calibration of a survey instrument: magnetometer, accelerometer and pointing axis at once, from shots.
+
+Shots in the same direction, rolled about the laser, are what sees the pointing axis; all attitudes together see gains,
+axes and offsets of both sensors and how these are turned against each other (`flinders.likelihood.pointing`, solved by
+`flinders.likelihood.solver`). A shot that contradicts the others is left out, and said to be repeated.
+
+When to use it: an instrument with both sensors and a laser, away from iron, 24 shots or more, four to a direction. A
+jig that rolls about another axis than the laser's makes an error that the fit does not show (M. Perne, Acta
+Carsologica). Both sensors left-handed in the same way make the azimuth run backwards, which nothing shows either.
+
+Source: B. Heeb, *A General Calibration Algorithm for 3-Axis Compass/Clinometer Devices*, CREG Journal 73 (2009).
+
+>>> from flinders.apps.survey.simulate_shots import survey_shots
+>>> simulated = survey_shots(seed=1)
+>>> fit = fit_survey(simulated.shots)
+>>> fit
+SurveyFit(good, azimuth 0.100° rms, inclination 0.040° rms, 56 shots)
+>>> angles = fit.calibration.angles(simulated.shots.magnetic, simulated.shots.gravity)
+>>> bool(np.all(np.abs(angles.inclination_deg - simulated.angles.inclination_deg) < 0.6))
+True
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.apps.survey.instrument import FORWARD_RIGHT_DOWN, Angles, SurveyCalibration
+from flinders.apps.survey.pointing_error import angle_gradients, next_directions, pointing_errors
+from flinders.core.calibration import UNSTATED, Calibration
+from flinders.core.calibration_file import Fitted, HeadingErrorRecord
+from flinders.errors import FitError, counted, figures
+from flinders.findings import by_severity, found_in
+from flinders.findings.words import SHOOT_AT_REST
+from flinders.fitting.result import Judged, Outcome
+from flinders.geometry.rotation import lengths
+from flinders.heading.axis_consistency import WANDERS
+from flinders.likelihood.pointing import Influence, SurveyProblem, begin, finest
+from flinders.likelihood.solver import levenberg_marquardt
+from flinders.native.engine import engine
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from flinders.apps.survey.instrument import Shots
+    from flinders.apps.survey.pointing_error import NextDirection, PointingError
+    from flinders.arrays import Floats
+    from flinders.core.axes import Axes
+    from flinders.core.calibration_file import Document, ProvenanceRecord
+    from flinders.core.units import Unit
+    from flinders.findings import Finding
+    from flinders.likelihood.parameters import Parameters
+    from flinders.likelihood.pointing import SurveyIterate, SurveyParameters
+
+TARGET_DEG: Final = 0.5
+"""What cave surveyors ask of an instrument."""
+
+FEWEST, MOST = 12, 500
+"""Shots."""
+
+SAME_DEG: Final = 20.0
+"""A shot that points this far from the one before it begins another direction; two of the procedure are 55° apart."""
+
+CONTRADICTS: Final = 3.0
+"""Times the median of `flinders.likelihood.pointing.Influence.contradiction` from which a shot is left out."""
+
+MOST_LEFT_OUT: Final = 0.2
+"""Share of the shots: where more contradict each other, the model is wrong and not the shots."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShotErrors:
+    """Angles of shots, and how far each points from the mean of its direction."""
+
+    numbers: tuple[int, ...]
+    groups: NDArray[np.intp]  #: (N,)
+    angles: Angles
+    error_deg: Floats  #: (N,): NaN where no other shot has the same direction
+    excluded: NDArray[np.bool_]  #: (N,)
+
+    @classmethod
+    def of(
+        cls, calibration: SurveyCalibration, shots: Shots, groups: NDArray[np.intp], excluded: NDArray[np.bool_]
+    ) -> ShotErrors:
+        """Correct shots; those that are left out do not count in the mean."""
+        angles = calibration.angles(shots.magnetic, shots.gravity)
+        pointing = _directions(angles)
+        alike = (groups[:, np.newaxis] == groups) & ~excluded
+        mean = alike.astype(float) @ pointing
+        off = np.degrees(2.0 * np.arcsin(0.5 * lengths(pointing - mean / lengths(mean)[:, np.newaxis]).clip(max=2.0)))
+        others = alike.sum(axis=1) - ~excluded
+        return cls(shots.numbers, groups, angles, np.where(others > 0, off, np.nan), excluded)
+
+    @property
+    def rms_deg(self) -> float:
+        """Of the shots that count; NaN where no two have the same direction."""
+        known = self.error_deg[~self.excluded & np.isfinite(self.error_deg)]
+        return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
+
+    def as_dict(self) -> list[dict[str, Any]]:
+        """JSON-ready, a row for each shot."""
+        columns = (self.numbers, self.groups.tolist(), *self.angles, self.error_deg, self.excluded)
+        names = ("shot", "direction", "azimuth_deg", "inclination_deg", "roll_deg", "error_deg", "excluded")
+        plain = [column if isinstance(column, tuple | list) else column.tolist() for column in columns]
+        return [dict(zip(names, row, strict=True)) for row in zip(*plain, strict=True)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurveyFit(Judged, Outcome):
+    """A calibration of a survey instrument, how it was found and how far to trust it."""
+
+    calibration: SurveyCalibration
+    shots: ShotErrors
+    azimuth_error_deg: PointingError  #: to expect of shots within 30° of level, 1 σ
+    inclination_error_deg: PointingError  #: to expect of shots within 30° of level, 1 σ
+    noise: float  #: standard deviation of one axis of a reading, in the unit of its sensor
+    gravity_noise: float  #: standard deviation of one axis of a reading, in the unit of its sensor
+    aim_deg: float  #: standard deviation of shots that were aimed in the same direction, about each axis
+    dip_deg: float  #: of the field
+    target_deg: float  #: azimuth error asked for
+    next_directions: tuple[NextDirection, ...]  #: where more shots would help most
+    findings: tuple[Finding, ...]  #: most severe first
+
+    def to_document(self, provenance: ProvenanceRecord | None = None) -> Document:
+        """The calibration file with all of this in it."""
+        error = self.azimuth_error_deg
+        heading = HeadingErrorRecord(rms=error.rms, worst=error.worst, dip_deg=self.dip_deg, target_deg=self.target_deg)
+        fit = Fitted(
+            method="survey",
+            samples=int(np.count_nonzero(~self.shots.excluded)),
+            noise=self.noise,
+            verdict=self.verdict,
+            heading_error_deg=heading,
+            findings=self.finding_records,
+        )
+        return self.calibration.to_document(fit=fit, provenance=provenance)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return {
+            "verdict": self.verdict,
+            "azimuth_error_deg": self.azimuth_error_deg._asdict(),
+            "inclination_error_deg": self.inclination_error_deg._asdict(),
+            "target_deg": self.target_deg,
+            "dip_deg": self.dip_deg,
+            "noise": self.noise,
+            "gravity_noise": self.gravity_noise,
+            "aim_deg": self.aim_deg,
+            # correction of the magnetometer, into axes of the instrument
+            "magnetometer": self.calibration.magnetometer.as_dict(),
+            "accelerometer": self.calibration.accelerometer.as_dict(),  # correction of the accelerometer, likewise
+            "pointing": self.calibration.pointing,  # axis of the laser
+            # (3,): q, one over the unit of the accelerometer, which corrects g + q g² of a reading g
+            "quadratic": list(self.calibration.quadratic),
+            "shots": self.shots.as_dict(),  # a row for each shot
+            "next_directions": [direction._asdict() for direction in self.next_directions],
+            "findings": [finding.as_dict() for finding in self.findings],
+        }
+
+    def __repr__(self) -> str:
+        azimuth, inclination = figures(self.azimuth_error_deg.rms), figures(self.inclination_error_deg.rms)
+        return (
+            f"SurveyFit({self.verdict}, azimuth {azimuth}° rms, inclination {inclination}° rms, "
+            f"{counted(len(self.shots.numbers), 'shot')})"
+        )
+
+
+def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG, non_linear: bool = False) -> SurveyFit:
+    """Calibrate a survey instrument.
+
+    Minimises Σ |m − b − S Rᵀ Cᵀ f|²/σ_m² + |g − b' − S' Cᵀ e|²/σ_g² + |t − C p|²/σ_a² over both sensors, dip, pointing
+    axis p, attitude C of each shot and direction t of each group, with σ from the residuals.
+
+    Parameters
+    ----------
+    shots : Shots
+        Without groups, shots that point within 20° of the one before are taken to be in the same direction.
+    target_deg : float, optional
+        The worst error of azimuth and inclination that is good.
+    non_linear : bool
+        Fit a quadratic term of each axis of the accelerometer too: g + q g² stands for g.
+
+    Raises
+    ------
+    FitError
+        For fewer than 12 shots or more than 500, axes of the sensors that do not fit each other, shots of which no two
+        are in the same direction, and shots that were rolled about another axis than the laser's.
+
+    Source: B. Heeb, CREG Journal 73 (2009), for the model; CalibAlgoBH.java of TopoDroid for the quadratic terms.
+    """
+    _refuse_count(len(shots))
+    forward = FORWARD_RIGHT_DOWN[shots.pointing]
+    magnetic, gravity = forward.apply(shots.magnetic), forward.apply(shots.gravity)
+    start = _begun(magnetic, gravity)
+    groups = _apart(start.attitudes @ start.pointing) if shots.groups is None else shots.groups
+    _refuse_unrolled(groups)
+    problem, iterate, excluded = _without_contradicting(magnetic, gravity, groups, is_quadratic=non_linear)
+    _refuse_other_axis(iterate.at, shots.pointing)
+    calibration = _calibration(iterate.at, shots)
+    covariance = _covariance(problem, iterate)
+    curve = problem.layout.gravity
+    azimuth, inclination = pointing_errors(angle_gradients(iterate.at, curve), covariance)
+    errors = ShotErrors.of(calibration, shots, groups, excluded)
+    noise, gravity_noise, aim = iterate.weights.tolist()
+    return SurveyFit(
+        calibration,
+        errors,
+        azimuth,
+        inclination,
+        noise,
+        gravity_noise,
+        float(np.degrees(aim)),
+        float(np.degrees(iterate.at.dip)),
+        target_deg,
+        next_directions(iterate.at, covariance, iterate.weights, gravity=curve),
+        _findings(errors, azimuth, inclination, target_deg),
+    )
+
+
+def check_shots(shots: Shots, calibration: SurveyCalibration) -> ShotErrors:
+    """Hold shots against a calibration: how far those in the same direction are apart with it."""
+    angles = calibration.angles(shots.magnetic, shots.gravity)
+    groups = _apart(_directions(angles)) if shots.groups is None else shots.groups
+    return ShotErrors.of(calibration, shots, groups, np.zeros(len(shots), bool))
+
+
+def _directions(angles: Angles) -> Floats:
+    """(N, 3) unit vectors: north, east, down."""
+    azimuth, inclination = np.radians(angles.azimuth_deg), np.radians(angles.inclination_deg)
+    level = np.cos(inclination)
+    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), -np.sin(inclination)], axis=-1)
+
+
+def _apart(directions: Floats) -> NDArray[np.intp]:
+    """(N,) groups of (N, 3) directions: another one begins where a shot points elsewhere than the one before."""
+    cosines = np.einsum("ni,ni->n", directions[1:], directions[:-1])
+    return np.concatenate([[0], np.cumsum(cosines < np.cos(np.radians(SAME_DEG)))])
+
+
+def _refuse_count(count: int) -> None:
+    """Refuse too few shots, and a recording that is none of shots."""
+    if count < FEWEST:
+        raise FitError(
+            f"{counted(count, 'shot')}: need at least {FEWEST}, better 24 or 56; {SHOOT_AT_REST}", found=count
+        )
+    if count > MOST:
+        raise FitError(
+            f"{count:,} readings: need one for each shot, {MOST} at most: take the mean of the readings of each shot "
+            "at rest, as a recording in motion shows no direction twice",
+            found=count,
+        )
+
+
+def _begun(magnetic: Floats, gravity: Floats) -> SurveyParameters:
+    """Where to start; FitError where sensors or their axes do not fit the model at all."""
+    try:
+        start = begin(magnetic, gravity)
+    except np.linalg.LinAlgError:
+        raise FitError(
+            f"readings of a sensor are all alike, or lie on no sphere: {SHOOT_AT_REST}, and check the columns"
+        ) from None
+    field, down = (vectors / lengths(vectors)[:, np.newaxis] for vectors in start.corrected(magnetic, gravity))
+    scatter = float(np.std(np.einsum("ni,ni->n", field, down)))
+    if scatter > WANDERS:
+        raise FitError(
+            f"the angle between gravity and field is not the same in all shots (sin I scatters by {scatter:.2f}): the "
+            "axes of accelerometer and magnetometer do not fit each other, or iron was near. Say how each sensor sits "
+            "in the instrument",
+            hint={"axes": None, "acceleration_axes": None},
+            scatter=scatter,
+        )
+    return start
+
+
+def _refuse_unrolled(groups: NDArray[np.intp]) -> None:
+    """Refuse shots of which no two are in the same direction."""
+    if len(np.unique(groups)) == len(groups):
+        raise FitError(
+            f"no two shots that follow each other point within {SAME_DEG:.0f}° of the same direction: the axis of the "
+            f"laser cannot be seen; {SHOOT_AT_REST}, and check which axis is the laser's",
+            hint={"pointing": None},
+            same_deg=SAME_DEG,
+        )
+
+
+def _refuse_other_axis(at: SurveyParameters, pointing: str) -> None:
+    """Refuse shots that were rolled about another axis than the one that was stated."""
+    off = math.degrees(math.acos(float(np.clip(at.pointing[0], -1.0, 1.0))))
+    if off > SAME_DEG:
+        raise FitError(
+            f"the instrument was rolled about an axis {off:.0f}° from its {pointing} axis: say which is the laser's, "
+            "and how the sensors sit",
+            hint={"pointing": None, "axes": None, "acceleration_axes": None},
+            off_deg=off,
+        )
+
+
+def _without_contradicting(
+    magnetic: Floats, gravity: Floats, groups: NDArray[np.intp], *, is_quadratic: bool
+) -> tuple[SurveyProblem, SurveyIterate, NDArray[np.bool_]]:
+    """Fit, and again without the shot that contradicts the others most, until none does."""
+    excluded = np.zeros(len(groups), bool)
+    while True:
+        counts = np.flatnonzero(~excluded)
+        problem = SurveyProblem.of(magnetic[counts], gravity[counts], groups[counts], is_quadratic=is_quadratic)
+        iterate = levenberg_marquardt(problem, problem.initial(begin(magnetic[counts], gravity[counts])))
+        contradiction = Influence.of(problem, iterate).contradiction
+        worst = int(np.argmax(contradiction))
+        is_one = contradiction[worst] > CONTRADICTS * float(np.median(contradiction))
+        if not is_one or excluded.sum() >= MOST_LEFT_OUT * len(groups):
+            return problem, iterate, excluded
+        excluded[counts[worst]] = True
+
+
+def _covariance(problem: SurveyProblem, iterate: SurveyIterate) -> Floats:
+    """(24, 24) of the instrument's parameters, with quadratic terms (27, 27).
+
+    Each kind of residual is widened for its own few, unless its standard deviation is the least there is.
+    """
+    influence, own = Influence.of(problem, iterate), problem.layout.instrument
+    is_least = iterate.weights <= finest(iterate.at)
+    factors = np.where(is_least, 1.0, [engine().widening_by_few(freedom) for freedom in influence.freedom.tolist()])
+    return influence.covariance(factors)[own, own]
+
+
+def _calibration(at: SurveyParameters, shots: Shots) -> SurveyCalibration:
+    """Matrices that correct into axes of the instrument, of parameters in those forward, right and down."""
+    forward = FORWARD_RIGHT_DOWN[shots.pointing].apply(np.eye(3)).T
+
+    def of(own: Parameters, unit: Unit, axes: Axes) -> Calibration:
+        matrix = own.radius * forward.T @ at.to_instrument @ np.linalg.inv(own.ellipsoid_like) @ forward
+        return Calibration(matrix, forward.T @ own.offset, own.radius, rotation="estimated", raw=unit, axes=axes)
+
+    return SurveyCalibration(
+        of(at.magnetometer, shots.unit, shots.axes),
+        of(at.accelerometer, UNSTATED, shots.acceleration_axes),
+        shots.pointing,
+        (*(forward.T @ at.quadratic).tolist(),),
+    )
+
+
+def _findings(
+    errors: ShotErrors, azimuth: PointingError, inclination: PointingError, target_deg: float
+) -> tuple[Finding, ...]:
+    """What limits the calibration."""
+    worst = max(azimuth.worst, inclination.worst)
+    numbers = {
+        "pointing_deg": worst,
+        "azimuth_deg": azimuth.worst,
+        "inclination_deg": inclination.worst,
+        "target_deg": target_deg,
+        "contradicting": float(errors.excluded.mean()),
+    }
+    left_out = [number for number, out in zip(errors.numbers, errors.excluded, strict=True) if out]
+    return by_severity(found_in({**numbers, "shot_numbers": left_out}, "pointing-error", "shots-contradict"))

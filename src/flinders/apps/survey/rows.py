@@ -1,0 +1,13 @@
+"""What this package adds to tables of the library, by names of its modules; nothing is imported before it is used."""
+
+TRADES = "Vehicles, boats and surveys"
+
+PUBLIC = {"fit_survey": "calibration", "read_shots": "shots", "tolles_lawson": "aeromagnetic"}
+COMMANDS = {
+    "survey": (TRADES, "cli.survey", "Calibrate a cave or geological surveyor's instrument."),
+    "tolles-lawson": (TRADES, "cli.tolles_lawson", "Compensate an aircraft's scalar magnetometer."),
+}
+SIMULATIONS = {
+    "aircraft": ("Commands", "cli.simulate", "An aircraft with a scalar magnetometer, on a calibration flight.")
+}
+TARGETS = {"survey": "targets"}

@@ -1,0 +1,166 @@
+r"""Calibrations of survey instruments for their firmware: coefficients of the DistoX, JSON of mag-cal and the SAP6.
+
+The DistoX keeps 52 bytes. Of each sensor, gravity first, there are three rows of four signed 16-bit numbers, low byte
+first: an offset in 1/24000 and three factors in 1/16384, with which, of readings g in counts,
+
+    corrected = A h + B,        h = g / 24000,        |corrected| = 1
+
+Of gravity h + N (h² − ½) stands for h, axis by axis. Bytes 48 to 50 hold N in 1/2796, signed and less one, so that
+0xff is none, and the last is 0xff. mag-cal corrects rows of readings r, mapped by ``axes``, as ``(r − centre)
+transform``, both of length 1, the laser along y.
+
+>>> coefficients = distox_coefficients(SurveyCalibration.identity())
+>>> len(coefficients), coefficients[:4].hex(), coefficients[48:].hex()
+(52, '0000ff7f', 'ffffffff')
+
+Sources seen: CalibTransform.java and TDUtil.java of TopoDroid (github.com/marcocorvi/topodroid), in which a factor is
+2 at most, and the numbers of one sensor are made smaller together where one is larger; calibration.py and sensor.py of
+mag-cal (github.com/furbrain/CircuitPython_mag_cal).
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.apps.survey.instrument import SurveyCalibration
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import lay_out
+from flinders.core.units import COUNTS
+from flinders.errors import ArrayError, AxesError, DocumentError, NotExportable
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+
+TARGETS: Final = ()
+"""None that takes the calibration of one sensor."""
+
+OFFSET_STEPS, FACTOR_STEPS, QUADRATIC_STEPS = 24000.0, 16384.0, 2796.0
+LARGEST: Final = 32767
+"""Of a 16-bit number."""
+MOST_QUADRATIC: Final = 127
+"""Of a quadratic term, in steps."""
+
+STEPS: Final = np.array([OFFSET_STEPS, FACTOR_STEPS, FACTOR_STEPS, FACTOR_STEPS])
+"""In which B and the three factors of A of a row are written."""
+
+SIZES: Final = (48, 52)
+"""Bytes of coefficients, without and with quadratic terms."""
+
+END: Final = b"\xff"
+
+
+def distox_coefficients(calibration: SurveyCalibration) -> bytes:
+    """Give the 52 bytes of a DistoX, at 0x8010 of its memory.
+
+    Raises
+    ------
+    NotExportable
+        For a laser that is not along x, axes that were exchanged, readings that are not in counts, or quadratic terms
+        that are too large.
+    """
+    if calibration.pointing != "x":
+        raise NotExportable(
+            f"the laser is along {calibration.pointing}, that of a DistoX along x", beyond=("pointing",)
+        )
+    sensors = (calibration.accelerometer, calibration.magnetometer)
+    if calibration.magnetometer.raw.name != COUNTS or not all(sensor.axes.is_identity for sensor in sensors):
+        raise NotExportable(
+            "coefficients of a DistoX are for its own counts and axes: calibrate readings as it sent them, without "
+            "unit and axes",
+            beyond=("unit", "axes"),
+        )
+    steps = np.round(np.array(calibration.quadratic) * OFFSET_STEPS * QUADRATIC_STEPS)
+    if np.abs(steps).max() > MOST_QUADRATIC:
+        raise NotExportable(
+            f"quadratic terms are up to {np.abs(steps).max() / QUADRATIC_STEPS:.3f} of gravity, a DistoX holds "
+            f"{MOST_QUADRATIC / QUADRATIC_STEPS:.3f}: calibrate without quadratic terms",
+            beyond=("quadratic",),
+        )
+    gravity, field = map(_unit, sensors)
+    gravity[:, 0] += gravity[:, 1:] @ steps / QUADRATIC_STEPS / 2.0
+    return _words(gravity) + _words(field) + (steps - 1).astype("i1").tobytes() + END
+
+
+def of_distox(content: bytes) -> SurveyCalibration:
+    """Read coefficients of a DistoX back; `DocumentError` for what are none."""
+    if len(content) not in SIZES:
+        raise DocumentError(f"{len(content)} bytes: coefficients of a DistoX are {SIZES[0]} or {SIZES[1]}")
+    gravity, field = (rows / STEPS for rows in np.frombuffer(content[:48], "<i2").reshape(2, 3, 4))
+    steps = (np.frombuffer(content[48:51] or 3 * END, "i1") + 1).astype(float)
+    gravity[:, 0] -= gravity[:, 1:] @ steps / QUADRATIC_STEPS / 2.0
+    quadratic = steps / QUADRATIC_STEPS / OFFSET_STEPS
+    return SurveyCalibration(_of_rows(field), _of_rows(gravity), "x", (*quadratic.tolist(),))
+
+
+def mag_cal_json(calibration: SurveyCalibration, *, dip_deg: float, noise: float, gravity_noise: float) -> str:
+    """Give the JSON of mag-cal; `NotExportable` for a laser that is not along y, and for quadratic terms.
+
+    Dip and noise of both sensors, in their units, are what mag-cal tells a disturbed reading by.
+    """
+    if calibration.pointing != "y":
+        raise NotExportable(
+            f"the laser is along {calibration.pointing}, mag-cal takes it to be along y", beyond=("pointing",)
+        )
+    if any(calibration.quadratic):
+        raise NotExportable("mag-cal has no quadratic terms: calibrate without quadratic terms", beyond=("quadratic",))
+    mag, grav = _record(calibration.magnetometer, noise), _record(calibration.accelerometer, gravity_noise)
+    return lay_out({"mag": mag, "grav": grav, "dip_avg": dip_deg, "ready": True}) + "\n"
+
+
+def of_mag_cal(text: str | bytes) -> SurveyCalibration:
+    """Read the JSON of mag-cal, or the ``calib`` of a SAP6, back; `DocumentError` for what is none or not linear."""
+    try:
+        content: Any = json.loads(text)
+        content = content.get("calib", content)
+        return SurveyCalibration(_of_record(content["mag"]), _of_record(content["grav"]), "y")
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError, ArrayError, AxesError) as error:
+        raise DocumentError(
+            f"no calibration of mag-cal ({error}): need mag and grav, each with axes, transform and centre"
+        ) from None
+
+
+def _unit(sensor: Calibration) -> Floats:
+    """(3, 4) B and A of a sensor."""
+    unit = sensor.matrix / sensor.field_strength
+    return np.column_stack([-unit @ sensor.offset, unit * OFFSET_STEPS])
+
+
+def _words(rows: Floats) -> bytes:
+    """24 bytes of a sensor, its (3, 4) numbers made smaller together where one is too large."""
+    rows = rows * STEPS
+    rows *= min(1.0, LARGEST / float(np.abs(rows).max()))
+    return bytes(np.round(rows).astype("<i2").tobytes())
+
+
+def _of_rows(rows: Floats) -> Calibration:
+    """A sensor of (3, 4) numbers; corrected readings have a length of about one."""
+    matrix = rows[:, 1:] / OFFSET_STEPS
+    if not np.linalg.det(matrix):
+        raise DocumentError("the coefficients are no calibration, but zeros: the DistoX was never calibrated")
+    return Calibration(matrix, -np.linalg.solve(matrix, rows[:, 0]), 1.0, rotation="estimated")
+
+
+def _record(sensor: Calibration, noise: float) -> dict[str, Any]:
+    """What mag-cal keeps of a sensor."""
+    signs = zip(sensor.axes.signs, sensor.axes.order, strict=True)
+    return {
+        "axes": "".join(("-" if sign < 0 else "+") + "XYZ"[place] for sign, place in signs),
+        "transform": (sensor.matrix.T / sensor.field_strength).tolist(),
+        "centre": sensor.offset.tolist(),
+        "rbfs": [],
+        "field_avg": sensor.field_strength,
+        "field_std": noise,
+    }
+
+
+def _of_record(record: dict[str, Any]) -> Calibration:
+    """A sensor of mag-cal; its radial basis functions are not read."""
+    if np.any(np.array(record.get("rbfs", []), float)):
+        raise ValueError("it has radial basis functions, which are not read: calibrate from its shots")
+    axes = Axes.of(",".join(record["axes"][place : place + 2] for place in (0, 2, 4)))
+    matrix = np.array(record["transform"], float).T
+    return Calibration(matrix, np.array(record["centre"], float), 1.0, rotation="estimated", axes=axes)

@@ -1,0 +1,262 @@
+"""``flinders send``: a calibration into a board or a vehicle, with the proof that it is there."""
+
+from __future__ import annotations
+
+import contextlib
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+import click
+
+from flinders.cli import _options as option
+from flinders.cli import _program as program
+from flinders.cli._inputs import for_use
+from flinders.cli._output import lossy_if_agreed, print_json, say
+from flinders.cli._program import stopping
+from flinders.errors import NotConfirmed, OutputError, OutputExists, UsageError, counted
+
+if TYPE_CHECKING:
+    from flinders.apps.vehicles.mavlink import Vehicle
+    from flinders.apps.vehicles.mavlink_parameters import ParameterPlan
+    from flinders.fitting.result import Fit
+    from flinders.links.transports import ByteSource
+    from flinders.targets.motioncal import MotionCalPacket
+
+
+class Send(program.Group):
+    """A calibration, and the board or vehicle that gets it."""
+
+    calibration: str = program.argument("CALIBRATION")
+    port: str | None = program.member(
+        "--port", metavar="PORT", help="A board that takes what MotionCal sends: /dev/ttyACM0, COM3."
+    )
+    mavlink: str | None = program.member(
+        "--mavlink", metavar="ADDRESS",
+        help="A vehicle: udp:HOST:PORT to listen, udpout:HOST:PORT, tcp:HOST:PORT, or a serial port.",
+    )  # fmt: skip
+    baud: int = option.baud()
+    compass: int | None = program.member(
+        "--compass", type=click.IntRange(0, 3), metavar="N",
+        help="Which compass: ArduPilot's 1 to 3, PX4's 0 to 3 [default: by device id, that of the log, or the first].",
+    )  # fmt: skip
+    device_id: int | None = program.member(
+        "--device-id", type=click.IntRange(1, 2**32 - 1), metavar="ID", help="Device id that the compass must have."
+    )
+    system: int | None = program.member(
+        "--system", type=click.IntRange(1, 255), metavar="N", help="Which vehicle, where several are on the link."
+    )
+    mounting: str | None = option.mounting()
+    lossy: bool = option.lossy()
+    backup: str | None = program.member(
+        "--backup", metavar="FILE",
+        help="Where the vehicle's values from before go [default: compass-before-TIME.param(s)].",
+    )  # fmt: skip
+    dry_run: bool = program.flag("--dry-run", "Show what would be sent or changed, and change nothing.")
+    as_json: bool = option.as_json()
+
+    def check(self) -> None:
+        """See that exactly one receiver is named, and that what is said goes with it."""
+        if self.port is not None and self.mavlink is not None:
+            raise UsageError("--port and --mavlink name two receivers: send to each with a command of its own")
+        if self.port is None and self.mavlink is None:
+            from flinders.links.transports import ports_in_words
+
+            raise UsageError(
+                f"no receiver: name the board's --port ({ports_in_words()}), or the vehicle's --mavlink "
+                "udp:127.0.0.1:14550"
+            )
+        of_vehicles = {
+            "--compass": self.compass, "--device-id": self.device_id, "--system": self.system,
+            "--mounting": self.mounting, "--backup": self.backup,
+        }  # fmt: skip
+        wrong = [name for name, value in of_vehicles.items() if value is not None]
+        if self.port is not None and wrong:
+            raise UsageError(f"{', '.join(wrong)} goes with --mavlink: a board on --port has one compass")
+
+
+@program.command_of(
+    "send",
+    Send,
+    common=("port", "mavlink", "baud", "compass", "dry_run"),
+    headings={"Vehicle": ("device_id", "system", "mounting", "lossy", "backup")},
+    epilog="""\b
+Example:
+  flinders send --port /dev/ttyACM0 calibration.json
+  flinders send --mavlink udp:127.0.0.1:14550 --dry-run calibration.json
+  flinders send --mavlink /dev/ttyACM0 --compass 2 calibration.json
+
+\b
+Exit codes:
+  4  refused: armed, another compass, or values that do not fit; nothing was changed
+  5  no port, board or vehicle
+  6  sent and not confirmed; says what the board or vehicle holds
+""",
+)
+def command(options: Send) -> None:
+    """Send CALIBRATION to a board over a serial port, or to an ArduPilot or PX4 vehicle over MAVLink.
+
+    A board gets the packet that MotionCal sends, and has to echo its values. Of a vehicle the compass parameters
+    are set, each with read-back; the values from before are saved first, and put back where anything fails. A
+    rotation of the calibration is set as the compass's new mounting. An armed vehicle is refused, and so is one
+    whose compass has another device id or mounting than the calibration is for.
+    """
+    options.check()
+    fit = for_use("send", options.calibration)
+    if options.port is not None:
+        _to_board(fit, options.port, options)
+        return
+    from flinders.fitting.export import refuse_on_top
+    from flinders.links.transports import opened_link
+
+    refuse_on_top(fit, "the vehicle")
+    with contextlib.closing(opened_link(str(options.mavlink), options.baud)) as link:
+        _to_vehicle(fit, link, options)
+
+
+# boards
+
+
+def _to_board(fit: Fit, port: str, options: Send) -> None:
+    """Send MotionCal's packet and wait for the echo."""
+    from flinders.links import motioncal
+    from flinders.links.transports import Serial
+    from flinders.targets import ExportOptions, find
+    from flinders.targets.motioncal import MotionCalPacket
+
+    export = lossy_if_agreed(
+        lambda lossy: find("motioncal").render(fit.calibration, asked=ExportOptions(lossy=lossy)), lossy=options.lossy
+    )
+    packet, axes = MotionCalPacket.of(fit.calibration), fit.calibration.axes
+    for warning in (
+        *export.warnings,
+        *[f"it acts in the sensor's own axes: go on mapping them to {axes} afterwards"] * (not axes.is_identity),
+        "the packet also sets the offsets of accelerometer and gyroscope, to 0, as MotionCal does",
+    ):
+        say(f"! {warning}")
+    if options.dry_run:
+        _show_packet(packet, port, options)
+        return
+    with contextlib.closing(Serial(port, options.baud)) as source:
+        try:
+            say(f"{port}: sending {len(packet.encode())} bytes")
+            confirmed = motioncal.send(source, packet)
+        except KeyboardInterrupt:
+            say(f"! stopped: {motioncal.EITHER}; send again, or see what it prints with flinders record")
+            raise
+    say(f"{port}: {confirmed}")
+    if options.as_json:
+        sent = {"sent": True, "tries": confirmed.tries, "echo_decimals": confirmed.places}
+        print_json({"port": port, **packet.as_dict(), **sent})
+
+
+def _show_packet(packet: MotionCalPacket, port: str, options: Send) -> None:
+    """Print what would be sent, and what is waited for."""
+    from flinders.links import motioncal
+
+    if options.as_json:
+        print_json({"port": port, **packet.as_dict(), "sent": False})
+        return
+    content = packet.encode()
+    rows = [content[start : start + 16].hex(" ") for start in range(0, len(content), 16)]
+    click.echo("\n".join([f"would send to {port} at {options.baud} baud:", *rows]))
+    click.echo("and wait for:\n" + "\n".join(motioncal.echo_lines(packet)))
+
+
+# vehicles
+
+
+def _to_vehicle(fit: Fit, link: ByteSource, options: Send) -> None:
+    """Set the compass parameters of a vehicle, or show what they would be."""
+    from flinders.apps.vehicles.mavlink import Vehicle
+    from flinders.apps.vehicles.mavlink_parameters import TARGETS
+    from flinders.core.files import write_text
+    from flinders.targets import find
+
+    if options.backup is not None:
+        _refuse_backup(options.backup)
+    say(f"waiting for a vehicle on {link.name}")
+    vehicle = Vehicle.find(link, system=options.system)
+    say(f"{vehicle.name}, {'ARMED' if vehicle.armed else 'disarmed'}")
+    plan = _plan(fit, vehicle, options)
+    if options.dry_run or not plan.pending:
+        _show(plan, as_json=options.as_json)
+        say(
+            "nothing was changed" if plan.pending else f"{vehicle.name} holds these values already: nothing was changed"
+        )
+        return
+    suffix = find(TARGETS[vehicle.autopilot]).suffix
+    path = options.backup or f"compass-before-{datetime.now(UTC):%Y%m%dT%H%M%SZ}{suffix}"
+    _refuse_backup(path)
+    write_text(plan.backup(), path)
+    say(f"the values from before are in {path}")
+    if not options.as_json:
+        click.echo(str(plan))
+    _carry_out(plan, path)
+    if options.as_json:
+        print_json({**plan.as_dict(), "backup": path, "sent": True})
+    say(
+        f"{vehicle.name}: compass {plan.compass} holds the calibration, all {len(plan.changes)} values read back. "
+        "Restart the vehicle, and check a known bearing before it moves"
+    )
+
+
+def _plan(fit: Fit, vehicle: Vehicle, options: Send) -> ParameterPlan:
+    """What would change, for the compass that is named or that the log knows; says what there is to know."""
+    from flinders.apps.vehicles.mavlink_parameters import TARGETS, ParameterPlan
+    from flinders.fitting.export import known_numbers, mounting_of, only_number
+    from flinders.targets import find
+
+    target = TARGETS[vehicle.autopilot]
+    mounting = mounting_of(fit, find(target), options.mounting)
+    compass, device_id = options.compass, options.device_id
+    if device_id is None:
+        known = known_numbers(fit, target, "device_id")
+        device_id = only_number(fit, known, "the compasses with device id", "device_id")
+    if device_id is None and compass is None:
+        compass = only_number(fit, known_numbers(fit, target, "compass"), "compass", "compass")
+    plan = lossy_if_agreed(
+        lambda lossy: ParameterPlan.of(
+            vehicle, fit.calibration, compass=compass, device_id=device_id, mounting=mounting, lossy=lossy
+        ),
+        lossy=options.lossy,
+    )
+    for note in plan.notes:
+        say(f"! {note}")
+    return plan
+
+
+def _refuse_backup(path: str) -> None:
+    """See that the values from before have a place of their own, which lasts."""
+    from flinders.core.files import refuse_existing
+
+    if path in ("", "-"):
+        raise UsageError(f"--backup {path!r}: need the name of a file, which is there when all else fails")
+    try:
+        refuse_existing(path)
+    except OutputExists:
+        raise OutputError(
+            f"{path} exists, and may hold values that somebody needs: name another file with --backup"
+        ) from None
+
+
+def _carry_out(plan: ParameterPlan, path: str) -> None:
+    """Change the vehicle; where that fails, say where the old values are."""
+    with stopping(patient=True) as stopped:
+        try:
+            plan.carry_out(stopped=stopped, say=say)
+        except NotConfirmed as error:
+            message = f"{error.message}. The values from before are in {path}"
+            if not stopped():
+                raise NotConfirmed(message) from None
+            say(f"error: {message}")
+            raise click.Abort from None
+
+
+def _show(plan: ParameterPlan, *, as_json: bool) -> None:
+    """Print each parameter of a plan that is not carried out, before and after."""
+    if as_json:
+        print_json({**plan.as_dict(), "backup": None, "sent": False})
+        return
+    click.echo(str(plan))
+    if plan.pending:
+        click.echo(f"{counted(len(plan.pending), 'value')} would change")

@@ -1,0 +1,526 @@
+r"""ArduPilot's DataFlash logs, ``.bin`` or turned into text as ``.log``: every compass, with what stood beside it.
+
+A vehicle logs corrected readings, m = I ((r + OFS) SCALE) + MOT x, in whole mG and in its own axes, and beside each of
+them OFS and MOT x. What the compass read is
+
+    r = I⁻¹ (m − MOT x) / SCALE − OFS
+
+with DIA, ODI and SCALE from the parameters in force at the time. OFS is cut to whole mG in the message; where the
+parameter is what was cut, the parameter is taken.
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> from flinders.readers._source import File
+>>> text = '''FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns
+... FMT, 134, 34, MAG, QBhhhhhhhhhB, TimeUS,I,MagX,MagY,MagZ,OfsX,OfsY,OfsZ,MOX,MOY,MOZ,Health
+... FMT, 129, 31, PARM, QNf, TimeUS,Name,Value
+... PARM, 1000000, COMPASS_OFS_X, -97.5
+... PARM, 1000000, COMPASS_SCALE, 1.25
+... MAG, 2000000, 0, 250, 0, -500, -97, 0, 0, 0, 0, 0, 1
+... '''
+>>> path = Path(tempfile.mkdtemp()) / "flight.log"
+>>> _ = path.write_text(text)
+>>> log = open_dataflash(File("flight.log", path, path.stat().st_size))
+>>> print(log.instruments[0])
+flight.log: MAG 0 in mG; un-applied: COMPASS_OFS -97.5, 0, 0 mG; COMPASS_SCALE 1.25
+>>> next(log.instruments[0].blocks()).field                               # 250 / 1.25 + 97.5 mG, in µT
+array([[ 29.75,   0.  , -40.  ]])
+
+Sources: ``AP_Compass_Backend::correct_field`` and ``AP_Logger`` of ArduPilot for the formula and the messages;
+https://github.com/ArduPilot/WebTools (MAGFit) for its inverse.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.apps.vehicles.readers.dataflash_format import (
+    HEADER,
+    INSTANCE,
+    LONGEST,
+    WHOLE,
+    Messages,
+    Table,
+    read_listed,
+    read_packed,
+)
+from flinders.apps.vehicles.readers.parameters import (
+    ARDUPILOT,
+    IN_VEHICLE_AXES,
+    mounting_words,
+    stage_of,
+    stages,
+    stored,
+    unapplied,
+    unused,
+)
+from flinders.apps.vehicles.targets.ardupilot import COMPASSES, ArduPilotParameters
+from flinders.core.units import Unit
+from flinders.errors import NoMagnetometer, UnreadableInput, counted
+from flinders.geometry.quaternions import of_angles
+from flinders.readers._log import Instrument, Log, Position, first_position
+from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, TEMPERATURE, THROTTLE, THROTTLES
+from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled
+from flinders.readers._source import Reader, filled_size, refusal, reserved_words
+from flinders.readers._tokenizer import encoding_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+    from flinders.apps.vehicles.readers.parameters import Stages
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.readers._resample import Series
+    from flinders.readers._source import File
+
+COMPASS_NAMES: Final = ("MAG", "MAG2", "MAG3")
+"""Messages of compasses: all in MAG with an instance I, or, in older logs, one name each."""
+QUATERNIONS: Final = ("XKQ", "XKQ1", "NKQ", "NKQ1")
+"""Messages with the attitude of the estimator: of EKF 3 and EKF 2, in older logs one name a core."""
+ANGLES: Final = ("ATT", "AHR2")
+"""Messages with roll, pitch and yaw in degrees: what the vehicle went by, and its second estimator."""
+PRIMARY: Final = {"XKQ": "XKF4", "NKQ": "NKF4"}
+"""Where each estimator says which of its cores is used."""
+THROTTLE_LABELS: Final = {"CTUN": ("ThO", "ThrOut"), "THR": ("ThrOut",)}
+"""Messages with the throttle that goes to the motors, and what it is called."""
+CONTROLLERS: Final = ("ESC", *(f"ESC{number}" for number in range(1, 9)))
+"""Messages of speed controllers: of all in ESC with an instance, or, in older logs, one name each."""
+OUTPUTS: Final = "RCOU"
+"""Message with what goes to each output, as the width of a pulse in µs."""
+MOTOR_FUNCTIONS: Final = {float(code): place for place, code in enumerate((*range(33, 41), *range(82, 86)))}
+"""Which motor, from 0, an output drives whose ``SERVOn_FUNCTION`` is this."""
+PULSES_US: Final = (1000.0, 2000.0)
+"""Widths that ask a motor for nothing and for all, where ``MOT_PWM_MIN`` and ``MOT_PWM_MAX`` do not say."""
+NO_PULSE_US: Final = 500.0
+"""Below is no pulse."""
+WANTED: Final = (
+    *COMPASS_NAMES, "IMU", "BAT", "CURR", "PARM", "GPS", "POS", "ORGN", "MSG", *QUATERNIONS, *ANGLES,
+    *PRIMARY.values(), *THROTTLE_LABELS, *CONTROLLERS, OUTPUTS,
+)  # fmt: skip
+DESCRIPTION: Final = re.compile(rb"^FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
+"""A line that describes messages."""
+
+MOST_SKIPPED: Final = 0.5
+"""A log of which more than this belongs to no message is refused."""
+
+FIX: Final = 3
+"""GPS.Status from which on there is a position."""
+LAST_WEEK, WEEK_MS = 10_000, 604_800_000
+"""Weeks of GPS up to the year 2171, and milliseconds of one: what is beyond is no date."""
+GPS_EPOCH: Final = datetime(1980, 1, 6, tzinfo=UTC)
+LEAPS: Final = ((datetime(2017, 1, 1, tzinfo=UTC), 18), (datetime(2015, 7, 1, tzinfo=UTC), 17))
+"""Seconds by which GPS time is ahead of UTC from a day on; before, 16 (since July 2012)."""
+EARLIER_LEAP: Final = 16
+MOST_MOTORS: Final = 32
+UNITY, PER_CENT, PER_MILLE = 1.0, 0.01, 0.001
+MOST_THROTTLE: Final = ((1.5, UNITY), (150.0, PER_CENT), (np.inf, PER_MILLE))
+"""Up to which largest value of a log a throttle is a share, per cent or per mille: no message says it."""
+
+
+def open_dataflash(file: File) -> Log:
+    """Open a log: find its messages, its compasses, and what was in force.
+
+    Raises `UnreadableInput` for a file that cannot be read, or is mostly something else; `NoMagnetometer` for a log
+    without readings of a compass.
+    """
+    messages = _messages(file)
+    compasses = _compasses(messages)
+    if not compasses:
+        raise NoMagnetometer(
+            f"{file.name} is an ArduPilot log without readings of a compass (MAG): turn on Compass in LOG_BITMASK and "
+            "record again"
+        )
+    parm = messages.get("PARM")
+    changes = stages([] if parm is None else _parameters(parm), ARDUPILOT, file.name)
+    auxiliary = _auxiliary(messages, changes[-1][1])
+    velocity = _velocity(messages)
+    instruments = tuple(
+        replace(_instrument(file, name, number, mag, changes, auxiliary), velocity=velocity)
+        for name, number, mag in compasses
+    )
+    damage = tuple(_damage(messages, file))
+    return Log(
+        file.name,
+        "ArduPilot DataFlash",
+        instruments,
+        position=_position(messages),
+        begun=_begun(messages, instruments),
+        notes=(*_notes(messages), *damage),
+        damage=damage,
+    )
+
+
+def _messages(file: File) -> Messages:
+    """Find the messages of a log, binary or text."""
+    if not file.head().startswith(HEADER):
+        lines = (
+            (block.first + place, line)
+            for block in file.lines(encoding_of(file.head()))
+            for place, line in enumerate(block.texts)
+        )
+        return read_listed(lines, WANTED)
+    try:
+        raw = np.memmap(file.path, np.uint8, "r").view(np.ndarray)[: filled_size(file.path) + LONGEST]
+    except (OSError, ValueError) as error:
+        raise refusal(file.name, error) from None
+    messages = read_packed(raw, WANTED)
+    if messages.skipped > MOST_SKIPPED * len(raw):
+        raise UnreadableInput(
+            f"{file.name} begins as an ArduPilot log, and {messages.skipped:,} of its {len(raw):,} bytes belong to no "
+            "message that it describes: it is broken or cut at its beginning; copy it again"
+        )
+    return messages
+
+
+def _parameters(parm: Table) -> list[tuple[float, str, float]]:
+    """Places, names and values of the parameters, each time that one was written; none where a log is broken."""
+    if not parm.has("Name", "Value"):
+        return []
+    return list(zip(parm.where.tolist(), parm.texts("Name"), parm.column("Value").tolist(), strict=True))
+
+
+# the compasses
+
+
+def _compasses(messages: Messages) -> list[tuple[str, int, Table]]:
+    """Name, number from 1, and messages of each compass that says something."""
+    compasses: list[tuple[str, int, Table]] = []
+    for place, name in enumerate(COMPASS_NAMES, 1):
+        table = messages.get(name)
+        if table is None or table.triple("Mag") is None:
+            continue
+        if (clock := table.seconds) is not None:
+            table = table.only(np.isfinite(clock))
+        label = table.first(INSTANCE)
+        if label is None:
+            compasses += [(name, place, table)] * bool(len(table))
+            continue
+        instances = table.column(label)
+        for each in np.unique(instances[np.isin(instances, np.arange(256))]):
+            compasses.append((f"{name} {each:.0f}", int(each) + 1, table.only(instances == each)))
+    return compasses
+
+
+@dataclass(frozen=True, eq=False)
+class _Compass:
+    """What the readings of a compass are made of."""
+
+    source: str
+    mag: Table  # its messages
+    stage: NDArray[np.intp]  # (N,): which parameters were in force at each
+    parameters: dict[int, ArduPilotParameters]  # by stage
+    auxiliary: Mapping[str, Series]
+
+    @cached_property
+    def offsets(self) -> Floats:
+        """(N, 3) OFS of each reading in mG: the parameter where the message holds its whole part, else the message."""
+        offsets = self.mag.triple("Ofs")
+        if offsets is None:
+            return np.array([self.parameters[each].offset for each in self.stage]).reshape(-1, 3)
+        for each, parameters in self.parameters.items():
+            rows = (self.stage == each) & np.all(np.trunc(parameters.offset) == offsets, axis=1)
+            offsets[rows] = parameters.offset
+        return offsets
+
+    @cached_property
+    def motor_offsets(self) -> Floats:
+        """(N, 3) MOT x of each reading, mG."""
+        vectors = (self.mag.triple(prefix) for prefix in ("MO", "MOfs"))
+        return next((each for each in vectors if each is not None), np.zeros((len(self.mag), 3)))
+
+    @property
+    def in_force(self) -> ArduPilotParameters:
+        """The parameters at the end."""
+        return replace(self.parameters[int(self.stage[-1])], offset=self.offsets[-1])
+
+    def columns(self, as_logged: bool) -> Iterator[Samples]:
+        """Go through the readings; see `Instrument`."""
+        time, logged = self.mag.seconds, self.mag.triple("Mag")
+        assert logged is not None
+        centred = {each: replace(own, offset=np.zeros(3)) for each, own in self.parameters.items()}
+
+        def rows(at: slice) -> dict[str, Any]:
+            field = logged[at]
+            if not as_logged:
+                motor = self.motor_offsets[at]
+                field = unapplied(self.source, field, self.stage[at], centred, motor_offset=motor) - self.offsets[at]
+            if time is None:
+                return {"field": field}
+            return {"field": field, "time": time[at], **resampled(self.auxiliary, time[at])}
+
+        return blocks(self.source, Unit.of("mG"), len(logged), rows)
+
+
+def _instrument(
+    file: File, name: str, number: int, mag: Table, changes: Stages, auxiliary: Mapping[str, Series]
+) -> Instrument:
+    """Make an instrument of a compass."""
+    ill = 0
+    if mag.has("Health"):  # what was logged while the compass did not answer, unless that is everything
+        well = mag.column("Health") != 0
+        mag, ill = (mag.only(well), int((~well).sum())) if well.any() else (mag, 0)
+    stage, known = stage_of(mag.where, changes), number in COMPASSES
+    parameters = {
+        each: ArduPilotParameters.read(changes[each][1], number) if known else ArduPilotParameters()
+        for each in set(stage.tolist())
+    }
+    last = ArduPilotParameters.read(changes[-1][1], number) if known else ArduPilotParameters()
+    compass = _Compass(file.name, mag, stage, parameters, auxiliary)
+    clock = mag.seconds
+    return Instrument(
+        file.name,
+        name,
+        Unit.of("mG"),
+        compass.columns,
+        stored=stored(compass.in_force),
+        frames=IN_VEHICLE_AXES,
+        autopilot="ardupilot",
+        compass=number if known else None,
+        device_id=last.device_id,
+        mounting=last.mounting_angles,
+        beginning=np.nan if clock is None else float(clock[0]),
+        readings=len(mag),
+        notes=tuple(_remarks(compass, changes[-1][1], number, ill)),
+        file=file,
+    )
+
+
+def _remarks(compass: _Compass, values: Mapping[str, float], number: int, ill: int) -> Iterator[str]:
+    """What to know about a compass."""
+    in_force, offsets, motor = compass.in_force, compass.offsets, compass.motor_offsets
+    yield mounting_words(replace(in_force, compass=number), values)
+    yield "readings were logged in whole mG, cut towards zero"
+    changes = int(np.count_nonzero(np.any(np.diff(offsets, axis=0), axis=1) | (np.diff(compass.stage) > 0)))
+    if changes:
+        yield f"its parameters changed {counted(changes, 'time')}: each reading has those of its time removed"
+    elif in_force.is_identity and not motor.any():
+        yield "no calibration was in force: readings are as they were measured"
+    if np.any(offsets[-1] != compass.parameters[int(compass.stage[-1])].offset):
+        yield (
+            "the offsets logged beside its readings are not those of its parameters, and are taken instead: they were "
+            "learned on the way, or DIA, ODI and SCALE are those of another compass"
+        )
+    if motor.any():
+        largest = float(np.linalg.norm(motor, axis=1).max())
+        order = "" if np.array_equal(in_force.iron, np.eye(3)) else ", as newer firmware adds it: after DIA and ODI"
+        yield f"its motor compensation of up to {largest:.0f} mG is removed{order}"
+    if ill:
+        yield f"{counted(ill, 'reading')} of an unhealthy compass left out"
+    yield from unused(values, number)
+
+
+# what was logged with the readings
+
+
+def _auxiliary(messages: Messages, values: Mapping[str, float]) -> dict[str, Series]:
+    """Series of the first IMU, the first battery, throttle, motors and attitude, as far as they are logged."""
+    imu = _timed(messages, "IMU")
+    series: dict[str, Series | None] = {
+        CURRENT: _battery(_timed(messages, "BAT") or _timed(messages, "CURR")),
+        THROTTLE: _throttle(messages),
+        ATTITUDE: _attitude(messages, values),
+        THROTTLES: _throttles(messages),
+        CURRENTS: _currents(messages),
+    }
+    if imu is not None:
+        series[ACCELERATION] = _series(imu, imu.triple("Acc"))
+        series[RATE] = _series(imu, imu.triple("Gyr"))
+        if label := imu.first(("T", "Temp")):
+            series[TEMPERATURE] = _series(imu, imu.columns(label))
+    return {kind: each for kind, each in series.items() if each is not None}
+
+
+def _timed(messages: Messages, name: str) -> Table | None:
+    """Messages of the first instance, if they have times."""
+    table = messages.get(name)
+    return None if table is None or table.seconds is None else table.of_instance() or table
+
+
+def _series(table: Table, values: Floats | None, kind: type[TimeSeries] = TimeSeries) -> TimeSeries | None:
+    """Values by the times of their messages; values that are none make a series that is NaN everywhere."""
+    seconds = table.seconds
+    if values is None or seconds is None or not len(seconds):
+        return None
+    return kind.of(seconds, values) or kind(seconds[:1], np.full((1, values.shape[1]), np.nan))
+
+
+def _battery(table: Table | None) -> TimeSeries | None:
+    """A of the first battery, unless it never says that any flow."""
+    if table is None or not table.has("Curr"):
+        return None
+    amperes = table.columns("Curr")
+    return (
+        _series(table, amperes * (0.01 if table.fields["Curr"].letter in WHOLE else 1.0)) if _flows(amperes) else None
+    )
+
+
+def _flows(amperes: Floats) -> bool:
+    return bool(np.nan_to_num(amperes).any())
+
+
+def _currents(messages: Messages) -> Series | None:
+    """A of each motor, from the first on, where a speed controller ever says that any flow."""
+    series: list[TimeSeries] = []
+    numbered = messages.get("ESC")
+    for place in range(MOST_MOTORS):
+        table = messages.get(f"ESC{place + 1}") if numbered is None else numbered.of_instance(place)
+        if table is None or not len(table) or not table.has("Curr"):
+            break
+        if (one := _series(table, table.columns("Curr"))) is None:
+            break
+        series.append(one)
+    return tuple(series) if any(_flows(one.values) for one in series) else None
+
+
+def _throttles(messages: Messages) -> TimeSeries | None:
+    """What each motor was asked for, where parameters say which outputs drive the motors, from the first on."""
+    table, parm = messages.get("RCOU"), messages.get("PARM")
+    if table is None or parm is None:
+        return None
+    values = {name: value for _, name, value in _parameters(parm)}
+    of_output = {number: MOTOR_FUNCTIONS.get(values.get(f"SERVO{number}_FUNCTION", 0.0)) for number in range(1, 33)}
+    outputs = {motor: f"C{number}" for number, motor in of_output.items() if motor is not None}
+    labels = [outputs[motor] for motor in range(len(outputs)) if motor in outputs]
+    if not labels or len(labels) < len(outputs) or not table.has(*labels):
+        return None
+    pulses = values.get("MOT_PWM_MIN", 0.0), values.get("MOT_PWM_MAX", 0.0)
+    least, most = pulses if 0.0 < pulses[0] < pulses[1] else PULSES_US
+    widths = table.columns(*labels)
+    return _series(table, np.where(widths < NO_PULSE_US, np.nan, np.maximum(widths - least, 0.0) / (most - least)))
+
+
+def _throttle(messages: Messages) -> TimeSeries | None:
+    """What the motors were asked for: copters write a share, older ones per mille, planes and rovers per cent."""
+    for name, labels in THROTTLE_LABELS.items():
+        table = messages.get(name)
+        label = None if table is None else table.first(labels)
+        if table is None or label is None:
+            continue
+        logged = table.columns(label)
+        largest = float(np.max(logged, where=np.isfinite(logged), initial=-np.inf))
+        if _flows(logged):
+            return _series(table, logged * next(factor for most, factor in MOST_THROTTLE if largest <= most))
+    return None
+
+
+def _attitude(messages: Messages, values: Mapping[str, float]) -> TimeSeries | None:
+    """The attitude of the estimator that is used: its quaternion where it is logged, else angles."""
+    names = sorted(QUATERNIONS, key=lambda name: (name[0] == "X") == (values.get("AHRS_EKF_TYPE", 3) == 2))
+    labels = ("Q1", "Q2", "Q3", "Q4")
+    for name in names:
+        table = messages.get(name)
+        if table is not None and table.has(*labels) and table.seconds is not None:
+            used = _of_primary(table, messages.get(PRIMARY.get(name, "")))
+            return _series(used, used.columns(*labels), AttitudeSeries)
+    for name in ANGLES:
+        table = messages.get(name)
+        if table is not None and table.has("Roll", "Pitch", "Yaw"):
+            return _series(table, of_angles(np.deg2rad(table.columns("Roll", "Pitch", "Yaw"))), AttitudeSeries)
+    return None
+
+
+def _of_primary(quaternions: Table, state: Table | None) -> Table:
+    """Those of the core that was used at the time, where its estimator says which; else of the first."""
+    if not quaternions.has("C"):
+        return quaternions
+    core = quaternions.column("C")
+    used = np.full(len(core), core.min())
+    if state is not None and state.has("PI"):
+        cores = state.column("PI")
+        used = cores[np.maximum(np.searchsorted(state.where, quaternions.where, side="right") - 1, 0)]
+    return quaternions.only(core == (used if (core == used).any() else core.min()))
+
+
+# where, when, and what to know
+
+
+def _position(messages: Messages) -> Position | None:
+    """Where the log was made: the origin of its navigation, else its first position, else its first fix."""
+    for name in ("ORGN", "POS", "GPS"):
+        table = messages.get(name)
+        if table is None or not table.has("Lat", "Lng"):
+            continue
+        fixed = table.column("Status") >= FIX if name == "GPS" and table.has("Status") else np.ones(len(table), bool)
+        altitude = table.column("Alt") if table.has("Alt") else np.zeros(len(table))
+        position = first_position(table.column("Lat"), table.column("Lng"), altitude, fixed=fixed)
+        if position is not None:
+            return position
+    return None
+
+
+def _velocity(messages: Messages) -> TimeSeries | None:
+    """Over ground, north and east, m/s, by speed and course of the satellites."""
+    gps = messages.get("GPS")
+    own = None if gps is None else gps.first(("TimeUS", "T"))  # TimeMS is that of the satellites
+    if gps is None or own is None or not gps.has("Spd", "GCrs", "Status"):
+        return None
+    course, fixed = np.deg2rad(gps.column("GCrs")), gps.column("Status") >= FIX
+    velocity = gps.column("Spd")[:, np.newaxis] * np.column_stack([np.cos(course), np.sin(course)])
+    seconds = gps.column(own) * (1e-6 if own == "TimeUS" else 1e-3)
+    return TimeSeries.of(seconds[fixed], velocity[fixed])
+
+
+def _begun(messages: Messages, instruments: tuple[Instrument, ...]) -> datetime | None:
+    """UTC of the first reading, from the first GPS fix."""
+    gps = messages.get("GPS")
+    if gps is None:
+        return None
+    week, since = gps.first(("GWk", "Week")), gps.first(("GMS", "TimeMS"))
+    own = "TimeUS" if gps.has("TimeUS") else "T"
+    if week is None or since is None or not gps.has(own, "Status"):
+        return None
+    weeks, of_week, clock = gps.column(week), gps.column(since), gps.column(own)
+    fixed = (gps.column("Status") >= FIX) & (weeks > 0) & (weeks < LAST_WEEK)
+    fixed &= (np.abs(of_week) < LAST_WEEK * WEEK_MS) & (np.abs(clock) < LAST_WEEK * WEEK_MS)
+    if not fixed.any():
+        return None
+    row = int(np.argmax(fixed))
+    gps_time = GPS_EPOCH + timedelta(weeks=float(weeks[row]), milliseconds=float(of_week[row]))
+    utc = gps_time - timedelta(seconds=next((leap for day, leap in LEAPS if gps_time >= day), EARLIER_LEAP))
+    at = float(clock[row]) * (1e-6 if own == "TimeUS" else 1e-3)
+    first = min((one.beginning for one in instruments), default=np.nan)
+    return utc - timedelta(seconds=at - first) if abs(at - first) < WEEK_MS else utc
+
+
+def _notes(messages: Messages) -> Iterator[str]:
+    """What to know about the file."""
+    texts = messages.get("MSG")
+    if texts is not None and texts.has("Message"):
+        yield f"firmware: {texts.texts('Message')[0]}"
+    if messages.get("PARM") is None:
+        yield "no parameters were logged: DIA, ODI and SCALE are taken to be as they were delivered"
+
+
+def _damage(messages: Messages, file: File) -> Iterator[str]:
+    """What of it could not be read."""
+    if reserved := file.size - filled_size(file.path):
+        yield reserved_words(reserved)
+    if messages.skipped:
+        kind, total = ("line", "") if messages.is_text else ("byte", f" of {file.size:,}")
+        places = counted(messages.gaps, "place")
+        yield f"{counted(messages.skipped, kind)}{total} in {places} belong to no message: skipped"
+
+
+def is_dataflash(head: bytes) -> bool:
+    """Tell whether a file begins with a message, or has a line that describes messages in its first bytes."""
+    return head.startswith(HEADER) or (b"FMT" in head and DESCRIPTION.search(head) is not None)
+
+
+READERS: Final = (
+    Reader(
+        "dataflash",
+        "ArduPilot DataFlash",
+        (".bin", ".log"),
+        "each compass, with the calibration in force removed, and what the vehicle logged beside it",
+        sniff=is_dataflash,
+        log=open_dataflash,
+    ),
+)

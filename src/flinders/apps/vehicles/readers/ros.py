@@ -1,0 +1,503 @@
+"""ROS recordings, read with rosbags: bags of ROS 1 (``.bag``), folders and databases of ROS 2 (``.db3``), MCAP.
+
+Each topic of ``sensor_msgs/MagneticField`` is a magnetometer, in **tesla** (REP-103 wants SI units; some drivers write
+gauss or microtesla all the same, which the length of the readings shows, and a unit that is given is believed). Axes
+that a sensor does not have are NaN: such rows are left out and counted. A ``geometry_msgs/Vector3Stamped`` on a topic
+that names a magnetometer is one too: old drivers wrote it, and it has no unit, so that readings stay in counts unless
+one is given.
+
+Velocity over ground is a ``geometry_msgs/TwistStamped`` or ``TwistWithCovarianceStamped`` of satellites: x east and
+y north, on the topic ``vel`` or one that names GPS, GNSS or the fix: that of wheels or of a command is another.
+
+Beside a reading stand acceleration and rate of the ``sensor_msgs/Imu`` in the same frame, and the temperature of a
+``sensor_msgs/Temperature`` in it. Nothing is turned: axes are those of the frame that the messages name. A body in ROS
+is forward, left, up (REP-103), which ``--axes x,-y,-z`` makes forward, right, down. Acceleration is specific force
+there as here: at rest it is +g along the axis that points up, and so −g along a z that points down.
+
+Times are those of the messages' headers, in seconds since the first reading, or since the clock began where that is
+not 1970; where a header has none, the time of recording.
+
+A bag of ROS 1 or an MCAP by itself is read up to where it breaks off (``ros_scan.py``); folders and databases are read
+by rosbags, or refused. Types are those that the recording defines (ROS 1, MCAP), else those of ROS 2 Humble. What
+is packed is unpacked up to `MOST_PIECE` bytes at a time.
+
+Sources: ``sensor_msgs/msg/*.msg``, REP-103 and REP-145; rosbags for the containers; of velocities ``driver.py`` of
+nmea_navsat_driver (``vel``), ``node.cpp`` of ublox (``fix_velocity``), and the topics of MAVROS (``raw/gps_vel``).
+"""
+
+from __future__ import annotations
+
+import re
+from array import array
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.apps.vehicles.readers.ros_scan import BAG, KIND, MCAP, REPAIRS, SQLITE, BagScan, McapScan, mcap
+from flinders.core.files import MOST_PIECE, metered, unpacked_piece
+from flinders.core.units import COUNTS, Unit
+from flinders.errors import UnreadableInput, counted, needs, reading
+from flinders.readers._columns import LONG
+from flinders.readers._log import Instrument, Log, Position, first_position
+from flinders.readers._resample import TimeSeries, blocks, resampled
+from flinders.readers._source import MOST_MEMBER, Reader
+from flinders.readers._tokenizer import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from rosbags.interfaces import MessageDefinition
+    from rosbags.typesys.store import Typestore
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.readers._source import File
+
+TESLA: Final = Unit.of("T")
+ZSTD: Final = b"\x28\xb5\x2f\xfd"
+METADATA: Final = "metadata.yaml"
+MOST_METADATA: Final = 16 << 20
+DISTRIBUTION: Final = "Humble"
+"""Whose types are taken for ROS 2 messages that come without a definition."""
+
+FIELD, VECTOR = "sensor_msgs/msg/MagneticField", "geometry_msgs/msg/Vector3Stamped"
+IMU, TEMPERATURE, PLACE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature", "sensor_msgs/msg/NavSatFix"
+TWIST, TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCovarianceStamped"
+NAMES_MAGNETOMETER: Final = re.compile(r"(?:^|[/_])(?:mag|compass)", re.IGNORECASE)
+"""What the topic of a vector needs in its name, so that it is taken for a magnetometer."""
+NAMES_SATELLITES: Final = re.compile(r"(?:^|[/_])(?:gps|gnss|navsat|fix)(?:[/_]|$)|(?:^|/)vel$", re.IGNORECASE)
+"""What the topic of a velocity needs in its name, so that it is taken for one over ground by satellites."""
+IDENTIFIER: Final = re.compile(r"[A-Za-z]\w*", re.ASCII)
+"""What types and fields are called in ROS."""
+LEAST_FIX: Final = 0
+"""``NavSatStatus.STATUS_FIX``."""
+
+
+def open_ros(file: File, *, unit: str | None = None) -> Log:
+    """Open a recording of ROS 1 or ROS 2.
+
+    Raises `MissingExtra` where rosbags is not installed; `UnreadableInput` for what is no such recording, or broken;
+    `UnitError` for a unit that is not known.
+
+    Parameters
+    ----------
+    file : File
+        On the disk, and not packed; or a folder with a ``metadata.yaml``, which may be given instead of it.
+    unit : str, optional
+        What vectors are in, whose message does not say, or what a driver writes in place of tesla: ``G``, ``uT`` …
+
+    Returns
+    -------
+    Log
+        Without instruments where it holds no magnetometer.
+    """
+    needs("rosbags.highlevel", "ros", KIND)
+    given = None if unit is None else Unit.of(unit)
+    if file.path.name == METADATA:
+        file = replace(file, path=file.path.parent)
+    head = b"" if file.path.is_dir() else file.head()
+    topics = _Topics(file.name, is_first=head.startswith(BAG))
+    title, damage = "ROS 2 recording", ""
+    if head.startswith((BAG, MCAP)):
+        title = "ROS 1 bag" if topics.is_first else "MCAP recording"
+        scan = (BagScan if topics.is_first else McapScan)(file, _is_wanted)
+        for connection, recorded, packed in scan.messages():
+            topics.add(connection, recorded, packed, may_be_broken=True)
+        damage = scan.damage
+    elif head.startswith(SQLITE):
+        _read_database(file, topics)
+    else:
+        with reading(file.name, KIND):
+            _read_folder(file, topics)
+    ordered = topics.sorted()
+    begun = min((int(topic.stamps[0]) for topic in ordered if topic.is_magnetometer), default=0)
+    since = begun if 1e-9 * begun > LONG else 0
+    return Log(
+        file.name,
+        title,
+        tuple(_instruments(file.name, ordered, since, given)),
+        position=_position(ordered),
+        begun=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=since // 1000) if since else None,
+        notes=tuple(_about(file, topics, damage)),
+        damage=(damage,) if damage else (),
+    )
+
+
+# folders and databases
+
+
+def _read_folder(file: File, topics: _Topics) -> None:
+    """Read a folder of ROS 2; refuse one of which messages are missing, as rosbags may end at damage without a word."""
+    if (file.path / METADATA).stat().st_size > MOST_METADATA:
+        raise UnreadableInput(f"the {METADATA} of {file.name} has more than {MOST_METADATA >> 20} MB: no ROS wrote it")
+    for packed in file.path.glob("*.zstd"):
+        with mcap().zstd.open(packed, "rb") as stream:
+            chunks, size = iter(partial(stream.read, 1 << 20), b""), packed.stat().st_size
+            for _ in metered(packed.name, chunks, partial(int, size), most=MOST_MEMBER, ratio=False):
+                pass
+    expected, read = _read_by_rosbags(file.path, topics)
+    if read < expected:
+        raise UnreadableInput(
+            f"{file.name} is damaged: {read:,} of {counted(expected, 'message')} are there; give the file in it, whose "
+            "beginning can be read"
+        )
+
+
+def _read_database(file: File, topics: _Topics) -> None:
+    """Read a database of ROS 2; refuse a broken one with what mends it."""
+    broken = needs("apsw", "ros", KIND).Error
+    with reading(file.name, KIND):
+        try:
+            with _named(file.path, ".db3") as path:
+                expected, read = _read_by_rosbags(path, topics)
+        except Exception as error:
+            if not isinstance(error.__cause__ or error, broken):
+                raise
+            expected, read = 1, 0
+        if read < expected:
+            advice = _unfinished(file.path) or f"copy it again, or try {REPAIRS[SQLITE].format(shown(file.path.name))}"
+            raise UnreadableInput(f"{file.name} is a broken database, out of which no reading can be taken: {advice}")
+
+
+def _read_by_rosbags(path: Path, topics: _Topics) -> tuple[int, int]:
+    """Let rosbags read what is wanted of a recording of ROS 2; how many messages it says it has, and how many came."""
+    from rosbags.rosbag2 import Reader as SecondReader
+
+    _bound_mcap()
+    read = 0
+    with SecondReader(path) as reader:
+        for storage in getattr(reader.storage, "storages", ()):
+            if reader.compression_mode == "message":
+                storage.messages = partial(_small_messages, storage.messages)
+        wanted = [one for one in reader.connections if _is_wanted(one)]
+        for connection, recorded, packed in reader.messages(wanted) if wanted else ():  # none given would be all
+            if packed[:4] == ZSTD:
+                raise UnreadableInput(
+                    f"messages of {topics.source} are packed, as its {METADATA} says: give the folder it lies in"
+                )
+            topics.add(connection, recorded, packed)
+            read += 1
+        return sum(one.msgcount for one in wanted), read
+
+
+def _unfinished(path: Path) -> str:
+    """Tell what lies beside a database that was not closed, and what to do; empty where nothing does."""
+    log = path.with_name(f"{path.name}-wal")
+    if not log.is_file() or not log.stat().st_size:
+        return ""
+    return (
+        f"{log.name} holds messages that are not yet in it: copy both, and run "
+        f"sqlite3 {path.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+    )
+
+
+def _about(file: File, topics: _Topics, damage: str) -> Iterator[str]:
+    """What to know about the recording."""
+    yield from filter(None, [damage])
+    for path in file.path.glob("*.db3") if file.path.is_dir() else [file.path]:
+        yield from filter(None, [_unfinished(path)])
+    if topics.is_undefined:
+        yield f"messages are read as those of ROS 2 {DISTRIBUTION}: it defines none"
+
+
+@contextmanager
+def _named(path: Path, suffix: str) -> Iterator[Path]:
+    """The path, or a link to it that ends as rosbags wants it, and holds nothing that means more in a URI."""
+    if not suffix or (path.suffix == suffix and not set("?#%") & set(str(path))):
+        yield path
+        return
+    from tempfile import TemporaryDirectory
+
+    with TemporaryDirectory(prefix="flinders-") as folder:
+        link = Path(folder) / f"recording{suffix}"
+        link.symlink_to(path.absolute())
+        yield link
+
+
+def _bound_mcap() -> None:
+    """Have rosbags unpack chunks of MCAP up to `MOST_PIECE` bytes; what is sound unpacks as before."""
+    unpackers = {"lz4": needs("lz4.frame", "ros", KIND).LZ4FrameDecompressor, "zstd": mcap().zstd.ZstdDecompressor}
+    for name, unpacker in unpackers.items():
+        mcap().DECOMPRESSORS[name] = partial(_chunk, unpacker)
+
+
+def _chunk(unpacker: Callable[[], Any], packed: bytes, _: int) -> bytes:
+    """Unpack a chunk of MCAP, as rosbags asks for it."""
+    return unpacked_piece(unpacker(), packed)
+
+
+def _small_messages(messages: Callable[..., Iterator[Any]], *asked: object) -> Iterator[Any]:
+    """Let through packed messages that say how long they are, unpacked, and are not too long."""
+    for connection, stamp, packed in messages(*asked):
+        length = mcap().zstd.get_frame_info(packed).decompressed_size
+        if length is None or length > MOST_PIECE:
+            raise UnreadableInput("a packed message of the recording does not say how long it is, or is too long")
+        yield connection, stamp, packed
+
+
+# the messages
+
+
+@dataclass(slots=True, eq=False)
+class _Topic:
+    """What one topic holds."""
+
+    name: str
+    kind: str
+    frame: str = ""  # of its first message
+    stamps: array[int] = field(default_factory=lambda: array("q"))  # (N,), ns
+    values: array[float] = field(default_factory=lambda: array("d"))  # (N, k)
+    unstamped: int = 0  # messages whose header has no time
+    broken: int = 0  # messages that cannot be decoded
+
+    @property
+    def is_magnetometer(self) -> bool:
+        """Its messages are readings of a magnetometer."""
+        return self.kind in (FIELD, VECTOR)
+
+    def add(self, recorded: int, message: Any) -> None:  # noqa: ANN401
+        """Take a message in; `recorded` is when it was written, in ns."""
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        numbers, frame = _NUMBERS[self.kind](message), str(message.header.frame_id).strip("/")
+        self.stamps.append(stamp or recorded)
+        self.values.extend(numbers)
+        if not stamp:
+            self.unstamped += 1
+        if len(self.stamps) == 1:
+            self.frame = frame
+
+    def seconds(self, since: int) -> Floats:
+        """(N,) s from a stamp on."""
+        return (np.asarray(self.stamps, np.int64) - since) * 1e-9
+
+    @property
+    def table(self) -> Floats:
+        """(N, k)."""
+        return np.asarray(self.values, np.float64).reshape(len(self.stamps), -1)
+
+
+def _three(vector: Any) -> tuple[float, float, float]:  # noqa: ANN401
+    return vector.x, vector.y, vector.z
+
+
+def _motion(message: Any) -> tuple[float, ...]:  # noqa: ANN401
+    """Acceleration, then rate; a covariance that starts with −1 says that there is none of it (``Imu.msg``)."""
+    none = (np.nan,) * 3
+    return (
+        *(none if message.linear_acceleration_covariance[0] == -1 else _three(message.linear_acceleration)),
+        *(none if message.angular_velocity_covariance[0] == -1 else _three(message.angular_velocity)),
+    )
+
+
+_NUMBERS: Final[dict[str, Callable[[Any], tuple[float, ...]]]] = {
+    FIELD: lambda message: _three(message.magnetic_field),
+    VECTOR: lambda message: _three(message.vector),
+    IMU: _motion,
+    TEMPERATURE: lambda message: (message.temperature,),
+    PLACE: lambda message: (message.latitude, message.longitude, message.altitude, message.status.status),
+    TWIST: lambda message: (message.twist.linear.y, message.twist.linear.x),
+    TWIST_WITH_COVARIANCE: lambda message: (message.twist.twist.linear.y, message.twist.twist.linear.x),
+}
+"""What is taken of a message of each kind."""
+
+
+@dataclass(slots=True, eq=False)
+class _Topics:
+    """What is read of a recording, message by message."""
+
+    source: str
+    is_first: bool  # messages are those of ROS 1
+    is_undefined: bool = False  # a type was not defined, and taken from `DISTRIBUTION`
+    _by_name: dict[tuple[str, str], _Topic] = field(default_factory=dict)
+    _decoders: dict[int, Callable[[bytes, str], Any]] = field(default_factory=dict)
+
+    def add(self, connection: Any, recorded: int, packed: bytes, *, may_be_broken: bool = False) -> None:  # noqa: ANN401
+        """Decode a message; one that cannot be is counted, where damage may be the cause, and else an error."""
+        key = connection.topic, connection.msgtype
+        topic = self._by_name.setdefault(key, _Topic(*key))
+        try:
+            with reading(self.source, KIND):
+                if connection.id not in self._decoders:
+                    self._decoders[connection.id] = self._decoder(connection)
+                message = self._decoders[connection.id](packed, connection.msgtype)
+                try:
+                    topic.add(recorded, message)
+                except (AttributeError, TypeError) as error:  # its fields are those that the recording defines
+                    raise ValueError(f"{connection.msgtype} is defined otherwise: {error}") from None
+        except UnreadableInput:
+            if not may_be_broken:
+                raise
+            topic.broken += 1
+
+    def _decoder(self, connection: Any) -> Callable[[bytes, str], Any]:  # noqa: ANN401
+        """How messages of a connection are decoded: by the recording's own types where it has them."""
+        from rosbags.interfaces import MessageDefinitionFormat
+
+        if connection.msgdef.format == MessageDefinitionFormat.NONE:
+            self.is_undefined = True
+        store = _typestore(connection.msgdef, connection.msgtype)
+        return store.deserialize_ros1 if self.is_first else store.deserialize_cdr
+
+    def sorted(self) -> list[_Topic]:
+        """Those with messages, magnetometers first, those with tesla before those without a unit."""
+        order = (FIELD, VECTOR, IMU, TEMPERATURE, PLACE, TWIST, TWIST_WITH_COVARIANCE)
+        read = (topic for topic in self._by_name.values() if topic.stamps)
+        return sorted(read, key=lambda topic: (order.index(topic.kind), topic.name))
+
+
+def _is_wanted(connection: Any) -> bool:  # noqa: ANN401 - rosbags' types are its own
+    """Tell whether a topic is one of those that are read."""
+    if connection.msgtype == VECTOR:
+        return NAMES_MAGNETOMETER.search(connection.topic) is not None
+    if connection.msgtype in (TWIST, TWIST_WITH_COVARIANCE):
+        return NAMES_SATELLITES.search(connection.topic) is not None
+    return connection.msgtype in (FIELD, IMU, TEMPERATURE, PLACE)
+
+
+@lru_cache(maxsize=32)
+def _typestore(definition: MessageDefinition, name: str) -> Typestore:
+    """The types of a message; decoders of a type are compiled once, for all topics and recordings that define it so."""
+    from rosbags.interfaces import MessageDefinitionFormat
+    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+    types = {}
+    if definition.format == MessageDefinitionFormat.MSG:
+        types = get_types_from_msg(definition.data, name)
+    elif definition.format == MessageDefinitionFormat.IDL:
+        for part in re.split(r"^=+\nIDL: .*\n", definition.data, flags=re.MULTILINE):
+            types.update(get_types_from_idl(part) if part.strip() else {})
+    else:
+        types = get_typestore(Stores.ROS2_HUMBLE).fielddefs
+    store = get_typestore(Stores.EMPTY)
+    store.register(_plain(dict(types)))
+    return store
+
+
+def _plain(types: dict[str, Any]) -> dict[str, Any]:
+    """Types without their constants, and with names that are nothing but names: rosbags makes a program of them."""
+    for name, (_, fields) in types.items():
+        for part in (*name.split("/"), *(label for label, _ in fields)):
+            if not IDENTIFIER.fullmatch(part):
+                raise ValueError(f"{shown(part)!r} is no name of a type or of a field")
+    return {name: ([], fields) for name, (_, fields) in types.items()}
+
+
+# the magnetometers
+
+
+def _columns(
+    source: str, unit: Unit, time: Floats, field: Floats, auxiliary: Mapping[str, TimeSeries | None], _: bool
+) -> Iterator[Samples]:
+    """The readings of a magnetometer with the series of the sensors in its frame; nothing was applied to them."""
+
+    def rows(part: slice) -> dict[str, Any]:
+        return {"field": field[part], "time": time[part], **resampled(auxiliary, time[part])}
+
+    return blocks(source, unit, len(time), rows)
+
+
+def _instruments(source: str, topics: Sequence[_Topic], since: int, given: Unit | None) -> Iterator[Instrument]:
+    """Each magnetometer, with the sensors in its frame."""
+    for topic in topics:
+        if not topic.is_magnetometer:
+            continue
+        unit = given or (TESLA if topic.kind == FIELD else Unit.of(COUNTS))
+        motion, warmth = _companion(topic, topics, IMU), _companion(topic, topics, TEMPERATURE)
+        auxiliary: dict[str, TimeSeries | None] = {}
+        if motion is not None:
+            time = motion.seconds(since)
+            auxiliary = {"acceleration": TimeSeries.of(time, motion.table[:, :3])}
+            auxiliary["rate"] = TimeSeries.of(time, motion.table[:, 3:])
+        if warmth is not None:
+            auxiliary["temperature"] = TimeSeries.of(warmth.seconds(since), warmth.table)
+        yield Instrument(
+            source,
+            shown(topic.name),
+            unit,
+            partial(_columns, source, unit, topic.seconds(since), topic.table, auxiliary),
+            velocity=_velocity(topics, since),
+            readings=int(np.isfinite(topic.table).all(axis=1).sum()),
+            notes=tuple(_notes(topic, unit, motion, topics)),
+        )
+
+
+def _companion(topic: _Topic, topics: Sequence[_Topic], kind: str) -> _Topic | None:
+    """The topic of a kind that is in the same frame; of several, the one whose name has most in common."""
+    same = [other for other in topics if other.kind == kind and other.frame == topic.frame]
+    return max(same, key=lambda other: _in_common(topic.name, other.name), default=None)
+
+
+def _in_common(one: str, other: str) -> int:
+    """Count the parts in which two names begin alike.
+
+    >>> _in_common("/boat/imu/mag", "/boat/imu/data_raw")
+    2
+    """
+    parts = zip(one.strip("/").split("/"), other.strip("/").split("/"), strict=False)
+    return next((place for place, (a, b) in enumerate(parts) if a != b), len(one.split("/")))
+
+
+def _notes(topic: _Topic, unit: Unit, motion: _Topic | None, topics: Sequence[_Topic]) -> Iterator[str]:
+    """What to know about one magnetometer."""
+    yield (
+        f"axes are those of the frame {shown(topic.frame) or 'without a name'}; where that is forward, left, up "
+        "(REP-103), --axes x,-y,-z makes it forward, right, down"
+    )
+    if topic.kind == VECTOR and unit.name == COUNTS:
+        yield "the message (Vector3Stamped) does not say its unit: readings are in counts"
+    if topic.kind == FIELD and unit != TESLA:
+        yield f"the message (MagneticField) is in tesla by its definition, and is read in {unit.name} as was asked"
+    elif topic.kind == FIELD and (length := _typical(topic.table)) and not 5e-6 < length < 5e-4:
+        yield (
+            f"readings are about {length:.2g} T long, and the earth's field is 2e-05 to 7e-05 T: the driver writes "
+            "another unit (say which with --unit), or normalises"
+        )
+    others = sorted({shown(other.frame) for other in topics if other.kind == IMU})
+    if motion is None and others:
+        yield f"acceleration and rate are left out: they are in another frame ({', '.join(others)})"
+    if topic.broken:
+        yield f"{counted(topic.broken, 'message')} of it cannot be decoded: left out"
+    if topic.unstamped:
+        yield f"{topic.unstamped:,} messages have no time of their own: the time of recording is used for those"
+
+
+def _typical(field: Floats) -> float:
+    """The median length of finite readings; 0 where there is none."""
+    finite = field[np.isfinite(field).all(axis=1)]
+    with np.errstate(over="ignore"):
+        return float(np.median(np.linalg.norm(finite, axis=1))) if len(finite) else 0.0
+
+
+def _position(topics: Sequence[_Topic]) -> Position | None:
+    """The first place with a fix."""
+    for topic in topics:
+        if topic.kind == PLACE:
+            latitude, longitude, altitude, status = topic.table.T
+            return first_position(latitude, longitude, altitude, fixed=status >= LEAST_FIX)
+    return None
+
+
+def _velocity(topics: Sequence[_Topic], since: int) -> TimeSeries | None:
+    """Over ground, north and east, m/s, of the first topic that has one."""
+    velocities = (topic for topic in topics if topic.kind in (TWIST, TWIST_WITH_COVARIANCE))
+    return next((TimeSeries.of(topic.seconds(since), topic.table) for topic in velocities), None)
+
+
+READERS: Final = (
+    Reader(
+        "ros",
+        "ROS bag, MCAP",
+        (".bag", ".mcap", ".db3"),
+        "each topic of `MagneticField`, with the `Imu` and the `Temperature` in its frame",
+        starts=(BAG, MCAP, SQLITE, b"rosbag2_bagfile_information:"),
+        log=open_ros,
+        folder_file=METADATA,
+        extra="ros",
+        takes_unit=True,
+    ),
+)

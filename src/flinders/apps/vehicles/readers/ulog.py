@@ -1,0 +1,561 @@
+"""PX4 logs (``.ulg``), read with pyulog.
+
+Three topics may hold a magnetometer, and each is offered where it holds more than the one before it:
+
+- ``sensor_mag``, one instance a compass, in gauss and in the axes of the sensor. From version 1.12 on it is what the
+  compass read; up to 1.11 the driver had applied CAL_MAGn_SCALE and OFF to it, which is removed here.
+- ``vehicle_magnetometer``: corrected and in the axes of the vehicle. The correction is removed with the parameters
+  of the compass that it says, or the one that ``sensor_selection`` or CAL_MAG_PRIME names. What the estimator learned
+  in flight, which versions from 1.13 on may take off as well, and COMP, which needs throttle or current, stay on it.
+- ``sensor_combined.magnetometer_ga`` of logs up to 2018: as ``vehicle_magnetometer``, repeated at the rate of the gyro.
+
+Beside a reading stand acceleration and rate (``sensor_combined``, else ``vehicle_imu``), the attitude
+(``vehicle_attitude``), the current of the first battery that knows one and the throttle (length of
+``vehicle_thrust_setpoint.xyz``, in older logs ``actuator_controls_0.control[3]``), current and throttle of each motor
+(``esc_status``, ``actuator_motors``; field order not verified on a log), all at the time of the reading, and
+the compass's own temperature. Acceleration is specific force in axes forward, right, down, as `Samples` wants it;
+where the sensor is turned against the vehicle it, rate and attitude are turned into its axes, and left out where
+nothing says how it sits.
+
+Times are seconds since the autopilot started.
+
+Sources: PX4 ``msg/*.msg``; ULog file format, version 1 (docs.px4.io); that ``sensor_mag`` was corrected up to 1.11
+stands in ``PX4Magnetometer::update`` of those versions, and a log of 1.11 shows it (`tests/truth/test_px4.py`).
+"""
+
+from __future__ import annotations
+
+import io
+from collections import Counter
+from contextlib import redirect_stdout
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+import numpy as np
+
+from flinders.apps.vehicles.readers.parameters import stage_of, stages, unapplied
+from flinders.apps.vehicles.targets import px4
+from flinders.core.units import Unit
+from flinders.errors import ArrayError, UnreadableInput, counted, figures, needs, reading
+from flinders.readers._log import Instrument, Log, Position, Stored, first_position
+from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, THROTTLE, THROTTLES
+from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled, shares
+from flinders.readers._source import Reader, UpTo, filled_size, reserved_words
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+    from flinders.apps.vehicles.readers.parameters import Stages
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.readers._source import File
+
+Topics: TypeAlias = "Mapping[tuple[str, int], Mapping[str, Any]]"  # columns by name and instance
+KIND: Final = "a PX4 ULog"
+MAGIC: Final = b"ULog\x01\x12\x35"
+SYNC: Final = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
+HEADER: Final = 16
+"""Bytes before the first message."""
+TAIL: Final = 1 << 24
+"""Bytes at the end in which the last mark is looked for; newer loggers write them throughout."""
+GAUSS: Final = Unit.of("G")
+
+TOPICS: Final = (
+    "sensor_mag", "vehicle_magnetometer", "sensor_combined", "sensor_selection", "vehicle_imu",
+    "battery_status", "vehicle_gps_position", "sensor_gps", "vehicle_attitude", "vehicle_thrust_setpoint",
+    "actuator_controls_0", "esc_status", "actuator_motors",
+)  # fmt: skip
+"""All that is read of a log: the rest never comes into memory."""
+
+FIX: Final = 3
+"""``fix_type`` from which on there is a place in three dimensions."""
+INVALID_RELATIVE: Final = 0x7FFFFFFF
+"""``magnetometer_timestamp_relative`` of a row without a magnetometer."""
+RAW_SINCE: Final = (1, 12)
+"""Version from which on ``sensor_mag`` is what the compass read."""
+MOST_CONTROLLERS, MOST_MOTORS = 8, 12
+"""Places of ``esc_status``, and of ``actuator_motors``."""
+MOST_FIELDS: Final = 20_000
+"""Columns of all topics together, beyond which definitions are those of no autopilot."""
+DEEPEST: Final = 8
+"""Topics within topics; PX4 has two."""
+TOGETHER: Final = 1.0
+"""Seconds within which changes of parameters are those of one calibration on board."""
+MUCH_MORE: Final = 1.5
+"""How many times the readings of ``sensor_mag`` another topic needs, so that it is worth un-applying."""
+EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
+
+
+def open_ulog(file: File) -> Log:
+    """Open a PX4 log, on the disk and not packed.
+
+    Returns without instruments where it holds no magnetometer. Raises `MissingExtra` where pyulog is not installed;
+    `UnreadableInput` for what is no ULog, or broken so that nothing can be read.
+    """
+    pyulog = needs("pyulog", "px4", KIND)
+    with reading(file.name, KIND):
+        flight = _Flight.of(file.name, _parsed(pyulog, file))
+        instruments = [*_sensor_mag(flight)]
+        for derived in (_vehicle_magnetometer, _sensor_combined):
+            others = [*derived(flight)]
+            most = max((one.readings or 0 for one in instruments), default=0)
+            if max((one.readings or 0 for one in others), default=0) > MUCH_MORE * most:
+                instruments = [*others, *instruments]
+        damage = tuple(_damage(file, flight))
+        velocity = _velocity(flight)
+        version = () if flight.version is None else (f"PX4 {flight.version[0]}.{flight.version[1]}",)
+        return Log(
+            file.name,
+            "PX4 ULog",
+            tuple(replace(one, velocity=velocity) for one in instruments),
+            position=_position(flight),
+            begun=_begun(flight),
+            notes=(*version, *damage),
+            damage=damage,
+        )
+
+
+# the file
+
+
+class _Bounded(io.BufferedReader):
+    """A file that is not gone over again and again: pyulog looks for sound messages byte by byte in a broken one."""
+
+    def __init__(self, raw: io.FileIO, name: str, size: int) -> None:
+        super().__init__(raw, 1 << 16)
+        self._file, self._left = name, 16 * size + (1 << 26)
+
+    def seek(self, offset: int, whence: int = 0, /) -> int:
+        before = self.tell()
+        after = super().seek(offset, whence)
+        self._left -= max(before - after, 0) + 64
+        if self._left < 0:
+            raise UnreadableInput(
+                f"{self._file} is broken from byte {after:,} on, and no end of it is found: copy it again"
+            )
+        return after
+
+
+def _parsed(pyulog: Any, file: File) -> Any:  # noqa: ANN401 - pyulog has no types
+    """Let pyulog read the topics that are wanted; what it would print is not printed."""
+    filled = filled_size(file.path)
+    opened = UpTo(file.path, file.size if filled == file.size else _end_of_message(file, filled))
+    with redirect_stdout(io.StringIO()), _Bounded(opened, file.name, file.size) as handle:
+        return _guarded(pyulog.ULog)(handle, message_name_filter_list=list(TOPICS))
+
+
+def _guarded(ulog: type[Any]) -> type[Any]:
+    """A parser that refuses definitions which nest into more columns than memory holds; as pyulog does broken ones."""
+    left = MOST_FIELDS
+    whole = ulog._MessageAddLogged  # the one place where columns are made
+
+    class Subscription(whole):  # type: ignore[misc, valid-type]
+        def _parse_format(self, message_formats: Mapping[str, Any]) -> None:
+            nonlocal left
+            left -= _columns(self.message_name, message_formats, left)
+            super()._parse_format(message_formats)
+
+    return type("Guarded", (ulog,), {"_MessageAddLogged": Subscription})
+
+
+def _columns(name: str, formats: Mapping[str, Any], most: int, depth: int = 0) -> int:
+    """Count the columns of a topic, without making them.
+
+    Raises `ValueError` where there are more than so many, or topics nest in a circle.
+    """
+    total = 0
+    for kind, length, _ in formats[name].fields:
+        inner = _columns(kind, formats, most, depth + 1) if kind in formats and depth < DEEPEST else 1
+        total += max(length, 1) * max(inner, 1)
+        if total > most or depth == DEEPEST:
+            raise ValueError(f"{name} has more than {most} columns, or nests in a circle")
+    return total
+
+
+def _end_of_message(file: File, filled: int) -> int:
+    """Find where the message ends that holds the last byte before `filled`: they are gone through from a mark on."""
+    if file.size <= HEADER:
+        return HEADER
+    with file.mapped() as content:
+        place = max(content.rfind(SYNC, max(filled - TAIL, 0), filled) + len(SYNC), HEADER)
+        while place < filled and place + 3 <= len(content):
+            place += 3 + content[place] + (content[place + 1] << 8)
+    return place
+
+
+# what it holds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Flight:
+    """What the topics hold, and which parameters were in force when."""
+
+    source: str
+    log: Any  # pyulog.ULog
+    topics: Topics  # by name and instance
+    stages: Stages  # by time in s: the parameters of the compasses and of the board
+    auxiliary: Mapping[str, TimeSeries | None]
+
+    @classmethod
+    def of(cls, source: str, log: Any) -> _Flight:  # noqa: ANN401 - pyulog has no types
+        """Take what pyulog read."""
+        topics = {(one.name, one.multi_id): one.data for one in log.data_list}
+        initial = [(-np.inf, *each) for each in log.initial_parameters.items()]
+        changed = [(1e-6 * stamp, name, value) for stamp, name, value in log.changed_parameters]
+        entries = ((since, name, value) for since, name, value in initial + changed if isinstance(value, (int, float)))
+        changes = stages(entries, ("CAL_MAG", "SENS_BOARD"), source, together=TOGETHER)
+        return cls(source, log, topics, changes, {kind: find(topics) for kind, find in AUXILIARY.items()})
+
+    def instances(self, name: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
+        """Go through the instances of a topic, in order."""
+        for topic, instance in sorted(self.topics):
+            if topic == name:
+                yield instance, self.topics[topic, instance]
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """The parameters at the end."""
+        return self.stages[-1][1]
+
+    @property
+    def satellites(self) -> Mapping[str, Any]:
+        """What the receiver of satellites gave; empty where there was none."""
+        return self.topics.get(("vehicle_gps_position", 0)) or self.topics.get(("sensor_gps", 0)) or {}
+
+    @property
+    def version(self) -> tuple[int, int] | None:
+        """Major and minor number of the release, where the log has them."""
+        packed = self.log.msg_info_dict.get("ver_sw_release")
+        return (packed >> 24 & 0xFF, packed >> 16 & 0xFF) if isinstance(packed, int) and packed > 0 else None
+
+    @property
+    def is_raw(self) -> bool:
+        """Whether ``sensor_mag`` is what the compass read: parameters of one time or the other tell, else the version.
+
+        PX4 logs the parameters that it uses, so that a log of 1.12 on with a calibration in it has those below.
+        """
+        ends = {name.rpartition("_")[2] for name in self.values if name.startswith("CAL_MAG")}
+        if "PRIO" in ends or any(end.endswith("ODIAG") for end in ends):
+            return True
+        return "EN" not in ends and self.version is not None and self.version >= RAW_SINCE
+
+
+def _stack(columns: Mapping[str, Any], *names: str) -> Floats:
+    """(N, len(names)) of a topic's columns; columns that it has not are NaN."""
+    rows = len(columns["timestamp"])
+    with np.errstate(invalid="ignore"):  # of a broken log, which may hold any bits
+        return np.column_stack([np.asarray(columns.get(name, np.full(rows, np.nan)), np.float64) for name in names])
+
+
+def _whole(values: Any) -> NDArray[np.int64]:  # noqa: ANN401 - a column of pyulog
+    """Whole numbers; any where a broken log holds what is none."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(values).astype(np.int64)
+
+
+def _three(columns: Mapping[str, Any], name: str) -> Floats:
+    """(N, 3) of an array."""
+    return _stack(columns, *(f"{name}[{axis}]" for axis in range(3)))
+
+
+def _seconds(columns: Mapping[str, Any]) -> Floats:
+    """(N,) when it was measured, else when it was logged."""
+    logged = np.asarray(columns["timestamp"], np.float64)
+    measured = np.asarray(columns.get("timestamp_sample", logged), np.float64)
+    return 1e-6 * np.where(measured > 0, measured, logged)
+
+
+def _motion(topics: Topics, measured: str, change: str) -> TimeSeries | None:
+    """What ``sensor_combined`` measured, else the change that ``vehicle_imu`` has over its duration.
+
+    In m/s² or rad/s and the axes of the vehicle.
+    """
+    combined, imu = topics.get(("sensor_combined", 0)), topics.get(("vehicle_imu", 0))
+    if combined is not None:
+        return TimeSeries.of(_seconds(combined), _three(combined, measured))
+    if imu is None:
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return TimeSeries.of(_seconds(imu), _three(imu, change) / (1e-6 * _stack(imu, f"{change}_dt")))
+
+
+def _current(topics: Topics) -> TimeSeries | None:
+    """A of the first battery that knows its current; −1 is what PX4 writes where it does not."""
+    for (name, _), columns in sorted(topics.items(), key=lambda item: item[0]):
+        if name == "battery_status":
+            amperes = _stack(columns, "current_a")
+            series = TimeSeries.of(_seconds(columns), np.where(amperes == -1, np.nan, amperes))
+            if series is not None:
+                return series
+    return None
+
+
+def _throttle(topics: Topics) -> TimeSeries | None:
+    """Length of the thrust that is asked for, 0 to 1; of a plane that also flies as a copter, of all its motors."""
+    thrust, controls = topics.get(("vehicle_thrust_setpoint", 0)), topics.get(("actuator_controls_0", 0))
+    if thrust is not None:
+        return TimeSeries.of(_seconds(thrust), shares(np.linalg.norm(_three(thrust, "xyz"), axis=1))[:, np.newaxis])
+    return None if controls is None else TimeSeries.of(_seconds(controls), shares(_stack(controls, "control[3]")))
+
+
+def _currents(topics: Topics) -> TimeSeries | None:
+    """A of each motor, by its speed controller; None where none ever says that any flows."""
+    columns = topics.get(("esc_status", 0))
+    if columns is None:
+        return None
+    count = min(int(np.max(columns.get("esc_count", 0), initial=0)), MOST_CONTROLLERS)
+    amperes = _stack(columns, *(f"esc[{place}].esc_current" for place in range(count)))
+    return TimeSeries.of(_seconds(columns), amperes) if np.nan_to_num(amperes).any() else None
+
+
+def _throttles(topics: Topics) -> TimeSeries | None:
+    """What each motor was asked for, 0 to 1; one that is stopped, which PX4 writes as NaN, was asked for nothing."""
+    columns = topics.get(("actuator_motors", 0))
+    if columns is None:
+        return None
+    asked = _stack(columns, *(f"control[{place}]" for place in range(MOST_MOTORS)))
+    used = np.flatnonzero((np.nan_to_num(asked) != 0.0).any(axis=0))
+    return TimeSeries.of(_seconds(columns), np.nan_to_num(asked[:, : used[-1] + 1])) if len(used) else None
+
+
+def _attitude(topics: Topics) -> AttitudeSeries | None:
+    """From the axes of the vehicle to north, east, down, as the estimator that is used has it."""
+    columns = topics.get(("vehicle_attitude", 0))
+    if columns is None:
+        return None
+    return AttitudeSeries.of(_seconds(columns), _stack(columns, *(f"q[{place}]" for place in range(4))))
+
+
+AUXILIARY: Final[Mapping[str, Callable[[Topics], TimeSeries | None]]] = {
+    ACCELERATION: partial(_motion, measured="accelerometer_m_s2", change="delta_velocity"),
+    RATE: partial(_motion, measured="gyro_rad", change="delta_angle"),
+    CURRENT: _current,
+    THROTTLE: _throttle,
+    CURRENTS: _currents,
+    THROTTLES: _throttles,
+    ATTITUDE: _attitude,
+}
+"""How each column of `Samples` that is no compass's is found."""
+
+
+# the magnetometers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Readings:
+    """What one magnetometer gave, and how what it read is found again."""
+
+    flight: _Flight
+    time: Floats  # (N,), s
+    field: Floats  # (N, 3): as logged
+    # what was applied to `field` in each stage of the flight, mounting included; empty where nothing was
+    applied: tuple[px4.Px4Parameters, ...] = ()
+    # (3, 3): from the axes of `field`, with nothing applied, to those of the vehicle; None where it is not known
+    mounting: Floats | None = None
+    is_turned: bool = False  # what was logged is in the axes of the vehicle
+    temperature: Floats | None = None  # (N,), °C
+
+    def columns(self, as_logged: bool) -> Iterator[Samples]:
+        """Go through the readings; see `Instrument`."""
+        turn = np.eye(3) if self.is_turned and as_logged else self.mounting
+        back = None if turn is None else turn.T
+        of_vehicle = () if turn is not None else (ACCELERATION, RATE, ATTITUDE)
+        series = {kind: one for kind, one in self.flight.auxiliary.items() if kind not in of_vehicle}
+
+        def rows(part: slice) -> dict[str, Any]:
+            time, field = self.time[part], self.field[part]
+            if self.applied and not as_logged:
+                field = unapplied(self.flight.source, field, stage_of(time, self.flight.stages), self.applied)
+            warm = None if self.temperature is None else self.temperature[part]
+            return {"field": field, "time": time, "temperature": warm, **resampled(series, time, back)}
+
+        return blocks(self.flight.source, GAUSS, len(self.time), rows)
+
+    @property
+    def changes(self) -> list[float]:
+        """s since start-up at which what was applied changed."""
+        words = [each.words() for each in self.applied]
+        return [self.flight.stages[stage][0] for stage in range(1, len(words)) if words[stage] != words[stage - 1]]
+
+
+def _sensor_mag(flight: _Flight) -> Iterator[Instrument]:
+    """Each compass, before or, up to version 1.11, after its own calibration."""
+    for instance, columns in flight.instances("sensor_mag"):
+        device = _device(columns)
+        parameters = px4.of_device(flight.values, device)
+        temperature = _stack(columns, "temperature")[:, 0]
+        readings = _Readings(
+            flight,
+            _seconds(columns),
+            _stack(columns, "x", "y", "z"),
+            () if flight.is_raw else _applied(flight, device, turned=False),
+            mounting=None if parameters is None else parameters.mounting,
+            temperature=temperature if np.isfinite(temperature).any() else None,
+        )
+        name = f"sensor_mag {instance}" + (f" (device {device})" if device else "")
+        yield _instrument(name, readings, parameters, device)
+
+
+def _vehicle_magnetometer(flight: _Flight) -> Iterator[Instrument]:
+    """What the vehicle steered by, with the correction of the compass that it came from."""
+    for instance, columns in flight.instances("vehicle_magnetometer"):
+        readings = _Readings(flight, _seconds(columns), _three(columns, "magnetometer_ga"))
+        yield _corrected(f"vehicle_magnetometer {instance}", readings, _device(columns) or _selected(flight))
+
+
+def _sensor_combined(flight: _Flight) -> Iterator[Instrument]:
+    """The same of old logs, without its repeats."""
+    columns = flight.topics.get(("sensor_combined", 0), {})
+    if "magnetometer_ga[0]" not in columns:
+        return
+    relative = _whole(columns.get("magnetometer_timestamp_relative", 0))
+    measured = _whole(columns["timestamp"]) + relative
+    new = (relative != INVALID_RELATIVE) & (np.diff(measured, prepend=-1) != 0)
+    readings = _Readings(flight, 1e-6 * measured[new], _three(columns, "magnetometer_ga")[new])
+    yield _corrected("sensor_combined.magnetometer_ga", readings, _selected(flight))
+
+
+def _corrected(name: str, readings: _Readings, device: int) -> Instrument:
+    """An instrument whose readings were corrected and turned: what that was is removed where the log says it."""
+    parameters = px4.of_device(readings.flight.values, device)
+    readings = replace(readings, is_turned=True, mounting=np.eye(3))
+    if parameters is None:
+        note = (
+            f"the log does not say which calibration was applied to {name}: readings are as logged, after it and in "
+            "the axes of the vehicle"
+        )
+        return replace(_instrument(name, readings, None, device), notes=(note,), frames=("vehicle", "vehicle"))
+    applied = _applied(readings.flight, device, turned=True)
+    readings = replace(readings, applied=applied, mounting=parameters.mounting)
+    return replace(_instrument(name, readings, parameters, device), frames=("sensor", "vehicle"))
+
+
+def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | None, device: int = 0) -> Instrument:
+    """Say what is known of one magnetometer; device 0 is one that is not known."""
+    notes, stored = [], None
+    if readings.mounting is None and any(map(readings.flight.auxiliary.get, (ACCELERATION, RATE, ATTITUDE))):
+        notes.append(
+            "no parameters say how this compass is mounted: acceleration, rate and attitude are left out, as they are "
+            "in the axes of the vehicle"
+        )
+    if changes := readings.changes:
+        at = ", ".join(f"{since:.0f} s" for since in changes[:3])
+        notes.append(
+            f"the calibration on board changed at {at}{' …' * (len(changes) > 3)} (since start-up): each "
+            "reading is un-applied with the one that was in force"
+        )
+    if parameters is not None:
+        if parameters.motor.any() and readings.applied and readings.is_turned:
+            notes.append("COMP is not removed: with the motors running, readings are those after it")
+        turn = parameters.mounting if readings.is_turned else np.eye(3)
+        words, is_applied = parameters.words(), bool(readings.applied)
+        stored = Stored(parameters.matrix, parameters.centre, turn, words, applied=is_applied)
+    return Instrument(
+        readings.flight.source,
+        name,
+        GAUSS,
+        readings.columns,
+        stored=stored,
+        autopilot="px4",
+        compass=None if parameters is None else parameters.compass,
+        device_id=device or None,
+        mounting=None if parameters is None else parameters.mounting_angles,
+        readings=int(np.isfinite(readings.field).all(axis=1).sum()),
+        notes=tuple(notes),
+    )
+
+
+def _applied(flight: _Flight, device: int, *, turned: bool) -> tuple[px4.Px4Parameters, ...]:
+    """What was applied to a compass in each stage; without the mounting where it had not been turned yet."""
+    applied = []
+    for _, values in flight.stages:
+        parameters = replace(px4.of_device(values, device) or px4.Px4Parameters(), motor=np.zeros(3))
+        if not turned:
+            parameters = replace(parameters, rotation=px4.INTERNAL, board=np.eye(3))
+        if not np.isfinite(parameters.matrix).all() or np.linalg.matrix_rank(parameters.matrix) < 3:
+            raise ArrayError(f"{parameters.words()} cannot be undone")
+        applied.append(parameters)
+    return tuple(applied)
+
+
+def _device(columns: Mapping[str, Any]) -> int:
+    """The number of the compass that most readings come from; 0 where it is not logged."""
+    numbers = Counter(_whole(columns.get("device_id", np.zeros(0))).tolist())
+    return int(numbers.most_common(1)[0][0]) if numbers else 0
+
+
+def _selected(flight: _Flight) -> int:
+    """The number of the compass that was steered by, where one topic is made of several compasses; 0 if unknown."""
+    selection = flight.topics.get(("sensor_selection", 0), {})
+    chosen = _device({"device_id": selection["mag_device_id"]}) if "mag_device_id" in selection else 0
+    prime = float(flight.values.get("CAL_MAG_PRIME", 0))
+    return chosen or (int(prime) % 2**32 if np.isfinite(prime) else 0)
+
+
+# where, when, and what to know
+
+
+def _position(flight: _Flight) -> Position | None:
+    """The first place with a fix."""
+    columns = flight.satellites
+    if not columns:
+        return None
+    degrees = _stack(columns, "latitude_deg", "longitude_deg", "altitude_msl_m")
+    if "lat" in columns:
+        degrees = _stack(columns, "lat", "lon", "alt") * [1e-7, 1e-7, 1e-3]
+    fix = np.asarray(columns.get("fix_type", np.full(len(degrees), 3)), np.float64)
+    return first_position(*degrees.T, fixed=fix >= 2)
+
+
+def _velocity(flight: _Flight) -> TimeSeries | None:
+    """Over ground, north and east, m/s, where satellites gave a place in three dimensions."""
+    columns = flight.satellites
+    if "vel_n_m_s" not in columns:
+        return None
+    fixed = np.asarray(columns.get("fix_type", np.full(len(columns["timestamp"]), FIX)), np.float64) >= FIX
+    return TimeSeries.of(_seconds(columns)[fixed], _stack(columns, "vel_n_m_s", "vel_e_m_s")[fixed])
+
+
+def _begun(flight: _Flight) -> datetime | None:
+    """When the log was begun, by the clock of the satellites."""
+    columns = flight.satellites
+    utc = np.asarray(columns.get("time_utc_usec", np.zeros(0)), np.float64)
+    known = np.flatnonzero(utc > 0)
+    if not len(known):
+        return None
+    since = float(utc[known[0]]) - (float(columns["timestamp"][known[0]]) - flight.log.start_timestamp)
+    if not 0 < since < 1e16:
+        return None
+    begun = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=since)
+    return begun if EARLIEST < begun < LATEST else None
+
+
+def _damage(file: File, flight: _Flight) -> Iterator[str]:
+    """What of it is not there."""
+    reserved = file.size - filled_size(file.path)
+    if reserved:
+        yield reserved_words(reserved)
+    if flight.log.file_corruption:
+        yield "parts of it are broken and were left out: copy it again if you can"
+    elif not reserved and not flight.log.has_data_appended and _end_of_message(file, file.size) != file.size:
+        yield "it ends within a message, as after a loss of power: what comes before was read"
+    if lost := flight.log.dropouts:
+        seconds = 1e-3 * sum(one.duration for one in lost)
+        yield f"the logger lost {figures(seconds)} s in {counted(len(lost), 'dropout')}"
+
+
+READERS: Final = (
+    Reader(
+        "ulog",
+        "PX4 ULog",
+        (".ulg",),
+        "each compass, with the calibration in force removed, and what the vehicle logged beside it",
+        starts=(MAGIC,),
+        log=open_ulog,
+        extra="px4",
+    ),
+)

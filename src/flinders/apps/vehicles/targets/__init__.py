@@ -1,0 +1,1 @@
+"""Parameters of autopilots and of ROS: formula, writer and reader of each."""

@@ -1,0 +1,124 @@
+"""INAV's ``magzero`` and ``maggain``: ``m = (raw − zero) 1024 / gain``, whole numbers, in the axes of the sensor.
+
+A gain is the radius of its axis in counts, so that corrected readings are 1024 long; with D the diagonal that comes
+nearest to the matrix and F the length of corrected readings in counts, gain = F / D.
+
+>>> from flinders.core.calibration import Calibration
+>>> written = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), ExportOptions())
+>>> print(*written.body, sep=chr(10))
+set magzero_x = 120
+set magzero_y = -32
+set magzero_z = 7
+set maggain_x = 320
+set maggain_y = 400
+set maggain_z = 500
+save
+>>> written.apply([440.0, -32.0, 7.0])
+array([1024.,    0.,    0.])
+>>> read(chr(10).join(written.body).encode(), "dump.txt").matrix.diagonal()
+array([1.25, 1.  , 0.8 ])
+
+A rotation of the calibration goes into ``align_mag``, one of eight names, or into ``align_mag_roll``,
+``align_mag_pitch`` and ``align_mag_yaw`` in tenths of a degree, which take its place where one of them is not 0:
+R_z(−yaw) R_y(−pitch) R_x(−roll) in the axes forward, left and up, and then without the alignment of the board.
+
+Source: INAV, ``sensors/compass.c`` at 005b1ee7, ``rotationMatrixFromAngles`` of ``common/maths.c`` at 063f3509,
+``rotationMatrixRotateVector`` of ``common/vector.h``; int16, and a division that leaves off what is behind the point.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.apps.vehicles.targets.remounting import left_out, remounting
+from flinders.arrays import Floats, floats
+from flinders.core.units import COUNTS
+from flinders.errors import DocumentError
+from flinders.targets._mounting import ALIGNMENTS, DECIDEGREE, Mounting, MountingTable
+from flinders.targets._numbers import INT16, counts, in_16_bits, of_radii, offset_and_radii, settings
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
+
+if TYPE_CHECKING:
+    from flinders.core.calibration import Calibration
+
+UNITY: Final = 1024
+"""Length of a corrected reading."""
+ZEROS: Final = ("magzero_x", "magzero_y", "magzero_z")
+ANGLES: Final = ("align_mag_roll", "align_mag_pitch", "align_mag_yaw")
+MOUNTINGS: Final = MountingTable("INAV", "align_mag", ALIGNMENTS, sense=-1, step_deg=DECIDEGREE)
+STRAIGHT: Final = "for a board with align_board_roll, pitch and yaw of 0"
+GAINS: Final = ("maggain_x", "maggain_y", "maggain_z")
+
+
+def write(calibration: Calibration, asked: ExportOptions) -> Written:
+    """Write the lines; a recording that was not in raw counts raises `UnitError`.
+
+    Raises `NotExportable` where what is left out costs more than 0.5° of heading, or int16 cannot hold the
+    numbers.
+    """
+    new = remounting(calibration, asked.mounting, MOUNTINGS, after=False)
+    turn = None if new is None else new.turn
+    offset, radii = offset_and_radii(calibration, who="INAV", turn=turn)
+    zero, gain = in_16_bits(offset, ZEROS), in_16_bits(radii, GAINS, lowest=1)
+    values = {
+        **({} if new is None else _aligned(new.mounting)),
+        **dict(zip((*ZEROS, *GAINS), (*zero, *gain), strict=True)),
+    }
+    body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
+    # no log tells what was in force, and magADC is after it
+    notes = [
+        *(left_out(calibration) if new is None else [new.words("align_mag"), STRAIGHT]),
+        "for readings recorded with magzero 0 and maggain 1024 on each axis: it replaces what the board holds",
+    ]
+
+    def apply(raw: Floats) -> Floats:
+        corrected = np.trunc((raw - floats(zero)) * UNITY / floats(gain)) + 0.0
+        return corrected if turn is None else corrected @ turn.T
+
+    return Written(apply, body, values, notes, turn=turn)
+
+
+def _aligned(mounting: Mounting) -> dict[str, str | int]:
+    """Settings of a mounting: a name with angles of 0, or angles alone."""
+    name: dict[str, str | int] = {} if mounting.number is None else {"align_mag": mounting.name}
+    tenths = (round(angle / DECIDEGREE) for angle in mounting.angles)
+    return {**name, **dict(zip(ANGLES, tenths, strict=True))}
+
+
+def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
+    """Read the settings back, out of a dump, for readings in the axes of the sensor.
+
+    `strength`, counts: length of corrected readings; without it the geometric mean of the gains.
+
+    Raises `DocumentError` where one is missing, stands there with two values, or is none that INAV holds.
+    """
+    pairs = settings(content, source, [*ZEROS, *GAINS])
+    missing = [name for name in (*ZEROS, *GAINS) if name not in pairs]
+    if missing:
+        raise DocumentError(
+            f"{source}: no {', '.join(missing)}: need all six, magzero_x to maggain_z. INAV's diff leaves out what is "
+            "at its default: save what dump prints"
+        )
+    zero, gain = counts(pairs, ZEROS, source), counts(pairs, GAINS, source, between=(1, INT16[1]))
+    return of_radii(zero, floats(gain), strength)
+
+
+TARGETS: Final = (
+    Target(
+        name="inav",
+        use="INAV CLI",
+        suffix=".txt",
+        title="INAV",
+        formula="m = align((raw - magzero) 1024 / maggain)",
+        unit=COUNTS,
+        keeps="diagonal",
+        storage="int16, whole counts; the result in whole numbers as well",
+        source="sensors/compass.c at 005b1ee7",
+        lengths="1024 long",
+        mountings=MOUNTINGS,
+        write=write,
+        reader=TargetReader(rb"(?i)\bset\s+mag(?:zero|gain)_[xyz]\b", read, "a dump of INAV"),
+    ),
+)

@@ -1,0 +1,204 @@
+"""A compass of a vehicle as the vehicle sends it to a ground station: a feed of readings."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.apps.vehicles.mavlink import ARDUPILOT, Vehicle
+from flinders.apps.vehicles.readers.tlog import (
+    COMPASS_MESSAGES,
+    HIGHRES_IMU,
+    IN_SI,
+    RAW_IMU,
+    WHOLE,
+    reading,
+)
+from flinders.apps.vehicles.targets.ardupilot import COMPASSES, ArduPilotParameters, names
+from flinders.core.samples import Samples
+from flinders.errors import ArrayError, LinkError, UsageError
+from flinders.links.feeds import FeedEvent
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.links.feeds import Received
+    from flinders.links.transports import ByteSource
+
+ASK_AGAIN_S: Final = 3.0  # Seconds without a reading after which it is asked again, and advice is given
+TOGETHER_S: Final = 0.03  # Seconds of readings that are handed on together
+FETCH_TRIES: Final = 4  # Questions for each parameter
+REPORTED: Final = ("OFS_X", "OFS_Y", "OFS_Z", "DIA_X", "DIA_Y", "DIA_Z", "ODI_X", "ODI_Y", "ODI_Z")
+"""Of the calibration in force; SCALE came later."""
+LOOK_S: Final = 1.0  # Seconds that a better message is waited for
+GRAVITY: Final = 9.80665
+BACK_S: Final = 0.5  # Seconds that a lost vehicle is waited for at a time
+
+
+class Telemetry:
+    """A compass of a vehicle, as the vehicle sends it to a ground station: a `Feed`.
+
+    RAW_IMU and SCALED_IMU hold the first compass, SCALED_IMU2 and SCALED_IMU3 the second and the third, in whole mG.
+    **ArduPilot sends corrected readings in all of them**: the calibration in force is asked for and removed.
+    Of others HIGHRES_IMU is preferred, in gauss; it is taken as it comes, and PX4's is corrected already.
+    A RAW_IMU that is not ArduPilot's is in counts, as the protocol has it. Whether PX4's SCALED_IMU is corrected is
+    **unverified**. Messages are those of `flinders.apps.vehicles.readers.tlog`.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    compass : int
+        1 to 3, as ArduPilot counts.
+    """
+
+    def __init__(self, vehicle: Vehicle, compass: int = 1) -> None:
+        if compass not in COMPASSES:
+            raise UsageError(f"compass {compass}: MAVLink has messages for compass 1, 2 and 3")
+        self._vehicle, self._compass = vehicle, compass
+        self.name = f"compass {compass} of {vehicle.name}"
+        self._messages = _ranked(vehicle.autopilot, compass)
+        self._start = self._heard = time.monotonic()
+        self._parameters: ArduPilotParameters | None = None
+        self._kinds: dict[int, float] = {}
+        self._kind: int | None = None
+        self._last: tuple[float, ...] = ()
+        self._is_gone = self._is_over = self._is_advised = False
+        self._waiting: deque[FeedEvent] = deque([FeedEvent("connected", 0.0, f"{self.name}: {self._fetch()}")])
+        self._ask()
+
+    def next(self, timeout: float) -> Received:
+        """As `Feed.next`."""
+        if self._waiting:
+            return self._waiting.popleft()
+        if self._is_over:
+            time.sleep(timeout)
+            return None
+        if self._is_gone:
+            return self._come_back(timeout)
+        rows: list[tuple[float, ...]] = []
+        try:
+            messages = self._vehicle.messages(min(timeout, TOGETHER_S))
+            rows = [row for message in messages if (row := self._row(message)) is not None]
+        except LinkError as error:
+            self._is_gone = True
+            self._waiting.append(FeedEvent("gone", self._now(), error.message))
+        else:
+            self._remind(bool(rows))
+        return self._samples(np.array(rows)) if rows else None
+
+    def close(self) -> None:
+        """As `Feed.close`."""
+        self._is_over = True
+        self._vehicle.source.close()
+
+    def _now(self) -> float:
+        return time.monotonic() - self._start
+
+    def _fetch(self) -> str:
+        """Fetch the calibration that is in force, and say what becomes of the readings."""
+        if self._vehicle.autopilot != ARDUPILOT:
+            return "readings as they are sent; whether they are raw or corrected is not known for this autopilot"
+        values: dict[str, float] = {}
+        for name in (*REPORTED, "SCALE"):
+            group, _, axis = name.partition("_")
+            known = names(group, self._compass, f"_{axis}" if axis else "")
+            parameter = self._vehicle.get(*known, tries=FETCH_TRIES)
+            if parameter is None and name in REPORTED:
+                return f"corrected readings: the vehicle does not tell its {known[0]}, by which that is removed"
+            if parameter is not None:
+                values[known[0]] = parameter.value
+        self._parameters = ArduPilotParameters.read(values, self._compass)
+        return f"its correction is removed: {self._parameters.words()}"
+
+    def _ask(self) -> None:
+        """Ask for the messages; a vehicle that sends them already does no more than that."""
+        self._heard = time.monotonic()
+        with contextlib.suppress(LinkError):
+            for message in self._messages:
+                self._vehicle.ask_for(message)
+
+    def _remind(self, has_readings: bool) -> None:
+        """Ask again where nothing comes, and say so once."""
+        if has_readings:
+            self._heard = time.monotonic()
+        elif time.monotonic() - self._heard > ASK_AGAIN_S:
+            self._ask()
+            if not self._is_advised:
+                self._is_advised = True
+                wanted = " or ".join(COMPASS_MESSAGES[number][0] for number in self._messages)
+                self._waiting.append(
+                    FeedEvent(
+                        "nothing",
+                        self._now(),
+                        f"{self.name} sends no {wanted} though it was asked: see that it has this compass, and set its "
+                        "stream RAW_SENSORS (SRn_RAW_SENS)",
+                    )
+                )
+
+    def _come_back(self, timeout: float) -> FeedEvent | None:
+        if not self._vehicle.come_back(min(timeout, BACK_S)):
+            return None
+        self._is_gone = False
+        self._ask()
+        return FeedEvent("back", self._now(), f"{self.name} is back")
+
+    def _row(self, message: Any) -> tuple[float, ...] | None:  # noqa: ANN401 - pymavlink has no types
+        """A reading of a message of the kind that is taken; None for a repeated one."""
+        number = message.get_msgId()
+        row = reading(number, message) if number in self._messages else ()
+        if not any(row[1:4]) or number != self._chosen(number) or row[:4] == self._last:
+            return None
+        self._last = row[:4]
+        return row
+
+    def _chosen(self, number: int) -> int | None:
+        """Which kind of message is taken: the best of those that came within a second."""
+        if self._kind is None:
+            self._kinds.setdefault(number, self._now())
+            if number == self._messages[0] or self._now() - min(self._kinds.values()) > LOOK_S:
+                self._kind = min(self._kinds, key=self._messages.index)
+        return self._kind
+
+    def _samples(self, rows: Floats) -> Samples:
+        clock, field, force, rate = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10]
+        warm = np.where(rows[:, 10], rows[:, 10], np.nan)  # 0 where it is not known
+        units = IN_SI if self._kind == HIGHRES_IMU else WHOLE
+        is_raw = self._kind == RAW_IMU and self._vehicle.autopilot != ARDUPILOT
+        return Samples.of(
+            self._raw(field),
+            unit="counts" if is_raw else units.field,
+            time=clock,
+            acceleration=force if is_raw or units is IN_SI else 1e-3 * GRAVITY * force,
+            rate=None if is_raw else units.rate * rate,
+            temperature=units.temperature * warm if np.isfinite(warm).any() else None,
+            source=self.name,
+        )
+
+    def _raw(self, field: Floats) -> Floats:
+        """(N, 3) what the compass read, in mG."""
+        if self._parameters is None:
+            return field
+        try:
+            return self._parameters.unapply(field, motor_offset=np.zeros(3))
+        except ArrayError as error:
+            self._parameters = None
+            self._waiting.append(
+                FeedEvent("garbage", self._now(), f"{error.message}; readings are taken as they are sent")
+            )
+            return field
+
+
+def _ranked(autopilot: int, compass: int) -> tuple[int, ...]:
+    """Messages that hold a compass, the best first: ArduPilot's RAW_IMU, what is in gauss of others."""
+    known = [number for number, (_, which) in COMPASS_MESSAGES.items() if which == compass]
+    if autopilot == ARDUPILOT:
+        return tuple(number for number in known if number != HIGHRES_IMU)
+    return tuple(sorted(known, key=lambda number: (number != HIGHRES_IMU, number == RAW_IMU)))
+
+
+def opened(source: ByteSource, compass: int) -> Telemetry:
+    """Find the vehicle on a link, and listen to one of its compasses. Raises as `Vehicle.find`."""
+    return Telemetry(Vehicle.find(source), compass)

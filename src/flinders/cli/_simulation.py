@@ -1,0 +1,111 @@
+"""Options that the commands of ``flinders simulate`` share: the field, the seed, and where recording and truth go."""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from flinders.cli import _options as option
+from flinders.cli import _program as program
+from flinders.cli._output import Outputs, say
+from flinders.errors import UsageError, counted
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from flinders.simulate import Simulated
+
+
+def several(count: int, what: str) -> Callable[[object], tuple[float, ...]]:
+    """Make the type of an option that takes so many finite numbers with commas between them."""
+
+    def numbers(value: object) -> tuple[float, ...]:
+        parts = value if isinstance(value, tuple) else tuple(program.numbers_of(str(value)))
+        if len(parts) != count:
+            raise click.BadParameter(f"{str(value)!r}: need {what}")
+        return parts
+
+    return numbers
+
+
+def size_option(name: str, words: str, **more: Any) -> program.Field:
+    """An option that takes µT."""
+    size = program.within(0, sys.float_info.max, "0 or a number above it", zero=True)
+    return program.member(name, type=size, metavar="UT", help=words, **more)
+
+
+class Simulation(program.Group):
+    """The field, the seed, and where the recording and its truth go."""
+
+    field_strength: float = option.field_strength(
+        "Strength of the field in µT.", default=50.0, show_default=True, metavar="UT"
+    )
+    dip_deg: float = option.dip("Inclination of the field.", 60.0)
+    seed: int = program.member(
+        "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other numbers."
+    )
+    output: str = option.output(
+        "the recording", "Where to write the recording [default: standard output].", default="-", heading=program.OUTPUT
+    )
+    truth: str | None = program.member(
+        "--truth", heading=program.OUTPUT, metavar="FILE",
+        help="Where to write the truth [default: the recording's name, .truth.json].",
+    )  # fmt: skip
+    force: bool = option.force("Overwrite the files if they exist.")
+    as_json: bool = option.as_json()
+
+    @property
+    def truth_path(self) -> str | None:
+        """Where the truth goes."""
+        from flinders.simulate.truth import truth_path
+
+        return self.truth or (truth_path(self.output) if self.output not in ("", "-") else None)
+
+    def check(self, inputs: Iterable[str] = (), *others: str | None, as_json: bool = False) -> None:
+        """Find what could not be written before anything is simulated."""
+        if "-" in (self.truth, *others):
+            raise UsageError("standard output is for the recording: name a file for --truth and --polar")
+        if self.truth and not self.output:
+            raise UsageError("--truth goes with a recording: name a file for that with -o")
+        files = (
+            ("the recording", self.output),
+            ("the truth", self.truth_path),
+            *(("the table", path) for path in others),
+        )
+        Outputs.of(*files, force=self.force, as_json=as_json).check(inputs)
+
+    def write(self, simulated: Simulated, *, bare: bool = False) -> None:
+        """Write the recording, `bare` with the magnetic field alone, and its truth next to it; say what it is."""
+        from dataclasses import replace
+
+        from flinders.simulate.recording import lines, write_csv
+        from flinders.simulate.truth import Truth, write
+
+        samples = replace(simulated.samples, acceleration=None, rate=None) if bare else simulated.samples
+        if self.output == "-":
+            sys.stdout.writelines(f"{line}\n" for line in lines(samples))
+        else:
+            write_csv(samples, self.output, force=self.force)
+        where = self.truth_path
+        if where:
+            write(Truth.of(simulated), where, force=self.force)
+        say(_summary(simulated))
+        if self.output != "-":
+            say(f"the recording is in {self.output}")
+        say(f"the truth is in {where}" if where else "the truth is not kept: name a file with -o or --truth")
+
+
+def _summary(simulated: Simulated) -> str:
+    """Say in a line what was simulated."""
+    samples, sensor = simulated.samples, simulated.sensor
+    parts = [f"simulated: {counted(len(samples), 'reading')}, {simulated.motion}"]
+    if samples.time is not None and simulated.rate_hz:
+        parts[0] += f", {len(samples) / simulated.rate_hz:g} s"
+    offset = sensor.offset if samples.time is not None else sensor.offset[:2]  # a swing has two axes, and no clock
+    parts.append(f"offset {math.hypot(*offset):.3g} µT, {sensor.noise:g} µT of noise")
+    if outliers := int(simulated.outliers.sum()):
+        parts.append(counted(outliers, "outlier"))
+    return "; ".join([*parts, *simulated.disturbances])

@@ -1,0 +1,6 @@
+"""The version of this library, as in ``pyproject.toml``."""
+
+from typing import Final
+
+VERSION: Final = "0.1.0"
+"""``importlib.metadata``, which knows it too, takes longer to load than a fit."""

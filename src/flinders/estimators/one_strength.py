@@ -1,0 +1,52 @@
+"""A recording of a varying field as it would be in a field of one strength."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.core.samples import Samples, Wrapped, joined
+from flinders.summary.summary import Summary
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Recording
+    from flinders.estimators.base import Estimate
+    from flinders.estimators.data import Readings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AtOneStrength(Wrapped):
+    """A recording of a varying field as it would be in one of its mean strength: x₀ + (x − x₀) H/H_k about a centre.
+
+    What looks for an ellipsoid can then look at it; noise grows where the field is weak.
+    """
+
+    recording: Recording
+    centre: Floats  # (3,)
+    mean: float
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording; readings without a strength are left out."""
+        for block in self.recording.blocks():
+            if block.strength is not None:
+                known = block[np.isfinite(block.strength)]
+                ratio = (self.mean / np.asarray(known.strength))[:, np.newaxis]
+                yield replace(known, field=self.centre + (known.field - self.centre) * ratio, strength=None)
+
+
+def at_one_strength(readings: Readings, estimate: Estimate) -> Readings:
+    """The readings as in a field of one strength, where an estimate follows a varying one; else as they are.
+
+    What a recording says about itself, its repeats and rails, stays what it says.
+    """
+    if estimate.follows != "varying" or readings.recording is None or estimate.strength is None:
+        return readings
+    centre, mean = estimate.ellipsoid.centre, estimate.strength
+    parts = [AtOneStrength(part.recording, centre, mean) for part in readings.each if part.recording is not None]
+    alike = type(readings).of(joined(parts))
+    return replace(alike, summary=Summary(alike.summary.moments, alike.summary.cloud, readings.summary.health))

@@ -1,0 +1,22 @@
+"""Harmonics of a heading up to the second: what offset and matrix of a level compass make of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.arrays import floats
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from flinders.arrays import Floats
+
+
+def design(compass_deg: ArrayLike) -> Floats:
+    """(..., 5) rows 1, sin ζ, cos ζ, sin 2ζ, cos 2ζ."""
+    angle = np.deg2rad(floats(compass_deg, "compass_deg"))
+    return np.stack(
+        [np.ones_like(angle), np.sin(angle), np.cos(angle), np.sin(2.0 * angle), np.cos(2.0 * angle)], axis=-1
+    )

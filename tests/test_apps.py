@@ -1,0 +1,99 @@
+"""A package for one trade can be taken out: the library and its neighbours do without it."""
+
+from __future__ import annotations
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import pytest
+
+from flinders.core.plugins import apps
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+SOURCE: Final = Path(__file__).resolve().parents[1] / "src" / "flinders"
+REGISTRY: Final = {
+    "cli/_commands.py", "core/lazy.py", "core/plugins.py", "estimators/__init__.py", "links/feeds.py",
+    "readers/__init__.py", "readers/_courses.py", "readers/_known_texts.py", "targets/__init__.py",
+}  # fmt: skip
+"""Modules that import others of this library by name: tables, whose rows are modules."""
+USES: Final = {
+    "board": "from flinders.apps.board.package import contents; assert contents()",
+    "classic": "assert len(flinders.compare_methods(tumble).entries) > 10",
+    "fleet": "assert flinders.fit_many({'A17': tumble}).verdict.tolist() == ['good']",
+    "live": "session = flinders.Session(); session.add(tumble.field); assert session.fit.verdict == 'good'",
+    "marine": "from flinders.apps.marine.deviation import fit; fit(range(0, 360, 45), [1, 2, 1, 0, -1, -2, -1, 0])",
+    "survey": "assert flinders.fit_survey(flinders.survey.survey_shots(seed=3, shots=24).shots).verdict",
+    "vehicles": "assert 'COMPASS_OFS_X' in fit.calibration.export('ardupilot').text",
+}
+"""What a user of each package does first."""
+LIBRARY: Final = """
+import pkgutil, importlib, flinders
+for module in pkgutil.walk_packages(flinders.__path__, "flinders."):
+    if not module.name.endswith("__main__"):
+        importlib.import_module(module.name)
+tumble = flinders.simulate.tumble(seed=1).samples
+fit = flinders.fit(tumble)
+assert fit.verdict == "good"
+from flinders.targets import registry
+for name in registry():
+    try:
+        fit.calibration.export(name)
+    except flinders.FlindersError:
+        pass
+from click.testing import CliRunner
+from flinders.cli import main
+for words in ([], *([name] for name in main.commands)):
+    shown = CliRunner().invoke(main, [*words, "--help"])
+    assert shown.exit_code == 0, (words, shown.output)
+"""
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A copy of the library, out of which packages are taken one after the other."""
+    folder = tmp_path_factory.mktemp("copy")
+    shutil.copytree(SOURCE, folder / "flinders", ignore=shutil.ignore_patterns("__pycache__"))
+    yield folder
+    shutil.rmtree(folder)
+
+
+@pytest.mark.parametrize("gone", [*((app,) for app in apps()), apps()], ids="-".join)
+def test_what_is_left_works(gone: tuple[str, ...], library: Path, tmp_path: Path) -> None:
+    packages = library / "flinders" / "apps"
+    for app in gone:
+        (packages / app).rename(tmp_path / app)
+    try:
+        uses = "\n".join(USES[app] for app in apps() if app not in gone)
+        script = f"{LIBRARY}\nassert flinders.__file__.startswith({str(library)!r})\n{uses}\n"
+        environment = {**os.environ, "PYTHONPATH": str(library), "PYTHONDONTWRITEBYTECODE": "1"}
+        ended = subprocess.run(
+            [sys.executable, "-c", script], env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert ended.returncode == 0, ended.stderr
+    finally:
+        for app in gone:
+            (tmp_path / app).rename(packages / app)
+
+
+def test_only_tables_import_modules_by_name() -> None:
+    """Loops and steps upwards cannot hide from the contracts of ``lint-imports``."""
+    importing = {
+        path.relative_to(SOURCE).as_posix()
+        for path in SOURCE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "import_module" and not _is_foreign(node)
+    }
+    assert importing == REGISTRY
+
+
+def _is_foreign(call: ast.Call) -> bool:
+    """Whether it names a package of others."""
+    (name,) = call.args
+    return isinstance(name, ast.Constant) and not str(name.value).startswith("flinders")
