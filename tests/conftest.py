@@ -116,6 +116,13 @@ def recordings() -> Callable[[str], Path]:
 
 
 @pytest.fixture
+def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A terminal of 80 columns, as help is as wide as that; recordings lie in the working directory."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
 def golden(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
     """Compare a text with a reviewed file: ``golden("cli/demo.txt", output)``; ``pytest --regenerate`` rewrites it."""
     regenerate = bool(request.config.getoption("--regenerate", default=False))

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import pytest
+from tests.marine.test_swing_standard import account
+from tests.report.test_report import fitted, flat
 from tests.trials import nightly
-from tests.truth.test_report import fitted, flat
-from tests.truth.test_swing_standard import account
 
 from flinders.apps.marine.certificate import certificate
 from flinders.report.formatting import degrees

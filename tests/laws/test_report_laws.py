@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.report.test_report import Page, fitted
 from tests.trials import daily, examples
-from tests.truth.test_report import Page, fitted
 
 from flinders.core.calibration_file import ProvenanceRecord, SourceFile
 from flinders.findings import Finding

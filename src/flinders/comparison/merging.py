@@ -68,7 +68,7 @@ LOOSE: Final = 0.05
 """Standard deviation of a radius, as a share of it, beyond which it cannot be taken out to first order.
 
 Two level turns, whose radius rests on the prior to a sixth, came out twenty times worse than either:
-`tests/truth/test_merging.py`.
+`tests/comparison/test_merging.py`.
 """
 
 UNLIKE: Final = 10.0

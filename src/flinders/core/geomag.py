@@ -111,7 +111,7 @@ def site_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.
     Notes
     -----
     Evaluated by pygeomag, which is loaded here. All of NOAA's printed test values for WMM2025 agree to the digit that
-    is printed (``tests/truth/test_geomag.py``).
+    is printed (``tests/core/test_geomag.py``).
     """
     _refuse_nowhere(latitude_deg, longitude_deg, altitude_m)
     model = _model(year)

@@ -21,7 +21,7 @@ z = r θ, r its length and θ its direction, the largest error is r m(θ), m = m
 
 F the distribution of r. The engine (`native/heading.c`) takes the mean over 128 even directions (I. Deák, Numer. Math.
 35 (1980) 369; A. Genz and F. Bretz, "Computation of Multivariate Normal and t Probabilities", Springer (2009), sect.
-4.1), and solves for 95 %. `tests/truth/test_confidence.py` compares it with simulated errors.
+4.1), and solves for 95 %. `tests/heading/test_confidence.py` compares it with simulated errors.
 
 >>> sphere, hard_iron = Ellipsoid(np.zeros(3), 50.0 * np.eye(3)), np.diag([0.19, 0.19, *[0.0] * 7])
 >>> worst_deg = level_error(sphere, hard_iron).worst      # one circle, whose amplitude Rayleigh's law gives: √(2 ln 20)

@@ -27,7 +27,7 @@ where D_j is how b_j goes with the rate.
 When to use it: with the variance s that the residuals of the windows tell, to take the mean gradient off.
 
 Source: our own, to second order in φ as `flinders.likelihood.magnitude` is in the noise of readings; compared with
-draws of the noise in ``tests/truth/test_walked.py``.
+draws of the noise in ``tests/likelihood/test_walked.py``.
 
 >>> from dataclasses import replace
 >>> from flinders.likelihood import gyro

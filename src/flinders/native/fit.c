@@ -6,7 +6,7 @@ enum { FEW_STEPS = 2, MORE_STEPS = 8 }; /* after which outliers are looked for, 
 #define THICK ((real)0.1) /* least variance of readings, over the largest, that is none of flat ones */
 
 /* Of the noise of all readings, that of a majority which a load left alone. Of 1,200 simulated recordings of a minute or
- * of 12 s with slow noise and no load, 14 are below it (tests/truth/test_switched_load.py). */
+ * of 12 s with slow noise and no load, 14 are below it (tests/estimators/test_switched_load.py). */
 #define QUIETER ((real)0.75)
 
 /* Fill options with their defaults. */

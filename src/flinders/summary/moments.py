@@ -139,7 +139,7 @@ class Moments:
         With z = (x − origin)/scale and φ(z) = (z₁², z₂², z₃², 2z₁z₂, 2z₁z₃, 2z₂z₃, z₁, z₂, z₃, 1) it
         returns Σ w φφᵀ. φ of a shifted vector is linear in φ of the vector, so no reading is needed
         again. The shift cancels digits: with the origin at m times the radius of the cloud it loses
-        about m⁴ · 10⁻¹⁵ of the result (measured against exact arithmetic in ``tests/truth/test_moments.py``).
+        about m⁴ · 10⁻¹⁵ of the result (measured against exact arithmetic in ``tests/summary/test_moments.py``).
 
         Parameters
         ----------

@@ -32,7 +32,7 @@ RAIL_SHARE, RAIL_COUNT, RAIL_WIDTH = 0.01, 8, 0.25
 RAIL_CONTRAST: Final = 3
 """So many times the readings at the next value of the axis make a rail of those at its end; coarse steps have about as
 many there. Of 1,400 unsaturated turns by hand in steps of 0.15 to 8 µT two are then called saturated
-(`tests/truth/test_verdict.py`, steps)."""
+(`tests/fitting/test_verdict.py`, steps)."""
 
 SAMPLE: Final = 4096
 """Different readings that are counted; of more a sample."""

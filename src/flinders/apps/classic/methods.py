@@ -48,7 +48,7 @@ VALIDATED: Final = 20_000
 OVERCLAIMS: Final = 2.0
 """Cross-validated heading error over the claimed one beyond which a method does not know how wrong it is.
 
-In `tests/truth/test_validation.py` the cross-validated error of unbiased methods is 0.8 to 1.3 of the true one.
+In `tests/comparison/test_validation.py` the cross-validated error of unbiased methods is 0.8 to 1.3 of the true one.
 """
 
 

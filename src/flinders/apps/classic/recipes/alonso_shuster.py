@@ -84,7 +84,7 @@ class AlonsoShuster:
     (`flinders.estimators.base`).
 
     Steps are halved where the cost would grow; where their way leads to D = −I it ends with `Collapsed`. Whole steps,
-    as published, go round in a circle on half a sphere with 4 % noise (`tests/golden/test_twostep_golden.py`).
+    as published, go round in a circle on half a sphere with 4 % noise (`tests/classic/test_twostep_golden.py`).
 
     μ = −3σ² is the published mean of v given the reading; given the field it is +3σ². The difference is one
     of scale, 3σ²/H².

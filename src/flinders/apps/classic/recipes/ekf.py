@@ -78,7 +78,7 @@ class Ekf:
     -----
     Covariance: that of the filter, carried over to centre and shape. With one strength the whole difference from
     `Consistent` joins it: how far order and start have led the filter, of which its own covariance is no measure. True
-    heading errors are then 1.0 to 1.1 times those claimed (rms, `tests/truth/test_attitude_independent.py`).
+    heading errors are then 1.0 to 1.1 times those claimed (rms, `tests/classic/test_attitude_independent.py`).
 
     References
     ----------

@@ -62,7 +62,7 @@ class Constrained:
     Notes
     -----
     ``ellipsoid_fit`` of 2015 also takes ``'xy'`` and ``'xz'`` with free axes. It sets Q₁₁ = Q₂₂, which does not make
-    two radii equal once there are cross terms (`tests/truth/test_constrained.py`), and is left out; the
+    two radii equal once there are cross terms (`tests/classic/test_constrained.py`), and is left out; the
     edition of 2009 meant by ``2, 'xy'`` what is meant here. That edition minimises with a constant term of −1, which
     depends on where zero is; this follows the later one, tr Q = 3. ``magcal`` gives the coefficients of ``diag`` and
     ``sym`` unit length, so that with noise its last digits differ; without noise both are exact.

@@ -20,7 +20,7 @@ nothing says how it sits.
 Times are seconds since the autopilot started.
 
 Sources: PX4 ``msg/*.msg``; ULog file format, version 1 (docs.px4.io); that ``sensor_mag`` was corrected up to 1.11
-stands in ``PX4Magnetometer::update`` of those versions, and a log of 1.11 shows it (`tests/truth/test_px4.py`).
+stands in ``PX4Magnetometer::update`` of those versions, and a log of 1.11 shows it (`tests/vehicles/test_px4.py`).
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ def calibrated(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_calibrate_and_report_write_the_same_words() -> None:
-    from tests.truth.test_report import Page
+    from tests.report.test_report import Page
 
     assert run("report", "calibration.json", "tumble.csv", "-o", "again.html").exit_code == 0
     made, again = (

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pytest
-from tests.agreement.test_line_shapes import TUMBLE, with_noise
 from tests.javascript import run
+from tests.live.test_line_shapes import TUMBLE, with_noise
 from tests.sketches import SHAPES, printed
 from tests.trials import daily
 from tests.truth import (

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.diagnostics.test_nonlinearity import curved
 from tests.trials import daily
-from tests.truth.test_nonlinearity import curved
 from tests.worlds import SWAPS, carried_about, judged
 
 from flinders import simulate

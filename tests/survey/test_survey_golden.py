@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from tests.golden.sessions import assert_sessions_are_real, session
-from tests.truth.test_survey import in_counts, topodroid
+from tests.survey.test_survey import in_counts, topodroid
 
 from flinders.apps.survey.simulate_shots import survey_shots
 
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
+
+pytestmark = pytest.mark.usefixtures("page_of_80_columns")
 
 
 @pytest.fixture(autouse=True)

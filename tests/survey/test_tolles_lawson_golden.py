@@ -10,6 +10,8 @@ from tests.golden.sessions import assert_sessions_are_real, session
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
 
+pytestmark = pytest.mark.usefixtures("page_of_80_columns")
+
 
 @pytest.fixture(autouse=True)
 def flights() -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
-from tests.truth.test_json_arrangements import FIELD, OTHER, ROWS, TIMES
+from tests.readers.test_json_arrangements import FIELD, OTHER, ROWS, TIMES
 
 import flinders
 from flinders.errors import NoMagnetometer, UnreadableInput

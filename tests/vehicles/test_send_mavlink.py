@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from tests.trials import nightly
-from tests.truth.test_mountings import anyhow, right_angles
+from tests.vehicles.test_mountings import anyhow, right_angles
 from tests.waiting import PATIENCE_S, wait_until
 
 from flinders.apps.vehicles import mavlink

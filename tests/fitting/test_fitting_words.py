@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from tests.truth.test_shrinkage import CORRECTED, UNCORRECTED, judged, rocked
+from tests.fitting.test_shrinkage import CORRECTED, UNCORRECTED, judged, rocked
 from tests.worlds import TUMBLED_SENSOR, write_field
 
 import flinders

@@ -5,14 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 from tests.golden.sessions import assert_sessions_are_real, session
 
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 
 if TYPE_CHECKING:
-    import pytest
     from tests.golden.sessions import Golden
+
+pytestmark = pytest.mark.usefixtures("page_of_80_columns")
 
 
 def test_send_dry_run(golden: Golden) -> None:

@@ -13,8 +13,8 @@ import numpy.testing as npt
 import pytest
 from benchmarks.level import Turned
 from benchmarks.page_verdict import Case, case_of, compared, page_answers, site_of
-from tests.agreement.test_page_engine import held_together, packed, same
 from tests.javascript import run
+from tests.live.test_page_engine import held_together, packed, same
 from tests.page_session import UT, PageSession, log_of
 
 from flinders import simulate

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 from tests.golden.sessions import assert_sessions_are_real, session
 
@@ -14,8 +15,9 @@ from flinders.cli import main
 from flinders.core.calibration import Calibration
 
 if TYPE_CHECKING:
-    import pytest
     from tests.golden.sessions import Golden
+
+pytestmark = pytest.mark.usefixtures("page_of_80_columns")
 
 
 def swing() -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
-from tests.truth.test_json_arrangements import FIELD, ROWS, STEP_S, TIMES
+from tests.readers.test_json_arrangements import FIELD, ROWS, STEP_S, TIMES
 
 import flinders
 from flinders.readers._names import meaning

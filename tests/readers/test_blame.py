@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from tests.samples import LOGS, written
-from tests.truth.test_px4 import still, ulog
+from tests.vehicles.test_px4 import still, ulog
 
 import flinders
 from flinders import readers

@@ -13,6 +13,8 @@ from flinders import simulate
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
 
+pytestmark = pytest.mark.usefixtures("page_of_80_columns")
+
 pytest.importorskip("pyarrow")
 
 
