@@ -23,9 +23,9 @@ import flinders
 from benchmarks.fits import recordings
 from benchmarks.recordings import FOLDER
 from flinders import simulate
+from flinders.apps.live.buffer import rows_of
+from flinders.apps.live.messages import SourceState
 from flinders.core.units import Unit
-from flinders.live.buffer import rows_of
-from flinders.live.messages import SourceState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

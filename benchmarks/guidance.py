@@ -25,6 +25,7 @@ import numpy as np
 
 import flinders
 from flinders import simulate
+from flinders.apps.live.guided import believe
 from flinders.errors import FitError
 from flinders.fitting.result import Refused
 from flinders.geometry.rotation import best_rotation
@@ -32,7 +33,6 @@ from flinders.geometry.rotation import rotations as turns
 from flinders.heading import path_planning
 from flinders.heading.error_propagation import direction_errors_deg
 from flinders.heading.guidance import guide
-from flinders.live.guided import believe
 from flinders.simulate import Sensor
 from flinders.simulate.motions import north_and_down, seen_from
 

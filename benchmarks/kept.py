@@ -20,8 +20,8 @@ import numpy as np
 from tests.page_session import PageSession
 
 from benchmarks import adversary
+from flinders.apps.live.buffer import COLUMNS
 from flinders.core.units import MICROTESLA, Unit
-from flinders.live.buffer import COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

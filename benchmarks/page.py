@@ -20,7 +20,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Final
 
 from benchmarks.stage import Site, chromium
-from flinders.standalone import package
+from flinders.apps.live.standalone import package
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page

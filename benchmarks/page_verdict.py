@@ -26,6 +26,8 @@ import flinders
 from benchmarks.datasets import SETS, dataset
 from benchmarks.fits import WORLDS, recordings
 from benchmarks.recordings import FOLDER
+from flinders.apps.live.buffer import Timeline
+from flinders.apps.live.standalone.engine import data
 from flinders.core.calibration_file import VERSION, dumps
 from flinders.core.samples import Samples
 from flinders.core.units import label
@@ -33,11 +35,9 @@ from flinders.errors import FitError
 from flinders.fitting.calibrate import judged_dip
 from flinders.fitting.refreshing import refresh
 from flinders.fitting.result import Refused
-from flinders.live.buffer import Timeline
 from flinders.native import build
 from flinders.native.engine import engine
 from flinders.report.view import view
-from flinders.standalone.engine import data
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

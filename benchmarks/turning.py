@@ -32,8 +32,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from tests.javascript import node
 
+from flinders.apps.live.standalone.package import page_data
 from flinders.native import build
-from flinders.standalone.package import page_data
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -144,9 +144,9 @@ def a_row_group(folder: Path, workers: int = 1) -> None:
 
 def a_line(_: Path) -> None:
     """From a line of a serial port to the frame that pages are sent: all but the port, the recorder and the socket."""
-    from flinders.live.buffer import ReadingBuffer, Timeline, rows_of
-    from flinders.live.messages import readings_frame
-    from flinders.live.transcript import Transcript
+    from flinders.apps.live.buffer import ReadingBuffer, Timeline, rows_of
+    from flinders.apps.live.messages import readings_frame
+    from flinders.apps.live.transcript import Transcript
 
     transcript, timeline, buffer = Transcript("the board"), Timeline(), ReadingBuffer.empty()
     for number, (x, y, z) in enumerate(_tumble().field.tolist()):
@@ -170,10 +170,10 @@ def an_array(_: Path) -> None:
 
 def a_session(_: Path) -> None:
     """From the readings of a session to the calibration that it is finished with."""
-    from flinders.live.buffer import ReadingBuffer, rows_of
-    from flinders.live.finished import Wanted, finished
-    from flinders.live.messages import Edits
-    from flinders.live.session_file import Log
+    from flinders.apps.live.buffer import ReadingBuffer, rows_of
+    from flinders.apps.live.finished import Wanted, finished
+    from flinders.apps.live.messages import Edits
+    from flinders.apps.live.session_file import Log
 
     log = Log(ReadingBuffer.empty().extended(rows_of(_tumble())), _tumble().unit)
     made = finished("1", Wanted("the board", Edits(), log, None, {}, None))

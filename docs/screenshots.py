@@ -205,7 +205,7 @@ def _take(browser: Browser, program: Program, state: State, path: Path, how: tup
 
 def standalone(browser: Browser, folder: Path) -> Path:
     """Take a picture of the page that needs no program, at its beginning."""
-    from flinders.standalone import package
+    from flinders.apps.live.standalone import package
 
     package.write(folder / STANDALONE)
     with Site(folder / STANDALONE) as site:

@@ -20,6 +20,7 @@ from benchmarks import firmware
 from benchmarks.page_verdict import case_of
 from tests.javascript import run
 
+from flinders.apps.live.standalone.engine import data
 from flinders.core.samples import Samples
 from flinders.core.units import MICROTESLA
 from flinders.findings import first_causes
@@ -27,7 +28,6 @@ from flinders.findings.catalogue import OF_A_FIT
 from flinders.findings.rules import SEVERITIES
 from flinders.native import build
 from flinders.native.engine import engine
-from flinders.standalone.engine import data
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,7 +10,7 @@ import types
 import typing
 from typing import Any, Final, Literal, Union
 
-from flinders.live.messages import FromServer
+from flinders.apps.live.messages import FromServer
 
 
 def typescript() -> str:
@@ -19,7 +19,7 @@ def typescript() -> str:
     for kind in typing.get_args(FromServer):
         _declare(kind, declared)
     sent = " | ".join(kind.__name__ for kind in typing.get_args(FromServer))
-    head = "// Generated from flinders/live/messages.py: python -m tests.message_types > wire.d.ts\n"
+    head = "// Generated from flinders/apps/live/messages.py: python -m tests.message_types > wire.d.ts\n"
     return "\n".join([head, *declared.values(), f"export type FromServer = {sent};\n"])
 
 

@@ -20,21 +20,21 @@ import msgspec
 import numpy as np
 from tests.javascript import MODULES, node
 
+from flinders.apps.live.buffer import ReadingBuffer, rows_of
+from flinders.apps.live.messages import Edits, SourceState, readings_frame
+from flinders.apps.live.session_file import Log
+from flinders.apps.live.standalone.package import live_data
 from flinders.core.calibration_file import dumps
 from flinders.core.units import MICROTESLA, Unit
-from flinders.live.buffer import ReadingBuffer, rows_of
-from flinders.live.messages import Edits, SourceState, readings_frame
-from flinders.live.session_file import Log
 from flinders.native import build
-from flinders.standalone.package import live_data
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from flinders.apps.live.messages import Link
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.fitting.result import Fit
-    from flinders.live.messages import Link
 
 PROGRAM: Final = Path(__file__).with_suffix(".mjs")
 SENSOR: Final = SourceState("/dev/ttyACM0", "serial", "connected", "")

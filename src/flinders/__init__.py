@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.core import plugins
 from flinders.core.lazy import attributes
-from flinders.core.version import VERSION as __version__
+from flinders.core.version import VERSION
 
 if TYPE_CHECKING:
     from flinders import errors as errors
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from flinders import simulate as simulate
     from flinders.apps.classic.methods import compare_methods as compare_methods
     from flinders.apps.fleet import fit_many as fit_many
+    from flinders.apps.live.guided import Session as Session
     from flinders.apps.survey.aeromagnetic import tolles_lawson as tolles_lawson
     from flinders.apps.survey.calibration import fit_survey as fit_survey
     from flinders.apps.survey.shots import read_shots as read_shots
@@ -44,11 +45,12 @@ if TYPE_CHECKING:
     from flinders.fitting.refreshing import refresh as refresh
     from flinders.fitting.result import Fit as Fit
     from flinders.likelihood.site_field import Site as Site
-    from flinders.live.guided import Session as Session
     from flinders.readers import open_log as open_log
     from flinders.readers import open_recording as open_recording
     from flinders.readers import read as read
     from flinders.summary.summary import Summary as Summary
+
+__version__: Final = VERSION
 
 _HOMES: Final = {
     "Axes": "core.axes",
@@ -59,7 +61,6 @@ _HOMES: Final = {
     "FlindersError": "errors",
     "Instruments": "fitting.aiding",
     "Samples": "core.samples",
-    "Session": "live.guided",
     "Site": "likelihood.site_field",
     "Summary": "summary.summary",
     "Unit": "core.units",

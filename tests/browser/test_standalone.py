@@ -15,7 +15,7 @@ from tests.sketches import SHAPES, printed
 
 import flinders
 from flinders import simulate
-from flinders.standalone import package
+from flinders.apps.live.standalone import package
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -885,7 +885,7 @@ def test_a_letter_that_the_terminal_lacks_is_no_fault(home: Path) -> None:
 
 def test_the_address_of_the_page_is_drawn_for_a_phone() -> None:
     """A QR code is square, two modules to a line, within a quiet zone of four."""
-    from flinders.cli.live import draw_address
+    from flinders.apps.live.cli.live import draw_address
 
     drawn = io.StringIO()
     draw_address("192.168.0.7:8410/?token=abcdefghijklmnopqrstuv", drawn)

@@ -12,11 +12,11 @@ from tests.program import flinders_
 
 import flinders
 from flinders import simulate
+from flinders.apps.live.standalone import lines
+from flinders.apps.live.transcript import Transcript
 from flinders.core.samples import Samples
 from flinders.errors import UnreadableInput
 from flinders.fitting.batch import fit_batch
-from flinders.live.transcript import Transcript
-from flinders.standalone import lines
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:

@@ -14,12 +14,12 @@ from tests.trials import daily
 
 import flinders
 from flinders import simulate
+from flinders.apps.live.buffer import rows_of
 from flinders.cli import main
 from flinders.core.samples import Samples
 from flinders.diagnostics.unmoved import unmoved_deg
 from flinders.errors import FitError, Unmoved
 from flinders.fitting.result import Refused
-from flinders.live.buffer import rows_of
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:

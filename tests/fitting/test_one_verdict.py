@@ -10,10 +10,10 @@ from click.testing import CliRunner
 from tests.page_session import PageSession
 
 from flinders import simulate
+from flinders.apps.live.buffer import rows_of
+from flinders.apps.live.guided import Session
 from flinders.cli import main
 from flinders.fitting.result import Fit
-from flinders.live.buffer import rows_of
-from flinders.live.guided import Session
 from flinders.report.html import TITLES
 from flinders.report.modules import asset
 from flinders.report.notebook import html_of

@@ -17,6 +17,9 @@ from tests.feeding import asked
 from tests.page_session import PageSession
 
 from flinders import fit, simulate
+from flinders.apps.live.buffer import rows_of
+from flinders.apps.live.recorder import RecordedFeed, Resumed, ToFile
+from flinders.apps.live.simulated import ROCKED_S, SAID, SimulatedFeed
 from flinders.apps.vehicles.mavlink import ARDUPILOT, PX4, Vehicle
 from flinders.apps.vehicles.targets.ardupilot import ArduPilotParameters as Parameters
 from flinders.apps.vehicles.telemetry import Telemetry
@@ -24,9 +27,6 @@ from flinders.core.samples import Samples
 from flinders.errors import OutputError, UsageError
 from flinders.links.feeds import AT_ONCE, FeedEvent, Replay
 from flinders.links.transports import Udp
-from flinders.live.buffer import rows_of
-from flinders.live.recorder import RecordedFeed, Resumed, ToFile
-from flinders.live.simulated import ROCKED_S, SAID, SimulatedFeed
 from flinders.readers import open_recording, read
 
 if TYPE_CHECKING:

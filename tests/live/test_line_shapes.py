@@ -20,9 +20,9 @@ from tests.waiting import wait_until
 
 import flinders
 from flinders import simulate
+from flinders.apps.live.recorder import Recorder, ToFile
 from flinders.core.samples import Samples
 from flinders.links.transports import Serial
-from flinders.live.recorder import Recorder, ToFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

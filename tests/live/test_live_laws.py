@@ -15,9 +15,9 @@ from tests.page_session import PageSession, frame_of_buffer
 from tests.trials import examples
 
 from flinders import simulate
+from flinders.apps.live.buffer import ReadingBuffer, Timeline, rows_of, stride_for
+from flinders.apps.live.messages import encode, parse
 from flinders.errors import UsageError
-from flinders.live.buffer import ReadingBuffer, Timeline, rows_of, stride_for
-from flinders.live.messages import encode, parse
 from flinders.native import build
 
 if TYPE_CHECKING:

@@ -28,9 +28,9 @@ from tests.program import flinders_
 from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 
 import flinders
+from flinders.apps.live.messages import IS_VEHICLE, Edits, encode, parse
+from flinders.apps.live.session_file import read_edits
 from flinders.core.calibration_file import loads
-from flinders.live.messages import IS_VEHICLE, Edits, encode, parse
-from flinders.live.session_file import read_edits
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -44,7 +44,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="programs are fo
 NURSERY = """
 import os, sys
 sys.dont_write_bytecode = True  # a module that is imported while the disk is full would be cut short for all who follow
-import flinders.live.server, flinders.live.recorder, flinders.live.simulated, flinders.live.finished
+import flinders.apps.live.server, flinders.apps.live.recorder, flinders.apps.live.simulated, flinders.apps.live.finished
 from flinders.cli import main
 for line in sys.stdin:
     out, err, *words = line.rstrip("\\n").split("\\x1f")

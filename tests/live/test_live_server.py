@@ -30,6 +30,15 @@ from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 
 import flinders
 from flinders import simulate
+from flinders.apps.live import messages, server, transfers
+from flinders.apps.live.access import HEADERS, Gate, Tokens, cookie_name, listening, server_of
+from flinders.apps.live.buffer import ReadingBuffer
+from flinders.apps.live.hub import FRAME_ROWS, MAX_FINISHED, MAX_LOGS, UPLOAD_BYTES, Hub, Page
+from flinders.apps.live.messages import LONGEST, MAGIC, MAX_SPANS, Edits, Notice, Previous, encode, parse
+from flinders.apps.live.recorder import RecordedFeed, ToFile
+from flinders.apps.live.server import STATIC, application
+from flinders.apps.live.session_file import Log, Supply, default_path, edits_in, line_of, read_edits
+from flinders.apps.live.standalone.package import live_data
 from flinders.core.axes import Axes
 from flinders.core.calibration_file import loads
 from flinders.core.units import Unit
@@ -40,16 +49,7 @@ from flinders.likelihood.site_field import Site
 from flinders.links import motioncal
 from flinders.links.feeds import Replay
 from flinders.links.transports import Scripted
-from flinders.live import messages, server, transfers
-from flinders.live.access import HEADERS, Gate, Tokens, cookie_name, listening, server_of
-from flinders.live.buffer import ReadingBuffer
-from flinders.live.hub import FRAME_ROWS, MAX_FINISHED, MAX_LOGS, UPLOAD_BYTES, Hub, Page
-from flinders.live.messages import LONGEST, MAGIC, MAX_SPANS, Edits, Notice, Previous, encode, parse
-from flinders.live.recorder import RecordedFeed, ToFile
-from flinders.live.server import STATIC, application
-from flinders.live.session_file import Log, Supply, default_path, edits_in, line_of, read_edits
 from flinders.native import build
-from flinders.standalone.package import live_data
 from flinders.targets import registry
 
 with warnings.catch_warnings():
@@ -744,7 +744,7 @@ def test_what_is_no_log_is_refused_by_the_name_it_had(wall: Bench, content: byte
 
 
 def test_a_log_that_is_too_large_is_refused_before_it_is_read(wall: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("flinders.live.server.UPLOAD_BYTES", 1 << 20)
+    monkeypatch.setattr("flinders.apps.live.server.UPLOAD_BYTES", 1 << 20)
     answer = wall.client.post("/open?name=huge.csv", content=b"1,2,3\n" * 200_000, headers=OWN)
     assert answer.status_code == 413
     assert UPLOAD_BYTES == 64 << 20
@@ -974,8 +974,8 @@ def test_what_cannot_be_recorded_is_in_the_calibration_all_the_same(tmp_path: Pa
 @pytest.fixture
 def listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A server at a real port, which waits half a second for a head and takes ten connections."""
-    monkeypatch.setattr("flinders.live.access.HEAD_S", 0.5)
-    monkeypatch.setattr("flinders.live.access.MOST_CONNECTIONS", 10)
+    monkeypatch.setattr("flinders.apps.live.access.HEAD_S", 0.5)
+    monkeypatch.setattr("flinders.apps.live.access.MOST_CONNECTIONS", 10)
     opened = listening("127.0.0.1", 0)
     number = int(opened.getsockname()[1])
     bench = Bench(tmp_path, simulate.tumble(seed=1, n=100).samples)
@@ -1080,7 +1080,7 @@ def upload_begun(listener: int, sent: bytes, length: int) -> socket.socket:
 
 
 def test_an_upload_that_stalls_is_dropped(listener: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("flinders.live.server.STALLED_S", 0.3)
+    monkeypatch.setattr("flinders.apps.live.server.STALLED_S", 0.3)
     with upload_begun(listener, b"1,2", 1000) as upload:
         answer = b""
         while part := upload.recv(4096):
@@ -1090,7 +1090,7 @@ def test_an_upload_that_stalls_is_dropped(listener: int, monkeypatch: pytest.Mon
 
 
 def test_files_on_their_way_share_the_limit_of_one(listener: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("flinders.live.server.UPLOAD_BYTES", 1 << 20)
+    monkeypatch.setattr("flinders.apps.live.server.UPLOAD_BYTES", 1 << 20)
 
     def answered() -> httpx.Response:
         own = f"http://127.0.0.1:{listener}"

@@ -16,13 +16,13 @@ from tests.page_session import PageSession, codes, frame_of_buffer, log_of, warn
 from tests.trials import daily
 
 from flinders import simulate
+from flinders.apps.live.buffer import ReadingBuffer, rows_of
+from flinders.apps.live.session_file import load
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.fitting import calibrate
 from flinders.fitting.result import Refused
 from flinders.likelihood.site_field import Site
-from flinders.live.buffer import ReadingBuffer, rows_of
-from flinders.live.session_file import load
 from flinders.native import build
 
 if TYPE_CHECKING:

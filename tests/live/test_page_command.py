@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import pytest
 from click.testing import CliRunner
 
+from flinders.apps.live.standalone import package
+from flinders.apps.live.standalone.package import CSP, index_page
 from flinders.cli import main
 from flinders.report.modules import asset
-from flinders.standalone import package
-from flinders.standalone.package import CSP, index_page
 
 if TYPE_CHECKING:
     from pathlib import Path

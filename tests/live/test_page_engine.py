@@ -21,15 +21,15 @@ from tests.worlds import carried_about
 
 import flinders
 from flinders import simulate
+from flinders.apps.live.guided import Session
+from flinders.apps.live.standalone import engine
 from flinders.comparison.comparison import compare
 from flinders.core.calibration_file import FindingRecord
 from flinders.core.samples import Samples
 from flinders.findings import Finding
 from flinders.findings.catalogue import CATALOGUE, OF_A_FIT, QUANTITIES_OF_A_FIT
-from flinders.live.guided import Session
 from flinders.native import build
 from flinders.report.view import view
-from flinders.standalone import engine
 
 if TYPE_CHECKING:
     from collections.abc import Callable

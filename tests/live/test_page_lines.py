@@ -13,23 +13,18 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pytest
+from tests.core import test_stated_units
 from tests.javascript import run
 from tests.live.test_line_shapes import TUMBLE, with_noise
+from tests.readers import test_json_arrangements, test_printed_lines, test_prints, test_prints_of_programs
 from tests.sketches import SHAPES, printed
 from tests.trials import daily
-from tests.truth import (
-    test_json_arrangements,
-    test_printed_lines,
-    test_prints,
-    test_prints_of_programs,
-    test_stated_units,
-)
 
 import flinders
+from flinders.apps.live.standalone import lines
+from flinders.apps.live.transcript import STEP_S, Transcript
 from flinders.errors import FlindersError
-from flinders.live.transcript import STEP_S, Transcript
 from flinders.readers._names import meaning
-from flinders.standalone import lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -13,11 +13,11 @@ from tests.page_session import PageSession
 
 import flinders
 from flinders import simulate
+from flinders.apps.live.buffer import CAPACITY, rows_of
+from flinders.apps.live.messages import LARGEST_DIP_DEG, Edits, refuse_out_of_range
 from flinders.comparison.comparison import compare
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.errors import UsageError
-from flinders.live.buffer import CAPACITY, rows_of
-from flinders.live.messages import LARGEST_DIP_DEG, Edits, refuse_out_of_range
 from flinders.native import build
 
 try:

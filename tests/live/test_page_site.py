@@ -18,6 +18,8 @@ from tests.live.test_page_engine import held_together, packed, same
 from tests.page_session import UT, PageSession, log_of
 
 from flinders import simulate
+from flinders.apps.live.messages import LARGEST_DIP_DEG
+from flinders.apps.live.standalone import engine
 from flinders.core.geomag import newest_model, site_field
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
@@ -27,10 +29,8 @@ from flinders.estimators.known_dip import sited
 from flinders.estimators.level import Level
 from flinders.fitting.record import record_of
 from flinders.likelihood.site_field import Site
-from flinders.live.messages import LARGEST_DIP_DEG
 from flinders.native import build
 from flinders.report.view import view
-from flinders.standalone import engine
 
 if TYPE_CHECKING:
     from flinders.core.geomag import SiteField

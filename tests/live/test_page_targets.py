@@ -12,10 +12,10 @@ from tests.javascript import run
 from tests.program import flinders_
 
 from flinders import Calibration, Fit, simulate
+from flinders.apps.live.standalone import targets
 from flinders.core.units import Unit
 from flinders.errors import FlindersError
 from flinders.fitting import calibrate
-from flinders.standalone import targets
 from flinders.targets import find
 
 if TYPE_CHECKING:

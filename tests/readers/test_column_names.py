@@ -10,8 +10,8 @@ import pytest
 from pyarrow import csv, parquet
 
 from flinders import fit, open_recording, simulate
+from flinders.apps.live.transcript import escaped
 from flinders.errors import UsageError
-from flinders.live.transcript import escaped
 from flinders.readers._clock import seconds_of
 from flinders.readers._columns import _cut_digits
 from flinders.readers._layout import _with_sensors, ranges

@@ -11,8 +11,8 @@ import pytest
 from tests.program import flinders_
 
 import flinders
+from flinders.apps.live.transcript import Transcript
 from flinders.errors import NoMagnetometer, UsageError
-from flinders.live.transcript import Transcript
 from flinders.readers._devices import names_device
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from tests.trials import daily
 
 import flinders
 from flinders import simulate
+from flinders.apps.live.transcript import Transcript
 from flinders.cli import main
 from flinders.errors import InputError, NoMagnetometer
-from flinders.live.transcript import Transcript
 from flinders.readers import open_recording
 from flinders.readers._tokenizer import pattern_of
 

@@ -12,9 +12,9 @@ import pytest
 
 import flinders
 from flinders import simulate
+from flinders.apps.live.transcript import Transcript
 from flinders.cli import main
 from flinders.errors import InputError, NoMagnetometer
-from flinders.live.transcript import Transcript
 from flinders.readers import TextRecording
 from flinders.readers._tokenizer import cut
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import flinders
+from flinders.apps.live.transcript import Transcript
 from flinders.errors import NoMagnetometer
-from flinders.live.transcript import Transcript
 
 if TYPE_CHECKING:
     from pathlib import Path

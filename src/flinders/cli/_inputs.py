@@ -94,8 +94,8 @@ def provenance(parts: Iterable[CountedRecording] = (), files: Iterable[SourceFil
     """Which release made it, when, from which files: those of the parts that were read, after `files`."""
     from datetime import UTC, datetime
 
-    from flinders.core.version import VERSION
     from flinders.core.calibration_file import ProvenanceRecord
+    from flinders.core.version import VERSION
 
     return ProvenanceRecord(
         flinders=VERSION,

@@ -80,7 +80,7 @@ UNFIT: Final = {
     "disturbed": "{name} follows {disturbances}, and a refreshed offset would not: calibrate again with {disturbances}",
     "linearized": "{name} linearizes its axes about its offset: calibrate again, from a full tumble",
 }
-"""Why an earlier calibration cannot be renewed; the page that needs no program says so, too (`flinders.standalone`)."""
+"""Why an earlier calibration cannot be renewed, as the live page says as well."""
 
 OTHER_UNIT: Final = "{source} is in {unit}, {name} is for readings in {other}: record as for that calibration"
 """Of readings that an earlier calibration does not correct."""

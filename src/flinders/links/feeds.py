@@ -9,9 +9,9 @@
 >>> print(FeedEvent("gone", 12.5, "/dev/ttyACM0 is gone: check the cable"))
 12.5 s: /dev/ttyACM0 is gone: check the cable
 
-A feed knows no thread and no event loop: one thread asks, and each question takes at most its timeout. `Recorder` is
-one, for what arrives as lines; so are `Telemetry` and `SimulatedFeed`. `flinders.live.recorder.RecordedFeed` records
-those that are no lines. `FeedThread` asks, and queues the answers, whatever the server is doing meanwhile.
+A feed knows no thread and no event loop: one thread asks, and each question takes at most its timeout. `Replay` is one;
+the recorder of lines, a vehicle and a simulated sensor are others. `FeedThread` asks, and queues the answers, whatever
+the server is doing meanwhile.
 """
 
 from __future__ import annotations

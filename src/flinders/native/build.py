@@ -6,7 +6,7 @@ file by its path, before anything is installed: it imports the standard library 
 compiles, since every start of the program passes here.
 
 ``python -m flinders.native.build`` compiles it for this machine; with ``--web`` as the WebAssembly module of the page
-that needs no program (`flinders.standalone`), which imports nothing and exports what flinders.h declares.
+that needs no program (`flinders.apps.live.standalone`), which imports nothing and exports what flinders.h declares.
 
 >>> [source.name for source in sources()][:3]
 ['attitude.c', 'axes.c', 'bound.c']

@@ -1,4 +1,4 @@
-// Generated from flinders/live/messages.py: python -m tests.message_types > wire.d.ts
+// Generated from flinders/apps/live/messages.py: python -m tests.message_types > wire.d.ts
 
 /** A target that a calibration can be exported for. */
 export interface TargetInfo {

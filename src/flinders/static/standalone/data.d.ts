@@ -16,7 +16,7 @@ export interface Row {
   values: string[]; // names of all that it and its sentence take
 }
 
-/** What `flinders.standalone.engine.data` gives: the tables and numbers of the program. */
+/** What `flinders.apps.live.standalone.engine.data` gives: the tables and numbers of the program. */
 export interface EngineData {
   layouts: Layouts;
   listed: number; // runs of outliers, at most

@@ -1,2 +1,2 @@
-/** What `flinders.standalone.package` writes at the head of the service worker. */
+/** What `flinders.apps.live.standalone.package` writes at the head of the service worker. */
 declare const PAGE: { version: string; files: string[]; scene: string };

@@ -25,7 +25,7 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
 /** @typedef {import("./sources.js").Source} Source */
 
 /**
- * What Python wrote for the page: `flinders.standalone.package.page_data`.
+ * What Python wrote for the page: `flinders.apps.live.standalone.package.page_data`.
  * @typedef {object} PageData
  * @property {string} version
  * @property {import("./sources.js").Simulation} simulated

@@ -1,4 +1,4 @@
-/** Readings as a server packs them: `flinders.live.messages.readings_frame`. */
+/** Readings as a server packs them: `flinders.apps.live.messages.readings_frame`. */
 
 /** @typedef {import("./buffer.js").Passed} Passed */
 /** @typedef {import("./session.js").Unit} Unit */

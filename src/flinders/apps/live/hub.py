@@ -21,11 +21,8 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 import numpy as np
 
-from flinders.core.units import MICROTESLA, Unit
-from flinders.errors import UsageError
-from flinders.links.feeds import FeedEvent, FeedThread
-from flinders.live.buffer import rows_of
-from flinders.live.messages import (
+from flinders.apps.live.buffer import rows_of
+from flinders.apps.live.messages import (
     Edits,
     FromServer,
     Kept,
@@ -39,16 +36,19 @@ from flinders.live.messages import (
     Welcome,
     readings_frame,
 )
-from flinders.live.session_file import line_of
+from flinders.apps.live.session_file import line_of
+from flinders.core.units import MICROTESLA, Unit
+from flinders.errors import UsageError
+from flinders.links.feeds import FeedEvent, FeedThread
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from flinders.apps.live.finished import Finished, Wanted
+    from flinders.apps.live.messages import Link
+    from flinders.apps.live.session_file import Log, Supply
     from flinders.core.samples import Samples
     from flinders.fitting.result import Fit
-    from flinders.live.finished import Finished, Wanted
-    from flinders.live.messages import Link
-    from flinders.live.session_file import Log, Supply
 
 SOONEST_S: Final = 0.04
 LATEST_S: Final = 0.1
@@ -234,7 +234,7 @@ class Hub:
 
     def made(self) -> Finished:
         """The calibration of all readings of the sensor, after what was done to them."""
-        from flinders.live.finished import finished
+        from flinders.apps.live.finished import finished
 
         return finished("", self._wanted(self.edits, None))
 
@@ -243,7 +243,7 @@ class Hub:
 
         One at a time. Raises `UsageError` for a log that is no longer in memory.
         """
-        from flinders.live.finished import finished
+        from flinders.apps.live.finished import finished
 
         async with self._finishing:
             wanted = self._wanted(edits, number)
@@ -254,7 +254,7 @@ class Hub:
         return made
 
     def _wanted(self, edits: Edits, number: str | None) -> Wanted:
-        from flinders.live.finished import Wanted
+        from flinders.apps.live.finished import Wanted
 
         if number is None:
             path = None if self.unrecorded else self.supply.path

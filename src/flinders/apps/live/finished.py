@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from flinders.apps.live.session_file import TrimmedRecording, left_out
 from flinders.core.calibration_file import SourceFile
 from flinders.core.samples import Samples
 from flinders.errors import FlindersError, UnreadableInput, UsageError
@@ -20,17 +21,16 @@ from flinders.fitting.claim import heading_words
 from flinders.fitting.refreshing import refresh
 from flinders.fitting.result import Refused
 from flinders.likelihood.site_field import Site
-from flinders.live.session_file import TrimmedRecording, left_out
 from flinders.readers import open_recording
 from flinders.report.view import view_of_numbers
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from flinders.apps.live.messages import Edits
+    from flinders.apps.live.session_file import Log
     from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
-    from flinders.live.messages import Edits
-    from flinders.live.session_file import Log
     from flinders.report.view import View
 
 

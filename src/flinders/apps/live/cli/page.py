@@ -19,7 +19,6 @@ class Page(program.Group):
     "page",
     Page,
     common=("folder", "force", "as_json"),
-    short_help="Write a page that calibrates without a program.",
     epilog="""\b
 Example:
   flinders page --out calibrate
@@ -33,7 +32,7 @@ def command(options: Page) -> None:
     simulated one, and gives the verdict, the exports and the calibration file of the live page. Nothing is sent
     anywhere. Put it on a server with https, or on this machine's own: browsers give pages from elsewhere no ports.
     """
-    from flinders.standalone import package
+    from flinders.apps.live.standalone import package
 
     files = package.write(options.folder, force=options.force)
     if options.as_json:

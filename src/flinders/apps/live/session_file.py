@@ -23,27 +23,27 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 import msgspec
 import numpy as np
 
+from flinders.apps.live.buffer import ReadingBuffer, Timeline, rows_of
+from flinders.apps.live.messages import Edits, encode, parse
+from flinders.apps.live.recorder import Patient, Resumed, ToFile
 from flinders.core.axes import Axes
 from flinders.core.files import reason
 from flinders.core.samples import Wrapped, frame_of
 from flinders.core.units import MICROTESLA, Unit
 from flinders.errors import OutputError, UsageError, counted
 from flinders.likelihood.site_field import recorded_site
-from flinders.live.buffer import ReadingBuffer, Timeline, rows_of
-from flinders.live.messages import Edits, encode, parse
-from flinders.live.recorder import Patient, Resumed, ToFile
 from flinders.readers import open_recording
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterable, Iterator
 
+    from flinders.apps.live.messages import Kind, Span
+    from flinders.apps.live.recorder import Sink
     from flinders.core.samples import Recording, Samples
     from flinders.likelihood.site_field import Site
     from flinders.links.feeds import Feed
     from flinders.links.transports import ByteSource
-    from flinders.live.messages import Kind, Span
-    from flinders.live.recorder import Sink
 
 FOLDER: Final = "flinders-sessions"
 SIGN: Final = "# flinders live: "

@@ -23,6 +23,9 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocketDisconnect
 
+from flinders.apps.live.access import Gate, Guard, Tokens, answer, shown_name
+from flinders.apps.live.hub import UPLOAD_BYTES, Hub, Page
+from flinders.apps.live.messages import LONGEST, Edits, Kept, Linked, Notice, Previous, encode, parse, readings_frame
 from flinders.core.files import reason
 from flinders.core.units import MICROTESLA
 from flinders.errors import (
@@ -35,9 +38,6 @@ from flinders.errors import (
     fault_words,
 )
 from flinders.likelihood.site_field import Site
-from flinders.live.access import Gate, Guard, Tokens, answer, shown_name
-from flinders.live.hub import UPLOAD_BYTES, Hub, Page
-from flinders.live.messages import LONGEST, Edits, Kept, Linked, Notice, Previous, encode, parse, readings_frame
 from flinders.report.modules import script
 from flinders.report.view import View
 
@@ -48,11 +48,11 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp
     from starlette.websockets import WebSocket
 
+    from flinders.apps.live.finished import Finished
+    from flinders.apps.live.session_file import Log
     from flinders.core.calibration_file import ProvenanceRecord
-    from flinders.live.finished import Finished
-    from flinders.live.session_file import Log
 
-STATIC: Final = Path(__file__).resolve().parent.parent / "static"
+STATIC: Final = Path(__file__).resolve().parents[2] / "static"
 SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     "live.js": ("live.js", ()),
     "worker.js": ("standalone/worker.js", ()),
@@ -224,7 +224,7 @@ async def _calibration(request: Request) -> Response:
 
 async def _recording(request: Request) -> Response:
     """The file of the session, as it is now."""
-    from flinders.live.transfers import snapshot
+    from flinders.apps.live.transfers import snapshot
 
     hub: Hub = request.app.state.hub
     if not hub.supply.path.exists():
@@ -285,7 +285,7 @@ def _download(content: bytes, filename: str, kind: str) -> Response:
 
 async def _open(request: Request) -> Response:
     """Read a log that was dropped on a page: what is known of it, and its readings."""
-    from flinders.live.transfers import load_upload
+    from flinders.apps.live.transfers import load_upload
 
     hub: Hub = request.app.state.hub
     async with _dropped(request, UPLOAD_BYTES, "calibrate it with flinders calibrate") as (path, name):

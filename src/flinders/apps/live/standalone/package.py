@@ -18,16 +18,16 @@ from typing import Any, Final
 
 import numpy as np
 
+from flinders.apps.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
+from flinders.apps.live.standalone import engine, lines, targets
 from flinders.core.calibration_file import VERSION as SCHEMA
 from flinders.core.files import licence, make_folder, reason, write_bytes
 from flinders.core.geomag import newest_model
 from flinders.errors import NoEngine, OutputError
 from flinders.fitting import refreshing
-from flinders.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
 from flinders.native import build
 from flinders.report.modules import asset, script
 from flinders.simulate import Sensor, north_and_down, seen_from
-from flinders.standalone import engine, lines, targets
 
 TURNED: Final = (
     "{name} turns readings into the axes of the body, which this page does not do: flinders refresh renews it"

@@ -25,6 +25,8 @@ from typing import TYPE_CHECKING, Final, get_args
 
 import numpy as np
 
+from flinders.apps.live.buffer import ReadingBuffer, Timeline, rows_of
+from flinders.apps.live.messages import Goal
 from flinders.core.axes import Axes
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.samples import Samples
@@ -35,8 +37,6 @@ from flinders.fitting.calibrate import Request, fit
 from flinders.fitting.result import Refused
 from flinders.heading import path_planning
 from flinders.likelihood.site_field import Site
-from flinders.live.buffer import ReadingBuffer, Timeline, rows_of
-from flinders.live.messages import Goal
 from flinders.report.view import sentence
 
 if TYPE_CHECKING:

@@ -26,8 +26,8 @@ from urllib.parse import quote
 
 from starlette.responses import StreamingResponse
 
+from flinders.apps.live.session_file import load
 from flinders.errors import UnreadableInput
-from flinders.live.session_file import load
 from flinders.readers._source import CHUNK, GZIP
 from flinders.readers._tokenizer import shown
 from flinders.readers.arrays import MOST_MEMBERS, ZIP
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from flinders.live.session_file import Log
+    from flinders.apps.live.session_file import Log
 
 PACKED: Final = (GZIP, ZIP, MAT)
 """First bytes of files that are packed."""

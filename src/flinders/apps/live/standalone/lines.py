@@ -13,8 +13,8 @@ import dataclasses
 import re
 from typing import TYPE_CHECKING, Any, Final
 
+from flinders.apps.live import transcript
 from flinders.core import silence, units
-from flinders.live import transcript
 from flinders.readers import (
     _clock,
     _columns,

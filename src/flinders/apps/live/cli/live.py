@@ -22,10 +22,10 @@ from flinders.errors import FlindersError, OutputError, UsageError
 if TYPE_CHECKING:
     from typing import TextIO
 
+    from flinders.apps.live.hub import Hub
+    from flinders.apps.live.messages import Kind, Previous
+    from flinders.apps.live.session_file import Source
     from flinders.fitting.result import Fit
-    from flinders.live.hub import Hub
-    from flinders.live.messages import Kind, Previous
-    from flinders.live.session_file import Source
 
 ANY_PORT: Final = "?"
 """``--serial`` without a port."""
@@ -90,10 +90,10 @@ class LiveSource(program.Group):
 
     def opened(self, stack: contextlib.ExitStack, resume: str | None = None) -> Source:
         """Open what is named; a port where one is plugged in; else the simulation, or the session to resume alone."""
+        from flinders.apps.live.recorder import RecordedFeed, Recorder
+        from flinders.apps.live.session_file import Source
         from flinders.links.feeds import NoSensor, Replay, feed_kind
         from flinders.links.transports import opened_lines, opened_link
-        from flinders.live.recorder import RecordedFeed, Recorder
-        from flinders.live.session_file import Source
         from flinders.readers import open_recording
 
         reading = {name: value for name, value in self.lines.as_dict().items() if value is not None}
@@ -111,7 +111,7 @@ class LiveSource(program.Group):
         if kind == "file":
             return Source(kind, lambda _sink, resumed: NoSensor(str(resume)))  # noqa: ARG005 - as a source has it
         if kind == "simulated":
-            from flinders.live.simulated import SimulatedFeed
+            from flinders.apps.live.simulated import SimulatedFeed
 
             return Source(kind, partial(RecordedFeed, SimulatedFeed(SEED, speed=self.speed or 1.0)))
         wire = opened_lines(port=port, baud=self.baud, udp=self.udp, tcp=self.tcp)
@@ -192,7 +192,6 @@ class Live(program.Group):
         "Session": ("previous", "refresh", "resume"),
         "Page": ("host", "web_port", "opens"),
     },
-    short_help="Calibrate on a page, while the sensor is turned.",
     epilog="""\b
 Example:
   flinders live --serial
@@ -212,12 +211,12 @@ def command(options: Live) -> None:
     sys.setswitchinterval(SWITCH_S)
     import msgspec
 
+    from flinders.apps.live.access import Gate, Tokens, listening, own_names, serve
+    from flinders.apps.live.hub import Hub
+    from flinders.apps.live.server import application
+    from flinders.apps.live.session_file import begun
+    from flinders.apps.live.standalone.package import live_data
     from flinders.core.axes import Axes
-    from flinders.live.access import Gate, Tokens, listening, own_names, serve
-    from flinders.live.hub import Hub
-    from flinders.live.server import application
-    from flinders.live.session_file import begun
-    from flinders.standalone.package import live_data
 
     axes = Axes.of(options.axes)
     previous, renewed = _previous(options)
@@ -248,8 +247,8 @@ def _chosen(options: Live) -> dict[str, Any]:
 
 def _previous(options: Live) -> tuple[Previous, Fit | None]:
     """The file of an earlier calibration, and what it holds."""
+    from flinders.apps.live.messages import Previous
     from flinders.fitting.refreshing import refuse_unfit
-    from flinders.live.messages import Previous
 
     if options.previous is None:
         return Previous(), None
@@ -283,7 +282,7 @@ def draw_address(address: str, stream: TextIO) -> None:
 
 def _announce(hub: Hub, port: int, token: str | None, options: Live) -> None:
     """Say where the page is, and open it where there is somebody to see it."""
-    from flinders.live.access import page_addresses
+    from flinders.apps.live.access import page_addresses
 
     address, *others = page_addresses(options.host, port, token)
     say(f"{hub.source.name}, recorded in {hub.supply.path}")

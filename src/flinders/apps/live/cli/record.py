@@ -16,7 +16,7 @@ from flinders.errors import UsageError, counted
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from flinders.live.transcript import RecordingStatistics
+    from flinders.apps.live.transcript import RecordingStatistics
 
 
 class Wire(program.Group):
@@ -71,7 +71,6 @@ class Record(program.Group):
     "record",
     Record,
     common=("port", "udp", "tcp", "output", "seconds"),
-    short_help="Record a running sensor.",
     epilog="""\b
 Example:
   flinders record --serial /dev/ttyACM0 -o tumble.csv
@@ -94,8 +93,8 @@ def command(options: Record) -> None:
     describes any other. A line that is not understood is kept as a comment. A crash loses at most a second; a
     port that goes away is waited for.
     """
+    from flinders.apps.live.recorder import Recorder, Resumed, ToFile, ToStandardOutput
     from flinders.links.transports import opened_lines
-    from flinders.live.recorder import Recorder, Resumed, ToFile, ToStandardOutput
 
     options.check()
     path, is_resumed = str(options.output), options.resume
