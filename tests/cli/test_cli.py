@@ -111,7 +111,7 @@ def test_every_command_has_json_and_help_with_an_example(command: str) -> None:
 
 def test_the_list_of_commands_cuts_no_sentence() -> None:
     shown = flinders_("--help").out
-    listed = shown[shown.index("Commands:") : shown.index("Example:")]
+    listed = shown[shown.index("Calibrate and use:") : shown.index("Example:")]
     assert "..." not in listed
     assert all(re.search(rf"^  {command} +\w.*\.$", listed, re.MULTILINE) for command in COMMANDS)
 
