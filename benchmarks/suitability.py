@@ -16,9 +16,9 @@ import numpy as np
 
 import flinders
 from flinders import simulate
-from flinders.cli._stream import Corrector
 from flinders.errors import FitError, InputError
 from flinders.fitting.result import Refused
+from flinders.workflows.suitability import Corrector
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -72,7 +72,7 @@ def is_doubted(fit: Fit, readings: Floats) -> bool:
         corrector(readings)
     except InputError:
         return True
-    return bool(corrector.doubt)
+    return bool(corrector.notes())
 
 
 def row(name: str, trials: int) -> str:

@@ -112,9 +112,9 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
     },
     "Headings": {
         "`heading --json`": "heading.compass:Voyage",
-        "`heading --json`, besides": "cli.heading:summary",
+        "`heading --json`, besides": "workflows.heading_stream:HeadingSummary",
         "`site`": "core.geomag:SiteField",
-        "`--filter`: `filter`": "cli._stream:Smoother",
+        "`--filter`: `filter`": "workflows.correction:Smoother",
         "`swing --json`": "cli._swing:Swing",
         "`deviation`": "heading.deviation:Deviation",
         "`calibration`": "heading.deviation:Expected",

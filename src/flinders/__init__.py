@@ -46,6 +46,9 @@ if TYPE_CHECKING:
     from flinders.readers import read as read
     from flinders.readers import read_shots as read_shots
     from flinders.summary.summary import Summary as Summary
+    from flinders.workflows.checking import check as check
+    from flinders.workflows.correction import apply as apply
+    from flinders.workflows.heading_series import headings as headings
 
 _HOMES: Final = {
     "Axes": "core.axes",
@@ -60,6 +63,8 @@ _HOMES: Final = {
     "Site": "likelihood.site_field",
     "Summary": "summary.summary",
     "Unit": "core.units",
+    "apply": "workflows.correction",
+    "check": "workflows.checking",
     "compare": "comparison.comparison",
     "compare_methods": "comparison.methods",
     "errors": "errors",
@@ -68,6 +73,7 @@ _HOMES: Final = {
     "fit_many": "fleet",
     "fit_multi": "comparison.multi_sensor",
     "fit_survey": "fitting.survey",
+    "headings": "workflows.heading_series",
     "merge": "comparison.merging",
     "open_log": "readers",
     "open_recording": "readers",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import load, made_from, open_all_with, saying_what_was_read
+from flinders.cli._inputs import load, open_all_with, saying_what_was_read
 from flinders.cli._output import print_json, progress, refuse_report, say
 from flinders.errors import UsageError
 
@@ -43,6 +43,7 @@ class Pair(program.Group):
         from flinders.core.compensation import compensated
         from flinders.core.samples import Joined
         from flinders.report.figure_data import doubts, restored
+        from flinders.workflows.recordings import made_from
 
         path = self.calibration
         loaded = load(command, path, self.recordings)
@@ -53,7 +54,7 @@ class Pair(program.Group):
             recording = compensated(as_recorded, loaded.calibration)
             with saying_what_was_read(parts):
                 fit = restored(loaded, recording, target_deg=self.target_deg, dip_deg=self.dip_deg)
-            others = len(parts) - len(made_from(path, parts))
+            others = len(parts) - len(made_from(loaded, parts))
             notes = doubts(loaded.calibration.affine, recording) if others else []
         if loaded.provenance.files and others:
             notes.append(OTHER)
