@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from flinders.findings import Finding as Finding
     from flinders.fitting.aeromagnetic import tolles_lawson as tolles_lawson
     from flinders.fitting.aiding import Instruments as Instruments
+    from flinders.fitting.axis_extremes import from_extremes as from_extremes
     from flinders.fitting.calibrate import fit as fit
     from flinders.fitting.refreshing import refresh as refresh
     from flinders.fitting.result import Fit as Fit
@@ -46,9 +47,11 @@ if TYPE_CHECKING:
     from flinders.readers import read as read
     from flinders.readers import read_shots as read_shots
     from flinders.summary.summary import Summary as Summary
+    from flinders.workflows.bench import fit_bench as fit_bench
     from flinders.workflows.checking import check as check
     from flinders.workflows.correction import apply as apply
     from flinders.workflows.heading_series import headings as headings
+    from flinders.workflows.sensors import fit_each as fit_each
 
 _HOMES: Final = {
     "Axes": "core.axes",
@@ -70,9 +73,12 @@ _HOMES: Final = {
     "errors": "errors",
     "estimators": "estimators",
     "fit": "fitting.calibrate",
+    "fit_bench": "workflows.bench",
+    "fit_each": "workflows.sensors",
     "fit_many": "fleet",
     "fit_multi": "comparison.multi_sensor",
     "fit_survey": "fitting.survey",
+    "from_extremes": "fitting.axis_extremes",
     "headings": "workflows.heading_series",
     "merge": "comparison.merging",
     "open_log": "readers",

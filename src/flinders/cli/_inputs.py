@@ -36,18 +36,18 @@ def saying_what_was_read(parts: Sequence[CountedRecording]) -> Iterator[None]:
     try:
         yield
     except TooFewSamples as error:
-        raise TooFewSamples(
-            found=error.found,
-            needed=error.needed,
-            method=error.method,
-            among=error.among,
-            skipped=[entry for part in parts for entry in part.skipped if entry.is_loss],
-            how=error.how,
-        ) from None
+        from flinders.workflows.recordings import with_left_out
+
+        raise with_left_out(error, parts) from None
     finally:
         for part in parts:
-            if part.rows or part.skipped:
-                say(f"{part.recording}; {read_and_left_out(part.rows, part.skipped)}")
+            say_read(part)
+
+
+def say_read(part: CountedRecording) -> None:
+    """Say what was read of a recording, and what was left out."""
+    if part.rows or part.skipped:
+        say(f"{part.recording}; {read_and_left_out(part.rows, part.skipped)}")
 
 
 def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:

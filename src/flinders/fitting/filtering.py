@@ -41,7 +41,7 @@ def fit_filtered(
     by: Filter,
     *,
     fitted: Callable[[Recording], Fit] = fit,
-    notice: Callable[[str], None] = print,
+    notice: Callable[[str], object] = print,
 ) -> Fit:
     """Fit recordings together, their readings filtered; a finding says what the filter did.
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 from flinders.core.calibration import Calibration
 from flinders.core.compensation import Compensator
 from flinders.core.samples import Joined, Samples, Wrapped, frame_of, singles
-from flinders.errors import AxesError, UnitError
+from flinders.errors import AxesError, TooFewSamples, UnitError
 from flinders.fitting.result import Fit
 from flinders.readers import Choice, TableRecording, TextRecording, is_source, open_recording
 from flinders.readers._names import Form
@@ -139,3 +139,11 @@ def file_of(recording: Recording) -> File | None:
     read: Any = getattr(recording, "recording", recording)
     file: File | None = getattr(read, "original", None) or getattr(read, "file", None)
     return file
+
+
+def with_left_out(error: TooFewSamples, parts: Iterable[Recording]) -> TooFewSamples:
+    """The error with what was left out of these recordings, which may be the reason."""
+    skipped = [entry for part in parts for entry in getattr(part, "skipped", ()) if entry.is_loss]
+    return TooFewSamples(
+        found=error.found, needed=error.needed, method=error.method, among=error.among, skipped=skipped, how=error.how
+    )
