@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from flinders.workflows.bench import fit_bench as fit_bench
     from flinders.workflows.checking import check as check
     from flinders.workflows.correction import apply as apply
+    from flinders.workflows.exporting import export as export
     from flinders.workflows.heading_series import headings as headings
     from flinders.workflows.sensors import fit_each as fit_each
 
@@ -72,6 +73,7 @@ _HOMES: Final = {
     "compare_methods": "comparison.methods",
     "errors": "errors",
     "estimators": "estimators",
+    "export": "workflows.exporting",
     "fit": "fitting.calibrate",
     "fit_bench": "workflows.bench",
     "fit_each": "workflows.sensors",

@@ -12,7 +12,8 @@ from tests.worlds import Streamed
 
 import flinders
 from flinders import simulate
-from flinders.errors import InputError, TooFewSamples, UnitError
+from flinders.errors import InputError, NotExportable, TooFewSamples, UnitError, UsageError
+from flinders.fitting.result import Refused
 from flinders.workflows.correction import CorrectionStream
 from flinders.workflows.recordings import recording_for
 
@@ -156,3 +157,20 @@ def test_an_array_is_in_unit_and_axes_of_the_calibration_and_several_recordings_
     assert (recording.unit, recording.axes) == (fit.calibration.raw, fit.calibration.axes)
     both = recording_for([tumble.samples, moved(tumble, 2, 0.0).samples], fit)
     assert sum(len(block) for block in both.blocks()) == 6000
+
+
+# export
+
+
+def test_an_export_has_the_limits_of_its_fit_and_refuses_one_that_is_not_fit_for_use(tumble: Simulated) -> None:
+    few = flinders.fit(tumble.samples[:500], target_deg=0.1)
+    exported = flinders.export(few, "c", name="port")
+    assert few.verdict == "limited"
+    assert exported.limits
+    assert "port_" in exported.export.text
+    with pytest.raises(Refused) as refused:
+        flinders.fit(tumble.samples[:60])
+    with pytest.raises(NotExportable):
+        flinders.export(refused.value.fit, "c")
+    with pytest.raises(UsageError, match="is not known"):
+        flinders.export(few, "arduin")
