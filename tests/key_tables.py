@@ -127,8 +127,8 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`budget … --json`": "heading.budget:Budget",
     },
     "Recordings, targets, links": {
-        "`info --json`": "report.recording:Contents",
-        "`sensors`, each": "report.recording:RecordedSensor",
+        "`info --json`": "workflows.recording_contents:Contents",
+        "`sensors`, each": "workflows.recording_contents:RecordedSensor",
         "`record --json`": "live.transcript:RecordingStatistics",
         "`live --json`": "cli.live:_as_dict",
         "`send --mavlink --json`": "live.mavlink_parameters:ParameterPlan",

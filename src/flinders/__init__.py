@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from flinders.workflows.correction import apply as apply
     from flinders.workflows.exporting import export as export
     from flinders.workflows.heading_series import headings as headings
+    from flinders.workflows.recording_contents import contents as contents
     from flinders.workflows.sensors import fit_each as fit_each
 
 _HOMES: Final = {
@@ -71,6 +72,7 @@ _HOMES: Final = {
     "check": "workflows.checking",
     "compare": "comparison.comparison",
     "compare_methods": "comparison.methods",
+    "contents": "workflows.recording_contents",
     "errors": "errors",
     "estimators": "estimators",
     "export": "workflows.exporting",

@@ -33,6 +33,7 @@ from flinders.cli._output import (
     show,
 )
 from flinders.cli._program import GOOD, LIMITED, print_error
+from flinders.cli._spelling import in_options
 from flinders.core.units import MICROTESLA
 from flinders.errors import FitError, NotTurned, UsageError
 
@@ -531,9 +532,9 @@ def _each(options: Calibrate, asked: dict[str, Any]) -> int:
 
 def _propose_unit(calibration: Calibration) -> None:
     """Say in which unit counts would have the strength of the earth's field, if in any."""
-    from flinders.report.recording import unit_remark
+    from flinders.workflows.recording_contents import unit_remark
 
-    if words := unit_remark(calibration.field_strength, calibration.unit):
+    if words := unit_remark(calibration.field_strength, calibration.unit, in_options):
         say(f"! {words}")
 
 
