@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from flinders.fitting.aiding import Instruments as Instruments
     from flinders.fitting.axis_extremes import from_extremes as from_extremes
     from flinders.fitting.calibrate import fit as fit
+    from flinders.fitting.known_heading import refresh_at_headings as refresh_at_headings
+    from flinders.fitting.known_heading import refresh_on_courses as refresh_on_courses
     from flinders.fitting.refreshing import refresh as refresh
     from flinders.fitting.result import Fit as Fit
     from flinders.fitting.survey import fit_survey as fit_survey
@@ -90,6 +92,8 @@ _HOMES: Final = {
     "read": "readers",
     "read_shots": "readers",
     "refresh": "fitting.refreshing",
+    "refresh_at_headings": "fitting.known_heading",
+    "refresh_on_courses": "fitting.known_heading",
     "simulate": "simulate",
     "tolles_lawson": "fitting.aeromagnetic",
     "units": "core.units",

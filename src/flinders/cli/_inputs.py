@@ -121,15 +121,9 @@ def of_content(name: str, content: bytes, rows: int = 0, **compass: Any) -> Sour
     return SourceFile(name=name, sha256=digest, bytes=len(content), rows=rows, **compass)
 
 
-def joined(parts: Sequence[Recording]) -> Recording:
-    """Recordings as one."""
-    from flinders.core.samples import Joined
-
-    return Joined(tuple(parts)) if len(parts) > 1 else parts[0]
-
-
 def fitted(parts: Sequence[Recording], by: Filter | None, options: dict[str, Any]) -> Fit:
     """Fit recordings together, filtered where that was asked for."""
+    from flinders.core.samples import joined
     from flinders.fitting.calibrate import fit
 
     if by is None:

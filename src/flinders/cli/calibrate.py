@@ -13,7 +13,6 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import (
     fitted,
-    joined,
     likely_target,
     opened,
     provenance,
@@ -557,10 +556,11 @@ class _Run:
     @property
     def recording(self) -> Recording:
         """The recordings as one, filtered where that was asked for."""
-        if self.options.by is None:
-            return joined(self.parts)
+        from flinders.core.samples import joined
         from flinders.fitting.filtering import through
 
+        if self.options.by is None:
+            return joined(self.parts)
         return through(self.parts, self.options.by)
 
     def fitted(self) -> Fit:

@@ -37,10 +37,12 @@ if TYPE_CHECKING:
     from flinders.workflows.recordings import AnyCalibration, AnyReadings
 
 ELSEWHERE: Final = {
-    **dict.fromkeys(("columns", "pattern", "scale", "topic", "as_logged", "start", "end"), "flinders.open_recording"),
-    **dict.fromkeys(("unit", "axes"), "flinders.open_recording; without it they are those of the calibration"),
+    **dict.fromkeys(
+        ("columns", "pattern", "unit", "scale", "axes", "sensor", "topic", "as_logged", "start", "end"),
+        "flinders.open_recording",
+    )
 }
-"""Parameters of other functions, and of which."""
+"""Parameters of the function that opens a recording."""
 
 
 class Smoother:
@@ -72,7 +74,7 @@ class Smoother:
 
 @dataclass(frozen=True, slots=True)
 class Preparation:
-    """What is done to samples before they are corrected: they are compensated, then filtered."""
+    """Compensation and filter that samples go through before they are corrected."""
 
     compensator: Compensator
     smoother: Smoother | None = None
@@ -101,7 +103,7 @@ class Preparation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectionSummary:
-    """How corrected readings came out."""
+    """Strength of corrected readings, and why they do not suit the calibration, where they do not."""
 
     strength: Strength  #: of all: their number, mean strength and its spread
     notes: tuple[Note, ...]  #: why they do not suit the calibration; none where they do
@@ -162,7 +164,7 @@ class CorrectionStream:
                 yield self.corrected(block)
 
     def summary(self) -> CorrectionSummary:
-        """How the readings that were corrected so far came out."""
+        """Summary of the readings that were corrected so far."""
         skipped: tuple[Skipped, ...] = tuple(getattr(self.recording, "skipped", ()))
         return CorrectionSummary(self.corrector.strength, self.corrector.notes(), self.preparation, skipped)
 

@@ -50,7 +50,7 @@ FIRST_JUDGED: Final = 1000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingSummary:
-    """How a run of headings came out, and what error to expect of them."""
+    """Summary of a run of headings: tilt and dip, the error to expect, and what limits it."""
 
     voyage: Voyage  #: number of readings, those without a heading, tilt, measured dip
     compass: Compass  #: formula, declination and how the acceleration was mapped
@@ -91,7 +91,7 @@ def _error(error: HeadingError | None, **more: float | None) -> dict[str, float]
 
 @dataclass(eq=False)
 class HeadingStream:
-    """A recording that is turned into headings block by block, and whether its sensors and the calibration suit."""
+    """A recording that is turned into headings block by block; `summary` tells of what came so far."""
 
     correction: CorrectionStream
     compass: Compass
@@ -251,7 +251,7 @@ class HeadingStream:
         return min(scatter * abs(math.tan(math.radians(dip))), 180.0)
 
     def summary(self) -> HeadingSummary:
-        """How the headings that were read so far came out."""
+        """Summary of the headings so far."""
         correction, claim = self.correction.summary(), self.claim()
         notes = heading_notes(self.voyage, self.compass, self.site, claim, correction.notes)
         return HeadingSummary(self.voyage, self.compass, self.site, claim, correction, notes)
