@@ -1,4 +1,4 @@
-"""Notes on corrected readings and on headings: codes with named values, and the sentences that these make.
+"""Notes on readings, their calibration and headings: codes with named values, and the sentences that these make.
 
 >>> tilt = Note("tilt-cost", values={"cost": 1.73})
 >>> tilt
@@ -26,6 +26,14 @@ SENTENCES: Final[Mapping[str, str]] = {
         "these readings do not suit the calibration: corrected, their strength is {strength:.3f} of its field and "
         "spreads by {spread:.1%}, and {limit:.1%} would be much: iron or currents have come or gone, or it is for "
         "another sensor, unit or place; see flinders check, or calibrate again"
+    ),
+    "odd-strength": (
+        "Under this calibration the readings are {mean:.3f} times as long as its field, with a spread of {spread:.1%}: "
+        "it may be that of another sensor, or something has changed since. flinders check tells more."
+    ),
+    "other-recording": (
+        "The recording shown is not one that the calibration was made from: what is claimed is that of its file, what "
+        "is drawn is this recording."
     ),
     "weak-field": "{words}",
     "no-heading": "no reading has a heading: the acceleration is zero or missing, or x is vertical",
@@ -62,7 +70,7 @@ ARGUMENTS: Final = ("level", "dip_deg", "axes", "site", "acceleration_axes")
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Something to know about corrected readings or headings."""
+    """Something to know about readings, their calibration or headings."""
 
     code: str  #: stable name: ``looks-like``, or one of `SENTENCES`
     severity: Literal["limits", "note"] = "note"  #: ``limits``: they hold with limits; ``note``: good to know
