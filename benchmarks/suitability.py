@@ -18,7 +18,7 @@ import flinders
 from flinders import simulate
 from flinders.errors import FitError, InputError
 from flinders.fitting.result import Refused
-from flinders.workflows.suitability import Corrector
+from flinders.workflows.suitability import CorrectionMonitor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -67,7 +67,7 @@ def calibrated(rng: np.random.Generator, sensor: Sensor) -> Fit | None:
 
 def is_doubted(fit: Fit, readings: Floats) -> bool:
     """The readings are said not to suit, or refused."""
-    corrector = Corrector(fit, "readings")
+    corrector = CorrectionMonitor(fit, "readings")
     try:
         corrector(readings)
     except InputError:

@@ -130,8 +130,8 @@ def test_what_limits_headings_is_a_code_with_numbers(tumble: Simulated, fit: Fit
 
 def test_every_note_has_words() -> None:
     values = {
-        "readings": 3, "axes": "x = 1", "strength": 1.0, "spread": 0.2, "limit": 0.1, "words": "weak", "cost": 1.7,
-        "share": 0.2, "scatter_deg": 20.0, "up_deg": 60.0, "axes_needed": "", "difference_deg": 5.0,
+        "readings": 3, "axes": "x = 1", "mean": 1.1, "strength": 1.0, "spread": 0.2, "limit": 0.1, "words": "weak",
+        "cost": 1.7, "share": 0.2, "scatter_deg": 20.0, "up_deg": 60.0, "axes_needed": "", "difference_deg": 5.0,
     }  # fmt: skip
     for code in SENTENCES:
         used = {**values, "readings": "3 readings"} if code == "without-heading" else values

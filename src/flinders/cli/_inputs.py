@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording, Skipped
     from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
-    from flinders.heading.smoothing import Filter
     from flinders.likelihood.site_field import Site
     from flinders.readers._source import File
 
@@ -119,18 +118,6 @@ def of_content(name: str, content: bytes, rows: int = 0, **compass: Any) -> Sour
 
     digest = hashlib.sha256(content).hexdigest()
     return SourceFile(name=name, sha256=digest, bytes=len(content), rows=rows, **compass)
-
-
-def fitted(parts: Sequence[Recording], by: Filter | None, options: dict[str, Any]) -> Fit:
-    """Fit recordings together, filtered where that was asked for."""
-    from flinders.core.samples import joined
-    from flinders.fitting.calibrate import fit
-
-    if by is None:
-        return fit(joined(parts), **options)
-    from flinders.fitting.filtering import fit_filtered
-
-    return fit_filtered(parts, by, fitted=lambda recording: fit(recording, **options), notice=say)
 
 
 def opened(recordings: Sequence[str], sensor: str | None, **reading: Any) -> tuple[Recording, str | None]:

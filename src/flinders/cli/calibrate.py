@@ -12,7 +12,6 @@ import click
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import (
-    fitted,
     likely_target,
     opened,
     provenance,
@@ -565,9 +564,11 @@ class _Run:
 
     def fitted(self) -> Fit:
         """Fit the recordings; of a refusal, write the reports and how far the estimate came."""
+        from flinders.fitting.filtering import fit_filtered
+
         try:
             with saying_what_was_read(self.parts):
-                return fitted(self.parts, self.options.by, self.asked)
+                return fit_filtered(self.parts, self.options.by, notice=say, **self.asked)
         except FitError as refusal:
             self._report(refusal)
             self._trace()

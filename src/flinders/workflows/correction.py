@@ -22,7 +22,7 @@ from flinders.heading.smoothing import Filter
 from flinders.readers import TextRecording
 from flinders.workflows.notes import Note, limits_of
 from flinders.workflows.recordings import fit_for, recording_for, used_at
-from flinders.workflows.suitability import Corrector
+from flinders.workflows.suitability import CorrectionMonitor
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -128,11 +128,11 @@ class CorrectionStream:
     recording: Recording
     fit: Fit  #: of compensated readings
     preparation: Preparation
-    corrector: Corrector = field(init=False)
+    corrector: CorrectionMonitor = field(init=False)
 
     def __post_init__(self) -> None:
         """Begin with no readings."""
-        object.__setattr__(self, "corrector", Corrector(self.fit, self.recording.source))
+        object.__setattr__(self, "corrector", CorrectionMonitor(self.fit, self.recording.source))
 
     @classmethod
     def of(

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from flinders.workflows.correction import CorrectionSummary
     from flinders.workflows.heading_notes import DipSource
     from flinders.workflows.notes import Note
-    from flinders.workflows.suitability import Corrector
+    from flinders.workflows.suitability import CorrectionMonitor
 
 FIRST_JUDGED: Final = 1000
 """Readings of a stream after which its axes are judged for the first time; at its end fewer will do."""
@@ -142,7 +142,7 @@ class HeadingStream:
         return self.correction.recording
 
     @property
-    def corrector(self) -> Corrector:
+    def corrector(self) -> CorrectionMonitor:
         """What watches the corrected strength."""
         return self.correction.corrector
 

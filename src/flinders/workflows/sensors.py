@@ -14,7 +14,6 @@ import os
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from flinders.errors import FitError, InputError, TooFewSamples
-from flinders.fitting.calibrate import fit
 from flinders.fitting.filtering import fit_filtered
 from flinders.heading.smoothing import Filter
 from flinders.likelihood.site_field import recorded_site
@@ -81,16 +80,9 @@ def fits_of(
     """
     for name, recording in recordings.items():
         try:
-            outcome: Outcome = _fitted(recording, by, notice, {**options, "sensor": name})
+            outcome: Outcome = fit_filtered([recording], by, notice=notice, **{**options, "sensor": name})
         except TooFewSamples as error:
             outcome = with_left_out(error, [recording])
         except (FitError, InputError) as refusal:
             outcome = refusal
         yield name, outcome
-
-
-def _fitted(recording: Recording, by: Filter | None, notice: Callable[[str], object], options: dict[str, Any]) -> Fit:
-    """Fit a recording, filtered where there is a filter."""
-    if by is None:
-        return fit(recording, **options)
-    return fit_filtered([recording], by, fitted=lambda readings: fit(readings, **options), notice=notice)

@@ -8,7 +8,7 @@ calibration allow. Another sensor, another unit, iron that has come or gone, and
 >>> tumble, other = (simulate.tumble(seed=seed) for seed in (1, 2))
 >>> fit = calibrate.fit(tumble.samples)
 >>> for recording in (tumble, other):
-...     corrector = Corrector(fit, recording.samples.source)
+...     corrector = CorrectionMonitor(fit, recording.samples.source)
 ...     _ = corrector(recording.samples.field)
 ...     print([note.code for note in corrector.notes()])
 []
@@ -61,7 +61,7 @@ MIN_READINGS: Final = 100
 """Readings in which an axis that never changes is stuck."""
 
 
-class Corrector:
+class CorrectionMonitor:
     """Applies the calibration of a fit block by block, and watches whether the result makes sense.
 
     `strength` is that of the readings corrected so far, `inliers` that of those that are no outliers of their block,
