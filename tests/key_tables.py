@@ -90,6 +90,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`disturbances`, each": "estimators.regressors:DisturbanceEstimate",
         "`aiding`": "fitting.aiding:Aiding",
         "`aiding.sensors`, each": "fitting.aiding:AidingSensor",
+        "`calibrate --previous --json`": "workflows.bench:Bench",
         "`refreshed`": "diagnostics.soft_iron:Refreshed",
         "`calibrate --minmax --json`": f"fitting.axis_extremes:Extremes {FIT}",
         "`calibrate --sensor all --joint --json`":
@@ -105,12 +106,14 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`compare --json`, `check --json`": "comparison.comparison:Comparison",
         "`rotation`": "comparison.comparison:RotationDifference",
         "`check --drift --json`: `drift`": "diagnostics.random_walk:RandomWalk",
-        "`residual`, and `apply --json`": "comparison.comparison:Strength",
+        "`check --json`, besides": "workflows.checking:Check",
+        "`residual`, and within `apply --json` and `heading --json`": "comparison.comparison:Strength",
         "`evaluate --json`": "comparison.evaluation:Evaluation",
         "`compare-methods --json`": "comparison.methods:Contest",
         "`methods`, each": f"comparison.methods:Entry core.calibration:Calibration {FIT}",
     },
     "Headings": {
+        "`apply --json`": "workflows.correction:CorrectionSummary",
         "`heading --json`": "heading.compass:Voyage",
         "`heading --json`, besides": "workflows.heading_stream:HeadingSummary",
         "`site`": "core.geomag:SiteField",

@@ -47,11 +47,11 @@ class Bench:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            "calibration": self.calibration.as_dict(),
+            "calibration": self.calibration.as_dict(),  # the earlier one, which follows the disturbances
             "noise": self.still.noise,  # standard deviation of an axis, in the unit of the readings
-            "turned": False,
-            "disturbances": [estimate.as_dict() for estimate in self.still.estimates],
-            "findings": [finding.as_dict() for finding in self.findings],
+            "turned": False,  # whether the sensor was
+            "disturbances": [estimate.as_dict() for estimate in self.still.estimates],  # as in a fit
+            "findings": [finding.as_dict() for finding in self.findings],  # what limits them
         }
 
 

@@ -78,19 +78,24 @@ class Check:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready; of a recording that cannot be fitted, all but the refusal."""
-        strengths = {"calibration": self.strength.as_dict()}
+        strength, fresh = self.strength.as_dict(), self.fresh.as_dict()
         if self.comparison is None or self.fresh_strength is None:
-            return {"residual": strengths, "fresh": self.fresh.as_dict(), **self._drift(self.dip_deg)}
-        findings = () if self.extrapolated is None else self.extrapolated
-        beyond = {} if self.extrapolated is None else {"findings": [finding.as_dict() for finding in findings]}
-        return {
+            return {
+                # strength of the recording, corrected with the `calibration` and with the `fresh` fit
+                "residual": {"calibration": strength},
+                "fresh": fresh,  # the fit of the recording, as `calibrate --json` has it
+                **self._drift(self.dip_deg),
+            }
+        result = {
             **self.comparison.as_dict(),
-            "residual": {**strengths, "fresh": self.fresh_strength.as_dict()},
-            "own_recordings": list(self.made_from),
-            "fresh": self.fresh.as_dict(),
+            "residual": {"calibration": strength, "fresh": self.fresh_strength.as_dict()},
+            "own_recordings": list(self.made_from),  # those that the calibration was made from: they prove nothing
+            "fresh": fresh,
             **self._drift(self.comparison.heading_difference_deg.dip_deg),
-            **beyond,
         }
+        if self.extrapolated is not None:
+            result["findings"] = [finding.as_dict() for finding in self.extrapolated]  # disturbances beyond their range
+        return result
 
     def _drift(self, dip_deg: float) -> dict[str, Any]:
         """JSON-ready: how the offset moved."""

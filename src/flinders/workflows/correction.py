@@ -113,10 +113,10 @@ class CorrectionSummary:
     def as_dict(self, spell: Spelling = in_python) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            "readings": self.strength.readings,
+            "readings": self.strength.readings,  # how many were corrected
             **self.strength.as_dict(),
-            "skipped": [str(entry) for entry in self.skipped],
-            "limits": limits_of(self.notes, spell),
+            "skipped": [str(entry) for entry in self.skipped],  # lines that were not understood
+            "limits": limits_of(self.notes, spell),  # why they do not suit the calibration, in words
             **self.preparation.as_dict(),
         }
 
