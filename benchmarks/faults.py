@@ -6,8 +6,8 @@
 Units are those of `flinders.apps.fleet.simulate`, judged by ``flinders.fit_many``, which says of each what
 ``flinders.fit`` says. A unit is **found** where it is limited or refused, or gives no fit at all, or where a note names
 what is wrong (`TELLING`); a good unit that is found is a false alarm. It is told by its gravest finding, and by such
-notes. Of those missed, **off** are the ones whose calibration is more than `HARM_DEG` off at the worst level heading, by the truth: a
-fault that leaves the calibration right does no harm in it.
+notes. Of those missed, **off** are the ones whose calibration is more than `HARM_DEG` off at the worst level heading,
+by the truth: a fault that leaves the calibration right does no harm in it.
 
 A piece of `PIECE` units is one file under ``--out``, written under another name and then renamed; a piece that is
 there is not run again. Memory is bounded by a piece. Units follow from seed and number: with any number of workers the

@@ -16,9 +16,9 @@ import numpy as np
 
 import flinders
 from flinders import simulate
-from flinders.cli._stream import Corrector
 from flinders.errors import FitError, InputError
 from flinders.fitting.result import Refused
+from flinders.workflows.suitability import CorrectionMonitor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -67,12 +67,12 @@ def calibrated(rng: np.random.Generator, sensor: Sensor) -> Fit | None:
 
 def is_doubted(fit: Fit, readings: Floats) -> bool:
     """The readings are said not to suit, or refused."""
-    corrector = Corrector(fit, "readings")
+    corrector = CorrectionMonitor(fit, "readings")
     try:
         corrector(readings)
     except InputError:
         return True
-    return bool(corrector.doubt)
+    return bool(corrector.notes())
 
 
 def row(name: str, trials: int) -> str:

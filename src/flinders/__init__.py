@@ -41,7 +41,10 @@ if TYPE_CHECKING:
     from flinders.errors import FlindersError as FlindersError
     from flinders.findings import Finding as Finding
     from flinders.fitting.aiding import Instruments as Instruments
+    from flinders.fitting.axis_extremes import from_extremes as from_extremes
     from flinders.fitting.calibrate import fit as fit
+    from flinders.fitting.known_heading import refresh_at_headings as refresh_at_headings
+    from flinders.fitting.known_heading import refresh_on_courses as refresh_on_courses
     from flinders.fitting.refreshing import refresh as refresh
     from flinders.fitting.result import Fit as Fit
     from flinders.likelihood.site_field import Site as Site
@@ -49,6 +52,13 @@ if TYPE_CHECKING:
     from flinders.readers import open_recording as open_recording
     from flinders.readers import read as read
     from flinders.summary.summary import Summary as Summary
+    from flinders.workflows.bench import fit_bench as fit_bench
+    from flinders.workflows.checking import check as check
+    from flinders.workflows.correction import apply as apply
+    from flinders.workflows.exporting import export as export
+    from flinders.workflows.heading_series import headings as headings
+    from flinders.workflows.recording_contents import contents as contents
+    from flinders.workflows.sensors import fit_each as fit_each
 
 __version__: Final = VERSION
 
@@ -64,16 +74,26 @@ _HOMES: Final = {
     "Site": "likelihood.site_field",
     "Summary": "summary.summary",
     "Unit": "core.units",
+    "apply": "workflows.correction",
+    "check": "workflows.checking",
     "compare": "comparison.comparison",
+    "contents": "workflows.recording_contents",
     "errors": "errors",
     "estimators": "estimators",
+    "export": "workflows.exporting",
     "fit": "fitting.calibrate",
     "fit_multi": "comparison.multi_sensor",
+    "fit_bench": "workflows.bench",
+    "fit_each": "workflows.sensors",
+    "from_extremes": "fitting.axis_extremes",
+    "headings": "workflows.heading_series",
     "merge": "comparison.merging",
     "open_log": "readers",
     "open_recording": "readers",
     "read": "readers",
     "refresh": "fitting.refreshing",
+    "refresh_at_headings": "fitting.known_heading",
+    "refresh_on_courses": "fitting.known_heading",
     "simulate": "simulate",
     "units": "core.units",
 }

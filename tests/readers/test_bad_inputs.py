@@ -342,7 +342,7 @@ def test_a_fault_of_ours_is_confessed_with_a_report(folder: Path, monkeypatch: p
     def broken(*_: object, **__: object) -> Callable[[], None]:
         raise ZeroDivisionError("a fault")
 
-    monkeypatch.setattr("flinders.fitting.calibrate.fit", broken)
+    monkeypatch.setattr("flinders.fitting.filtering.fit", broken)
     result = CliRunner().invoke(main, ["calibrate", "good.csv"])
     assert result.exit_code == 70
     report = result.stderr.rstrip().rpartition(" with ")[2]

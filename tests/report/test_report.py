@@ -30,13 +30,14 @@ from flinders.geometry.rotation import rotations
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.likelihood.site_field import Site
 from flinders.report import modules
-from flinders.report.figure_data import FigureData, doubts, restored
+from flinders.report.figure_data import FigureData
 from flinders.report.figures import coverage_map, error_map, offset_over_time, projections
 from flinders.report.formatting import degrees, mounting
 from flinders.report.html import listings_of, page, python_of
 from flinders.report.notebook import html_of
 from flinders.report.terminal import plot
 from flinders.report.view import tile_errors_deg
+from flinders.workflows.restoring import restore
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -289,13 +290,13 @@ def test_projections_hold_the_readings_and_the_outline_of_the_ellipsoid() -> Non
 def test_a_calibration_that_was_written_gives_the_same_report_numbers() -> None:
     for motion in ("hand", "tilted", "level"):
         fit, samples = fitted(motion)
-        again = restored(Fit.from_document(fit.to_document()), samples)
+        again = restore(samples, Fit.from_document(fit.to_document())).fit
         assert again.verdict == fit.verdict
         assert again.claim.plane == fit.claim.plane
         npt.assert_allclose(again.heading_error_deg.worst, fit.heading_error_deg.worst, rtol=1e-6)
         npt.assert_allclose(again.heading_error_deg.rms, fit.heading_error_deg.rms, rtol=1e-6)
         npt.assert_allclose(again.noise, fit.noise)
-        assert not doubts(fit.calibration, samples)
+        assert restore(samples, fit).notes == ()
 
 
 @pytest.mark.parametrize("known", daily(["shown", "elsewhere", "open"]))
@@ -305,7 +306,7 @@ def test_what_is_known_of_z_at_a_level_turn_is_told_of_the_file_as_of_the_fit(kn
     turned = replace(samples, acceleration=None if known == "open" else felt)
     fit = calibrate.fit(turned, site=Site(50.0, 60.0, gain_sigma=0.05, inclination_sigma_deg=1.0))
     fit.save(tmp_path / "calibration.json")
-    again = restored(Fit.load(tmp_path / "calibration.json"), turned)
+    again = restore(turned, tmp_path / "calibration.json").fit
     assert again.evidence.z_down is fit.evidence.z_down is {"shown": True, "elsewhere": False, "open": None}[known]
     advice = next(finding.advice for finding in fit.findings if finding.code == "level-plane")
     assert advice[1:].rstrip(".") in Page.of(page(again, turned)).words
@@ -315,7 +316,7 @@ def test_what_belongs_to_the_direction_is_found_in_the_file_again() -> None:
     fit, samples = fitted()
     error = fit.heading_error_deg.combined(0.7)
     bent = replace(fit, claim=replace(fit.claim, structure_deg=0.7, heading_error_deg=error))
-    again = restored(Fit.from_document(bent.to_document()), samples)
+    again = restore(samples, Fit.from_document(bent.to_document())).fit
     assert again.claim.structure_deg == 0.7
     level = fit.calibration.ellipsoid.radius * math.cos(math.radians(fit.claim.known_dip_deg))
     npt.assert_allclose(again.evidence.residuals.distortion, math.radians(0.7) * level, rtol=1e-6)
@@ -324,7 +325,7 @@ def test_what_belongs_to_the_direction_is_found_in_the_file_again() -> None:
 
 def test_a_calibration_without_uncertainty_claims_nothing() -> None:
     fit, samples = fitted()
-    unstated = restored(Fit.of(fit.calibration), samples)
+    unstated = restore(samples, fit.calibration).fit
     assert [finding.code for finding in unstated.findings] == ["no-uncertainty"]
     found = Page.of(page(unstated, samples))
     assert "Of unknown quality" in found.words
@@ -336,7 +337,7 @@ def test_a_calibration_without_uncertainty_claims_nothing() -> None:
 def test_a_calibration_of_another_sensor_is_doubted() -> None:
     fit, _ = fitted()
     other = simulate.tumble(seed=9, n=500).samples
-    assert "another sensor" in " ".join(doubts(fit.calibration, other))
+    assert [note.code for note in restore(other, fit).notes] == ["odd-strength"]
 
 
 def driven() -> tuple[Fit, Samples]:
@@ -421,8 +422,8 @@ def test_without_times_of_one_recording_or_with_few_readings_no_path_is_drawn() 
 def test_of_a_recording_that_does_not_go_with_the_calibration_no_path_is_drawn() -> None:
     other = simulate.tumble(seed=9, n=500).samples
     for judged in (fitted()[0], Fit.of(fitted()[0].calibration), fitted("level")[0]):
-        assert CONSTANT not in page(restored(judged, other), other)
-    assert CONSTANT in page(restored(Fit.of(fitted()[0].calibration), fitted()[1]), fitted()[1])
+        assert CONSTANT not in page(restore(other, judged).fit, other)
+    assert CONSTANT in page(restore(fitted()[1], fitted()[0].calibration).fit, fitted()[1])
 
 
 def test_the_path_of_an_offset_is_drawn_for_the_axes_that_were_seen() -> None:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import contextlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from flinders.cli._output import refuse_twice, say
 from flinders.errors import (
-    AxesError,
     DocumentError,
     FlindersError,
     TooFewSamples,
-    UnitError,
     UsageError,
     counted,
     figures,
@@ -23,33 +21,12 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import ColumnsRecord, ProvenanceRecord, SourceFile
-    from flinders.core.compensation import Compensator
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Recording, Skipped
     from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
-    from flinders.heading.smoothing import Filter
     from flinders.likelihood.site_field import Site
     from flinders.readers._source import File
-
-
-def sha256(recording: Recording) -> str:
-    """Hash a file as it lies on the disk; what was spooled, for standard input."""
-    import hashlib
-
-    digest, file = hashlib.sha256(), file_of(recording)
-    with file.opened() as (raw, _):
-        while chunk := raw.read(1 << 20):
-            digest.update(chunk)
-    file.refuse_changed()
-    return digest.hexdigest()
-
-
-def file_of(recording: Recording) -> File:
-    """The file that a recording was read from, also where a table was made of what a board printed."""
-    read: Any = getattr(recording, "recording", recording)
-    file: File = getattr(read, "original", None) or read.file
-    return file
 
 
 @contextlib.contextmanager
@@ -58,18 +35,18 @@ def saying_what_was_read(parts: Sequence[CountedRecording]) -> Iterator[None]:
     try:
         yield
     except TooFewSamples as error:
-        raise TooFewSamples(
-            found=error.found,
-            needed=error.needed,
-            method=error.method,
-            among=error.among,
-            skipped=[entry for part in parts for entry in part.skipped if entry.is_loss],
-            how=error.how,
-        ) from None
+        from flinders.workflows.recordings import with_left_out
+
+        raise with_left_out(error, parts) from None
     finally:
         for part in parts:
-            if part.rows or part.skipped:
-                say(f"{part.recording}; {read_and_left_out(part.rows, part.skipped)}")
+            say_read(part)
+
+
+def say_read(part: CountedRecording) -> None:
+    """Say what was read of a recording, and what was left out."""
+    if part.rows or part.skipped:
+        say(f"{part.recording}; {read_and_left_out(part.rows, part.skipped)}")
 
 
 def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
@@ -107,13 +84,14 @@ def provenance(parts: Iterable[CountedRecording] = (), files: Iterable[SourceFil
 def source_file(part: CountedRecording) -> SourceFile:
     """Name, hash and size of a file, and how many readings it gave."""
     from flinders.core.calibration_file import SourceFile
+    from flinders.workflows.recordings import file_of, sha256
 
-    recording = part.recording
-    size, stored = file_of(recording).size, getattr(recording, "stored", None)
+    recording, stored = part.recording, getattr(part.recording, "stored", None)
+    file = cast("File", file_of(recording))
     return SourceFile(
         name=part.source,
-        sha256=sha256(recording),
-        bytes=size,
+        sha256=sha256(file),
+        bytes=file.size,
         rows=part.rows,
         as_logged=getattr(recording, "as_logged", False) and stored is not None and stored.applied,
         autopilot=getattr(recording, "autopilot", None),
@@ -142,24 +120,6 @@ def of_content(name: str, content: bytes, rows: int = 0, **compass: Any) -> Sour
     return SourceFile(name=name, sha256=digest, bytes=len(content), rows=rows, **compass)
 
 
-def joined(parts: Sequence[Recording]) -> Recording:
-    """Recordings as one."""
-    from flinders.core.samples import Joined
-
-    return Joined(tuple(parts)) if len(parts) > 1 else parts[0]
-
-
-def fitted(parts: Sequence[Recording], by: Filter | None, options: dict[str, Any]) -> Fit:
-    """Fit recordings together, filtered where that was asked for."""
-    from flinders.fitting.calibrate import fit
-
-    if by is None:
-        return fit(joined(parts), **options)
-    from flinders.fitting.filtering import fit_filtered
-
-    return fit_filtered(parts, by, fitted=lambda recording: fit(recording, **options), notice=say)
-
-
 def opened(recordings: Sequence[str], sensor: str | None, **reading: Any) -> tuple[Recording, str | None]:
     """Open recordings of one sensor, of several the one that ``--sensor`` says; and what it is called."""
     from flinders.core.samples import singles
@@ -180,16 +140,13 @@ def opened(recordings: Sequence[str], sensor: str | None, **reading: Any) -> tup
     return recording, next(filter(None, names), sensor)
 
 
-def in_use(command: str, path: str, recordings: Sequence[str], fixed: Iterable[str] = ()) -> tuple[Fit, Compensator]:
-    """Load the calibration that recordings are read with: of compensated readings, and what compensates them.
+def in_use(command: str, path: str, recordings: Sequence[str], fixed: Iterable[str] = ()) -> Fit:
+    """Load the calibration that recordings are read with.
 
     Where ``--fix`` gives values, they are taken for those of the recording, and what that costs is said.
     """
-    from flinders.core.compensation import Compensator
-
     fit = load(command, path, recordings)
-    compensator = Compensator(_at_fixed(fit.calibration, fixed_values(fixed)))
-    return fit.with_calibration(compensator.calibration.affine), compensator
+    return fit.with_calibration(_at_fixed(fit.calibration, fixed_values(fixed)))
 
 
 def _at_fixed(calibration: Calibration, values: dict[str, float]) -> Calibration:
@@ -227,28 +184,12 @@ def fixed_values(fixed: Iterable[str]) -> dict[str, float]:
     return values
 
 
-def open_with(fit: Fit, recording: str, *, sensor: str | None = None, **reading: Any) -> Recording:
-    """Open a recording in the unit and axes of a calibration: of several magnetometers the one that it is for.
-
-    Of a table of the form of one that it was made from the columns that were asked for then.
-    """
-    from flinders.readers import Choice, open_recording
-    from flinders.readers._names import Form
-
-    calibration = fit.calibration
-    known = (file.columns for file in reversed(fit.provenance.files) if file.columns)
-    forms = tuple(Form(each.field, each.width, each.names, each.increasing) for each in known)
-    choice = Choice(sensor, calibration.sensor, forms=forms)
-    opened = open_recording(recording, axes=str(calibration.axes), sensor=choice, **reading)
-    agree(calibration, opened)
-    return opened
-
-
 def open_all_with(
     path: str, fit: Fit, recordings: Sequence[str], *, sensor: str | None, **reading: Any
 ) -> list[CountedRecording]:
-    """Open recordings as `open_with`; says which magnetometer was taken."""
+    """Open recordings in the unit and axes of a calibration; says which magnetometer was taken."""
     from flinders.estimators.data import CountedRecording
+    from flinders.workflows.recordings import open_with
 
     refuse_twice(recordings)
     refuse_calibrations(recordings)
@@ -338,37 +279,6 @@ def say_sensor(path: str, calibration: Calibration, recording: Recording, asked:
         say(f"! {path} is for sensor {own!r}, and what is read of {recording.source} is {name!r}")
     elif asked is None:
         say(f"{recording.source}: {name} is the sensor that {path} is for")
-
-
-def made_from(calibration: str, recordings: Iterable[Recording]) -> list[str]:
-    """Which of these recordings a calibration was made from, as its file says: their names."""
-    from flinders.core.calibration_file import read
-
-    provenance = read(calibration).provenance
-    known = {file.sha256 for file in provenance.files} if provenance else set()
-    return [recording.source for recording in recordings if known and sha256(recording) in known]
-
-
-def agree(calibration: Calibration, recording: Recording) -> None:
-    """Give a recording the calibration's unit, or refuse where it states another kind, or other axes."""
-    from flinders.core.samples import frame_of
-    from flinders.readers import TableRecording, TextRecording
-
-    is_table = isinstance(recording, TextRecording | TableRecording)
-    if isinstance(recording, TextRecording | TableRecording) and not recording.states_unit:
-        recording.unit = calibration.raw
-    frame = frame_of(recording)
-    if frame != calibration.frame and not (is_table and frame == "sensor"):  # a table does not say
-        raise AxesError(
-            f"{recording.source} is in axes of the {frame}, the calibration is for readings in axes of the "
-            f"{calibration.frame}: calibrate again from a recording like this one"
-        )
-    if recording.unit.inside != calibration.unit:
-        raise UnitError(
-            f"{recording.source} is in {recording.unit.name}, the calibration is for readings in "
-            f"{calibration.raw.name}: it belongs to another kind of recording; calibrate again from a recording "
-            "like this one"
-        )
 
 
 def site_of(place: str, date: str | None, recording: Recording | None = None) -> SiteField:

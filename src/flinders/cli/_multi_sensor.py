@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
-from flinders.cli._inputs import fitted, provenance, saying_what_was_read
+from flinders.cli._inputs import provenance, say_read, saying_what_was_read
 from flinders.cli._output import Outputs, error_words, print_result, progress, say
 from flinders.cli._program import EXITS
 from flinders.cli._spelling import in_options
@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from flinders.heading.smoothing import Filter
     from flinders.likelihood.site_field import Site
     from flinders.readers import Log
-
-Outcome: TypeAlias = "Fit | FlindersError"
+    from flinders.workflows.sensors import Outcome
 
 PLACE: Final = "{sensor}"
 """What stands for the number of the magnetometer in the name of a file."""
@@ -111,13 +110,11 @@ class MultiSensor:
             return fit_multi(parts, reference=chosen, prior=options["method"].prior, **asked)
 
     def _each(self, parts: Mapping[str, CountedRecording], options: dict[str, Any]) -> Iterator[tuple[str, Outcome]]:
-        """Fit one magnetometer after the other; a refusal is a result like any other, and so is a dead one."""
-        for name, part in parts.items():
-            try:
-                with saying_what_was_read([part]):
-                    outcome: Outcome = fitted([part], self.by, {**options, "sensor": name})
-            except (FitError, InputError) as refusal:
-                outcome = refusal
+        """Fit one magnetometer after the other, and say what was read of each."""
+        from flinders.workflows.sensors import fits_of
+
+        for name, outcome in fits_of(parts, by=self.by, notice=say, **options):
+            say_read(parts[name])
             yield name, outcome
 
     def _saved(

@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
     from flinders.core.calibration import Calibration
-    from flinders.core.compensation import Compensator
     from flinders.core.disturbance import Disturbance
     from flinders.core.samples import Recording
     from flinders.errors import FlindersError, Spelling
     from flinders.findings import Finding
     from flinders.fitting.aiding import Aiding
     from flinders.fitting.result import Fit
+    from flinders.workflows.correction import Preparation
 
 T = TypeVar("T")
 WORTH_A_BAR: Final = 4_000_000
@@ -400,16 +400,12 @@ def say_difference(a: Fit, b: Fit) -> None:
             say(f"what both follow of {disturbance.name} differs by {cost_words(a.calibration, between)}")
 
 
-def say_beyond(compensator: Compensator) -> dict[str, Any]:
-    """Say what lay outside the range that a disturbance was found in; the same for JSON, where there are any."""
-    from flinders.fitting.verdict import of_extrapolation
-
-    if not compensator.calibration.disturbances:
-        return {}
-    findings = list(of_extrapolation(compensator.calibration, compensator.beyond))
-    for finding in findings:
+def say_preparation(preparation: Preparation) -> None:
+    """Say what a filter did, and what lay outside the range that a disturbance was found in."""
+    if preparation.smoother is not None:
+        say(str(preparation.smoother))
+    for finding in preparation.findings():
         say(f"! {finding.advice}")
-    return {"findings": [finding.as_dict() for finding in findings]}
 
 
 def is_asked() -> bool:

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from flinders.cli import _options as option
     from flinders.core.calibration import Calibration
     from flinders.core.samples import Recording
-    from flinders.estimators.static_bench import Still
-    from flinders.findings import Finding
     from flinders.fitting.result import Fit
 
 
@@ -51,44 +49,25 @@ def typed(
 def bench(parts: Sequence[Recording], disturbances: tuple[str, ...], previous: str, outputs: Outputs) -> int:
     """Find the disturbances of a sensor that was not turned, and put them onto a calibration of that sensor."""
     from flinders.core.units import label
-    from flinders.errors import NotTurned
-    from flinders.estimators.static_bench import described, still
+    from flinders.estimators.static_bench import described
+    from flinders.workflows.bench import fit_bench
 
-    result = still(parts, disturbances)
-    if result is None or not result.disturbances:
-        raise NotTurned(0.0 if result is None else result.noise, " and ".join(disturbances))
-    unit = label(parts[0].unit.inside)
-    say(described(result, unit))
     known = load("calibrate --previous", previous)
     _refuse_other_axes(known.calibration, parts, previous)
-    calibration = result.onto(known.calibration)
-    alone = "; it alone running" if len(result.disturbances) > 1 else ""
-    for disturbance in result.disturbances:
-        left = figures(_left_deg(result, calibration, disturbance.name))
-        say(f"{disturbance} ({unit}): {cost_words(calibration, disturbance)}, {left}° of it left (1 σ; dip 60°{alone})")
-    findings = _findings(result)
-    for finding in findings:
+    found = fit_bench(list(parts), known, disturbances)
+    unit = label(parts[0].unit.inside)
+    say(described(found.still, unit))
+    alone = "; it alone running" if len(found.residual_deg) > 1 else ""
+    for disturbance in found.still.disturbances:
+        left = figures(found.residual_deg[disturbance.name])
+        cost = cost_words(found.calibration, disturbance)
+        say(f"{disturbance} ({unit}): {cost}, {left}° of it left (1 σ; dip 60°{alone})")
+    for finding in found.findings:
         say(f"! {finding.advice}")
-    _save(calibration, known, outputs)
+    _save(found.calibration, known, outputs)
     if outputs.as_json:
-        print_json(
-            {
-                "calibration": calibration.as_dict(),
-                "noise": result.noise,
-                "turned": False,
-                "disturbances": [estimate.as_dict() for estimate in result.estimates],
-                "findings": [finding.as_dict() for finding in findings],
-            }
-        )
-    return LIMITED if findings else GOOD
-
-
-def _findings(result: Still) -> list[Finding]:
-    """What limits disturbances that were found on a bench."""
-    from flinders.fitting.verdict import of_alike, of_column, of_noisy
-
-    of_columns = [finding for estimate in result.estimates for finding in of_column(estimate)]
-    return [*result.findings, *of_alike(result.estimates), *of_noisy(result.estimates), *of_columns]
+        print_json(found.as_dict())
+    return LIMITED if found.findings else GOOD
 
 
 def _refuse_other_axes(calibration: Calibration, parts: Sequence[Recording], path: str) -> None:
@@ -99,18 +78,6 @@ def _refuse_other_axes(calibration: Calibration, parts: Sequence[Recording], pat
                 f"{path} is for readings in {calibration.unit}, axes {calibration.axes}; {part.source} is in "
                 f"{part.unit.inside}, axes {part.axes}: read it with the same --unit, --scale and --axes"
             )
-
-
-def _left_deg(still: Still, calibration: Calibration, name: str) -> float:
-    """Heading error (1 σ) that the uncertainty of a disturbance leaves at the far end of its range, at the worst."""
-    import numpy as np
-
-    place = [disturbance.name for disturbance in still.disturbances].index(name)
-    disturbance = still.disturbances[place]
-    block = still.covariance[3 * place : 3 * place + 3, 3 * place : 3 * place + 3]
-    sigma = float(np.sqrt(np.linalg.eigvalsh(calibration.matrix @ block @ calibration.matrix.T)[-1]))
-    away = abs(disturbance.farthest - disturbance.reference) * sigma / calibration.field_strength
-    return float(np.rad2deg(away / np.cos(np.deg2rad(60.0))))
 
 
 def _save(calibration: Calibration, known: Fit, outputs: Outputs) -> None:

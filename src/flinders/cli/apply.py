@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import in_use, open_with, say_sensor
-from flinders.cli._output import print_json, progress, say, written
+from flinders.cli._inputs import in_use, read_and_left_out, say_sensor
+from flinders.cli._output import print_json, progress, say, say_preparation, written
 from flinders.cli._program import GOOD, LIMITED
-from flinders.cli._stream import Corrector, Preparation
+from flinders.cli._spelling import in_options
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from flinders.arrays import Floats
-    from flinders.core.samples import Recording, Samples
     from flinders.heading.smoothing import Filter
+    from flinders.workflows.correction import CorrectionSummary
 
 
 class Apply(program.Group):
@@ -56,10 +52,12 @@ def command(options: Apply) -> int:
     calibration follows, such as a current, has to be among the columns.
     """
     from flinders.fitting.result import tilt_words
+    from flinders.workflows.correction import CorrectionStream
+    from flinders.workflows.recordings import open_with
 
     calibration, recording = options.calibration, options.recording
     outputs = options.checked_outputs()
-    fit, compensator = in_use("apply", calibration, [recording], options.fixed)
+    fit = in_use("apply", calibration, [recording], options.fixed)
     with progress("correcting") as watch:
         source = open_with(
             fit, recording, sensor=options.sensor, once=True, progress=watch, **options.reading.as_dict()
@@ -67,66 +65,27 @@ def command(options: Apply) -> int:
         if getattr(source, "name", ""):
             say(str(source))
         say_sensor(calibration, fit.calibration, source, options.sensor)
-        corrector, preparation = Corrector(fit, source.source), Preparation.of(compensator, options.by)
-        encoding, lines = _lines(source, corrector, preparation, options)
-        with written(
-            options.output, encoding=encoding, force=options.force, live=not Path(recording).is_file()
-        ) as file:
-            file.writelines(lines)
-    _say_strength(source, corrector)
+        stream = CorrectionStream.of(source, fit, by=options.by)
+        is_live = not Path(recording).is_file()
+        with written(options.output, encoding=stream.encoding, force=options.force, live=is_live) as file:
+            file.writelines(stream.lines(add=options.add))
+    summary = stream.summary()
+    _say(summary, source.source)
     if level := tilt_words(fit):
         say(f"! {level}")
-    prepared = preparation.say()
-    if corrector.doubt:
-        say(f"! {corrector.doubt}")
+    say_preparation(summary.preparation)
+    for note in summary.notes:
+        say(f"! {note.words(in_options)}")
     outputs.say_written()
     if options.as_json:
-        strength = corrector.strength
-        skipped = [str(skipped) for skipped in getattr(source, "skipped", ())]
-        limits = [corrector.doubt] if corrector.doubt else []
-        print_json(
-            {"readings": strength.readings, **strength.as_dict(), "skipped": skipped, "limits": limits, **prepared}
-        )
-    return LIMITED if corrector.doubt else GOOD
+        print_json(summary.as_dict(in_options))
+    return LIMITED if summary.notes else GOOD
 
 
-def _lines(
-    source: Recording, corrector: Corrector, preparation: Preparation, options: Apply
-) -> tuple[str, Iterator[str]]:
-    """The encoding and the corrected lines: of a text those that were read, of anything else those of a table."""
-    from flinders.readers import TextRecording
-
-    is_cut = options.reading.start is not None or options.reading.end is not None
-    encoding = source.layout.encoding if isinstance(source, TextRecording) else "utf-8"
-    if is_cut or not isinstance(source, TextRecording):
-        return encoding, _tabulated(source, corrector, preparation, add=options.add)
-    if preparation.is_nothing and not source.columns.is_assumed:
-        return encoding, source.corrected_lines(corrector, add=options.add)
-
-    def correct(samples: Samples) -> Floats:
-        corrector.look_at(samples)
-        return corrector(preparation(samples).field)
-
-    return encoding, source.corrected_lines(correct, add=options.add, with_disturbances=True)
-
-
-def _tabulated(source: Recording, corrector: Corrector, preparation: Preparation, *, add: bool) -> Iterator[str]:
-    """Yield the lines of a table of corrected readings, with all other columns."""
-    from flinders.simulate.recording import lines
-
-    for number, block in enumerate(source.blocks()):
-        if len(block):
-            corrector.look_at(block)
-            corrected = corrector(preparation(block).field)
-            samples = block if add else replace(block, field=corrected)
-            header, *rows = lines(samples, corrected=corrected if add else None)
-            yield from (f"{line}\n" for line in ([header] if number == 0 else []) + rows)
-
-
-def _say_strength(source: Recording, corrector: Corrector) -> None:
+def _say(summary: CorrectionSummary, source: str) -> None:
     """Say what was read, and how strong the corrected field is."""
-    strength = corrector.strength
+    strength = summary.strength
     say(
-        f"{source.source}: {corrector.read_words(source)}; corrected, their strength is {strength.mean:.3f} of the "
-        f"calibration's field, with a spread of {strength.spread:.1%}"
+        f"{source}: {read_and_left_out(strength.readings, summary.skipped)}; corrected, their strength is "
+        f"{strength.mean:.3f} of the calibration's field, with a spread of {strength.spread:.1%}"
     )

@@ -12,8 +12,6 @@ import click
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import (
-    fitted,
-    joined,
     likely_target,
     opened,
     provenance,
@@ -33,6 +31,7 @@ from flinders.cli._output import (
     show,
 )
 from flinders.cli._program import GOOD, LIMITED, print_error
+from flinders.cli._spelling import in_options
 from flinders.core.units import MICROTESLA
 from flinders.errors import FitError, NotTurned, UsageError
 
@@ -530,9 +529,9 @@ def _each(options: Calibrate, asked: dict[str, Any]) -> int:
 
 def _propose_unit(calibration: Calibration) -> None:
     """Say in which unit counts would have the strength of the earth's field, if in any."""
-    from flinders.report.recording import unit_remark
+    from flinders.workflows.recording_contents import unit_remark
 
-    if words := unit_remark(calibration.field_strength, calibration.unit):
+    if words := unit_remark(calibration.field_strength, calibration.unit, in_options):
         say(f"! {words}")
 
 
@@ -555,17 +554,20 @@ class _Run:
     @property
     def recording(self) -> Recording:
         """The recordings as one, filtered where that was asked for."""
-        if self.options.by is None:
-            return joined(self.parts)
+        from flinders.core.samples import joined
         from flinders.fitting.filtering import through
 
+        if self.options.by is None:
+            return joined(self.parts)
         return through(self.parts, self.options.by)
 
     def fitted(self) -> Fit:
         """Fit the recordings; of a refusal, write the reports and how far the estimate came."""
+        from flinders.fitting.filtering import fit_filtered
+
         try:
             with saying_what_was_read(self.parts):
-                return fitted(self.parts, self.options.by, self.asked)
+                return fit_filtered(self.parts, self.options.by, notice=say, **self.asked)
         except FitError as refusal:
             self._report(refusal)
             self._trace()

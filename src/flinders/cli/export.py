@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import for_use, provenance
+from flinders.cli._inputs import load, provenance
 from flinders.cli._output import Outputs, error_words, lossy_if_agreed, print_json, say
 from flinders.cli.targets import NamingTargets, print_targets
 from flinders.errors import FlindersError, UsageError
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration_file import SourceFile
     from flinders.fitting.result import Fit
+    from flinders.workflows.exporting import Exported
 
 
 class ExportCommand(program.Group):
@@ -68,42 +69,42 @@ def command(options: ExportCommand) -> None:
     numbers as they are written, and the largest error found is told. A value that the target cannot hold is
     refused, not cut, and so is a target without room for soft iron that matters.
     """
-    from flinders.fitting.export import export_fit, limit_lines
-    from flinders.targets import taking
+    from flinders.workflows.exporting import export
 
     if options.listed:
         print_targets(as_json=options.as_json)
         return
-    if not options.calibration or not options.target:
+    if not options.calibration or not (target := options.target):
         raise UsageError(
             "need a calibration file and a target: flinders export --to ardupilot calibration.json; "
             "flinders targets names them"
         )
-    target = taking(options.target, compass=options.compass, code_name=options.name)
     path = options.output or "-"
     is_fields = options.as_json and path != options.output  # --json takes the place of the text on standard output
     outputs = Outputs.of(("the text", path), force=options.force, as_json=options.as_json and not is_fields)
     outputs.check([options.calibration])
-    fit = for_use("export --to TARGET", options.calibration)
-    export, notes = lossy_if_agreed(
-        lambda lossy: export_fit(
-            fit, target, compass=options.compass, lossy=lossy, mounting=options.mounting, name=options.name
-        ),
-        lossy=options.lossy,
-    )
+    fit = load("export --to TARGET", options.calibration)
+    asked: dict[str, Any] = {"compass": options.compass, "mounting": options.mounting, "name": options.name}
+    exported = lossy_if_agreed(lambda lossy: export(fit, target, lossy=lossy, **asked), lossy=options.lossy)
     if not is_fields:
-        outputs.write(export.content, path)
+        outputs.write(exported.export.content, path)
     if options.as_json:
-        print_json(export.fields)
-    if path != "-" or options.as_json or not export.has_comments:
+        print_json(exported.export.fields)
+    _say(exported, is_hidden=path != "-" or options.as_json, is_asked=options.compass is not None)
+    outputs.say_written()
+
+
+def _say(exported: Exported, *, is_hidden: bool, is_asked: bool) -> None:
+    """Say how far it is off and what limits it, where the text is not shown or has no comments; and its compass."""
+    export = exported.export
+    if is_hidden or not export.has_comments:
         say(export.checked)
         for note in () if export.has_comments else export.fields["notes"]:
             say(note)
-        for warning in (*limit_lines(fit), *export.warnings):
+        for warning in (*exported.limits, *export.warnings):
             say(f"! {warning}")
-    for note in notes:
-        say(note if options.compass is None else f"! {note}")
-    outputs.say_written()
+    for note in exported.compass:
+        say(f"! {note}" if is_asked else note)
 
 
 def named(values: Sequence[str]) -> tuple[tuple[str, str], ...]:
@@ -148,14 +149,13 @@ def write_exports(
 
 def _write_export(fit: Fit, target: str, path: str, outputs: Outputs) -> None:
     """Write it for one target, and say what that costs."""
-    from flinders.fitting.export import export_fit
-    from flinders.targets import find
+    from flinders.workflows.exporting import export
 
-    export, notes = export_fit(fit, find(target))
-    outputs.write(export.content, path)
-    for line in (*notes, export.checked):
+    exported = export(fit, target)
+    outputs.write(exported.export.content, path)
+    for line in (*exported.compass, exported.export.checked):
         say(f"{target}: {line}")
-    for warning in export.warnings:
+    for warning in exported.export.warnings:
         say(f"! {warning}")
     if path != "-":
         say(f"written to {path}")

@@ -10,18 +10,19 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import clock_start, say_sensor
-from flinders.cli._output import drawn, print_json, progress, say, written
+from flinders.cli._inputs import clock_start, read_and_left_out, say_sensor
+from flinders.cli._output import drawn, print_json, progress, say, say_preparation, written
 from flinders.cli._program import GOOD, LIMITED
-from flinders.cli._stream import HeadingLog, open_log
+from flinders.cli._spelling import in_options
+from flinders.cli._stream import open_log
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.heading.error_propagation import HeadingError
     from flinders.heading.smoothing import Filter
+    from flinders.workflows.heading_stream import HeadingStream
 
 
 class Heading(program.Group):
@@ -71,6 +72,7 @@ def command(options: Heading) -> int:
     standard input, which may go on as long as it likes: lines are written as they come.
     """
     from flinders.fitting.result import tilt_words
+    from flinders.report.heading_pages import of_headings
 
     outputs = options.checked_outputs()
     with progress("heading") as bar:
@@ -82,19 +84,20 @@ def command(options: Heading) -> int:
         with written(options.output, force=options.force, live=not Path(options.log).is_file()) as file:
             file.write(first)
             file.writelines(lines)
-    say(f"{log.recording.source}: {log.corrector.read_words(log.recording)}")
-    prepared = log.preparation.say()
-    claimed = claims(log)
-    limits = _say_how_good(log, claimed)
+    summary = log.summary()
+    correction = summary.correction
+    say(f"{log.recording.source}: {read_and_left_out(correction.strength.readings, correction.skipped)}")
+    say_preparation(correction.preparation)
+    say(drawn(of_headings(summary, in_options), sys.stderr))
     if level := tilt_words(log.fit):
         say(f"! {level}")
     outputs.say_written()
     if options.as_json:
-        print_json({**summary(log, claimed), **prepared, "limits": limits})
-    return LIMITED if limits else GOOD
+        print_json(summary.as_dict(in_options))
+    return LIMITED if any(note.severity == "limits" for note in summary.notes) else GOOD
 
 
-def _opened(options: Heading, bar: Any) -> HeadingLog:  # noqa: ANN401 - progress
+def _opened(options: Heading, bar: Any) -> HeadingStream:  # noqa: ANN401 - progress
     """Open the log with what the options say of it."""
     return open_log(
         "heading",
@@ -114,7 +117,7 @@ def _opened(options: Heading, bar: Any) -> HeadingLog:  # noqa: ANN401 - progres
     )
 
 
-def _lines(log: HeadingLog) -> Iterator[str]:
+def _lines(log: HeadingStream) -> Iterator[str]:
     """Yield a header with the lines of the first block, then the lines of each block."""
     header = ""
     for numbers, samples, headings in log.headings():
@@ -123,7 +126,7 @@ def _lines(log: HeadingLog) -> Iterator[str]:
         header = "written"
 
 
-def _numbered(log: HeadingLog, numbers: Floats, samples: Samples) -> dict[str, Floats]:
+def _numbered(log: HeadingStream, numbers: Floats, samples: Samples) -> dict[str, Floats]:
     """The columns that say which reading it is."""
     named = {"line" if hasattr(log.recording, "numbered_blocks") else "reading": numbers}
     if samples.time is not None:
@@ -144,71 +147,3 @@ def _rows(columns: dict[str, Floats]) -> str:
     rounded = [wrapped(np.round(values, 3)) if "heading" in name else values for name, values in columns.items()]
     form = ",".join(FORMATS.get(name, "%.3f") for name in columns) + "\n"
     return "".join(form % tuple(row) for row in np.column_stack(rounded).tolist())
-
-
-def claims(log: HeadingLog) -> dict[str, Any]:
-    """What heading error to expect, 1 σ, at the dip of the site, of a level vehicle and as far as it was tilted."""
-    from flinders.heading.error_propagation import level_bound_deg, level_error, tilted_error
-
-    dip, source = log.site_dip()
-    claimed: dict[str, Any] = {"dip_deg": dip, "dip_from": source, "level": None, "bound": None, "tilted": None}
-    claimed["tilt_error_deg"] = log.tilt_error_deg
-    claimed["mounting_error_deg"] = log.mounting_error_deg(dip)
-    if not log.fit.claim.states_uncertainty:
-        return claimed
-    ellipsoid, covariance, down, tilt_deg = (
-        log.fit.calibration.ellipsoid,
-        log.fit.claim.claimed_covariance,
-        log.down(),
-        log.voyage.tilt_deg,
-    )
-    claimed["level"] = level_error(ellipsoid, covariance, dip_deg=dip, down=down)
-    claimed["bound"] = level_bound_deg(ellipsoid, covariance, dip_deg=dip, down=down)
-    if tilt_deg >= 1.0:
-        claimed["tilted"] = tilted_error(ellipsoid, covariance, dip_deg=dip, tilt_deg=tilt_deg, down=down)
-    return claimed
-
-
-def summary(log: HeadingLog, claimed: dict[str, Any]) -> dict[str, Any]:
-    """JSON-ready."""
-    return {
-        **log.voyage.as_dict(),
-        "formula": log.compass.formula,  # how tilt is taken out
-        # to expect of a level vehicle, with the dip that it holds for
-        "heading_error_deg": _error(claimed["level"], bound_95=claimed["bound"]),
-        # to expect at the tilt that 95 of 100 readings stay within
-        "tilted_heading_error_deg": _error(claimed["tilted"]),
-        "tilt_error_deg": claimed["tilt_error_deg"],  # 1 σ that the accelerometer adds
-        "mounting_error_deg": claimed["mounting_error_deg"],  # 1 σ of the mounting; null where nobody stated one
-        "dip_from": claimed["dip_from"],  # ``given``, ``calibration``, ``model``, ``measured`` or ``assumed``
-        "declination_deg": log.compass.declination_deg,  # from magnetic to true headings; null where they are magnetic
-        "site": None if log.site is None else log.site.as_dict(),  # the field there; null without a place
-        **log.corrector.strength.as_dict(),
-        "skipped": [str(entry) for entry in getattr(log.recording, "skipped", ())],  # lines that were not understood
-    }
-
-
-def _error(error: HeadingError | None, **more: float) -> dict[str, float] | None:
-    """JSON-ready: a heading error, and for what it holds."""
-    return None if error is None else error.as_dict(**more, dip_deg=error.dip_deg, tilt_deg=error.tilt_deg)
-
-
-def _say_how_good(log: HeadingLog, claimed: dict[str, Any]) -> list[str]:
-    """Say on standard error how good the headings are, and give what limits them."""
-    from flinders.report.heading_pages import heading_notes, of_headings
-
-    compass = log.compass
-    said = heading_notes(
-        log.voyage, compass.formula, log.site, claimed, doubt=log.corrector.doubt, turned=compass.acceleration_axes
-    )
-    page = of_headings(
-        log.voyage,
-        formula=compass.formula,
-        site=log.site,
-        declination_deg=compass.declination_deg,
-        claims=claimed,
-        said=said,
-        doubt=log.corrector.doubt,
-    )
-    say(drawn(page, sys.stderr))
-    return [words for kind, words in said if kind == "limits"]

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import refuse_calibration, site_of
 from flinders.cli._output import print_result, progress
+from flinders.cli._spelling import in_options
 
 if TYPE_CHECKING:
     from flinders.core.geomag import SiteField
     from flinders.readers import Log
-    from flinders.report.recording import Contents
 
 
 class Info(program.Group):
@@ -42,35 +43,19 @@ def command(options: Info) -> None:
     directions were seen, and the command to type next. LOG is any recording that `flinders calibrate` takes.
     """
     from flinders.readers import open_log
-    from flinders.report.recording import of_contents
+    from flinders.report.recording import commands_for, of_contents
+    from flinders.workflows.recording_contents import contents
 
     refuse_calibration(options.log, "give a recording; flinders show says what a calibration holds")
     options.place.check()
+    reading = options.reading
     with progress("reading") as watch:
-        contents = _contents(open_log(options.log, progress=watch, **options.reading.as_dict()), options)
-    print_result(contents.as_dict, lambda: of_contents(contents), as_json=options.as_json)
-
-
-def _contents(log: Log, options: Info) -> Contents:
-    """Go through each magnetometer once, and put together what was found."""
-    from flinders.report.recording import Contents, commands_for, sensors_of
-
-    reading, file, position = options.reading, log.instruments[0].file, log.position
-    site = _site(log, options.place)
-    sensors = sensors_of(log, reading.topic, columns=reading.columns, unit=reading.unit)
-    return Contents(
-        source=log.source,
-        format=log.format,
-        bytes=None if file is None else file.size,
-        start=None if log.begun is None else log.begun.strftime("%Y-%m-%d %H:%M:%S"),
-        position=None if position is None else (position.latitude_deg, position.longitude_deg, position.altitude_m),
-        site=site,
-        sensors=sensors,
-        commands=commands_for(
-            options.log, sensors, [word for each in reading.typed().items() for word in _words(*each)]
-        ),
-        notes=log.notes,
-    )
+        log = open_log(options.log, progress=watch, **reading.as_dict())
+        columns, unit, site = reading.columns, reading.unit, _site(log, options.place)
+        held = contents(log, topic=reading.topic, columns=columns, unit=unit, site=site, spell=in_options)
+    typed = [word for each in reading.typed().items() for word in _words(*each)]
+    held = replace(held, commands=commands_for(options.log, held.sensors, typed))
+    print_result(held.as_dict, lambda: of_contents(held), as_json=options.as_json)
 
 
 def _words(name: str, value: object) -> list[str]:
@@ -85,9 +70,7 @@ def _words(name: str, value: object) -> list[str]:
 
 
 def _site(log: Log, place: option.Place) -> SiteField | None:
-    """The field at the place that is given, or that the log knows, on its day."""
-    from flinders.core.geomag import recorded_field
-
-    if place.place is not None:
-        return site_of(place.place, place.date or (log.begun.date().isoformat() if log.begun else None))
-    return recorded_field(log)
+    """The field at the place that is given, on the day of the log."""
+    if place.place is None:
+        return None
+    return site_of(place.place, place.date or (log.begun.date().isoformat() if log.begun else None))

@@ -10,6 +10,7 @@ import click
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._output import print_json
+from flinders.cli._spelling import in_options
 from flinders.cli.report import Pair
 from flinders.errors import UsageError
 
@@ -54,10 +55,11 @@ def command(options: Plot) -> None:
         raise UsageError(f"-o {output}: need a name that ends in {', '.join(KINDS)}")
     outputs = options.checked_outputs()
     matplotlib_of()
-    _, recording, fit, notes = pair.drawn("plot")
-    refuse_unfit(fit)
-    figure = figure_of(FigureData.of(fit, recording), fit, options.what)
+    found = pair.restored("plot")
+    refuse_unfit(found.fit)
+    figure = figure_of(FigureData.of(found.fit, found.recording), found.fit, options.what)
     outputs.write(figure_bytes(figure, kind[1:]), output)
     outputs.say_written()
     if options.as_json:
-        print_json({"figure": output, "what": options.what, "verdict": fit.verdict, "notes": notes})
+        notes = [note.words(in_options) for note in found.notes]
+        print_json({"figure": output, "what": options.what, "verdict": found.fit.verdict, "notes": notes})

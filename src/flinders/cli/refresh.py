@@ -9,12 +9,10 @@ from flinders.cli import _program as program
 from flinders.cli._inputs import (
     clock_start,
     load,
-    open_with,
     provenance,
     refuse_calibrations,
     say_sensor,
     saying_what_was_read,
-    sha256,
     site_of,
 )
 from flinders.cli._output import refuse_twice, say
@@ -134,6 +132,7 @@ def command(options: Refresh) -> int:
 def _opened(path: str, previous: Fit, options: Refresh) -> CountedRecording:
     """Open a recording in unit and axes of the earlier calibration, and say which magnetometer is read."""
     from flinders.estimators.data import CountedRecording
+    from flinders.workflows.recordings import open_with
 
     recording = open_with(previous, path, sensor=options.sensor, **options.reading.as_dict())
     say_sensor(options.previous, previous.calibration, recording, options.sensor)
@@ -142,8 +141,9 @@ def _opened(path: str, previous: Fit, options: Refresh) -> CountedRecording:
 
 def _refuse_known(path: str, previous: Fit, opened: list[CountedRecording]) -> None:
     """Refuse a recording that the earlier calibration was made from: counted twice it would seem better than it is."""
-    known = {file.sha256 for file in previous.provenance.files}
-    if names := [each.recording.source for each in opened if known and sha256(each.recording) in known]:
+    from flinders.workflows.recordings import made_from
+
+    if names := made_from(previous, opened):
         raise UsageError(
             f"{path} was made from {' and '.join(names)}: readings that are counted twice seem better than they "
             "are; record again after the change"

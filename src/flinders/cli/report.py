@@ -8,21 +8,18 @@ from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import load, made_from, open_all_with, saying_what_was_read
+from flinders.cli._inputs import load, open_all_with, saying_what_was_read
 from flinders.cli._output import print_json, progress, refuse_report, say
+from flinders.cli._spelling import in_options
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from flinders.core.calibration_file import ProvenanceRecord
-    from flinders.core.samples import Joined, Recording
+    from flinders.core.samples import Recording
     from flinders.errors import FitError
     from flinders.fitting.result import Fit
     from flinders.report.html import Listing
-
-OTHER = (
-    "The recording shown is not one that the calibration was made from: what is claimed is that of its file, what is "
-    "drawn is this recording."
-)
+    from flinders.workflows.restoring import Restored
 
 
 class Pair(program.Group):
@@ -38,28 +35,21 @@ class Pair(program.Group):
         "Worst heading error that is good enough [default: the calibration's].", None
     )
 
-    def drawn(self, command: str) -> tuple[Fit, Joined, Fit, list[str]]:
-        """Open them and put them together: the calibration's fit, the recordings, their fit, and what is odd."""
-        from flinders.core.compensation import compensated
+    def restored(self, command: str) -> Restored:
+        """Open them, put them together, and say what is odd."""
         from flinders.core.samples import Joined
-        from flinders.report.figure_data import doubts, restored
+        from flinders.workflows.restoring import restore
 
         path = self.calibration
         loaded = load(command, path, self.recordings)
         reading = {"columns": self.columns, **self.part.as_dict()}
         with progress("reading") as watch:
             parts = open_all_with(path, loaded, self.recordings, sensor=self.sensor, progress=watch, **reading)
-            as_recorded = Joined(tuple(parts))
-            recording = compensated(as_recorded, loaded.calibration)
             with saying_what_was_read(parts):
-                fit = restored(loaded, recording, target_deg=self.target_deg, dip_deg=self.dip_deg)
-            others = len(parts) - len(made_from(path, parts))
-            notes = doubts(loaded.calibration.affine, recording) if others else []
-        if loaded.provenance.files and others:
-            notes.append(OTHER)
-        for note in notes:
-            say(f"! {note}")
-        return loaded, as_recorded, fit, notes
+                found = restore(Joined(tuple(parts)), loaded, target_deg=self.target_deg, dip_deg=self.dip_deg)
+        for note in found.notes:
+            say(f"! {note.words(in_options)}")
+        return found
 
 
 class Report(program.Group):
@@ -119,13 +109,14 @@ def command(options: Report) -> None:
     options.check()
     path, pdf, outputs = options.path, options.pdf, options.outputs
     program = browser() if pdf else ""
-    loaded, recording, fit, notes = options.pair.drawn("report")
+    found = options.pair.restored("report")
+    notes = [note.words(in_options) for note in found.notes]
     text = page(
-        fit,
-        recording,
+        found.fit,
+        found.recording,
         provenance=read(options.pair.calibration).provenance,
         asked={"Calibration file": options.pair.calibration, **options.typed_words()},
-        listings=listings_of(loaded),
+        listings=listings_of(found.known),
         notes=notes,
     )
     outputs.write(text, path)
@@ -135,7 +126,7 @@ def command(options: Report) -> None:
         outputs.write(printed(text, program), pdf)
         say(f"report printed to {pdf}")
     if options.as_json:
-        print_json({"report": path, "pdf": pdf, "verdict": fit.verdict, "notes": notes})
+        print_json({"report": path, "pdf": pdf, "verdict": found.fit.verdict, "notes": notes})
 
 
 def report_of(

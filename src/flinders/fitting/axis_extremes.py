@@ -97,13 +97,11 @@ def from_extremes(
     field_strength: float | None = None,
     target_deg: float = 1.0,
     dip_deg: float = 60.0,
-    unit: Unit | None = None,
-    axes: Axes | None = None,
+    unit: str | Unit | None = None,
+    axes: str | Axes | None = None,
     sensor: str | None = None,
 ) -> Extremes:
     """Calibrate from the smallest and the largest reading of each axis, as `MinMax` does.
-
-    Raises `UsageError` unless they are six, finite, the smaller of each axis first; or for a variant that is not there.
 
     Parameters
     ----------
@@ -113,11 +111,32 @@ def from_extremes(
         See `MinMax`.
     field_strength, target_deg, dip_deg, sensor
         As for `flinders.fit`; the target is only what the finding is compared with.
+    unit : str or Unit, optional
+        What the numbers are in, such as ``"mG"``; by default counts.
+    axes : str or Axes, optional
+        Where each axis comes from, such as ``"x,-y,-z"``.
+
+    Returns
+    -------
+    Extremes
+        Never better than ``limited``: six numbers tell no error.
+
+    Raises
+    ------
+    UsageError
+        Unless they are six finite numbers, the smaller of each axis first; for a variant that is not there, or a
+        target that is not positive. `UnitError` and `AxesError`, its subclasses, for those that are not known.
+
+    Examples
+    --------
+    >>> from_extremes([-10, 50, -30, 30, 0, 60], unit="uT").calibration.offset
+    array([20.,  0., 30.])
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     MinMax(variant)
-    unit, axes = unit or Unit.of(), axes or Axes()
+    unit = Unit.of(unit) if isinstance(unit, str) else unit or Unit.of()
+    axes = Axes.of(axes) if isinstance(axes, str) else axes or Axes()
     mapped = axes.apply(unit.scale * _pairs(numbers).T)
     low, high = mapped.min(axis=0), mapped.max(axis=0)
     ellipsoid = spanned(low, high)

@@ -7,7 +7,7 @@ made without it too, and the two are compared: a note where they differ by less 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -37,13 +37,9 @@ OF_SINGLE_READINGS: Final = ("saturated", "stale-repeats")
 
 
 def fit_filtered(
-    parts: Sequence[Recording],
-    by: Filter,
-    *,
-    fitted: Callable[[Recording], Fit] = fit,
-    notice: Callable[[str], None] = print,
+    parts: Sequence[Recording], by: Filter | None, *, notice: Callable[[str], object] = str, **options: Any
 ) -> Fit:
-    """Fit recordings together, their readings filtered; a finding says what the filter did.
+    """Fit recordings together by `flinders.fit`, their readings filtered; a finding says what the filter did.
 
     Readings at a rail are left out before the filter could blur them.
 
@@ -53,14 +49,18 @@ def fit_filtered(
     ----------
     parts : sequence of Recording
         Of one sensor.
-    fitted : callable
-        Fits a recording, such as `flinders.fit` with its parameters.
+    by : Filter or None
+        Without a filter the recordings are fitted as they are.
     notice : callable
-        Takes a line of advice where the filter alone is why there is no calibration.
+        Takes a line of advice where the filter alone is why there is no calibration; by default nobody does.
+    **options
+        Those of `flinders.fit`.
     """
-    plain, _ = _tried(joined(parts), fitted)
+    if by is None:
+        return fit(joined(parts), **options)
+    plain, _ = _tried(joined(parts), options)
     passed = through(parts, by)
-    result, refusal = _tried(passed, fitted)
+    result, refusal = _tried(passed, options)
     if result is None:
         if plain is not None and plain.verdict != "refused":
             notice("without the filter there is a calibration: leave --filter out")
@@ -76,10 +76,10 @@ def fit_filtered(
     return judged
 
 
-def _tried(recording: Recording, fitted: Callable[[Recording], Fit]) -> tuple[Fit | None, FitError | None]:
+def _tried(recording: Recording, options: dict[str, Any]) -> tuple[Fit | None, FitError | None]:
     """A fit, also one that is refused, and why it is refused."""
     try:
-        return fitted(recording), None
+        return fit(recording, **options), None
     except Refused as refused:
         return refused.fit, refused
     except FitError as error:

@@ -132,9 +132,6 @@ def refresh_at_headings(
 ) -> Fit:
     """Renew the hard iron of a calibration from poses at known headings.
 
-    Raises `Refused` with the fit, where it cannot be trusted; `UsageError` without a dip, without a heading for each
-    pose, for a vehicle that was moved, and as `flinders.refresh`.
-
     Parameters
     ----------
     poses : sequence of Samples, Recording, (N, 3) array-like, path, open file or data frame
@@ -149,6 +146,28 @@ def refresh_at_headings(
         What headings, tilts and the dip may be off by.
     target_deg : float
         Worst heading error that is good enough, in degrees.
+
+    Raises
+    ------
+    Refused
+        With the fit, where it cannot be trusted.
+    UsageError
+        Without a dip, without a heading for each pose, for a vehicle that was moved, and as `flinders.refresh`.
+
+    Examples
+    --------
+    >>> from flinders import simulate
+    >>> from flinders.fitting import calibrate
+    >>> from flinders.likelihood.site_field import Site
+    >>> tumble = simulate.tumble(seed=1)
+    >>> moved = replace(tumble.sensor, offset=tumble.sensor.offset + [8.0, -5.0, 3.0])
+    >>> rng, headings_deg = np.random.default_rng(1), [0.0, 90.0, 180.0, 270.0]
+    >>> fields = [[25.0 * np.cos(h), -25.0 * np.sin(h), 43.3] for h in np.radians(headings_deg)]
+    >>> poses = [moved.read(np.tile(field, (50, 1)), rng) for field in fields]
+    >>> site = Site(inclination_deg=60.0)
+    >>> fresh = refresh_at_headings(poses, calibrate.fit(tumble.samples), headings_deg, site=site)
+    >>> fresh.verdict, bool(np.all(np.abs(fresh.calibration.offset - moved.offset) < 4.0 * fresh.claim.offset_sigma))
+    ('good', True)
     """
     refuse_unfit(previous)
     dip_deg = None if site is None else site.inclination_deg
@@ -406,8 +425,6 @@ def refresh_on_courses(
 
     For cars, boats and aircraft with wings; a multirotor may point anywhere.
 
-    Raises `FitError` where the vehicle never went straight and fast enough in a steady field.
-
     Parameters
     ----------
     recording, previous, site, target_deg
@@ -420,6 +437,31 @@ def refresh_on_courses(
         Speed below which a course is not used.
     crab_deg : float, degrees
         1 σ of what the course and the heading differ by.
+
+    Raises
+    ------
+    FitError
+        Where the vehicle never went straight and fast enough in a steady field; `Refused` as `refresh_at_headings`.
+    UsageError
+        For readings without times, none while the velocity was logged, and as `refresh_at_headings`.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> from flinders import simulate
+    >>> from flinders.core.samples import Samples
+    >>> from flinders.fitting import calibrate
+    >>> from flinders.likelihood.site_field import Site
+    >>> tumble = simulate.tumble(seed=1)
+    >>> time = np.arange(0.0, 80.0, 0.1)
+    >>> along = np.radians(90.0 * (time // 20.0))                             # 20 s each to north, east, south and west
+    >>> way = np.column_stack([np.cos(along), np.sin(along)])
+    >>> field = np.column_stack([25.0 * way * [1.0, -1.0], np.full(800, 43.3)])
+    >>> drive = Samples.of(tumble.sensor.read(field, np.random.default_rng(1)), unit="uT", time=time)
+    >>> velocity = SimpleNamespace(time=time, values=10.0 * way)                                  # (M, 2) m/s
+    >>> asked = {"declination_deg": 0.0, "site": Site(inclination_deg=60.0)}
+    >>> refresh_on_courses(drive, calibrate.fit(tumble.samples), velocity, **asked).verdict
+    'good'
     """
     samples = replace(samples_of(recording, previous), frame=previous.calibration.frame)
     straight = stretches(samples, velocity, slowest=slowest)

@@ -25,6 +25,8 @@ from flinders.heading.attitude import FORMULAS, dip_deg, level_heading_deg, roll
 from flinders.heading.axis_consistency import Frames, usual_length
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
     from flinders.core.samples import Samples
@@ -53,6 +55,22 @@ class Headings:
 
     def __len__(self) -> int:
         return len(self.magnetic_deg)
+
+    @classmethod
+    def joined(cls, blocks: Sequence[Headings]) -> Headings:
+        """Headings of one recording, block after block, as a whole."""
+        named = [block.columns() for block in blocks] or [{}]
+        columns = {name: np.concatenate([each[name] for each in named]) for name in named[0]}
+        return cls(
+            columns.get("heading_deg", np.empty(0)),
+            columns.get("strength", np.empty(0)),
+            columns.get("true_heading_deg"),
+            columns.get("roll_deg"),
+            columns.get("pitch_deg"),
+            columns.get("dip_deg"),
+            sum((block.frames for block in blocks), Frames()),
+            sum(block.accelerated for block in blocks),
+        )
 
     def columns(self) -> dict[str, Floats]:
         """What there is, by the name of its column in a table."""

@@ -1,7 +1,5 @@
 """What figures are made of: a fit as a `View`, and some of the readings that it came from.
 
-A calibration from a file and a recording are `restored` to the fit that they would be: nothing is fitted anew.
-
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
 >>> samples = simulate.tumble(seed=1).samples
@@ -10,41 +8,29 @@ A calibration from a file and a recording are `restored` to the fit that they wo
 (1000, 3000, 3, 's')
 >>> bool(np.linalg.norm(drawn.corrected, axis=1).std() < 1.1 * drawn.view.noise)
 True
->>> from flinders.fitting.result import Fit
->>> fit = calibrate.fit(samples)
->>> again = restored(Fit.from_document(fit.to_document()), samples)
->>> again.verdict, abs(again.heading_error_deg.worst - fit.heading_error_deg.worst) < 1e-9
-('good', True)
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 import msgspec
 import numpy as np
 
-from flinders.comparison.comparison import Strength
 from flinders.core.compensation import compensated
 from flinders.core.samples import Samples, in_memory, singles
 from flinders.core.units import label
 from flinders.diagnostics.random_walk import FEWEST, random_walk_of
-from flinders.findings import by_severity, certain
 from flinders.report.view import lengths_off, view
-from flinders.summary.cloud import Cloud
-from flinders.summary.coverage import Coverage
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.core.calibration import Calibration
     from flinders.core.samples import Recording
     from flinders.diagnostics.random_walk import RandomWalk
     from flinders.fitting.result import Fit
-    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
     from flinders.report.view import Shown, View
 
@@ -165,59 +151,3 @@ def _when(samples: Samples, *, is_one: bool) -> tuple[Floats, str]:
     if time is not None and is_one and len(time) and np.isfinite(time).all() and (np.diff(time) >= 0.0).all():
         return time - time[0], "s"
     return np.arange(1.0, len(samples) + 1.0), "reading"
-
-
-# -------------------------------------------------------------------------------- a calibration from a file
-
-UNEVEN: Final = (0.97, 1.03, 0.05)
-"""Least and most of a mean strength, and a spread, beyond which a recording and a calibration are said not to match."""
-
-ODD_STRENGTH: Final = (
-    "Under this calibration the readings are {mean:.3f} times as long as its field, with a spread of {spread:.1%}: it "
-    "may be that of another sensor, or something has changed since. flinders check tells more."
-)
-
-
-def restored(fit: Fit, recording: Recording, *, target_deg: float | None = None, dip_deg: float | None = None) -> Fit:
-    """Put a fit that was loaded from its file and a recording, in its unit and axes, together.
-
-    Where the file states no uncertainty, neither does the result, with a finding that says so. Target and dip are those
-    of the file, else 1° and 60°, unless given; for another dip the heading error is computed anew.
-    """
-    field = in_memory(recording).field
-    dip = fit.claim.known_dip_deg if dip_deg is None else math.copysign(dip_deg, dip_deg * fit.claim.known_dip_deg)
-    no_uncertainty = certain({"is_unstated": 1.0, "unstated_deg": math.nan}, "no-uncertainty")
-    unstated = () if fit.claim.states_uncertainty else (no_uncertainty,)
-    strength = Strength.under(fit.calibration.affine, field)
-    noise = fit.calibration.field_strength * math.hypot(strength.mean - 1.0, strength.spread)
-    evidence = replace(
-        fit.evidence,
-        noise=noise if math.isnan(fit.noise) else fit.noise,
-        samples=fit.samples if fit.evidence.is_described else len(field),
-        coverage=_coverage(field, fit.calibration.ellipsoid),
-        disturbances=replace(fit.evidence.disturbances, covariance=None),
-        aiding=None,
-    )
-    claim = replace(
-        fit.claim,
-        heading_error_deg=fit.claim.level_error(dip),
-        target_deg=target_deg or fit.claim.target_deg,
-        dip_deg=abs(dip) if dip_deg is None else dip_deg,
-    )
-    judgement = replace(fit.judgement, findings=by_severity([*fit.findings, *unstated]))
-    return replace(fit, evidence=evidence, claim=claim, judgement=judgement)
-
-
-def doubts(calibration: Calibration, recording: Recording) -> list[str]:
-    """What is odd about the pair, in sentences."""
-    strength, (least, most, spread) = Strength.under(calibration, in_memory(recording).field), UNEVEN
-    if least <= strength.mean <= most and strength.spread <= spread:
-        return []
-    return [ODD_STRENGTH.format(mean=strength.mean, spread=strength.spread)]
-
-
-def _coverage(field: Floats, ellipsoid: Ellipsoid) -> Coverage:
-    """Directions of readings under a calibration, counted as those of a fit are."""
-    if not len(field):
-        return Coverage.of(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))
-    return Coverage.through(Cloud.of(field), ellipsoid)

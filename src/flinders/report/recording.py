@@ -1,248 +1,34 @@
-"""What a recording or a log holds: its magnetometers, gone through once, what is beside them, and what to type next."""
+"""What a recording or a log holds, as a page for the terminal, and what to type next."""
 
 from __future__ import annotations
 
 import shlex
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Final
 
-import numpy as np
 from rich.console import Group
 from rich.padding import Padding
 from rich.text import Text
 
-from flinders.core.samples import Wrapped
-from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label, unit_of_the_earth
-from flinders.diagnostics.unmoved import require_moved
-from flinders.errors import FitError, InputError, Unmoved, counted, figures
-from flinders.fitting.calibrate import fit
-from flinders.readers._likeness import likeness, looks_like
-from flinders.readers._names import meaning
+from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label
+from flinders.errors import counted, figures
+from flinders.readers._likeness import looks_like
 from flinders.report.formatting import written_time
 from flinders.report.terminal import facts, page
 from flinders.report.terminal import notes as marked
-from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from rich.console import RenderableType
 
     from flinders.core.geomag import SiteField
-    from flinders.core.samples import Samples
-    from flinders.fitting.result import Fit
-    from flinders.readers import Instrument, Log
-    from flinders.summary.quality import TimeStamps
+    from flinders.workflows.recording_contents import Contents, RecordedSensor
 
-AUXILIARY: Final = ("time", "acceleration", "rate", "temperature", "current", "throttle", "attitude", "strength")
-"""What may be recorded with a reading, as `Samples` calls it; besides, ``current1`` and so on of each motor."""
-GAP: Final = 5.0
-"""Usual steps from one reading to the next that make a gap."""
-ENOUGH_SEEN: Final = 0.5
-"""Of all directions, below which the size of an ellipsoid is a guess, and not shown."""
 STALE: Final = 0.02
 """Share of readings that repeat the one before from which on it is worth a word."""
 OFF: Final = 0.25
 """Of the field there: what a measured strength may differ by, with iron on board, before it is worth a word."""
 TITLES: Final = 11
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedSensor:
-    """One magnetometer of a recording."""
-
-    number: int  # counted from 1, as ``--sensor`` takes it
-    name: str  # of the instrument or of its columns
-    unit: str  # what it is written in
-    unit_of_field: str  # what `lowest`, `highest` and `strength` are in
-    readings: int  # how many
-    seconds: float | None = None  # from the first to the last; None without a clock, as the next two
-    rate_hz: float | None = None  # mean, but for the longest step
-    longest_gap_s: float | None = None  # the longest step, where it is a gap
-    backward_steps: int = 0  # steps of the clock that go back
-    repeats: int = 0  # readings that are equal to the one before
-    rails: tuple[str, ...] = ()  # ends of axes at which the sensor was at its limit
-    lowest: tuple[float, ...] = ()  # (3,): smallest reading of each axis
-    highest: tuple[float, ...] = ()  # (3,): largest reading of each axis
-    onboard_calibration: str = ""  # the calibration that was in force, in words
-    is_as_logged: bool = False  # that was left on
-    is_raw: bool = False  # readings were logged before it, so that there is nothing to remove
-    auxiliary: tuple[str, ...] = ()  # columns recorded with it, such as time and acceleration
-    unmoved: str = ""  # why the sensor was hardly turned, in words; nothing where it was
-    coverage: float | None = None  # of all directions; None where no ellipsoid fits, or the sensor was hardly turned
-    strength: float | None = None  # of the field by that ellipsoid; None where too little is seen
-    columns: tuple[str, ...] = ()  # of a table, names of those of x, y and z
-    resembles: str = ""  # what its values look like, such as gravity, where no name says that it is a magnetometer
-    ignored_time: str = ""  # names of columns that are called as a time, where none is read
-    notes: tuple[str, ...] = ()  # what else to know, a sentence each
-
-    @classmethod
-    def of(cls, number: int, instrument: Instrument, *, columns: str | None, unit: str | None) -> Self:
-        """Go through one magnetometer; where its unit or columns were not given, its values may tell them.
-
-        Raises `InputError` if it has no reading.
-        """
-        watched = _WatchedInstrument(instrument)
-        summary = Summary.through(watched)
-        unmoved = _unmoved(summary, instrument.unit.inside)
-        coverage, strength = (None, None) if unmoved else _seen(summary)
-        remark = unit_remark(strength, instrument.unit.inside) if unit is None else ""
-        health = summary.health
-        return cls(
-            number=number,
-            name=instrument.name,
-            unit=instrument.unit.name,
-            unit_of_field=instrument.unit.inside,
-            readings=health.rows,
-            **_pace(health.clock),
-            repeats=health.repeats,
-            rails=()
-            if unmoved
-            else tuple(f"{'xyz'[rail.axis]} at its {rail.end} ({rail.value:g})" for rail in health.rails),
-            lowest=tuple(health.lows.values.tolist()),
-            highest=tuple((-health.highs.values).tolist()),
-            onboard_calibration="" if instrument.stored is None else instrument.stored.words,
-            is_as_logged=instrument.as_logged,
-            is_raw=instrument.stored is not None and not instrument.stored.applied,
-            auxiliary=watched.auxiliary,
-            unmoved=unmoved,
-            coverage=coverage,
-            strength=strength,
-            columns=instrument.fields,
-            resembles=_likeness(instrument, watched.first) if unit is None and columns is None else "",
-            ignored_time=instrument.unread_time,
-            notes=(*filter(None, (remark,)), *instrument.notes, *map(str, health.skipped)),
-        )
-
-    @classmethod
-    def silent(cls, number: int, instrument: Instrument, error: InputError) -> Self:
-        """A magnetometer without a reading."""
-        unit, notes = instrument.unit, (error.message, *instrument.notes)
-        return cls(
-            number=number, name=instrument.name, unit=unit.name, unit_of_field=unit.inside, readings=0, notes=notes
-        )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Contents:
-    """What a file holds."""
-
-    source: str  # path of the file
-    format: str  # its format
-    bytes: int | None  # its size
-    start: str | None  # date and time, UTC
-    position: tuple[float, float, float] | None  # latitude and longitude, °, north and east positive; altitude, m
-    site: SiteField | None  # what the World Magnetic Model has there
-    sensors: tuple[RecordedSensor, ...]  # its magnetometers
-    commands: tuple[str, ...]  # what to type next
-    notes: tuple[str, ...]  # what else to know
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready, under the names of the attributes."""
-        return {**asdict(self), "site": None if self.site is None else self.site.as_dict()}
-
-
-def sensors_of(
-    log: Log, topic: str | None = None, *, columns: str | None = None, unit: str | None = None
-) -> tuple[RecordedSensor, ...]:
-    """Go through the magnetometers of a log, or the one that a topic names; `columns` and `unit` are those asked for.
-
-    Raises `InputError` if none of them has a reading; `UsageError` if the log does not have the topic.
-    """
-    wanted = log.instruments if topic is None or log.is_table else (log.sensor(topic),)
-    sensors, errors = [], []
-    for number, instrument in enumerate(log.instruments, 1):
-        if instrument in wanted:
-            try:
-                sensors.append(RecordedSensor.of(number, instrument, columns=columns, unit=unit))
-            except InputError as error:
-                errors.append(error)
-                sensors.append(RecordedSensor.silent(number, instrument, error))
-    if len(errors) == len(sensors):
-        raise errors[0]
-    return tuple(sensors)
-
-
-def unit_remark(strength: float | None, inside: str) -> str:
-    """Say in which unit the strength of readings without one would be the earth's: that alone does not prove it.
-
-    >>> unit_remark(480.0, "counts")
-    "as mG the strength would be the earth's: add --unit mG if that is their unit, or --scale with the µT of a count"
-    >>> unit_remark(3.0, "counts"), unit_remark(48.0, "uT")
-    ('', '')
-    """
-    name = "" if strength is None or inside != COUNTS else unit_of_the_earth(strength)
-    return name and (
-        f"as {name} the strength would be the earth's: add --unit {name} if that is their unit, or --scale with the µT "
-        "of a count"
-    )
-
-
-class _WatchedInstrument(Wrapped):
-    """An instrument whose first block and auxiliary columns are noted as it is gone through."""
-
-    def __init__(self, instrument: Instrument) -> None:
-        self.recording = instrument
-        self.auxiliary: tuple[str, ...] = ()
-        self.first: Samples | None = None
-
-    def blocks(self) -> Iterator[Samples]:
-        """Go through the readings."""
-        for block in self.recording.blocks():
-            self.first = self.first or block
-            names = dict.fromkeys((*AUXILIARY, *block.disturbances))
-            self.auxiliary = tuple(name for name in names if name in self.auxiliary or _has(block, name))
-            yield block
-
-
-def _has(block: Samples, name: str) -> bool:
-    """Whether a column is there, and says anything."""
-    column = block.driving(name) if name in block.disturbances else getattr(block, name)
-    return column is not None and bool(np.isfinite(column).any())
-
-
-def _pace(clock: TimeStamps) -> dict[str, Any]:
-    """Duration, rate and gaps, as `RecordedSensor` has them; the rate is that without the longest gap."""
-    step = (clock.seconds - clock.longest_step) / max(clock.steps - 1, 1)
-    return {
-        "seconds": clock.seconds if step > 0 else None,
-        "rate_hz": 1 / step if step > 0 else None,
-        "longest_gap_s": clock.longest_step if step > 0 and clock.longest_step > GAP * step else None,
-        "backward_steps": clock.backward_steps,
-    }
-
-
-def _seen(summary: Summary) -> tuple[float | None, float | None]:
-    """Share of all directions, and strength of the field, by the ellipsoid through the readings."""
-    try:
-        surface: Fit | None = fit(summary, method="consistent")
-    except FitError as refusal:
-        surface = getattr(refusal, "fit", None)
-    if surface is None:
-        return None, None
-    coverage = float(surface.coverage.fraction)
-    return coverage, float(surface.calibration.ellipsoid.radius) if coverage >= ENOUGH_SEEN else None
-
-
-def _unmoved(summary: Summary, unit: str) -> str:
-    """Why the readings are those of a sensor that was hardly turned; nothing where it was."""
-    try:
-        require_moved(summary, unit)
-    except Unmoved as refusal:
-        return refusal.message
-    return ""
-
-
-def _likeness(instrument: Instrument, first: Samples | None) -> str:
-    """What columns without telling names look like, if not like a magnetometer's."""
-    columns, names = instrument.name.partition("columns ")[1:]
-    is_named = any(not (name.isdecimal() or meaning(name).is_bare) for name in names.split(", "))
-    if first is None or not columns or is_named or instrument.unit.inside != COUNTS:
-        return ""
-    return likeness(first.field)
-
-
-# ----------------------------------------------------------------------------------------------------------- the page
 
 
 def of_contents(contents: Contents) -> RenderableType:

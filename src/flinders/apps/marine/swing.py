@@ -11,10 +11,10 @@ import click
 from flinders.apps.marine.standards import STANDARDS
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import is_calibration, is_recording, refuse_calibration, site_of
+from flinders.cli._inputs import is_calibration, is_recording, read_and_left_out, refuse_calibration, site_of
 from flinders.cli._output import progress, say
 from flinders.cli._program import GOOD, LIMITED, REFUSED
-from flinders.cli._stream import HeadingLog, open_log
+from flinders.cli._stream import open_log
 from flinders.errors import FitError, UsageError, counted
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.geomag import SiteField
     from flinders.heading.stationary import HalfTurn, Rest
+    from flinders.workflows.heading_stream import HeadingStream
 
 STANDARD, BOAT = "Standard", "Log of a boat"
 """Headings of the options of a swing by a rule, and of one from a log of NMEA or Signal K."""
@@ -438,7 +439,7 @@ def _deviation(
     return fit(seen, folded(magnetic - seen), sigma_deg=sigma_deg)
 
 
-def _rests(calibration: str | None, recording: str, options: SwingOptions) -> tuple[HeadingLog, tuple[Rest, ...]]:
+def _rests(calibration: str | None, recording: str, options: SwingOptions) -> tuple[HeadingStream, tuple[Rest, ...]]:
     """Go through a recording and find its rests."""
     import numpy as np
 
@@ -455,7 +456,7 @@ def _rests(calibration: str | None, recording: str, options: SwingOptions) -> tu
             **options.reading.as_dict(),
         )
         pairs = [(headings.magnetic_deg, samples.time) for _, samples, headings in log.headings()]
-    say(f"{log}; {log.corrector.read_words(log.recording)}")
+    say(f"{log}; {read_and_left_out(log.voyage.readings, getattr(log.recording, 'skipped', ()))}")
     if calibration is not None and not log.corrector.is_plausible:
         say("! these readings do not suit the calibration: see flinders check")
     heading = np.concatenate([headings for headings, _ in pairs])
@@ -466,7 +467,7 @@ def _rests(calibration: str | None, recording: str, options: SwingOptions) -> tu
     return log, rests(heading, least_readings=least)
 
 
-def _expected(log: HeadingLog) -> Expected | None:
+def _expected(log: HeadingStream) -> Expected | None:
     """Deviation that the calibration's own uncertainty makes, and that of its rotation, where it states one."""
     from flinders.apps.marine.deviation import Expected
     from flinders.comparison.comparison import rotation_covariance

@@ -11,7 +11,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import agree, load, made_from, provenance, refuse_calibration, saying_what_was_read
+from flinders.cli._inputs import load, provenance, refuse_calibration, saying_what_was_read
 from flinders.cli._output import progress, say
 from flinders.cli._program import LIMITED
 from flinders.cli._spelling import in_options
@@ -151,6 +151,7 @@ def command(options: TwoAxis) -> int:
 def _opened(options: TwoAxis, first: Fit | None, watch: Any) -> Recording:  # noqa: ANN401 - progress
     """Open the recording, in the unit of what was loaded."""
     from flinders.readers import holds_log, open_recording
+    from flinders.workflows.recordings import agree, made_from
 
     reading = options.reading
     chosen = options.sensor if holds_log(options.recording) else None
@@ -161,7 +162,7 @@ def _opened(options: TwoAxis, first: Fit | None, watch: Any) -> Recording:  # no
         agree(first.calibration, source)
     elif source.unit.inside != first.calibration.unit:
         raise UnitError(f"{source.source} is in {source.unit.inside}, {first.name} in {first.calibration.unit}")
-    if made_from(first.name, [source]):
+    if made_from(first, [source]):
         raise UsageError(
             f"{first.name} was made from {source.source}, which cannot have been recorded with it loaded: record the "
             f"next plane with {first.name} loaded, or correct a raw recording with flinders apply"

@@ -1,0 +1,222 @@
+"""Whether a calibration holds on another recording, and how its offset moved meanwhile.
+
+>>> from dataclasses import replace
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> tumble = simulate.tumble(seed=1)
+>>> fit = calibrate.fit(tumble.samples)
+>>> check(simulate.tumble(seed=2, sensor=tumble.sensor).samples, fit).verdict
+'holds'
+>>> moved = replace(tumble.sensor, offset=tumble.sensor.offset + [5.0, 0.0, 0.0])
+>>> check(simulate.tumble(seed=3, sensor=moved).samples, fit).verdict
+'fails'
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+from flinders.comparison.comparison import Strength, compare, judged_at
+from flinders.comparison.level_plane import compare_turned
+from flinders.core.compensation import Compensator, compensated
+from flinders.core.samples import singles
+from flinders.diagnostics.random_walk import walk_through
+from flinders.errors import NeedsSamples, TooFewSamples, spell_checked
+from flinders.fitting.calibrate import fit
+from flinders.fitting.result import Refused
+from flinders.fitting.verdict import of_extrapolation
+from flinders.likelihood.site_field import Site, recorded_site
+from flinders.workflows.correction import ELSEWHERE
+from flinders.workflows.recordings import fit_for, made_from, recording_for, used_at
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from flinders.comparison.comparison import Comparison
+    from flinders.core.calibration import Calibration
+    from flinders.core.samples import Recording
+    from flinders.diagnostics.random_walk import RandomWalk
+    from flinders.findings import Finding
+    from flinders.fitting.result import Fit
+    from flinders.workflows.recordings import AnyCalibration, AnyReadings
+
+Outcome = Literal["holds", "limited", "fails", "refused"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Check:
+    """A calibration compared with a fresh fit of another recording."""
+
+    known: Fit  #: the calibration, of compensated readings
+    fresh: Fit  #: of the recording; where it cannot be used, the fit that was refused
+    comparison: Comparison | None  #: of both; None where the fresh fit cannot be used
+    refusal: Refused | None  #: why the fresh fit cannot be used
+    strength: Strength  #: of the recording, corrected with the calibration
+    fresh_strength: Strength | None  #: of the recording, corrected with the fresh fit
+    made_from: tuple[str, ...]  #: recordings among these that the calibration was made from: they prove nothing
+    random_walk: RandomWalk | None  #: how the offset moved through the recording, where that was asked for
+    #: disturbances that went beyond the range at which the calibration was made; None where it follows none
+    extrapolated: tuple[Finding, ...] | None
+    target_deg: float  #: worst heading difference that is good enough
+    dip_deg: float  #: inclination at which the recording is judged, where it states no site
+
+    @property
+    def verdict(self) -> Outcome:
+        """Whether the calibration holds.
+
+        ``holds``: a good fit of a recording of its own agrees, and would have shown a difference as large as the
+        target. ``fails``: they contradict each other. ``refused``: the recording cannot be fitted. ``limited``: else.
+        """
+        if self.comparison is None:
+            return "refused"
+        if self.comparison.verdict == "contradict":
+            return "fails"
+        agrees = self.comparison.verdict == "agree" and self.comparison.is_conclusive
+        return "holds" if agrees and self.fresh.verdict == "good" and not self.made_from else "limited"
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready; of a recording that cannot be fitted, all but the refusal."""
+        strength, fresh = self.strength.as_dict(), self.fresh.as_dict()
+        if self.comparison is None or self.fresh_strength is None:
+            return {
+                # strength of the recording, corrected with the `calibration` and with the `fresh` fit
+                "residual": {"calibration": strength},
+                "fresh": fresh,  # the fit of the recording, as `calibrate --json` has it
+                **self._drift(self.dip_deg),
+            }
+        result = {
+            **self.comparison.as_dict(),
+            "residual": {"calibration": strength, "fresh": self.fresh_strength.as_dict()},
+            "own_recordings": list(self.made_from),  # those that the calibration was made from: they prove nothing
+            "fresh": fresh,
+            **self._drift(self.comparison.heading_difference_deg.dip_deg),
+        }
+        if self.extrapolated is not None:
+            result["findings"] = [finding.as_dict() for finding in self.extrapolated]  # disturbances beyond their range
+        return result
+
+    def _drift(self, dip_deg: float) -> dict[str, Any]:
+        """JSON-ready: how the offset moved."""
+        walk = self.random_walk
+        return {} if walk is None else {"drift": walk.as_dict(level_deg=self.target_deg, dip_deg=abs(dip_deg))}
+
+
+@spell_checked(ELSEWHERE)
+def check(
+    source: AnyReadings,
+    calibration: AnyCalibration,
+    *,
+    target_deg: float = 1.0,
+    site: Site | None = None,
+    at: Mapping[str, float] | None = None,
+    follow: bool = False,
+) -> Check:
+    """Fit a recording afresh, and say whether an earlier calibration agrees with it.
+
+    Turn the sensor through all directions, as for a calibration. Of a level turn both are compared in its plane.
+
+    Parameters
+    ----------
+    source : Samples, Recording, (N, 3) array-like, path, open file, data frame, or list of these but arrays
+        Raw readings, as for `flinders.apply`; several recordings are fitted together.
+    calibration : Fit, Calibration or path
+        Of this sensor. One that states no uncertainty is taken as exact.
+    target_deg : float, degrees
+        Worst heading difference that is good enough.
+    site : Site, optional
+        Site of the recording: headings are compared at its inclination. By default the fresh fit takes the site that a
+        log states, and headings are compared at the dip that the calibration was judged at.
+    at : mapping of str to float, optional
+        As for `flinders.apply`.
+    follow : bool
+        Also follow the offset through the recording, which needs times.
+
+    Returns
+    -------
+    Check
+        Verdict, comparison and both fits; also where the fresh fit is refused.
+
+    Raises
+    ------
+    FitError
+        Where the recording gives no fit at all, such as `TooFewSamples` and `Unmoved`; `NeedsSamples` without times
+        for `follow`.
+    InputError, UnitError, AxesError
+        As `flinders.apply`.
+
+    Examples
+    --------
+    >>> from flinders import simulate
+    >>> from flinders.fitting import calibrate
+    >>> tumble = simulate.tumble(seed=4)
+    >>> later = simulate.tumble(seed=5, sensor=tumble.sensor)
+    >>> checked = check(later.samples, calibrate.fit(tumble.samples), follow=True)
+    >>> checked.verdict, checked.comparison.verdict, checked.random_walk.is_proven
+    ('holds', 'agree', False)
+    """
+    known, compensator = used_at(fit_for(calibration), at)
+    recorded = recording_for(source, known)
+    recording = compensated(recorded, compensator.calibration)
+    dip_deg = site.inclination_deg if site is not None and site.inclination_deg is not None else abs(judged_at(known))
+    asked = {"target_deg": target_deg, "dip_deg": dip_deg}
+    extrapolated, strength = _extrapolated(recorded, compensator), _strength(known.calibration, recording)
+    own = tuple(made_from(known, singles(recorded)))
+    try:
+        fresh = fit(recording, target_deg=target_deg, site=_site_of(recorded, site, dip_deg))
+    except Refused as refused:
+        walk = _walk_under(known, recording, dip_deg) if follow else None
+        return Check(known, refused.fit, None, refused, strength, None, own, walk, extrapolated, **asked)
+    compared_deg = judged_at(known, fresh) if site is None else judged_at(fresh)
+    comparison = _compared(known, fresh, recording, dip_deg=compared_deg, target_deg=target_deg)
+    fresh_strength = _strength(fresh.calibration, recording)
+    walk = _walk_of(fresh, recording) if follow else None
+    return Check(known, fresh, comparison, None, strength, fresh_strength, own, walk, extrapolated, **asked)
+
+
+def _site_of(recorded: Recording, site: Site | None, dip_deg: float) -> Site:
+    """The site that was given, with an inclination; else that which a log states; else the inclination alone."""
+    if site is not None:
+        return replace(site, inclination_deg=dip_deg)
+    (first, *others) = singles(recorded)
+    stated = None if others else recorded_site(getattr(first, "recording", first))
+    return Site(inclination_deg=dip_deg) if stated is None else stated[0]
+
+
+def _extrapolated(recorded: Recording, compensator: Compensator) -> tuple[Finding, ...] | None:
+    """Disturbances that go beyond the range at which a calibration was made; None where it follows none."""
+    calibration = compensator.calibration
+    if not calibration.disturbances:
+        return None
+    for part in singles(recorded):
+        watch = Compensator(calibration, compensator.beyond)
+        for block in part.blocks():
+            watch(block)
+    return tuple(of_extrapolation(calibration, compensator.beyond))
+
+
+def _strength(calibration: Calibration, recording: Recording) -> Strength:
+    """How evenly long the readings come out."""
+    return sum((Strength.under(calibration, block.field) for block in recording.blocks()), Strength())
+
+
+def _compared(known: Fit, fresh: Fit, recording: Recording, *, dip_deg: float, target_deg: float) -> Comparison:
+    """Compare them; where the recording is a level turn, in the plane that was turned."""
+    fresh = fresh.with_name("fresh fit")
+    if fresh.claim.plane == "xy" and known.claim.plane is None:
+        return compare_turned(known, fresh, recording, target_deg=target_deg)
+    return compare(known, fresh, dip_deg=dip_deg, target_deg=target_deg)
+
+
+def _walk_of(fresh: Fit, recording: Recording) -> RandomWalk:
+    """How the offset moved through a recording, by the fit to it."""
+    claim = fresh.claim
+    return walk_through(recording, claim.ellipsoid, plane=claim.plane, dip_deg=claim.heading_error_deg.dip_deg)
+
+
+def _walk_under(known: Fit, recording: Recording, dip_deg: float) -> RandomWalk | None:
+    """How the offset moved under the calibration, of a recording that cannot be fitted; None where nothing tells."""
+    with contextlib.suppress(NeedsSamples, TooFewSamples):
+        return walk_through(recording, known.calibration.ellipsoid, dip_deg=dip_deg, is_own=False)
+    return None

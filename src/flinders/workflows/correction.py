@@ -1,0 +1,271 @@
+"""Recordings through a calibration: compensated, filtered and corrected, in memory or block by block as they come.
+
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> tumble = simulate.tumble(seed=1)
+>>> corrected = apply(tumble.samples, calibrate.fit(tumble.samples))
+>>> corrected.summary.strength, corrected.summary.notes
+(Strength(mean=1.000, spread=1.0%, readings=3,000), ())
+>>> corrected.samples.field.shape
+(3000, 3)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final, Self
+
+from flinders.core.samples import concatenated
+from flinders.errors import counted, in_python, spell_checked
+from flinders.fitting.verdict import of_extrapolation
+from flinders.heading.smoothing import Filter
+from flinders.readers import TextRecording
+from flinders.workflows.notes import Note, limits_of
+from flinders.workflows.recordings import fit_for, recording_for, used_at
+from flinders.workflows.suitability import CorrectionMonitor
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from flinders.arrays import Floats
+    from flinders.comparison.comparison import Strength
+    from flinders.core.compensation import Compensator
+    from flinders.core.samples import Recording, Samples, Skipped
+    from flinders.errors import Spelling
+    from flinders.findings import Finding
+    from flinders.fitting.result import Fit
+    from flinders.workflows.recordings import AnyCalibration, AnyReadings
+
+ELSEWHERE: Final = {
+    **dict.fromkeys(
+        ("columns", "pattern", "unit", "scale", "axes", "sensor", "topic", "as_logged", "start", "end"),
+        "flinders.open_recording",
+    )
+}
+"""Parameters of the function that opens a recording."""
+
+
+class Smoother:
+    """Filters samples as they come, and puts what was expected in the place of a spike."""
+
+    def __init__(self, by: Filter) -> None:
+        self._by, self._stream = by, by.start(centred=False)
+
+    def __call__(self, samples: Samples) -> Samples:
+        """The same samples with a smooth field."""
+        return replace(samples, field=self._stream.push(samples.field, samples.time).field)
+
+    def as_dict(self) -> dict[str, str | int | float]:
+        """JSON-ready."""
+        return {
+            "name": self._by.name,  # of the filter
+            "width": self._by.width,  # readings that it takes
+            "lag_readings": self._by.lag,  # readings by which its output is late
+            "spikes": self._stream.dropped,  # readings that it replaced
+            "restarts": self._stream.restarts,  # how often it began anew, at a gap
+        }
+
+    def __str__(self) -> str:
+        spikes, restarts = self._stream.dropped, self._stream.restarts
+        dropped = f"; {counted(spikes, 'spike')} replaced by what was expected" if spikes else ""
+        again = f"; started afresh {counted(restarts, 'time')}" if restarts else ""
+        return f"filtered: {self._by}; what is written is {self._by.lag:g} readings late{dropped}{again}"
+
+
+@dataclass(frozen=True, slots=True)
+class Preparation:
+    """Compensation and filter that samples go through before they are corrected."""
+
+    compensator: Compensator
+    smoother: Smoother | None = None
+
+    @property
+    def is_nothing(self) -> bool:
+        """Samples stay as they are."""
+        return self.smoother is None and self.compensator.calibration.is_affine
+
+    def __call__(self, samples: Samples) -> Samples:
+        """Prepare a block."""
+        compensated = self.compensator(samples)
+        return compensated if self.smoother is None else self.smoother(compensated)
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Disturbances that went beyond the range at which the calibration was made."""
+        return tuple(of_extrapolation(self.compensator.calibration, self.compensator.beyond))
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: the filter and the findings, each where there can be any."""
+        filtered = {} if self.smoother is None else {"filter": self.smoother.as_dict()}
+        if not self.compensator.calibration.disturbances:
+            return filtered
+        return {**filtered, "findings": [finding.as_dict() for finding in self.findings()]}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CorrectionSummary:
+    """Strength of corrected readings, and why they do not suit the calibration, where they do not."""
+
+    strength: Strength  #: of all: their number, mean strength and its spread
+    notes: tuple[Note, ...]  #: why they do not suit the calibration; none where they do
+    preparation: Preparation  #: what the filter did, and disturbances beyond their range
+    skipped: tuple[Skipped, ...]  #: lines or rows that are no readings
+
+    def as_dict(self, spell: Spelling = in_python) -> dict[str, Any]:
+        """JSON-ready."""
+        return {
+            "readings": self.strength.readings,  # how many were corrected
+            **self.strength.as_dict(),
+            "skipped": [str(entry) for entry in self.skipped],  # lines that were not understood
+            "limits": limits_of(self.notes, spell),  # why they do not suit the calibration, in words
+            **self.preparation.as_dict(),
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CorrectionStream:
+    """A recording that is corrected block by block; `summary` tells of what came so far."""
+
+    recording: Recording
+    fit: Fit  #: of compensated readings
+    preparation: Preparation
+    corrector: CorrectionMonitor = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Begin with no readings."""
+        object.__setattr__(self, "corrector", CorrectionMonitor(self.fit, self.recording.source))
+
+    @classmethod
+    def of(
+        cls,
+        recording: Recording,
+        fit: Fit,
+        *,
+        at: Mapping[str, float] | None = None,
+        by: Filter | None = None,
+    ) -> Self:
+        """Begin with a recording in the unit and axes of a fit; `at` and `by` as for `apply`."""
+        affine, compensator = used_at(fit, at)
+        return cls(recording, affine, Preparation(compensator, None if by is None else Smoother(by)))
+
+    def prepared(self, samples: Samples) -> Samples:
+        """A block, compensated and filtered."""
+        self.corrector.look_at(samples)
+        return self.preparation(samples)
+
+    def corrected(self, samples: Samples) -> Samples:
+        """A block with its field corrected."""
+        prepared = self.prepared(samples)
+        return replace(prepared, field=self.corrector(prepared.field))
+
+    def blocks(self) -> Iterator[Samples]:
+        """Yield corrected blocks as they come; empty ones are left out."""
+        for block in self.recording.blocks():
+            if len(block):
+                yield self.corrected(block)
+
+    def summary(self) -> CorrectionSummary:
+        """Summary of the readings that were corrected so far."""
+        skipped: tuple[Skipped, ...] = tuple(getattr(self.recording, "skipped", ()))
+        return CorrectionSummary(self.corrector.strength, self.corrector.notes(), self.preparation, skipped)
+
+    @property
+    def encoding(self) -> str:
+        """That of `lines`: a text keeps its own."""
+        return self.recording.layout.encoding if isinstance(self.recording, TextRecording) else "utf-8"
+
+    def lines(self, *, add: bool = False) -> Iterator[str]:
+        """Yield the lines of a table with corrected readings, with their ends.
+
+        A text keeps its lines, columns and delimiter; a part of one, and what is no text, becomes comma-separated text.
+
+        Parameters
+        ----------
+        add : bool
+            Add three columns for the corrected field, and keep the recorded ones.
+        """
+        source = self.recording
+        if not isinstance(source, TextRecording) or not source.span.is_all:
+            return self._tabulated(add=add)
+        if self.preparation.is_nothing and not source.columns.is_assumed:
+            return source.corrected_lines(self.corrector, add=add)
+        return source.corrected_lines(self._field, add=add, with_disturbances=True)
+
+    def _field(self, samples: Samples) -> Floats:
+        """(N, 3) corrected field of a block."""
+        return self.corrected(samples).field
+
+    def _tabulated(self, *, add: bool) -> Iterator[str]:
+        """Yield the lines of a table of corrected readings, with all other columns."""
+        from flinders.simulate.recording import lines
+
+        for number, block in enumerate(self.recording.blocks()):
+            if len(block):
+                corrected = self._field(block)
+                samples = block if add else replace(block, field=corrected)
+                header, *rows = lines(samples, corrected=corrected if add else None)
+                yield from (f"{line}\n" for line in ([header] if number == 0 else []) + rows)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corrected:
+    """A corrected recording."""
+
+    samples: Samples  #: with the corrected field, in the calibration's unit and axes, and all other columns
+    summary: CorrectionSummary
+
+
+@spell_checked(ELSEWHERE)
+def apply(
+    source: AnyReadings,
+    calibration: AnyCalibration,
+    *,
+    at: Mapping[str, float] | None = None,
+    by: Filter | str | None = None,
+) -> Corrected:
+    """Correct a recording, and say whether it suits the calibration.
+
+    `Calibration.apply` corrects an array and no more: this also compensates the recorded disturbances, filters, and
+    looks at the strength of what comes out.
+
+    Parameters
+    ----------
+    source : Samples, Recording, (N, 3) array-like, path, open file or data frame
+        Raw readings in the unit and axes of the calibration; a file is read so. Of a log or table of several
+        magnetometers the one that the calibration is for is read.
+    calibration : Fit, Calibration or path
+        Of this sensor.
+    at : mapping of str to float, optional
+        Disturbances by name, with the value that is taken for that of the recording: ``{"current": 12.5}`` (A),
+        ``throttle`` (0 to 1), ``temperature`` (°C).
+    by : Filter or str, optional
+        A filter, such as ``"median:7"``: its output is late by half of its width.
+
+    Returns
+    -------
+    Corrected
+        The samples, and their strength with notes.
+
+    Raises
+    ------
+    InputError
+        For readings of another sensor or unit, whose corrected length is off by more than a factor of three; for a
+        recording without the columns of a disturbance that the calibration follows.
+    UnitError, AxesError
+        For a recording in another unit or other axes than the calibration.
+
+    Examples
+    --------
+    >>> from flinders import simulate
+    >>> from flinders.fitting import calibrate
+    >>> tumble = simulate.tumble(seed=3)
+    >>> fit = calibrate.fit(tumble.samples)
+    >>> later = simulate.tumble(seed=4, sensor=tumble.sensor).samples
+    >>> corrected = apply(later, fit, by="median:5")
+    >>> len(corrected.samples), corrected.summary.notes
+    (3000, ())
+    """
+    fit = fit_for(calibration)
+    recording = recording_for(source, fit)
+    stream = CorrectionStream.of(recording, fit, at=at, by=Filter.of(by) if isinstance(by, str) else by)
+    samples = concatenated(list(stream.blocks()), recording)
+    return Corrected(samples, stream.summary())

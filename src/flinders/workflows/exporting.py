@@ -1,0 +1,83 @@
+"""A calibration written for a target, with its origin, its limits, and the compass of a vehicle that it goes to.
+
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> fit = calibrate.fit(simulate.tumble(seed=1).samples)
+>>> exported = export(fit, "arduino")
+>>> exported.export.target, exported.export.text.splitlines()[0][:12], exported.limits
+('arduino', '/*', ())
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from flinders.fitting.export import export_fit, limit_lines, refuse_unfit
+from flinders.targets import taking
+from flinders.workflows.recordings import fit_for
+
+if TYPE_CHECKING:
+    from flinders.targets import Export
+    from flinders.workflows.recordings import AnyCalibration
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """A calibration as a target has it, and what to know of it."""
+
+    export: Export  #: content of the file, its numbers, how far they are off, and warnings
+    compass: tuple[str, ...]  #: which compass of a vehicle it is for; nothing where that was asked for, or is not known
+    limits: tuple[str, ...]  #: what the calibration is not good for
+
+
+def export(
+    calibration: AnyCalibration,
+    target: str,
+    *,
+    compass: int | None = None,
+    mounting: str | None = None,
+    name: str | None = None,
+    lossy: bool = False,
+) -> Exported:
+    """Write a calibration for what uses it, as `Calibration.export`, with what its fit knows.
+
+    Comments state origin, claim and limits, code gets limits that tell a disturbed reading, and a vehicle's compass is
+    the one that the readings came from.
+
+    Parameters
+    ----------
+    calibration : Fit, Calibration or path
+        One that was refused is not written.
+    target : str
+        One of `flinders.targets.registry`, such as ``"arduino"``, ``"ardupilot"``, ``"c"``.
+    compass : int, optional
+        Which one of the vehicle; by default that of the log.
+    mounting : str, optional
+        How the compass was mounted when it was recorded, as the autopilot has it; by default as its log says.
+    name : str, optional
+        What names in code begin with.
+    lossy : bool
+        Write it also where what the target cannot hold costs more than 0.5° of heading.
+
+    Raises
+    ------
+    NotExportable, UnitError
+        Where the target cannot hold it; for a calibration that was refused, or made of readings as logged.
+    UsageError
+        For a target that is not known, or a compass, mounting or name that it does not take; for a calibration of
+        several compasses, where none was asked for.
+
+    Examples
+    --------
+    >>> from flinders.core.calibration import Calibration
+    >>> from flinders.core.units import Unit
+    >>> known = Calibration([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [10, 0, 0], 50.0, raw=Unit.of("uT"))
+    >>> [line for line in export(known, "ardupilot", compass=1).export.text.splitlines() if "OFS_X" in line]
+    ['COMPASS_OFS_X,-100']
+    """
+    chosen = taking(target, compass=compass, code_name=name)
+    fit = fit_for(calibration)
+    refuse_unfit(fit)
+    made, notes = export_fit(fit, chosen, compass=compass, lossy=lossy, mounting=mounting, name=name)
+    return Exported(made, tuple(notes), tuple(limit_lines(fit)))

@@ -1,0 +1,128 @@
+"""What limits a run of headings: the site, the tilt of a level sensor, an accelerometer that does not suit.
+
+>>> from flinders.heading.compass import Compass, Voyage
+>>> from flinders.core.calibration import Calibration
+>>> compass = Compass(Calibration.identity(field_strength=50.0), "level")
+>>> claim = HeadingClaim(dip_deg=60.0, dip_source="assumed")
+>>> [note.code for note in heading_notes(Voyage(readings=3, without_heading=1), compass, None, claim)]
+['without-heading', 'tilt-cost']
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal
+
+from flinders.core.axes import Axes
+from flinders.errors import counted
+from flinders.heading.axis_consistency import EVERY, OPPOSITE, after
+from flinders.heading.compass import LEVEL
+from flinders.workflows.notes import Note
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from flinders.core.geomag import SiteField
+    from flinders.heading.compass import Compass, Voyage
+    from flinders.heading.error_propagation import HeadingError
+
+MAX_DIP_DIFFERENCE_DEG: Final = 3.0
+"""Difference between the measured dip and that of the model from which on it is noted."""
+
+MAX_ACCELERATED_SHARE: Final = 0.05
+"""Share of readings whose acceleration was not that of gravity alone from which on they are noted."""
+
+MIN_VERTICAL: Final = 0.2
+"""Share of the field along z from which on its sign shows whether z is up."""
+
+DipSource = Literal["given", "calibration", "model", "measured", "assumed"]
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingClaim:
+    """What heading error to expect, 1 σ, at the dip of the site."""
+
+    dip_deg: float  #: dip of the field for which it is stated, positive downwards
+    dip_source: DipSource  #: where that dip comes from
+    level: HeadingError | None = None  #: of a level vehicle; None where the calibration states no uncertainty
+    bound_95_deg: float | None = None  #: what no heading of a level vehicle exceeds with 95 %
+    tilted: HeadingError | None = None  #: at the tilt that 95 of 100 readings stay within; None below 1°
+    tilt_error_deg: float | None = None  #: what the accelerometer adds; None where none was used
+    mounting_error_deg: float | None = None  #: of the rotation into the body; None where none is stated
+
+
+def heading_notes(
+    voyage: Voyage, compass: Compass, site: SiteField | None, claim: HeadingClaim, doubts: Sequence[Note] = ()
+) -> tuple[Note, ...]:
+    """What limits headings, and what to know about them.
+
+    Parameters
+    ----------
+    doubts : sequence of Note
+        Why the readings do not suit their calibration: nothing is concluded from a level sensor's field then.
+    """
+    return tuple(_notes(voyage, compass, site, claim, doubts))
+
+
+def is_tilted(voyage: Voyage, claim: HeadingClaim) -> bool:
+    """The vertical field varies of a sensor that is said to be level; a level turn's calibration does not know it."""
+    return voyage.frames.is_foreign and claim.dip_source != "calibration"
+
+
+def _notes(
+    voyage: Voyage, compass: Compass, site: SiteField | None, claim: HeadingClaim, doubts: Sequence[Note]
+) -> Iterator[Note]:
+    yield from doubts
+    if site is not None and site.doubt:
+        yield Note("weak-field", "limits", {"words": site.doubt})
+    if voyage.has_none:
+        yield Note("no-heading", "limits")
+    elif voyage.without_heading:
+        yield Note("without-heading", values={"readings": counted(voyage.without_heading, "reading")})
+    if compass.formula == LEVEL:
+        yield Note("tilt-cost", values={"cost": math.tan(math.radians(abs(claim.dip_deg)))})
+        if not doubts:
+            yield from _level_notes(voyage, claim)
+    else:
+        yield from _tilted_notes(voyage, compass, site, claim)
+
+
+def _level_notes(voyage: Voyage, claim: HeadingClaim) -> Iterator[Note]:
+    if is_tilted(voyage, claim):
+        yield Note("tilted", "limits")
+    elif _is_z_up(voyage, claim):
+        yield Note("z-up", "limits")
+
+
+def _is_z_up(voyage: Voyage, claim: HeadingClaim) -> bool:
+    """A level sensor sees the vertical field on the other side than it should be."""
+    seen, scatter = voyage.frames.dip()
+    if claim.dip_source == "calibration":  # of a level turn: the vertical field was never seen
+        return False
+    return bool(seen * claim.dip_deg < 0.0 and abs(seen) > max(MIN_VERTICAL, 2.0 * scatter))
+
+
+def _tilted_notes(voyage: Voyage, compass: Compass, site: SiteField | None, claim: HeadingClaim) -> Iterator[Note]:
+    if compass.formula == "an3192":
+        yield Note("an3192", "limits")
+    frames = voyage.frames
+    if frames.readings and voyage.accelerated > MAX_ACCELERATED_SHARE * voyage.readings:
+        yield Note("accelerated", values={"share": voyage.accelerated / voyage.readings})
+    if frames.readings:
+        yield from _dip_notes(voyage, compass.acceleration_axes, site, claim)
+    yield Note("mounting-unobserved")
+
+
+def _dip_notes(voyage: Voyage, turned: Axes, site: SiteField | None, claim: HeadingClaim) -> Iterator[Note]:
+    """What the dip shows of iron, axes and the sign of the acceleration; `turned` is how that was mapped."""
+    dip, scatter = voyage.frames.dip_deg
+    if voyage.frames.is_foreign:
+        yield Note("foreign-accelerometer", "limits", {"scatter_deg": scatter})
+        return
+    if claim.dip_source == "measured" and dip < 0.0:
+        needed = after(Axes.of(OPPOSITE), turned)
+        axes_needed = "" if needed == EVERY[0] else str(needed)
+        yield Note("dip-upward", "limits", {"up_deg": -dip, "axes_needed": axes_needed})
+    if site is not None and abs(dip - site.inclination_deg) > max(MAX_DIP_DIFFERENCE_DEG, 2.0 * scatter):
+        yield Note("dip-off-model", "limits", {"difference_deg": dip - site.inclination_deg})

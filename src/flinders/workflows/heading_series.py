@@ -1,0 +1,141 @@
+"""A recording as magnetic and true headings, with the heading error to expect.
+
+A level vehicle that turns:
+
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> tumble = simulate.tumble(seed=1)
+>>> fit = calibrate.fit(tumble.samples)
+>>> turn = simulate.tumble(seed=2, motion="level", sensor=tumble.sensor)
+>>> series = headings(turn.samples, fit, level=True, declination_deg=3.0)
+>>> series.headings.true_deg.shape, series.summary.claim.level
+((1000,), HeadingError(rms=0.06°, worst=0.07°, dip=60°))
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.core.geomag import recorded_field
+from flinders.errors import spell_checked
+from flinders.heading.compass import Headings
+from flinders.heading.smoothing import Filter
+from flinders.workflows.correction import ELSEWHERE
+from flinders.workflows.heading_stream import HeadingStream
+from flinders.workflows.recordings import fit_for, recording_for
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from flinders.arrays import Floats
+    from flinders.core.geomag import SiteField
+    from flinders.workflows.heading_stream import HeadingSummary
+    from flinders.workflows.recordings import AnyCalibration, AnyReadings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeadingSeries:
+    """Headings of a recording, one for each reading."""
+
+    headings: Headings  #: (N,) degrees each: magnetic, true, roll, pitch, dip; NaN where there is none
+    time: Floats | None  #: (N,) s, by the clock of the recording
+    summary: HeadingSummary
+
+
+@spell_checked(ELSEWHERE)
+def headings(
+    source: AnyReadings,
+    calibration: AnyCalibration,
+    *,
+    site: SiteField | None = None,
+    declination_deg: float | None = None,
+    dip_deg: float | None = None,
+    level: bool = False,
+    acceleration: str | None = None,
+    acceleration_axes: str = "x,y,z",
+    formula: str = "exact",
+    at: Mapping[str, float] | None = None,
+    by: Filter | str | None = None,
+) -> HeadingSeries:
+    """Turn a recording into headings of the sensor's x axis, clockwise from north, and say how good they are.
+
+    The accelerometer of the recording removes the tilt, at any attitude.
+
+    Parameters
+    ----------
+    source : Samples, Recording, (N, 3) array-like, path, open file or data frame
+        Raw readings in the unit and axes of the calibration, with accelerations unless `level`; as for
+        `flinders.apply`.
+    calibration : Fit, Calibration or path
+        Of this sensor.
+    site : SiteField, optional
+        The field at the place, of `flinders.core.geomag.site_field`: its declination gives true headings. By default
+        that of a log which states place and time, unless declination or dip is given.
+    declination_deg : float, degrees
+        Declination, east positive, where it is known otherwise.
+    dip_deg : float, degrees
+        Inclination at which the heading error is stated. By default that of the site, else as it is measured, else 60°.
+    level : bool
+        Use x and y alone: the sensor is never tilted.
+    acceleration : str, optional
+        Columns of the accelerometer in a text: three names, or numbers from 1.
+    acceleration_axes : str
+        Where each axis of the acceleration comes from, such as ``"x,-y,-z"``.
+    formula : str
+        How tilt is removed: ``exact``; ``an4248`` and ``an3192`` for comparison.
+    at, by
+        As for `flinders.apply`.
+
+    Returns
+    -------
+    HeadingSeries
+        (N,) headings, and the heading error to expect with notes on what limits it.
+
+    Raises
+    ------
+    NoAccelerometer
+        Without accelerations, unless `level`.
+    ForeignAxes
+        Where accelerometer and magnetometer do not share their axes; says which would fit.
+    InputError, UnitError, AxesError
+        As `flinders.apply`.
+    UsageError
+        For arguments that contradict each other, or a formula that is not known.
+
+    Examples
+    --------
+    >>> from flinders import simulate
+    >>> from flinders.fitting import calibrate
+    >>> tumble = simulate.tumble(seed=3)
+    >>> series = headings(tumble.samples, calibrate.fit(tumble.samples), declination_deg=-4.0)
+    >>> series.summary.voyage.readings, [note.code for note in series.summary.notes]
+    (3000, ['mounting-unobserved'])
+    """
+    fit = fit_for(calibration)
+    recording = recording_for(source, fit)
+    if site is None and declination_deg is None and dip_deg is None:
+        site = recorded_field(recording)
+    stream = HeadingStream.of(
+        recording,
+        fit,
+        site=site,
+        declination_deg=declination_deg,
+        dip_deg=dip_deg,
+        level=level,
+        acceleration=acceleration,
+        acceleration_axes=acceleration_axes,
+        formula=formula,
+        at=at,
+        by=Filter.of(by) if isinstance(by, str) else by,
+    )
+    blocks: list[Headings] = []
+    times: list[Floats | None] = []
+    for _, samples, block in stream.headings():
+        blocks.append(block)
+        times.append(samples.time)
+    known = [time for time in times if time is not None]
+    time = np.concatenate(known) if known and len(known) == len(times) else None
+    return HeadingSeries(Headings.joined(blocks), time, stream.summary())

@@ -1,0 +1,267 @@
+"""A recording that is turned into headings block by block, as it comes, and what heading error to expect.
+
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> tumble = simulate.tumble(seed=1)
+>>> stream = HeadingStream.of(tumble.samples, calibrate.fit(tumble.samples), declination_deg=3.0)
+>>> sum(len(headings) for _, _, headings in stream.headings())
+3000
+>>> stream.claim().dip_source, [note.code for note in stream.summary().notes]
+('measured', ['mounting-unobserved'])
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+
+from flinders.core.axes import Axes
+from flinders.core.geomag import ASSUMED_DIP_DEG
+from flinders.errors import UsageError, in_python
+from flinders.heading.compass import LEVEL, Compass, Headings, Voyage
+from flinders.heading.error_propagation import STEEPEST_DIP_DEG, level_bound_deg, level_error, tilted_error
+from flinders.readers import TextRecording
+from flinders.workflows.correction import CorrectionStream
+from flinders.workflows.heading_notes import HeadingClaim, heading_notes
+from flinders.workflows.notes import limits_of
+from flinders.workflows.suitability import MIN_READINGS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from flinders.arrays import Floats
+    from flinders.core.geomag import SiteField
+    from flinders.core.samples import Recording, Samples
+    from flinders.errors import Spelling
+    from flinders.fitting.result import Fit
+    from flinders.heading.error_propagation import HeadingError
+    from flinders.heading.smoothing import Filter
+    from flinders.workflows.correction import CorrectionSummary
+    from flinders.workflows.heading_notes import DipSource
+    from flinders.workflows.notes import Note
+    from flinders.workflows.suitability import CorrectionMonitor
+
+FIRST_JUDGED: Final = 1000
+"""Readings of a stream after which its axes are judged for the first time; at its end fewer will do."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeadingSummary:
+    """Summary of a run of headings: tilt and dip, the error to expect, and what limits it."""
+
+    voyage: Voyage  #: number of readings, those without a heading, tilt, measured dip
+    compass: Compass  #: formula, declination and how the acceleration was mapped
+    site: SiteField | None  #: the field there; None without a place
+    claim: HeadingClaim
+    correction: CorrectionSummary  #: strength of the corrected field, and why readings do not suit, where they do not
+    notes: tuple[Note, ...]  #: what limits the headings, and what to know about them
+
+    def as_dict(self, spell: Spelling = in_python) -> dict[str, Any]:
+        """JSON-ready."""
+        claim = self.claim
+        return {
+            **self.voyage.as_dict(),
+            "formula": self.compass.formula,  # how tilt is taken out
+            # to expect of a level vehicle, with the dip that it holds for
+            "heading_error_deg": _error(claim.level, bound_95=claim.bound_95_deg),
+            # to expect at the tilt that 95 of 100 readings stay within
+            "tilted_heading_error_deg": _error(claim.tilted),
+            "tilt_error_deg": claim.tilt_error_deg,  # 1 σ that the accelerometer adds
+            "mounting_error_deg": claim.mounting_error_deg,  # 1 σ of the mounting; null where nobody stated one
+            "dip_from": claim.dip_source,  # ``given``, ``calibration``, ``model``, ``measured`` or ``assumed``
+            # from magnetic to true headings; null where they are magnetic
+            "declination_deg": self.compass.declination_deg,
+            "site": None if self.site is None else self.site.as_dict(),  # the field there; null without a place
+            **self.correction.strength.as_dict(),
+            "skipped": [str(entry) for entry in self.correction.skipped],  # lines that were not understood
+            **self.correction.preparation.as_dict(),
+            "limits": limits_of(self.notes, spell),  # what limits the headings, in words
+        }
+
+
+def _error(error: HeadingError | None, **more: float | None) -> dict[str, float] | None:
+    """JSON-ready: a heading error, and for what it holds."""
+    if error is None:
+        return None
+    return error.as_dict(**{**more, "dip_deg": error.dip_deg, "tilt_deg": error.tilt_deg})  # type: ignore[arg-type]
+
+
+@dataclass(eq=False)
+class HeadingStream:
+    """A recording that is turned into headings block by block; `summary` tells of what came so far."""
+
+    correction: CorrectionStream
+    compass: Compass
+    site: SiteField | None = None
+    dip_deg: float | None = None  # as it was given
+    voyage: Voyage = field(default_factory=Voyage)  # what was read so far
+
+    @classmethod
+    def of(
+        cls,
+        recording: Recording,
+        fit: Fit,
+        *,
+        site: SiteField | None = None,
+        declination_deg: float | None = None,
+        dip_deg: float | None = None,
+        level: bool = False,
+        acceleration: str | None = None,
+        acceleration_axes: str = "x,y,z",
+        formula: str = "exact",
+        at: Mapping[str, float] | None = None,
+        by: Filter | None = None,
+    ) -> Self:
+        """Begin with a recording in the unit and axes of a fit; the parameters are those of `headings`."""
+        if site is not None and declination_deg is not None:
+            raise UsageError("a site and a declination both say where true north is: leave one of them out")
+        if level and (formula != "exact" or acceleration is not None):
+            raise UsageError("level headings remove no tilt: leave the formula and the acceleration out")
+        if acceleration is not None:
+            _name_acceleration(recording, acceleration)
+        declination_deg = declination_deg if site is None else site.declination_deg
+        correction = CorrectionStream.of(recording, fit, at=at, by=by)
+        calibration, aiding = correction.fit.calibration, fit.evidence.aiding
+        compass = Compass(calibration, LEVEL if level else formula, Axes.of(acceleration_axes), declination_deg)
+        if not level and aiding is not None and aiding.acceleration_bias is not None:
+            bias, matrix = aiding.acceleration_bias, aiding.acceleration_matrix
+            compass = replace(compass, acceleration_bias=bias, acceleration_matrix=matrix)
+        return cls(correction, compass, site, dip_deg)
+
+    @property
+    def fit(self) -> Fit:
+        """Of compensated readings."""
+        return self.correction.fit
+
+    @property
+    def recording(self) -> Recording:
+        """What is read."""
+        return self.correction.recording
+
+    @property
+    def corrector(self) -> CorrectionMonitor:
+        """What watches the corrected strength."""
+        return self.correction.corrector
+
+    def __str__(self) -> str:
+        """What was recognised, and which columns are taken for the accelerometer."""
+        if self.compass.formula == LEVEL or not isinstance(self.recording, TextRecording):
+            return str(self.recording)
+        column = self.recording.layout.columns.of_kind("acceleration")
+        return str(self.recording) + ("" if column is None else f"; acceleration {', '.join(column.names)}")
+
+    def headings(self) -> Iterator[tuple[Floats, Samples, Headings]]:
+        """Yield the numbers of the readings, the readings, and their headings, block by block.
+
+        Raises `ForeignAxes` for an accelerometer that has other axes than the magnetometer, `NoAccelerometer` without.
+        """
+        judged_next = FIRST_JUDGED
+        for numbers, recorded in self._numbered():
+            samples = self.correction.prepared(recorded)
+            self.corrector(samples.field)
+            self._weigh(samples)
+            headings = self.compass.read(samples)
+            self.voyage += Voyage.of(headings)
+            if self.voyage.readings >= judged_next:
+                judged_next = 2 * self.voyage.readings
+                self._judge()
+            yield numbers, samples, headings
+        self._judge()
+
+    def _numbered(self) -> Iterator[tuple[Floats, Samples]]:
+        """Readings and the numbers of their lines, or their own where there are no lines."""
+        numbered = getattr(self.recording, "numbered_blocks", None)
+        if numbered is not None:
+            yield from numbered()
+            return
+        done = 0
+        for block in self.recording.blocks():
+            yield np.arange(done + 1.0, done + 1.0 + len(block)), block
+            done += len(block)
+
+    def _weigh(self, samples: Samples) -> None:
+        """Take gravity from the first block that is long enough, so that shaking later on is seen."""
+        if self.compass.gravity is not None or samples.acceleration is None or len(samples) < MIN_READINGS:
+            return
+        with np.errstate(over="ignore", invalid="ignore"):
+            length = np.linalg.norm(samples.acceleration, axis=1)
+        if np.isfinite(length).any():
+            self.compass = replace(self.compass, gravity=float(np.nanmedian(length)))
+
+    def _judge(self) -> None:
+        """Refuse an accelerometer that has other axes than the magnetometer."""
+        if self.compass.formula != LEVEL:
+            dip_deg = self.site.inclination_deg if self.site else self.dip_deg
+            self.voyage.frames.refuse_foreign(site_dip_deg=dip_deg, applied=self.compass.acceleration_axes)
+
+    def site_dip(self) -> tuple[float, DipSource]:
+        """The dip for which errors are stated, in degrees, and where it comes from."""
+        is_level = self.compass.formula == LEVEL
+        is_seen = not is_level and self.voyage.frames.readings
+        own = self.fit.heading_error_deg.dip_deg
+        known: dict[DipSource, float | None] = {
+            "given": self.dip_deg,
+            "calibration": own if is_level and self.fit.claim.plane == "xy" else None,
+            "model": self.site.inclination_deg if self.site else None,
+            "measured": self.voyage.frames.dip_deg[0] if is_seen else None,
+            "assumed": ASSUMED_DIP_DEG,
+        }
+        finite = ((source, dip) for source, dip in known.items() if dip is not None and math.isfinite(dip))
+        source, dip = next(finite)
+        return float(np.clip(dip, -STEEPEST_DIP_DEG, STEEPEST_DIP_DEG)), source
+
+    def down_in_body(self) -> Floats:
+        """(3,) which way is down when the vehicle is level, in corrected axes."""
+        return np.array([0.0, 0.0, -1.0 if self.voyage.is_z_up else 1.0])
+
+    def claim(self) -> HeadingClaim:
+        """What heading error to expect at the dip of the site, level and as far as the vehicle was tilted."""
+        dip_deg, source = self.site_dip()
+        aiding = self.fit.evidence.aiding
+        claim = HeadingClaim(
+            dip_deg,
+            source,
+            tilt_error_deg=self._tilt_error_deg(),
+            mounting_error_deg=None if aiding is None else aiding.alignment_error_deg(dip_deg),
+        )
+        if not self.fit.claim.states_uncertainty:
+            return claim
+        ellipsoid, covariance = self.fit.calibration.ellipsoid, self.fit.claim.claimed_covariance
+        at: dict[str, Any] = {
+            "dip_deg": dip_deg,
+            "down": self.fit.calibration.rotation_matrix.T @ self.down_in_body(),  # in the ellipsoid's own axes
+        }
+        tilt_deg = self.voyage.tilt_deg
+        return replace(
+            claim,
+            level=level_error(ellipsoid, covariance, **at),
+            bound_95_deg=level_bound_deg(ellipsoid, covariance, **at),
+            tilted=tilted_error(ellipsoid, covariance, tilt_deg=tilt_deg, **at) if tilt_deg >= 1.0 else None,
+        )
+
+    def _tilt_error_deg(self) -> float | None:
+        """What the tilt by the accelerometer scatters headings by, 1 σ: scatter of the dip times its tangent."""
+        frames = self.voyage.frames
+        if self.compass.formula == LEVEL or not frames.readings:
+            return None
+        dip, scatter = frames.dip_deg
+        return min(scatter * abs(math.tan(math.radians(dip))), 180.0)
+
+    def summary(self) -> HeadingSummary:
+        """Summary of the headings so far."""
+        correction, claim = self.correction.summary(), self.claim()
+        notes = heading_notes(self.voyage, self.compass, self.site, claim, correction.notes)
+        return HeadingSummary(self.voyage, self.compass, self.site, claim, correction, notes)
+
+
+def _name_acceleration(recording: Recording, columns: str) -> None:
+    """Name the columns of the accelerometer in a text."""
+    if not isinstance(recording, TextRecording):
+        raise UsageError(
+            f"{recording.source} is no text: its columns are known, leave those of the accelerometer out",
+            hint={"acceleration": None},
+        )
+    recording.name_acceleration(columns)

@@ -1,0 +1,300 @@
+"""What a recording or a log holds: its magnetometers, gone through once, and what is recorded with them.
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> from flinders import simulate
+>>> tumble = simulate.tumble(seed=1)
+>>> path = Path(tempfile.mkdtemp()) / "tumble.csv"
+>>> simulate.write_csv(tumble.samples, path)
+>>> (sensor,) = contents(path).sensors
+>>> sensor.readings, round(sensor.rate_hz), sensor.auxiliary, sensor.coverage > 0.9
+(3000, 50, ('time', 'acceleration', 'rate'), True)
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+
+from flinders.core.geomag import recorded_field
+from flinders.core.samples import Wrapped
+from flinders.core.units import COUNTS, unit_of_the_earth
+from flinders.diagnostics.unmoved import require_moved
+from flinders.errors import FitError, InputError, Unmoved, in_python
+from flinders.fitting.calibrate import fit
+from flinders.readers import Log, open_log
+from flinders.readers._likeness import likeness
+from flinders.readers._names import meaning
+from flinders.summary.summary import Summary
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterator
+
+    from flinders.core.geomag import SiteField
+    from flinders.core.samples import Samples
+    from flinders.errors import Spelling
+    from flinders.fitting.result import Fit
+    from flinders.readers import Instrument
+    from flinders.summary.quality import TimeStamps
+
+AUXILIARY: Final = ("time", "acceleration", "rate", "temperature", "current", "throttle", "attitude", "strength")
+"""What may be recorded with a reading, as `Samples` calls it; besides, ``current1`` and so on of each motor."""
+
+GAP_STEPS: Final = 5.0
+"""Usual steps from one reading to the next that make a gap."""
+
+MIN_COVERAGE: Final = 0.5
+"""Of all directions, below which the size of an ellipsoid is a guess, and not shown."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedSensor:
+    """One magnetometer of a recording."""
+
+    number: int  # counted from 1, as ``--sensor`` takes it
+    name: str  # of the instrument or of its columns
+    unit: str  # what it is written in
+    unit_of_field: str  # what `lowest`, `highest` and `strength` are in
+    readings: int  # how many
+    seconds: float | None = None  # from the first to the last; None without a clock, as the next two
+    rate_hz: float | None = None  # mean, but for the longest step
+    longest_gap_s: float | None = None  # the longest step, where it is a gap
+    backward_steps: int = 0  # steps of the clock that go back
+    repeats: int = 0  # readings that are equal to the one before
+    rails: tuple[str, ...] = ()  # ends of axes at which the sensor was at its limit
+    lowest: tuple[float, ...] = ()  # (3,): smallest reading of each axis
+    highest: tuple[float, ...] = ()  # (3,): largest reading of each axis
+    onboard_calibration: str = ""  # the calibration that was in force, in words
+    is_as_logged: bool = False  # that was left on
+    is_raw: bool = False  # readings were logged before it, so that there is nothing to remove
+    auxiliary: tuple[str, ...] = ()  # columns recorded with it, such as time and acceleration
+    unmoved: str = ""  # why the sensor was hardly turned, in words; nothing where it was
+    coverage: float | None = None  # of all directions; None where no ellipsoid fits, or the sensor was hardly turned
+    strength: float | None = None  # of the field by that ellipsoid; None where too little is seen
+    columns: tuple[str, ...] = ()  # of a table, names of those of x, y and z
+    resembles: str = ""  # what its values look like, such as gravity, where no name says that it is a magnetometer
+    ignored_time: str = ""  # names of columns that are called as a time, where none is read
+    notes: tuple[str, ...] = ()  # what else to know, a sentence each
+
+    @classmethod
+    def of(cls, number: int, instrument: Instrument, *, columns: str | None, unit: str | None, spell: Spelling) -> Self:
+        """Go through one magnetometer; where its unit or columns were not given, its values may tell them.
+
+        Raises `InputError` if it has no reading.
+        """
+        watched = _WatchedInstrument(instrument)
+        summary = Summary.through(watched)
+        unmoved = _unmoved(summary, instrument.unit.inside)
+        coverage, strength = (None, None) if unmoved else _seen(summary)
+        remark = unit_remark(strength, instrument.unit.inside, spell) if unit is None else ""
+        health = summary.health
+        return cls(
+            number=number,
+            name=instrument.name,
+            unit=instrument.unit.name,
+            unit_of_field=instrument.unit.inside,
+            readings=health.rows,
+            **_pace(health.clock),
+            repeats=health.repeats,
+            rails=()
+            if unmoved
+            else tuple(f"{'xyz'[rail.axis]} at its {rail.end} ({rail.value:g})" for rail in health.rails),
+            lowest=tuple(health.lows.values.tolist()),
+            highest=tuple((-health.highs.values).tolist()),
+            onboard_calibration="" if instrument.stored is None else instrument.stored.words,
+            is_as_logged=instrument.as_logged,
+            is_raw=instrument.stored is not None and not instrument.stored.applied,
+            auxiliary=watched.auxiliary,
+            unmoved=unmoved,
+            coverage=coverage,
+            strength=strength,
+            columns=instrument.fields,
+            resembles=_likeness(instrument, watched.first) if unit is None and columns is None else "",
+            ignored_time=instrument.unread_time,
+            notes=(*filter(None, (remark,)), *instrument.notes, *map(str, health.skipped)),
+        )
+
+    @classmethod
+    def silent(cls, number: int, instrument: Instrument, error: InputError) -> Self:
+        """A magnetometer without a reading."""
+        unit, notes = instrument.unit, (error.message, *instrument.notes)
+        return cls(
+            number=number, name=instrument.name, unit=unit.name, unit_of_field=unit.inside, readings=0, notes=notes
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contents:
+    """What a file holds."""
+
+    source: str  # path of the file
+    format: str  # its format
+    bytes: int | None  # its size
+    start: str | None  # date and time, UTC
+    position: tuple[float, float, float] | None  # latitude and longitude, °, north and east positive; altitude, m
+    site: SiteField | None  # what the World Magnetic Model has there
+    sensors: tuple[RecordedSensor, ...]  # its magnetometers
+    commands: tuple[str, ...] = ()  # what to type next
+    notes: tuple[str, ...] = ()  # what else to know
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready, under the names of the attributes."""
+        return {**asdict(self), "site": None if self.site is None else self.site.as_dict()}
+
+
+def contents(
+    source: Log | str | os.PathLike[str],
+    *,
+    topic: str | None = None,
+    columns: str | None = None,
+    unit: str | None = None,
+    site: SiteField | None = None,
+    spell: Spelling = in_python,
+    **reading: Any,
+) -> Contents:
+    """Go through each magnetometer of a file once, and say what there is.
+
+    Parameters
+    ----------
+    source : path or Log
+        Anything that `flinders.open_log` opens, or what it returns.
+    topic : str, optional
+        The one magnetometer of a log, or member of an archive.
+    columns, unit
+        As for `flinders.open_log`: where they are not given, the values may tell the unit, and that columns without
+        telling names are no magnetometer.
+    site : SiteField, optional
+        The field at the place; by default that of a log which states place and time.
+    spell : callable
+        Spells arguments within notes.
+    **reading
+        Other parameters of `flinders.open_log`, where `source` is a path.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read, or without any reading.
+    UsageError
+        For a topic that there is not.
+
+    Examples
+    --------
+    See the head of this module.
+    """
+    log = source
+    if not isinstance(log, Log):
+        log = open_log(log, topic=topic, columns=columns, unit=unit, **reading)
+    file, position = log.instruments[0].file, log.position
+    return Contents(
+        source=log.source,
+        format=log.format,
+        bytes=None if file is None else file.size,
+        start=None if log.begun is None else log.begun.strftime("%Y-%m-%d %H:%M:%S"),
+        position=None if position is None else (position.latitude_deg, position.longitude_deg, position.altitude_m),
+        site=recorded_field(log) if site is None else site,
+        sensors=_sensors_of(log, topic, columns=columns, unit=unit, spell=spell),
+        notes=log.notes,
+    )
+
+
+def _sensors_of(
+    log: Log, topic: str | None, *, columns: str | None, unit: str | None, spell: Spelling
+) -> tuple[RecordedSensor, ...]:
+    """Go through the magnetometers of a log, or the one that a topic names; `columns` and `unit` are those asked for.
+
+    Raises `InputError` if none of them has a reading; `UsageError` if the log does not have the topic.
+    """
+    wanted = log.instruments if topic is None or log.is_table else (log.sensor(topic),)
+    sensors, errors = [], []
+    for number, instrument in enumerate(log.instruments, 1):
+        if instrument in wanted:
+            try:
+                sensors.append(RecordedSensor.of(number, instrument, columns=columns, unit=unit, spell=spell))
+            except InputError as error:
+                errors.append(error)
+                sensors.append(RecordedSensor.silent(number, instrument, error))
+    if len(errors) == len(sensors):
+        raise errors[0]
+    return tuple(sensors)
+
+
+def unit_remark(strength: float | None, inside: str, spell: Spelling = in_python) -> str:
+    """Say in which unit the strength of readings without one would be the earth's: that alone does not prove it.
+
+    >>> unit_remark(480.0, "counts")
+    "as mG the strength would be the earth's: add unit='mG' if that is their unit, or scale with the µT of a count"
+    >>> unit_remark(3.0, "counts"), unit_remark(48.0, "uT")
+    ('', '')
+    """
+    name = "" if strength is None or inside != COUNTS else unit_of_the_earth(strength)
+    return name and (
+        f"as {name} the strength would be the earth's: add {spell({'unit': name})} if that is their unit, or "
+        f"{spell({'scale': None}).rstrip('=')} with the µT of a count"
+    )
+
+
+class _WatchedInstrument(Wrapped):
+    """An instrument whose first block and auxiliary columns are noted as it is gone through."""
+
+    def __init__(self, instrument: Instrument) -> None:
+        self.recording = instrument
+        self.auxiliary: tuple[str, ...] = ()
+        self.first: Samples | None = None
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the readings."""
+        for block in self.recording.blocks():
+            self.first = self.first or block
+            names = dict.fromkeys((*AUXILIARY, *block.disturbances))
+            self.auxiliary = tuple(name for name in names if name in self.auxiliary or _has(block, name))
+            yield block
+
+
+def _has(block: Samples, name: str) -> bool:
+    """Whether a column is there, and says anything."""
+    column = block.driving(name) if name in block.disturbances else getattr(block, name)
+    return column is not None and bool(np.isfinite(column).any())
+
+
+def _pace(clock: TimeStamps) -> dict[str, Any]:
+    """Duration, rate and gaps, as `RecordedSensor` has them; the rate is that without the longest gap."""
+    step = (clock.seconds - clock.longest_step) / max(clock.steps - 1, 1)
+    return {
+        "seconds": clock.seconds if step > 0 else None,
+        "rate_hz": 1 / step if step > 0 else None,
+        "longest_gap_s": clock.longest_step if step > 0 and clock.longest_step > GAP_STEPS * step else None,
+        "backward_steps": clock.backward_steps,
+    }
+
+
+def _seen(summary: Summary) -> tuple[float | None, float | None]:
+    """Share of all directions, and strength of the field, by the ellipsoid through the readings."""
+    try:
+        surface: Fit | None = fit(summary, method="consistent")
+    except FitError as refusal:
+        surface = getattr(refusal, "fit", None)
+    if surface is None:
+        return None, None
+    coverage = float(surface.coverage.fraction)
+    return coverage, float(surface.calibration.ellipsoid.radius) if coverage >= MIN_COVERAGE else None
+
+
+def _unmoved(summary: Summary, unit: str) -> str:
+    """Why the readings are those of a sensor that was hardly turned; nothing where it was."""
+    try:
+        require_moved(summary, unit)
+    except Unmoved as refusal:
+        return refusal.message
+    return ""
+
+
+def _likeness(instrument: Instrument, first: Samples | None) -> str:
+    """What columns without telling names look like, if not like a magnetometer's."""
+    columns, names = instrument.name.partition("columns ")[1:]
+    is_named = any(not (name.isdecimal() or meaning(name).is_bare) for name in names.split(", "))
+    if first is None or not columns or is_named or instrument.unit.inside != COUNTS:
+        return ""
+    return likeness(first.field)

@@ -1,0 +1,125 @@
+"""A calibration from its file, put together with a recording: the fit that both would be, without fitting anew.
+
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> from flinders.fitting.result import Fit
+>>> samples = simulate.tumble(seed=1).samples
+>>> fit = calibrate.fit(samples)
+>>> again = restore(samples, Fit.from_document(fit.to_document()))
+>>> again.fit.verdict, abs(again.fit.heading_error_deg.worst - fit.heading_error_deg.worst) < 1e-9, again.notes
+('good', True, ())
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.comparison.comparison import Strength
+from flinders.core.compensation import compensated
+from flinders.core.samples import in_memory, singles
+from flinders.errors import spell_checked
+from flinders.findings import by_severity, certain
+from flinders.summary.cloud import Cloud
+from flinders.summary.coverage import Coverage
+from flinders.workflows.correction import ELSEWHERE
+from flinders.workflows.notes import Note
+from flinders.workflows.recordings import fit_for, made_from, recording_for
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Recording
+    from flinders.fitting.result import Fit
+    from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.workflows.recordings import AnyCalibration, AnyReadings
+
+MIN_STRENGTH, MAX_STRENGTH = 0.97, 1.03
+"""Mean strengths, as shares of the calibration's field, beyond which a recording does not match it."""
+
+MAX_SPREAD: Final = 0.05
+"""Spread of the strength from which on a recording does not match."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Restored:
+    """A calibration and a recording, put together."""
+
+    known: Fit  #: as loaded
+    recording: Recording  #: as recorded
+    fit: Fit  #: with the noise and coverage of the recording, where the calibration states none
+    notes: tuple[Note, ...]  #: what is odd about the pair
+
+
+@spell_checked(ELSEWHERE)
+def restore(
+    source: AnyReadings, calibration: AnyCalibration, *, target_deg: float | None = None, dip_deg: float | None = None
+) -> Restored:
+    """Put a calibration that was loaded from its file and a recording together, to be reported and drawn.
+
+    Parameters
+    ----------
+    source : Samples, Recording, (N, 3) array-like, path, open file, data frame, or list of these but arrays
+        Raw readings, as for `flinders.apply`: those that the calibration was made from, or others of the same sensor.
+    calibration : Fit, Calibration or path
+        One that states no uncertainty claims none here either, with a finding that says so.
+    target_deg, dip_deg : float, degrees
+        Target, and dip at which the heading error is stated; by default those of the file, else 1° and 60°.
+
+    Raises
+    ------
+    InputError, UnitError, AxesError
+        As `flinders.apply`.
+    """
+    known = fit_for(calibration)
+    recorded = recording_for(source, known)
+    field = in_memory(compensated(recorded, known.calibration)).field
+    parts = list(singles(recorded))
+    is_own = len(made_from(known, parts)) == len(parts)
+    notes = () if is_own else tuple(_notes(known, field))
+    return Restored(known, recorded, _restored(known, field, target_deg, dip_deg), notes)
+
+
+def _notes(known: Fit, field: Floats) -> Iterator[Note]:
+    """What is odd about a calibration and (N, 3) compensated readings that it was not made from."""
+    strength = Strength.under(known.calibration.affine, field)
+    if not MIN_STRENGTH <= strength.mean <= MAX_STRENGTH or strength.spread > MAX_SPREAD:
+        yield Note("odd-strength", values={"mean": strength.mean, "spread": strength.spread})
+    if known.provenance.files:
+        yield Note("other-recording")
+
+
+def _restored(fit: Fit, field: Floats, target_deg: float | None, dip_deg: float | None) -> Fit:
+    """The fit with what (N, 3) compensated readings tell; for another dip the heading error is computed anew."""
+    dip = fit.claim.known_dip_deg if dip_deg is None else math.copysign(dip_deg, dip_deg * fit.claim.known_dip_deg)
+    no_uncertainty = certain({"is_unstated": 1.0, "unstated_deg": math.nan}, "no-uncertainty")
+    unstated = () if fit.claim.states_uncertainty else (no_uncertainty,)
+    strength = Strength.under(fit.calibration.affine, field)
+    noise = fit.calibration.field_strength * math.hypot(strength.mean - 1.0, strength.spread)
+    evidence = replace(
+        fit.evidence,
+        noise=noise if math.isnan(fit.noise) else fit.noise,
+        samples=fit.samples if fit.evidence.is_described else len(field),
+        coverage=_coverage(field, fit.calibration.ellipsoid),
+        disturbances=replace(fit.evidence.disturbances, covariance=None),
+        aiding=None,
+    )
+    claim = replace(
+        fit.claim,
+        heading_error_deg=fit.claim.level_error(dip),
+        target_deg=target_deg or fit.claim.target_deg,
+        dip_deg=abs(dip) if dip_deg is None else dip_deg,
+    )
+    judgement = replace(fit.judgement, findings=by_severity([*fit.findings, *unstated]))
+    return replace(fit, evidence=evidence, claim=claim, judgement=judgement)
+
+
+def _coverage(field: Floats, ellipsoid: Ellipsoid) -> Coverage:
+    """Directions of readings under a calibration, counted as those of a fit are."""
+    if not len(field):
+        return Coverage.of(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))
+    return Coverage.through(Cloud.of(field), ellipsoid)

@@ -1,0 +1,88 @@
+"""Each magnetometer of a log or table, calibrated by itself.
+
+>>> from flinders import simulate
+>>> recordings = {name: simulate.tumble(seed=seed).samples for name, seed in (("top", 1), ("left", 2))}
+>>> recordings["dead"] = recordings["top"][:3]
+>>> outcomes = fit_each(recordings)
+>>> outcomes["top"].verdict, outcomes["left"].calibration.sensor, outcomes["dead"].code
+('good', 'left', 'too-few-samples')
+"""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from flinders.errors import FitError, InputError, TooFewSamples
+from flinders.fitting.filtering import fit_filtered
+from flinders.heading.smoothing import Filter
+from flinders.likelihood.site_field import recorded_site
+from flinders.readers import Log, open_log
+from flinders.workflows.recordings import with_left_out
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from flinders.core.samples import Recording
+    from flinders.errors import FlindersError
+    from flinders.fitting.result import Fit
+
+    Outcome: TypeAlias = Fit | FlindersError
+
+
+def fit_each(
+    source: Mapping[str, Recording] | Log | str | os.PathLike[str], *, by: Filter | str | None = None, **options: Any
+) -> dict[str, Outcome]:
+    """Calibrate each magnetometer of a log or table by itself.
+
+    `flinders.fit_multi` calibrates those of one body together, which needs readings of the same moments.
+
+    Parameters
+    ----------
+    source : path, Log, or mapping of str to Recording
+        A log or table of several magnetometers, as `flinders.open_log` reads it; or recordings by the names of their
+        sensors.
+    by : Filter or str, optional
+        A filter for the readings, such as ``"median:5"``; a finding says what it did.
+    **options
+        Those of `flinders.fit` but `sensor`. The site is by default that which a log states.
+
+    Returns
+    -------
+    dict of str to Fit or FlindersError
+        By the name of the sensor, in their order: the fit, or the error of one that cannot be fitted or read. `Refused`
+        carries the fit that cannot be trusted.
+
+    Raises
+    ------
+    InputError
+        For a log that cannot be read at all.
+    UsageError
+        For parameters that `flinders.fit` does not take.
+    """
+    log = open_log(source) if isinstance(source, str | os.PathLike) else source
+    recordings = {one.name: one for one in log.instruments} if isinstance(log, Log) else log
+    if isinstance(log, Log) and "site" not in options and (stated := recorded_site(log)):
+        options["site"] = stated[0]
+    return dict(fits_of(recordings, by=Filter.of(by) if isinstance(by, str) else by, **options))
+
+
+def fits_of(
+    recordings: Mapping[str, Recording],
+    *,
+    by: Filter | None = None,
+    notice: Callable[[str], object] = str,
+    **options: Any,
+) -> Iterator[tuple[str, Outcome]]:
+    """Yield the name of each sensor with its fit or error, one fitted after the other; parameters as `fit_each`.
+
+    `notice` takes a line of advice where the filter alone is why there is no calibration; by default nobody does.
+    """
+    for name, recording in recordings.items():
+        try:
+            outcome: Outcome = fit_filtered([recording], by, notice=notice, **{**options, "sensor": name})
+        except TooFewSamples as error:
+            outcome = with_left_out(error, [recording])
+        except (FitError, InputError) as refusal:
+            outcome = refusal
+        yield name, outcome

@@ -1,0 +1,141 @@
+"""Whether readings suit the calibration that corrects them, by the length of the corrected field.
+
+Corrected readings of a sensor are about as long as the field, and as equally long as its noise and the claim of its
+calibration allow. Another sensor, another unit, iron that has come or gone, and a dead axis show in their lengths.
+
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> tumble, other = (simulate.tumble(seed=seed) for seed in (1, 2))
+>>> fit = calibrate.fit(tumble.samples)
+>>> for recording in (tumble, other):
+...     corrector = CorrectionMonitor(fit, recording.samples.source)
+...     _ = corrector(recording.samples.field)
+...     print([note.code for note in corrector.notes()])
+[]
+['unsuited']
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.comparison.comparison import Strength
+from flinders.errors import InputError
+from flinders.readers._likeness import doubt
+from flinders.workflows.notes import Note
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.fitting.result import Fit
+
+MAX_LENGTH_RATIO: Final = 3.0
+"""Factor by which the first readings may come out too long or too short; beyond it they are refused, as those of
+another sensor or unit."""
+
+MAX_STRENGTH_RATIO: Final = 1.3
+"""Factor by which the mean strength may differ from that of the calibration."""
+
+MAX_SPREAD: Final = 0.1
+"""Largest spread of the strength, and the limit for a calibration that states no uncertainty."""
+
+SPREAD_RATIO: Final = 3.0
+"""Times the spread that noise and claim make, up to which readings suit.
+
+Of 992 recordings that suit none is doubted (``python -m benchmarks.suitability``).
+"""
+
+MIN_SPREAD: Final = 0.02
+"""Smallest limit of the spread: 2 % bend a heading by 3° and more."""
+
+OUTLIER_SPREADS: Final = 3.0
+"""Times the limit of the spread from which on a reading is an outlier."""
+
+MAX_OUTLIER_SHARE: Final = 0.1
+"""Share of outliers up to which readings may suit."""
+
+MIN_READINGS: Final = 100
+"""Readings in which an axis that never changes is stuck."""
+
+
+class CorrectionMonitor:
+    """Applies the calibration of a fit block by block, and watches whether the result makes sense.
+
+    `strength` is that of the readings corrected so far, `inliers` that of those that are no outliers of their block,
+    and `spread_limit` what its spread is in readings that suit.
+    """
+
+    def __init__(self, fit: Fit, source: str) -> None:
+        self._calibration, self._source, self.spread_limit = fit.calibration, source, spread_limit(fit)
+        self._resembles, self._columns = "", ""
+        self.strength = Strength()
+        self.inliers = Strength()
+        self._lowest, self._highest = np.full(3, math.inf), np.full(3, -math.inf)
+
+    def __call__(self, readings: Floats) -> Floats:
+        """Correct (N, 3) readings, in the calibration's unit and axes.
+
+        Raises `InputError` where the first block is of another sensor or unit.
+        """
+        corrected = self._calibration.apply(readings)
+        strength = np.linalg.norm(corrected, axis=1) / self._calibration.field_strength
+        middle = float(np.median(strength))
+        if self.strength.readings == 0 and not 1 / MAX_LENGTH_RATIO < middle < MAX_LENGTH_RATIO:
+            raise InputError(
+                f"corrected readings of {self._source} are {middle:.2g} times as long as the calibration's field "
+                f"({self._calibration.field_strength:.4g} {self._calibration.unit}): it is for another sensor, unit or "
+                "range; calibrate this sensor, or name its columns",
+                hint={"columns": None},
+            )
+        self._lowest = np.fmin.reduce(np.vstack([self._lowest, readings]))
+        self._highest = np.fmax.reduce(np.vstack([self._highest, readings]))
+        self.strength += Strength.of(strength)
+        self.inliers += Strength.of(strength[np.abs(strength - middle) <= OUTLIER_SPREADS * self.spread_limit])
+        return corrected
+
+    def look_at(self, samples: Samples) -> None:
+        """Look whether recorded samples, where nobody says that they are a magnetometer's, are something else."""
+        if samples.nameless and not self._resembles:
+            self._resembles, self._columns = doubt(samples), samples.nameless
+
+    @property
+    def is_plausible(self) -> bool:
+        """Corrected readings, but for outliers, are about as long as the field, and as equally long as claimed."""
+        readings, inliers = self.strength.readings, self.inliers
+        if inliers.readings < (1.0 - MAX_OUTLIER_SHARE) * readings:
+            return False
+        is_strong = 1 / MAX_STRENGTH_RATIO < inliers.mean < MAX_STRENGTH_RATIO
+        return not readings or (is_strong and inliers.spread < self.spread_limit)
+
+    @property
+    def stuck(self) -> dict[str, float]:
+        """Axes that have one value in all of so many readings, and that value."""
+        if self.strength.readings < MIN_READINGS:
+            return {}
+        extremes = zip("xyz", self._lowest.tolist(), self._highest.tolist(), strict=True)
+        return {axis: lowest for axis, lowest, highest in extremes if lowest == highest}
+
+    def notes(self) -> tuple[Note, ...]:
+        """Why readings do not suit, and what that may come from; none where they suit."""
+        readings = self.strength.readings
+        if self._resembles:
+            return (Note("looks-like", "limits", {"what": self._resembles, "columns": self._columns}),)
+        if stuck := self.stuck:
+            axes = ", ".join(f"{axis} = {value:g}" for axis, value in stuck.items())
+            return (Note("stuck", "limits", {"readings": readings, "axes": axes}),)
+        if self.is_plausible:
+            return ()
+        seen = {"strength": self.strength.mean, "spread": self.strength.spread, "limit": self.spread_limit}
+        return (Note("unsuited", "limits", seen),)
+
+
+def spread_limit(fit: Fit) -> float:
+    """The spread of lengths from which on readings do not suit, by the noise and the claim of a fit."""
+    if not fit.claim.states_uncertainty:
+        return MAX_SPREAD
+    noise = fit.noise / fit.calibration.ellipsoid.radius
+    claimed = math.radians(fit.claim.direction_error_deg.worst)  # at any attitude
+    return min(max(SPREAD_RATIO * math.hypot(noise, claimed), MIN_SPREAD), MAX_SPREAD)
