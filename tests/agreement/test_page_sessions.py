@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from benchmarks.level import Turned
 from tests.javascript import run
-from tests.page_session import PageSession, log_of
+from tests.page_session import PageSession
 
 import flinders
 from flinders import simulate
@@ -89,12 +89,3 @@ def test_a_session_lets_an_accelerometer_show_a_slope() -> None:
     assert shown[0] == pytest.approx(worst, rel=1e-6)
     assert shown[1] < 0.3
     assert worst > 1.0
-
-
-def test_a_log_without_times_is_fitted_without_times() -> None:
-    samples = replace(simulate.tumble(seed=4).samples, time=None)
-    session = PageSession()
-    session.opened(1.0, "log.csv", log_of(samples))
-    session.fit()
-    worst = flinders.fit(samples).heading_error_deg.worst
-    assert session.shown.view.heading_error_deg.worst == pytest.approx(worst, rel=1e-9)
