@@ -151,7 +151,7 @@ class Follower {
     /** Once more, as long as that is asked for; a direction that was missed, after another look. */
     again(at, { here }) {
         if (this.now.kind !== "arrow") {
-            this.left = 2 * Math.PI;
+            this.left = this.now.kind === "turn" ? this.whole : 2 * Math.PI;
             return;
         }
         this.missedAt ??= at;
@@ -167,13 +167,14 @@ class Follower {
     }
     take({ kind, step, body, target, here }) {
         if (kind === "turn") {
-            const { hold, isHeld, axis } = SEQUENCES[body][step - 1];
+            const { hold, isHeld, axis, share } = SEQUENCES[body][step - 1];
+            this.whole = 2 * Math.PI * share;
             const isCopied = isHeld || (step === 1 && this.chance.uniform() < 0.5); // of the drawing
             this.hold = isCopied ? product(rotation({ axis: this.chance.direction(), angle: this.hand.error }), hold) : null;
             const sign = this.chance.uniform() < 0.5 ? -1 : 1;
             this.world = this.hand.near(axis.map((part) => sign * part));
             this.axis = null;
-            this.left = 2 * Math.PI * this.chance.uniform(0.8, 1.25);
+            this.left = this.whole * this.chance.uniform(0.8, 1.25);
         } else if (kind === "arrow" && here) {
             [this.hold, this.world] = [null, null];
             this.miss = this.chance.direction().map((part) => part * Math.tan(this.hand.error));

@@ -163,7 +163,7 @@ SIZES_OF: Final = """() => ["#hand > svg", "#scene"].map(part => {
 def test_the_thing_in_the_hand_is_chosen_once_and_is_the_largest_object(visitor: Visitor) -> None:
     page = visitor.page(visitor.context(viewport={"width": 1280, "height": 720}))
     page.locator("#use-simulation").click()
-    expect(page.locator("#advice-words")).to_have_text("Turn it once around, like a wheel.")
+    expect(page.locator("#advice-words")).to_have_text("Turn it half around, like a wheel.")
     assert page.locator("#hand .bodies button").count() == 6
     page.locator('#hand .bodies button[data-body="boat"]').click()
     expect(page.locator("#advice-words")).to_contain_text("Steer one slow circle")

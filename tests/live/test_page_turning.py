@@ -53,9 +53,10 @@ def test_three_turns_about_three_axes_are_three_steps() -> None:
 
 
 def test_progress_is_the_share_of_the_turn() -> None:
-    done = run(TURN, {"turns": [once(Z, SLANTED, 90.0), once(Z, SLANTED, 180.0)], "strength": 50.0})
-    (_, quarter), _ = done["seen"]
-    assert quarter == pytest.approx(0.25, abs=0.06)
+    """A whole turn of a drone, and half a turn of a board."""
+    for body, share in (("drone", 0.25), ("board", 0.5)):
+        done = run(TURN, {"turns": [once(Z, SLANTED, 90.0)], "strength": 50.0, "body": body})
+        assert done["seen"][0][1] == pytest.approx(share, abs=0.25 * share)
 
 
 def test_the_same_turn_again_is_no_second_step() -> None:

@@ -24,6 +24,7 @@ import { farOf, seenOf } from "./gaps.js";
  * @property {boolean} isHeld  whether to hold it so first; else it is turned on as it is
  * @property {Vector} axis
  * @property {string} words
+ * @property {number} share  of a whole turn
  *
  * A path of readings in beads: where they lie, and how far the path has bent, rad.
  * @typedef {{beads: readonly Vector[], bend: Vector}} Path
@@ -50,12 +51,12 @@ import { farOf, seenOf } from "./gaps.js";
 
 export const BODIES = /** @type {const} */ (["board", "phone", "drone", "car", "boat", "instrument"]);
 
-/** A turn that has come so far is done, radians: the hand of nobody stops at 360°. */
+/** A whole turn that has come so far is done, radians: the hand of nobody stops at 360°. */
 const WHOLE_TURN = 5.6;
 /** Axes of turns that are nearer to each other than this, radians, are one. */
 const ALIKE = 0.6;
 /** After so many seconds of turning a step is over, whatever the turn was; with a large thing later. */
-const [LONGEST_S, LARGE_S] = [10, 25];
+const [LONGEST_S, LARGE_S] = [12, 25];
 /** A loop that is less wide, in strengths of the field, is none of a turn; while that is not known, bends count by this share. */
 const [LOOP, UNSURE] = [0.85, 0.87];
 /** Beads lie apart by this share of the strength of the field, or by so many standard deviations of its noise up to a share. */
@@ -79,6 +80,8 @@ const BEGUN = 1.2;
 /** Readings after which noise is known. */
 const LOOKED_AT = 12;
 
+/** Share of a turn in the hand: two of these, and the arrow to the gap that is left, take fewer degrees than whole turns. */
+const HALF_TURN = 0.5;
 const QUARTER = Math.PI / 2;
 /** @type {[Vector, Vector, Vector]} */
 const [ACROSS, AWAY, UP] = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
@@ -88,17 +91,17 @@ const EDGE = product(rotation({ axis: UP, angle: -QUARTER }), FACING);
 const ON_ITS_SIDE = rotation({ axis: AWAY, angle: QUARTER });
 const NOSE_DOWN = rotation({ axis: ACROSS, angle: -QUARTER });
 
-/** @param {Rotation} hold @param {Vector} axis @param {string} words @returns {Turning} */
-const held = (hold, axis, words) => ({ hold, axis, words, isHeld: true });
+/** @param {Rotation} hold @param {Vector} axis @param {string} words @param {number} [share] @returns {Turning} */
+const held = (hold, axis, words, share = 1) => ({ hold, axis, words, share, isHeld: true });
 
-/** @param {Rotation} hold @param {Vector} axis @param {string} words @returns {Turning} */
-const asItIs = (hold, axis, words) => ({ hold, axis, words, isHeld: false });
+/** @param {Rotation} hold @param {Vector} axis @param {string} words @param {number} [share] @returns {Turning} */
+const asItIs = (hold, axis, words, share = 1) => ({ hold, axis, words, share, isHeld: false });
 
 /** @type {Turning[]} */
 const IN_THE_HAND = [
-    asItIs(FACING, AWAY, "Turn it once around, like a wheel."),
-    asItIs(FACING, ACROSS, "Now tip it away from you, over and once around."),
-    held(EDGE, AWAY, "Now its edge towards you, and once around, like a wheel."),
+    asItIs(FACING, AWAY, "Turn it half around, like a wheel.", HALF_TURN),
+    asItIs(FACING, ACROSS, "Now tip it away from you, half over.", HALF_TURN),
+    held(EDGE, AWAY, "Now its edge towards you, and half around, like a wheel.", HALF_TURN),
 ];
 
 /** What to do with each body, turn by turn. @type {Readonly<Record<Body, readonly Turning[]>>} */
@@ -119,9 +122,9 @@ export const SEQUENCES = {
         held(LEVEL, UP, "Now one more slow circle, the other way around."),
     ],
     instrument: [
-        asItIs(LEVEL, AWAY, "Roll it once around, like a barrel."),
-        asItIs(LEVEL, ACROSS, "Now tip it, front down first, over and once around."),
-        held(FACING, AWAY, "Now its face towards you, and once around, like a wheel."),
+        asItIs(LEVEL, AWAY, "Roll it half around, like a barrel.", HALF_TURN),
+        asItIs(LEVEL, ACROSS, "Now tip it, front down first, half over.", HALF_TURN),
+        held(FACING, AWAY, "Now its face towards you, and half around, like a wheel.", HALF_TURN),
     ],
 };
 
@@ -169,7 +172,7 @@ export function advance(before, { time, field, acceleration }, view) {
  */
 export function judged(before, view, centres) {
     let now = before;
-    while (!isOver(now) && !isNeeded(now, view, centres)) now = next(now, [...now.axes, unit(now.field.bend)]);
+    while (!isOver(now) && !isNeeded(now, view, centres)) now = next(now, [...now.axes, axisOf(now)]);
     return now;
 }
 
@@ -185,18 +188,40 @@ export function isOver({ body, step }) {
  */
 export function progress(choreography) {
     if (isOver(choreography)) return 1;
-    return Math.min(bent(choreography) / WHOLE_TURN, 1);
+    return Math.min(bent(choreography) / wholeOf(choreography), 1);
 }
 
 /**
  * Angle of the present turn, rad: of one about an axis that no turn before was about, unless that is asked. Small loops, as
  * of a hand that only rocks it, are no turn; while nobody knows how large they are, more of them is asked.
- * @param {Choreography} choreography
+ * @param {Choreography} now
  * @returns {number}
  */
-function bent({ body, field, gravity, axes, strength }) {
-    const isAsked = staysLevel(body) || axes.every((axis) => !areAlike(axis, field.bend));
-    return Math.max(isAsked ? length(field.bend) * shareOf(field.beads, strength) : 0, length(gravity.bend));
+function bent(now) {
+    const { field, gravity, strength } = now;
+    return Math.max(length(newOf(field.bend, now)) * shareOf(field.beads, strength), length(newOf(gravity.bend, now)));
+}
+
+/**
+ * The part of a bend that is about no axis of a turn before; all of it where the same turn is asked for again.
+ * @param {Vector} bend
+ * @param {Choreography} now
+ * @returns {Vector}
+ */
+function newOf(bend, { body, axes }) {
+    if (staysLevel(body)) return bend;
+    return axes.reduce((left, axis) => minus(left, axis.map((part) => dot(axis, left) * part)), bend);
+}
+
+/** Axis of the present turn. @param {Choreography} now @returns {Vector} */
+function axisOf(now) {
+    const [field, gravity] = [newOf(now.field.bend, now), newOf(now.gravity.bend, now)];
+    return unit(length(gravity) > length(field) ? gravity : field);
+}
+
+/** Angle that a step asks for, rad. @param {Choreography} now */
+function wholeOf({ body, step }) {
+    return WHOLE_TURN * SEQUENCES[body][step].share;
 }
 
 /** @param {readonly Vector[]} beads @param {number | null} strength @returns {number} How much the bends of a path count. */
@@ -216,7 +241,7 @@ function acrossOf(beads) {
  * @returns {Choreography}  at the next step, if the turn is whole
  */
 function turned(now) {
-    if (bent(now) >= WHOLE_TURN) return next(now, [...now.axes, unit(now.field.bend)]);
+    if (bent(now) >= wholeOf(now)) return next(now, [...now.axes, axisOf(now)]);
     const most = now.body === "drone" ? LARGE_S : LONGEST_S;
     return !staysLevel(now.body) && now.moving_s > most ? next(now, now.axes) : now;
 }

@@ -647,7 +647,7 @@ export class Session {
             key: shown.key,
             field: rowsOf(field, used),
             acceleration: acceleration && rowsOf(acceleration, used),
-            time: Float64Array.from(used, (place) => time[place]),
+            time: shown.isTimed ? Float64Array.from(used, (place) => time[place]) : null,
             numbers: used.map((place) => place * stride),
             unit: labelOf(shown.unit),
             frame: shown.frame,

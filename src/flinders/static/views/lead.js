@@ -159,9 +159,9 @@ export class LeadView {
     /** @param {Lead} now @param {View | null} view @returns {Picture} */
     #picture({ kind, body, step, of, progress, target, since }, view) {
         if (kind === "turn") {
-            const { hold, axis } = SEQUENCES[body][step - 1];
+            const { hold, axis, share } = SEQUENCES[body][step - 1];
             const parts = Array.from({ length: of }, (_, i) => (i + 1 < step ? 1 : i + 1 === step ? progress : 0));
-            return { body, hold, axis, angle: 2 * Math.PI, now: 2 * Math.PI * progress, parts };
+            return { body, hold, axis, angle: 2 * Math.PI * share, now: 2 * Math.PI * share * progress, parts };
         }
         const { attitude } = this.hand;
         if (kind === "arrow" && target && attitude.field && view?.shown) {
