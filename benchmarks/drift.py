@@ -6,7 +6,7 @@ in which a step was made, and the units without one that were reported beside th
 heading truly changed by more than 1.5° from the first recording to the last, and those reported, at a target of 1°,
 whose heading truly changed by less than that.
 
-    python -m benchmarks.drift                 # the table of docs/drift.md, a few minutes
+    python -m benchmarks.drift                 # the table of docs/fleet/drift.md, a few minutes
     python -m benchmarks.drift --quick         # small fleets
     python -m benchmarks.drift --alarms        # of 200 small fleets in which nothing changed
     python -m benchmarks.drift --recordings    # readings simulated and fitted, 300 units of 4 recordings
@@ -178,7 +178,7 @@ def line(name: str, fleet: Fleet, seed: int = 1) -> str:
 
 
 def fleets(units: int) -> dict[str, Fleet]:
-    """The fleets of docs/drift.md."""
+    """The fleets of docs/fleet/drift.md."""
     plain = Fleet(units=units)
     return {
         "nothing moved": plain,

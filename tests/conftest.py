@@ -115,11 +115,13 @@ def recordings() -> Callable[[str], Path]:
     return find
 
 
-@pytest.fixture
-def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A terminal of 80 columns, as help is as wide as that; recordings lie in the working directory."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(autouse=True)
+def page_of_80_columns(request: pytest.FixtureRequest) -> None:
+    """Golden tests have a terminal of 80 columns, as help is as wide as that, in an empty folder."""
+    if request.path.parent.name == "golden" or request.path.stem.endswith("_golden"):
+        monkeypatch = request.getfixturevalue("monkeypatch")
+        monkeypatch.setenv("COLUMNS", "80")
+        monkeypatch.chdir(request.getfixturevalue("tmp_path"))
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import posixpath
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -153,7 +154,8 @@ def test_every_page_is_two_clicks_from_the_first_at_most() -> None:
 
     def listed(name: str) -> list[str]:
         trees = re.findall(r"^```\{toctree\}\n(?::.*\n)*\n((?:.+\n)*)```$", page(f"{name}.md"), re.MULTILINE)
-        return [line for tree in trees for line in tree.split()]
+        folder = posixpath.dirname(name)
+        return [posixpath.join(folder, line) for tree in trees for line in tree.split()]
 
     first = listed("index")
     reached = {"index", *first, *(name for one in first for name in listed(one))}

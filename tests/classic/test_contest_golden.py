@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING
 
-import pytest
 from tests.golden.sessions import session
 from tests.worlds import write_field
 
@@ -14,9 +13,8 @@ from flinders import simulate
 if TYPE_CHECKING:
     from pathlib import Path
 
+    import pytest
     from tests.golden.sessions import Golden
-
-pytestmark = pytest.mark.usefixtures("page_of_80_columns")
 
 
 def test_a_few_methods_on_a_tumble(golden: Golden, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""What `flinders two-axis` prints and draws, to the letter; docs/two-axis.md shows these files."""
+"""What `flinders two-axis` prints and draws, to the letter; docs/classic/two-axis.md shows these files."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 from click.testing import CliRunner
 from tests.golden.sessions import assert_sessions_are_real, session
 
@@ -15,9 +14,8 @@ from flinders.cli import main
 from flinders.core.calibration import Calibration
 
 if TYPE_CHECKING:
+    import pytest
     from tests.golden.sessions import Golden
-
-pytestmark = pytest.mark.usefixtures("page_of_80_columns")
 
 
 def swing() -> None:
@@ -56,4 +54,4 @@ def test_three_planes(golden: Golden) -> None:
 
 
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
-    assert_sessions_are_real("two-axis.md", request, least=3)
+    assert_sessions_are_real("classic/two-axis.md", request, least=3)

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from flinders.apps.classic.recipes.attitude_independent import Weights
     from flinders.arrays import Floats
 
-pytestmark = pytest.mark.usefixtures("page_of_80_columns")
-
 
 @pytest.mark.parametrize(
     ("weights", "sigma", "half", "offset", "digits"),

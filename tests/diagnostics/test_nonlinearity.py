@@ -272,7 +272,7 @@ def test_what_needs_offset_and_matrix_alone_is_refused() -> None:
             use()
     for target in ("ardupilot", "json", "c-q15", "adis16480"):
         with pytest.raises(NotExportable, match="linearizes its axes"):
-            fit.calibration.export(target)
+            flinders.export(fit.calibration, target)
 
 
 def test_a_curve_that_folds_readings_is_refused() -> None:

@@ -157,10 +157,11 @@ def test_a_fit_has_ten_parameters_and_all_are_named() -> None:
 
 
 def test_a_type_checker_knows_every_method() -> None:
-    """`flinders.estimators` names the class of each method where a type checker looks."""
+    """`flinders.estimators` names the class of each of its methods where a type checker looks."""
     text = Path(flinders.estimators.__file__).read_text(encoding="utf-8")
     for kind in flinders.estimators.METHODS.values():
-        assert f"from {kind.__module__} import {kind.__name__} as {kind.__name__}\n" in text
+        if not kind.__module__.startswith("flinders.apps."):
+            assert f"from {kind.__module__} import {kind.__name__} as {kind.__name__}\n" in text
 
 
 def test_a_method_with_options_is_the_method_by_its_name(samples: Samples) -> None:
@@ -199,17 +200,18 @@ def test_a_calibration_is_a_value(samples: Samples) -> None:
         assert not copied.matrix.flags.writeable
 
 
-def test_a_calibration_writes_itself_for_a_target(samples: Samples, tmp_path: Path) -> None:
+def test_a_calibration_is_written_for_a_target(samples: Samples, tmp_path: Path) -> None:
     calibration = flinders.fit(samples).calibration
-    text = calibration.export("arduino", tmp_path / "mag.ino", name="mast")
-    assert (tmp_path / "mag.ino").read_text() == text
-    assert "mast" in text
+    sketch = flinders.export(calibration, "arduino", name="mast")
+    sketch.save(tmp_path / "mag.ino")
+    assert (tmp_path / "mag.ino").read_text() == sketch.text
+    assert "mast" in sketch.text
     with pytest.raises(OutputExists, match="force=True"):
-        calibration.export("arduino", tmp_path / "mag.ino")
-    calibration.export("adafruit-eeprom", tmp_path / "mag.ino", force=True)
+        sketch.save(tmp_path / "mag.ino")
+    flinders.export(calibration, "adafruit-eeprom").save(tmp_path / "mag.ino", force=True)
     assert len((tmp_path / "mag.ino").read_bytes()) == 68
     with pytest.raises(UsageError, match="goes with ardupilot"):
-        calibration.export("c", compass=1)
+        flinders.export(calibration, "c", compass=1)
 
 
 def test_rows_of_a_fleet_are_a_table_of_arrow(samples: Samples) -> None:
@@ -220,11 +222,11 @@ def test_rows_of_a_fleet_are_a_table_of_arrow(samples: Samples) -> None:
 
 def test_no_message_of_the_library_names_an_option() -> None:
     """Options are words of the command line, which puts them in the place of keywords by itself."""
-    rooms = ("cli", "live", "report", "findings")
+    rooms = {"cli", "live", "report", "findings"}
     named = [
         (path.name, part.value)
         for path in SOURCE.rglob("*.py")
-        if path.relative_to(SOURCE).parts[0] not in rooms
+        if rooms.isdisjoint(path.relative_to(SOURCE).parts)
         if re.search(r"(^|[^-])--[a-z]", text := path.read_text())
         for raised in ast.walk(ast.parse(text))
         if isinstance(raised, ast.Raise)

@@ -13,7 +13,6 @@ from tests.golden.sessions import session
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
 
-pytestmark = pytest.mark.usefixtures("page_of_80_columns")
 
 parquet = pytest.importorskip("pyarrow.parquet")
 

@@ -13,7 +13,6 @@ from flinders import simulate
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
 
-pytestmark = pytest.mark.usefixtures("page_of_80_columns")
 
 pytest.importorskip("pyarrow")
 
@@ -35,4 +34,4 @@ def logs() -> None:
 
 def test_a_fleet_with_all_that_may_happen(golden: Golden, request: pytest.FixtureRequest) -> None:
     golden("cli/fleet.txt", session("flinders fleet logs --out calibrations.parquet --workers 0", code=3))
-    assert_sessions_are_real("fleet.md", request)
+    assert_sessions_are_real("fleet/fleet.md", request)

@@ -72,7 +72,7 @@ def test_batches_are_shown_where_the_table_has_them(tmp_path: Path) -> None:
 
 def test_every_event_of_the_log_is_in_the_docs() -> None:
     told = set(re.findall(r'event\(\s*"([a-z-]+)"', inspect.getsource(job)))
-    text = (DOCS / "fleet.md").read_text()
+    text = (DOCS / "fleet/fleet.md").read_text()
     table = text[text.index("## What the log says") :]
     assert told == set(re.findall(r"^\| `([a-z-]+)` \|", table, flags=re.MULTILINE))
 

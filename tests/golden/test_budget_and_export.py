@@ -43,6 +43,6 @@ def test_export_of_what_does_not_fit(golden: Golden) -> None:
     golden("cli/export-refused.txt", session("flinders export --to adis16480 doubled.json -o registers.txt", code=4))
 
 
-@pytest.mark.parametrize("name", ["budget.md", "registers.md"])
+@pytest.mark.parametrize("name", ["classic/budget.md", "classic/registers.md"])
 def test_the_sessions_in_the_docs_are_real(name: str, request: pytest.FixtureRequest) -> None:
     assert_sessions_are_real(name, request)

@@ -92,7 +92,7 @@ def test_an_error(golden: Golden) -> None:
 
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
     assert_sessions_are_real("cli.md", request, least=5)
-    assert_sessions_are_real("recipes/min-max.md", request)
+    assert_sessions_are_real("classic/recipes/min-max.md", request)
 
 
 def test_the_table_of_methods_is_made_from_their_rows(request: pytest.FixtureRequest) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,6 @@ from tests.samples import LOGS, written
 from tests.vehicles.test_px4 import still, ulog
 
 import flinders
-from flinders import readers
 from flinders.cli import main
 from flinders.errors import UnreadableInput, UsageError
 
@@ -65,7 +65,7 @@ def test_what_is_no_recording_is_an_error_of_the_call(wrong: Any) -> None:  # no
 def test_an_error_of_this_program_is_not_told_as_a_broken_file(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path, module = written(name, tmp_path, TABLE), getattr(readers, name)
+    path, module = written(name, tmp_path, TABLE), import_module(f"flinders.apps.vehicles.readers.{name}")
     monkeypatch.setattr(module, OWN_STEPS[name], None)
     with pytest.raises(TypeError, match="not callable"):
         flinders.read(path)

@@ -15,8 +15,6 @@ from flinders.apps.survey.simulate_shots import survey_shots
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
 
-pytestmark = pytest.mark.usefixtures("page_of_80_columns")
-
 
 @pytest.fixture(autouse=True)
 def shots() -> None:
@@ -36,4 +34,4 @@ def test_a_check_of_an_earlier_one(golden: Golden) -> None:
 
 
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
-    assert_sessions_are_real("survey.md", request, least=1)
+    assert_sessions_are_real("survey/survey.md", request, least=1)

@@ -10,8 +10,6 @@ from tests.golden.sessions import assert_sessions_are_real, session
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
 
-pytestmark = pytest.mark.usefixtures("page_of_80_columns")
-
 
 @pytest.fixture(autouse=True)
 def flights() -> None:
@@ -27,4 +25,4 @@ def test_a_calibration_flight_and_a_survey(golden: Golden) -> None:
 
 
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
-    assert_sessions_are_real("tolles-lawson.md", request)
+    assert_sessions_are_real("survey/tolles-lawson.md", request)

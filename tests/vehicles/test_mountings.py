@@ -16,6 +16,7 @@ import numpy.testing as npt
 import pytest
 from tests.trials import daily
 
+import flinders
 from flinders.apps.vehicles.targets.ardupilot import ORIENTATIONS
 from flinders.apps.vehicles.targets.px4 import MOUNTINGS
 from flinders.arrays import floats
@@ -257,9 +258,9 @@ def test_mountings_are_read_as_the_firmware_has_them(name: str, words: str, want
 @pytest.mark.parametrize("words", ["", "44", "-1", "UPSIDE_DOWN", "1,2", "1,2,x", "nan,0,0", "0,0,0,0"])
 def test_what_is_no_mounting_is_refused_with_what_is(words: str) -> None:
     with pytest.raises(UsageError, match=r"COMPASS_ORIENT, which is 0 \(NONE\) to 43 .* roll, pitch and yaw"):
-        recorded("ardupilot", np.eye(3)).export("ardupilot", mounting=words)
+        flinders.export(recorded("ardupilot", np.eye(3)), "ardupilot", mounting=words)
 
 
 def test_targets_without_mountings_take_none() -> None:
     with pytest.raises(UsageError, match="a mounting goes with ardupilot, px4, px4-shell, betaflight, inav: c has no"):
-        recorded("px4", np.eye(3)).export("c", mounting="0")
+        flinders.export(recorded("px4", np.eye(3)), "c", mounting="0")

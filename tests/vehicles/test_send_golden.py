@@ -5,16 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 from tests.golden.sessions import assert_sessions_are_real, session
 
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 
 if TYPE_CHECKING:
+    import pytest
     from tests.golden.sessions import Golden
-
-pytestmark = pytest.mark.usefixtures("page_of_80_columns")
 
 
 def test_send_dry_run(golden: Golden) -> None:
@@ -24,4 +22,4 @@ def test_send_dry_run(golden: Golden) -> None:
 
 
 def test_the_page_shows_this_session(request: pytest.FixtureRequest) -> None:
-    assert_sessions_are_real("send.md", request)
+    assert_sessions_are_real("vehicles/send.md", request)

@@ -26,7 +26,7 @@ main = Program(
     "  flinders check calibration.json tomorrow.csv\n"
     "\n\b\nExit codes:\n" + "\n".join(f"  {code:>3}  {meaning}" for code, meaning in EXIT_CODES.items()),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    commands=Commands.of(ROWS, table="COMMANDS"),  # type: ignore[arg-type]  # click only reads them
+    commands=Commands(ROWS, table="COMMANDS"),  # type: ignore[arg-type]  # click only reads them
 )
 main = click.option(
     "--version",

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING, Final, NamedTuple, Self
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flinders.core.plugins import app_rows
 
@@ -51,22 +52,22 @@ class Row(NamedTuple):
 class Commands(Mapping[str, "click.Command"]):
     """Commands by name, each the ``command`` of its module, imported when it is asked for.
 
-    >>> commands = Commands.of({"info": (LOOK, "info", "Say what a recording holds.")}, table="NO_SUCH_TABLE")
+    >>> commands = Commands({"info": (LOOK, "info", "Say what a recording holds.")}, table="NO_SUCH_TABLE")
     >>> commands["info"].name, commands.headings()
     ('info', [('Look', [('info', 'Say what a recording holds.')])])
     """
 
-    def __init__(self, rows: Mapping[str, Row]) -> None:
-        self._rows = rows
+    def __init__(self, own: Mapping[str, tuple[str, str, str]], *, table: str) -> None:
+        """Commands of modules beside this one, and those that packages of `flinders.apps` add in a `table`."""
+        self._own, self._table = own, table
 
-    @classmethod
-    def of(cls, own: Mapping[str, tuple[str, str, str]], *, table: str) -> Self:
-        """Commands of modules beside this one, and those that packages of `flinders.apps` add in a table."""
+    @cached_property
+    def _rows(self) -> dict[str, Row]:
         here = __name__.rpartition(".")[0]
-        rows = {name: Row(heading, f"{here}.{module}", words) for name, (heading, module, words) in own.items()}
-        for name, app, (heading, module, words) in app_rows(table):
+        rows = {name: Row(heading, f"{here}.{module}", words) for name, (heading, module, words) in self._own.items()}
+        for name, app, (heading, module, words) in app_rows(self._table):
             rows[name] = Row(heading, f"{app}.{module}", words)
-        return cls(rows)
+        return rows
 
     def headings(self) -> list[tuple[str, list[tuple[str, str]]]]:
         """Each heading with the names and lines of its commands."""

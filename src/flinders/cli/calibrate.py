@@ -199,9 +199,9 @@ class Estimation(program.Group, heading=program.METHOD):
 
     def _refuse_but_recipes(self) -> None:
         """Refuse to show the numbers of a method whose refusal is meant."""
-        from flinders.estimators import METHODS
+        from flinders.estimators import ROWS
 
-        recipes = [name for name, kind in METHODS.items() if ".reference." in kind.__module__]
+        recipes = [name for name, row in ROWS.items() if row.is_recipe]
         if self.method not in recipes:
             raise UsageError(f"--even-if-refused goes with --method {' or '.join(recipes)}: leave it out")
 

@@ -15,7 +15,7 @@ ROWS: Final = {"three-axis": (COMMANDS, "simulate_three_axis", "A three-axis sen
 @click.group(
     "simulate",
     cls=program.Commanded,
-    commands=Commands.of(ROWS, table="SIMULATIONS"),
+    commands=Commands(ROWS, table="SIMULATIONS"),
     epilog="""\b
 Example:
   flinders simulate three-axis -o tumble.csv --motion hand --seed 1

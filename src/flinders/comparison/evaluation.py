@@ -6,12 +6,6 @@
 >>> evaluation = evaluate(calibrate.fit(recording.samples), simulate.truth.Truth.of(recording))
 >>> evaluation.verdict, evaluation.heading_error_deg.worst < 0.2
 ('as claimed', True)
-
-The recipe for two axes on a simulated swing, what it finds and what is true:
-
->>> recovery = recover(simulate.TwoAxis((1.2, 0.9), (12.0, -8.0), skew_deg=5.0, noise=0.25), seed=1)
->>> recovery.verdict, round(recovery.estimate.skew_deg, 1)
-('limited', 4.8)
 """
 
 from __future__ import annotations

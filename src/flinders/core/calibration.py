@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, get_args
 
 import numpy as np
@@ -37,7 +36,6 @@ from flinders.core.calibration_file import (
     write,
 )
 from flinders.core.disturbance import BY_KEY, Disturbance, at_reference, checked, effect, known, named
-from flinders.core.files import write_bytes, write_text
 from flinders.core.linearization import Linearization
 from flinders.core.notebook import correction
 from flinders.core.units import COUNTS, MICROTESLA, Unit, label
@@ -423,69 +421,6 @@ class Calibration(Value):
         Raises `OutputExists` where there is a file already, unless `force`; `OutputError` where it cannot be written.
         """
         write(self.to_document(), path, force=force)
-
-    def export(
-        self,
-        target: str,
-        path: str | os.PathLike[str] | None = None,
-        *,
-        compass: int | None = None,
-        name: str | None = None,
-        mounting: str | None = None,
-        lossy: bool = False,
-        force: bool = False,
-    ) -> str:
-        """Write it for what uses it: an autopilot, a device, a program.
-
-        Parameters
-        ----------
-        target : str
-            One of `flinders.targets.registry`, such as ``"arduino"``, ``"ardupilot"``, ``"c"``.
-        path : str or path, optional
-            Also write the file there, whole or not at all.
-        compass : int, optional
-            Which one of an autopilot, as it counts; by default its first.
-        name : str, optional
-            What names in code begin with, for code of two sensors in one program.
-        mounting : str, optional
-            How the compass was mounted when it was recorded, as the autopilot has it (``"8"``, ``"CW270FLIP"``,
-            ``"0,180,90"``): a rotation of the calibration is written with the numbers as its new mounting.
-        lossy : bool
-            Write it also where what the target cannot hold costs more than 0.5° of heading.
-        force : bool
-            Write over a file that is there.
-
-        Returns
-        -------
-        str
-            Content of the file; of one in bytes, what is in it.
-
-        Raises
-        ------
-        UsageError
-            For a target that is not known, or a compass, mounting or name that it does not take.
-        NotExportable, UnitError
-            Where the target cannot hold the calibration.
-        OutputExists, OutputError
-            Where there is a file already, unless `force`; where it cannot be written.
-
-        Examples
-        --------
-        >>> text = Calibration.identity(field_strength=48.0, raw=Unit.of("uT")).export("esphome")
-        >>> text.splitlines()[0][:9]
-        '# ESPHome'
-        """
-        # targets are above this package, and found by name, as those of plugins are
-        targets = import_module("flinders.targets")
-        row = targets.taking(target, compass=compass, code_name=name)
-        turned = None if mounting is None else targets.mounting_table(row).read(mounting)
-        asked = targets.ExportOptions(compass=compass, lossy=lossy, name=name, mounting=turned)
-        export = row.render(self, asked=asked)
-        if path is not None:
-            write = write_text if export.data is None else write_bytes
-            write(export.content, path, force=force)
-        text: str = export.text
-        return text
 
     @classmethod
     def from_document(cls, document: Document, *, source: str = "calibration") -> Calibration:

@@ -133,6 +133,7 @@ class Method:
     kind: type[Estimator]  # with its name and unknowns
     use: str  # when to use it, in one line
     source: str  # paper or program that it follows
+    is_recipe: bool = False  # kept as it was published: its numbers may be asked for where its fit is refused
 
     @property
     def parameters(self) -> int:

@@ -164,4 +164,5 @@ METHOD: Final = Method(
     MinMax,
     use="the recipe of the tutorials, from the extremes of each axis: parity with a sketch",
     source="Winer, wiki of kriswiner/MPU6050",
+    is_recipe=True,
 )

@@ -137,8 +137,8 @@ ROWS: Final = (
     CatalogueRow(
         code="composed",
         number=(
-            "what the rotation that [three planes](two-axis.md#three-axes-from-three-planes) leave costs at the "
-            "worst level heading, degrees; 180 where none of the turns was in xy"
+            "what the rotation that [three planes](classic/two-axis.md#three-axes-from-three-planes) leave costs at "
+            "the worst level heading, degrees; 180 where none of the turns was in xy"
         ),
         action="turn in the plane xy last; or fit the same turns, unloaded, together with `flinders calibrate`",
         rule=Rule("is_composed", (Grade("limits", 0.0),), number="rotation_left_deg", limit=Limit(1.0, "target_deg")),

@@ -349,7 +349,7 @@ ROWS: Final = (
         ),
         action=(
             "find out what the driver did at the reading that the advice names; record again. What is so "
-            "throughout [cannot be told](faults.md)"
+            "throughout [cannot be told](fleet/faults.md)"
         ),
         rule=Rule("swap_gain", (Grade("limits", 1.1),)),
         fault="from reading {swap}",

@@ -149,7 +149,7 @@ ROWS: Final = (
     CatalogueRow(
         code="pointing-error",
         grades="limits; refuses above five times the target",
-        number="error to expect of [azimuth or inclination](survey.md) in the worst pose, degrees, 1 σ",
+        number="error to expect of [azimuth or inclination](survey/survey.md) in the worst pose, degrees, 1 σ",
         limit="the target (`target_deg`, `--target`)",
         action="shoot the directions that the page names, with four rolls each",
         rule=Rule("pointing_deg", (Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg"))),
@@ -164,7 +164,7 @@ ROWS: Final = (
     CatalogueRow(
         code="shots-contradict",
         grades="note; limits for more than a tenth of the shots",
-        number="share of [shots](survey.md) that contradict the others and were left out",
+        number="share of [shots](survey/survey.md) that contradict the others and were left out",
         action="repeat those shots",
         rule=Rule("contradicting", (Grade("note", 0.0), Grade("limits", 0.1)), limit=Limit(0.0)),
         said=(

@@ -1,16 +1,7 @@
-"""Comparisons as pages for the terminal: calibrations, the truth, methods, a fleet over time; and what to choose from.
+"""Comparisons as pages for the terminal: calibrations, the truth; and what to choose from.
 
 >>> chance_words(0.43), chance_words(1e-9)
 ('no more than chance explains (p = 0.43)', 'more than chance explains (p < 0.0001)')
->>> duration(0.00421), duration(12.5), duration(90)
-('4.2 ms', '12 s', '90 s')
->>> from flinders.apps.classic.simulate_two_axis import TwoAxis
->>> [name for name, *_ in recovery_rows(TwoAxis(), TwoAxis())]
-['scale x', 'scale y', 'offset x', 'offset y', 'skew', 'noise']
->>> shown_when(1.7e9, "flight 12"), shown_when(float("nan"), "flight 12"), shown_when(float("nan"), "")
-('2023-11-14', 'flight 12', '–')
->>> shown_when(float("nan"), "returned/session 0017.csv")
-'…session 0017.csv'
 """
 
 from __future__ import annotations

@@ -1,20 +1,4 @@
-"""Drawings that are files of their own (SVG, light or dark as the screen is): swing, turn in one plane, convergence.
-
-A **swing** is a curve of deviation over the compass heading with its band of 1 σ, what was observed, and how far off it
-is.
-
->>> from flinders.apps.marine.deviation import fit
->>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
->>> swing_drawing(swing).startswith("<svg"), swing_drawing(swing).count("<circle")
-(True, 8)
-
-A **turn** is shown in polar coordinates, before and after: the first axis of its plane points up and the second one to
-the right, as on a compass card with x ahead and y to the right. Rings are lengths of the field.
-
->>> ring_step(38.0), ring_step(0.7), ring_step(4100.0)
-(10.0, 0.2, 1000.0)
-
-A **convergence** is how an estimate settles while readings come in, also as a table (CSV).
+"""How an estimate settles while readings come in, as a drawing (SVG) and as a table (CSV).
 
 >>> from flinders.estimators import Readings
 >>> from flinders.apps.classic.recipes.sequential import Sequential

@@ -1,14 +1,4 @@
-"""Calibrations as pages for the terminal: of a recording, merged, typed, of several sensors, of a turn in one plane.
-
->>> from flinders.geometry.plane import PlaneEllipse, Turn
->>> heading = np.radians(np.arange(0, 360, 10))
->>> points = np.stack([30 * np.cos(heading) + 10, -20 * np.sin(heading) - 5], axis=1)
->>> turn = Turn.of("xy", points, PlaneEllipse.of_points(points))
->>> [row[:2] for row in plane_rows(turn, "µT")][1:4]
-[('mean Hx', '10.0000 µT'), ('mean Hy', '-5.0000 µT'), ('eigenvalues', '450.000, 200.000')]
->>> spacing_words(turn, 1.0, is_mean=True)
-'36 points, widest gap 10°, first harmonic 0.000, second 0.000: evenly spaced, the mean can be trusted'
-"""
+"""Calibrations as pages for the terminal: of a recording, merged, typed, of several sensors."""
 
 from __future__ import annotations
 

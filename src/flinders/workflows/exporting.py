@@ -4,7 +4,7 @@
 >>> from flinders.fitting import calibrate
 >>> fit = calibrate.fit(simulate.tumble(seed=1).samples)
 >>> exported = export(fit, "arduino")
->>> exported.export.target, exported.export.text.splitlines()[0][:12], exported.limits
+>>> exported.export.target, exported.text.splitlines()[0][:12], exported.limits
 ('arduino', '/*', ())
 """
 
@@ -13,11 +13,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from flinders.core.files import write_bytes, write_text
 from flinders.fitting.export import export_fit, limit_lines, refuse_unfit
 from flinders.targets import taking
 from flinders.workflows.recordings import fit_for
 
 if TYPE_CHECKING:
+    import os
+
     from flinders.targets import Export
     from flinders.workflows.recordings import AnyCalibration
 
@@ -30,6 +33,21 @@ class Exported:
     compass: tuple[str, ...]  #: which compass of a vehicle it is for; nothing where that was asked for, or is not known
     limits: tuple[str, ...]  #: what the calibration is not good for
 
+    @property
+    def text(self) -> str:
+        """Content of the file; of one in bytes, what is in it."""
+        return self.export.text
+
+    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Write the file, whole or not at all.
+
+        Raises `OutputExists` where there is a file already, unless `force`; `OutputError` where it cannot be written.
+        """
+        if self.export.data is None:
+            write_text(self.export.text, path, force=force)
+        else:
+            write_bytes(self.export.data, path, force=force)
+
 
 def export(
     calibration: AnyCalibration,
@@ -40,7 +58,7 @@ def export(
     name: str | None = None,
     lossy: bool = False,
 ) -> Exported:
-    """Write a calibration for what uses it, as `Calibration.export`, with what its fit knows.
+    """Write a calibration for what uses it (an autopilot, a device, a program), with what its fit knows.
 
     Comments state origin, claim and limits, code gets limits that tell a disturbed reading, and a vehicle's compass is
     the one that the readings came from.
@@ -73,7 +91,7 @@ def export(
     >>> from flinders.core.calibration import Calibration
     >>> from flinders.core.units import Unit
     >>> known = Calibration([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [10, 0, 0], 50.0, raw=Unit.of("uT"))
-    >>> [line for line in export(known, "ardupilot", compass=1).export.text.splitlines() if "OFS_X" in line]
+    >>> [line for line in export(known, "ardupilot", compass=1).text.splitlines() if "OFS_X" in line]
     ['COMPASS_OFS_X,-100']
     """
     chosen = taking(target, compass=compass, code_name=name)

@@ -1,1 +1,8 @@
-"""The engine for microcontrollers: a package for Arduino, PlatformIO and CMake, with the rules of the catalogue."""
+"""A calibrator for a microcontroller: the engine in single precision, with the rules of the catalogue.
+
+For whoever puts the calibration into a device: a folder that Arduino, PlatformIO and CMake take as a library.
+
+- `package`: writes the folder; `poses`: the attitudes that advice is given in, as a table of C
+- ``board``: C files and examples that stand on top of the engine's (`flinders.native`)
+- ``cli``: the command
+"""

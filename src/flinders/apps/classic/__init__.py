@@ -18,10 +18,12 @@ from flinders.core.lazy import attributes
 
 if TYPE_CHECKING:
     from flinders.apps.classic.methods import compare_methods as compare_methods
+    from flinders.apps.classic.simulate_two_axis import Polar as Polar
     from flinders.apps.classic.simulate_two_axis import TwoAxis as TwoAxis
     from flinders.apps.classic.simulate_two_axis import swing as swing
 
 PUBLIC = {
+    "Polar": "simulate_two_axis",
     "TwoAxis": "simulate_two_axis",
     "compare_methods": "methods",
     "swing": "simulate_two_axis",

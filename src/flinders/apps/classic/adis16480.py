@@ -24,7 +24,8 @@ HARD_IRON_Z       2     0x2C       0  0x0000     +0.0 mG
 
 Sources: names, page, addresses and the step of 0.1 mG stand in the data sheets (ADIS16480 Rev. H page 35, Tables 117 to
 129; ADIS16488 Rev. B page 25, Tables 84 to 96). That the soft iron acts "in terms of percent change" does too. Its step
-and the order of the formula were **not seen** there: verify them against your revision, as ``docs/registers.md`` shows.
+and the order of the formula were **not seen** there: verify them against your revision, as
+``docs/classic/registers.md`` shows.
 """
 
 from __future__ import annotations
@@ -289,7 +290,7 @@ ADIS16480: Final = Target(
     source="data sheets, ADIS16480 Rev. H page 35 and ADIS16488 Rev. B page 25",
     errors_in="mG",
     unverified=("that one step of S is 1/32768, and that H is added after (I + S); look both up in your data sheet",),
-    docs="registers.md",
+    docs="classic/registers.md",
     write=write,
 )
 TARGETS: Final = (ADIS16480, replace(ADIS16480, name="adis16488", use="ADIS16488 registers", title="ADIS16488"))

@@ -1,12 +1,12 @@
 """A fleet: recordings of many units in, one table of calibrations out.
 
->>> from flinders import simulate
+>>> from flinders import fit_many, simulate
 >>> rows = fit_many({"A17": simulate.tumble(seed=1).samples, "B02": [[1.0, 2.0, 3.0]]})
 >>> rows.unit.tolist(), rows.verdict.tolist(), rows.code.tolist()
 (['A17', 'B02'], ['good', 'refused'], ['', 'too-few-samples'])
 
 A file, or a range of its row groups, is one unit of work with one output file: what is done stays done. See
-`docs/fleet.md`.
+`docs/fleet/fleet.md`.
 """
 
 from __future__ import annotations

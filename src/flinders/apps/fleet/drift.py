@@ -7,7 +7,8 @@ recordings are ordered.
 
 The rate of false alarms does not grow with the fleet. A change or a step is reported if chance makes as much in fewer
 than `CHANCE` of whole fleets of this size in which nothing moved: an interval is tested at `CHANCE` over the number of
-intervals, a unit at `CHANCE` over the number of units (Bonferroni). docs/drift.md has what that detects and what not.
+intervals, a unit at `CHANCE` over the number of units (Bonferroni). What that
+detects and what not is in docs/fleet/drift.md.
 """
 
 from __future__ import annotations

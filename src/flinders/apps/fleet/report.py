@@ -160,7 +160,7 @@ class UnitDrift:
 
     unit: str  # name of the unit
     batch: str  # its hardware batch; empty if it is not known
-    state: str  # one of the states in docs/drift.md
+    state: str  # one of the states in docs/fleet/drift.md
     recordings: int  # of which there is a calibration
     reference: str  # name of the recording that it is compared with
     newest: str  # name of the newest recording

@@ -1,11 +1,13 @@
-"""Live: sensors and vehicles at the other end of a wire.
+"""A sensor on a wire: recorded, calibrated on a page while it is turned, or on a page that needs no program.
 
-`transports` carry bytes. `recorder` writes what arrives to a file, as the text that `transcript` makes of it, and hands
-on `readings`; so do `feeds` of other kinds, `simulated` and a vehicle on `mavlink`. `motioncal` sends a calibration
-to a board, `mavlink_parameters` to a vehicle.
+For whoever holds a board or a phone, and for programs with a display of their own.
 
-The page has the session, in JavaScript (``static/standalone/session.js``). `hub` asks a feed on a thread, holds its
-readings in a `buffer` and passes them on; `messages` is the wire format. `session_file` is the recording with what a
-person did, `finished` the calibration of all that it holds. `server` has the routes, `access` the address and who may
-look. `guided` is a session for programs with a display of their own.
+- `recorder`: writes what arrives to a file, as the text that `transcript` makes of it, and hands on readings
+- `hub`: holds them in a `buffer` and passes them to pages; `messages` is their format; `simulated`: a feed of its own
+- `server`: routes; `access`: who may look; `transfers`: uploads and downloads
+- `session_file`: a recording with what a person did; `finished`: the calibration of all that it holds
+- `guided`: a session for programs with a display of their own
+- ``standalone``: writes the page that needs no program; ``cli``: commands
+
+The page has the session, in JavaScript (``static/standalone/session.js``).
 """

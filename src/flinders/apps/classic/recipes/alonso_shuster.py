@@ -216,4 +216,5 @@ METHOD: Final = Method(
     AlonsoShuster,
     use="TWOSTEP, from a strength of the field that is known at each reading and varies",
     source="Alonso and Shuster (2002)",
+    is_recipe=True,
 )

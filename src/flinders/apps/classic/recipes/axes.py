@@ -58,4 +58,5 @@ METHOD: Final = Method(
     AxisAligned,
     use="offset and a scale for each axis: unequal gains, no soft iron",
     source="NXP AN4246 and AN5019, seven elements",
+    is_recipe=True,
 )

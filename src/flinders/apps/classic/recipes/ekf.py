@@ -246,4 +246,5 @@ METHOD: Final = Method(
     Ekf,
     use="an extended Kalman filter, as one on board would settle; depends on order and start",
     source="Crassidis, Lai and Harman (2005)",
+    is_recipe=True,
 )

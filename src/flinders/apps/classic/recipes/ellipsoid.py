@@ -157,4 +157,5 @@ METHOD: Final = Method(
     Constrained,
     use="radii, axes or centre are known to be constrained; parity with ellipsoid_fit and magcal",
     source="Petrov (2009, 2015); MathWorks, magcal",
+    is_recipe=True,
 )

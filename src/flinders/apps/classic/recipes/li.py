@@ -119,4 +119,5 @@ METHOD: Final = Method(
     Li,
     use="always an ellipsoid, as Magneto fits it; pulls towards spheres",
     source="Li and Griffiths (2004), eq. 7–15; Magneto",
+    is_recipe=True,
 )

@@ -287,4 +287,5 @@ METHOD: Final = Method(
     Sequential,
     use="centred, reading by reading: the offset; all where the field's strength is known and varies",
     source="Crassidis, Lai and Harman (2005)",
+    is_recipe=True,
 )

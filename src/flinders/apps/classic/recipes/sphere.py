@@ -75,4 +75,5 @@ METHOD: Final = Method(
     Sphere,
     use="offset and radius only: a bare sensor, few readings, a base line",
     source="NXP AN4246, eq. 11–22; Kåsa (1976)",
+    is_recipe=True,
 )

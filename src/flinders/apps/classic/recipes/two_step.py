@@ -145,4 +145,5 @@ METHOD: Final = Method(
     TwoStep,
     use="parity with Gebre-Egziabher and Elkaim, or Foster and Elkaim; relative to the x axis",
     source="Gebre-Egziabher and others (2001, 2006); Foster and Elkaim (2008)",
+    is_recipe=True,
 )
