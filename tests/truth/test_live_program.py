@@ -202,7 +202,7 @@ def test_a_full_disk_is_said_and_what_came_meanwhile_is_there_when_there_is_room
     until(lambda: len(recorded(path)) > 20)
     resource.prlimit(program.pid, resource.RLIMIT_FSIZE, (path.stat().st_size, resource.RLIM_INFINITY))
     until(lambda: "cannot be written" in program.said)
-    assert program.get("static/live.js")
+    assert program.get("static/page.js")
     resource.prlimit(program.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     until(lambda: "is written again, and nothing is missing" in program.said)
     program.signal(signal.SIGINT)

@@ -508,7 +508,7 @@ def test_every_answer_has_the_headers(wall: Bench) -> None:
 @pytest.mark.parametrize(
     ("path", "kind"),
     [
-        ("/page.json", "application/json"), ("/static/live.js", "text/javascript"),
+        ("/page.json", "application/json"), ("/static/page.js", "text/javascript"),
         ("/static/worker.js", "text/javascript"), ("/static/views/scene.js", "text/javascript"), ("/", "text/html"),
     ],
 )  # fmt: skip

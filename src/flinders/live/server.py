@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 STATIC: Final = Path(__file__).resolve().parent.parent / "static"
 SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
-    "live.js": ("live.js", ()),
+    "page.js": ("live.js", ()),
     "worker.js": ("standalone/worker.js", ()),
     "views/scene.js": ("views/scene.js", ("Scene",)),
 }

@@ -13,6 +13,7 @@ import { legendOf, legendRow } from "./legend.js";
 import { listenForPlace, showRemedies } from "./remedies.js";
 import { Sounds } from "./sounds.js";
 import { staysLevel } from "./standalone/choreography.js";
+import { Fitter } from "./standalone/fitter.js";
 import { errors, Gap, goesOn, Store } from "./store.js";
 import { ems, gauge } from "./views/gauge.js";
 import { Guide, LeadView } from "./views/lead.js";
@@ -59,13 +60,23 @@ let wasOpen = false;
 let link;
 
 /**
- * Run the page on what a link says.
- * @param {(listener: Listener) => Link} connect
+ * Load what Python wrote for the page, and run the page on what a link says.
+ * @template {{engine: import("./standalone/data.d.ts").EngineData}} Data
+ * @param {(listener: Listener, data: Data, fitter: Fitter) => Link | Promise<Link>} connect
  */
-export function start(connect) {
-    link = connect(listener);
-    /** For tests and for those who look: what the page knows. */
-    Object.defineProperty(window, "flinders", { value: Object.freeze({ store, connection: link }) });
+export async function start(connect) {
+    try {
+        const answer = await fetch("page.json");
+        if (!answer.ok) throw new Error(`page.json gave ${answer.status}`);
+        const data = /** @type {Data} */ (await answer.json());
+        link = await connect(listener, data, new Fitter("static/worker.js", "flinders.wasm", data.engine));
+        /** For tests and for those who look: what the page knows. */
+        Object.defineProperty(window, "flinders", { value: Object.freeze({ store, connection: link }) });
+    } catch (error) {
+        byId("lost", HTMLElement).hidden = false;
+        setText(byId("lost-words", HTMLElement), `This page could not be loaded: ${error instanceof Error ? error.message : error}.`);
+        byId("retry", HTMLElement).addEventListener("click", () => window.location.reload());
+    }
 }
 
 /** @type {Listener} */

@@ -114,5 +114,15 @@ export function save(content, name) {
     window.setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
 }
 
+/**
+ * Add rules of style to the page.
+ * @param {string} css
+ */
+export function adopt(css) {
+    const sheet = new CSSStyleSheet();
+    sheet.replaceSync(css);
+    document.adoptedStyleSheets = [...document.adoptedStyleSheets, sheet];
+}
+
 /** What was asked for and refused, in words to show. */
 export class Refusal extends Error {}

@@ -18,6 +18,8 @@ import { readCalibration } from "./standalone/targets.js";
 /** @typedef {import("./standalone/running.js").Finished} Finished */
 /** @typedef {import("./standalone/running.js").Listener} Listener */
 
+/** @typedef {{engine: EngineData, model: import("./standalone/geomag.js").Model, unfit: Record<string, string>, targets: {schema: number}}} ServedData */
+
 /** What is asked of a calibration that was finished. */
 const OF_FINISHED = ["export/", "calibration.json", "report.html", "send"];
 
@@ -26,7 +28,7 @@ export class RelayLink extends SessionLink {
      * @param {string} address
      * @param {Listener} listener
      * @param {Fitter} fitter
-     * @param {{engine: EngineData, model: import("./standalone/geomag.js").Model, unfit: Record<string, string>, targets: {schema: number}}} data
+     * @param {ServedData} data
      */
     constructor(address, listener, fitter, data) {
         super(listener, fitter, data);

@@ -5,7 +5,7 @@
  * file and name its row in `WIDGETS`.
  */
 
-import { element, icon } from "./dom.js";
+import { adopt, element, icon } from "./dom.js";
 import { chartOf, markReading } from "./views/charts.js";
 import { deviation } from "./views/deviation.js";
 import { heading } from "./views/heading.js";
@@ -90,9 +90,7 @@ const WIDGETS = [heading, deviation, residuals, strength, projections];
  * @returns {WidgetPanel[]}
  */
 export function lay(strip, page) {
-    const sheet = new CSSStyleSheet();
-    sheet.replaceSync(WIDGETS.map(({ css }) => css).join("\n"));
-    document.adoptedStyleSheets = [...document.adoptedStyleSheets, sheet];
+    adopt(WIDGETS.map(({ css }) => css).join("\n"));
     return WIDGETS.map((row) => {
         const panel = panelOf(row);
         const section = panel.host.parentElement ?? panel.host;
