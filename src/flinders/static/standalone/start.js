@@ -41,7 +41,7 @@ const BUTTON = `
 const CSS = `
 [data-start] :is(.board > :not(.start), .source, #open, #pause, #clear, #finish) { display: none; }
 [data-start] .bar { justify-content: space-between; }
-[data-start] .board { display: block; min-height: calc(100dvh - 4rem); }
+[data-start] .board { display: block; min-height: calc(100cqb - 4rem); }
 .start { width: 100%; max-width: 56rem; margin-inline: auto; padding: clamp(0.5rem, 8vh, 6rem) 0.25rem 2rem; display: grid; gap: 1rem; }
 .start h2 { font-size: 1.75rem; line-height: 1.2; color: var(--ink); letter-spacing: -0.01em; white-space: normal; text-wrap: balance; }
 .start .lead { font-size: 1.0625rem; color: var(--faint); text-wrap: pretty; }
