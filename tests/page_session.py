@@ -99,7 +99,7 @@ class PageSession:
 
     def opened(self, at: float, name: str, log: Log) -> None:
         """A log that was dropped."""
-        about = {"is_timed": log.is_timed, "frame": log.advice_frame, "site": log.site}
+        about = {"is_timed": log.is_timed, "frame": log.advice_frame, "axes": str(log.axes), "site": log.site}
         frame = b64encode(frame_of_buffer(log.buffer, log.unit)).decode()
         self._tell("opened", at, name=name, frame=frame, about=msgspec.to_builtins(about))
 

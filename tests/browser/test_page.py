@@ -9,6 +9,7 @@ from itertools import cycle, islice, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.testing as npt
 import pytest
 from benchmarks.stage import Program
 from click.testing import CliRunner
@@ -16,6 +17,7 @@ from playwright.sync_api import Error, Locator, expect
 from tests.browser.visitor import Visitor, grave, until
 from tests.trials import daily
 
+import flinders
 from flinders.cli import main
 from flinders.core import calibration_file
 
@@ -478,6 +480,28 @@ def test_what_is_no_log_is_refused_with_words_and_changes_nothing(visitor: Visit
         expect(notice).to_have_count(0)
     assert state(page, "opened") is None
     visitor.forgive(422)
+
+
+@pytest.mark.tools
+def test_the_readings_of_a_dropped_log_are_saved_and_not_those_of_the_sensor(
+    visitor: Visitor, tumble: Path, tmp_path: Path
+) -> None:
+    page = done(visitor.page())
+    part = tumble.read_text(encoding="utf-8").splitlines(keepends=True)[:1001]
+    dropped(page, "part.csv", "".join(part).encode())
+    until(page, "flinders.store.state.opened === 'part.csv' && flinders.store.view")
+    page.keyboard.press("f")
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Readings").click()
+    assert saved.value.suggested_filename == "part-readings.csv"
+    saved.value.save_as(tmp_path / "part.csv")
+    npt.assert_allclose(flinders.read(tmp_path / "part.csv").field, flinders.read(tumble).field[:1000], atol=1e-9)
+
+
+@pytest.mark.tools
+def test_no_line_breaks_between_a_number_and_its_unit(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    assert "95\u00a0% within" in (page.locator("#phase-words").text_content() or "")
 
 
 @pytest.mark.tools

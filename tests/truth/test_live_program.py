@@ -509,6 +509,12 @@ def test_a_refresh_needs_a_calibration_to_renew() -> None:
     assert (ended.code, "name its file with --previous" in ended.said) == (2, True)
 
 
+@pytest.mark.parametrize(("word", "option"), [("tumble.csv", "--replay"), ("/dev/ttyUSB7", "--serial")])
+def test_a_source_without_its_option_is_told_which(word: str, option: str) -> None:
+    ended = flinders_("live", word, "--speed", "5")
+    assert (ended.code, f"as in flinders live {option} {word}" in ended.said) == (2, True)
+
+
 def ended_with_json(is_enough: Callable[[], object], *words: str) -> dict[str, Any]:
     """Run ``flinders live --json`` until there is enough, and read what it prints in the end."""
     command = [sys.executable, "-m", "flinders", "live", "--json", "--no-open", "--port", "0", *words]

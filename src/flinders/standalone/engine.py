@@ -96,6 +96,7 @@ def data() -> dict[str, Any]:
             "every-way": Unmoved.EVERY_WAY,
             "to-all-sides": refreshing.TO_ALL_SIDES,
             "other-recording": refreshing.OTHER_UNIT,
+            "other-axes": refreshing.OTHER_AXES,
             "z-elsewhere": Z_ELSEWHERE,
             "z-open": Z_OPEN,
         },

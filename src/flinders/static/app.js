@@ -69,7 +69,7 @@ export async function start(connect) {
         const answer = await fetch("page.json");
         if (!answer.ok) throw new Error(`page.json gave ${answer.status}`);
         const data = /** @type {Data} */ (await answer.json());
-        link = await connect(listener, data, new Fitter("static/worker.js", "flinders.wasm", data.engine));
+        link = await connect(listener, data, new Fitter("static/worker.js", new URL("flinders.wasm", document.baseURI).href, data.engine));
         /** For tests and for those who look: what the page knows. */
         Object.defineProperty(window, "flinders", { value: Object.freeze({ store, connection: link }) });
     } catch (error) {
@@ -474,9 +474,9 @@ function say(topic, words) {
  */
 function notify(severity, words) {
     const list = byId("notices", HTMLElement);
-    for (const other of list.children) if (other.querySelector("span")?.textContent === sentence(words)) other.remove();
+    list.querySelector(`[data-words="${CSS.escape(words)}"]`)?.remove();
     const row = element("li");
-    row.dataset.severity = severity;
+    Object.assign(row.dataset, { severity, words });
     const shut = element("button", "", "square quiet");
     shut.setAttribute("aria-label", "Close this notice");
     shut.append(icon("close"));

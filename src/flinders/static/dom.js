@@ -13,13 +13,25 @@ export function byId(id, kind) {
     return element;
 }
 
+/** A number before its unit. */
+const BEFORE_A_UNIT = /(\d) (?=[%°µσ]|(?:k?Hz|kB|Mi?B|mG|nT|uT|min|[hsmg])\b)/g;
+
+/**
+ * A text in which numbers and their units stay on one line.
+ * @param {string} text
+ */
+function unbroken(text) {
+    return text.replace(BEFORE_A_UNIT, "$1\u00a0");
+}
+
 /**
  * Set a text, if it is another.
  * @param {Element} element
  * @param {string} text
  */
 export function setText(element, text) {
-    if (element.textContent !== text) element.textContent = text;
+    const shown = unbroken(text);
+    if (element.textContent !== shown) element.textContent = shown;
 }
 
 /**
@@ -30,7 +42,7 @@ export function setText(element, text) {
  */
 export function element(name, text = "", kind = "") {
     const made = document.createElement(name);
-    if (text) made.textContent = text;
+    if (text) made.textContent = unbroken(text);
     if (kind) made.className = kind;
     return made;
 }

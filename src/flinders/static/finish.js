@@ -245,13 +245,13 @@ export class Finish {
         /** @type {[string, string][]} */
         const rows = view
             ? [
-                  ["heading error, worst (1\u00a0σ)", degrees(error?.worst)],
-                  ["all headings within (95\u00a0%)", degrees(error?.bound_95)],
-                  ["heading error, rms (1\u00a0σ)", degrees(error?.rms)],
+                  ["heading error, worst (1 σ)", degrees(error?.worst)],
+                  ["all headings within (95 %)", degrees(error?.bound_95)],
+                  ["heading error, rms (1 σ)", degrees(error?.rms)],
                   ["without calibration, worst", degrees(raw?.worst)],
                   ["tilt within the target", tilt(view.attitude_limit_deg)],
                   [view.field_strength_known ? "field strength" : "field strength, relative", withUnit(measured(view.field_strength, view.noise).value, view.unit)],
-                  ["noise (1\u00a0σ)", withUnit(significant(view.noise, 3), view.unit)],
+                  ["noise (1 σ)", withUnit(significant(view.noise, 3), view.unit)],
                   ["readings used", counted(view.samples)],
                   ["method", view.method],
               ]
@@ -289,7 +289,7 @@ export class Finish {
         const words = binary && !text ? `${preview.filename}: ${atob(binary).length} bytes, to be downloaded.\n\n${hex(atob(binary))}` : text;
         const host = byId("preview", HTMLElement);
         host.classList.toggle("refusal", preview === null && text !== "");
-        setText(host, words);
+        host.textContent = words;
         host.scrollTop = preview ? heightAbove(host, text) : 0;
         const known = this.finished?.view?.findings.map(({ advice }) => advice) ?? [];
         const warnings = preview?.warnings.filter((warning) => !known.includes(warning)) ?? [];

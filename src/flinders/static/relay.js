@@ -5,7 +5,7 @@
 
 import { Connection } from "./connection.js";
 import { passedIn } from "./standalone/passed.js";
-import { SessionLink } from "./standalone/running.js";
+import { download, SessionLink, tableOf } from "./standalone/running.js";
 import { Series, Session, stated } from "./standalone/session.js";
 import { Unreadable } from "./standalone/tables.js";
 import { readCalibration } from "./standalone/targets.js";
@@ -45,8 +45,8 @@ export class RelayLink extends SessionLink {
         this.isHeard = false;
         /** The edits that the server has, as JSON. */
         this.told = "";
-        /** The calibration to compare with that the server has, as JSON. */
-        this.compared = "";
+        /** Number of the calibration to compare with that the server has. */
+        this.previous = "";
         /** Number of the calibration that was finished. */
         this.finished = "";
         this.connection = new Connection(address, {
@@ -72,7 +72,7 @@ export class RelayLink extends SessionLink {
     /** @param {Command} message */
     send(message) {
         if (!this.isHeard || !this.connection.isOpen) return false; // what is here may be of another session
-        if (message.type === "previous_clear") this.#say({ type: "previous", name: "", text: "" });
+        if (message.type === "previous_clear") this.#say({ type: "previous", name: "", text: "", number: "" });
         super.send(message);
         this.#tellEdits();
         return true;
@@ -84,6 +84,8 @@ export class RelayLink extends SessionLink {
      * @returns {Promise<Response>}
      */
     async ask(address, options = {}) {
+        const { opened, openedName } = this.session;
+        if (address === "session.csv" && opened) return download(tableOf(opened), `${openedName.replace(/\.[^.]*$/, "")}-readings.csv`);
         const isOfFinished = OF_FINISHED.some((start) => address.startsWith(start));
         const answer = await this.connection.ask(isOfFinished ? `${address}?of=${this.finished}` : address, options);
         if (address.startsWith("open?")) this.#open(await answer.arrayBuffer());
@@ -93,8 +95,8 @@ export class RelayLink extends SessionLink {
     /** @returns {Promise<Finished>} */
     async finish() {
         const { shown, finishing } = this.session;
-        const log = shown.number ? `?log=${shown.number}` : "";
-        const answer = await this.connection.ask(`finish${log}`, { method: "POST", body: JSON.stringify(finishing) });
+        const of = new URLSearchParams({ ...(shown.number && { log: shown.number }), ...(finishing.refreshing && { previous: this.previous }) });
+        const answer = await this.connection.ask(`finish?${of}`, { method: "POST", body: JSON.stringify(finishing) });
         const { number, name, view, refusal } = await answer.json();
         this.finished = number;
         return { name, view, refusal };
@@ -150,7 +152,7 @@ export class RelayLink extends SessionLink {
     /** Forget the session of a server that was ended: the next one may be of another sensor. */
     #forget() {
         this.session = new Session(this.data);
-        this.compared = "";
+        this.previous = "";
     }
 
     /** @param {import("./wire.d.ts").Edits} edits  that the server keeps */
@@ -162,12 +164,11 @@ export class RelayLink extends SessionLink {
     }
 
     /** @param {import("./wire.d.ts").Previous} previous  one that cannot be read is none */
-    #compareWith({ name, text }) {
-        const compared = JSON.stringify([name, text]);
-        if (compared === this.compared) return;
-        this.compared = compared;
+    #compareWith({ name, text, number }) {
+        if (number === this.previous) return;
+        this.previous = number;
         try {
-            if (text) this.session.gotPrevious(this.now, { name, calibration: readCalibration(text, this.data, this.welcome?.axes) });
+            if (text) this.session.gotPrevious(this.now, { name, calibration: readCalibration(text, this.data) });
             else this.session.requested(this.now, { type: "previous_clear" });
         } catch (error) {
             this.session.requested(this.now, { type: "previous_clear" });
@@ -183,7 +184,7 @@ export class RelayLink extends SessionLink {
             this.isBehind = true;
         }
         this.generation = generation;
-        this.session.live.frame = frame;
+        Object.assign(this.session.live, { frame, axes: this.welcome?.axes });
         this.session.received(this.now, passed, unit, this.isBehind);
         if (isLast) this.isBehind = false;
         if (!this.isHeard) {
@@ -199,7 +200,7 @@ export class RelayLink extends SessionLink {
         const about = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 8, length)));
         const { passed, unit, frame } = passedIn(bytes, 8 + length);
         const series = new Series(this.session.rules.capacity, unit, about.is_timed);
-        Object.assign(series, { number: about.number, frame, site: about.site });
+        Object.assign(series, { number: about.number, frame, site: about.site, axes: about.axes });
         series.buffer.follow(passed);
         this.session.openedLog(this.now, about.name, series);
         this.tell(about.words);

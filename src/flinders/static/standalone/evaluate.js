@@ -63,7 +63,7 @@ export function evaluate(engine, data, asked) {
     const readings = { field, time };
     if (!(fit instanceof Fit)) {
         const reasons = ofRefusal(fit).concat(ofMotion(readings, null, false));
-        const state = previous && compared(previous, null, data);
+        const state = previous && compared(previous, null, data, asked);
         return { view: null, reasons: ordered(reasons), refusal: fit.words, refusalCode: fit.code, alarms: [], used: 0, rejected: 0, coverage: 0, record: null, previous: state };
     }
     const findings = findingsOf(fit);
@@ -82,7 +82,7 @@ export function evaluate(engine, data, asked) {
         rejected: time.length - used,
         coverage: fit.record.coverage,
         record: view.verdict === "refused" ? null : recordOf(fit, findings, view),
-        previous: previous && compared(previous, view.verdict === "refused" ? null : fit, data),
+        previous: previous && compared(previous, view.verdict === "refused" ? null : fit, data, asked),
     };
 }
 
@@ -94,7 +94,7 @@ export function evaluate(engine, data, asked) {
  * @param {import("./session.js").Previous} previous
  */
 function renewedFit(engine, data, asked, previous) {
-    const words = otherRecording(previous, asked.unit, data);
+    const words = otherRecording(previous, asked, data);
     if (words) return { code: "", words };
     const renewed = renewedOf(previous);
     const dip = asked.dipAssumed ? { dipDeg: renewed.dipDeg, dipAssumed: renewed.dipAssumed } : {};

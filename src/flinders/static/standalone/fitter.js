@@ -6,19 +6,19 @@
 
 export class Fitter {
     /**
-     * @param {string} script  path of the worker
-     * @param {string} engine  path of the engine
+     * @param {string} script  address of the worker
+     * @param {string} address  of the engine
      * @param {import("./data.d.ts").EngineData} data
      */
-    constructor(script, engine, data) {
+    constructor(script, address, data) {
         /** @type {Map<number, {task: Task, done: (timed: Timed) => void}>} */
         this.running = new Map();
         this.asked = 0;
         this.failure = "";
-        this.worker = new Worker(new URL(script, document.baseURI), { type: "module" });
+        this.worker = new Worker(script, { type: "module" });
         this.worker.addEventListener("message", ({ data }) => this.#answered(data));
         this.worker.addEventListener("error", (event) => this.#fail(event.message || "its script cannot be loaded"));
-        this.worker.postMessage({ address: new URL(engine, document.baseURI).href, data });
+        this.worker.postMessage({ address, data });
     }
 
     /**

@@ -6,7 +6,7 @@
 
 import { Refusal } from "../dom.js";
 import { degrees } from "../views/words.js";
-import { SessionLink } from "./running.js";
+import { download, SessionLink, tableOf } from "./running.js";
 import { seriesOf } from "./session.js";
 import { readLog } from "./lines.js";
 import { send } from "./sending.js";
@@ -335,27 +335,4 @@ function calibrationOf(view, unit, name) {
         raw: { unit: unit.recorded, scale: unit.scale },
         about: [`from ${name}`, `the calibration is ${verdict}: headings good to ${degrees(error?.worst)} (1 σ)`, ...limits],
     };
-}
-
-/**
- * @param {import("./session.js").Series} series
- * @returns {string}
- */
-function tableOf({ buffer, unit: { inside, recorded, scale } }) {
-    const { time, field } = buffer;
-    const suffix = inside === "uT" ? `_${recorded}` : "";
-    const rows = [`t_s,mag_x${suffix},mag_y${suffix},mag_z${suffix}`];
-    time.forEach((at, j) => {
-        const [x, y, z] = [0, 1, 2].map((axis) => Number((field[3 * j + axis] / scale).toPrecision(12)));
-        rows.push(`${at.toFixed(4)},${x},${y},${z}`);
-    });
-    return `${rows.join("\n")}\n`;
-}
-
-/**
- * @param {string} content
- * @param {string} filename
- */
-function download(content, filename) {
-    return new Response(content, { headers: { "Content-Disposition": `attachment; filename="${filename}"` } });
 }

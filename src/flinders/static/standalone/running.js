@@ -136,3 +136,27 @@ export class SessionLink {
         if (frame) listener.onFrame(frame);
     }
 }
+
+/**
+ * The readings of a series that are in memory, as a table in the recorded unit.
+ * @param {import("./session.js").Series} series
+ * @returns {string}
+ */
+export function tableOf({ buffer: { time, field, acceleration }, unit: { inside, recorded, scale } }) {
+    const suffix = inside === "uT" ? `_${recorded}` : "";
+    const names = ["x", "y", "z"];
+    const rows = [["t_s", ...names.map((axis) => `mag_${axis}${suffix}`), ...(acceleration ? names.map((axis) => `accel_${axis}_mps2`) : [])].join()];
+    time.forEach((at, j) => {
+        const numbers = [...Array.from(field.subarray(3 * j, 3 * j + 3), (part) => part / scale), ...(acceleration?.subarray(3 * j, 3 * j + 3) ?? [])];
+        rows.push([at.toFixed(4), ...numbers.map((number) => (Number.isFinite(number) ? Number(number.toPrecision(12)) : ""))].join());
+    });
+    return `${rows.join("\n")}\n`;
+}
+
+/**
+ * @param {string} content
+ * @param {string} filename
+ */
+export function download(content, filename) {
+    return new Response(content, { headers: { "Content-Disposition": `attachment; filename="${filename}"` } });
+}

@@ -86,6 +86,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {Float64Array | null} time
  * @property {Float64Array | null} acceleration  beside each of them, where it was recorded
  * @property {"sensor" | "vehicle"} frame  whose axes advice is given in
+ * @property {string} axes  that readings are in, as `--axes` takes them
  * @property {Uint32Array} numbers  which reading of the session each of them is
  * @property {string} unit
  * @property {number} targetDeg
@@ -119,6 +120,7 @@ const NO_FIT = { key: -1, view: null, refusal: "", refusalCode: "", reasons: [],
 /** A time after all others, s. */
 const END = 1e9;
 const LARGEST_DIP_DEG = 89;
+const FULL = "no more stretches can be told apart: leave out one longer stretch over several, or put some back";
 const A_LOG = "a log is shown, and nothing arrives in it: go back to the sensor first";
 
 /** Readings that are fitted together: those of the sensor, or of a log. */
@@ -136,6 +138,8 @@ export class Series {
         this.number = "";
         /** @type {"sensor" | "vehicle"} whose axes readings are in */
         this.frame = "sensor";
+        /** The recorded axes that these are, as `--axes` takes them. */
+        this.axes = "x,y,z";
         /** @type {number | null} it was begun anew then: readings up to that time are left behind */
         this.begunS = null;
         this.exclusions = new Exclusions();
@@ -220,9 +224,14 @@ export class Session {
         return this.shown.lostAt === null ? null : this.shown.kept;
     }
 
-    /** What the page shows of the newest fit, or of the one that is kept in its place. */
+    /** The newest fit, or the one that is kept in its place. */
+    get held() {
+        return this.keptInstead?.evaluated ?? this.shown.evaluated;
+    }
+
+    /** What the page shows of it. */
     get view() {
-        return this.keptInstead?.view ?? this.shown.evaluated.view;
+        return this.held.view;
     }
 
     /** Whether the newest fits have been worse than the kept one for long enough to say that something changed. */
@@ -495,7 +504,7 @@ export class Session {
         this.shown.site = { strength, gain_sigma, inclination_deg: inclinationDeg, inclination_sigma_deg };
         this.shown.within = [];
         this.#refit();
-        this.#wish("dipDeg", dipDeg);
+        this.#wish("dipDeg", inclinationDeg);
         const where = `the dip at ${general(latitude)}°, ${general(longitude)}° is ${general(dipDeg)}°`;
         return [notice(`${where}, the strength of the field ${fixed(strength, 1)} µT (${model.name})`, "info")];
     }
@@ -529,7 +538,7 @@ export class Session {
      */
     #edit(edit) {
         const exclusions = edit(this.shown.exclusions);
-        if (exclusions === this.shown.exclusions) return [];
+        if (exclusions === this.shown.exclusions) return exclusions.isFull ? [notice(FULL, "warning")] : [];
         this.shown.exclusions = exclusions;
         this.#useAll();
         this.#refit();
@@ -592,9 +601,9 @@ export class Session {
 
     /** @param {number | null} begunS  time of the last reading that is left behind */
     #begin(begunS) {
-        const { unit, buffer, frame, site } = this.live;
+        const { unit, buffer, frame, axes, site } = this.live;
         this.live = new Series(buffer.most, unit);
-        Object.assign(this.live, { begunS, frame, site, generation: ++this.generations, key: ++this.keys, since: this.keys });
+        Object.assign(this.live, { begunS, frame, axes, site, generation: ++this.generations, key: ++this.keys, since: this.keys });
         this.arrivals = [];
         this.revision += 1;
     }
@@ -651,6 +660,7 @@ export class Session {
             numbers: used.map((place) => place * stride),
             unit: labelOf(shown.unit),
             frame: shown.frame,
+            axes: shown.axes,
             targetDeg: this.targetDeg,
             dipDeg,
             dipAssumed,

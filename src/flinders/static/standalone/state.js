@@ -36,7 +36,7 @@ export function sessionState(session) {
         told,
         reasons,
         target_deg: session.targetDeg,
-        dip_deg: session.dipDeg ?? Number(fixed(dipDeg, 1)),
+        dip_deg: shownDip(session.dipDeg, dipDeg),
         dip_assumed: dipAssumed,
         goal: session.goal,
         excluded,
@@ -49,8 +49,19 @@ export function sessionState(session) {
         refreshing: session.isRenewed,
         opened: session.openedName || null,
         kept: shown.kept && { seconds: shown.kept.seconds, is_changed: session.isChanged },
-        can_send: session.hasBoard && session.opened === null && evaluated.record !== null,
+        can_send: session.hasBoard && session.opened === null && session.held.record !== null,
     };
+}
+
+/**
+ * The dip, of a place to a tenth of a degree.
+ * @param {number | null} typed
+ * @param {number} dipDeg
+ * @returns {number}
+ */
+function shownDip(typed, dipDeg) {
+    const isExact = typed !== null && Number(fixed(typed, 2)) === typed;
+    return isExact ? typed : Number(fixed(dipDeg, 1));
 }
 
 /**

@@ -26,7 +26,7 @@ import { Unreadable } from "./tables.js";
 /**
  * A calibration of a file, and what is known of it.
  * @typedef {Calibration & {fit: Record<string, any> | null, files: object[], rotation: string, disturbances: string[],
- *     isLinearized: boolean}} Known
+ *     isLinearized: boolean, axes: string}} Known
  */
 
 /**
@@ -361,11 +361,10 @@ export function calibrationFile({ targets }, calibration, { fit = null, provenan
  * The calibration of a file of Flinders, with its fit as it stands there.
  * @param {string} text
  * @param {{targets: any}} data `page.json`.
- * @param {string} [used] The axes that readings are mapped to.
  * @returns {Known}
  * @throws {Unreadable} Says what is wrong.
  */
-export function readCalibration(text, { targets }, used = "x,y,z") {
+export function readCalibration(text, { targets }) {
     const document = parsed(text.replace(/^\ufeff/, ""));
     if (document === null || typeof document !== "object") {
         throw new Unreadable("it is no JSON: need a calibration file of Flinders");
@@ -388,9 +387,6 @@ export function readCalibration(text, { targets }, used = "x,y,z") {
         throw new Unreadable(`its calibration is damaged: ${need}`);
     }
     const { unit: recorded = unit, scale = 1, axes = "x,y,z" } = document.raw ?? {};
-    if (axes !== used) {
-        throw new Unreadable(`it maps the recorded axes to ${axes}, and the readings here to ${used}: use the command line`);
-    }
     return {
         matrix,
         offset,
@@ -398,6 +394,7 @@ export function readCalibration(text, { targets }, used = "x,y,z") {
         fieldStrengthKnown: field_strength_known === true,
         unit,
         raw: { unit: recorded, scale },
+        axes,
         fit: document.fit ?? null,
         files: document.provenance?.files ?? [],
         rotation,
