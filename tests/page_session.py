@@ -189,10 +189,10 @@ class PageSession:
         """What the calibration in the end is made by."""
         return msgspec.convert(self._ask("finishing", as_dict=True), Edits)
 
-    def points(self, page: str = "") -> bytes | None:
-        """The points that one of several pages lacks, as a frame; None where there is nothing new."""
-        frame = self._ask("points", page=page)
-        return None if frame is None else b64decode(frame)
+    def points(self, page: str = "") -> SimpleNamespace:
+        """What one of several pages draws: `first` that is new (None: nothing), `stride`, `time` and `acceleration`."""
+        points: SimpleNamespace = self._ask("points", page=page)
+        return points
 
     def _told(self, name: str, at: float, /, **given: Any) -> list[SimpleNamespace]:
         self.at = at

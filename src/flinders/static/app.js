@@ -14,7 +14,7 @@ import { listenForPlace, showRemedies } from "./remedies.js";
 import { Sounds } from "./sounds.js";
 import { staysLevel } from "./standalone/choreography.js";
 import { Fitter } from "./standalone/fitter.js";
-import { errors, Gap, goesOn, Store } from "./store.js";
+import { errors, goesOn, Store } from "./store.js";
 import { ems, gauge } from "./views/gauge.js";
 import { Guide, LeadView } from "./views/lead.js";
 import { brief, capital, counted, degrees, duration, frequency, ICONS, isGoodWhileLevel, PHASES, REASONS, sentence, things, WHILE_LEVEL } from "./views/words.js";
@@ -99,14 +99,10 @@ const listener = {
         if (message.type !== "state") dirty.view = true;
         askFrame();
     },
-    onFrame(frame) {
-        try {
-            sceneFrom = Math.min(sceneFrom, store.takeFrame(frame));
-        } catch (error) {
-            if (!(error instanceof Gap)) throw error;
-            link.renew();
-            return;
-        }
+    onReadings(series, stride) {
+        const from = store.follow(series, stride);
+        if (from === Infinity) return;
+        sceneFrom = Math.min(sceneFrom, from);
         dirty.points = true;
         dirty.now = true;
         askFrame();

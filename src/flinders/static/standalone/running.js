@@ -4,7 +4,7 @@
  */
 
 import { notice, Session } from "./session.js";
-import { Cursor, sessionState } from "./state.js";
+import { sessionState, shownStride } from "./state.js";
 
 /** @typedef {import("../messages.d.ts").Notice} Notice */
 /** @typedef {import("../messages.d.ts").Greeting} Greeting */
@@ -17,7 +17,7 @@ import { Cursor, sessionState } from "./state.js";
  * What a page is told.
  * @typedef {object} Listener
  * @property {(message: FromSession) => void} onMessage
- * @property {(frame: ArrayBuffer) => void} onFrame
+ * @property {(series: import("./session.js").Series, stride: number) => void} onReadings  of which one of so many is shown
  * @property {(link: "open" | "lost" | "trying", seconds: number) => void} onLink
  *   Lost: `seconds` until the next attempt. Told each second while waiting.
  */
@@ -35,7 +35,6 @@ import { Cursor, sessionState } from "./state.js";
  *   As over HTTP, of the calibration that was finished; throws a `Refusal` with words to show, whatever went wrong.
  * @property {() => Promise<Finished>} finish  Make the calibration of all readings.
  * @property {() => void} retry  Try now, and do not wait.
- * @property {() => void} renew  Say everything again.
  */
 
 const TICK_MS = 50;
@@ -53,7 +52,6 @@ export class SessionLink {
         this.fitter = fitter;
         this.tiles = data.engine.tiles;
         this.session = new Session(data);
-        this.cursor = new Cursor();
         /** @type {View | null} that was said */
         this.view = null;
         this.begun = performance.now();
@@ -77,7 +75,6 @@ export class SessionLink {
 
     /** Say everything again. */
     renew() {
-        this.cursor = new Cursor();
         this.view = this.session.view;
         this.listener.onLink("open", 0);
         this.listener.onMessage({ type: "hello", ...this.greeting, tiles: this.tiles, state: sessionState(this.session), view: this.view });
@@ -132,8 +129,7 @@ export class SessionLink {
             this.statedRevision = session.revision;
             listener.onMessage(sessionState(session));
         }
-        const frame = this.cursor.frame(session);
-        if (frame) listener.onFrame(frame);
+        listener.onReadings(session.shown, shownStride(session));
     }
 }
 

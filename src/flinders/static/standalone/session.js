@@ -20,10 +20,9 @@ import { filled } from "./wording.js";
 
 /** Numbers that a session decides by. */
 export const RULES = Object.freeze({
-    /** Readings in memory, shown, in one frame, and of a fit, at most. */
+    /** Readings in memory, shown, and of a fit, at most. */
     capacity: 1 << 20,
     shown: 40_000,
-    frame_points: 20_000,
     fitted: 20_000,
     /** Of a core, that fits take, and seconds from one to the next, at the least. */
     share: 0.03,
