@@ -589,7 +589,7 @@ async function upload(what, file) {
     }
     const done = what === "open" ? notify("info", `Reading ${file.name} …`) : () => {};
     try {
-        await link.ask(`${what}?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });
+        await link[what](file.name, file);
     } catch (error) {
         if (!(error instanceof Refusal)) throw error;
         notify("error", error.message);

@@ -10,15 +10,7 @@ import { counted, degrees, ICONS, isGoodWhileLevel, measured, PHASES, sentence, 
 /** @typedef {import("./messages.d.ts").View} View */
 /** @typedef {import("./messages.d.ts").TargetInfo} TargetInfo */
 
-/**
- * What an export looks like.
- * @typedef {object} Preview
- * @property {string} text
- * @property {string} filename
- * @property {string[]} warnings
- * @property {string | null} [binary_base64]
- * @property {string | null} [refusal] Why this calibration cannot be exported for this target.
- */
+/** @typedef {import("./standalone/running.js").Preview} Preview */
 
 const LAST_TARGET = "flinders-export";
 /** What can be had of any calibration, in any unit. */
@@ -63,9 +55,9 @@ export class Finish {
         });
         this.onClick("copy", () => this.copy());
         this.onClick("export-file", () => this.download());
-        this.onClick("save-calibration", () => this.fetchFile("calibration.json", "calibration.json"));
-        this.onClick("save-report", () => this.fetchFile("report.html", "report.html"));
-        this.onClick("save-session", () => this.fetchFile("session.csv", "session.csv"));
+        this.onClick("save-calibration", () => this.saveFile("calibration.json"));
+        this.onClick("save-report", () => this.saveFile("report.html"));
+        this.onClick("save-session", () => this.saveFile("session.csv"));
         this.onClick("save-card", () => this.saveCard());
         this.onClick("send", () => this.send());
         this.onClick("finish-again", () => this.make());
@@ -269,11 +261,9 @@ export class Finish {
         if (!target || !this.finished?.view?.offset) return;
         const turn = ++this.asked;
         try {
-            const answer = await this.link().ask(`export/${encodeURIComponent(target)}`, { headers: { Accept: "application/json" } });
-            const preview = /** @type {Preview} */ (await answer.json());
+            const preview = await this.link().exported(target);
             if (turn !== this.asked) return;
-            if (preview.refusal) this.showPreview(null, sentence(preview.refusal));
-            else this.showPreview(preview, preview.text);
+            this.showPreview(preview, preview.text);
         } catch (error) {
             if (turn === this.asked) this.showPreview(null, error instanceof Refusal ? sentence(error.message) : String(error));
         }
@@ -323,14 +313,9 @@ export class Finish {
         save(new Blob([content], { type: "application/octet-stream" }), filename);
     }
 
-    /**
-     * @param {string} address
-     * @param {string} name Where the server gives none.
-     */
-    async fetchFile(address, name) {
-        const answer = await this.link().ask(address);
-        const named = /filename="([^"/\\]+)"/.exec(answer.headers.get("Content-Disposition") ?? "")?.[1];
-        save(await answer.blob(), named ?? name);
+    /** @param {import("./standalone/running.js").FileName} name */
+    async saveFile(name) {
+        save(...(await this.link().file(name)));
     }
 
     async saveCard() {
@@ -346,9 +331,7 @@ export class Finish {
 
     async send() {
         this.say("sending …", "working");
-        const answer = await this.link().ask("send", { method: "POST" });
-        const { words } = await answer.json().catch(() => ({}));
-        this.say(typeof words === "string" ? words : "sent");
+        this.say(await this.link().sendToBoard());
     }
 }
 

@@ -4,8 +4,9 @@
  */
 
 import { Connection } from "./connection.js";
+import { Refusal } from "./dom.js";
 import { passedIn } from "./standalone/passed.js";
-import { download, SessionLink, tableOf } from "./standalone/running.js";
+import { SessionLink, tableOf } from "./standalone/running.js";
 import { Series, Session, stated } from "./standalone/session.js";
 import { Unreadable } from "./standalone/tables.js";
 import { readCalibration } from "./standalone/targets.js";
@@ -19,9 +20,6 @@ import { readCalibration } from "./standalone/targets.js";
 /** @typedef {import("./standalone/running.js").Listener} Listener */
 
 /** @typedef {{engine: EngineData, model: import("./standalone/geomag.js").Model, unfit: Record<string, string>, targets: {schema: number}}} ServedData */
-
-/** What is asked of a calibration that was finished. */
-const OF_FINISHED = ["export/", "calibration.json", "report.html", "send"];
 
 export class RelayLink extends SessionLink {
     /**
@@ -46,7 +44,7 @@ export class RelayLink extends SessionLink {
         /** The edits that the server has, as JSON. */
         this.told = "";
         /** Number of the calibration to compare with that the server has. */
-        this.previous = "";
+        this.comparedWith = "";
         /** Number of the calibration that was finished. */
         this.finished = "";
         this.connection = new Connection(address, {
@@ -78,24 +76,47 @@ export class RelayLink extends SessionLink {
         return true;
     }
 
+    /** @param {string} name @param {Blob} content */
+    async open(name, content) {
+        const answer = await this.connection.ask(`open?${new URLSearchParams({ name })}`, { method: "POST", body: content });
+        this.#open(await answer.arrayBuffer());
+    }
+
+    /** @param {string} name @param {Blob} content */
+    async previous(name, content) {
+        await this.connection.ask(`previous?${new URLSearchParams({ name })}`, { method: "POST", body: content });
+    }
+
+    /** @param {string} target @returns {Promise<import("./standalone/running.js").Preview>} */
+    async exported(target) {
+        const headers = { Accept: "application/json" };
+        const answer = await this.connection.ask(`export/${encodeURIComponent(target)}?of=${this.finished}`, { headers });
+        const { refusal, ...preview } = await answer.json();
+        if (refusal) throw new Refusal(refusal);
+        return preview;
+    }
+
     /**
-     * @param {string} address
-     * @param {RequestInit} [options]
-     * @returns {Promise<Response>}
+     * @param {import("./standalone/running.js").FileName} name
+     * @returns {Promise<[Blob, string]>}
      */
-    async ask(address, options = {}) {
+    async file(name) {
         const { opened, openedName } = this.session;
-        if (address === "session.csv" && opened) return download(tableOf(opened), `${openedName.replace(/\.[^.]*$/, "")}-readings.csv`);
-        const isOfFinished = OF_FINISHED.some((start) => address.startsWith(start));
-        const answer = await this.connection.ask(isOfFinished ? `${address}?of=${this.finished}` : address, options);
-        if (address.startsWith("open?")) this.#open(await answer.arrayBuffer());
-        return answer;
+        if (name === "session.csv" && opened) return [tableOf(opened), `${openedName.replace(/\.[^.]*$/, "")}-readings.csv`];
+        const answer = await this.connection.ask(`${name}?of=${this.finished}`);
+        const named = /filename="([^"/\\]+)"/.exec(answer.headers.get("Content-Disposition") ?? "")?.[1];
+        return [await answer.blob(), named ?? name];
+    }
+
+    async sendToBoard() {
+        const answer = await this.connection.ask(`send?of=${this.finished}`, { method: "POST" });
+        return (await answer.json()).words;
     }
 
     /** @returns {Promise<Finished>} */
     async finish() {
         const { shown, finishing } = this.session;
-        const of = new URLSearchParams({ ...(shown.number && { log: shown.number }), ...(finishing.refreshing && { previous: this.previous }) });
+        const of = new URLSearchParams({ ...(shown.number && { log: shown.number }), ...(finishing.refreshing && { previous: this.comparedWith }) });
         const answer = await this.connection.ask(`finish?${of}`, { method: "POST", body: JSON.stringify(finishing) });
         const { number, name, view, refusal } = await answer.json();
         this.finished = number;
@@ -152,7 +173,7 @@ export class RelayLink extends SessionLink {
     /** Forget the session of a server that was ended: the next one may be of another sensor. */
     #forget() {
         this.session = new Session(this.data);
-        this.previous = "";
+        this.comparedWith = "";
     }
 
     /** @param {import("./wire.d.ts").Edits} edits  that the server keeps */
@@ -165,8 +186,8 @@ export class RelayLink extends SessionLink {
 
     /** @param {import("./wire.d.ts").Previous} previous  one that cannot be read is none */
     #compareWith({ name, text, number }) {
-        if (number === this.previous) return;
-        this.previous = number;
+        if (number === this.comparedWith) return;
+        this.comparedWith = number;
         try {
             if (text) this.session.gotPrevious(this.now, { name, calibration: readCalibration(text, this.data) });
             else this.session.requested(this.now, { type: "previous_clear" });

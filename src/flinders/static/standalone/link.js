@@ -6,7 +6,7 @@
 
 import { Refusal } from "../dom.js";
 import { degrees } from "../views/words.js";
-import { download, SessionLink, tableOf } from "./running.js";
+import { SessionLink, tableOf } from "./running.js";
 import { seriesOf } from "./session.js";
 import { readLog } from "./lines.js";
 import { send } from "./sending.js";
@@ -44,9 +44,6 @@ const PACKET = "motioncal";
 const ONCE = ["serial", "phone"];
 /** @type {SourceState} */
 const NO_SOURCE = { name: "no source", kind: "simulated", link: "waiting", words: "" };
-const NOT_HERE = {
-    "report.html": "This page makes no report: save the readings, and run flinders report.",
-};
 
 export class OwnLink extends SessionLink {
     /**
@@ -100,22 +97,6 @@ export class OwnLink extends SessionLink {
     }
 
     /**
-     * @param {string} address
-     * @param {RequestInit} [options]
-     * @returns {Promise<Response>}
-     */
-    async ask(address, { body } = {}) {
-        const [path, query] = address.split("?");
-        if (path === "open" && body instanceof File) return this.open(new URLSearchParams(query).get("name") ?? body.name, body);
-        if (path === "previous" && body instanceof File) return this.previous(body);
-        if (path.startsWith("export/")) return this.export(path.slice("export/".length));
-        if (path === "calibration.json") return this.calibration();
-        if (path === "session.csv") return this.readings();
-        if (path === "send") return this.sendToBoard();
-        throw new Refusal(NOT_HERE[/** @type {keyof typeof NOT_HERE} */ (path)] ?? `This page has no ${path}.`);
-    }
-
-    /**
      * Open a log in place of the sensor.
      * @param {string} name
      * @param {Blob} content
@@ -129,39 +110,49 @@ export class OwnLink extends SessionLink {
         this.tell(log.words.join("; "));
         this.step();
         this.onChange();
-        return new Response();
     }
 
     /**
      * Take a calibration file to compare with.
-     * @param {File} file
+     * @param {string} name
+     * @param {Blob} content
      */
-    async previous(file) {
-        const text = await file.text();
-        const calibration = readable(() => readCalibration(text, this.data), `${file.name}: `);
-        this.session.gotPrevious(this.now, { name: file.name, calibration });
+    async previous(name, content) {
+        const text = await content.text();
+        const calibration = readable(() => readCalibration(text, this.data), `${name}: `);
+        this.session.gotPrevious(this.now, { name, calibration });
         this.isUrgent = true;
         this.step();
-        return new Response();
     }
 
     /** @param {string} target */
-    async export(target) {
+    async exported(target) {
         const calibration = this.calibrationNow();
         try {
-            return Response.json(exported(this.data, target, calibration));
+            return exported(this.data, target, calibration);
         } catch (error) {
-            if (error instanceof NotExportable) return Response.json({ refusal: error.message });
-            throw error;
+            throw error instanceof NotExportable ? new Refusal(error.message) : error;
         }
     }
 
-    async calibration() {
+    /**
+     * @param {import("./running.js").FileName} name
+     * @returns {Promise<[Blob, string]>}
+     */
+    async file(name) {
+        if (name === "calibration.json") return [this.calibration(), name];
+        if (name === "report.html") throw new Refusal("this page makes no report: save the readings, and run flinders report");
+        const { shown, opened } = this.session;
+        if (opened === null) this.saved = shown.buffer.total;
+        return [tableOf(shown), "readings.csv"];
+    }
+
+    /** The file of the calibration that was made last. */
+    calibration() {
         const { isRenewed, previous } = this.session;
         const files = isRenewed && previous ? previous.calibration.files : [];
         const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files };
-        const file = calibrationFile(this.data, this.calibrationNow(), { fit: this.made?.record ?? null, provenance });
-        return download(file, "calibration.json");
+        return new Blob([calibrationFile(this.data, this.calibrationNow(), { fit: this.made?.record ?? null, provenance })]);
     }
 
     /** Send the calibration to the board that the readings come from. */
@@ -169,14 +160,7 @@ export class OwnLink extends SessionLink {
         if (!(this.source instanceof Board) || this.session.opened) throw new Refusal("This source takes no calibration: save it, or paste what the export shows.");
         const packet = exported(this.data, PACKET, this.calibrationNow()).binary_base64 ?? "";
         const words = await send(this.source, Uint8Array.from(atob(packet), (letter) => letter.charCodeAt(0)));
-        return Response.json({ words: `${this.source.name}: ${words}` });
-    }
-
-    /** The readings that are in memory, as a table in the recorded unit. */
-    async readings() {
-        const { shown, opened } = this.session;
-        if (opened === null) this.saved = shown.buffer.total;
-        return download(tableOf(shown), "readings.csv");
+        return `${this.source.name}: ${words}`;
     }
 
     /** Fit all readings that are in memory and not left out. @returns {Promise<Finished>} */

@@ -27,13 +27,27 @@ import { sessionState, shownStride } from "./state.js";
  * @typedef {{name: string, view: View | null, refusal: string}} Finished
  */
 
+/** @typedef {"calibration.json" | "report.html" | "session.csv"} FileName */
+
 /**
- * What the page needs of its session.
+ * What an export looks like.
+ * @typedef {object} Preview
+ * @property {string} text
+ * @property {string} filename
+ * @property {string[]} warnings
+ * @property {string | null} [binary_base64]
+ */
+
+/**
+ * What the page needs of its session. What goes wrong is thrown as a `Refusal` with words to show.
  * @typedef {object} Link
  * @property {(message: Command) => boolean} send  Whether it was heard.
- * @property {(address: string, options?: RequestInit) => Promise<Response>} ask
- *   As over HTTP, of the calibration that was finished; throws a `Refusal` with words to show, whatever went wrong.
+ * @property {(name: string, content: Blob) => Promise<void>} open  Show a log in place of the sensor.
+ * @property {(name: string, content: Blob) => Promise<void>} previous  Compare with the calibration of a file.
  * @property {() => Promise<Finished>} finish  Make the calibration of all readings.
+ * @property {(target: string) => Promise<Preview>} exported  The calibration that was finished, for a target.
+ * @property {(name: FileName) => Promise<[Blob, string]>} file  A file to keep, and what it is called.
+ * @property {() => Promise<string>} sendToBoard  Send the calibration that was finished; what the board has confirmed.
  * @property {() => void} retry  Try now, and do not wait.
  */
 
@@ -136,7 +150,7 @@ export class SessionLink {
 /**
  * The readings of a series that are in memory, as a table in the recorded unit.
  * @param {import("./session.js").Series} series
- * @returns {string}
+ * @returns {Blob}
  */
 export function tableOf({ buffer: { time, field, acceleration }, unit: { inside, recorded, scale } }) {
     const suffix = inside === "uT" ? `_${recorded}` : "";
@@ -146,13 +160,5 @@ export function tableOf({ buffer: { time, field, acceleration }, unit: { inside,
         const numbers = [...Array.from(field.subarray(3 * j, 3 * j + 3), (part) => part / scale), ...(acceleration?.subarray(3 * j, 3 * j + 3) ?? [])];
         rows.push([at.toFixed(4), ...numbers.map((number) => (Number.isFinite(number) ? Number(number.toPrecision(12)) : ""))].join());
     });
-    return `${rows.join("\n")}\n`;
-}
-
-/**
- * @param {string} content
- * @param {string} filename
- */
-export function download(content, filename) {
-    return new Response(content, { headers: { "Content-Disposition": `attachment; filename="${filename}"` } });
+    return new Blob([`${rows.join("\n")}\n`]);
 }
