@@ -11,7 +11,7 @@ const { modules, wasm, data, asked } = JSON.parse(readFileSync(0, "utf-8"));
 const load = (name) => import(pathToFileURL(`${modules}/${name}`));
 const names = ["standalone/engine.js", "standalone/evaluate.js", "standalone/session.js", "standalone/state.js"];
 const [{ loadEngine }, { evaluate }, { Session }, { sessionState }] = await Promise.all(names.map(load));
-const [{ advance, begin, judged, SEQUENCES }, { lead }, { between, product, rotated, rotation, unit }, { corrected }] =
+const [{ advance, begin, judged, SEQUENCES }, { lead }, { between, product, rotated, rotation }, { corrected, unit }] =
     await Promise.all(["standalone/choreography.js", "standalone/lead.js", "views/turn.js", "views/vectors.js"].map(load));
 const engine = await loadEngine(readFileSync(wasm), data.engine.layouts);
 

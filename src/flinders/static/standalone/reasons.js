@@ -1,7 +1,7 @@
 /** What speaks against a calibration beside its verdict. */
 
 import { corrected, threes } from "./coverage.js";
-import { dot } from "./linear.js";
+import { dot } from "../views/vectors.js";
 import { figures, general } from "./numbers.js";
 import { adviceOf, firstCauses } from "./findings.js";
 import { counted } from "./wording.js";

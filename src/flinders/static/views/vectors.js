@@ -7,6 +7,12 @@ export function dot(a, b) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
+/** @param {Vector} v @returns {Vector} Of length one; unchanged where it has none. */
+export function unit(v) {
+    const length = Math.hypot(...v);
+    return length > 0 ? v.map((part) => part / length) : v;
+}
+
 /** @param {Vector} a @param {Vector} b @returns {[number, number, number]} */
 export function minus(a, b) {
     return [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
