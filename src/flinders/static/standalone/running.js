@@ -5,6 +5,7 @@
 
 import { notice, Session } from "./session.js";
 import { Cursor, sessionState } from "./state.js";
+import { tiles } from "./tiles.js";
 
 /** @typedef {import("../messages.d.ts").Notice} Notice */
 /** @typedef {import("../messages.d.ts").Greeting} Greeting */
@@ -46,12 +47,11 @@ export class SessionLink {
     /**
      * @param {Listener} listener
      * @param {Fitter} fitter
-     * @param {{engine: {tiles: import("../messages.d.ts").TilesView}, model: import("./geomag.js").Model, unfit: Record<string, string>}} data
+     * @param {{model: import("./geomag.js").Model, unfit: Record<string, string>}} data
      */
     constructor(listener, fitter, data) {
         this.listener = listener;
         this.fitter = fitter;
-        this.tiles = data.engine.tiles;
         this.session = new Session(data);
         this.cursor = new Cursor();
         /** @type {View | null} that was said */
@@ -80,7 +80,7 @@ export class SessionLink {
         this.cursor = new Cursor();
         this.view = this.session.view;
         this.listener.onLink("open", 0);
-        this.listener.onMessage({ type: "hello", ...this.greeting, tiles: this.tiles, state: sessionState(this.session), view: this.view });
+        this.listener.onMessage({ type: "hello", ...this.greeting, tiles: tiles(), state: sessionState(this.session), view: this.view });
     }
 
     /**
