@@ -222,12 +222,9 @@ SOURCE_BUTTON: Final = (
     '<button type="button" id="connect" title="Where readings come from">'
     '<svg class="icon" aria-hidden="true"><use href="#i-send"/></svg><span>Source</span></button>\n      '
 )
-KEPT: Final = (
-    '<p class="faint kept">For a report: save the readings, and use <code>flinders report</code>.</p>\n        '
-)
 HELP: Final = (
     "Nothing leaves this browser: readings of a board stay in it until you start again, also when the page is loaded "
-    "again. Reports and binary logs need the program: <code>pip install flinders</code>."
+    "again. Binary logs need the program: <code>pip install flinders</code>."
 )
 
 
@@ -248,8 +245,8 @@ EDITS: Final = (
     ),
     ('<button type="button" id="open"', f'{SOURCE_BUTTON}<button type="button" id="open"'),
     ('<main class="board">', '<main class="board">\n    {start}'),
-    *map(_hidden, ("open", "save-report")),
-    ('<p class="faint kept" id="kept">', f'{KEPT}<p class="faint kept" id="kept">'),
+    ('<div class="drop"', '{columns}\n\n  <div class="drop"'),
+    _hidden("open"),
     ("Everything that arrives is recorded on the computer that runs Flinders; closing this page loses nothing.", HELP),
     (
         "The readings so far leave this page. The file they were recorded to stays.",
@@ -269,5 +266,7 @@ def index_page() -> str:
     for old, new in EDITS:
         if text.count(old) != 1:
             raise ValueError(f"index.html has {old!r} {text.count(old)} times: need it once")
-        text = text.replace(old, new.replace("{start}", asset("standalone/start.html").rstrip()))
+        text = text.replace(old, new)
+    for name in ("start", "columns"):
+        text = text.replace(f"{{{name}}}", asset(f"standalone/{name}.html").rstrip())
     return text

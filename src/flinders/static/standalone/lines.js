@@ -469,6 +469,14 @@ function isUnmarked(language, line) {
 }
 
 /**
+ * What an accelerometer measured with readings, NaN where nothing; null where there is none.
+ * @param {readonly Reading[]} readings
+ */
+export function accelerationOf(readings) {
+    return readings.some(({ acceleration }) => acceleration) ? readings.flatMap(({ acceleration }) => acceleration ?? NONE) : null;
+}
+
+/**
  * The readings of a text log.
  * @param {{lines: object}} data `page.json`.
  * @param {string} name Of the file.
@@ -498,10 +506,10 @@ export function readLog(data, name, bytes, choice = null) {
     const hasTimes = readings.every(({ time }) => time !== null);
     const silent = form.silence.count ? [`${form.silence}`] : [];
     const others = unknown ? [`${unknown} other ${unknown === 1 ? "line" : "lines"} (${example})`] : [];
-    const isFelt = readings.some(({ acceleration }) => acceleration);
+    const acceleration = accelerationOf(readings);
     return {
         field: Float64Array.from(readings.flatMap(({ field }) => field)),
-        acceleration: isFelt ? Float64Array.from(readings.flatMap(({ acceleration }) => acceleration ?? NONE)) : null,
+        acceleration: acceleration && Float64Array.from(acceleration),
         time: hasTimes ? Float64Array.from(readings, ({ time }) => time ?? NaN) : null,
         unit: form.unit,
         raw: form.raw,

@@ -11,7 +11,7 @@ import { seriesOf } from "./session.js";
 import { readLog } from "./lines.js";
 import { send } from "./sending.js";
 import { Board, unitOf } from "./sources.js";
-import { Unreadable } from "./tables.js";
+import { Unclear, Unreadable } from "./tables.js";
 import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } from "./targets.js";
 
 /** @typedef {import("./running.js").Finished} Finished */
@@ -32,8 +32,13 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
  * @property {import("./data.d.ts").EngineData} engine
  * @property {import("./geomag.js").Model} model  of the earth's field
  * @property {Record<string, string>} unfit  why a calibration cannot be renewed
- * @property {object} lines
+ * @property {import("./patterns.js").Rules} lines  with patterns as objects
  * @property {any} targets
+ */
+
+/**
+ * Somebody says which columns are the magnetometer's; null where nobody does.
+ * @typedef {(unclear: import("./tables.js").Unclear) => Promise<import("./tables.js").Choice | null>} Choose
  */
 
 const UPLOAD_BYTES = 64 << 20;
@@ -61,10 +66,13 @@ export class OwnLink extends SessionLink {
         this.keeper = keeper;
         /** @type {Source | null} */
         this.source = null;
-        /** @type {{time: number[], field: number[], unit: Unit}} */
-        this.queue = { time: [], field: [], unit: this.session.live.unit };
+        /** @type {import("./buffer.js").Rows[]} */
+        this.queue = [];
+        this.unit = this.session.live.unit;
         /** Readings that somebody has saved. */
         this.saved = 0;
+        /** @type {Choose} */
+        this.choose = async () => null;
         /** Called where the source is another, or a log was opened. */
         this.onChange = () => {};
         keeper.onFull = () => {
@@ -122,7 +130,7 @@ export class OwnLink extends SessionLink {
      */
     async open(name, content) {
         const bytes = new Uint8Array(await content.arrayBuffer());
-        const log = readable(() => readLog(this.data, name, bytes));
+        const log = await this.read(name, bytes);
         const series = seriesOf(this.session.rules, { ...log, unit: unitOf(log) });
         this.session.openedLog(this.now, name, series);
         this.isUrgent = true;
@@ -130,6 +138,20 @@ export class OwnLink extends SessionLink {
         this.step();
         this.onChange();
         return new Response();
+    }
+
+    /**
+     * Read a log, with the columns that somebody says where its names do not tell.
+     * @param {string} name
+     * @param {Uint8Array} bytes
+     */
+    async read(name, bytes) {
+        try {
+            return readLog(this.data, name, bytes);
+        } catch (error) {
+            const choice = error instanceof Unclear ? await this.choose(error) : null;
+            return readable(() => readLog(this.data, name, bytes, choice));
+        }
     }
 
     /**
@@ -230,6 +252,7 @@ export class OwnLink extends SessionLink {
                 take: (rows, unit) => isNow() && this.take(rows, unit),
                 link: (link, words) => isNow() && this.linked(link, words),
                 tell: (words, severity) => isNow() && this.tell(words, severity),
+                choose: (unclear) => this.choose(unclear),
             });
         } catch (error) {
             this.source = null;
@@ -262,10 +285,9 @@ export class OwnLink extends SessionLink {
     }
 
     /** @param {{time: ArrayLike<number>, field: ArrayLike<number>}} rows @param {Unit} unit */
-    take({ time, field }, unit) {
-        this.queue.time.push(...Array.from(time));
-        this.queue.field.push(...Array.from(field));
-        this.queue.unit = unit;
+    take(rows, unit) {
+        this.queue.push(rows);
+        this.unit = unit;
     }
 
     /** @param {SourceState["link"]} link @param {string} words */
@@ -290,12 +312,11 @@ export class OwnLink extends SessionLink {
 
     /** Put what waits into the session. */
     drain() {
-        const { time, field, unit } = this.queue;
-        if (time.length === 0) return;
-        this.queue = { time: [], field: [], unit };
         const { source, live } = this.session;
+        const { unit } = this;
         const before = live.buffer.total;
-        this.session.arrived(this.now, { time, field }, unit);
+        if (this.queue.length === 0) return;
+        for (const rows of this.queue.splice(0)) this.session.arrived(this.now, rows, unit);
         if (ONCE.includes(source.kind)) this.keeper.add({ name: source.name, kind: source.kind, unit }, live.buffer, before);
     }
 }
@@ -342,12 +363,13 @@ function calibrationOf(view, unit, name) {
  * @returns {string}
  */
 function tableOf({ buffer, unit: { inside, recorded, scale } }) {
-    const { time, field } = buffer;
+    const { time, field, acceleration } = buffer;
     const suffix = inside === "uT" ? `_${recorded}` : "";
-    const rows = [`t_s,mag_x${suffix},mag_y${suffix},mag_z${suffix}`];
+    const rows = [`t_s,mag_x${suffix},mag_y${suffix},mag_z${suffix}${acceleration ? ",accel_x,accel_y,accel_z" : ""}`];
     time.forEach((at, j) => {
         const [x, y, z] = [0, 1, 2].map((axis) => Number((field[3 * j + axis] / scale).toPrecision(12)));
-        rows.push(`${at.toFixed(4)},${x},${y},${z}`);
+        const felt = acceleration ? [...acceleration.subarray(3 * j, 3 * j + 3)] : [];
+        rows.push([at.toFixed(4), x, y, z, ...felt.map((part) => (Number.isNaN(part) ? "" : part))].join(","));
     });
     return `${rows.join("\n")}\n`;
 }

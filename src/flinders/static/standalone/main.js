@@ -3,6 +3,7 @@
 import { start } from "../app.js";
 import { byId, setText } from "../dom.js";
 import { Choice } from "./choice.js";
+import { ColumnDialog } from "./columns.js";
 import { Fitter } from "./fitter.js";
 import { Keeper } from "./keeper.js";
 import { OwnLink } from "./link.js";
@@ -24,6 +25,8 @@ async function begin() {
     });
     const [link] = links;
     const choice = new Choice(link, data);
+    const columns = new ColumnDialog(Object.keys(data.lines.units.PER_UNIT));
+    link.choose = (unclear) => columns.ask(unclear.asked, unclear.message);
     const restored = async () => {
         await link.restore();
         choice.follow();
