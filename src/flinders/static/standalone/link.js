@@ -9,8 +9,10 @@ import { degrees } from "../views/words.js";
 import { SessionLink } from "./running.js";
 import { seriesOf } from "./session.js";
 import { readLog } from "./lines.js";
+import { reportPage } from "./report_page.js";
 import { send } from "./sending.js";
 import { Board, unitOf } from "./sources.js";
+import { sessionState } from "./state.js";
 import { Unclear, Unreadable } from "./tables.js";
 import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } from "./targets.js";
 
@@ -43,16 +45,14 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
 
 const UPLOAD_BYTES = 64 << 20;
 const IN_BROWSER = "this browser";
+/** Style of a report. */
+const SHEET = "static/report.css";
 /** The target that boards read from a port. */
 const PACKET = "motioncal";
 /** Kinds of sources whose readings cannot be had again. */
 const ONCE = ["serial", "phone"];
 /** @type {SourceState} */
 const NO_SOURCE = { name: "no source", kind: "simulated", link: "waiting", words: "" };
-const NOT_HERE = {
-    "report.html": "This page makes no report: save the readings, and run flinders report.",
-};
-
 export class OwnLink extends SessionLink {
     /**
      * @param {Listener} listener
@@ -71,6 +71,8 @@ export class OwnLink extends SessionLink {
         this.unit = this.session.live.unit;
         /** Readings that somebody has saved. */
         this.saved = 0;
+        /** @type {Finished | null} */
+        this.finished = null;
         /** @type {Choose} */
         this.choose = async () => null;
         /** Called where the source is another, or a log was opened. */
@@ -120,7 +122,8 @@ export class OwnLink extends SessionLink {
         if (path === "calibration.json") return this.calibration();
         if (path === "session.csv") return this.readings();
         if (path === "send") return this.sendToBoard();
-        throw new Refusal(NOT_HERE[/** @type {keyof typeof NOT_HERE} */ (path)] ?? `This page has no ${path}.`);
+        if (path === "report.html") return this.report();
+        throw new Refusal(`This page has no ${path}.`);
     }
 
     /**
@@ -186,6 +189,16 @@ export class OwnLink extends SessionLink {
         return download(file, "calibration.json");
     }
 
+    /** The calibration that was made last, as a page of its own. */
+    async report() {
+        if (!this.finished?.view) throw new Refusal(this.finished?.refusal || "There is no calibration yet.");
+        const sheet = await fetch(new URL(SHEET, document.baseURI));
+        if (!sheet.ok) throw new Refusal(`The page's ${SHEET} cannot be had (${sheet.status}): load the page again.`);
+        const { field } = this.session.task(Infinity, this.session.leftOut);
+        const reported = { finished: this.finished, state: sessionState(this.session), field, version: this.data.version };
+        return download(reportPage(reported, await sheet.text()), "report.html");
+    }
+
     /** Send the calibration to the board that the readings come from. */
     async sendToBoard() {
         if (!(this.source instanceof Board) || this.session.opened) throw new Refusal("This source takes no calibration: save it, or paste what the export shows.");
@@ -205,7 +218,8 @@ export class OwnLink extends SessionLink {
     async finish() {
         const { shown, openedName, source } = this.session;
         this.made = (await this.fitter.fit(this.session.task(Infinity, this.session.leftOut))).evaluated;
-        return { name: openedName || source.name, view: this.made.view, refusal: this.made.refusal };
+        this.finished = { name: openedName || source.name, view: this.made.view, refusal: this.made.refusal };
+        return this.finished;
     }
 
     /** The calibration that was made last. */
