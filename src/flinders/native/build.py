@@ -45,6 +45,9 @@ SMALL: Final = ("-Os", "-fno-vectorize", "-fno-slp-vectorize")
 PAGE: Final = HERE.parent / "static/standalone/engine.js"
 """What calls the engine in browsers."""
 
+COMPARED: Final = ("flinders_is_checked",)
+"""What else its module has, for the test that compares the bindings."""
+
 AVX2: Final = ("-mavx2", "-mfma", "-DFL_VARIANT=avx2")
 
 ZIG_PACKAGE: Final = "ziglang"
@@ -136,9 +139,9 @@ def functions() -> list[str]:
 
 
 def called_by_page() -> list[str]:
-    """Those of them that the page calls: the module for browsers has no others."""
+    """Functions of the module for browsers: those that the page calls, and `COMPARED`."""
     called = set(PAGE.read_text(encoding="utf-8").replace("(", ".").split("."))
-    return [name for name in functions() if name in called]
+    return [name for name in functions() if name in called or name in COMPARED]
 
 
 def path(directory: Path | None = None, *, options: Sequence[str] = (), target: Platform = THIS) -> Path:
