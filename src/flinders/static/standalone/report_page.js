@@ -66,16 +66,17 @@ function verdictOf(view, kind, title, words) {
     const texts = element("div");
     texts.append(element("p", "Compass calibration", "what"), element("h1", title), element("p", words, "sentence"));
     said.append(icon(kind), texts);
-    made.append(said, numbersOf(view));
+    made.append(said);
+    if (view.offset) made.append(numbersOf(view));
     return made;
 }
 
 /** @param {View} view */
 function numbersOf({ heading_error_deg: error, uncorrected_heading_error_deg: raw, attitude_limit_deg: tilt, ...view }) {
     const list = element("dl", "", "numbers");
-    const before = raw ? `before: ${degrees(raw.worst)}` : "";
+    const before = raw ? `before: ${degrees(raw.worst)}; ` : "";
     const rows = [
-        ["Worst heading off by", error && degrees(error.worst), `${before}; the target is ${error?.target_deg}°`],
+        ["Worst heading off by", error && degrees(error.worst), `${before}the target is ${error?.target_deg}°`],
         ["All headings within", error && degrees(error.bound_95), "with 95 % confidence"],
         ["Holds up to a tilt of", tilt !== null && tilted(tilt), `level vehicle, dip ${significant(error?.dip_deg, 3)}°${error?.dip_assumed ? ", assumed" : ""}`],
         ["Strength of the field", view.field_strength !== null && `${measured(view.field_strength, view.noise).value} ${view.unit}`, view.field_strength_known ? "known" : "relative: none was given"],
@@ -109,8 +110,8 @@ function sections(view, field) {
         made.push(section("What there is to know", list));
     }
     made.push(section("Seen along the axes", ...projections(view, field)));
-    if (view.turn) made.push(section("Deviation of a level vehicle", deviation(view.turn), keys()));
     if (view.offset) {
+        if (view.turn) made.push(section("Deviation of a level vehicle", deviation(view.turn), keys()));
         const host = element("div", "", "scrolls");
         table(host, view);
         made.push(section("Offset and matrix", host));
