@@ -47,7 +47,7 @@ PIECE: Final = 37  # Bytes that arrive together
 LATER_S: Final = 0.02
 LARGEST: Final = 1 << 19  # Bytes of a recording that is compared
 PROGRAM: Final = """
-const { readLog, LineReader } = await load("lines.js");
+const { accelerationOf, readLog, LineReader } = await load("lines.js");
 const { Unreadable } = await load("tables.js");
 const attempt = (read) => {
     try {
@@ -65,7 +65,8 @@ const ofFile = ({ name, content }) => {
 const ofWire = ({ pieces, later }) => {
     const reader = new LineReader(given);
     const rows = pieces.flatMap((piece, i) => reader.take(piece, i * later).rows);
-    return { field: rows.flatMap(({ field }) => field), time: rows.map(({ time }) => time), unit: reader.unit };
+    const [field, time] = [rows.flatMap(({ field }) => field), rows.map(({ time }) => time)];
+    return { field, time, acceleration: accelerationOf(rows), unit: reader.unit };
 };
 return { files: given.files.map((file) => attempt(() => ofFile(file))), wires: given.wires.map(ofWire) };
 """
@@ -268,6 +269,11 @@ def test_what_arrives_gives_the_numbers_of_the_live_page(name: str, by_page: dic
     if readings:
         times = np.concatenate([each.time for each in readings if each.time is not None])
         assert found["unit"] == readings[0].unit.inside
+        felt = [each.acceleration for each in readings if each.acceleration is not None]
+        own = found["acceleration"]
+        assert (own is None) == (not felt)
+        if felt:
+            np.testing.assert_allclose(np.array(own, float), np.concatenate(felt).ravel(), rtol=1e-8)
         np.testing.assert_allclose(np.diff(np.array(found["time"], float)), np.diff(times), atol=1e-6)
 
 
