@@ -26,6 +26,7 @@ from flinders.firmware.package import licence
 from flinders.fitting import refreshing
 from flinders.live.simulated import DIP_DEG, FIELD_UT, RATE_HZ, SAID, rocked_and_turned
 from flinders.native import build
+from flinders.report.html_file import style_of
 from flinders.report.modules import asset, script
 from flinders.simulate import Sensor, north_and_down, seen_from
 from flinders.standalone import engine, lines, targets
@@ -47,6 +48,8 @@ SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     SCENE: ("views/scene.js", ("Scene",)),
 }
 """Scripts of the folder: the module that each is joined from, and what it exports."""
+REPORT: Final = "static/report.css"
+"""Style of a report, the program's own."""
 ASSETS: Final = {
     "index.html": "index.html",
     "static/page.css": "page.css",
@@ -115,6 +118,7 @@ def contents() -> dict[str, bytes]:
         "LICENSE": licence().encode(),
         **_of_others(),
         **{name: asset(path).encode() for name, path in ASSETS.items()},
+        REPORT: style_of().encode(),
         **{name: text for name, entry in SCRIPTS.items() if (text := _script(*entry)) is not None},
     }
     return {**files, "sw.js": service_worker(files).encode()}

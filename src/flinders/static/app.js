@@ -563,15 +563,10 @@ onClick("reset", () => scene?.resetCamera());
 onClick("previous", () => byId("previous-file", HTMLInputElement).click());
 onClick("previous-clear", () => send({ type: "previous_clear" }));
 onClick("refresh", () => send({ type: "refresh", refresh: byId("refresh", HTMLInputElement).checked }));
-for (const button of document.querySelectorAll("dialog .shut")) {
-    button.addEventListener("click", () => button.closest("dialog")?.close());
-}
-for (const dialog of document.querySelectorAll("dialog")) {
-    dialog.addEventListener("close", () => document.body.append(byId("notices", HTMLElement)));
-    dialog.addEventListener("click", (event) => {
-        if (event.target === dialog) dialog.close();
-    });
-}
+document.addEventListener("close", () => document.body.append(byId("notices", HTMLElement)), true); // which does not bubble
+document.addEventListener("click", ({ target }) => {
+    if (target instanceof Element && target.matches("dialog, dialog .shut, dialog .shut *")) target.closest("dialog")?.close();
+});
 
 // Files -------------------------------------------------------------------------------------------------------------
 

@@ -241,7 +241,7 @@ export class Finish {
                   ["all headings within (95 %)", degrees(error?.bound_95)],
                   ["heading error, rms (1 σ)", degrees(error?.rms)],
                   ["without calibration, worst", degrees(raw?.worst)],
-                  ["tilt within the target", tilt(view.attitude_limit_deg)],
+                  ["tilt within the target", tilted(view.attitude_limit_deg)],
                   [view.field_strength_known ? "field strength" : "field strength, relative", withUnit(measured(view.field_strength, view.noise).value, view.unit)],
                   ["noise (1 σ)", withUnit(significant(view.noise, 3), view.unit)],
                   ["readings used", counted(view.samples)],
@@ -374,7 +374,7 @@ function noted(name, words) {
  * @param {State | null} state
  * @returns {{kind: string, title: string, words: string}}
  */
-function judged(finished, state) {
+export function judged(finished, state) {
     const view = finished?.view ?? null;
     if (!view) return { kind: "none", title: "No calibration yet", words: sentence(finished?.refusal || TURN_FIRST) };
     const { worst } = errors(view, state?.goal ?? "heading");
@@ -393,7 +393,7 @@ function judged(finished, state) {
  * @param {number | null} deg
  * @returns {string}
  */
-function tilt(deg) {
+export function tilted(deg) {
     if (deg === null) return "–";
     return deg >= 179.5 ? "any" : deg <= 0 ? "none" : `${Math.floor(deg)}°`;
 }

@@ -9,9 +9,11 @@ import { degrees } from "../views/words.js";
 import { SessionLink, tableOf } from "./running.js";
 import { seriesOf } from "./session.js";
 import { readLog } from "./lines.js";
+import { reportPage } from "./report_page.js";
 import { send } from "./sending.js";
 import { Board, unitOf } from "./sources.js";
-import { Unreadable } from "./tables.js";
+import { sessionState } from "./state.js";
+import { Unclear, Unreadable } from "./tables.js";
 import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } from "./targets.js";
 
 /** @typedef {import("./running.js").Finished} Finished */
@@ -32,12 +34,19 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
  * @property {import("./data.d.ts").EngineData} engine
  * @property {import("./geomag.js").Model} model  of the earth's field
  * @property {Record<string, string>} unfit  why a calibration cannot be renewed
- * @property {object} lines
+ * @property {import("./patterns.js").Rules} lines  with patterns as objects
  * @property {any} targets
+ */
+
+/**
+ * Somebody says which columns are the magnetometer's; null where nobody does.
+ * @typedef {(unclear: import("./tables.js").Unclear) => Promise<import("./tables.js").Choice | null>} Choose
  */
 
 const UPLOAD_BYTES = 64 << 20;
 const IN_BROWSER = "this browser";
+/** Style of a report. */
+const SHEET = "static/report.css";
 /** The target that boards read from a port. */
 const PACKET = "motioncal";
 /** Kinds of sources whose readings cannot be had again. */
@@ -58,10 +67,15 @@ export class OwnLink extends SessionLink {
         this.keeper = keeper;
         /** @type {Source | null} */
         this.source = null;
-        /** @type {{time: number[], field: number[], unit: Unit}} */
-        this.queue = { time: [], field: [], unit: this.session.live.unit };
+        /** @type {import("./buffer.js").Rows[]} */
+        this.queue = [];
+        this.unit = this.session.live.unit;
         /** Readings that somebody has saved. */
         this.saved = 0;
+        /** @type {Finished | null} */
+        this.finished = null;
+        /** @type {Choose} */
+        this.choose = async () => null;
         /** Called where the source is another, or a log was opened. */
         this.onChange = () => {};
         keeper.onFull = () => {
@@ -103,13 +117,27 @@ export class OwnLink extends SessionLink {
      */
     async open(name, content) {
         const bytes = new Uint8Array(await content.arrayBuffer());
-        const log = readable(() => readLog(this.data, name, bytes));
+        const log = await this.read(name, bytes);
         const series = seriesOf(this.session.rules, { ...log, unit: unitOf(log) });
         this.session.openedLog(this.now, name, series);
         this.isUrgent = true;
         this.tell(log.words.join("; "));
         this.step();
         this.onChange();
+    }
+
+    /**
+     * Read a log, with the columns that somebody says where its names do not tell.
+     * @param {string} name
+     * @param {Uint8Array} bytes
+     */
+    async read(name, bytes) {
+        try {
+            return readLog(this.data, name, bytes);
+        } catch (error) {
+            const choice = error instanceof Unclear ? await this.choose(error) : null;
+            return readable(() => readLog(this.data, name, bytes, choice));
+        }
     }
 
     /**
@@ -141,7 +169,7 @@ export class OwnLink extends SessionLink {
      */
     async file(name) {
         if (name === "calibration.json") return [this.calibration(), name];
-        if (name === "report.html") throw new Refusal("this page makes no report: save the readings, and run flinders report");
+        if (name === "report.html") return [await this.report(), name];
         const { shown, opened } = this.session;
         if (opened === null) this.saved = shown.buffer.total;
         return [tableOf(shown), "readings.csv"];
@@ -153,6 +181,16 @@ export class OwnLink extends SessionLink {
         const files = isRenewed && previous ? previous.calibration.files : [];
         const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files };
         return new Blob([calibrationFile(this.data, this.calibrationNow(), { fit: this.made?.record ?? null, provenance })]);
+    }
+
+    /** The calibration that was made last, as a page of its own. */
+    async report() {
+        if (!this.finished?.view) throw new Refusal(this.finished?.refusal || "There is no calibration yet.");
+        const sheet = await fetch(SHEET);
+        if (!sheet.ok) throw new Refusal(`The page's ${SHEET} cannot be had (${sheet.status}): load the page again.`);
+        const { field } = this.session.task(Infinity, this.session.leftOut);
+        const reported = { finished: this.finished, state: sessionState(this.session), field, version: this.data.version };
+        return new Blob([reportPage(reported, await sheet.text())]);
     }
 
     /** Send the calibration to the board that the readings come from. */
@@ -167,7 +205,8 @@ export class OwnLink extends SessionLink {
     async finish() {
         const { shown, openedName, source } = this.session;
         this.made = (await this.fitter.fit(this.session.task(Infinity, this.session.leftOut))).evaluated;
-        return { name: openedName || source.name, view: this.made.view, refusal: this.made.refusal };
+        this.finished = { name: openedName || source.name, view: this.made.view, refusal: this.made.refusal };
+        return this.finished;
     }
 
     /** The calibration that was made last. */
@@ -214,6 +253,7 @@ export class OwnLink extends SessionLink {
                 take: (rows, unit) => isNow() && this.take(rows, unit),
                 link: (link, words) => isNow() && this.linked(link, words),
                 tell: (words, severity) => isNow() && this.tell(words, severity),
+                choose: (unclear) => this.choose(unclear),
             });
         } catch (error) {
             this.source = null;
@@ -246,10 +286,9 @@ export class OwnLink extends SessionLink {
     }
 
     /** @param {{time: ArrayLike<number>, field: ArrayLike<number>}} rows @param {Unit} unit */
-    take({ time, field }, unit) {
-        this.queue.time.push(...Array.from(time));
-        this.queue.field.push(...Array.from(field));
-        this.queue.unit = unit;
+    take(rows, unit) {
+        this.queue.push(rows);
+        this.unit = unit;
     }
 
     /** @param {SourceState["link"]} link @param {string} words */
@@ -274,12 +313,11 @@ export class OwnLink extends SessionLink {
 
     /** Put what waits into the session. */
     drain() {
-        const { time, field, unit } = this.queue;
-        if (time.length === 0) return;
-        this.queue = { time: [], field: [], unit };
         const { source, live } = this.session;
+        const { unit } = this;
         const before = live.buffer.total;
-        this.session.arrived(this.now, { time, field }, unit);
+        if (this.queue.length === 0) return;
+        for (const rows of this.queue.splice(0)) this.session.arrived(this.now, rows, unit);
         if (ONCE.includes(source.kind)) this.keeper.add({ name: source.name, kind: source.kind, unit }, live.buffer, before);
     }
 }

@@ -2,6 +2,7 @@
 
 import { start } from "../app.js";
 import { Choice } from "./choice.js";
+import { ColumnDialog } from "./columns.js";
 import { Keeper } from "./keeper.js";
 import { OwnLink } from "./link.js";
 import { layChoice } from "./start.js";
@@ -11,6 +12,8 @@ start(async (listener, /** @type {import("./link.js").PageData} */ data, fitter)
     const keeper = await Keeper.open();
     const link = new OwnLink(listener, data, fitter, keeper);
     const choice = new Choice(link, data);
+    const columns = new ColumnDialog(Object.keys(data.lines.units.PER_UNIT));
+    link.choose = (unclear) => columns.ask(unclear.asked, unclear.message);
     const restored = async () => {
         await link.restore();
         choice.follow();

@@ -5,6 +5,7 @@
 
 import { notice, Session } from "./session.js";
 import { sessionState, shownStride } from "./state.js";
+import { tiles } from "./tiles.js";
 
 /** @typedef {import("../messages.d.ts").Notice} Notice */
 /** @typedef {import("../messages.d.ts").Greeting} Greeting */
@@ -59,12 +60,11 @@ export class SessionLink {
     /**
      * @param {Listener} listener
      * @param {Fitter} fitter
-     * @param {{engine: {tiles: import("../messages.d.ts").TilesView}, model: import("./geomag.js").Model, unfit: Record<string, string>}} data
+     * @param {{model: import("./geomag.js").Model, unfit: Record<string, string>}} data
      */
     constructor(listener, fitter, data) {
         this.listener = listener;
         this.fitter = fitter;
-        this.tiles = data.engine.tiles;
         this.session = new Session(data);
         /** @type {View | null} that was said */
         this.view = null;
@@ -91,7 +91,7 @@ export class SessionLink {
     renew() {
         this.view = this.session.view;
         this.listener.onLink("open", 0);
-        this.listener.onMessage({ type: "hello", ...this.greeting, tiles: this.tiles, state: sessionState(this.session), view: this.view });
+        this.listener.onMessage({ type: "hello", ...this.greeting, tiles: tiles(), state: sessionState(this.session), view: this.view });
     }
 
     /**
@@ -155,7 +155,7 @@ export class SessionLink {
 export function tableOf({ buffer: { time, field, acceleration }, unit: { inside, recorded, scale } }) {
     const suffix = inside === "uT" ? `_${recorded}` : "";
     const names = ["x", "y", "z"];
-    const rows = [["t_s", ...names.map((axis) => `mag_${axis}${suffix}`), ...(acceleration ? names.map((axis) => `accel_${axis}_mps2`) : [])].join()];
+    const rows = [["t_s", ...names.map((axis) => `mag_${axis}${suffix}`), ...(acceleration ? names.map((axis) => `accel_${axis}`) : [])].join()];
     time.forEach((at, j) => {
         const numbers = [...Array.from(field.subarray(3 * j, 3 * j + 3), (part) => part / scale), ...(acceleration?.subarray(3 * j, 3 * j + 3) ?? [])];
         rows.push([at.toFixed(4), ...numbers.map((number) => (Number.isFinite(number) ? Number(number.toPrecision(12)) : ""))].join());

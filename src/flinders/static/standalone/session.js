@@ -832,13 +832,13 @@ function nextAfter(value) {
 /**
  * A log as a series.
  * @param {typeof RULES} rules
- * @param {{time: ArrayLike<number> | null, field: ArrayLike<number>, unit: Unit}} log
+ * @param {{time: ArrayLike<number> | null, field: ArrayLike<number>, acceleration: ArrayLike<number> | null, unit: Unit}} log
  * @returns {Series}
  */
-export function seriesOf(rules, { time, field, unit }) {
+export function seriesOf(rules, { time, field, acceleration, unit }) {
     const series = new Series(rules.capacity, unit, time !== null);
     const times = time ?? Float64Array.from({ length: field.length / 3 }, (_, i) => i);
-    series.buffer.extend({ time: new Timeline().take(times), field });
+    series.buffer.extend({ time: new Timeline().take(times), field, acceleration });
     return series;
 }
 
