@@ -1,5 +1,7 @@
 /** Small helpers for the page. Text from the server goes in as text, never as markup. */
 
+import { svg } from "./views/plot.js";
+
 /**
  * The element with an id, which must be there and of a kind.
  * @template {Element} T
@@ -79,12 +81,8 @@ export function remember(key, value) {
  * @returns {SVGElement}
  */
 export function icon(name) {
-    const made = document.createElementNS("http://www.w3.org/2000/svg", "svg");
-    made.setAttribute("class", "icon");
-    made.setAttribute("aria-hidden", "true");
-    const use = document.createElementNS("http://www.w3.org/2000/svg", "use");
-    use.setAttribute("href", `#i-${name}`);
-    made.append(use);
+    const made = svg("svg", { class: "icon", "aria-hidden": "true" });
+    made.append(svg("use", { href: `#i-${name}` }));
     return made;
 }
 
@@ -124,6 +122,11 @@ export function save(content, name) {
     link.download = name;
     link.click();
     window.setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+}
+
+/** @param {string} base64 */
+export function bytesOf(base64) {
+    return Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
 }
 
 /**

@@ -2,7 +2,8 @@
 
 import { drawCard } from "./card.js";
 import { errors } from "./store.js";
-import { byId, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
+import { byId, bytesOf, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
+import { hexadecimal } from "./standalone/targets.js";
 import { table } from "./views/table.js";
 import { counted, degrees, ICONS, isGoodWhileLevel, measured, PHASES, sentence, significant, things, VERDICTS, WHILE_LEVEL } from "./views/words.js";
 
@@ -275,8 +276,8 @@ export class Finish {
      */
     showPreview(preview, text) {
         this.preview = preview;
-        const binary = preview?.binary_base64;
-        const words = binary && !text ? `${preview.filename}: ${atob(binary).length} bytes, to be downloaded.\n\n${hex(atob(binary))}` : text;
+        const binary = bytesOf(preview?.binary_base64 ?? "");
+        const words = binary.length && !text ? `${preview?.filename}: ${binary.length} bytes, to be downloaded.\n\n${hexadecimal(binary)}` : text;
         const host = byId("preview", HTMLElement);
         host.classList.toggle("refusal", preview === null && text !== "");
         host.textContent = words;
@@ -309,7 +310,7 @@ export class Finish {
         const preview = this.preview;
         if (!preview) return;
         const { text, filename, binary_base64: binary } = preview;
-        const content = binary ? Uint8Array.from(atob(binary), (letter) => letter.charCodeAt(0)) : text;
+        const content = binary ? bytesOf(binary) : text;
         save(new Blob([content], { type: "application/octet-stream" }), filename);
     }
 
@@ -405,13 +406,4 @@ export function tilted(deg) {
  */
 function withUnit(number, unit) {
     return number === "–" ? number : `${number} ${unit}`;
-}
-
-/**
- * @param {string} bytes
- * @returns {string} In rows of sixteen.
- */
-function hex(bytes) {
-    const pairs = Array.from(bytes, (letter) => letter.charCodeAt(0).toString(16).padStart(2, "0"));
-    return Array.from({ length: Math.ceil(pairs.length / 16) }, (_, i) => pairs.slice(16 * i, 16 * i + 16).join(" ")).join("\n");
 }

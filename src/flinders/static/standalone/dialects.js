@@ -495,7 +495,7 @@ function magnetometerKind({ names }, rules, kinds, counts) {
 function lineByLine(prints, rules, closing, counts, read) {
     const own = closing.split("\n");
     const rows = read.filter(({ kind }) => kind === closing).map(({ numbers }) => numbers);
-    const names = timed(prints, own, rows);
+    const names = timed(own, rows);
     const kinds = new Map([[closing, 0]]);
     for (const [kind, count] of counts) {
         const columns = kind.split("\n");
@@ -558,7 +558,7 @@ function byPlace(prints, rules, read, enough, all) {
     if (rows.length >= rules.MIN_ROWS && axes.filter(varies).length < 2) return null;
     const { names: kind, gaps } = lines[0];
     const isOfThree = kind.length === rules.PLAIN.length;
-    const names = timed(prints, kind, rows);
+    const names = timed(kind, rows);
     if (!isOfThree && prints.names.meaning(names[0]).kind !== rules.TIME) return null;
     const unit = unitAlone(rules, kind);
     return new Labelled(prints, rules, {
@@ -600,11 +600,10 @@ function unitAlone(rules, kind) {
 
 /**
  * Names of numbers, of which a first without a label is the time where it ascends and does not just count.
- * @param {Prints} prints
  * @param {string[]} kind
  * @param {string[][]} rows
  */
-function timed(prints, kind, rows) {
+function timed(kind, rows) {
     if (kind[0]) return [...kind];
     const first = rows.map((row) => Number(row[0]));
     const steps = new Set(first.slice(1).map((value, i) => value - first[i]));

@@ -4,7 +4,7 @@
  * Readings of a source wait in a queue, which goes into the session some twenty times a second.
  */
 
-import { Refusal } from "../dom.js";
+import { bytesOf, Refusal } from "../dom.js";
 import { degrees } from "../views/words.js";
 import { SessionLink, tableOf } from "./running.js";
 import { seriesOf } from "./session.js";
@@ -197,13 +197,12 @@ export class OwnLink extends SessionLink {
     async sendToBoard() {
         if (!(this.source instanceof Board) || this.session.opened) throw new Refusal("This source takes no calibration: save it, or paste what the export shows.");
         const packet = exported(this.data, PACKET, this.calibrationNow()).binary_base64 ?? "";
-        const words = await send(this.source, Uint8Array.from(atob(packet), (letter) => letter.charCodeAt(0)));
-        return `${this.source.name}: ${words}`;
+        return `${this.source.name}: ${await send(this.source, bytesOf(packet))}`;
     }
 
     /** Fit all readings that are in memory and not left out. @returns {Promise<Finished>} */
     async finish() {
-        const { shown, openedName, source } = this.session;
+        const { openedName, source } = this.session;
         this.made = (await this.fitter.fit(this.session.task(Infinity, this.session.leftOut))).evaluated;
         this.finished = { name: openedName || source.name, view: this.made.view, refusal: this.made.refusal };
         return this.finished;

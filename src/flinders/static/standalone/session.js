@@ -54,7 +54,9 @@ export const RULES = Object.freeze({
  */
 
 /** @type {Unit} */
-const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
+export const MICROTESLA = { inside: "uT", recorded: "uT", scale: 1 };
+/** @type {Unit} */
+export const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
 
 /**
  * A calibration from before, by the name of its file.

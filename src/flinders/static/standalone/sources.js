@@ -2,6 +2,7 @@
 
 import { Refusal } from "../dom.js";
 import { accelerationOf, LineReader } from "./lines.js";
+import { MICROTESLA } from "./session.js";
 
 /** @typedef {import("../messages.d.ts").Notice} Notice */
 /** @typedef {import("../messages.d.ts").SourceState} SourceState */
@@ -41,8 +42,6 @@ const WATCH_MS = 1000;
 /** Looks without a reading after which somebody is told what to check. */
 const SILENT_LOOKS = 3;
 const PORT_BYTES = 1 << 16;
-
-const MICROTESLA = { inside: "uT", recorded: "uT", scale: 1 };
 
 /** @returns {Serial | null} */
 export function serial() {

@@ -5,6 +5,7 @@
  * `standalone/targets.py`.
  */
 
+import { cross, determinant, dot, inverted } from "../views/vectors.js";
 import { parsed } from "./dialects.js";
 import { exponential, figures, general, shortest, withPoint } from "./numbers.js";
 import { Unreadable } from "./tables.js";
@@ -322,8 +323,8 @@ function crc(bytes, polynomial, start) {
     return value;
 }
 
-/** @param {Uint8Array} bytes */
-function hexadecimal(bytes) {
+/** @param {Uint8Array} bytes @returns {string} In rows of sixteen. */
+export function hexadecimal(bytes) {
     const pairs = Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0"));
     return Array.from({ length: Math.ceil(pairs.length / 16) }, (_, i) => pairs.slice(16 * i, 16 * i + 16).join(" ")).join("\n");
 }
@@ -419,44 +420,12 @@ function directions(count) {
     });
 }
 
-/** @param {number[][]} matrix */
-function determinant([a, b, c]) {
-    return dot(a, cross(b, c));
-}
-
-/**
- * @param {number[][]} matrix
- * @returns {number[][]}
- */
-function inverted(matrix) {
-    const [a, b, c] = matrix;
-    const size = determinant(matrix);
-    const columns = [cross(b, c), cross(c, a), cross(a, b)];
-    return [0, 1, 2].map((row) => columns.map((column) => column[row] / size));
-}
-
 /**
  * @param {number[][]} matrix
  * @param {number[]} vector
  */
 function times(matrix, vector) {
     return matrix.map((row) => dot(row, vector));
-}
-
-/**
- * @param {number[]} one
- * @param {number[]} other
- */
-function dot(one, other) {
-    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2];
-}
-
-/**
- * @param {number[]} one
- * @param {number[]} other
- */
-function cross([a, b, c], [x, y, z]) {
-    return [b * z - c * y, c * x - a * z, a * y - b * x];
 }
 
 /** @param {number[]} values */

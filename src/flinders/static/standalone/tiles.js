@@ -1,9 +1,9 @@
 /** The sphere in 642 near-hexagonal tiles, in the order of `geometry/sphere.py`. */
 
-import { cross, dot, minus } from "../views/vectors.js";
+import { cross, dot, minus, unit } from "../views/vectors.js";
 
 /** @typedef {import("../messages.d.ts").TilesView} TilesView */
-/** @typedef {number[]} Vector */
+/** @typedef {import("../views/vectors.js").Vector} Vector */
 /** @typedef {[number, number, number]} Triangle  Numbers of its vertices, anticlockwise seen from outside. */
 
 const BISECTIONS = 3;
@@ -113,10 +113,4 @@ function centroid(centre, corners) {
         for (let axis = 0; axis < 3; axis++) sum[axis] += angle * middle[axis];
     });
     return unit(sum);
-}
-
-/** @param {Vector} vector */
-function unit(vector) {
-    const length = Math.sqrt(dot(vector, vector));
-    return [vector[0] / length, vector[1] / length, vector[2] / length];
 }

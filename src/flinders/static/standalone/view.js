@@ -212,7 +212,7 @@ function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal, fram
  * @param {{headingDeg: number[], sigmaDeg: number[]}} turn
  * @returns {(number | null)[]}
  */
-function levelErrors({ headingError, data }, { headingDeg, sigmaDeg }) {
+function levelErrors({ headingError }, { headingDeg, sigmaDeg }) {
     const dip = headingError.dipDeg * RAD;
     const { centres } = tiles();
     /** @type {(number | null)[]} */

@@ -96,7 +96,7 @@ export class Hand {
         if (isEdgeOn(this.view, this.#attitude(now))) this.view = viewOf(this.picture);
         this.#put(this.ghost, body, this.#turned(now + share * (to - now)));
         this.#put(this.solid, body, this.#turned(now));
-        this.#arrow(now, Math.max(to - now, 0));
+        this.#arrow(Math.max(to - now, 0));
         this.ring.replaceChildren(...rings(parts));
         this.timer = window.setTimeout(() => requestAnimationFrame(this.#draw), this.calm ? 5 * STEP : STEP);
     };
@@ -117,8 +117,8 @@ export class Hand {
         group.replaceChildren(...drawn(SHAPES[body], seen));
     }
 
-    /** The arrow runs around the axis, before the body where it is nearer. @param {number} from @param {number} angle */
-    #arrow(from, angle) {
+    /** The arrow runs around the axis, before the body where it is nearer. @param {number} angle */
+    #arrow(angle) {
         const { axis } = /** @type {Picture} */ (this.picture);
         const start = perpendicular(axis, this.view[2]);
         const places = Array.from({ length: PIECES + 1 }, (_, k) => {

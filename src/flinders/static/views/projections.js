@@ -4,8 +4,7 @@ import { crosses, drawChart, tick } from "./charts.js";
 import { EXCLUDED, mark, REJECTED, USED } from "./marks.js";
 import { nearestOf } from "./nearest.js";
 import { path, quantiles, roundUp, themeColour, tickDecimals, ticks } from "./plot.js";
-import { inverted } from "../standalone/linear.js";
-import { corrected, dot } from "./vectors.js";
+import { corrected, determinant, dot, inverted } from "./vectors.js";
 import { fixed } from "./words.js";
 
 /** @typedef {import("./charts.js").Chart} Chart */
@@ -249,14 +248,9 @@ function outlines(panel, inside, across, up, { toX, toY }, { shown, row }) {
     inside.append(panel.draw("circle", { class: "iron-end", cx: x, cy: y, r: 0.2 * panel.em }));
 }
 
-/**
- * The inverse of a matrix; null of a singular one.
- * @param {readonly (readonly number[])[]} m
- * @returns {number[][] | null}
- */
-function inverse(m) {
-    const { inverse: rows, determinant } = inverted(m.flat());
-    return Math.abs(determinant) > 1e-300 ? [rows.slice(0, 3), rows.slice(3, 6), rows.slice(6)] : null;
+/** @param {readonly (readonly number[])[]} matrix @returns {number[][] | null} Null of a singular one. */
+function inverse(matrix) {
+    return Math.abs(determinant(matrix)) > 1e-300 ? inverted(matrix) : null;
 }
 
 /** @type {import("../widgets.js").Widget} */
