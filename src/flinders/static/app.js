@@ -471,13 +471,11 @@ function say(topic, words) {
 function notify(severity, words) {
     const list = byId("notices", HTMLElement);
     list.querySelector(`[data-words="${CSS.escape(words)}"]`)?.remove();
-    const row = element("li");
-    Object.assign(row.dataset, { severity, words });
-    const shut = element("button", "", "square quiet");
+    const shut = element("button", [icon("close")], "square quiet");
     shut.setAttribute("aria-label", "Close this notice");
-    shut.append(icon("close"));
     shut.addEventListener("click", () => row.remove());
-    row.append(icon(ICONS[severity]), element("span", sentence(words)), shut);
+    const row = element("li", [icon(ICONS[severity]), element("span", sentence(words)), shut]);
+    Object.assign(row.dataset, { severity, words });
     (document.querySelector("dialog[open]") ?? document.body).append(list); // all else is inert while a dialog is open
     list.append(row);
     while (list.children.length > 4) list.firstElementChild?.remove();

@@ -38,13 +38,13 @@ export function setText(element, text) {
 
 /**
  * @param {string} name
- * @param {string} [text]
+ * @param {string | readonly (string | Node)[]} [content]
  * @param {string} [kind]  its class
  * @returns {HTMLElement}
  */
-export function element(name, text = "", kind = "") {
+export function element(name, content = "", kind = "") {
     const made = document.createElement(name);
-    if (text) made.textContent = unbroken(text);
+    if (content) made.append(...[content].flat().map((part) => (typeof part === "string" ? unbroken(part) : part)));
     if (kind) made.className = kind;
     return made;
 }
@@ -81,9 +81,7 @@ export function remember(key, value) {
  * @returns {SVGElement}
  */
 export function icon(name) {
-    const made = svg("svg", { class: "icon", "aria-hidden": "true" });
-    made.append(svg("use", { href: `#i-${name}` }));
-    return made;
+    return svg("svg", { class: "icon", "aria-hidden": "true" }, [svg("use", { href: `#i-${name}` })]);
 }
 
 /**

@@ -249,11 +249,7 @@ export class Finish {
                   ["method", view.method],
               ]
             : [];
-        setList(byId("numbers", HTMLElement), rows, ([name, value]) => {
-            const pair = element("div");
-            pair.append(element("dt", name), element("dd", value));
-            return pair;
-        });
+        setList(byId("numbers", HTMLElement), rows, ([name, value]) => element("div", [element("dt", name), element("dd", value)]));
     }
 
     /** Get the text of the chosen export. */
@@ -364,9 +360,7 @@ function heightAbove(host, text) {
  * @returns {HTMLElement}
  */
 function noted(name, words) {
-    const row = element("li");
-    row.append(icon(name), element("span", sentence(words)));
-    return row;
+    return element("li", [icon(name), element("span", sentence(words))]);
 }
 
 /**

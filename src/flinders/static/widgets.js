@@ -142,17 +142,15 @@ function listenForHover({ host }, page) {
  * @returns {WidgetPanel}
  */
 function panelOf(row) {
-    const section = element("section", "", `panel ${row.name}`);
-    section.setAttribute("aria-labelledby", `${row.name}-title`);
-    const head = element("div", "", "head");
     const title = element("h2", row.title);
     title.id = `${row.name}-title`;
-    head.append(title);
+    const head = element("div", [title], "head");
     if (row.legend) head.append(legendOf(row.legend));
     if (row.enlarges) head.append(enlarger(row.enlarges));
     const host = element("div", "", row.host ?? "host");
     host.id = row.name;
-    section.append(head, host);
+    const section = element("section", [head, host], `panel ${row.name}`);
+    section.setAttribute("aria-labelledby", title.id);
     return { row, head, title, host, controls: null };
 }
 
@@ -161,9 +159,8 @@ function panelOf(row) {
  * @returns {HTMLElement}
  */
 function legendOf(legend) {
-    const made = element("p", "", "key");
+    const made = element("p", legend.map(([kind, words]) => element("span", words, kind)), "key");
     made.setAttribute("aria-hidden", "true");
-    made.append(...legend.map(([kind, words]) => element("span", words, kind)));
     return made;
 }
 
@@ -172,9 +169,8 @@ function legendOf(legend) {
  * @returns {HTMLElement}
  */
 function enlarger(what) {
-    const button = element("button", "", "square quiet enlarge");
+    const button = element("button", [icon("enlarge")], "square quiet enlarge");
     button.setAttribute("type", "button");
     button.setAttribute("aria-label", `Enlarge ${what}`);
-    button.append(icon("enlarge"));
     return button;
 }

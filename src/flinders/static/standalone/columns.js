@@ -41,9 +41,7 @@ export class ColumnDialog {
      */
     ask({ names, rows }, words) {
         setText(byId("columns-words", HTMLElement), `${sentence(words)} These are the first rows.`);
-        const head = element("tr");
-        head.append(...names.map((name) => element("th", name)));
-        this.table.replaceChildren(head, ...rows.map(rowOf));
+        this.table.replaceChildren(rowOf("th", names), ...rows.map((cells) => rowOf("td", cells)));
         const all = names.map((name, place) => option(`${place}`, name === `${place + 1}` ? `column ${name}` : `${place + 1}: ${name}`));
         for (const select of this.axes) select.replaceChildren(option("", "choose …"), ...all.map((each) => each.cloneNode(true)));
         this.unit.value = "";
@@ -74,11 +72,9 @@ export class ColumnDialog {
     }
 }
 
-/** @param {readonly string[]} cells */
-function rowOf(cells) {
-    const row = element("tr");
-    row.append(...cells.map((cell) => element("td", cell.trim())));
-    return row;
+/** @param {string} kind @param {readonly string[]} cells */
+function rowOf(kind, cells) {
+    return element("tr", cells.map((cell) => element(kind, cell.trim())));
 }
 
 /**

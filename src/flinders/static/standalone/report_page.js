@@ -42,12 +42,11 @@ export function reportPage({ finished, state, field, version }, style) {
     const view = /** @type {View} */ (finished.view);
     const { kind, title, words } = judged(finished, state);
     const date = new Date().toISOString().slice(0, 16).replace("T", " ");
-    const main = element("main");
-    main.append(verdictOf(view, kind, title, words), ...sections(view, field), origin(view, state, [finished.name, `${date} UTC, with Flinders ${version}`]));
-    const top = element("header", "", "top");
+    const from = origin(view, state, [finished.name, `${date} UTC, with Flinders ${version}`]);
+    const main = element("main", [verdictOf(view, kind, title, words), ...sections(view, field), from]);
     const brand = element("p", "", "brand");
     brand.innerHTML = `${NEEDLE}Flinders`;
-    top.append(brand, element("p", `${finished.name} · ${date.slice(0, 10)}`, "about"));
+    const top = element("header", [brand, element("p", `${finished.name} · ${date.slice(0, 10)}`, "about")], "top");
     const heading = element("title", `Compass calibration from ${finished.name}: ${title}`);
     const head = `<meta charset="utf-8"><meta http-equiv="Content-Security-Policy" content="${CSP}"><meta name="viewport" content="width=device-width, initial-scale=1">`;
     return `<!doctype html>\n<html lang="en-GB"><head>${head}${heading.outerHTML}<style>${style}</style></head>\n<body>${top.outerHTML}${main.outerHTML}</body></html>\n`;
@@ -60,20 +59,15 @@ export function reportPage({ finished, state, field, version }, style) {
  * @param {string} words
  */
 function verdictOf(view, kind, title, words) {
-    const made = element("section", "", "verdict");
+    const texts = element("div", [element("p", "Compass calibration", "what"), element("h1", title), element("p", words, "sentence")]);
+    const said = element("div", [icon(kind), texts], "said");
+    const made = element("section", view.offset ? [said, numbersOf(view)] : [said], "verdict");
     made.dataset.verdict = kind;
-    const said = element("div", "", "said");
-    const texts = element("div");
-    texts.append(element("p", "Compass calibration", "what"), element("h1", title), element("p", words, "sentence"));
-    said.append(icon(kind), texts);
-    made.append(said);
-    if (view.offset) made.append(numbersOf(view));
     return made;
 }
 
 /** @param {View} view */
 function numbersOf({ heading_error_deg: error, uncorrected_heading_error_deg: raw, attitude_limit_deg: tilt, ...view }) {
-    const list = element("dl", "", "numbers");
     const before = raw ? `before: ${degrees(raw.worst)}; ` : "";
     const rows = [
         ["Worst heading off by", error && degrees(error.worst), `${before}the target is ${error?.target_deg}°`],
@@ -81,14 +75,8 @@ function numbersOf({ heading_error_deg: error, uncorrected_heading_error_deg: ra
         ["Holds up to a tilt of", tilt !== null && tilted(tilt), `level vehicle, dip ${significant(error?.dip_deg, 3)}°${error?.dip_assumed ? ", assumed" : ""}`],
         ["Strength of the field", view.field_strength !== null && `${measured(view.field_strength, view.noise).value} ${view.unit}`, view.field_strength_known ? "known" : "relative: none was given"],
     ];
-    for (const [name, value, about] of rows) {
-        if (!value) continue;
-        const [pair, number] = [element("div"), element("dd")];
-        number.append(element("strong", value), element("span", about || ""));
-        pair.append(element("dt", name || ""), number);
-        list.append(pair);
-    }
-    return list;
+    const pairs = rows.flatMap(([name, value, about]) => (value ? [pair(name || "", [element("strong", value), element("span", about || "")])] : []));
+    return element("dl", pairs, "numbers");
 }
 
 /**
@@ -98,16 +86,7 @@ function numbersOf({ heading_error_deg: error, uncorrected_heading_error_deg: ra
 function sections(view, field) {
     const made = [];
     if (view.findings.length) {
-        const list = element("ul", "", "findings");
-        for (const { severity, advice, code } of view.findings) {
-            const [row, line] = [element("li"), element("p")];
-            const [mark, name] = SEVERITIES[severity];
-            row.dataset.severity = severity;
-            line.append(element("strong", `${name}.`), ` ${sentence(advice)} `, element("code", code));
-            row.append(icon(mark), line);
-            list.append(row);
-        }
-        made.push(section("What there is to know", list));
+        made.push(section("What there is to know", element("ul", view.findings.map(finding), "findings")));
     }
     made.push(section("Seen along the axes", ...projections(view, field)));
     if (view.offset) {
@@ -117,6 +96,14 @@ function sections(view, field) {
         made.push(section("Offset and matrix", host));
     }
     return made;
+}
+
+/** @param {View["findings"][number]} finding */
+function finding({ severity, advice, code }) {
+    const [mark, name] = SEVERITIES[severity];
+    const row = element("li", [icon(mark), element("p", [element("strong", `${name}.`), ` ${sentence(advice)} `, element("code", code)])]);
+    row.dataset.severity = severity;
+    return row;
 }
 
 /**
@@ -147,8 +134,7 @@ function row(kind, points, offset, radius) {
     const ends = [0, 1, 2].map((axis) => points.map((point) => point[axis])).map((values) => [Math.min(...values), Math.max(...values)]);
     const half = roundUp(1.12 * Math.max(radius, ...ends.map(([low, high]) => (high - low) / 2)));
     const middle = ends.map(([low, high]) => (radius ? 0 : (Math.round((5 * (low + high)) / half) * half) / 10));
-    const trio = element("div", "", "trio");
-    for (const [across, up] of PLANES) {
+    const figures = PLANES.map(([across, up]) => {
         const place = (/** @type {number} */ value, /** @type {number} */ axis) => ((value - middle[axis] + half) / half / 2) * SIDE;
         const at = (/** @type {readonly number[]} */ point) => `${place(point[across], across).toFixed(1)} ${(SIDE - place(point[up], up)).toFixed(1)}`;
         const [x, y] = at([0, 0, 0]).split(" ");
@@ -159,11 +145,9 @@ function row(kind, points, offset, radius) {
         if (radius) drawn.append(svg("circle", { class: "outline after", cx: Number(x), cy: Number(y), r: (radius / half / 2) * SIDE }));
         drawn.append(svg("rect", { class: "frame", width: SIDE, height: SIDE }), svg("text", { class: "halo", x: 6, y: 16 }, range(up)));
         drawn.append(svg("text", { class: "halo", x: SIDE - 6, y: SIDE - 6, "text-anchor": "end" }, range(across)));
-        const figure = element("figure");
-        figure.append(drawn);
-        trio.append(figure);
-    }
-    return trio;
+        return element("figure", [drawn]);
+    });
+    return element("div", figures, "trio");
 }
 
 /** @param {NonNullable<View["turn"]>} turn What a compass is off while a level vehicle turns, and 1 σ of it afterwards. */
@@ -178,39 +162,30 @@ function deviation({ heading_deg: headings, before_deg: before, sigma_deg: sigma
     drawn.append(svg("path", { class: "curve raw", d: path(along(before)) }));
     for (const deg of [-most, 0, most]) drawn.append(svg("text", { x: 0, y: at(0, deg)[1] + (deg > 0 ? 12 : deg < 0 ? -2 : 4) }, `${deg}°`));
     for (const [i, name] of ["N", "E", "S", "W"].entries()) drawn.append(svg("text", { x: at(90 * i, 0)[0], y: HIGH - 4 }, name));
-    const figure = element("figure", "", "wide");
-    figure.append(drawn);
-    return figure;
+    return element("figure", [drawn], "wide");
 }
 
 /** @param {View} view @param {Reported["state"]} state @param {string[]} from  The recording, and when it was made. */
 function origin({ method, samples, noise, unit }, state, [name, made]) {
-    const list = element("dl", "", "provenance");
     const rows = [["Recording", name], ["Method", `${method}, ${things(samples, "reading")} used`], ["Noise", `${significant(noise, 3)} ${unit} (1 σ)`], ["Target", `${state.target_deg}°`], ["Made", made]];
-    for (const [term, value] of rows) {
-        const pair = element("div");
-        pair.append(element("dt", term), element("dd", value));
-        list.append(pair);
-    }
-    return section("Where it comes from", list);
+    return section("Where it comes from", element("dl", rows.map(([term, value]) => pair(term, value)), "provenance"));
+}
+
+/** @param {string} term @param {string | Node[]} value */
+function pair(term, value) {
+    return element("div", [element("dt", term), element("dd", value)]);
 }
 
 /** @param {string} title @param {Element[]} content */
 function section(title, ...content) {
-    const made = element("section");
-    made.append(element("h2", title), ...content);
-    return made;
+    return element("section", [element("h2", title), ...content]);
 }
 
 function keys() {
-    const line = element("p", "", "key");
-    line.append(element("span", "before", "k before"), element("span", "after", "k after"));
-    return line;
+    return element("p", [element("span", "before", "k before"), element("span", "after", "k after")], "key");
 }
 
 /** @param {string} name */
 function icon(name) {
-    const made = svg("svg", { class: "icon", viewBox: "0 0 24 24", "aria-hidden": "true" });
-    made.append(svg("path", { d: PATHS[name] ?? PATHS.info }));
-    return made;
+    return svg("svg", { class: "icon", viewBox: "0 0 24 24", "aria-hidden": "true" }, [svg("path", { d: PATHS[name] ?? PATHS.info })]);
 }
