@@ -45,7 +45,7 @@ import { counted, largest, median, replaced, stripped, whole } from "./patterns.
 
 /**
  * What somebody has to see to say that.
- * @typedef {{names: string[], rows: string[][], unit: string}} Asked
+ * @typedef {{names: string[], rows: string[][]}} Asked
  */
 
 /** What reads more than this page. */
@@ -73,7 +73,7 @@ export class Unclear extends Unreadable {
     /** @returns {Asked} */
     get asked() {
         const names = this.names.length ? [...this.names] : (this.rows[0] ?? []).map((_, place) => `${place + 1}`);
-        return { names, rows: this.rows.slice(0, SHOWN), unit: "" };
+        return { names, rows: this.rows.slice(0, SHOWN) };
     }
 }
 
