@@ -50,7 +50,7 @@ RATE_HZ: Final = 100.0
 FAST_HZ: Final = 10_000.0
 WIRE_HZ: Final = 1000.0
 PARTS: Final = (
-    "", "static/theme.js", "static/page.css", "static/compass.svg", "static/live.js", "page.json", "static/worker.js",
+    "", "static/theme.js", "static/page.css", "static/compass.svg", "static/page.js", "page.json", "static/worker.js",
     "flinders.wasm",
 )  # fmt: skip
 """What a browser asks for before it draws the sphere."""

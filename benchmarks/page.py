@@ -25,7 +25,7 @@ from flinders.apps.live.standalone import package
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-WIRE_LIMIT: Final = 600_000
+WIRE_LIMIT: Final = 250_000
 PAINT_LIMIT_MS: Final = 1000.0
 WORKER_LIMIT_MS: Final = 100.0
 GROWTH_LIMIT_MB: Final = 5.0

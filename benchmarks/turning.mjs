@@ -11,8 +11,9 @@ const { modules, wasm, data, asked } = JSON.parse(readFileSync(0, "utf-8"));
 const load = (name) => import(pathToFileURL(`${modules}/${name}`));
 const names = ["standalone/engine.js", "standalone/evaluate.js", "standalone/session.js", "standalone/state.js"];
 const [{ loadEngine }, { evaluate }, { Session }, { sessionState }] = await Promise.all(names.map(load));
-const [{ advance, begin, judged, SEQUENCES }, { lead }, { between, product, rotated, rotation, unit }, { corrected }] =
+const [{ advance, begin, judged, SEQUENCES }, { lead }, { between, product, rotated, rotation }, { corrected, unit }] =
     await Promise.all(["standalone/choreography.js", "standalone/lead.js", "views/turn.js", "views/vectors.js"].map(load));
+const { tiles } = await load("standalone/tiles.js");
 const engine = await loadEngine(readFileSync(wasm), data.engine.layouts);
 
 const RATE_HZ = 50;
@@ -234,9 +235,9 @@ class Page {
         const state = sessionState(session);
         const raw = field.slice(-3);
         const shown = session.shown.evaluated.view;
-        this.choreography = judged(this.choreography, shown, data.engine.tiles.centres);
+        this.choreography = judged(this.choreography, shown, tiles().centres);
         const before = this.lead;
-        this.lead = lead(before, { at, state, view: shown, choreography: this.choreography, raw, centres: data.engine.tiles.centres });
+        this.lead = lead(before, { at, state, view: shown, choreography: this.choreography, raw, centres: tiles().centres });
         if (before && this.lead.since !== before.since) this.words += 1;
         const here = shown?.shown ? unit(corrected(raw, shown.shown)) : null;
         return { ...this.lead, here, key: `${this.lead.kind} ${this.lead.since}`, phase: state.phase };

@@ -85,8 +85,8 @@ REPORTS: Final = {
     "drift-dark": ("dark", 1320),
 }  # fmt: skip
 """Reports: how they are looked at, and how much of them, in pixels."""
-STANDALONE: Final = "page-start-light"
-"""The first view of the page that needs no program."""
+STANDALONE: Final = ("page-start-light", "page-columns-light")
+"""Pictures of the page that needs no program: its first view, and the choice of columns."""
 UNITS: Final = 300
 """Of the fleet, a tenth of them with a fault."""
 
@@ -203,19 +203,29 @@ def _take(browser: Browser, program: Program, state: State, path: Path, how: tup
     context.close()
 
 
-def standalone(browser: Browser, folder: Path) -> Path:
-    """Take a picture of the page that needs no program, at its beginning."""
+def standalone(browser: Browser, name: str, folder: Path) -> Path:
+    """Take a picture of the page that needs no program: at its beginning, or as it asks for the columns of a log."""
     from flinders.apps.live.standalone import package
 
-    package.write(folder / STANDALONE)
-    with Site(folder / STANDALONE) as site:
+    package.write(folder / name)
+    with Site(folder / name) as site:
         context = browser.new_context(color_scheme="light", viewport=DESK, service_workers="block")
         page = context.new_page()
         page.goto(site.address)
         until(page, "Boolean(window.flinders?.store.hello) && !document.querySelector('#start').hidden")
-        path = _saved(page, STANDALONE)
+        if name == "page-columns-light":
+            page.locator("#log-file").set_input_files({"name": "log.csv", "mimeType": "", "buffer": _six().encode()})
+            page.locator("#columns-x").select_option("3")
+        path = _saved(page, name)
         context.close()
     return path
+
+
+def _six() -> str:
+    """Six columns without names: acceleration, then the magnetometer."""
+    tumble = simulate.tumble(seed=11, n=200).samples
+    rows = np.column_stack([_acceleration(tumble, 200), tumble.field])
+    return "\n".join(",".join(f"{value:.2f}" for value in row) for row in rows)
 
 
 def report(browser: Browser, name: str, folder: Path) -> Path:
@@ -298,7 +308,7 @@ def main() -> None:
         with chromium() as browser:
             states(browser, Path(asked[1]), asked[2:])
         return
-    names = [*(shot.name for shot in SHOTS), *REPORTS, STANDALONE]
+    names = [*(shot.name for shot in SHOTS), *REPORTS, *STANDALONE]
     unknown = [name for name in asked if name not in names]
     if unknown:
         sys.exit(f"there is no picture {', '.join(unknown)}: there are {', '.join(names)}")
@@ -309,8 +319,9 @@ def main() -> None:
         for name in REPORTS:
             if not asked or name in asked:
                 _tell(report(browser, name, Path(folder)))
-        if not asked or STANDALONE in asked:
-            _tell(standalone(browser, Path(folder)))
+        for name in STANDALONE:
+            if not asked or name in asked:
+                _tell(standalone(browser, name, Path(folder)))
 
 
 def _tell(path: Path) -> None:

@@ -27,8 +27,8 @@ globalThis.Worker = class {
 };
 await load("worker.js");
 
-const names = ["session.js", "state.js", "passed.js", "targets.js", "fitter.js"];
-const [{ RULES, Series, Session }, { Cursor, sessionState }, { passedIn }, { readCalibration }, { Fitter }] =
+const names = ["session.js", "state.js", "passed.js", "targets.js", "fitter.js", "../store.js"];
+const [{ RULES, Series, Session }, { sessionState, shownStride }, { passedIn }, { readCalibration }, { Fitter }, { Store }] =
     await Promise.all(names.map(load));
 const fitter = new Fitter("worker.js", `data:application/wasm;base64,${wasm}`, data.engine);
 const fitted = async (task) => (await fitter.fit(task)).evaluated;
@@ -41,7 +41,7 @@ class Played {
     constructor({ rules, frame, ...changes }) {
         this.session = Object.assign(new Session(data, { ...RULES, ...rules }), changes);
         Object.assign(this.session.live, frame && { frame });
-        this.cursors = {};
+        this.stores = {};
         this.found = null;
     }
 
@@ -139,9 +139,10 @@ class Played {
     }
 
     points({ page }) {
-        this.cursors[page] ??= new Cursor();
-        const frame = this.cursors[page].frame(this.session);
-        return frame && Buffer.from(frame).toString("base64");
+        const store = (this.stores[page] ??= new Store());
+        const first = store.follow(this.session.shown, shownStride(this.session));
+        const { count, stride, time, acceleration } = store.points;
+        return { first, stride, time: packed(time.subarray(0, count)), acceleration: acceleration && packed(acceleration.subarray(0, 3 * count)) };
     }
 }
 

@@ -99,7 +99,7 @@ class PageSession:
 
     def opened(self, at: float, name: str, log: Log) -> None:
         """A log that was dropped."""
-        about = {"is_timed": log.is_timed, "frame": log.advice_frame, "site": log.site}
+        about = {"is_timed": log.is_timed, "frame": log.advice_frame, "axes": str(log.axes), "site": log.site}
         frame = b64encode(frame_of_buffer(log.buffer, log.unit)).decode()
         self._tell("opened", at, name=name, frame=frame, about=msgspec.to_builtins(about))
 
@@ -189,10 +189,10 @@ class PageSession:
         """What the calibration in the end is made by."""
         return msgspec.convert(self._ask("finishing", as_dict=True), Edits)
 
-    def points(self, page: str = "") -> bytes | None:
-        """The points that one of several pages lacks, as a frame; None where there is nothing new."""
-        frame = self._ask("points", page=page)
-        return None if frame is None else b64decode(frame)
+    def points(self, page: str = "") -> SimpleNamespace:
+        """What one of several pages draws: `first` that is new (None: nothing), `stride`, `time` and `acceleration`."""
+        points: SimpleNamespace = self._ask("points", page=page)
+        return points
 
     def _told(self, name: str, at: float, /, **given: Any) -> list[SimpleNamespace]:
         self.at = at

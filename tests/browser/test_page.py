@@ -9,6 +9,7 @@ from itertools import cycle, islice, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.testing as npt
 import pytest
 from benchmarks.stage import Program
 from click.testing import CliRunner
@@ -16,6 +17,7 @@ from playwright.sync_api import Error, Locator, expect
 from tests.browser.visitor import Visitor, grave, until
 from tests.trials import daily
 
+import flinders
 from flinders.cli import main
 from flinders.core import calibration_file
 
@@ -481,6 +483,28 @@ def test_what_is_no_log_is_refused_with_words_and_changes_nothing(visitor: Visit
 
 
 @pytest.mark.tools
+def test_the_readings_of_a_dropped_log_are_saved_and_not_those_of_the_sensor(
+    visitor: Visitor, tumble: Path, tmp_path: Path
+) -> None:
+    page = done(visitor.page())
+    part = tumble.read_text(encoding="utf-8").splitlines(keepends=True)[:1001]
+    dropped(page, "part.csv", "".join(part).encode())
+    until(page, "flinders.store.state.opened === 'part.csv' && flinders.store.view")
+    page.keyboard.press("f")
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Readings").click()
+    assert saved.value.suggested_filename == "part-readings.csv"
+    saved.value.save_as(tmp_path / "part.csv")
+    npt.assert_allclose(flinders.read(tmp_path / "part.csv").field, flinders.read(tumble).field[:1000], atol=1e-9)
+
+
+@pytest.mark.tools
+def test_no_line_breaks_between_a_number_and_its_unit(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    assert "95\u00a0% within" in (page.locator("#phase-words").text_content() or "")
+
+
+@pytest.mark.tools
 def test_an_earlier_calibration_dropped_on_the_finish_panel_is_compared_and_renewed(
     visitor: Visitor, program: Program, tmp_path: Path
 ) -> None:
@@ -579,14 +603,14 @@ def test_a_phone_shows_everything_without_scrolling_sideways(visitor: Visitor) -
 @pytest.mark.nightly
 def test_a_phone_gives_each_view_its_room_and_keeps_advice_and_finish_in_sight(visitor: Visitor) -> None:
     page = done(visitor.page(viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True))
-    assert page.evaluate("document.documentElement.scrollHeight") > 740
+    assert page.evaluate("document.querySelector('#page').scrollHeight") > 740
     for panel in ("stage", "strength", "projections", "deviation", "residuals", "heading"):
         box = page.locator(f"#{panel}").bounding_box()
         assert box is not None
         assert box["width"] > 250, panel
         assert box["height"] > 80, panel
     for scrolled in (0, 700, 100_000):
-        page.evaluate("y => scrollTo(0, y)", scrolled)
+        page.evaluate("y => document.querySelector('#page').scrollTo(0, y)", scrolled)
         words, button = (page.locator(f"#{name}").bounding_box() for name in ("advice-words", "finish"))
         assert words is not None
         assert button is not None
@@ -657,24 +681,38 @@ def test_a_desk_shows_the_board_without_scrolling(visitor: Visitor) -> None:
 
 
 COVERED = """() => {
-    const notice = document.querySelector("#notices li").getBoundingClientRect();
-    return [...document.querySelectorAll(".panel")].filter(panel => {
-        const { left, right, top, bottom } = panel.getBoundingClientRect();
-        return left < notice.right && right > notice.left && top < notice.bottom && bottom > notice.top;
-    }).map(panel => panel.className);
+    const { left, top, width, height } = document.querySelector("#notices").getBoundingClientRect();
+    const points = [0.02, 0.5, 0.98].flatMap(x => [0.1, 0.9].map(y => [left + x * width, top + y * height]));
+    const under = points.flatMap(([x, y]) => document.elementsFromPoint(x, y)).filter(one => one.closest("#page"));
+    return [...new Set(under)].map(one => one.id || one.className || one.tagName);
 }"""
-"""Panels that a notice lies over."""
+"""What of the page lies under the notices."""
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 720), (1920, 1080), (900, 900), (390, 844), (844, 390)])
-def test_a_notice_covers_no_panel_where_the_page_is_at_its_end(visitor: Visitor, width: int, height: int) -> None:
+def test_notices_cover_nothing_of_the_page(visitor: Visitor, width: int, height: int) -> None:
     page = done(visitor.page())
     page.set_viewport_size({"width": width, "height": height})
     page.locator("#target").fill("999")
     page.locator("#target").dispatch_event("change")
     expect(page.locator("#notices li")).to_have_count(1)
-    page.evaluate("window.scrollTo(0, document.documentElement.scrollHeight)")
+    for scrolled in (0, 300, 100_000):
+        page.evaluate("y => document.querySelector('#page').scrollTo(0, y)", scrolled)
+        assert page.evaluate(COVERED) == [], scrolled
+    page.locator(".strength .enlarge").click()
     assert page.evaluate(COVERED) == []
+    enlarged, notices = (page.locator(name).bounding_box() for name in (".enlarged", "#notices"))
+    assert enlarged is not None
+    assert notices is not None
+    assert enlarged["height"] > 0.6 * height
+    assert enlarged["y"] + enlarged["height"] <= notices["y"] or enlarged["y"] >= notices["y"] + notices["height"]
+
+
+@pytest.mark.tools
+def test_the_keyboard_scrolls_a_page_that_nobody_has_clicked_on(visitor: Visitor) -> None:
+    page = done(visitor.page(viewport={"width": 900, "height": 900}))
+    page.keyboard.press("PageDown")
+    until(page, "document.querySelector('#page').scrollTop > 200")
 
 
 SMALL = """() => [...document.querySelectorAll("body *")].filter(one => one.checkVisibility() &&

@@ -11,11 +11,14 @@ import pytest
 from benchmarks.stage import Site
 from playwright.sync_api import expect
 from tests.browser.visitor import Visitor, grave, until
+from tests.live.test_page_engine import felt, level
+from tests.live.test_page_lines import UNREAD
 from tests.sketches import SHAPES, printed
 
 import flinders
 from flinders import simulate
 from flinders.apps.live.standalone import package
+from flinders.report.view import view
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -128,7 +131,7 @@ def test_a_log_that_is_dropped_gets_a_verdict_and_a_file_that_flinders_reads(vis
     expect(page.locator("#source-name")).to_have_text("tumble.csv")
     page.keyboard.press("f")
     expect(page.locator("#verdict")).to_have_attribute("data-verdict", "good")
-    for name in ("save-report", "send", "refresh"):
+    for name in ("send", "refresh"):
         expect(page.locator(f"#{name}")).to_be_hidden()
     page.locator("#export-target").select_option("arduino")
     expect(page.locator("#preview")).to_contain_text("float")
@@ -152,6 +155,95 @@ def test_a_log_that_is_dropped_gets_a_verdict_and_a_file_that_flinders_reads(vis
     expect(page.locator("#previous-words")).not_to_contain_text("cal.json")
     page.locator("#previous-file").set_input_files({"name": "x.json", "mimeType": "", "buffer": b"{}"})
     expect(page.locator("#notices")).to_contain_text("x.json: it is no calibration file")
+
+
+def test_a_report_is_one_file_with_verdict_figures_and_numbers(visitor: Visitor, tmp_path: Path) -> None:
+    page = visitor.page()
+    pasted(page, log_of(TUMBLE.field))
+    until(page, "flinders.store.state.phase === 'good'")
+    page.keyboard.press("f")
+    expect(page.locator("#verdict")).to_have_attribute("data-verdict", "good")
+    with page.expect_download() as started:
+        page.locator("#save-report").click()
+    started.value.save_as(tmp_path / "report.html")
+    said = page.locator("#verdict-words").text_content() or ""
+    report = visitor.context(offline=True).new_page()
+    report.set_content((tmp_path / "report.html").read_text(encoding="utf-8"))
+    expect(report.locator("h1")).to_have_text("Good")
+    expect(report.locator(".sentence")).to_have_text(said)
+    expect(report.locator("svg.figure")).to_have_count(7)
+    expect(report.locator("table tbody tr")).to_have_count(3)
+    expect(report.locator("main")).to_contain_text("pasted text")
+    expect(report.locator(".findings")).to_contain_text("mounting angle")
+    assert report.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+
+
+SIX: Final = "\n".join(
+    f"{row % 7},{row % 5},{row % 3},{x:.3f},{y:.3f},{z:.3f}" for row, (x, y, z) in enumerate(TUMBLE.field)
+)
+"""Six columns without names, of which the last three are the magnetometer."""
+
+
+def chosen_by_keyboard(page: Page) -> None:
+    """Choose the fourth column as x, which makes the next ones y and z, and µT."""
+    expect(page.locator("#columns-x")).to_be_focused()
+    page.keyboard.type("column 4")
+    expect(page.locator("#columns-z")).to_have_value("5")
+    expect(page.locator("#columns-rows tr").first).to_have_text("123456")
+    expect(page.locator("#columns-rows [data-axis=y]")).to_have_count(6)
+    page.locator("#columns-unit").select_option("uT")
+    page.locator("#columns-form .primary").press("Enter")
+    expect(page.locator("#columns-panel")).to_be_hidden()
+
+
+def test_somebody_says_which_columns_of_a_log_are_the_magnetometer(visitor: Visitor, axe: str, tmp_path: Path) -> None:
+    page = visitor.page()
+    pasted(page, SIX)
+    expect(page.locator("#columns-words")).to_contain_text("6 columns and no header")
+    assert not grave(page, axe)
+    page.keyboard.press("Escape")
+    expect(page.locator("#start-answer")).to_contain_text("6 columns and no header")
+    pasted(page, SIX)
+    chosen_by_keyboard(page)
+    until(page, "flinders.store.state.phase === 'good'")
+    (tmp_path / "six.csv").write_text(SIX)
+    fit = flinders.fit(flinders.read(tmp_path / "six.csv", columns="4,5,6", unit="uT"))
+    np.testing.assert_allclose(page.evaluate("flinders.store.view.offset"), fit.calibration.offset, atol=0.02)
+    assert page.evaluate("flinders.store.view.unit") == "µT"
+
+
+def test_somebody_says_which_columns_of_a_port_are_the_magnetometer(visitor: Visitor, context: BrowserContext) -> None:
+    page = visitor.page(context)
+    connected(page)
+    lines = SIX.splitlines(keepends=True)
+    page.evaluate("text => board.print(text)", "".join(lines[:100]))
+    chosen_by_keyboard(page)
+    page.evaluate("text => board.print(text)", "".join(lines[100:]))
+    until(page, f"flinders.store.state.readings > {len(lines) - 110}")
+    latest = page.evaluate("flinders.connection.session.live.buffer.latest[0]")
+    assert latest == pytest.approx(TUMBLE.field[-2, 0], abs=1e-3), "the last line has no end"
+
+
+def test_what_an_accelerometer_felt_in_a_log_counts_as_in_the_program(visitor: Visitor, tmp_path: Path) -> None:
+    turn = felt(level(), 5.0)
+    columns = np.column_stack([0.02 * np.arange(len(turn)), turn.field, np.asarray(turn.acceleration)])
+    path = tmp_path / "turn.csv"
+    header = "t_s,mag_x_uT,mag_y_uT,mag_z_uT,acc_x,acc_y,acc_z"
+    np.savetxt(path, columns, fmt="%.4f", delimiter=",", header=header, comments="")
+    samples = flinders.read(path)
+    fit = flinders.fit(samples)
+    assert fit.evidence.z_down is True
+    page = visitor.page()
+    page.locator("#log-file").set_input_files(path)
+    until(page, "flinders.store.view?.samples > 0")
+    assert page.evaluate("flinders.store.view.sentence") == view(fit, samples).sentence
+    page.keyboard.press("f")
+    with page.expect_download() as started:
+        page.locator("#save-calibration").click()
+    started.value.save_as(tmp_path / "cal.json")
+    saved = flinders.Fit.load(tmp_path / "cal.json")
+    assert saved.evidence.z_down is True
+    assert [each.code for each in saved.findings] == [each.code for each in fit.findings]
 
 
 SIZES_OF: Final = """() => ["#hand > svg", "#scene"].map(part => {
@@ -246,7 +338,7 @@ READ_EACH: Final = """async (shapes) => {
 def test_every_shape_of_lines_is_read_from_a_port(visitor: Visitor, context: BrowserContext) -> None:
     page = visitor.page(context)
     page.locator("#baud").select_option("9600")
-    unasked = [shape for shape in SHAPES if not {"pattern", "columns"} & set(shape)]
+    unasked = [shape for shape in SHAPES if not {"pattern", "columns"} & set(shape) and shape["name"] not in UNREAD]
     texts = ["\n".join([*chain.from_iterable(printed(shape, TUMBLE[:600:10])[0]), ""]) for shape in unasked]
     counts = page.evaluate(READ_EACH, texts)
     assert len(counts) >= 48

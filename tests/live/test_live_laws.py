@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from base64 import b64decode
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,8 +34,6 @@ except build.NoCompiler as error:
 ROWS = rows_of(simulate.tumble(seed=1, n=600).samples)
 SHARE, SHOWN = 0.03, 40_000
 """Of `RULES` in ``session.js``: of a core, that fits take, and points that are shown, at most."""
-HEAD_BYTES = 32 + 24
-"""Of a frame of points: its header and the newest reading."""
 
 Command = dict[str, Any]
 
@@ -143,19 +142,17 @@ def test_another_page_takes_over_what_was_done_here(
 @given(cuts)
 def test_two_pages_get_the_same_points_whenever_they_came(places: list[int]) -> None:
     """One page is there from the beginning, the other comes in the end."""
-    session, received = PageSession(), 0
+    session = PageSession()
     for begin, end in itertools.pairwise(places):
         arrive(session, [begin, end])
-        received += count_of(session.points("early"))
-    content = session.points("late")
-    assert content is not None
-    assert count_of(content) == received == 600
-    npt.assert_array_equal(np.frombuffer(content, "<f4", 600, HEAD_BYTES), ROWS[:, 0].astype("<f4"))
+        early = session.points("early")
+    assert times_of(early) == times_of(session.points("late")) == ROWS[:, 0].astype("<f4").tolist()
 
 
-def count_of(frame: bytes | None) -> int:
-    """How many points a frame has."""
-    return 0 if frame is None else int(np.frombuffer(frame, "<u4", 4)[3])
+def times_of(points: SimpleNamespace) -> list[float]:
+    """Times of what a page draws."""
+    times: list[float] = np.frombuffer(b64decode(points.time), "<f4").tolist()
+    return times
 
 
 def test_the_same_events_give_the_same_messages_again() -> None:
@@ -211,17 +208,16 @@ def test_a_stride_is_the_least_power_of_two_that_is_enough(total: int, most: int
 
 def test_when_the_stride_doubles_a_page_that_kept_every_second_point_has_the_right_ones() -> None:
     rows = counted_rows(SHOWN + 1000)
-    session, stride, page = PageSession(), 1, np.empty(0)
+    session, strides = PageSession(), set()
     for batch in np.array_split(rows, 90):
         session.arrived(1.0, batch)
-        while (content := session.points()) is not None:
-            _, _, first, count, _, new_stride = np.frombuffer(content, "<u4", 6).tolist()
-            page = page[:: new_stride // stride]
-            assert first == len(page)
-            page = np.concatenate([page, np.frombuffer(content, "<f4", count, HEAD_BYTES)])
-            stride = new_stride
-    assert session.state.stride == stride == 2
-    npt.assert_array_equal(page, rows[::2, 0])
+        points = session.points()
+        is_thinned = points.stride not in strides
+        strides.add(points.stride)
+        assert (points.first == 0) == is_thinned
+        assert session.points().first is None
+    assert (session.state.stride, strides) == (2, {1, 2})
+    npt.assert_array_equal(times_of(points), rows[::2, 0].astype("<f4"))
 
 
 times_of_a_clock = st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), max_size=30)

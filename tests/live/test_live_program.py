@@ -202,7 +202,7 @@ def test_a_full_disk_is_said_and_what_came_meanwhile_is_there_when_there_is_room
     until(lambda: len(recorded(path)) > 20)
     resource.prlimit(program.pid, resource.RLIMIT_FSIZE, (path.stat().st_size, resource.RLIM_INFINITY))
     until(lambda: "cannot be written" in program.said)
-    assert program.get("static/live.js")
+    assert program.get("static/page.js")
     resource.prlimit(program.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     until(lambda: "is written again, and nothing is missing" in program.said)
     program.signal(signal.SIGINT)
@@ -507,6 +507,12 @@ def test_another_site_gets_no_socket(start: Start, tmp_path: Path) -> None:
 def test_a_refresh_needs_a_calibration_to_renew() -> None:
     ended = flinders_("live", "--simulate", "--refresh")
     assert (ended.code, "name its file with --previous" in ended.said) == (2, True)
+
+
+@pytest.mark.parametrize(("word", "option"), [("tumble.csv", "--replay"), ("/dev/ttyUSB7", "--serial")])
+def test_a_source_without_its_option_is_told_which(word: str, option: str) -> None:
+    ended = flinders_("live", word, "--speed", "5")
+    assert (ended.code, f"as in flinders live {option} {word}" in ended.said) == (2, True)
 
 
 def ended_with_json(is_enough: Callable[[], object], *words: str) -> dict[str, Any]:

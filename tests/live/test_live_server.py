@@ -104,10 +104,12 @@ class Bench:
     def until(self, done: Callable[[Hub], bool]) -> None:
         wait_until(lambda: done(self.hub), lambda: (self.hub.source, self.hub.edits))
 
-    def finish(self, edits: Edits | None = None, log: str = "") -> httpx.Response:
-        """Have the calibration of all readings made."""
-        address = f"/finish?log={log}" if log else "/finish"
-        answer: httpx.Response = self.client.post(address, content=encode(edits or self.hub.edits), headers=OWN)
+    def finish(self, edits: Edits | None = None, log: str = "", previous: str | None = None) -> httpx.Response:
+        """Have the calibration of all readings made, renewing the calibration that has the number `previous`."""
+        asked = {"previous": self.hub.previous.number if previous is None else previous}
+        asked |= {"log": log} if log else {}
+        content = encode(edits or self.hub.edits)
+        answer: httpx.Response = self.client.post("/finish", params=asked, content=content, headers=OWN)
         return answer
 
     def of_finished(self, edits: Edits | None = None, log: str = "") -> str:
@@ -339,6 +341,17 @@ def test_begun_anew_pages_get_what_came_later(bench: Bench) -> None:
     assert bench.finish().json()["view"]["samples"] == 1500
 
 
+def test_of_a_session_too_long_for_memory_all_is_left_behind(tmp_path: Path) -> None:
+    """The few that are in memory of what came later would count as too few."""
+    bench = Bench(tmp_path, simulate.tumble(seed=1).samples, most=1000)
+    with bench.client:
+        bench.until(has_all)
+        bench.hub.edit(Edits(begun_s=50.0))
+        assert bench.hub.edits.begun_s == bench.hub.timeline.at
+        assert (len(bench.hub.log.buffer), bench.hub.log.buffer.stride) == (0, 1)
+    bench.sink.close()
+
+
 def test_what_was_left_behind_stays_so_and_a_page_that_did_not_know_is_told(bench: Bench) -> None:
     """Its edits cross those of the page that has begun anew: the time stays, and it gets the readings once more."""
     with bench.page() as one, bench.page() as other:
@@ -509,7 +522,7 @@ def test_every_answer_has_the_headers(wall: Bench) -> None:
 @pytest.mark.parametrize(
     ("path", "kind"),
     [
-        ("/page.json", "application/json"), ("/static/live.js", "text/javascript"),
+        ("/page.json", "application/json"), ("/static/page.js", "text/javascript"),
         ("/static/worker.js", "text/javascript"), ("/static/views/scene.js", "text/javascript"), ("/", "text/html"),
     ],
 )  # fmt: skip
@@ -845,7 +858,8 @@ def test_a_calibration_from_before_is_kept_and_passed_on(bench: Bench) -> None:
         answer = bench.client.post("/previous?name=..%2Fmonday.json", content=content, headers=OWN)
         assert answer.status_code == 200
         for socket in (one, other):
-            assert received(socket, "previous") == {"type": "previous", "name": "monday.json", "text": content.decode()}
+            told = received(socket, "previous")
+            assert (told["name"], told["text"], len(told["number"])) == ("monday.json", content.decode(), 16)
         with bench.page() as late:
             assert json.loads(late.receive_text())["previous"]["name"] == "monday.json"
         for wrong in (b"", b"{}", b"mx,my,mz\n1,2,3\n", b"\xff\xfe"):
@@ -868,6 +882,18 @@ def test_an_earlier_calibration_is_renewed_where_edits_say_so(bench: Bench) -> N
     assert [file.name for file in document.provenance.files] == ["session.csv", "session.csv"]
 
 
+def test_only_the_calibration_that_the_page_shows_is_renewed(bench: Bench) -> None:
+    content = bench.client.get(f"/calibration.json{bench.of_finished()}").content
+    numbers = []
+    for name in ("monday.json", "tuesday.json"):
+        bench.client.post(f"/previous?name={name}", content=content, headers=OWN)
+        numbers.append(bench.hub.previous.number)
+    refused = bench.finish(Edits(refreshing=True), previous=numbers[0])
+    assert refused.status_code == 400
+    assert "another page chose tuesday.json meanwhile" in refused.json()["words"]
+    assert bench.finish(Edits(refreshing=True), previous=numbers[1]).status_code == 200
+
+
 def test_another_earlier_calibration_is_not_renewed_until_that_is_asked_for(bench: Bench) -> None:
     content = bench.client.get(f"/calibration.json{bench.of_finished()}").content
     bench.client.post("/previous?name=monday.json", content=content, headers=OWN)
@@ -885,6 +911,13 @@ def test_a_session_that_renewed_is_none_without_its_earlier_calibration(bench: B
     assert hub.edits == Edits(target_deg=0.5)
     hub.edit(Edits(refreshing=True, dip_deg=40.0))  # as of a page that has not heard yet
     assert hub.edits == Edits(dip_deg=40.0)
+    content = bench.client.get(f"/calibration.json{bench.of_finished()}").text
+    for warned in (True, False):
+        page = Page()
+        hub.welcomed(page)
+        told = page.next_message()
+        assert (isinstance(told, Notice) and "choose its file under Finish" in told.words) == warned
+        hub.compare_with(Previous("monday.json", content))
 
 
 def test_a_log_is_judged_at_the_site_that_its_page_says(bench: Bench) -> None:

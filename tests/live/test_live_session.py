@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import re
+from base64 import b64decode
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -16,8 +17,7 @@ from tests.page_session import PageSession, codes, frame_of_buffer, log_of, warn
 from tests.trials import daily
 
 from flinders import simulate
-from flinders.apps.live.buffer import ReadingBuffer, rows_of
-from flinders.apps.live.session_file import load
+from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.fitting import calibrate
@@ -300,6 +300,20 @@ def test_a_calibration_in_another_unit_is_not_compared_and_says_why() -> None:
     assert "counts" in shown.words
 
 
+@pytest.mark.parametrize("is_renewed", [False, True])
+def test_a_log_in_other_axes_is_neither_compared_nor_renewed_and_says_why(is_renewed: bool) -> None:
+    tumble = simulate.tumble(seed=2).samples
+    session = after(tumble)
+    session.got_previous(61.0, calibrate.fit(tumble).with_name("monday.json"))
+    assert fitted(session).state.previous.change_deg == pytest.approx(0.0, abs=0.01)
+    session.requested(62.0, "refresh", refresh=is_renewed)
+    session.opened(63.0, "a.csv", log_of(replace(tumble, axes=Axes.of("x,-y,-z"))))
+    shown = fitted(session)
+    words = "this recording has axes x,-y,-z, monday.json has x,y,z"
+    assert words in (shown.shown.refusal if is_renewed else shown.state.previous.words)
+    assert shown.state.previous.change_deg is None
+
+
 EARLIER = calibrate.fit(simulate.tumble(seed=2).samples).with_name("monday.json")
 VEHICLE = simulate.tumble(seed=2).sensor
 """The sensor of it."""
@@ -387,11 +401,11 @@ def growing(rows: Floats, every_s: float) -> Iterator[SimpleNamespace]:
         yield session.state
 
 
-def disturbed_later(start_s: float) -> PageSession:
+def disturbed_later(start_s: float, **changes: Any) -> PageSession:
     """A session that was good, and beside which something has stood since a time."""
     rows = rows_of(simulate.tumble(seed=11, noise=0.4).samples)
     rows[rows[:, 0] >= start_s, 1:4] += (14.0, -9.0, 6.0)
-    session = PageSession()
+    session = PageSession(**changes)
     for at in np.arange(1.0, start_s + 12.0).tolist():
         session.arrived(at, rows[(rows[:, 0] > session.at) & (rows[:, 0] <= at)])
         session.fit()
@@ -552,11 +566,10 @@ def test_points_keep_the_acceleration() -> None:
     for acceleration in (down, None):
         session = PageSession()
         session.arrived(10.0, rows_of(replace(samples, acceleration=acceleration)))
-        frame = session.points()
-        assert frame is not None
-        assert np.frombuffer(frame, "<u4", 5)[4] == (acceleration is not None)
-        if acceleration is not None:
-            npt.assert_array_equal(np.frombuffer(frame, "<f4")[-1500:].reshape(-1, 3), down.astype("<f4"))
+        drawn = session.points().acceleration
+        assert (drawn is not None) == (acceleration is not None)
+        if drawn is not None:
+            npt.assert_array_equal(np.frombuffer(b64decode(drawn), "<f4").reshape(-1, 3), down.astype("<f4"))
 
 
 @pytest.mark.parametrize("together", daily([1, 3, 7], 2))
@@ -592,6 +605,28 @@ def test_a_calibration_can_be_sent_to_the_board_that_it_is_of() -> None:
     assert not fitted(session).state.can_send
     session.requested(62.0, "back_to_live")
     assert session.state.can_send
+
+
+def test_a_result_that_is_kept_can_be_sent_whatever_the_newest_fit_is() -> None:
+    session = disturbed_later(28.0, hasBoard=True)
+    rows = np.full((5000, 7), np.nan)
+    rows[:, 0] = session.at + 0.01 * np.arange(5000)
+    rows[:, 1:4] = np.random.default_rng(1).uniform(-500.0, 500.0, (5000, 3))
+    session.arrived(session.at + 50.0, rows)
+    session.fit()
+    assert (session.shown.record, session.state.kept is None) == (None, False)
+    assert session.state.can_send
+
+
+def test_a_stretch_that_is_one_too_many_is_refused_with_advice() -> None:
+    session = after(simulate.tumble(seed=1).samples)
+    for stretch in range(1000):
+        assert session.requested(61.0, "exclude", start_s=0.05 * stretch, end_s=0.05 * stretch + 0.02) == []
+    (notice,) = session.requested(62.0, "exclude", start_s=55.0, end_s=56.0)
+    assert "leave out one longer stretch over several" in notice.words
+    assert session.requested(63.0, "exclude", start_s=10.0, end_s=20.0) == []
+    assert session.requested(64.0, "exclude", start_s=55.0, end_s=56.0) == []
+    assert len(session.state.excluded) < 900
 
 
 def test_a_span_beyond_all_sense_is_clipped_to_the_session() -> None:

@@ -28,6 +28,7 @@ from flinders.core.calibration_file import FindingRecord
 from flinders.core.samples import Samples
 from flinders.findings import Finding
 from flinders.findings.catalogue import CATALOGUE, OF_A_FIT, QUANTITIES_OF_A_FIT
+from flinders.geometry.sphere import tiles
 from flinders.native import build
 from flinders.report.view import view
 
@@ -447,16 +448,25 @@ return [NAMES.values, NAMES.words, Object.keys(quantities).filter((name) => !Num
         assert row.code in NEVER_ON_THE_PAGE or {*row.names} <= {*values, *NEVER_THERE, *QUANTITIES_OF_A_FIT}, row.code
 
 
+def test_the_sphere_has_the_tiles_of_the_program() -> None:
+    found = run('return (await load("tiles.js")).tiles();', {})
+    np.testing.assert_allclose(np.reshape(found["centres"], (-1, 3)), tiles().centres, atol=1e-12)
+    for corners, own in zip(found["corners"], tiles().polygons(), strict=True):
+        cosines = np.reshape(corners, (-1, 3)) @ own.T
+        np.testing.assert_allclose(cosines.max(axis=1), 1.0, atol=1e-12)
+        np.testing.assert_allclose(cosines.max(axis=0), 1.0, atol=1e-12)
+
+
 def packed(content: bytes) -> str:
     """Bytes as JSON has them."""
     return base64.b64encode(content).decode()
 
 
-def test_the_engine_of_browsers_imports_nothing_and_exports_what_the_header_declares() -> None:
+def test_the_engine_of_browsers_imports_nothing_and_exports_what_the_page_calls() -> None:
     program = """
 const module = new WebAssembly.Module(Uint8Array.from(Buffer.from(given, "base64")));
 return [WebAssembly.Module.imports(module), WebAssembly.Module.exports(module).map(({ name }) => name)];
 """
     imports, exports = run(program, packed(build.library(target=build.WEB).read_bytes()))
     assert imports == []
-    assert set(exports) == {"memory", "_initialize", "__heap_base", *build.functions()}
+    assert set(exports) == {"memory", "_initialize", "__heap_base", *build.called_by_page()}

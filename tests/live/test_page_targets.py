@@ -146,9 +146,6 @@ DAMAGED: Final = {
     json.dumps(
         {"flinders": "calibration", "schema": 1, "calibration": {**UNIT, "matrix": 3 * [[1, 0, 0]]}}
     ): "be inverted",
-    json.dumps(
-        {"flinders": "calibration", "schema": 1, "calibration": UNIT, "raw": {"unit": "uT", "axes": "x,-y,-z"}}
-    ): "it maps the recorded axes",
 }
 """Texts that are no calibration file for the page, and what is said of them."""
 

@@ -84,6 +84,8 @@ UNFIT: Final = {
 
 OTHER_UNIT: Final = "{source} is in {unit}, {name} is for readings in {other}: record as for that calibration"
 """Of readings that an earlier calibration does not correct."""
+OTHER_AXES: Final = "{source} has axes {axes}, {name} has {other}: read it as the recording of the calibration"
+"""Of readings in axes that an earlier calibration does not correct."""
 
 
 @spell_checked(ELSEWHERE)
@@ -226,10 +228,8 @@ def samples_of(source: AnyReadings, previous: Fit) -> Samples:
         raise UnitError(OTHER_UNIT.format(name=previous.name, **names))
     ours, theirs = (recording.axes, frame_of(recording)), (calibration.axes, calibration.frame)
     if ours != theirs:
-        raise AxesError(
-            f"{recording.source} has axes {ours[0]} of the {ours[1]}, {previous.name} has {theirs[0]} of the "
-            f"{theirs[1]}: read it as the recording of the calibration"
-        )
+        axes, other = (f"{of} of the {frame}" for of, frame in (ours, theirs))
+        raise AxesError(OTHER_AXES.format(source=recording.source, axes=axes, name=previous.name, other=other))
     return in_memory(recording)
 
 

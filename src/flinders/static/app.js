@@ -13,7 +13,8 @@ import { legendOf, legendRow } from "./legend.js";
 import { listenForPlace, showRemedies } from "./remedies.js";
 import { Sounds } from "./sounds.js";
 import { staysLevel } from "./standalone/choreography.js";
-import { errors, Gap, goesOn, Store } from "./store.js";
+import { Fitter } from "./standalone/fitter.js";
+import { errors, goesOn, Store } from "./store.js";
 import { ems, gauge } from "./views/gauge.js";
 import { Guide, LeadView } from "./views/lead.js";
 import { brief, capital, counted, degrees, duration, frequency, ICONS, isGoodWhileLevel, PHASES, REASONS, sentence, things, WHILE_LEVEL } from "./views/words.js";
@@ -59,13 +60,23 @@ let wasOpen = false;
 let link;
 
 /**
- * Run the page on what a link says.
- * @param {(listener: Listener) => Link} connect
+ * Load what Python wrote for the page, and run the page on what a link says.
+ * @template {{engine: import("./standalone/data.d.ts").EngineData}} Data
+ * @param {(listener: Listener, data: Data, fitter: Fitter) => Link | Promise<Link>} connect
  */
-export function start(connect) {
-    link = connect(listener);
-    /** For tests and for those who look: what the page knows. */
-    Object.defineProperty(window, "flinders", { value: Object.freeze({ store, connection: link }) });
+export async function start(connect) {
+    try {
+        const answer = await fetch("page.json");
+        if (!answer.ok) throw new Error(`page.json gave ${answer.status}`);
+        const data = /** @type {Data} */ (await answer.json());
+        link = await connect(listener, data, new Fitter("static/worker.js", new URL("flinders.wasm", document.baseURI).href, data.engine));
+        /** For tests and for those who look: what the page knows. */
+        Object.defineProperty(window, "flinders", { value: Object.freeze({ store, connection: link }) });
+    } catch (error) {
+        byId("lost", HTMLElement).hidden = false;
+        setText(byId("lost-words", HTMLElement), `This page could not be loaded: ${error instanceof Error ? error.message : error}.`);
+        byId("retry", HTMLElement).addEventListener("click", () => window.location.reload());
+    }
 }
 
 /** @type {Listener} */
@@ -88,14 +99,10 @@ const listener = {
         if (message.type !== "state") dirty.view = true;
         askFrame();
     },
-    onFrame(frame) {
-        try {
-            sceneFrom = Math.min(sceneFrom, store.takeFrame(frame));
-        } catch (error) {
-            if (!(error instanceof Gap)) throw error;
-            link.renew();
-            return;
-        }
+    onReadings(series, stride) {
+        const from = store.follow(series, stride);
+        if (from === Infinity) return;
+        sceneFrom = Math.min(sceneFrom, from);
         dirty.points = true;
         dirty.now = true;
         askFrame();
@@ -463,14 +470,12 @@ function say(topic, words) {
  */
 function notify(severity, words) {
     const list = byId("notices", HTMLElement);
-    for (const other of list.children) if (other.querySelector("span")?.textContent === sentence(words)) other.remove();
-    const row = element("li");
-    row.dataset.severity = severity;
-    const shut = element("button", "", "square quiet");
+    list.querySelector(`[data-words="${CSS.escape(words)}"]`)?.remove();
+    const shut = element("button", [icon("close")], "square quiet");
     shut.setAttribute("aria-label", "Close this notice");
-    shut.append(icon("close"));
     shut.addEventListener("click", () => row.remove());
-    row.append(icon(ICONS[severity]), element("span", sentence(words)), shut);
+    const row = element("li", [icon(ICONS[severity]), element("span", sentence(words)), shut]);
+    Object.assign(row.dataset, { severity, words });
     (document.querySelector("dialog[open]") ?? document.body).append(list); // all else is inert while a dialog is open
     list.append(row);
     while (list.children.length > 4) list.firstElementChild?.remove();
@@ -556,15 +561,10 @@ onClick("reset", () => scene?.resetCamera());
 onClick("previous", () => byId("previous-file", HTMLInputElement).click());
 onClick("previous-clear", () => send({ type: "previous_clear" }));
 onClick("refresh", () => send({ type: "refresh", refresh: byId("refresh", HTMLInputElement).checked }));
-for (const button of document.querySelectorAll("dialog .shut")) {
-    button.addEventListener("click", () => button.closest("dialog")?.close());
-}
-for (const dialog of document.querySelectorAll("dialog")) {
-    dialog.addEventListener("close", () => document.body.append(byId("notices", HTMLElement)));
-    dialog.addEventListener("click", (event) => {
-        if (event.target === dialog) dialog.close();
-    });
-}
+document.addEventListener("close", () => document.body.append(byId("notices", HTMLElement)), true); // which does not bubble
+document.addEventListener("click", ({ target }) => {
+    if (target instanceof Element && target.matches("dialog, dialog .shut, dialog .shut *")) target.closest("dialog")?.close();
+});
 
 // Files -------------------------------------------------------------------------------------------------------------
 
@@ -582,7 +582,7 @@ async function upload(what, file) {
     }
     const done = what === "open" ? notify("info", `Reading ${file.name} …`) : () => {};
     try {
-        await link.ask(`${what}?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });
+        await link[what](file.name, file);
     } catch (error) {
         if (!(error instanceof Refusal)) throw error;
         notify("error", error.message);

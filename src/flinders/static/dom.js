@@ -1,5 +1,7 @@
 /** Small helpers for the page. Text from the server goes in as text, never as markup. */
 
+import { svg } from "./views/plot.js";
+
 /**
  * The element with an id, which must be there and of a kind.
  * @template {Element} T
@@ -13,24 +15,36 @@ export function byId(id, kind) {
     return element;
 }
 
+/** A number before its unit. */
+const BEFORE_A_UNIT = /(\d) (?=[%°µσ]|(?:k?Hz|kB|Mi?B|mG|nT|uT|min|[hsmg])\b)/g;
+
+/**
+ * A text in which numbers and their units stay on one line.
+ * @param {string} text
+ */
+function unbroken(text) {
+    return text.replace(BEFORE_A_UNIT, "$1\u00a0");
+}
+
 /**
  * Set a text, if it is another.
  * @param {Element} element
  * @param {string} text
  */
 export function setText(element, text) {
-    if (element.textContent !== text) element.textContent = text;
+    const shown = unbroken(text);
+    if (element.textContent !== shown) element.textContent = shown;
 }
 
 /**
  * @param {string} name
- * @param {string} [text]
+ * @param {string | readonly (string | Node)[]} [content]
  * @param {string} [kind]  its class
  * @returns {HTMLElement}
  */
-export function element(name, text = "", kind = "") {
+export function element(name, content = "", kind = "") {
     const made = document.createElement(name);
-    if (text) made.textContent = text;
+    if (content) made.append(...[content].flat().map((part) => (typeof part === "string" ? unbroken(part) : part)));
     if (kind) made.className = kind;
     return made;
 }
@@ -67,13 +81,7 @@ export function remember(key, value) {
  * @returns {SVGElement}
  */
 export function icon(name) {
-    const made = document.createElementNS("http://www.w3.org/2000/svg", "svg");
-    made.setAttribute("class", "icon");
-    made.setAttribute("aria-hidden", "true");
-    const use = document.createElementNS("http://www.w3.org/2000/svg", "use");
-    use.setAttribute("href", `#i-${name}`);
-    made.append(use);
-    return made;
+    return svg("svg", { class: "icon", "aria-hidden": "true" }, [svg("use", { href: `#i-${name}` })]);
 }
 
 /**
@@ -112,6 +120,21 @@ export function save(content, name) {
     link.download = name;
     link.click();
     window.setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+}
+
+/** @param {string} base64 */
+export function bytesOf(base64) {
+    return Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+}
+
+/**
+ * Add rules of style to the page.
+ * @param {string} css
+ */
+export function adopt(css) {
+    const sheet = new CSSStyleSheet();
+    sheet.replaceSync(css);
+    document.adoptedStyleSheets = [...document.adoptedStyleSheets, sheet];
 }
 
 /** What was asked for and refused, in words to show. */

@@ -2,7 +2,8 @@
 
 import { drawCard } from "./card.js";
 import { errors } from "./store.js";
-import { byId, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
+import { byId, bytesOf, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
+import { hexadecimal } from "./standalone/targets.js";
 import { table } from "./views/table.js";
 import { counted, degrees, ICONS, isGoodWhileLevel, measured, PHASES, sentence, significant, things, VERDICTS, WHILE_LEVEL } from "./views/words.js";
 
@@ -10,15 +11,7 @@ import { counted, degrees, ICONS, isGoodWhileLevel, measured, PHASES, sentence, 
 /** @typedef {import("./messages.d.ts").View} View */
 /** @typedef {import("./messages.d.ts").TargetInfo} TargetInfo */
 
-/**
- * What an export looks like.
- * @typedef {object} Preview
- * @property {string} text
- * @property {string} filename
- * @property {string[]} warnings
- * @property {string | null} [binary_base64]
- * @property {string | null} [refusal] Why this calibration cannot be exported for this target.
- */
+/** @typedef {import("./standalone/running.js").Preview} Preview */
 
 const LAST_TARGET = "flinders-export";
 /** What can be had of any calibration, in any unit. */
@@ -63,9 +56,9 @@ export class Finish {
         });
         this.onClick("copy", () => this.copy());
         this.onClick("export-file", () => this.download());
-        this.onClick("save-calibration", () => this.fetchFile("calibration.json", "calibration.json"));
-        this.onClick("save-report", () => this.fetchFile("report.html", "report.html"));
-        this.onClick("save-session", () => this.fetchFile("session.csv", "session.csv"));
+        this.onClick("save-calibration", () => this.saveFile("calibration.json"));
+        this.onClick("save-report", () => this.saveFile("report.html"));
+        this.onClick("save-session", () => this.saveFile("session.csv"));
         this.onClick("save-card", () => this.saveCard());
         this.onClick("send", () => this.send());
         this.onClick("finish-again", () => this.make());
@@ -245,22 +238,18 @@ export class Finish {
         /** @type {[string, string][]} */
         const rows = view
             ? [
-                  ["heading error, worst (1\u00a0σ)", degrees(error?.worst)],
-                  ["all headings within (95\u00a0%)", degrees(error?.bound_95)],
-                  ["heading error, rms (1\u00a0σ)", degrees(error?.rms)],
+                  ["heading error, worst (1 σ)", degrees(error?.worst)],
+                  ["all headings within (95 %)", degrees(error?.bound_95)],
+                  ["heading error, rms (1 σ)", degrees(error?.rms)],
                   ["without calibration, worst", degrees(raw?.worst)],
-                  ["tilt within the target", tilt(view.attitude_limit_deg)],
+                  ["tilt within the target", tilted(view.attitude_limit_deg)],
                   [view.field_strength_known ? "field strength" : "field strength, relative", withUnit(measured(view.field_strength, view.noise).value, view.unit)],
-                  ["noise (1\u00a0σ)", withUnit(significant(view.noise, 3), view.unit)],
+                  ["noise (1 σ)", withUnit(significant(view.noise, 3), view.unit)],
                   ["readings used", counted(view.samples)],
                   ["method", view.method],
               ]
             : [];
-        setList(byId("numbers", HTMLElement), rows, ([name, value]) => {
-            const pair = element("div");
-            pair.append(element("dt", name), element("dd", value));
-            return pair;
-        });
+        setList(byId("numbers", HTMLElement), rows, ([name, value]) => element("div", [element("dt", name), element("dd", value)]));
     }
 
     /** Get the text of the chosen export. */
@@ -269,11 +258,9 @@ export class Finish {
         if (!target || !this.finished?.view?.offset) return;
         const turn = ++this.asked;
         try {
-            const answer = await this.link().ask(`export/${encodeURIComponent(target)}`, { headers: { Accept: "application/json" } });
-            const preview = /** @type {Preview} */ (await answer.json());
+            const preview = await this.link().exported(target);
             if (turn !== this.asked) return;
-            if (preview.refusal) this.showPreview(null, sentence(preview.refusal));
-            else this.showPreview(preview, preview.text);
+            this.showPreview(preview, preview.text);
         } catch (error) {
             if (turn === this.asked) this.showPreview(null, error instanceof Refusal ? sentence(error.message) : String(error));
         }
@@ -285,11 +272,11 @@ export class Finish {
      */
     showPreview(preview, text) {
         this.preview = preview;
-        const binary = preview?.binary_base64;
-        const words = binary && !text ? `${preview.filename}: ${atob(binary).length} bytes, to be downloaded.\n\n${hex(atob(binary))}` : text;
+        const binary = bytesOf(preview?.binary_base64 ?? "");
+        const words = binary.length && !text ? `${preview?.filename}: ${binary.length} bytes, to be downloaded.\n\n${hexadecimal(binary)}` : text;
         const host = byId("preview", HTMLElement);
         host.classList.toggle("refusal", preview === null && text !== "");
-        setText(host, words);
+        host.textContent = words;
         host.scrollTop = preview ? heightAbove(host, text) : 0;
         const known = this.finished?.view?.findings.map(({ advice }) => advice) ?? [];
         const warnings = preview?.warnings.filter((warning) => !known.includes(warning)) ?? [];
@@ -319,18 +306,13 @@ export class Finish {
         const preview = this.preview;
         if (!preview) return;
         const { text, filename, binary_base64: binary } = preview;
-        const content = binary ? Uint8Array.from(atob(binary), (letter) => letter.charCodeAt(0)) : text;
+        const content = binary ? bytesOf(binary) : text;
         save(new Blob([content], { type: "application/octet-stream" }), filename);
     }
 
-    /**
-     * @param {string} address
-     * @param {string} name Where the server gives none.
-     */
-    async fetchFile(address, name) {
-        const answer = await this.link().ask(address);
-        const named = /filename="([^"/\\]+)"/.exec(answer.headers.get("Content-Disposition") ?? "")?.[1];
-        save(await answer.blob(), named ?? name);
+    /** @param {import("./standalone/running.js").FileName} name */
+    async saveFile(name) {
+        save(...(await this.link().file(name)));
     }
 
     async saveCard() {
@@ -346,9 +328,7 @@ export class Finish {
 
     async send() {
         this.say("sending …", "working");
-        const answer = await this.link().ask("send", { method: "POST" });
-        const { words } = await answer.json().catch(() => ({}));
-        this.say(typeof words === "string" ? words : "sent");
+        this.say(await this.link().sendToBoard());
     }
 }
 
@@ -380,9 +360,7 @@ function heightAbove(host, text) {
  * @returns {HTMLElement}
  */
 function noted(name, words) {
-    const row = element("li");
-    row.append(icon(name), element("span", sentence(words)));
-    return row;
+    return element("li", [icon(name), element("span", sentence(words))]);
 }
 
 /**
@@ -391,7 +369,7 @@ function noted(name, words) {
  * @param {State | null} state
  * @returns {{kind: string, title: string, words: string}}
  */
-function judged(finished, state) {
+export function judged(finished, state) {
     const view = finished?.view ?? null;
     if (!view) return { kind: "none", title: "No calibration yet", words: sentence(finished?.refusal || TURN_FIRST) };
     const { worst } = errors(view, state?.goal ?? "heading");
@@ -410,7 +388,7 @@ function judged(finished, state) {
  * @param {number | null} deg
  * @returns {string}
  */
-function tilt(deg) {
+export function tilted(deg) {
     if (deg === null) return "–";
     return deg >= 179.5 ? "any" : deg <= 0 ? "none" : `${Math.floor(deg)}°`;
 }
@@ -422,13 +400,4 @@ function tilt(deg) {
  */
 function withUnit(number, unit) {
     return number === "–" ? number : `${number} ${unit}`;
-}
-
-/**
- * @param {string} bytes
- * @returns {string} In rows of sixteen.
- */
-function hex(bytes) {
-    const pairs = Array.from(bytes, (letter) => letter.charCodeAt(0).toString(16).padStart(2, "0"));
-    return Array.from({ length: Math.ceil(pairs.length / 16) }, (_, i) => pairs.slice(16 * i, 16 * i + 16).join(" ")).join("\n");
 }

@@ -59,7 +59,6 @@ function isTyping(event) {
  */
 export function rows(shortcuts) {
     return shortcuts.map(({ keys, words }) => {
-        const row = element("div");
         const head = element("dt");
         keys.slice(0, 2).forEach((key, i) => {
             if (i > 0) head.append(" or ");
@@ -68,7 +67,6 @@ export function rows(shortcuts) {
                 head.append(element("kbd", part[0].toUpperCase() + part.slice(1)));
             });
         });
-        row.append(head, element("dd", words));
-        return row;
+        return element("div", [head, element("dd", words)]);
     });
 }

@@ -67,12 +67,7 @@ function leftOut(state, theme) {
 
 /** @param {LegendRow} row @returns {HTMLElement} */
 export function legendRow({ kind, colour, words }) {
-    const row = element("p");
-    const patch = svg("svg", { viewBox: "0 0 14 14", "aria-hidden": "true" });
-    patch.append(...PATCHES[kind](colour));
-    const [, first, rest] = /^(\S+°)?(.*)$/.exec(words) ?? [words, "", words];
-    const label = element("span", first);
-    label.append(element("span", rest, first ? "rest" : ""));
-    row.append(patch, label);
-    return row;
+    const patch = svg("svg", { viewBox: "0 0 14 14", "aria-hidden": "true" }, PATCHES[kind](colour));
+    const [, first = "", rest] = /^(\S+°)?(.*)$/.exec(words) ?? [words, "", words];
+    return element("p", [patch, element("span", [first, element("span", rest, first ? "rest" : "")])]);
 }

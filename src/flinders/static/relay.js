@@ -4,8 +4,9 @@
  */
 
 import { Connection } from "./connection.js";
+import { Refusal } from "./dom.js";
 import { passedIn } from "./standalone/passed.js";
-import { SessionLink } from "./standalone/running.js";
+import { SessionLink, tableOf } from "./standalone/running.js";
 import { Series, Session, stated } from "./standalone/session.js";
 import { Unreadable } from "./standalone/tables.js";
 import { readCalibration } from "./standalone/targets.js";
@@ -18,15 +19,14 @@ import { readCalibration } from "./standalone/targets.js";
 /** @typedef {import("./standalone/running.js").Finished} Finished */
 /** @typedef {import("./standalone/running.js").Listener} Listener */
 
-/** What is asked of a calibration that was finished. */
-const OF_FINISHED = ["export/", "calibration.json", "report.html", "send"];
+/** @typedef {{engine: EngineData, model: import("./standalone/geomag.js").Model, unfit: Record<string, string>, targets: {schema: number}}} ServedData */
 
 export class RelayLink extends SessionLink {
     /**
      * @param {string} address
      * @param {Listener} listener
      * @param {Fitter} fitter
-     * @param {{engine: EngineData, model: import("./standalone/geomag.js").Model, unfit: Record<string, string>, targets: {schema: number}}} data
+     * @param {ServedData} data
      */
     constructor(address, listener, fitter, data) {
         super(listener, fitter, data);
@@ -43,8 +43,8 @@ export class RelayLink extends SessionLink {
         this.isHeard = false;
         /** The edits that the server has, as JSON. */
         this.told = "";
-        /** The calibration to compare with that the server has, as JSON. */
-        this.compared = "";
+        /** Number of the calibration to compare with that the server has. */
+        this.comparedWith = "";
         /** Number of the calibration that was finished. */
         this.finished = "";
         this.connection = new Connection(address, {
@@ -70,29 +70,54 @@ export class RelayLink extends SessionLink {
     /** @param {Command} message */
     send(message) {
         if (!this.isHeard || !this.connection.isOpen) return false; // what is here may be of another session
-        if (message.type === "previous_clear") this.#say({ type: "previous", name: "", text: "" });
+        if (message.type === "previous_clear") this.#say({ type: "previous", name: "", text: "", number: "" });
         super.send(message);
         this.#tellEdits();
         return true;
     }
 
+    /** @param {string} name @param {Blob} content */
+    async open(name, content) {
+        const answer = await this.connection.ask(`open?${new URLSearchParams({ name })}`, { method: "POST", body: content });
+        this.#open(await answer.arrayBuffer());
+    }
+
+    /** @param {string} name @param {Blob} content */
+    async previous(name, content) {
+        await this.connection.ask(`previous?${new URLSearchParams({ name })}`, { method: "POST", body: content });
+    }
+
+    /** @param {string} target @returns {Promise<import("./standalone/running.js").Preview>} */
+    async exported(target) {
+        const headers = { Accept: "application/json" };
+        const answer = await this.connection.ask(`export/${encodeURIComponent(target)}?of=${this.finished}`, { headers });
+        const { refusal, ...preview } = await answer.json();
+        if (refusal) throw new Refusal(refusal);
+        return preview;
+    }
+
     /**
-     * @param {string} address
-     * @param {RequestInit} [options]
-     * @returns {Promise<Response>}
+     * @param {import("./standalone/running.js").FileName} name
+     * @returns {Promise<[Blob, string]>}
      */
-    async ask(address, options = {}) {
-        const isOfFinished = OF_FINISHED.some((start) => address.startsWith(start));
-        const answer = await this.connection.ask(isOfFinished ? `${address}?of=${this.finished}` : address, options);
-        if (address.startsWith("open?")) this.#open(await answer.arrayBuffer());
-        return answer;
+    async file(name) {
+        const { opened, openedName } = this.session;
+        if (name === "session.csv" && opened) return [tableOf(opened), `${openedName.replace(/\.[^.]*$/, "")}-readings.csv`];
+        const answer = await this.connection.ask(`${name}?of=${this.finished}`);
+        const named = /filename="([^"/\\]+)"/.exec(answer.headers.get("Content-Disposition") ?? "")?.[1];
+        return [await answer.blob(), named ?? name];
+    }
+
+    async sendToBoard() {
+        const answer = await this.connection.ask(`send?of=${this.finished}`, { method: "POST" });
+        return (await answer.json()).words;
     }
 
     /** @returns {Promise<Finished>} */
     async finish() {
         const { shown, finishing } = this.session;
-        const log = shown.number ? `?log=${shown.number}` : "";
-        const answer = await this.connection.ask(`finish${log}`, { method: "POST", body: JSON.stringify(finishing) });
+        const of = new URLSearchParams({ ...(shown.number && { log: shown.number }), ...(finishing.refreshing && { previous: this.comparedWith }) });
+        const answer = await this.connection.ask(`finish?${of}`, { method: "POST", body: JSON.stringify(finishing) });
         const { number, name, view, refusal } = await answer.json();
         this.finished = number;
         return { name, view, refusal };
@@ -148,7 +173,7 @@ export class RelayLink extends SessionLink {
     /** Forget the session of a server that was ended: the next one may be of another sensor. */
     #forget() {
         this.session = new Session(this.data);
-        this.compared = "";
+        this.comparedWith = "";
     }
 
     /** @param {import("./wire.d.ts").Edits} edits  that the server keeps */
@@ -160,12 +185,11 @@ export class RelayLink extends SessionLink {
     }
 
     /** @param {import("./wire.d.ts").Previous} previous  one that cannot be read is none */
-    #compareWith({ name, text }) {
-        const compared = JSON.stringify([name, text]);
-        if (compared === this.compared) return;
-        this.compared = compared;
+    #compareWith({ name, text, number }) {
+        if (number === this.comparedWith) return;
+        this.comparedWith = number;
         try {
-            if (text) this.session.gotPrevious(this.now, { name, calibration: readCalibration(text, this.data, this.welcome?.axes) });
+            if (text) this.session.gotPrevious(this.now, { name, calibration: readCalibration(text, this.data) });
             else this.session.requested(this.now, { type: "previous_clear" });
         } catch (error) {
             this.session.requested(this.now, { type: "previous_clear" });
@@ -181,7 +205,7 @@ export class RelayLink extends SessionLink {
             this.isBehind = true;
         }
         this.generation = generation;
-        this.session.live.frame = frame;
+        Object.assign(this.session.live, { frame, axes: this.welcome?.axes });
         this.session.received(this.now, passed, unit, this.isBehind);
         if (isLast) this.isBehind = false;
         if (!this.isHeard) {
@@ -197,7 +221,7 @@ export class RelayLink extends SessionLink {
         const about = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 8, length)));
         const { passed, unit, frame } = passedIn(bytes, 8 + length);
         const series = new Series(this.session.rules.capacity, unit, about.is_timed);
-        Object.assign(series, { number: about.number, frame, site: about.site });
+        Object.assign(series, { number: about.number, frame, site: about.site, axes: about.axes });
         series.buffer.follow(passed);
         this.session.openedLog(this.now, about.name, series);
         this.tell(about.words);

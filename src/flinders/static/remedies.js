@@ -43,11 +43,9 @@ function button(words, act) {
 export function listenForPlace(send) {
     const panel = byId("place-panel", HTMLDialogElement);
     byId("place", HTMLElement).addEventListener("click", () => panel.showModal());
-    byId("place-form", HTMLFormElement).addEventListener("submit", (event) => {
-        event.preventDefault(); // nothing is sent over HTTP
+    byId("place-form", HTMLFormElement).addEventListener("submit", () => {
         const [latitude_deg, longitude_deg] = ["latitude", "longitude"].map((id) => byId(id, HTMLInputElement).valueAsNumber);
         send({ type: "place", latitude_deg, longitude_deg, year: yearOf(new Date()) });
-        panel.close();
     });
 }
 

@@ -7,9 +7,6 @@
 /** @typedef {import("./messages.d.ts").View} View */
 /** @typedef {import("./messages.d.ts").FromSession} FromSession */
 
-const MAGIC = 0x464c4e44;
-const HEADER_BYTES = 32;
-const NOW_NUMBERS = 6;
 const FIRST_ROOM = 4096;
 
 /**
@@ -28,9 +25,6 @@ const FIRST_ROOM = 4096;
  * @property {[number, number, number]} raw
  * @property {[number, number, number] | null} acceleration
  */
-
-/** Raised for a frame that does not follow on what is here: the page then asks its session for all of it. */
-export class Gap extends Error {}
 
 /**
  * The errors that count for what the calibration is for.
@@ -65,6 +59,8 @@ export class Store {
         /** @type {number | null} point that the pointer is at, in any of the views */
         this.hovered = null;
         this.generation = -1;
+        /** Readings that had come when the newest of the points did. */
+        this.total = -1;
         /** @type {Points} */
         this.points = noPoints();
     }
@@ -89,61 +85,23 @@ export class Store {
     }
 
     /**
-     * Take a frame of readings.
-     * @param {ArrayBuffer} frame
-     * @returns {number} The first point that is new; 0 where all of them are.
-     * @throws {Gap} Where readings are missing before those of the frame, or it is no frame.
-     */
-    takeFrame(frame) {
-        if (frame.byteLength < HEADER_BYTES + 4 * NOW_NUMBERS) throw new Gap("the frame is too short");
-        const [magic, generation, first, count, flags, stride] = new Uint32Array(frame, 0, 8);
-        const accelerated = (flags & 1) === 1;
-        const numbers = new Float32Array(frame, HEADER_BYTES);
-        if (magic !== MAGIC || numbers.length !== NOW_NUMBERS + count * (accelerated ? 7 : 4)) {
-            throw new Gap("the frame is not one of readings");
-        }
-        let from = first;
-        if (generation !== this.generation) {
-            this.generation = generation;
-            this.hovered = null;
-            Object.assign(this.points, noPoints()); // the same object, which charts that were drawn before look into
-            from = 0;
-        }
-        if (stride !== this.points.stride) {
-            if (this.points.count > 0) from = 0;
-            this.thin(stride);
-        }
-        if (first > this.points.count) throw new Gap("readings are missing");
-        this.now = newest(numbers);
-        const points = this.points;
-        reserve(points, first + count, accelerated);
-        const time = NOW_NUMBERS;
-        points.time.set(numbers.subarray(time, time + count), first);
-        points.field.set(numbers.subarray(time + count, time + 4 * count), 3 * first);
-        if (accelerated) points.acceleration?.set(numbers.subarray(time + 4 * count), 3 * first);
-        points.count = Math.max(points.count, first + count);
-        return from;
-    }
-
-    /**
-     * Keep every so many points when the session shows fewer of them.
+     * Take what is new of a series, of whose readings one of `stride` is shown.
+     * @param {import("./standalone/session.js").Series} series
      * @param {number} stride
+     * @returns {number} The first point that is new; Infinity where nothing is.
      */
-    thin(stride) {
-        this.hovered = null;
+    follow({ generation, buffer }, stride) {
         const { points } = this;
-        const every = stride / points.stride;
-        if (points.count > 0 && (!Number.isInteger(every) || every < 1)) points.count = 0;
-        const left = Math.ceil(points.count / Math.max(1, every));
-        for (let j = 1; j < left; j++) {
-            points.time[j] = points.time[j * every];
-            for (let axis = 0; axis < 3; axis++) {
-                points.field[3 * j + axis] = points.field[3 * j * every + axis];
-                if (points.acceleration) points.acceleration[3 * j + axis] = points.acceleration[3 * j * every + axis];
-            }
-        }
-        points.count = left;
-        points.stride = stride;
+        const isOther = generation !== this.generation;
+        const isThinner = stride !== points.stride;
+        if (!isOther && !isThinner && buffer.total === this.total) return Infinity;
+        if (isOther) Object.assign(points, noPoints()); // the same object, which charts that were drawn before look into
+        if (isOther || isThinner) this.hovered = null;
+        thin(points, stride);
+        const from = points.count;
+        append(points, buffer);
+        Object.assign(this, { generation, total: buffer.total, now: newest(buffer.latest) });
+        return isOther || isThinner ? 0 : from;
     }
 }
 
@@ -156,6 +114,40 @@ function noPoints() {
         acceleration: null,
         stride: 1,
     };
+}
+
+/**
+ * Keep one of `stride` readings.
+ * @param {Points} points
+ * @param {number} stride
+ */
+function thin(points, stride) {
+    const every = stride / points.stride;
+    points.count = every < 1 ? 0 : Math.ceil(points.count / every);
+    points.stride = stride;
+    if (every <= 1) return;
+    for (let j = 1; j < points.count; j++) {
+        points.time[j] = points.time[j * every];
+        for (const numbers of [points.field, points.acceleration]) numbers?.copyWithin(3 * j, 3 * j * every, 3 * j * every + 3);
+    }
+}
+
+/**
+ * Add the readings that are not here yet.
+ * @param {Points} points
+ * @param {import("./standalone/buffer.js").ReadingBuffer} buffer
+ */
+function append(points, buffer) {
+    const step = points.stride / buffer.stride;
+    const { time, field, acceleration } = buffer;
+    const count = Math.ceil(buffer.count / step);
+    reserve(points, count, acceleration !== null);
+    for (let j = points.count; j < count; j++) {
+        points.time[j] = time[j * step];
+        points.field.set(field.subarray(3 * j * step, 3 * j * step + 3), 3 * j);
+        if (acceleration) points.acceleration?.set(acceleration.subarray(3 * j * step, 3 * j * step + 3), 3 * j);
+    }
+    points.count = Math.max(points.count, count);
 }
 
 /**
@@ -187,11 +179,11 @@ function grown(numbers, length) {
 }
 
 /**
- * @param {Float32Array} numbers
+ * @param {ArrayLike<number>} latest  reading and acceleration
  * @returns {Now | null}
  */
-function newest(numbers) {
-    const [x, y, z, a, b, c] = numbers;
+function newest(latest) {
+    const [x, y, z, a, b, c] = Array.from(latest);
     if (!Number.isFinite(x + y + z)) return null;
     return { raw: [x, y, z], acceleration: Number.isFinite(a + b + c) ? [a, b, c] : null };
 }

@@ -5,7 +5,7 @@
  * file and name its row in `WIDGETS`.
  */
 
-import { element, icon } from "./dom.js";
+import { adopt, element, icon } from "./dom.js";
 import { chartOf, markReading } from "./views/charts.js";
 import { deviation } from "./views/deviation.js";
 import { heading } from "./views/heading.js";
@@ -90,9 +90,7 @@ const WIDGETS = [heading, deviation, residuals, strength, projections];
  * @returns {WidgetPanel[]}
  */
 export function lay(strip, page) {
-    const sheet = new CSSStyleSheet();
-    sheet.replaceSync(WIDGETS.map(({ css }) => css).join("\n"));
-    document.adoptedStyleSheets = [...document.adoptedStyleSheets, sheet];
+    adopt(WIDGETS.map(({ css }) => css).join("\n"));
     return WIDGETS.map((row) => {
         const panel = panelOf(row);
         const section = panel.host.parentElement ?? panel.host;
@@ -144,17 +142,15 @@ function listenForHover({ host }, page) {
  * @returns {WidgetPanel}
  */
 function panelOf(row) {
-    const section = element("section", "", `panel ${row.name}`);
-    section.setAttribute("aria-labelledby", `${row.name}-title`);
-    const head = element("div", "", "head");
     const title = element("h2", row.title);
     title.id = `${row.name}-title`;
-    head.append(title);
+    const head = element("div", [title], "head");
     if (row.legend) head.append(legendOf(row.legend));
     if (row.enlarges) head.append(enlarger(row.enlarges));
     const host = element("div", "", row.host ?? "host");
     host.id = row.name;
-    section.append(head, host);
+    const section = element("section", [head, host], `panel ${row.name}`);
+    section.setAttribute("aria-labelledby", title.id);
     return { row, head, title, host, controls: null };
 }
 
@@ -163,9 +159,8 @@ function panelOf(row) {
  * @returns {HTMLElement}
  */
 function legendOf(legend) {
-    const made = element("p", "", "key");
+    const made = element("p", legend.map(([kind, words]) => element("span", words, kind)), "key");
     made.setAttribute("aria-hidden", "true");
-    made.append(...legend.map(([kind, words]) => element("span", words, kind)));
     return made;
 }
 
@@ -174,9 +169,8 @@ function legendOf(legend) {
  * @returns {HTMLElement}
  */
 function enlarger(what) {
-    const button = element("button", "", "square quiet enlarge");
+    const button = element("button", [icon("enlarge")], "square quiet enlarge");
     button.setAttribute("type", "button");
     button.setAttribute("aria-label", `Enlarge ${what}`);
-    button.append(icon("enlarge"));
     return button;
 }

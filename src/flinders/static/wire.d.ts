@@ -44,11 +44,12 @@ export interface Edits {
   refreshing: boolean;
 }
 
-/** A calibration from before: the name and the text of its file; both empty for none. */
+/** A calibration from before: name and text of its file, and its number in this session; all empty for none. */
 export interface Previous {
   type: "previous";
   name: string;
   text: string;
+  number: string;
 }
 
 /** The first message on a connection: all but the readings, which follow. */

@@ -94,13 +94,27 @@ class Page:
         return self.notices.popleft() if self.notices else None
 
 
+UNRENEWED: Final = (
+    "this session renewed an earlier calibration, which is not here: choose its file under Finish, Compare, or name it "
+    "when you resume the session; meanwhile a calibration is made afresh"
+)
+"""Of a session that is resumed without the calibration that it renewed."""
+
+
+def _numbered(previous: Previous) -> Previous:
+    """A calibration from before with a number that tells it from others; none has none."""
+    number = secrets.token_hex(8) if previous.text else ""
+    return msgspec.structs.replace(previous, number=number)
+
+
 class Hub:
     """What came, what was done to it, and the pages that look at it; `failure` is what has ended it."""
 
     def __init__(self, supply: Supply, previous: Previous | None = None, renewed: Fit | None = None) -> None:
         self.supply, self.pages = supply, set[Page]()
         self.source = SourceState(supply.feed.name, supply.kind, "waiting", "")
-        self.previous, self.renewed = previous or Previous(), renewed
+        self.previous, self.renewed = _numbered(previous or Previous()), renewed
+        self.warning = UNRENEWED if supply.edits.refreshing and renewed is None else ""
         self.edits = self._renewing_what_is_there(supply.edits)
         self.log, self.timeline = supply.log, supply.timeline
         self.generation = 1
@@ -133,6 +147,12 @@ class Hub:
         await asyncio.to_thread(self._feed_thread.stop)
         if self.failure is None:
             self._take()
+
+    def welcomed(self, page: Page) -> None:
+        """Take a page in, with what it should know."""
+        self.pages.add(page)
+        if self.warning:
+            page.tell(Notice("warning", self.warning))
 
     def welcome(self) -> Welcome:
         """The first message to a page."""
@@ -196,11 +216,15 @@ class Hub:
         return edits if self.renewed else msgspec.structs.replace(edits, refreshing=False)
 
     def _begun_anew(self, begun_s: float | None) -> float:
-        """Leave the readings up to a time behind, return that of the last of them, and send the others once more."""
+        """Leave the readings up to a time behind, return that of the last of them, and send the others once more.
+
+        Of a session so long that only some are in memory, all readings so far: those left would count as too few.
+        """
         if begun_s is not None and begun_s > self.timeline.at:
             raise UsageError(f"begun anew at {begun_s:g} s: need a time up to that of the newest reading")
         self.generation += 1
         latest = max(time for time in (begun_s, self.edits.begun_s) if time is not None)
+        latest = self.timeline.at if self.log.buffer.stride > 1 else latest
         self.log = self.log._replace(buffer=self.log.buffer.after(latest))
         return latest
 
@@ -220,8 +244,8 @@ class Hub:
         if previous != Previous():
             document = loads(previous.text.encode(), source=previous.name)
             renewed = Fit.from_document(document, name=previous.name)
-        self.previous, self.renewed = previous, renewed
-        self._tell(previous)
+        self.previous, self.renewed, self.warning = _numbered(previous), renewed, ""
+        self._tell(self.previous)
         self.edit(msgspec.structs.replace(self.edits, refreshing=False))
 
     def keep(self, name: str, log: Log) -> str:
@@ -238,13 +262,16 @@ class Hub:
 
         return finished("", self._wanted(self.edits, None))
 
-    async def finish(self, edits: Edits, number: str | None) -> Finished:
+    async def finish(self, edits: Edits, number: str | None, previous: str = "") -> Finished:
         """Make the calibration of all readings of the sensor, or of a log, and hold it for whoever asks for exports.
 
-        One at a time. Raises `UsageError` for a log that is no longer in memory.
+        One at a time. Raises `UsageError` for a log that is no longer in memory, and where the calibration to renew is
+        no longer the one that has the number `previous`.
         """
         from flinders.apps.live.finished import finished
 
+        if edits.refreshing and self.renewed is not None and previous != self.previous.number:
+            raise UsageError(f"another page chose {self.previous.name} meanwhile: see what it says, and press Update")
         async with self._finishing:
             wanted = self._wanted(edits, number)
             made = await asyncio.to_thread(finished, secrets.token_hex(8), wanted)

@@ -84,10 +84,11 @@ class Kept(Struct, frozen=True, tag_field="type", tag="kept"):
 
 
 class Previous(Struct, frozen=True, tag_field="type", tag="previous", forbid_unknown_fields=True):
-    """A calibration from before: the name and the text of its file; both empty for none."""
+    """A calibration from before: name and text of its file, and its number in this session; all empty for none."""
 
     name: str = ""
     text: str = ""
+    number: str = ""
 
 
 class Linked(Struct, frozen=True, tag_field="type", tag="source"):
@@ -175,7 +176,8 @@ def refuse_out_of_range(edits: Edits) -> None:
         if strength is not None and not MIN_STRENGTH <= strength <= MAX_STRENGTH:
             raise UsageError(f"field of {strength:g}: need {MIN_STRENGTH:g} to {MAX_STRENGTH:g}")
     if len(edits.excluded) > MAX_SPANS:
-        raise UsageError(f"{len(edits.excluded):,} stretches are left out: need at most {MAX_SPANS:,}")
+        count = f"{len(edits.excluded):,} stretches are left out: need at most {MAX_SPANS:,}"
+        raise UsageError(f"{count}; leave out one longer stretch over several")
     for start, end in edits.excluded:
         if not -math.inf < start <= end < math.inf:
             raise UsageError(f"excluded from {start:g} to {end:g} s: need a start before the end")

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
 STATIC: Final = Path(__file__).resolve().parents[2] / "static"
 SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
-    "live.js": ("live.js", ()),
+    "page.js": ("live.js", ()),
     "worker.js": ("standalone/worker.js", ()),
     "views/scene.js": ("views/scene.js", ("Scene",)),
 }
@@ -181,7 +181,7 @@ async def _finish(request: Request) -> Response:
     edits = parse(await _body(request))
     if not isinstance(edits, Edits):
         raise UsageError("a page sends what was done to its readings, and this is not")
-    made = await hub.finish(edits, request.query_params.get("log"))
+    made = await hub.finish(edits, request.query_params.get("log"), request.query_params.get("previous", ""))
     return Response(msgspec.json.encode(_Made(made.number, made.name, made.view, made.refusal)), media_type=JSON)
 
 
@@ -295,7 +295,7 @@ async def _open(request: Request) -> Response:
         except FlindersError as error:
             words = error.message.replace(str(path), name).replace(path.name, name)
             return JSONResponse({"words": words, "code": error.code}, status_code=422)
-    about = _Opened(hub.keep(name, log), name, words, log.is_timed, log.site)
+    about = _Opened(hub.keep(name, log), name, words, log.is_timed, str(log.axes), log.site)
     return Response(await asyncio.to_thread(_packed, about, log), media_type="application/octet-stream")
 
 
@@ -306,6 +306,7 @@ class _Opened(msgspec.Struct, frozen=True):
     name: str
     words: str
     is_timed: bool
+    axes: str
     site: Site | None
 
 
@@ -398,7 +399,7 @@ async def _socket(socket: WebSocket) -> None:
         await socket.close(1013, f"{MOST_PAGES} pages are open: close one")
         return
     page = Page()
-    hub.pages.add(page)
+    hub.welcomed(page)
     telling = asyncio.get_running_loop().create_task(_tell(socket, hub, page))
     try:
         await _listen(socket, hub, page)

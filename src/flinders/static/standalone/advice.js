@@ -3,6 +3,7 @@
  * both.
  */
 
+import { unit } from "../views/vectors.js";
 import { surfaceOf } from "./fit.js";
 import { apply } from "./linear.js";
 
@@ -108,7 +109,7 @@ export function guided(view, fit, readings, isFlat, goal, frame) {
     const { inverse } = surfaceOf(belief.centre, belief.shape);
     const newest = Array.from(readings.field.slice(-3), (part, axis) => part - belief.centre[axis]);
     const start = unit(apply(inverse, newest));
-    if (!start) return view;
+    if (!start.some(Boolean)) return view;
     const route = engine.path(belief, wantedOf(fit, goal), start, readingsPerDeg(readings.time, data));
     if (!route.count || (route.worst_deg <= fit.targetDeg && !isRough)) return view;
     const [x, y, z] = route.waypoints;
@@ -123,16 +124,6 @@ export function guided(view, fit, readings, isFlat, goal, frame) {
         is_path: true,
     };
     return { ...view, guidance, shown: isRough ? round(belief) : view.shown };
-}
-
-/**
- * A vector of length one; null for one without length.
- * @param {number[]} vector
- * @returns {number[] | null}
- */
-function unit(vector) {
-    const length = Math.hypot(...vector);
-    return length ? vector.map((part) => part / length) : null;
 }
 
 /**

@@ -268,6 +268,11 @@ export class Exclusions {
         this.future = future;
     }
 
+    /** Whether there are as many stretches as there may be. */
+    get isFull() {
+        return this.spans.length >= MOST_SPANS;
+    }
+
     /** @param {Span} span */
     excluding(span) {
         return this.#then(merged([...this.spans, span]));

@@ -40,7 +40,7 @@ export class Choice {
     show(isShown) {
         this.panel.hidden = !isShown;
         setText(this.words, "");
-        if (document.documentElement.hasAttribute("data-start") !== isShown) window.scrollTo(0, 0);
+        if (document.documentElement.hasAttribute("data-start") !== isShown) byId("page", HTMLElement).scrollTo(0, 0);
         document.documentElement.toggleAttribute("data-start", isShown);
         for (const id of ["start-close", "connect"]) byId(id, HTMLElement).hidden = !this.link.isUsed;
     }

@@ -7,8 +7,8 @@
  * axis, its path is too small to follow; then that of the acceleration counts, where it is recorded, or the time.
  */
 
-import { product, rotated, rotation, unit } from "../views/turn.js";
-import { corrected, cross, dot, minus } from "../views/vectors.js";
+import { product, rotated, rotation } from "../views/turn.js";
+import { corrected, cross, dot, minus, unit } from "../views/vectors.js";
 import { farOf, seenOf } from "./gaps.js";
 
 /** @typedef {import("../messages.d.ts").View} View */

@@ -1,4 +1,3 @@
-import type { TilesView } from "../messages.d.ts";
 import type { Layouts } from "./engine.js";
 
 export type Severity = "note" | "limits" | "refuses";
@@ -30,6 +29,5 @@ export interface EngineData {
   steps: Record<string, string>; // what to do next, by name
   poses: Record<"sensor" | "vehicle", string[]>; // after "hold it"
   turns: Record<"sensor" | "vehicle", [right: string, left: string][]>; // about x, y and z
-  tiles: TilesView;
   swaps: string[]; // axes that change, in the order of the engine
 }

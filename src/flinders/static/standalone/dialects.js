@@ -4,8 +4,8 @@
  * A dialect is recognised by the first lines, and takes one line at a time then.
  */
 
-import { orderOf, secondsOf } from "./clocks.js";
-import { ahead, counted, every, largest, median, whole } from "./patterns.js";
+import { midnights, secondsOfDay } from "./clocks.js";
+import { ahead, counted, largest, whole } from "./patterns.js";
 import { Unreadable } from "./tables.js";
 
 /** @typedef {import("./names.js").Names} Names */
@@ -52,59 +52,40 @@ class Marked {
         this.words = form.words;
         /** @type {string[]} */
         this.names = form.names;
-        /** @type {string[] | null} */
-        this.latest = null;
     }
 
     fresh() {
-        return new Marked(this.prints, this.form);
+        return this;
     }
 
     /** @param {string} line */
     row(line) {
-        const { mark, auxiliary } = this.form;
+        const { mark, counts } = this.form;
         const match = whole(this.form.line, line.trim())?.groups;
         if (!match) return null;
-        const values = match.values.trim().split(/\s*,\s*|\s+/);
-        if (auxiliary && match.mark === auxiliary) this.latest = values;
         if (match.mark.toLowerCase() !== mark.toLowerCase()) return [];
-        const cells = [...(match.time ? [match.time] : []), ...this.inUnits(values)];
-        const others = auxiliary ? this.latest ?? Array(6).fill("") : [];
-        const isWhole = cells.length + others.length === this.names.length;
-        return isWhole && cells.every((cell) => this.prints.number(cell) !== null) ? [...cells, ...others] : null;
-    }
-
-    /** @param {string[]} values */
-    inUnits(values) {
-        const { counts } = this.form;
-        if (counts.length !== values.length) return values;
-        return values.map((value, place) => {
-            const number = this.prints.number(value);
-            return number === null ? "" : String(Number((number / counts[place]).toPrecision(9)));
-        });
+        const cells = match.values.trim().split(/\s*,\s*|\s+/);
+        const numbers = cells.map((cell) => this.prints.number(cell));
+        if (cells.length !== this.names.length || numbers.includes(null)) return null;
+        if (!counts.length) return cells;
+        return numbers.map((number, place) => `${Number(((number ?? NaN) / counts[place]).toPrecision(9))}`);
     }
 }
 
 /**
- * Lines of one of the programs, among others.
+ * Lines for MotionCal among others: `Raw:` in counts, `Uni:` in units.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string[]} lines
  * @returns {Dialect | null}
  */
 export function marked(prints, rules, lines) {
-    for (const form of [rules._RAW, rules._UNI, rules._MAGCC, ...rules._VECTORNAV]) {
+    for (const form of [rules._RAW, rules._UNI]) {
         const counts = new Marked(prints, { ...form, counts: [] });
         const rows = lines.map((line) => counts.row(line)).filter((row) => row?.length);
         if (!rows.length) continue;
         const isInUnits = form === rules._RAW && areUnits(rules, /** @type {string[][]} */ (rows));
         return new Marked(prints, isInUnits ? { ...rules._UNI, words: form.words, mark: "raw" } : form);
-    }
-    const filled = lines.map((line) => line.trim()).filter(Boolean);
-    for (const form of [rules._PAPARAZZI, rules._REPLAY]) {
-        const marks = filled.flatMap((line) => whole(form.line, line)?.groups?.mark ?? []);
-        if (!marks.length || marks.length < form.share * filled.length) continue;
-        return form === rules._REPLAY ? new Marked(prints, form) : paparazzi(prints, form, marks);
     }
     return null;
 }
@@ -118,18 +99,6 @@ function areUnits(rules, rows) {
     const gravity = rows.map((cells) => Math.hypot(...cells.slice(0, 3).map((cell) => (cell ? Number(cell) : NaN))));
     const hasPoint = rows.some((cells) => cells.slice(0, 3).some((cell) => cell.includes(".")));
     return hasPoint && Math.min(...gravity) > 0 && Math.max(...gravity) < rules.MOST_IN_UNITS;
-}
-
-/**
- * @param {Prints} prints
- * @param {Constants} form
- * @param {string[]} marks
- */
-function paparazzi(prints, form, marks) {
-    const raw = marks.find((mark) => mark.includes(" IMU_MAG_RAW"));
-    if (raw) return new Marked(prints, { ...form, mark: raw });
-    const mark = marks.find((each) => each.endsWith("IMU_MAG_CURRENT_CALIBRATION"));
-    return mark ? new Marked(prints, { ...form, mark, names: [...form.names, "current (A)"] }) : null;
 }
 
 // JSON, a record in each line
@@ -226,246 +195,31 @@ function written(value) {
     return value === null || value === undefined ? "" : String(value);
 }
 
-// Tables between bars
-
-class Boxed {
-    /**
-     * @param {Constants} rules
-     * @param {string[]} names
-     */
-    constructor(rules, names) {
-        this.rules = rules;
-        this.words = rules.WORDS;
-        this.names = names;
-    }
-
-    fresh() {
-        return this;
-    }
-
-    /** @param {string} line */
-    row(line) {
-        if (whole(this.rules.RULER, line) || whole(this.rules._COUNT, line)) return [];
-        const cells = betweenBars(this.rules, line);
-        if (cells.length !== this.names.length) return null;
-        return cells.join("|") === this.names.join("|") ? [] : cells;
-    }
-}
-
-/**
- * Names above a ruler, and lines with as many cells between bars.
- * @param {Prints} prints
- * @param {Constants} rules
- * @param {string[]} lines
- * @returns {Dialect | null}
- */
-export function boxed(prints, rules, lines) {
-    const filled = lines.filter((line) => line.trim());
-    const isRuler = (/** @type {string | undefined} */ line) => line !== undefined && Boolean(whole(rules.RULER, line));
-    const rows = filled.filter((line) => !isRuler(line));
-    const barred = rows.filter((line) => rules.BARS.test(line));
-    const widths = counted(barred.map((line) => betweenBars(rules, line).length));
-    const width = largest([...widths.keys()], (each) => [widths.get(each) ?? 0]) ?? 0;
-    if (width < 3 || 2 * (widths.get(width) ?? 0) < rows.length) return null;
-    const heads = filled.filter((line, i) => isRuler(filled[i + 1]) && rules.BARS.test(line)).map((line) => betweenBars(rules, line));
-    const isHead = (/** @type {string[]} */ names) => names.length === width && names.every((name) => prints.number(name) === null);
-    const names = heads.find((each) => isHead(each) && each.some(Boolean));
-    return names ? new Boxed(rules, names) : null;
-}
-
-/**
- * What stands between bars.
- * @param {Constants} rules
- * @param {string} line
- */
-function betweenBars(rules, line) {
-    const cells = line.trim().split(rules.BARS).map((cell) => cell.trim());
-    if (cells[0] || !rules.BARS.test(line.trim()[0] ?? "")) return cells;
-    return cells.slice(1, cells[cells.length - 1] ? undefined : -1);
-}
-
-// Points of InfluxDB
-
-class Points {
-    /**
-     * @param {Constants} rules
-     * @param {string[]} names
-     * @param {{series: string, fields: string[], isTimed: boolean}} form
-     */
-    constructor(rules, names, form) {
-        this.rules = rules;
-        this.words = "points of InfluxDB";
-        this.names = names;
-        this.form = form;
-    }
-
-    fresh() {
-        return this;
-    }
-
-    /** @param {string} line */
-    row(line) {
-        const { series, fields, isTimed } = this.form;
-        const point = pointOf(this.rules, line);
-        if (!point) return null;
-        if (point.series !== series || point.fields.join(",") !== fields.join(",") || (isTimed && !point.time)) return [];
-        return [...(isTimed ? [point.time] : []), ...point.values];
-    }
-}
-
-/**
- * Points, most often of a series with a magnetometer.
- * @param {Prints} prints
- * @param {Constants} rules
- * @param {string[]} lines
- * @returns {Dialect | null}
- */
-export function points(prints, rules, lines) {
-    const filled = lines.filter((line) => line.trim() && !line.trimStart().startsWith("#"));
-    const known = filled.map((line) => pointOf(rules, line)).filter((point) => point !== null);
-    if (!known.length || known.length < rules.MOST * filled.length) return null;
-    const namesOf = (/** @type {Point} */ { series, fields }) =>
-        fields.map((name) => {
-            const isClear = prints.names.meaning(name).kind && !prints.names.isBare(name);
-            return isClear ? name : `${series.split(",")[0]} ${name}`;
-        });
-    const keyOf = (/** @type {Point} */ { series, fields }) => [series, ...fields].join("\n");
-    const counts = counted(known.map(keyOf));
-    const firsts = [...counts.keys()].map((key) => /** @type {Point} */ (known.find((point) => keyOf(point) === key)));
-    const able = firsts.filter((point) => prints.names.magnetometer(namesOf(point)));
-    const best = largest(able, (point) => [counts.get(keyOf(point)) ?? 0]);
-    if (!best) return null;
-    const isAlike = (/** @type {Point} */ { series, fields }) =>
-        series.split(",")[0] === best.series.split(",")[0] && fields.join(",") === best.fields.join(",");
-    if (able.filter(isAlike).length > 1) {
-        throw new Unreadable("tags say which sensor each point is of: keep the points of one of them");
-    }
-    const times = known.filter(({ series }) => series === best.series).map(({ time }) => time);
-    const isTimed = times.every(Boolean);
-    const time = isTimed ? [`time (${rules.UNITS[times[0].length] ?? "ns"})`] : [];
-    return new Points(rules, [...time, ...namesOf(best)], { series: best.series, fields: best.fields, isTimed });
-}
-
-/** @typedef {{series: string, fields: string[], values: string[], time: string}} Point */
-
-/**
- * @param {Constants} rules
- * @param {string} line
- * @returns {Point | null}
- */
-function pointOf(rules, line) {
-    const groups = whole(rules.POINT, line.trim())?.groups;
-    if (!groups) return null;
-    const pairs = groups.fields.split(",").map((field) => field.split("="));
-    const values = pairs.map(([, ...value]) => whole(rules._NUMBER, value.join("="))?.[1] ?? value.join("="));
-    const series = groups.measurement + groups.tags;
-    return { series, fields: pairs.map(([name]) => name), values, time: groups.time ?? "" };
-}
-
-// Names and values in turn
-
-class Pairs {
-    /**
-     * @param {Prints} prints
-     * @param {Constants} rules
-     * @param {string[]} names
-     * @param {string[]} needed Those of the magnetometer.
-     * @param {string} delimiter
-     * @param {string} title Words without a value, of these lines.
-     */
-    constructor(prints, rules, names, needed, delimiter, title) {
-        this.prints = prints;
-        this.rules = rules;
-        this.words = "names and values in turn";
-        this.names = names;
-        this.needed = needed;
-        this.delimiter = delimiter;
-        this.title = title;
-    }
-
-    fresh() {
-        return this;
-    }
-
-    /** @param {string} line */
-    row(line) {
-        const { title, values } = pairsOf(this.prints, this.rules, line, this.delimiter);
-        return title === this.title && this.needed.every((name) => values.has(name)) ? this.names.map((name) => values.get(name) ?? "") : null;
-    }
-}
-
-/**
- * Names of a magnetometer that come again and again, each before a number.
- * @param {Prints} prints
- * @param {Constants} rules
- * @param {string[]} lines
- * @returns {Dialect | null}
- */
-export function pairs(prints, rules, lines) {
-    for (const delimiter of rules.DELIMITERS) {
-        const rows = lines.map((line) => pairsOf(prints, rules, line, delimiter));
-        const all = [...counted(rows.flatMap(({ values }) => [...values.keys()])).keys()];
-        const needed = prints.names.magnetometer(all)?.cells.map((cell) => all[cell]);
-        const able = needed ? rows.filter(({ values }) => needed.every((name) => values.has(name))) : [];
-        if (!needed || !able.length) continue;
-        const titles = counted(able.map(({ title }) => title));
-        const best = largest([...titles.keys()], (title) => [titles.get(title) ?? 0]) ?? "";
-        const own = able.filter(({ title }) => title === best);
-        const shared = counted(own.flatMap(({ values }) => [...values.keys()]));
-        const names = [...shared].filter(([, count]) => count >= rules.LEAST_SHARE * own.length).map(([name]) => name);
-        return new Pairs(prints, rules, names, needed, delimiter, best);
-    }
-    return null;
-}
-
-/**
- * Words of a line without a value, and those with a number in the next cell.
- * @param {Prints} prints
- * @param {Constants} rules
- * @param {string} line
- * @param {string} delimiter
- * @returns {{title: string, values: Map<string, string>}}
- */
-function pairsOf(prints, { NAME, TITLE }, line, delimiter) {
-    const cells = line.split(delimiter).map((cell) => cell.trim());
-    const both = cells.slice(1).map((value, i) => /** @type {const} */ ([cells[i], value]));
-    const values = new Map(both.filter(([name, value]) => value && whole(NAME, name) && prints.number(name) === null && prints.number(value) !== null));
-    return { title: cells.filter((cell) => !values.has(cell) && whole(TITLE, cell)).join(" "), values };
-}
-
-// Lines behind a time stamp, and hexadecimal words
+// Lines behind a time stamp
 
 class Stamped {
     /**
      * @param {import("./patterns.js").Rules} rules
-     * @param {string} order Of day, month and year, in dates of numbers.
      * @param {Dialect} inner
      */
-    constructor(rules, order, inner) {
+    constructor(rules, inner) {
         this.rules = rules;
-        this.order = order;
         this.inner = inner;
         this.words = `time stamps before ${inner.words}`;
         this.names = ["time (s)", ...inner.names];
-        this.midnights = 0;
-        this.last = -1;
+        this.past = midnights();
     }
 
     fresh() {
-        return new Stamped(this.rules, this.order, this.inner.fresh());
+        return new Stamped(this.rules, this.inner.fresh());
     }
 
     /** @param {string} line */
     row(line) {
-        const { wrapped, clock } = this.rules;
-        const stamp = ahead(wrapped.STAMP, line);
-        const seconds = stamp && secondsOf(clock, stamp.groups ?? {}, this.order);
-        if (!stamp || seconds === null) return null;
+        const stamp = ahead(this.rules.wrapped.STAMP, line);
+        if (!stamp) return null;
         const cells = this.inner.row(line.slice(stamp[0].length));
-        if (!cells?.length) return cells;
-        if (seconds + this.midnights < this.last - clock.DAY_S / 2) this.midnights += clock.DAY_S;
-        this.last = seconds + this.midnights;
-        return [this.last.toFixed(6), ...cells];
+        return cells?.length ? [this.past(secondsOfDay(stamp.groups ?? {})).toFixed(6), ...cells] : cells;
     }
 }
 
@@ -476,108 +230,17 @@ class Stamped {
  * @param {Recognise} behind
  * @param {Recognise} table
  * @param {boolean} isMarked
- * @param {number} [share] Of the lines that have to have a stamp.
  * @returns {Dialect | null}
  */
-export function stamped(rules, lines, behind, table, isMarked, share = rules.wrapped.MOST) {
+export function stamped(rules, lines, behind, table, isMarked) {
     const filled = lines.filter((line) => line.trim());
     const stamps = filled.map((line) => ahead(rules.wrapped.STAMP, line)).filter((stamp) => stamp !== null);
-    if (!stamps.length || stamps.length < share * filled.length) return null;
+    if (!stamps.length || stamps.length < rules.wrapped.MOST * filled.length) return null;
     const marks = stamps.map((stamp) => stamp.groups?.mark ?? "");
     if (isMarked && marks.some((mark) => [",", ";", "\t"].includes(mark))) return null;
     const rest = stamps.map((stamp) => stamp.input.slice(stamp[0].length));
     const inner = behind(rest) ?? (marks.every(Boolean) || !isMarked ? table(rest) : null);
-    return inner && new Stamped(rules, orderOf(rules.clock, stamps.map((stamp) => stamp.groups ?? {})).order, inner);
-}
-
-class Hexadecimal {
-    /**
-     * @param {(line: string) => string} written A line with its words as `inner` reads them.
-     * @param {Dialect} inner
-     */
-    constructor(written, inner) {
-        this.written = written;
-        this.inner = inner;
-        this.words = `hexadecimal words in ${inner.words}`;
-        this.names = inner.names;
-    }
-
-    /** @returns {Dialect} */
-    fresh() {
-        return new Hexadecimal(this.written, this.inner.fresh());
-    }
-
-    /** @param {string} line */
-    row(line) {
-        return this.inner.row(this.written(line));
-    }
-}
-
-/**
- * Lines of three words of one length that only hexadecimal digits explain, or such rows of any lengths.
- * @param {Constants} rules
- * @param {string[]} lines
- * @param {Recognise} behind
- * @param {Recognise} table
- * @returns {Dialect | null}
- */
-export function hexadecimal(rules, lines, behind, table) {
-    const { LEAST, LETTERED, MOST, SIGNED, WORDS, _BETWEEN } = rules;
-    const cells = lines.map((line) => line.trim().split(_BETWEEN));
-    const bare = cells.filter((words) => words.length >= LEAST && words.every((word) => whole(WORDS[0], word)));
-    for (const digits of [...SIGNED, 0]) {
-        const found = lines.map((line) => every(WORDS[digits], line).map((match) => match[0]));
-        const rows = digits ? found.filter((words) => words.length >= LEAST) : bare;
-        const lettered = rows.filter((words) => !words.every((each) => /^\d+$/.test(each)));
-        if (!lettered.length || lettered.length < LETTERED * rows.length || rows.length < MOST * bare.length) continue;
-        const count = hexadecimalWords(rules, rows);
-        const [inDecimals, withPrefixes] = [(/** @type {string} */ word) => `${signed(rules, word)}`, (/** @type {string} */ word) => `0x${word}`].map(
-            (write) => (/** @type {string} */ line) => rewritten(line, WORDS[digits], count, write),
-        );
-        const rowsBehind = table(lines.map(inDecimals));
-        if (rowsBehind) return new Hexadecimal(inDecimals, rowsBehind);
-        const inner = digits ? behind(lines.map(withPrefixes)) : null;
-        return inner && new Hexadecimal(withPrefixes, inner);
-    }
-    return null;
-}
-
-/**
- * Words of each line that are hexadecimal: before them a decimal time may have as many digits.
- * @param {Constants} rules
- * @param {string[][]} rows
- */
-function hexadecimalWords(rules, rows) {
-    let count = Math.min(...rows.map((words) => words.length));
-    while (count > rules.LEAST && rows.every((words) => /^\d+$/.test(words[words.length - count]))) {
-        const times = rows.filter((words) => words.length === rows[0].length).map((words) => Number(words[words.length - count]));
-        if (times.some((time, i) => i > 0 && time < times[i - 1]) || times[0] === times[times.length - 1]) break;
-        count--;
-    }
-    return count;
-}
-
-/**
- * A line with its last words of a kind written anew.
- * @param {string} line
- * @param {RegExp} word
- * @param {number} count
- * @param {(word: string) => string} write
- */
-function rewritten(line, word, count, write) {
-    const words = every(word, line);
-    const last = words.length >= count ? words.slice(-count).reverse() : [];
-    return last.reduce((text, { 0: each, index }) => `${text.slice(0, index)}${write(each)}${text.slice(index + each.length)}`, line);
-}
-
-/**
- * The two's complement of a word of 16, 24 or 32 bits; a shorter one, which lacks its zeros, is positive.
- * @param {Constants} rules
- * @param {string} word
- */
-function signed({ SIGNED }, word) {
-    const [value, bits] = [Number.parseInt(word, 16), 4 * word.length];
-    return SIGNED.includes(word.length) && value >= 2 ** (bits - 1) ? value - 2 ** bits : value;
+    return inner && new Stamped(rules, inner);
 }
 
 // Lines in which labels say what the numbers are
@@ -822,7 +485,7 @@ function magnetometerKind({ names }, rules, kinds, counts) {
 }
 
 /**
- * The magnetometer's numbers first in the row, then those of lines with a time that come before.
+ * The magnetometer's numbers first in the row, then those of lines with a time or an acceleration that come before.
  * @param {Prints} prints
  * @param {Constants} rules
  * @param {string} closing
@@ -832,12 +495,13 @@ function magnetometerKind({ names }, rules, kinds, counts) {
 function lineByLine(prints, rules, closing, counts, read) {
     const own = closing.split("\n");
     const rows = read.filter(({ kind }) => kind === closing).map(({ numbers }) => numbers);
-    const names = timed(prints, own, rows);
+    const names = timed(own, rows);
     const kinds = new Map([[closing, 0]]);
     for (const [kind, count] of counts) {
         const columns = kind.split("\n");
         const hasTime = columns.some((name) => prints.names.meaning(name).kind === rules.TIME);
-        if (kind === closing || count < rules.SELDOM * (counts.get(closing) ?? 0) || !hasTime) continue;
+        const isFelt = prints.names.vectors(columns, rules.ACCELERATION).length > 0;
+        if (kind === closing || count < rules.SELDOM * (counts.get(closing) ?? 0) || !(hasTime || isFelt)) continue;
         kinds.set(kind, names.length);
         names.push(...columns);
     }
@@ -890,11 +554,11 @@ function byPlace(prints, rules, read, enough, all) {
     const rows = lines.map(({ numbers }) => numbers);
     const values = rows.map((row) => row.map(Number));
     const axes = [3, 2, 1].map((place) => values.map((row) => row[row.length - place]));
-    if (alternates(rules, values) || axes.some((axis) => counts(rules, axis))) return null;
+    if (axes.some((axis) => counts(rules, axis))) return null;
     if (rows.length >= rules.MIN_ROWS && axes.filter(varies).length < 2) return null;
     const { names: kind, gaps } = lines[0];
     const isOfThree = kind.length === rules.PLAIN.length;
-    const names = timed(prints, kind, rows);
+    const names = timed(kind, rows);
     if (!isOfThree && prints.names.meaning(names[0]).kind !== rules.TIME) return null;
     const unit = unitAlone(rules, kind);
     return new Labelled(prints, rules, {
@@ -935,30 +599,11 @@ function unitAlone(rules, kind) {
 }
 
 /**
- * Whether lines are of two or three sensors in turn: each is like the next of its own, or as strong.
- * @param {Constants} rules
- * @param {number[][]} rows
- */
-function alternates(rules, rows) {
-    if (rows.length < rules.LEAST_TURNS) return false;
-    const step = (/** @type {number} */ after) =>
-        median(rows.slice(after).map((row, i) => row.reduce((sum, value, axis) => sum + Math.abs(value - rows[i][axis]), 0)));
-    const [next, second, third] = [1, 2, 3].map(step);
-    const strengths = rows.map((row) => Math.hypot(...row));
-    const isUneven = [2, 3].some((count) => {
-        const each = Array.from({ length: count }, (_, start) => median(strengths.filter((_, i) => i % count === start)));
-        return Math.max(...each) > rules.UNEVEN * Math.min(...each);
-    });
-    return (rows.length >= rules.MANY_TURNS && isUneven) || Math.min(second, third) < rules.ALIKE * next;
-}
-
-/**
  * Names of numbers, of which a first without a label is the time where it ascends and does not just count.
- * @param {Prints} prints
  * @param {string[]} kind
  * @param {string[][]} rows
  */
-function timed(prints, kind, rows) {
+function timed(kind, rows) {
     if (kind[0]) return [...kind];
     const first = rows.map((row) => Number(row[0]));
     const steps = new Set(first.slice(1).map((value, i) => value - first[i]));

@@ -162,9 +162,7 @@ export class Engine {
     fit(field, time, options = {}) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, timeAt, workspace] = this.#placed([field.byteLength, time?.byteLength ?? 0, size]);
-        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
-        if (time) new Float64Array(this.memory.buffer, timeAt, rows).set(time);
+        const [fieldAt, timeAt, workspace] = this.#lent(field, time ?? 0, size);
         this.#choose(options);
         this.call.flinders_fit(fieldAt, time ? timeAt : 0, rows, this.at.options, workspace, size, this.at.record);
         return this.#decoded("record");
@@ -181,11 +179,9 @@ export class Engine {
     refresh(field, time, { centre, shape, covariance, distortion }, options = {}) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [centreAt, shapeAt, covarianceAt] = this.#lent([centre, shape, covariance ?? []]);
+        const [centreAt, shapeAt, covarianceAt] = this.#lent(centre, shape, covariance ?? 0);
         this.call.flinders_earlier_of(centreAt, shapeAt, covariance ? covarianceAt : 0, distortion, 1, 0, this.at.earlier);
-        const [fieldAt, timeAt, workspace] = this.#placed([field.byteLength, time?.byteLength ?? 0, size]);
-        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
-        if (time) new Float64Array(this.memory.buffer, timeAt, rows).set(time);
+        const [fieldAt, timeAt, workspace] = this.#lent(field, time ?? 0, size);
         this.#choose(options);
         const given = [fieldAt, time ? timeAt : 0, rows, this.at.options, this.at.earlier];
         this.call.flinders_refresh(...given, workspace, size, this.at.record);
@@ -201,7 +197,7 @@ export class Engine {
      */
     compare(first, second, dipDeg) {
         const { size } = this.layouts.calibrated;
-        const [other] = this.#placed([size]);
+        const [other] = this.#lent(size);
         this.#write("calibrated", second);
         new Uint8Array(this.memory.buffer).copyWithin(other, this.at.calibrated, this.at.calibrated + size);
         this.#write("calibrated", first);
@@ -218,7 +214,7 @@ export class Engine {
      * @returns {number[]}
      */
     withStructure(shape, covariance, structureDeg, dipDeg) {
-        const [shapeAt, covarianceAt, out] = this.#lent([shape, covariance, new Float64Array(81)]);
+        const [shapeAt, covarianceAt, out] = this.#lent(shape, covariance, 8 * 81);
         this.call.flinders_with_structure(shapeAt, covarianceAt, structureDeg, dipDeg, out);
         return this.#numbers(out, 81);
     }
@@ -230,7 +226,7 @@ export class Engine {
      * @returns {number}
      */
     turnDeg(field, shape) {
-        const [fieldAt, shapeAt] = this.#lent([field, shape]);
+        const [fieldAt, shapeAt] = this.#lent(field, shape);
         return this.call.flinders_turn_deg(fieldAt, field.length / 3, shapeAt);
     }
 
@@ -242,8 +238,7 @@ export class Engine {
     rests(field) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, bounds, leftOut, workspace] = this.#placed([field.byteLength, 4 * rows, 4, size]);
-        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        const [fieldAt, bounds, leftOut, workspace] = this.#lent(field, 4 * rows, 4, size);
         const count = this.call.flinders_rests(fieldAt, rows, 0, 0, workspace, size, bounds, leftOut);
         const found = new BigInt64Array(this.memory.buffer, bounds, 2 * count);
         return {
@@ -263,9 +258,7 @@ export class Engine {
     drift(field, centre, shape, dipDeg) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, surface, workspace] = this.#placed([field.byteLength, 72, size]);
-        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
-        new Float64Array(this.memory.buffer, surface, 9).set([...centre, ...shape]);
+        const [fieldAt, surface, workspace] = this.#lent(field, [...centre, ...shape], size);
         this.call.flinders_drift(fieldAt, rows, surface, surface + 24, dipDeg, workspace, size, this.at.record);
         return this.#decoded("record");
     }
@@ -279,8 +272,7 @@ export class Engine {
      */
     distances(field, centre, shape) {
         const rows = field.length / 3;
-        const [fieldAt, out] = this.#placed([field.byteLength, 8 * rows]);
-        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        const [fieldAt, out] = this.#lent(field, 8 * rows);
         this.#write("record", { centre, shape });
         this.call.flinders_distances(fieldAt, rows, this.at.record, out);
         return new Float64Array(this.memory.buffer, out, rows).slice();
@@ -309,7 +301,7 @@ export class Engine {
      * @returns {number}
      */
     tiltedWorstDeg(shape, covariance, dipDeg, tiltDeg) {
-        const [shapeAt, covarianceAt, out] = this.#lent([shape, covariance, [0, 0]]);
+        const [shapeAt, covarianceAt, out] = this.#lent(shape, covariance, 16);
         this.call.flinders_tilted_error(shapeAt, covarianceAt, dipDeg, tiltDeg, 0, out, out + 8);
         return this.#numbers(out, 2)[1];
     }
@@ -321,7 +313,7 @@ export class Engine {
      * @returns {number}
      */
     uncorrectedWorstDeg({ centre, shape }, dipDeg) {
-        const [centreAt, shapeAt, out] = this.#lent([centre, shape, [0, 0]]);
+        const [centreAt, shapeAt, out] = this.#lent(centre, shape, 16);
         this.call.flinders_uncorrected_error(centreAt, shapeAt, dipDeg, 0, out, out + 8);
         return this.#numbers(out, 2)[1];
     }
@@ -335,7 +327,7 @@ export class Engine {
      * @returns {number}
      */
     attitudeLimitDeg(shape, covariance, dipDeg, limitDeg) {
-        const [shapeAt, covarianceAt, out] = this.#lent([shape, covariance, [0]]);
+        const [shapeAt, covarianceAt, out] = this.#lent(shape, covariance, 8);
         this.call.flinders_attitude_limit(shapeAt, covarianceAt, dipDeg, limitDeg, 0, out);
         return this.#numbers(out, 1)[0];
     }
@@ -361,8 +353,7 @@ export class Engine {
      * @returns {{headingDeg: number[], deviationDeg: number[], sigmaDeg: number[]}}
      */
     levelTurn({ centre, shape }, covariance, dipDeg) {
-        const turn = new Float64Array(TURN);
-        const [centreAt, shapeAt, covarianceAt, ...out] = this.#lent([centre, shape, covariance, turn, turn, turn]);
+        const [centreAt, shapeAt, covarianceAt, ...out] = this.#lent(centre, shape, covariance, 8 * TURN, 8 * TURN, 8 * TURN);
         this.call.flinders_level_turn(centreAt, shapeAt, covarianceAt, dipDeg, 0, ...out);
         const [headingDeg, deviationDeg, sigmaDeg] = out.map((at) => this.#numbers(at, TURN));
         return { headingDeg, deviationDeg, sigmaDeg };
@@ -378,7 +369,7 @@ export class Engine {
      */
     attitudeErrorsDeg(shape, covariance, dipDeg, directions) {
         const count = directions.length / 3;
-        const [shapeAt, covarianceAt, towards, out] = this.#lent([shape, covariance, directions, new Float64Array(count)]);
+        const [shapeAt, covarianceAt, towards, out] = this.#lent(shape, covariance, directions, 8 * count);
         this.call.flinders_attitude_errors(shapeAt, covarianceAt, dipDeg, towards, count, out);
         return this.#numbers(out, count);
     }
@@ -392,7 +383,7 @@ export class Engine {
      * @returns {number[]}
      */
     matrixSigmas(matrix, shape, covariance, isKnown) {
-        const [matrixAt, shapeAt, covarianceAt, out] = this.#lent([matrix, shape, covariance, new Float64Array(9)]);
+        const [matrixAt, shapeAt, covarianceAt, out] = this.#lent(matrix, shape, covariance, 72);
         this.call.flinders_matrix_sigmas(matrixAt, shapeAt, covarianceAt, Number(isKnown), out);
         return this.#numbers(out, 9);
     }
@@ -406,7 +397,7 @@ export class Engine {
      * @returns {Belief}
      */
     believe({ centre, shape }, covariance, noise, counts) {
-        const [centreAt, shapeAt, covarianceAt, countsAt] = this.#lent([centre, shape, covariance, counts]);
+        const [centreAt, shapeAt, covarianceAt, countsAt] = this.#lent(centre, shape, covariance, counts);
         this.call.flinders_believe(centreAt, shapeAt, covarianceAt, noise, countsAt, this.at.belief);
         return this.#decoded("belief");
     }
@@ -417,7 +408,7 @@ export class Engine {
      * @returns {Belief | null}
      */
     rough(field) {
-        const [fieldAt] = this.#lent([field]);
+        const [fieldAt] = this.#lent(field);
         return this.call.flinders_rough(fieldAt, field.length / 3, this.at.belief) ? null : this.#decoded("belief");
     }
 
@@ -443,7 +434,7 @@ export class Engine {
      * @returns {{count: number, waypoints: number[], worst_deg: number, after_deg: number}}
      */
     path(belief, wanted, here, readingsPerDeg) {
-        const [hereAt] = this.#lent([here]);
+        const [hereAt] = this.#lent(here);
         this.#write("belief", belief);
         this.#write("goal", wanted);
         this.call.flinders_path(this.at.belief, this.at.goal, hereAt, readingsPerDeg, this.at.route);
@@ -458,7 +449,7 @@ export class Engine {
      * @returns {number}
      */
     pose(wanted, direction, frame) {
-        const [directionAt] = this.#lent([direction]);
+        const [directionAt] = this.#lent(direction);
         this.#write("goal", wanted);
         return this.call.flinders_pose_towards(FRAMES[frame], this.at.goal, directionAt);
     }
@@ -472,8 +463,7 @@ export class Engine {
     unmovedDeg(field, [weakest, strongest]) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, out, workspace] = this.#placed([field.byteLength, 8, size]);
-        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        const [fieldAt, out, workspace] = this.#lent(field, 8, size);
         this.call.flinders_unmoved(fieldAt, rows, weakest, strongest, workspace, size, out);
         const angle = new Float64Array(this.memory.buffer, out, 1)[0];
         return Number.isNaN(angle) ? null : angle;
@@ -485,7 +475,7 @@ export class Engine {
      * @returns {boolean}
      */
     wasTurned([weakest, strongest]) {
-        const [out] = this.#placed([1]);
+        const [out] = this.#lent(1);
         this.call.flinders_turned(this.at.record, 1, weakest, strongest, out);
         return new Uint8Array(this.memory.buffer, out, 1)[0] === 1;
     }
@@ -497,7 +487,7 @@ export class Engine {
      * @returns {Uint8Array}
      */
     leftOut(far, dense) {
-        const [farAt, out] = this.#placed([far.length, far.length]);
+        const [farAt, out] = this.#lent(far.length, far.length);
         new Uint8Array(this.memory.buffer, farAt, far.length).set(far);
         this.call.flinders_left_out(farAt, far.length, dense, out);
         return new Uint8Array(this.memory.buffer, out, far.length).slice();
@@ -516,12 +506,11 @@ export class Engine {
         const rows = distances.length;
         const { size } = this.layouts.outlier;
         const columns = [distances, ...(time ? [first, last].map((rows) => Float64Array.from(rows, (row) => time[row])) : [])];
-        const [runs, outAt, firstAt, lastAt, ...columnsAt] = this.#placed([listed * size, rows, ...Array(5).fill(8 * rows)]);
+        const [runs, outAt, firstAt, lastAt, ...columnsAt] = this.#lent(listed * size, rows, 8 * rows, 8 * rows, ...columns);
         new Uint8Array(this.memory.buffer, outAt, rows).set(out);
         new BigInt64Array(this.memory.buffer, firstAt, rows).set(first.map(BigInt));
         new BigInt64Array(this.memory.buffer, lastAt, rows).set(last.map(BigInt));
-        columns.forEach((column, i) => new Float64Array(this.memory.buffer, columnsAt[i], rows).set(column));
-        const [near, start, end] = columnsAt.map((at, i) => (i < columns.length ? at : 0));
+        const [near, start = 0, end = 0] = columnsAt;
         const count = this.call.flinders_list_outliers(near, outAt, rows, firstAt, lastAt, start, end, runs, 0);
         const found = Array.from({ length: count }, (_, i) => this.#decoded("outlier", runs + i * size));
         return found.map((run) => ({ ...run, first: run.first + 1, last: run.last + 1 }));
@@ -537,8 +526,7 @@ export class Engine {
     axisSwap(field, noise, { swaps, numbers }) {
         const rows = field.length / 3;
         const size = this.call.flinders_swap_workspace_size(rows);
-        const [fieldAt, moments, workspace] = this.#placed([field.byteLength, 8 * rows, size]);
-        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        const [fieldAt, moments, workspace] = this.#lent(field, 8 * rows, size);
         this.call.flinders_axis_swap(fieldAt, rows, noise, numbers.SWAP_MAX_NOISE, workspace, size, moments, this.at.change);
         const change = this.#decoded("change");
         if (change.swap < 0) return null;
@@ -557,12 +545,10 @@ export class Engine {
     atSite(field, record, site, felt = null) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, feltAt, workspace] = this.#placed([field.byteLength, felt?.byteLength ?? 0, size]);
-        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        const [fieldAt, feltAt, workspace] = this.#lent(field, felt ?? 0, size);
         this.#write("record", record);
         const vertical = felt ? this.at.vertical : 0;
         if (felt) {
-            new Float64Array(this.memory.buffer, feltAt, felt.length).set(felt);
             new Uint8Array(this.memory.buffer, vertical, this.layouts.vertical.size).fill(0);
             this.call.flinders_vertical_add(fieldAt, feltAt, rows, this.at.record, vertical);
         }
@@ -592,9 +578,7 @@ export class Engine {
     coverage(field, { centre, shape, rejected_beyond: within }) {
         const rows = field.length / 3;
         const size = this.call.flinders_workspace_size(rows);
-        const [fieldAt, surface, workspace] = this.#placed([field.byteLength, 72, size]);
-        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
-        new Float64Array(this.memory.buffer, surface, 9).set([...centre, ...shape]);
+        const [fieldAt, surface, workspace] = this.#lent(field, [...centre, ...shape], size);
         this.call.flinders_coverage_of(fieldAt, rows, surface, surface + 24, within, workspace, size, this.at.coverage);
         return this.#decoded("coverage");
     }
@@ -621,17 +605,6 @@ export class Engine {
     }
 
     /**
-     * Addresses of numbers in memory.
-     * @param {ArrayLike<number>[]} arrays
-     * @returns {number[]}
-     */
-    #lent(arrays) {
-        const places = this.#placed(arrays.map(({ length }) => 8 * length));
-        places.forEach((at, i) => new Float64Array(this.memory.buffer, at, arrays[i].length).set(arrays[i]));
-        return places;
-    }
-
-    /**
      * Numbers at an address.
      * @param {number} at
      * @param {number} count
@@ -642,19 +615,20 @@ export class Engine {
     }
 
     /**
-     * Addresses of parts of memory of so many bytes each, which are there then.
-     * @param {number[]} sizes
+     * Addresses of parts of memory until the next call: of numbers, which are put there, or of so many bytes.
+     * @param {(ArrayLike<number> | number)[]} parts
      * @returns {number[]}
      */
-    #placed(sizes) {
+    #lent(...parts) {
         let end = this.free;
-        const places = sizes.map((size) => {
+        const places = parts.map((part) => {
             const at = end;
-            end = aligned(at + size);
+            end = aligned(at + (typeof part === "number" ? part : 8 * part.length));
             return at;
         });
         const missing = end - this.memory.buffer.byteLength;
         if (missing > 0) this.memory.grow(Math.ceil(missing / PAGE));
+        parts.forEach((part, i) => typeof part !== "number" && new Float64Array(this.memory.buffer, places[i], part.length).set(part));
         return places;
     }
 

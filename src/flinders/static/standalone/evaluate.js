@@ -63,7 +63,7 @@ export function evaluate(engine, data, asked) {
     const readings = { field, time };
     if (!(fit instanceof Fit)) {
         const reasons = ofRefusal(fit).concat(ofMotion(readings, null, false));
-        const state = previous && compared(previous, null, data);
+        const state = previous && compared(previous, null, data, asked);
         return { view: null, reasons: ordered(reasons), refusal: fit.words, refusalCode: fit.code, alarms: [], used: 0, rejected: 0, coverage: 0, record: null, previous: state };
     }
     const findings = findingsOf(fit);
@@ -82,7 +82,7 @@ export function evaluate(engine, data, asked) {
         rejected: time.length - used,
         coverage: fit.record.coverage,
         record: view.verdict === "refused" ? null : recordOf(fit, findings, view),
-        previous: previous && compared(previous, view.verdict === "refused" ? null : fit, data),
+        previous: previous && compared(previous, view.verdict === "refused" ? null : fit, data, asked),
     };
 }
 
@@ -94,7 +94,7 @@ export function evaluate(engine, data, asked) {
  * @param {import("./session.js").Previous} previous
  */
 function renewedFit(engine, data, asked, previous) {
-    const words = otherRecording(previous, asked.unit, data);
+    const words = otherRecording(previous, asked, data);
     if (words) return { code: "", words };
     const renewed = renewedOf(previous);
     const dip = asked.dipAssumed ? { dipDeg: renewed.dipDeg, dipAssumed: renewed.dipAssumed } : {};
@@ -123,19 +123,7 @@ function ordered(reasons) {
 }
 
 /**
- * Values as JSON has them: null for a number that there is none of.
- * @param {any} value
- * @returns {any}
- */
-function plain(value) {
-    if (typeof value === "number") return Number.isFinite(value) ? value : null;
-    if (typeof value !== "object") return value;
-    if (Array.isArray(value)) return value.map(plain);
-    return Object.fromEntries(Object.entries(value).map(([name, member]) => [name, plain(member)]));
-}
-
-/**
- * What a calibration file says of a fit, as `flinders.core.calibration_file.Fitted`.
+ * What a calibration file says of a fit, as `flinders.core.calibration_file.Fitted`; JSON has null for a number that there is none of.
  * @param {Fit} fit
  * @param {Finding[]} findings
  * @param {View} view
@@ -143,23 +131,17 @@ function plain(value) {
  */
 function recordOf(fit, findings, view) {
     const { covariance, data, record } = fit;
-    const known = (/** @type {number} */ number) => (Number.isFinite(number) ? number : null);
     const [x, y, z] = record.hole.map((part) => Number(part.toFixed(4)));
     return {
         method: fit.method,
         samples: fit.samples,
-        noise: known(fit.noise),
+        noise: fit.noise,
         covariance_of: data.parameters,
         covariance: data.parameters.map((_, i) => Array.from(covariance.slice(9 * i, 9 * i + 9))),
         verdict: verdictOf(fit),
         heading_error_deg: { ...view.heading_error_deg, structure_deg: fit.structureDeg },
         coverage: { fraction: record.coverage, hole_deg: Number(record.hole_deg.toFixed(3)), hole_x: x, hole_y: y, hole_z: z },
-        findings: findings.map((finding) => ({
-            ...finding,
-            number: known(finding.number),
-            limit: known(finding.limit),
-            values: plain(finding.values),
-        })),
+        findings,
         ...(view.condition ? { conditions: data.conditions.filter((_, i) => (fit.judgement.conditions >> i) & 1) } : {}),
         ...(fit.plane ? { plane: fit.plane, z_down: fit.zDown } : {}),
     };

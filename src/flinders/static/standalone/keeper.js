@@ -7,7 +7,7 @@
 /** @typedef {import("./buffer.js").ReadingBuffer} ReadingBuffer */
 /** @typedef {import("../messages.d.ts").SourceState["kind"]} Kind */
 /** @typedef {{name: string, kind: Kind, unit: import("./session.js").Unit}} Of */
-/** @typedef {Of & {time: Float64Array, field: Float64Array}} Kept */
+/** @typedef {Of & {time: Float64Array, field: Float64Array, acceleration: Float64Array | null}} Kept */
 
 const NAME = "flinders-readings";
 const WRITE_MS = 1000;
@@ -52,7 +52,8 @@ export class Keeper {
     add(of, buffer, before) {
         if (!this.database) return;
         const from = Math.ceil(before / buffer.stride);
-        this.waiting.push({ ...of, time: buffer.time.slice(from), field: buffer.field.slice(3 * from) });
+        const acceleration = buffer.acceleration?.slice(3 * from) ?? null;
+        this.waiting.push({ ...of, time: buffer.time.slice(from), field: buffer.field.slice(3 * from), acceleration });
         this.timer ||= window.setTimeout(() => this.write(), WRITE_MS);
     }
 
@@ -87,7 +88,9 @@ export class Keeper {
 
 /** @param {Kept[]} parts @returns {Kept} */
 function united(parts) {
-    return { ...parts[0], time: joined(parts.map(({ time }) => time)), field: joined(parts.map(({ field }) => field)) };
+    const [time, field] = [joined(parts.map((part) => part.time)), joined(parts.map((part) => part.field))];
+    const felt = () => joined(parts.map((part) => part.acceleration ?? new Float64Array(part.field.length).fill(NaN)));
+    return { ...parts[0], time, field, acceleration: parts.some((part) => part.acceleration) ? felt() : null };
 }
 
 /**

@@ -7,8 +7,8 @@
  */
 
 import { goesOn } from "../store.js";
-import { between, DRAWN, rotated, unit } from "../views/turn.js";
-import { corrected, dot } from "../views/vectors.js";
+import { between, DRAWN, rotated } from "../views/turn.js";
+import { corrected, dot, unit } from "../views/vectors.js";
 import { brief, REASONS, sentence } from "../views/words.js";
 import { isOver, progress, SEQUENCES, staysLevel } from "./choreography.js";
 import { gapOf } from "./gaps.js";

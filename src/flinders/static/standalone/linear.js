@@ -1,4 +1,4 @@
-/** Matrices of three rows of three, row by row, and vectors. */
+/** Matrices of three rows of three, row by row. */
 
 /**
  * Inverse and determinant.
@@ -25,18 +25,6 @@ export function inverted(m) {
 export function apply(m, v) {
     const [x, y, z] = [v[0], v[1], v[2]];
     return [m[0] * x + m[1] * y + m[2] * z, m[3] * x + m[4] * y + m[5] * z, m[6] * x + m[7] * y + m[8] * z];
-}
-
-/**
- * Scalar product.
- * @param {ArrayLike<number>} a
- * @param {ArrayLike<number>} b
- * @returns {number}
- */
-export function dot(a, b) {
-    let sum = 0;
-    for (let i = 0; i < a.length; i++) sum += a[i] * b[i];
-    return sum;
 }
 
 /**

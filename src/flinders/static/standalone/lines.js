@@ -5,26 +5,29 @@
  * `page.json` under `lines`.
  */
 
-import { Arrangements } from "./arrangements.js";
-import { boxed, hexadecimal, jsonLines, labelled, marked, pairs, parsed, points, stamped } from "./dialects.js";
+import { midnights } from "./clocks.js";
+import { jsonLines, labelled, marked, parsed, stamped } from "./dialects.js";
 import { Names } from "./names.js";
 import { revived, whole } from "./patterns.js";
 import { Prints } from "./printed.js";
 import { Silence } from "./silence.js";
-import { Tables, Unreadable } from "./tables.js";
+import { MORE_WITH, Several, Tables, Unclear, Unreadable } from "./tables.js";
 
 /** @typedef {import("./dialects.js").Dialect} Dialect */
 /** @typedef {import("./patterns.js").Rules} Rules */
+/** @typedef {import("./tables.js").Choice} Choice */
 /** @typedef {import("./tables.js").Columns} Columns */
+/** @typedef {[number, number, number]} Triple */
 
 /**
- * A reading: seconds, null where the line has no time, and the field in the unit of the reader.
- * @typedef {{time: number | null, field: [number, number, number]}} Reading
+ * A reading: seconds, null where the line has no time, the field in the unit of the reader, and what an accelerometer
+ * measured with it, in any unit.
+ * @typedef {{time: number | null, field: Triple, acceleration: Triple | null}} Reading
  */
 
 /**
- * A log: (3N) field in `unit`, (N) times in s or null, and what was recognised.
- * @typedef {{field: Float64Array, time: Float64Array | null, unit: "uT" | "counts", raw: Form["raw"],
+ * A log: (3N) field in `unit`, (3N) accelerations or null, (N) times in s or null, and what was recognised.
+ * @typedef {{field: Float64Array, acceleration: Float64Array | null, time: Float64Array | null, unit: "uT" | "counts", raw: Form["raw"],
  *     words: string[]}} Log
  */
 
@@ -32,6 +35,8 @@ import { Tables, Unreadable } from "./tables.js";
 const LARGEST = 64 << 20;
 /** Lines by which a log is recognised: a block of them. */
 const OPENING = 8192;
+/** What stands for an acceleration that is not there. */
+const NONE = [NaN, NaN, NaN];
 /** Lines that a wire has brought, by which they are recognised. */
 const REMEMBERED = 20;
 
@@ -71,23 +76,22 @@ class Language {
     /**
      * How lines are written.
      * @param {string[]} lines The first.
+     * @param {Choice | null} choice Of the columns, where names do not tell.
      * @param {string[]} [every] All, by which several devices are told apart.
      * @returns {Form}
-     * @throws {Unreadable}
+     * @throws {Unreadable} As `Unclear` where a choice of columns lets them be read.
      */
-    form(lines, every = lines) {
+    form(lines, choice, every = lines) {
         const found = this.recognised(lines);
         const isPrint = found !== null && found.words === this.rules.labelled.WORDS;
-        if (isPrint) this.tables.refuseOneValue(lines, true);
         const dialect = isPrint && !this.namesMagnetometer(found) && this.tables.isTable(lines) ? null : found;
         try {
-            return dialect ? this.ofDialect(dialect, lines, every) : this.ofTable(lines, every);
+            return dialect ? this.ofDialect(dialect, lines, choice) : this.ofTable(lines, choice, every);
         } catch (error) {
-            const guess = error instanceof Unreadable && !dialect ? this.guessed(lines) : null;
-            const isUnread = !guess || (!this.namesMagnetometer(guess) && this.tables.isTable(lines));
-            if (error instanceof Unreadable) this.tables.refuseOneValue(lines, !isUnread);
-            if (isUnread) throw error;
-            return this.ofDialect(guess, lines, every);
+            const isOpen = error instanceof Unreadable && !(error instanceof Several);
+            const guess = isOpen && !dialect ? this.guessed(lines) : null;
+            if (!guess || (!this.namesMagnetometer(guess) && this.tables.isTable(lines))) throw error;
+            return this.ofDialect(guess, lines, choice);
         }
     }
 
@@ -108,21 +112,16 @@ class Language {
      * @returns {Dialect | null}
      */
     recognised(lines) {
-        const { layout, marked: programs, json, wrapped } = this.rules;
+        const { layout, marked: programs, json } = this.rules;
         const tried = lines.slice(0, layout.TRIED);
         const below = lines.slice(layout.HEADING, layout.TRIED);
         if (below.length && below.every((line) => whole(layout._PLAIN, line))) return null;
         const has = (/** @type {RegExp} */ sign) => tried.some((line) => sign.test(line));
         const behind = (/** @type {string[]} */ rest) => this.recognised(rest);
-        const table = (/** @type {string[]} */ rest) => this.tableRows(rest);
         return (
             (lines.some((line) => programs.SIGN.test(line)) && marked(this.prints, programs, lines)) ||
             (has(layout._OPENS_JSON) && jsonLines(this.prints, json, tried)) ||
-            (has(this.rules.boxed.RULER) && boxed(this.prints, this.rules.boxed, tried)) ||
-            (has(this.rules.influx.SIGN) && points(this.prints, this.rules.influx, tried)) ||
-            (has(layout._CLOCK) && stamped(this.rules, tried, behind, table, true)) ||
-            (has(this.rules.pairs.SIGN) && pairs(this.prints, this.rules.pairs, tried)) ||
-            (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest), (rest) => this.tableRows(rest, true))) ||
+            (has(layout._CLOCK) && stamped(this.rules, tried, behind, (rest) => this.tableRows(rest), true)) ||
             (has(layout._LETTER) && labelled(this.prints, this.rules.labelled, tried, true)) ||
             null
         );
@@ -133,27 +132,16 @@ class Language {
      * @param {string[]} lines
      */
     guessed(lines) {
-        const table = (/** @type {string[]} */ rest) => this.tableRows(rest);
-        return (
-            stamped(this.rules, lines, (rest) => this.recognised(rest), table, false, this.rules.wrapped.SOME) ??
-            stamped(this.rules, lines, (rest) => this.labelled(rest), table, false, this.rules.wrapped.SOME) ??
-            labelled(this.prints, this.rules.labelled, lines, false)
-        );
-    }
-
-    /** @param {string[]} lines */
-    labelled(lines) {
-        const rules = this.rules.labelled;
-        return labelled(this.prints, rules, lines, true) ?? labelled(this.prints, rules, lines, false);
+        const behind = (/** @type {string[]} */ rest) => this.recognised(rest) ?? labelled(this.prints, this.rules.labelled, rest, false);
+        return stamped(this.rules, lines, behind, (rest) => this.tableRows(rest), false) ?? labelled(this.prints, this.rules.labelled, lines, false);
     }
 
     /**
      * Rows of a table, as behind time stamps.
      * @param {string[]} lines
-     * @param {boolean} [isNamed] It needs a header.
      * @returns {Dialect | null}
      */
-    tableRows(lines, isNamed = false) {
+    tableRows(lines) {
         let layout;
         try {
             layout = this.tables.laidOut(lines);
@@ -162,7 +150,6 @@ class Language {
             throw error;
         }
         const { delimiter, decimal, width, header, headerText } = layout;
-        if (isNamed && !header.length) return null;
         const nameless = width === 3 ? ["x", "y", "z"] : Array.from({ length: width }, (_, i) => `${i + 1}`);
         /** @type {Dialect} */
         const rows = {
@@ -181,51 +168,36 @@ class Language {
     /**
      * @param {Dialect} dialect
      * @param {string[]} lines
-     * @param {string[]} every
+     * @param {Choice | null} choice
      * @returns {Form}
      */
-    ofDialect(dialect, lines, every) {
-        const first = rowsOf(dialect, lines);
-        if (!first.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
-        const all = this.tables.valued(first, ".");
-        const sensor = this.tables.sensorOf(first.slice(0, this.rules.layout.TRIED), ".");
-        const told = all.clocks.flatMap(({ cells }) => cells);
-        const devices = this.tables.devicesOf(dialect.names, first, told, () => rowsOf(dialect, every), sensor);
-        const rows = this.tables.ofFirst(devices, first).slice(0, this.rules.layout.SAMPLED);
-        const { values, clocks } = devices.length ? this.tables.valued(rows, ".", first) : all;
-        const named = this.tables.columns(dialect.names, values, [], clocks, sensor);
-        const columns = { ...this.tables.inTold(named, dialect.names, rows, []), devices };
-        this.tables.refuseOthers(dialect.names, rows, columns, ".");
+    ofDialect(dialect, lines, choice) {
+        const all = rowsOf(dialect, lines);
+        if (!all.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
+        const only = this.tables.sensorOf(all);
+        const rows = only ? all.filter((row) => this.tables.isOf(only, row)) : all;
+        const columns = this.tables.columns(dialect.names, rows, ".", choice, { only });
+        this.tables.refuseSeveral(dialect.names, () => rows, only);
         const own = dialect.fresh();
         return this.formOf(dialect.words, columns, ".", (line) => {
             const row = own.row(line);
-            return row?.length && !this.isOfOther(devices, row) ? row : row && undefined;
+            return row?.length ? row : row && undefined;
         });
     }
 
     /**
      * @param {string[]} lines
+     * @param {Choice | null} choice
      * @param {string[]} every
      * @returns {Form}
      */
-    ofTable(lines, every) {
-        const layout = this.tables.laidOut(lines, every);
+    ofTable(lines, choice, every) {
+        const layout = this.tables.laidOut(lines, choice, every);
         const separated = `${this.rules.layout.SPOKEN[layout.delimiter]}-separated`;
         return this.formOf(`lines of numbers, ${separated}`, layout.columns, layout.decimal, (line) => {
             if (!line.trim() || this.prints.isComment(line) || line === layout.headerText) return undefined;
-            const { devices } = layout.columns;
-            if (devices.length && this.isOfOther(devices, this.prints.split(line, layout.delimiter))) return undefined;
             return this.cells(line, layout);
         });
-    }
-
-    /**
-     * Whether a row is of a device that is not read.
-     * @param {import("./devices.js").Device[]} devices
-     * @param {readonly string[]} cells
-     */
-    isOfOther([first], cells) {
-        return first !== undefined && this.tables.devices.isOfOther(first, cells);
     }
 
     /**
@@ -250,15 +222,13 @@ class Language {
      */
     formOf(words, columns, decimal, cells) {
         const { PER_UNIT, COUNTS } = this.rules.units;
-        const { field, time, unit, names, devices } = columns;
+        const { field, time, unit, names, acceleration: felt, only } = columns;
         const scale = PER_UNIT[unit] ?? 1;
         const timed = time ? `, time in ${time.name}` : "";
-        const past = time?.clock?.midnights();
-        const [first, ...others] = devices.map(({ name }) => name);
-        const device = others.length ? `${first} alone (also there: ${others.join(", ")}), ` : first ? `${first}, ` : "";
+        const past = midnights();
         const silence = new Silence(this.rules.silence);
         return {
-            words: `${words}: ${device}columns ${names.join(", ")} in ${unit}${timed}`,
+            words: `${words}: columns ${names.join(", ")} in ${unit}${timed}`,
             unit: unit === COUNTS ? "counts" : "uT",
             raw: { unit, scale },
             isTimed: time !== null,
@@ -266,11 +236,13 @@ class Language {
             reading: (line) => {
                 const texts = cells(line);
                 if (!texts) return texts;
+                if (only && !this.tables.isOf(only, texts)) return undefined;
                 const row = texts.map((cell) => this.prints.number(cell, decimal) ?? NaN);
-                if (time?.clock && past) row[time.cell] = past(time.clock.seconds(texts));
+                if (time?.clock) row[time.cell] = past(time.clock.seconds(texts));
                 if (silence.has(field.map((cell) => row[cell]))) return undefined;
                 const [x, y, z] = field.map((cell) => row[cell] * scale);
-                return Number.isFinite(x + y + z) ? { time: secondsOf(time, row), field: [x, y, z] } : undefined;
+                const acceleration = felt && /** @type {Triple} */ (felt.map((cell) => row[cell] ?? NaN));
+                return Number.isFinite(x + y + z) ? { time: secondsOf(time, row), field: [x, y, z], acceleration } : undefined;
             },
         };
     }
@@ -328,6 +300,12 @@ export class LineReader {
         this.unlike = 0;
         this.example = "";
         this.heard = false;
+        /** Why lines are not read, for people. */
+        this.refusal = "";
+        /** @type {Unclear | null} What somebody has to say, once asked. */
+        this.unclear = null;
+        /** @type {Choice | null} */
+        this.choice = null;
     }
 
     /** Unit of the readings; empty while it is not known. */
@@ -360,6 +338,7 @@ export class LineReader {
             return `the last ${this.unlike} lines are not like the first ones: the latest is '${this.example}'; connect again`;
         }
         if (this.readings) return "";
+        if (this.unclear || this.refusal.endsWith(MORE_WITH)) return this.refusal;
         if (!this.heard) {
             return "nothing arrives: see that the sensor is on and prints its readings, and that the baud rate is right";
         }
@@ -422,13 +401,15 @@ export class LineReader {
         const lines = this.waiting.map(({ line }) => line);
         const all = [...this.before, ...lines];
         try {
-            const trial = this.language.form(all);
+            const trial = this.language.form(all, this.choice);
             const times = all.flatMap((line) => trial.reading(line) ?? []).map(({ time }) => time ?? NaN);
             if (!times.length && !trial.silence.count) throw new Unreadable("no line has a reading");
             this.isTimed = trial.isTimed && ascend(times);
-            this.form = this.language.form(all); // its trial remembers parts of a reading
+            this.form = this.language.form(all, this.choice); // its trial remembers parts of a reading
         } catch (error) {
             if (!(error instanceof Unreadable)) throw error;
+            this.refusal = error.message;
+            this.unclear = error instanceof Unclear ? error : null;
             lines.forEach((line) => this.note(line));
             this.before = [...this.before, ...lines].slice(-REMEMBERED);
             this.waiting = [];
@@ -448,7 +429,7 @@ export class LineReader {
         }
         this.unlike = 0;
         this.readings++;
-        return this.isTimed ? reading : { field: reading.field, time: this.arrival(at) };
+        return this.isTimed ? reading : { ...reading, time: this.arrival(at) };
     }
 
     /**
@@ -488,18 +469,27 @@ function isUnmarked(language, line) {
 }
 
 /**
+ * What an accelerometer measured with readings, NaN where nothing; null where there is none.
+ * @param {readonly Reading[]} readings
+ */
+export function accelerationOf(readings) {
+    return readings.some(({ acceleration }) => acceleration) ? readings.flatMap(({ acceleration }) => acceleration ?? NONE) : null;
+}
+
+/**
  * The readings of a text log.
  * @param {{lines: object}} data `page.json`.
  * @param {string} name Of the file.
  * @param {Uint8Array} bytes
+ * @param {Choice | null} [choice] Of the columns.
  * @returns {Log}
- * @throws {Unreadable} For what is no text log with a magnetometer; says what to do.
+ * @throws {Unreadable} For what is no text log with a magnetometer; says what to do. As `Unclear` where a choice helps.
  */
-export function readLog(data, name, bytes) {
+export function readLog(data, name, bytes, choice = null) {
     const language = languageOf(data);
     refuseForeign(language.rules.files, name, bytes);
-    const lines = language.tables.belowHeader(linesOf(language, decoded(bytes)));
-    const form = language.form(lines.slice(0, OPENING), lines);
+    const lines = belowHeader(language, linesOf(language, decoded(bytes)));
+    const form = language.form(lines.slice(0, OPENING), choice, lines);
     const readings = [];
     let [unknown, example] = [0, ""];
     for (const [place, line] of lines.entries()) {
@@ -516,8 +506,10 @@ export function readLog(data, name, bytes) {
     const hasTimes = readings.every(({ time }) => time !== null);
     const silent = form.silence.count ? [`${form.silence}`] : [];
     const others = unknown ? [`${unknown} other ${unknown === 1 ? "line" : "lines"} (${example})`] : [];
+    const acceleration = accelerationOf(readings);
     return {
         field: Float64Array.from(readings.flatMap(({ field }) => field)),
+        acceleration: acceleration && Float64Array.from(acceleration),
         time: hasTimes ? Float64Array.from(readings, ({ time }) => time ?? NaN) : null,
         unit: form.unit,
         raw: form.raw,
@@ -547,44 +539,30 @@ function isWide([first, second]) {
 }
 
 /**
- * Lines of a text; records of a JSON document, and datagrams without line ends, have one each.
+ * Lines of a text; records in a list of JSON have one each.
  * @param {Language} language
  * @param {string} text
  * @returns {string[]}
  */
-function linesOf({ rules, prints }, text) {
-    if (rules.marked.GLUED.test(text)) return text.replaceAll("*", "*\n").split(/\r\n|\n|\r/);
+function linesOf({ rules }, text) {
     const lines = text.split(/\r\n|\n|\r/);
-    if (!/^\s*[[{]/.test(text)) return lines;
-    const arrangements = new Arrangements(rules.arrangements, prints, rules.names.TIME);
-    const { records, others } = recordsOf(rules.json, arrangements, text);
-    const isPlain = records.every((each) => each === null || typeof each !== "object");
-    if (isPlain) return lines;
-    return [...arrangements.oneByOne(records).map((record) => JSON.stringify(record)), ...others];
+    const document = /^\s*[[{]/.test(text) ? parsed(text) : null;
+    if (document === null) return lines;
+    const kind = document[rules.json.MARK];
+    if (kind) throw new Unreadable(`it is a ${kind} file of Flinders and not a recording: give the recording`);
+    if (!Array.isArray(document)) throw new Unreadable(`it is JSON of another form than one record for each reading: ${MORE_WITH}`);
+    return document.map((record) => JSON.stringify(record));
 }
 
 /**
- * Records of a JSON document, or of several one after another, and what is broken between these; none of another text.
- * @param {import("./patterns.js").Constants} json
- * @param {Arrangements} arrangements
- * @param {string} text
- * @returns {{records: any[], others: string[]}}
+ * Lines below one that says the end of a header.
+ * @param {Language} language
+ * @param {string[]} lines
  */
-function recordsOf(json, arrangements, text) {
-    const document = parsed(text);
-    if (Array.isArray(document)) return { records: document, others: [] };
-    if (document !== null) {
-        const kind = document[json.MARK];
-        if (kind) throw new Unreadable(`it is a ${kind} file of Flinders and not a recording: give the recording`);
-        return { records: arrangements.arranged(document) ?? [], others: [] };
-    }
-    const parts = text.split(json._NEXT).filter((part) => part.trim());
-    const loaded = parts.map((part) => ({ part, record: parsed(part) }));
-    const records = loaded.filter(({ record }) => record !== null).map(({ record }) => record);
-    const isOne = loaded.some(({ part, record }) => record !== null && part.trim().includes("\n"));
-    const isSeveral = arrangements.oneByOne(records.slice(0, json.LOOKED_AT)).length > Math.min(records.length, json.LOOKED_AT);
-    if (records.length < 2 || !(isOne || isSeveral)) return { records: [], others: [] };
-    return { records, others: loaded.flatMap(({ part, record }) => (record === null ? [part.split(/\s+/).join(" ").trim()] : [])) };
+function belowHeader({ rules: { layout } }, lines) {
+    const isMatrix = (/** @type {string} */ line) => Number(layout.MATRIX.exec(line)?.groups?.columns ?? 0) >= 3;
+    if (lines.filter(isMatrix).length > 1) throw new Unreadable(`it has several matrices, one below the other: save the magnetometer's alone; ${MORE_WITH}`);
+    return lines.slice(lines.slice(0, layout.TRIED).findLastIndex((line) => whole(layout._END_OF_HEADER, line)) + 1);
 }
 
 /**

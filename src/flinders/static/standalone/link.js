@@ -4,14 +4,16 @@
  * Readings of a source wait in a queue, which goes into the session some twenty times a second.
  */
 
-import { Refusal } from "../dom.js";
+import { bytesOf, Refusal } from "../dom.js";
 import { degrees } from "../views/words.js";
-import { SessionLink } from "./running.js";
+import { SessionLink, tableOf } from "./running.js";
 import { seriesOf } from "./session.js";
 import { readLog } from "./lines.js";
+import { reportPage } from "./report_page.js";
 import { send } from "./sending.js";
 import { Board, unitOf } from "./sources.js";
-import { Unreadable } from "./tables.js";
+import { sessionState } from "./state.js";
+import { Unclear, Unreadable } from "./tables.js";
 import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } from "./targets.js";
 
 /** @typedef {import("./running.js").Finished} Finished */
@@ -32,21 +34,25 @@ import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } 
  * @property {import("./data.d.ts").EngineData} engine
  * @property {import("./geomag.js").Model} model  of the earth's field
  * @property {Record<string, string>} unfit  why a calibration cannot be renewed
- * @property {object} lines
+ * @property {import("./patterns.js").Rules} lines  with patterns as objects
  * @property {any} targets
+ */
+
+/**
+ * Somebody says which columns are the magnetometer's; null where nobody does.
+ * @typedef {(unclear: import("./tables.js").Unclear) => Promise<import("./tables.js").Choice | null>} Choose
  */
 
 const UPLOAD_BYTES = 64 << 20;
 const IN_BROWSER = "this browser";
+/** Style of a report. */
+const SHEET = "static/report.css";
 /** The target that boards read from a port. */
 const PACKET = "motioncal";
 /** Kinds of sources whose readings cannot be had again. */
 const ONCE = ["serial", "phone"];
 /** @type {SourceState} */
 const NO_SOURCE = { name: "no source", kind: "simulated", link: "waiting", words: "" };
-const NOT_HERE = {
-    "report.html": "This page makes no report: save the readings, and run flinders report.",
-};
 
 export class OwnLink extends SessionLink {
     /**
@@ -61,10 +67,15 @@ export class OwnLink extends SessionLink {
         this.keeper = keeper;
         /** @type {Source | null} */
         this.source = null;
-        /** @type {{time: number[], field: number[], unit: Unit}} */
-        this.queue = { time: [], field: [], unit: this.session.live.unit };
+        /** @type {import("./buffer.js").Rows[]} */
+        this.queue = [];
+        this.unit = this.session.live.unit;
         /** Readings that somebody has saved. */
         this.saved = 0;
+        /** @type {Finished | null} */
+        this.finished = null;
+        /** @type {Choose} */
+        this.choose = async () => null;
         /** Called where the source is another, or a log was opened. */
         this.onChange = () => {};
         keeper.onFull = () => {
@@ -100,90 +111,101 @@ export class OwnLink extends SessionLink {
     }
 
     /**
-     * @param {string} address
-     * @param {RequestInit} [options]
-     * @returns {Promise<Response>}
-     */
-    async ask(address, { body } = {}) {
-        const [path, query] = address.split("?");
-        if (path === "open" && body instanceof File) return this.open(new URLSearchParams(query).get("name") ?? body.name, body);
-        if (path === "previous" && body instanceof File) return this.previous(body);
-        if (path.startsWith("export/")) return this.export(path.slice("export/".length));
-        if (path === "calibration.json") return this.calibration();
-        if (path === "session.csv") return this.readings();
-        if (path === "send") return this.sendToBoard();
-        throw new Refusal(NOT_HERE[/** @type {keyof typeof NOT_HERE} */ (path)] ?? `This page has no ${path}.`);
-    }
-
-    /**
      * Open a log in place of the sensor.
      * @param {string} name
      * @param {Blob} content
      */
     async open(name, content) {
         const bytes = new Uint8Array(await content.arrayBuffer());
-        const log = readable(() => readLog(this.data, name, bytes));
+        const log = await this.read(name, bytes);
         const series = seriesOf(this.session.rules, { ...log, unit: unitOf(log) });
         this.session.openedLog(this.now, name, series);
         this.isUrgent = true;
         this.tell(log.words.join("; "));
         this.step();
         this.onChange();
-        return new Response();
+    }
+
+    /**
+     * Read a log, with the columns that somebody says where its names do not tell.
+     * @param {string} name
+     * @param {Uint8Array} bytes
+     */
+    async read(name, bytes) {
+        try {
+            return readLog(this.data, name, bytes);
+        } catch (error) {
+            const choice = error instanceof Unclear ? await this.choose(error) : null;
+            return readable(() => readLog(this.data, name, bytes, choice));
+        }
     }
 
     /**
      * Take a calibration file to compare with.
-     * @param {File} file
+     * @param {string} name
+     * @param {Blob} content
      */
-    async previous(file) {
-        const text = await file.text();
-        const calibration = readable(() => readCalibration(text, this.data), `${file.name}: `);
-        this.session.gotPrevious(this.now, { name: file.name, calibration });
+    async previous(name, content) {
+        const text = await content.text();
+        const calibration = readable(() => readCalibration(text, this.data), `${name}: `);
+        this.session.gotPrevious(this.now, { name, calibration });
         this.isUrgent = true;
         this.step();
-        return new Response();
     }
 
     /** @param {string} target */
-    async export(target) {
+    async exported(target) {
         const calibration = this.calibrationNow();
         try {
-            return Response.json(exported(this.data, target, calibration));
+            return exported(this.data, target, calibration);
         } catch (error) {
-            if (error instanceof NotExportable) return Response.json({ refusal: error.message });
-            throw error;
+            throw error instanceof NotExportable ? new Refusal(error.message) : error;
         }
     }
 
-    async calibration() {
+    /**
+     * @param {import("./running.js").FileName} name
+     * @returns {Promise<[Blob, string]>}
+     */
+    async file(name) {
+        if (name === "calibration.json") return [this.calibration(), name];
+        if (name === "report.html") return [await this.report(), name];
+        const { shown, opened } = this.session;
+        if (opened === null) this.saved = shown.buffer.total;
+        return [tableOf(shown), "readings.csv"];
+    }
+
+    /** The file of the calibration that was made last. */
+    calibration() {
         const { isRenewed, previous } = this.session;
         const files = isRenewed && previous ? previous.calibration.files : [];
         const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files };
-        const file = calibrationFile(this.data, this.calibrationNow(), { fit: this.made?.record ?? null, provenance });
-        return download(file, "calibration.json");
+        return new Blob([calibrationFile(this.data, this.calibrationNow(), { fit: this.made?.record ?? null, provenance })]);
+    }
+
+    /** The calibration that was made last, as a page of its own. */
+    async report() {
+        if (!this.finished?.view) throw new Refusal(this.finished?.refusal || "There is no calibration yet.");
+        const sheet = await fetch(SHEET);
+        if (!sheet.ok) throw new Refusal(`The page's ${SHEET} cannot be had (${sheet.status}): load the page again.`);
+        const { field } = this.session.task(Infinity, this.session.leftOut);
+        const reported = { finished: this.finished, state: sessionState(this.session), field, version: this.data.version };
+        return new Blob([reportPage(reported, await sheet.text())]);
     }
 
     /** Send the calibration to the board that the readings come from. */
     async sendToBoard() {
         if (!(this.source instanceof Board) || this.session.opened) throw new Refusal("This source takes no calibration: save it, or paste what the export shows.");
         const packet = exported(this.data, PACKET, this.calibrationNow()).binary_base64 ?? "";
-        const words = await send(this.source, Uint8Array.from(atob(packet), (letter) => letter.charCodeAt(0)));
-        return Response.json({ words: `${this.source.name}: ${words}` });
-    }
-
-    /** The readings that are in memory, as a table in the recorded unit. */
-    async readings() {
-        const { shown, opened } = this.session;
-        if (opened === null) this.saved = shown.buffer.total;
-        return download(tableOf(shown), "readings.csv");
+        return `${this.source.name}: ${await send(this.source, bytesOf(packet))}`;
     }
 
     /** Fit all readings that are in memory and not left out. @returns {Promise<Finished>} */
     async finish() {
-        const { shown, openedName, source } = this.session;
+        const { openedName, source } = this.session;
         this.made = (await this.fitter.fit(this.session.task(Infinity, this.session.leftOut))).evaluated;
-        return { name: openedName || source.name, view: this.made.view, refusal: this.made.refusal };
+        this.finished = { name: openedName || source.name, view: this.made.view, refusal: this.made.refusal };
+        return this.finished;
     }
 
     /** The calibration that was made last. */
@@ -230,6 +252,7 @@ export class OwnLink extends SessionLink {
                 take: (rows, unit) => isNow() && this.take(rows, unit),
                 link: (link, words) => isNow() && this.linked(link, words),
                 tell: (words, severity) => isNow() && this.tell(words, severity),
+                choose: (unclear) => this.choose(unclear),
             });
         } catch (error) {
             this.source = null;
@@ -262,10 +285,9 @@ export class OwnLink extends SessionLink {
     }
 
     /** @param {{time: ArrayLike<number>, field: ArrayLike<number>}} rows @param {Unit} unit */
-    take({ time, field }, unit) {
-        this.queue.time.push(...Array.from(time));
-        this.queue.field.push(...Array.from(field));
-        this.queue.unit = unit;
+    take(rows, unit) {
+        this.queue.push(rows);
+        this.unit = unit;
     }
 
     /** @param {SourceState["link"]} link @param {string} words */
@@ -290,12 +312,11 @@ export class OwnLink extends SessionLink {
 
     /** Put what waits into the session. */
     drain() {
-        const { time, field, unit } = this.queue;
-        if (time.length === 0) return;
-        this.queue = { time: [], field: [], unit };
         const { source, live } = this.session;
+        const { unit } = this;
         const before = live.buffer.total;
-        this.session.arrived(this.now, { time, field }, unit);
+        if (this.queue.length === 0) return;
+        for (const rows of this.queue.splice(0)) this.session.arrived(this.now, rows, unit);
         if (ONCE.includes(source.kind)) this.keeper.add({ name: source.name, kind: source.kind, unit }, live.buffer, before);
     }
 }
@@ -335,27 +356,4 @@ function calibrationOf(view, unit, name) {
         raw: { unit: unit.recorded, scale: unit.scale },
         about: [`from ${name}`, `the calibration is ${verdict}: headings good to ${degrees(error?.worst)} (1 σ)`, ...limits],
     };
-}
-
-/**
- * @param {import("./session.js").Series} series
- * @returns {string}
- */
-function tableOf({ buffer, unit: { inside, recorded, scale } }) {
-    const { time, field } = buffer;
-    const suffix = inside === "uT" ? `_${recorded}` : "";
-    const rows = [`t_s,mag_x${suffix},mag_y${suffix},mag_z${suffix}`];
-    time.forEach((at, j) => {
-        const [x, y, z] = [0, 1, 2].map((axis) => Number((field[3 * j + axis] / scale).toPrecision(12)));
-        rows.push(`${at.toFixed(4)},${x},${y},${z}`);
-    });
-    return `${rows.join("\n")}\n`;
-}
-
-/**
- * @param {string} content
- * @param {string} filename
- */
-function download(content, filename) {
-    return new Response(content, { headers: { "Content-Disposition": `attachment; filename="${filename}"` } });
 }

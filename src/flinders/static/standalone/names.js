@@ -95,17 +95,6 @@ export class Names {
     }
 
     /**
-     * Whether the only sign that a column is a time is a `T`, which a temperature has too.
-     * @param {string} name
-     */
-    isLetterOfTime(name) {
-        const { kind, unit } = this.meaning(name);
-        const words = this.parted(name).words.map((word) => word.toLowerCase());
-        const timed = words.filter((word) => ahead(this.rules._TIMES, word));
-        return kind === this.rules.TIME && !unit && timed.join(" ") === "t";
-    }
-
-    /**
      * Whether a text is a unit and nothing else.
      * @param {string} text
      */
@@ -166,8 +155,18 @@ export class Names {
      * @returns {Vector | undefined}
      */
     magnetometer(names, meanings) {
-        const { FIELD, BARE, CALIBRATED } = this.rules;
-        const all = this.vectors(names, FIELD, meanings).filter(({ isReadings }) => isReadings);
+        return this.best(names, this.vectors(names, this.rules.FIELD, meanings));
+    }
+
+    /**
+     * The one of several sensors of a kind that is read.
+     * @param {readonly string[]} names
+     * @param {readonly Vector[]} vectors
+     * @returns {Vector | undefined}
+     */
+    best(names, vectors) {
+        const { BARE, CALIBRATED } = this.rules;
+        const all = vectors.filter(({ isReadings }) => isReadings);
         const manner = (/** @type {Vector} */ { cells }) => this.manner(names[cells[0]]);
         const hasSensor = all.some((vector) => vector.rank < CALIBRATED && manner(vector) === 0);
         const readings = all.filter((vector) => !hasSensor || vector.words.length || manner(vector) < 2);

@@ -1,5 +1,7 @@
 /** Readings as a server packs them: `flinders.apps.live.messages.readings_frame`. */
 
+import { COUNTS, MICROTESLA } from "./session.js";
+
 /** @typedef {import("./buffer.js").Passed} Passed */
 /** @typedef {import("./session.js").Unit} Unit */
 
@@ -9,10 +11,6 @@ const HAS_ACCELERATION = 1;
 const IS_MICROTESLA = 2;
 const IS_VEHICLE = 4;
 const LATEST = 7;
-/** @type {Unit} */
-const MICROTESLA = { inside: "uT", recorded: "uT", scale: 1 };
-/** @type {Unit} */
-const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
 
 /**
  * @param {ArrayBuffer} bytes

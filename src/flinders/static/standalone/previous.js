@@ -32,14 +32,16 @@ const OPINIONS = {
 /**
  * Why readings are none that an earlier calibration corrects; nothing where they are.
  * @param {Previous} previous
- * @param {string} unit Of the readings, as the page shows it.
+ * @param {{unit: string, axes?: string}} readings  their unit as the page shows it
  * @param {EngineData} data
  * @returns {string}
  */
-export function otherRecording({ name, calibration }, unit, { said }) {
-    if ((calibration.unit === "counts") === (unit === "counts")) return "";
-    const values = { source: "this recording", unit, name, other: calibration.raw?.unit ?? calibration.unit };
-    return filled(said["other-recording"], (each) => values[/** @type {keyof typeof values} */ (each)]);
+export function otherRecording({ name, calibration }, { unit, axes = "x,y,z" }, { said }) {
+    const isOther = (calibration.unit === "counts") !== (unit === "counts");
+    if (!isOther && calibration.axes === axes) return "";
+    const other = isOther ? (calibration.raw?.unit ?? calibration.unit) : calibration.axes;
+    const values = { source: "this recording", unit, axes, name, other };
+    return filled(said[isOther ? "other-recording" : "other-axes"], (each) => values[/** @type {keyof typeof values} */ (each)]);
 }
 
 /**
@@ -61,15 +63,17 @@ export function renewedOf({ name, calibration }) {
  * @param {Previous} previous
  * @param {Fit | null} fit
  * @param {EngineData} data
+ * @param {{unit: string, axes?: string}} readings
  * @returns {PreviousState}
  */
-export function compared(previous, fit, data) {
+export function compared(previous, fit, data, readings) {
     const { name, calibration } = previous;
     const without = (/** @type {string} */ words) => ({ name, change_deg: null, words });
     if (fit === null) return without("nothing to compare with yet");
-    const { engine, unit } = fit;
     if (fit.renewed) return changed(fit, fit.renewed);
-    if ((calibration.unit === "counts") !== (unit === "counts")) return without(`it is for readings in ${calibration.unit}, these are in ${unit}`);
+    const { engine } = fit;
+    const words = otherRecording(previous, readings, data);
+    if (words) return without(words);
     const { structureDeg, dipDeg, covariance } = claimOf(calibration);
     const shape = shapeOf(calibration);
     const claimed = engine.withStructure(shape, covariance ?? new Float64Array(81), structureDeg, dipDeg);

@@ -1,7 +1,7 @@
 /** What speaks against a calibration beside its verdict. */
 
 import { corrected, threes } from "./coverage.js";
-import { dot } from "./linear.js";
+import { dot, unit } from "../views/vectors.js";
 import { figures, general } from "./numbers.js";
 import { adviceOf, firstCauses } from "./findings.js";
 import { counted } from "./wording.js";
@@ -236,7 +236,6 @@ function equalAtTheEnd(field, axes) {
  * @returns {number}
  */
 function widestDeg(vectors) {
-    const unit = (/** @type {number[]} */ vector) => vector.map((part) => part / (Math.hypot(...vector) || 1));
     const directions = threes(vectors).map(unit);
     const mean = unit([0, 1, 2].map((axis) => directions.reduce((sum, direction) => sum + direction[axis], 0)));
     const lowest = directions.reduce((least, direction) => Math.min(least, dot(direction, mean)), 1);

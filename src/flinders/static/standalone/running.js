@@ -4,7 +4,8 @@
  */
 
 import { notice, Session } from "./session.js";
-import { Cursor, sessionState } from "./state.js";
+import { sessionState, shownStride } from "./state.js";
+import { tiles } from "./tiles.js";
 
 /** @typedef {import("../messages.d.ts").Notice} Notice */
 /** @typedef {import("../messages.d.ts").Greeting} Greeting */
@@ -17,7 +18,7 @@ import { Cursor, sessionState } from "./state.js";
  * What a page is told.
  * @typedef {object} Listener
  * @property {(message: FromSession) => void} onMessage
- * @property {(frame: ArrayBuffer) => void} onFrame
+ * @property {(series: import("./session.js").Series, stride: number) => void} onReadings  of which one of so many is shown
  * @property {(link: "open" | "lost" | "trying", seconds: number) => void} onLink
  *   Lost: `seconds` until the next attempt. Told each second while waiting.
  */
@@ -27,15 +28,28 @@ import { Cursor, sessionState } from "./state.js";
  * @typedef {{name: string, view: View | null, refusal: string}} Finished
  */
 
+/** @typedef {"calibration.json" | "report.html" | "session.csv"} FileName */
+
 /**
- * What the page needs of its session.
+ * What an export looks like.
+ * @typedef {object} Preview
+ * @property {string} text
+ * @property {string} filename
+ * @property {string[]} warnings
+ * @property {string | null} [binary_base64]
+ */
+
+/**
+ * What the page needs of its session. What goes wrong is thrown as a `Refusal` with words to show.
  * @typedef {object} Link
  * @property {(message: Command) => boolean} send  Whether it was heard.
- * @property {(address: string, options?: RequestInit) => Promise<Response>} ask
- *   As over HTTP, of the calibration that was finished; throws a `Refusal` with words to show, whatever went wrong.
+ * @property {(name: string, content: Blob) => Promise<void>} open  Show a log in place of the sensor.
+ * @property {(name: string, content: Blob) => Promise<void>} previous  Compare with the calibration of a file.
  * @property {() => Promise<Finished>} finish  Make the calibration of all readings.
+ * @property {(target: string) => Promise<Preview>} exported  The calibration that was finished, for a target.
+ * @property {(name: FileName) => Promise<[Blob, string]>} file  A file to keep, and what it is called.
+ * @property {() => Promise<string>} sendToBoard  Send the calibration that was finished; what the board has confirmed.
  * @property {() => void} retry  Try now, and do not wait.
- * @property {() => void} renew  Say everything again.
  */
 
 const TICK_MS = 50;
@@ -46,14 +60,12 @@ export class SessionLink {
     /**
      * @param {Listener} listener
      * @param {Fitter} fitter
-     * @param {{engine: {tiles: import("../messages.d.ts").TilesView}, model: import("./geomag.js").Model, unfit: Record<string, string>}} data
+     * @param {{model: import("./geomag.js").Model, unfit: Record<string, string>}} data
      */
     constructor(listener, fitter, data) {
         this.listener = listener;
         this.fitter = fitter;
-        this.tiles = data.engine.tiles;
         this.session = new Session(data);
-        this.cursor = new Cursor();
         /** @type {View | null} that was said */
         this.view = null;
         this.begun = performance.now();
@@ -77,10 +89,9 @@ export class SessionLink {
 
     /** Say everything again. */
     renew() {
-        this.cursor = new Cursor();
         this.view = this.session.view;
         this.listener.onLink("open", 0);
-        this.listener.onMessage({ type: "hello", ...this.greeting, tiles: this.tiles, state: sessionState(this.session), view: this.view });
+        this.listener.onMessage({ type: "hello", ...this.greeting, tiles: tiles(), state: sessionState(this.session), view: this.view });
     }
 
     /**
@@ -132,7 +143,22 @@ export class SessionLink {
             this.statedRevision = session.revision;
             listener.onMessage(sessionState(session));
         }
-        const frame = this.cursor.frame(session);
-        if (frame) listener.onFrame(frame);
+        listener.onReadings(session.shown, shownStride(session));
     }
+}
+
+/**
+ * The readings of a series that are in memory, as a table in the recorded unit.
+ * @param {import("./session.js").Series} series
+ * @returns {Blob}
+ */
+export function tableOf({ buffer: { time, field, acceleration }, unit: { inside, recorded, scale } }) {
+    const suffix = inside === "uT" ? `_${recorded}` : "";
+    const names = ["x", "y", "z"];
+    const rows = [["t_s", ...names.map((axis) => `mag_${axis}${suffix}`), ...(acceleration ? names.map((axis) => `accel_${axis}`) : [])].join()];
+    time.forEach((at, j) => {
+        const numbers = [...Array.from(field.subarray(3 * j, 3 * j + 3), (part) => part / scale), ...(acceleration?.subarray(3 * j, 3 * j + 3) ?? [])];
+        rows.push([at.toFixed(4), ...numbers.map((number) => (Number.isFinite(number) ? Number(number.toPrecision(12)) : ""))].join());
+    });
+    return new Blob([`${rows.join("\n")}\n`]);
 }

@@ -20,10 +20,9 @@ import { filled } from "./wording.js";
 
 /** Numbers that a session decides by. */
 export const RULES = Object.freeze({
-    /** Readings in memory, shown, in one frame, and of a fit, at most. */
+    /** Readings in memory, shown, and of a fit, at most. */
     capacity: 1 << 20,
     shown: 40_000,
-    frame_points: 20_000,
     fitted: 20_000,
     /** Of a core, that fits take, and seconds from one to the next, at the least. */
     share: 0.03,
@@ -55,7 +54,9 @@ export const RULES = Object.freeze({
  */
 
 /** @type {Unit} */
-const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
+export const MICROTESLA = { inside: "uT", recorded: "uT", scale: 1 };
+/** @type {Unit} */
+export const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
 
 /**
  * A calibration from before, by the name of its file.
@@ -86,6 +87,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {Float64Array | null} time
  * @property {Float64Array | null} acceleration  beside each of them, where it was recorded
  * @property {"sensor" | "vehicle"} frame  whose axes advice is given in
+ * @property {string} axes  that readings are in, as `--axes` takes them
  * @property {Uint32Array} numbers  which reading of the session each of them is
  * @property {string} unit
  * @property {number} targetDeg
@@ -119,6 +121,7 @@ const NO_FIT = { key: -1, view: null, refusal: "", refusalCode: "", reasons: [],
 /** A time after all others, s. */
 const END = 1e9;
 const LARGEST_DIP_DEG = 89;
+const FULL = "no more stretches can be told apart: leave out one longer stretch over several, or put some back";
 const A_LOG = "a log is shown, and nothing arrives in it: go back to the sensor first";
 
 /** Readings that are fitted together: those of the sensor, or of a log. */
@@ -136,6 +139,8 @@ export class Series {
         this.number = "";
         /** @type {"sensor" | "vehicle"} whose axes readings are in */
         this.frame = "sensor";
+        /** The recorded axes that these are, as `--axes` takes them. */
+        this.axes = "x,y,z";
         /** @type {number | null} it was begun anew then: readings up to that time are left behind */
         this.begunS = null;
         this.exclusions = new Exclusions();
@@ -220,9 +225,14 @@ export class Session {
         return this.shown.lostAt === null ? null : this.shown.kept;
     }
 
-    /** What the page shows of the newest fit, or of the one that is kept in its place. */
+    /** The newest fit, or the one that is kept in its place. */
+    get held() {
+        return this.keptInstead?.evaluated ?? this.shown.evaluated;
+    }
+
+    /** What the page shows of it. */
     get view() {
-        return this.keptInstead?.view ?? this.shown.evaluated.view;
+        return this.held.view;
     }
 
     /** Whether the newest fits have been worse than the kept one for long enough to say that something changed. */
@@ -495,7 +505,7 @@ export class Session {
         this.shown.site = { strength, gain_sigma, inclination_deg: inclinationDeg, inclination_sigma_deg };
         this.shown.within = [];
         this.#refit();
-        this.#wish("dipDeg", dipDeg);
+        this.#wish("dipDeg", inclinationDeg);
         const where = `the dip at ${general(latitude)}°, ${general(longitude)}° is ${general(dipDeg)}°`;
         return [notice(`${where}, the strength of the field ${fixed(strength, 1)} µT (${model.name})`, "info")];
     }
@@ -529,7 +539,7 @@ export class Session {
      */
     #edit(edit) {
         const exclusions = edit(this.shown.exclusions);
-        if (exclusions === this.shown.exclusions) return [];
+        if (exclusions === this.shown.exclusions) return exclusions.isFull ? [notice(FULL, "warning")] : [];
         this.shown.exclusions = exclusions;
         this.#useAll();
         this.#refit();
@@ -592,9 +602,9 @@ export class Session {
 
     /** @param {number | null} begunS  time of the last reading that is left behind */
     #begin(begunS) {
-        const { unit, buffer, frame, site } = this.live;
+        const { unit, buffer, frame, axes, site } = this.live;
         this.live = new Series(buffer.most, unit);
-        Object.assign(this.live, { begunS, frame, site, generation: ++this.generations, key: ++this.keys, since: this.keys });
+        Object.assign(this.live, { begunS, frame, axes, site, generation: ++this.generations, key: ++this.keys, since: this.keys });
         this.arrivals = [];
         this.revision += 1;
     }
@@ -651,6 +661,7 @@ export class Session {
             numbers: used.map((place) => place * stride),
             unit: labelOf(shown.unit),
             frame: shown.frame,
+            axes: shown.axes,
             targetDeg: this.targetDeg,
             dipDeg,
             dipAssumed,
@@ -823,13 +834,13 @@ function nextAfter(value) {
 /**
  * A log as a series.
  * @param {typeof RULES} rules
- * @param {{time: ArrayLike<number> | null, field: ArrayLike<number>, unit: Unit}} log
+ * @param {{time: ArrayLike<number> | null, field: ArrayLike<number>, acceleration: ArrayLike<number> | null, unit: Unit}} log
  * @returns {Series}
  */
-export function seriesOf(rules, { time, field, unit }) {
+export function seriesOf(rules, { time, field, acceleration, unit }) {
     const series = new Series(rules.capacity, unit, time !== null);
     const times = time ?? Float64Array.from({ length: field.length / 3 }, (_, i) => i);
-    series.buffer.extend({ time: new Timeline().take(times), field });
+    series.buffer.extend({ time: new Timeline().take(times), field, acceleration });
     return series;
 }
 

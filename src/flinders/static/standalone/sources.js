@@ -1,7 +1,8 @@
 /** Where readings come from on a page without a program: a board on a port, the sensor of a phone, a simulation. */
 
 import { Refusal } from "../dom.js";
-import { LineReader } from "./lines.js";
+import { accelerationOf, LineReader } from "./lines.js";
+import { MICROTESLA } from "./session.js";
 
 /** @typedef {import("../messages.d.ts").Notice} Notice */
 /** @typedef {import("../messages.d.ts").SourceState} SourceState */
@@ -12,6 +13,7 @@ import { LineReader } from "./lines.js";
  * @property {(rows: import("./buffer.js").Rows, unit: import("./session.js").Unit) => void} take
  * @property {(link: SourceState["link"], words: string) => void} link
  * @property {(words: string, severity?: Notice["severity"]) => void} tell
+ * @property {import("./link.js").Choose} choose
  */
 
 /**
@@ -41,8 +43,6 @@ const WATCH_MS = 1000;
 const SILENT_LOOKS = 3;
 const PORT_BYTES = 1 << 16;
 
-const MICROTESLA = { inside: "uT", recorded: "uT", scale: 1 };
-
 /** @returns {Serial | null} */
 export function serial() {
     return /** @type {{serial?: Serial}} */ (navigator).serial ?? null;
@@ -66,6 +66,7 @@ export class Board {
         this.lines = new LineReader(data);
         this.said = "";
         this.isSilenceSaid = false;
+        this.isAsked = false;
         this.silent = 0;
         this.isStopped = false;
         /** @type {ReadableStreamDefaultReader<Uint8Array> | null} */
@@ -143,12 +144,23 @@ export class Board {
         const { rows } = this.lines.take(text, at);
         if (this.lines.silence && !this.isSilenceSaid) this.feed?.tell(this.lines.silence, "warning");
         this.isSilenceSaid ||= this.lines.silence !== "";
+        if (this.lines.unclear && !this.isAsked) this.ask(this.lines);
         if (rows.length === 0) return;
         this.silent = 0;
-        this.feed?.take({ time: rows.map(({ time }) => time ?? at), field: rows.flatMap(({ field }) => field) }, unitOf(this.lines));
+        const time = rows.map(({ time }) => time ?? at);
+        this.feed?.take({ time, field: rows.flatMap(({ field }) => field), acceleration: accelerationOf(rows) }, unitOf(this.lines));
         if (this.lines.words === this.said) return;
         this.said = this.lines.words;
         this.feed?.tell(`understood as ${this.said}`);
+    }
+
+    /**
+     * Let somebody say which columns are the magnetometer's.
+     * @param {LineReader} lines
+     */
+    async ask(lines) {
+        this.isAsked = true;
+        lines.choice = lines.unclear && ((await this.feed?.choose(lines.unclear)) ?? null);
     }
 
     /** Read what waits, and say what to check where no reading comes. */
@@ -167,7 +179,9 @@ export class Board {
         const isSame = JSON.stringify(port.getInfo?.()) === JSON.stringify(this.port.getInfo?.());
         if (this.isStopped || this.port.readable || !isSame) return;
         this.port = port;
+        const { choice } = this.lines;
         this.lines = new LineReader(this.data);
+        this.lines.choice = choice;
         this.silent = 0;
         try {
             await port.open({ baudRate: this.baudRate, bufferSize: PORT_BYTES });

@@ -1,6 +1,7 @@
-/** What the page shows of a session: its state in words and numbers, and new points. */
+/** What the page shows of a session: its state in words and numbers. */
 
 import { capital, clock } from "../views/words.js";
+import { strideFor } from "./buffer.js";
 import { figures, fixed, general } from "./numbers.js";
 import { labelOf } from "./session.js";
 
@@ -9,7 +10,6 @@ import { labelOf } from "./session.js";
 /** @typedef {import("../messages.d.ts").SessionState} State */
 /** @typedef {import("../messages.d.ts").View} View */
 
-const MAGIC = 0x464c4e44;
 const RATE_STEPS = 2;
 
 /**
@@ -36,7 +36,7 @@ export function sessionState(session) {
         told,
         reasons,
         target_deg: session.targetDeg,
-        dip_deg: session.dipDeg ?? Number(fixed(dipDeg, 1)),
+        dip_deg: shownDip(session.dipDeg, dipDeg),
         dip_assumed: dipAssumed,
         goal: session.goal,
         excluded,
@@ -49,8 +49,19 @@ export function sessionState(session) {
         refreshing: session.isRenewed,
         opened: session.openedName || null,
         kept: shown.kept && { seconds: shown.kept.seconds, is_changed: session.isChanged },
-        can_send: session.hasBoard && session.opened === null && evaluated.record !== null,
+        can_send: session.hasBoard && session.opened === null && session.held.record !== null,
     };
+}
+
+/**
+ * The dip, of a place to a tenth of a degree.
+ * @param {number | null} typed
+ * @param {number} dipDeg
+ * @returns {number}
+ */
+function shownDip(typed, dipDeg) {
+    const isExact = typed !== null && Number(fixed(typed, 2)) === typed;
+    return isExact ? typed : Number(fixed(dipDeg, 1));
 }
 
 /**
@@ -244,67 +255,7 @@ function sentence(words) {
     return `${/^\p{L}+$/u.test(first) ? capital(words) : words}`.replace(/\.+$/, "") + ".";
 }
 
-// Points ------------------------------------------------------------------------------------------------------------
-
 /** @param {Session} session @returns {number} Every so many readings one is shown. */
-function shownStride({ shown: { buffer }, rules }) {
-    let { stride } = buffer;
-    while (stride * rules.shown < buffer.total) stride *= 2;
-    return stride;
-}
-
-/** How far the page has got with the points. */
-export class Cursor {
-    constructor() {
-        this.generation = 0;
-        this.stride = 1;
-        this.count = 0;
-        this.total = -1;
-    }
-
-    /**
-     * The points that the page does not have yet, and the newest reading, as a frame; null where there is nothing new.
-     * @param {Session} session
-     * @returns {ArrayBuffer | null}
-     */
-    frame(session) {
-        const { generation, buffer } = session.shown;
-        const stride = shownStride(session);
-        if (this.generation !== generation) this.count = 0;
-        else if (this.total === buffer.total && this.stride === stride) return null;
-        else this.count = Math.ceil(this.count / (stride / this.stride));
-        const first = this.count;
-        const step = stride / buffer.stride;
-        const count = Math.max(Math.min(Math.ceil(buffer.count / step) - first, session.rules.frame_points), 0);
-        this.generation = generation;
-        this.stride = stride;
-        this.count += count;
-        this.total = count < session.rules.frame_points ? buffer.total : -1;
-        return frameOf(session, first, count, step);
-    }
-}
-
-/**
- * A frame of points: eight uint32 (magic, generation, first, count, whether there are accelerations, stride, 0, 0), then
- * float32: the newest reading and acceleration (6), times (N), readings (3 N) and accelerations (3 N).
- * @param {Session} session
- * @param {number} first
- * @param {number} count
- * @param {number} step  in memory
- * @returns {ArrayBuffer}
- */
-function frameOf(session, first, count, step) {
-    const { generation, buffer } = session.shown;
-    const { time, field, acceleration } = buffer;
-    const columns = acceleration ? [field, acceleration] : [field];
-    const frame = new ArrayBuffer(4 * (8 + 6 + (1 + 3 * columns.length) * count));
-    new Uint32Array(frame, 0, 8).set([MAGIC, generation, first, count, columns.length - 1, step * buffer.stride]);
-    new Float32Array(frame, 32, 6).set(buffer.latest);
-    const times = new Float32Array(frame, 56, count);
-    for (let j = 0; j < count; j++) times[j] = time[(first + j) * step];
-    columns.forEach((numbers, column) => {
-        const shown = new Float32Array(frame, 56 + 4 * count * (1 + 3 * column), 3 * count);
-        for (let j = 0; j < count; j++) shown.set(numbers.subarray(3 * (first + j) * step, 3 * (first + j) * step + 3), 3 * j);
-    });
-    return frame;
+export function shownStride({ shown: { buffer }, rules }) {
+    return Math.max(buffer.stride, strideFor(buffer.total, rules.shown));
 }

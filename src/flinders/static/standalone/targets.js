@@ -5,6 +5,7 @@
  * `standalone/targets.py`.
  */
 
+import { cross, determinant, dot, inverted } from "../views/vectors.js";
 import { parsed } from "./dialects.js";
 import { exponential, figures, general, shortest, withPoint } from "./numbers.js";
 import { Unreadable } from "./tables.js";
@@ -26,7 +27,7 @@ import { Unreadable } from "./tables.js";
 /**
  * A calibration of a file, and what is known of it.
  * @typedef {Calibration & {fit: Record<string, any> | null, files: object[], rotation: string, disturbances: string[],
- *     isLinearized: boolean}} Known
+ *     isLinearized: boolean, axes: string}} Known
  */
 
 /**
@@ -322,8 +323,8 @@ function crc(bytes, polynomial, start) {
     return value;
 }
 
-/** @param {Uint8Array} bytes */
-function hexadecimal(bytes) {
+/** @param {Uint8Array} bytes @returns {string} In rows of sixteen. */
+export function hexadecimal(bytes) {
     const pairs = Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0"));
     return Array.from({ length: Math.ceil(pairs.length / 16) }, (_, i) => pairs.slice(16 * i, 16 * i + 16).join(" ")).join("\n");
 }
@@ -361,11 +362,10 @@ export function calibrationFile({ targets }, calibration, { fit = null, provenan
  * The calibration of a file of Flinders, with its fit as it stands there.
  * @param {string} text
  * @param {{targets: any}} data `page.json`.
- * @param {string} [used] The axes that readings are mapped to.
  * @returns {Known}
  * @throws {Unreadable} Says what is wrong.
  */
-export function readCalibration(text, { targets }, used = "x,y,z") {
+export function readCalibration(text, { targets }) {
     const document = parsed(text.replace(/^\ufeff/, ""));
     if (document === null || typeof document !== "object") {
         throw new Unreadable("it is no JSON: need a calibration file of Flinders");
@@ -388,9 +388,6 @@ export function readCalibration(text, { targets }, used = "x,y,z") {
         throw new Unreadable(`its calibration is damaged: ${need}`);
     }
     const { unit: recorded = unit, scale = 1, axes = "x,y,z" } = document.raw ?? {};
-    if (axes !== used) {
-        throw new Unreadable(`it maps the recorded axes to ${axes}, and the readings here to ${used}: use the command line`);
-    }
     return {
         matrix,
         offset,
@@ -398,6 +395,7 @@ export function readCalibration(text, { targets }, used = "x,y,z") {
         fieldStrengthKnown: field_strength_known === true,
         unit,
         raw: { unit: recorded, scale },
+        axes,
         fit: document.fit ?? null,
         files: document.provenance?.files ?? [],
         rotation,
@@ -422,44 +420,12 @@ function directions(count) {
     });
 }
 
-/** @param {number[][]} matrix */
-function determinant([a, b, c]) {
-    return dot(a, cross(b, c));
-}
-
-/**
- * @param {number[][]} matrix
- * @returns {number[][]}
- */
-function inverted(matrix) {
-    const [a, b, c] = matrix;
-    const size = determinant(matrix);
-    const columns = [cross(b, c), cross(c, a), cross(a, b)];
-    return [0, 1, 2].map((row) => columns.map((column) => column[row] / size));
-}
-
 /**
  * @param {number[][]} matrix
  * @param {number[]} vector
  */
 function times(matrix, vector) {
     return matrix.map((row) => dot(row, vector));
-}
-
-/**
- * @param {number[]} one
- * @param {number[]} other
- */
-function dot(one, other) {
-    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2];
-}
-
-/**
- * @param {number[]} one
- * @param {number[]} other
- */
-function cross([a, b, c], [x, y, z]) {
-    return [b * z - c * y, c * x - a * z, a * y - b * x];
 }
 
 /** @param {number[]} values */

@@ -4,6 +4,7 @@ import { guide, isIdle, nextMovement } from "./advice.js";
 import { corrected, threes, tileCounts, tilesOf } from "./coverage.js";
 import { adviceOf, firstCauses, stepWords, verdictOf } from "./findings.js";
 import { figures, general } from "./numbers.js";
+import { tiles } from "./tiles.js";
 
 /** @typedef {import("../messages.d.ts").View} View */
 /** @typedef {import("./fit.js").Fit} Fit */
@@ -30,7 +31,7 @@ export function viewOf(fit, findings, { field, numbers, goal, frame }) {
     const isFlat = findings.some(({ code }) => code === "one-plane");
     const used = isFlat ? new Float64Array(0) : field.filter((_, i) => !fit.left.isOut[Math.floor(i / 3)]);
     const vectors = corrected(used, fit.surface);
-    const { centres } = fit.data.tiles;
+    const { centres } = tiles();
     const errors = fit.engine.attitudeErrorsDeg(fit.surface.shape, fit.claimed, fit.headingError.dipDeg, centres);
     const shownErrors = errors.map((error) => (!isFlat && error < ANY_ANGLE_DEG ? rounded(error) : null));
     const turn = fit.turn;
@@ -211,9 +212,9 @@ function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal, fram
  * @param {{headingDeg: number[], sigmaDeg: number[]}} turn
  * @returns {(number | null)[]}
  */
-function levelErrors({ headingError, data }, { headingDeg, sigmaDeg }) {
+function levelErrors({ headingError }, { headingDeg, sigmaDeg }) {
     const dip = headingError.dipDeg * RAD;
-    const { centres } = data.tiles;
+    const { centres } = tiles();
     /** @type {(number | null)[]} */
     const errors = new Array(centres.length / 3).fill(null);
     const directions = headingDeg.flatMap((heading) => {

@@ -112,12 +112,10 @@ function dial(target, theme) {
         root.append(svg("text", { class: stop === 1 ? "aim" : "stop", x, y: y + 4, "text-anchor": anchor }, number(stop * target)));
     }
     const inside = RADIUS - THICK;
-    const place = `translate(${MIDDLE_X} ${MIDDLE_Y})`;
-    const small = svg("g", { transform: place });
-    small.append(svg("path", { class: "rms pointer", d: `M0 ${-inside - 1}L-4 ${-inside + 8}L4 ${-inside + 8}Z` }));
-    const large = svg("g", { transform: place });
-    large.append(svg("path", { class: "worst pointer", d: `M0 ${-inside + 4}L-5.5 ${-inside + 15}H5.5ZM-2.2 ${-RADIUS - 3}H2.2V${-inside + 5}H-2.2Z` }));
-    root.append(small, large);
+    const transform = `translate(${MIDDLE_X} ${MIDDLE_Y})`;
+    const rms = svg("path", { class: "rms pointer", d: `M0 ${-inside - 1}L-4 ${-inside + 8}L4 ${-inside + 8}Z` });
+    const worst = svg("path", { class: "worst pointer", d: `M0 ${-inside + 4}L-5.5 ${-inside + 15}H5.5ZM-2.2 ${-RADIUS - 3}H2.2V${-inside + 5}H-2.2Z` });
+    root.append(svg("g", { transform }, [rms]), svg("g", { transform }, [worst]));
     return root;
 }
 

@@ -20,7 +20,7 @@
  */
 
 import { between, rotated, rotation } from "./turn.js";
-import { cross, dot, minus } from "./vectors.js";
+import { cross, dot, minus, unit } from "./vectors.js";
 
 /**
  * @param {Tiles} tiles
@@ -319,14 +319,8 @@ export function drawMatrix({ matrix, offset, strength }, out = new Array(16)) {
     return out;
 }
 
-/** @param {number[]} centre @returns {[number[], number[]]} two unit vectors across it */
+/** @param {number[]} centre @returns {[readonly number[], readonly number[]]} two unit vectors across it */
 function tangents(centre) {
     const across = unit(cross(Math.abs(centre[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0], centre));
     return [across, cross(centre, across)];
-}
-
-/** @param {number[]} a @returns {number[]} */
-function unit(a) {
-    const length = Math.hypot(a[0], a[1], a[2]);
-    return [a[0] / length, a[1] / length, a[2] / length];
 }

@@ -55,13 +55,12 @@ export class Hand {
     constructor(host) {
         this.host = host;
         this.calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
-        this.drawing = svg("svg", { viewBox: "-71 -71 142 142", role: "img" });
         this.ring = svg("g", { class: "ring" });
         this.ghost = svg("g", { class: "ghost" });
         this.solid = svg("g", { class: "solid" });
         this.way = svg("path", { class: "way" });
         this.head = svg("path", { class: "head" });
-        this.drawing.append(this.ring, this.ghost, this.solid, this.way, this.head);
+        this.drawing = svg("svg", { viewBox: "-71 -71 142 142", role: "img" }, [this.ring, this.ghost, this.solid, this.way, this.head]);
         host.append(this.drawing);
     }
 
@@ -96,7 +95,7 @@ export class Hand {
         if (isEdgeOn(this.view, this.#attitude(now))) this.view = viewOf(this.picture);
         this.#put(this.ghost, body, this.#turned(now + share * (to - now)));
         this.#put(this.solid, body, this.#turned(now));
-        this.#arrow(now, Math.max(to - now, 0));
+        this.#arrow(Math.max(to - now, 0));
         this.ring.replaceChildren(...rings(parts));
         this.timer = window.setTimeout(() => requestAnimationFrame(this.#draw), this.calm ? 5 * STEP : STEP);
     };
@@ -117,8 +116,8 @@ export class Hand {
         group.replaceChildren(...drawn(SHAPES[body], seen));
     }
 
-    /** The arrow runs around the axis, before the body where it is nearer. @param {number} from @param {number} angle */
-    #arrow(from, angle) {
+    /** The arrow runs around the axis, before the body where it is nearer. @param {number} angle */
+    #arrow(angle) {
         const { axis } = /** @type {Picture} */ (this.picture);
         const start = perpendicular(axis, this.view[2]);
         const places = Array.from({ length: PIECES + 1 }, (_, k) => {
@@ -137,11 +136,8 @@ export class Hand {
  * @returns {SVGElement}
  */
 export function portrait(body) {
-    const made = svg("svg", { class: "portrait", viewBox: "-60 -46 120 92", "aria-hidden": "true" });
-    const group = svg("g", { class: "solid" });
-    group.append(...drawn(SHAPES[body], product(viewFrom(0.55, 0.75), LEVEL)));
-    made.append(group);
-    return made;
+    const solid = svg("g", { class: "solid" }, drawn(SHAPES[body], product(viewFrom(0.55, 0.75), LEVEL)));
+    return svg("svg", { class: "portrait", viewBox: "-60 -46 120 92", "aria-hidden": "true" }, [solid]);
 }
 
 /**

@@ -85,7 +85,6 @@ function dial(host, { raw_deg, corrected_deg, tilt }) {
  * @returns {HTMLElement}
  */
 function rose(kind, title) {
-    const figure = element("figure", "", `rose ${kind}`);
     const number = element("output", "", "number");
     number.setAttribute("aria-live", "off");
     const drawing = svg("svg", { viewBox: "-100 -100 200 200", "aria-hidden": "true" });
@@ -100,11 +99,9 @@ function rose(kind, title) {
         const angle = (i * Math.PI) / 2;
         drawing.append(svg("text", { class: "point", x: 60 * Math.sin(angle), y: -60 * Math.cos(angle) + 9.5, "text-anchor": "middle" }, name));
     });
-    const needle = svg("g", { class: "needle" });
-    needle.append(svg("path", { class: "ahead", d: "M0 -84L9 0H-9Z" }), svg("path", { class: "behind", d: "M0 56L7 0H-7Z" }), svg("circle", { class: "hub", r: 6 }));
-    drawing.append(needle);
-    figure.append(drawing, number, element("figcaption", title));
-    return figure;
+    const needle = [svg("path", { class: "ahead", d: "M0 -84L9 0H-9Z" }), svg("path", { class: "behind", d: "M0 56L7 0H-7Z" }), svg("circle", { class: "hub", r: 6 })];
+    drawing.append(svg("g", { class: "needle" }, needle));
+    return element("figure", [drawing, number, element("figcaption", title)], `rose ${kind}`);
 }
 
 /**

@@ -87,10 +87,9 @@ export class LeadView {
         this.open = element("button", "", "quiet in-hand");
         this.open.setAttribute("aria-expanded", "false");
         this.open.addEventListener("click", () => this.#toggle(this.choices.hidden));
-        this.choices = element("div", "", "bodies");
+        this.choices = element("div", [element("p", "What is in your hand?"), ...BODIES.map((body) => this.#choice(body, redraw))], "bodies");
         this.choices.setAttribute("role", "radiogroup");
         this.choices.setAttribute("aria-label", "What is in your hand");
-        this.choices.append(element("p", "What is in your hand?"), ...BODIES.map((body) => this.#choice(body, redraw)));
         this.choices.hidden = guide.chosen !== null;
         this.host.append(this.caption, this.open, this.choices);
         this.since = -1; // of the arrow that is drawn
@@ -98,10 +97,9 @@ export class LeadView {
 
     /** @param {Body} body @param {() => void} redraw */
     #choice(body, redraw) {
-        const button = element("button");
+        const button = element("button", [portrait(body), element("span", nameOf(body))]);
         button.setAttribute("role", "radio");
         button.dataset.body = body;
-        button.append(portrait(body), element("span", nameOf(body)));
         button.addEventListener("click", () => {
             this.guide.choose(body);
             this.#toggle(false);

@@ -69,15 +69,15 @@ export function quantiles(values, shares) {
  * An SVG element with attributes; text goes in as text.
  * @param {string} name
  * @param {Record<string, string | number>} attributes
- * @param {string} [text]
+ * @param {string | readonly SVGElement[]} content
  * @returns {SVGElement}
  */
-export function svg(name, attributes = {}, text) {
+export function svg(name, attributes = {}, content = []) {
     const element = document.createElementNS(SVG, name);
     for (const [key, value] of Object.entries(attributes)) {
         element.setAttribute(key, typeof value === "number" ? String(Math.round(value * 100) / 100) : value);
     }
-    if (text !== undefined) element.textContent = text;
+    element.append(...[content].flat());
     return element;
 }
 

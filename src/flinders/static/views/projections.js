@@ -4,7 +4,7 @@ import { crosses, drawChart, tick } from "./charts.js";
 import { EXCLUDED, mark, REJECTED, USED } from "./marks.js";
 import { nearestOf } from "./nearest.js";
 import { path, quantiles, roundUp, themeColour, tickDecimals, ticks } from "./plot.js";
-import { corrected, dot } from "./vectors.js";
+import { corrected, determinant, dot, inverted } from "./vectors.js";
 import { fixed } from "./words.js";
 
 /** @typedef {import("./charts.js").Chart} Chart */
@@ -248,19 +248,9 @@ function outlines(panel, inside, across, up, { toX, toY }, { shown, row }) {
     inside.append(panel.draw("circle", { class: "iron-end", cx: x, cy: y, r: 0.2 * panel.em }));
 }
 
-/**
- * The inverse of a 3×3 matrix, by cofactors; null of a singular one.
- * @param {readonly (readonly number[])[]} m
- * @returns {number[][] | null}
- */
-function inverse(m) {
-    const minor = (/** @type {number} */ i, /** @type {number} */ j) => {
-        const [a, b, c, d] = [(i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3];
-        return m[a][c] * m[b][d] - m[a][d] * m[b][c];
-    };
-    const determinant = m[0][0] * minor(0, 0) + m[0][1] * minor(0, 1) + m[0][2] * minor(0, 2);
-    if (!(Math.abs(determinant) > 1e-300)) return null;
-    return [0, 1, 2].map((i) => [0, 1, 2].map((j) => minor(j, i) / determinant));
+/** @param {readonly (readonly number[])[]} matrix @returns {number[][] | null} Null of a singular one. */
+function inverse(matrix) {
+    return Math.abs(determinant(matrix)) > 1e-300 ? inverted(matrix) : null;
 }
 
 /** @type {import("../widgets.js").Widget} */

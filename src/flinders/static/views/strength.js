@@ -3,7 +3,7 @@
 import { Brush, xOf } from "./brush.js";
 import { chartOf, crosses, drawChart, nothing, tick } from "./charts.js";
 import { Exclusion } from "./exclusion.js";
-import { EXCLUDED, mark, REJECTED, USED } from "./marks.js";
+import { mark, REJECTED, USED } from "./marks.js";
 import { nearestOf } from "./nearest.js";
 import { quantiles, roundUp, themeColour, tickDecimals, ticks } from "./plot.js";
 import { clock, fixed } from "./words.js";
@@ -16,6 +16,18 @@ import { clock, fixed } from "./words.js";
 /** @typedef {import("../messages.d.ts").Shown} Shown */
 /** @typedef {import("./plot.js").Panel} Panel */
 /** @typedef {import("./plot.js").Span} Span */
+
+/**
+ * Where readings are drawn: their lengths, which of them count, and the places of times and lengths.
+ * @typedef {object} Drawn
+ * @property {Points} points
+ * @property {Uint8Array} kinds
+ * @property {Float32Array} raw
+ * @property {Float32Array | null} corrected
+ * @property {Place} place
+ * @property {(t: number) => number} toX
+ * @property {(v: number) => number} toY
+ */
 
 /**
  * The length of each reading over time, raw and corrected; rejected ones are crossed, excluded spans are hatched.
@@ -32,60 +44,89 @@ function drawStrength(chart, points, view, state) {
     const kinds = new Uint8Array(points.count);
     mark(kinds, points, view?.rejected ?? [], state?.excluded ?? []);
     const raw = lengths(points, null);
-    const corrected = shown ? lengths(points, shown) : null;
+    const corrected = shown && lengths(points, shown);
     const span = strengthSpan(raw, kinds, shown);
     const said = points.count > 0 ? `, raw from ${fixed(span.raw[0], 1)} to ${fixed(span.raw[1], 1)} ${unit}` : "";
     const meant = shown ? `, corrected about ${fixed(shown.strength, 1)} ${unit}` : "";
     if (!panel.begin(`Field strength over time${said}${meant}`)) return null;
-    const end = points.count > 0 ? Math.max(points.time[points.count - 1], points.time[0] + 1e-3) : 10;
-    const start = points.count > 0 && points.time[0] > 0.05 * end ? points.time[0] : 0;
-    const place = {
-        left: 3.3 * panel.em,
-        right: panel.width - 0.6 * panel.em,
-        top: 1.1 * panel.em,
-        bottom: panel.height - 1.5 * panel.em,
-        start,
-        end,
-    };
+    const place = placeIn(panel, points);
     const toX = (/** @type {number} */ t) => xOf(place, t);
-    const toY = (/** @type {number} */ v) =>
-        place.bottom - ((place.bottom - place.top) * (v - span.low)) / (span.high - span.low);
+    const toY = (/** @type {number} */ v) => place.bottom - ((place.bottom - place.top) * (v - span.low)) / (span.high - span.low);
+    const drawn = { points, kinds, raw, corrected, place, toX, toY };
     chart.places = (j) => [raw, corrected].flatMap((each) => (each ? [[toX(points.time[j]), toY(each[j])]] : []));
     chart.nearest = (x) => nearestOf(raw.length, (j) => Math.abs(toX(points.time[j]) - x));
-    const image = panel.pixels();
-    const [left, top] = [Math.round(place.left * panel.ratio), Math.round(place.top * panel.ratio)];
-    const wide = Math.min(Math.floor((place.right - place.left) * panel.ratio) + 2, image.width - left);
-    const high = Math.min(Math.floor((place.bottom - place.top) * panel.ratio), image.height - top);
     if (points.count > 0) timeAxis(panel, place, toX, toY, span, { unit, isTimed: state?.seconds !== null });
     else nothing(panel, "no readings yet");
-    if (wide > 3 && high > 3) {
-        chart.before.clear(wide, high);
-        chart.after.clear(wide, high);
-        for (let j = 0; j < points.count; j++) {
-            if (kinds[j] === EXCLUDED) continue;
-            const x = toX(points.time[j]) * panel.ratio - left;
-            if (kinds[j] === USED) chart.before.add(x, toY(raw[j]) * panel.ratio - top);
-            if (kinds[j] === USED && corrected) chart.after.add(x, toY(corrected[j]) * panel.ratio - top);
-        }
-        chart.before.paint(image, left, top, themeColour(panel.host, "--raw"));
-        chart.after.paint(image, left, top, themeColour(panel.host, "--corrected"));
-    }
-    /** @type {[number, number][]} */
-    const left_out = [];
-    for (let j = 0; j < points.count; j++) {
-        if (kinds[j] !== REJECTED) continue;
-        const y = toY(corrected ? corrected[j] : raw[j]);
-        left_out.push([toX(points.time[j]), Math.min(Math.max(y, place.top + 3), place.bottom - 3)]);
-    }
-    if (left_out.length > 0) crosses(panel, left_out);
-    for (const [from, to] of state?.excluded ?? []) {
-        const [x, width] = [toX(Math.max(start, from)), toX(Math.min(end, to)) - toX(Math.max(start, from))];
-        if (width <= 0) continue;
-        panel.draw("rect", { class: "excluded", x, y: place.top, width, height: place.bottom - place.top });
-        panel.draw("path", { class: "excluded-edge", d: hatch(x, width, place.top, place.bottom, 0.5 * panel.em) });
-    }
+    paintReadings(chart, drawn);
+    crossRejected(panel, drawn);
+    hatchExcluded(panel, drawn, state?.excluded ?? []);
     panel.show();
     return place;
+}
+
+/**
+ * The place of a chart in its panel, and the times that it spans.
+ * @param {Panel} panel
+ * @param {Points} points
+ * @returns {Place}
+ */
+function placeIn({ em, width, height }, { time, count }) {
+    const end = count > 0 ? Math.max(time[count - 1], time[0] + 1e-3) : 10;
+    const start = count > 0 && time[0] > 0.05 * end ? time[0] : 0;
+    return { left: 3.3 * em, right: width - 0.6 * em, top: 1.1 * em, bottom: height - 1.5 * em, start, end };
+}
+
+/**
+ * @param {Chart} chart
+ * @param {Drawn} drawn
+ */
+function paintReadings({ panel, before, after }, { points, kinds, raw, corrected, place, toX, toY }) {
+    const image = panel.pixels();
+    const { ratio } = panel;
+    const [left, top] = [Math.round(place.left * ratio), Math.round(place.top * ratio)];
+    const wide = Math.min(Math.floor((place.right - place.left) * ratio) + 2, image.width - left);
+    const high = Math.min(Math.floor((place.bottom - place.top) * ratio), image.height - top);
+    if (wide <= 3 || high <= 3) return;
+    before.clear(wide, high);
+    after.clear(wide, high);
+    for (let j = 0; j < points.count; j++) {
+        if (kinds[j] !== USED) continue;
+        const x = toX(points.time[j]) * ratio - left;
+        before.add(x, toY(raw[j]) * ratio - top);
+        if (corrected) after.add(x, toY(corrected[j]) * ratio - top);
+    }
+    before.paint(image, left, top, themeColour(panel.host, "--raw"));
+    after.paint(image, left, top, themeColour(panel.host, "--corrected"));
+}
+
+/**
+ * @param {Panel} panel
+ * @param {Drawn} drawn
+ */
+function crossRejected(panel, { points, kinds, raw, corrected, place, toX, toY }) {
+    /** @type {[number, number][]} */
+    const rejected = [];
+    kinds.forEach((kind, j) => {
+        if (kind !== REJECTED) return;
+        const y = toY((corrected ?? raw)[j]);
+        rejected.push([toX(points.time[j]), Math.min(Math.max(y, place.top + 3), place.bottom - 3)]);
+    });
+    if (rejected.length > 0) crosses(panel, rejected);
+}
+
+/**
+ * @param {Panel} panel
+ * @param {Drawn} drawn
+ * @param {readonly [number, number][]} spans
+ */
+function hatchExcluded(panel, { place: { start, end, top, bottom }, toX }, spans) {
+    for (const [from, to] of spans) {
+        const x = toX(Math.max(start, from));
+        const width = toX(Math.min(end, to)) - x;
+        if (width <= 0) continue;
+        panel.draw("rect", { class: "excluded", x, y: top, width, height: bottom - top });
+        panel.draw("path", { class: "excluded-edge", d: hatch(x, width, top, bottom, 0.5 * panel.em) });
+    }
 }
 
 /**

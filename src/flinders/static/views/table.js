@@ -17,21 +17,13 @@ export function table(host, { unit, offset, offset_sigma, matrix, matrix_sigma }
         host.replaceChildren();
         return;
     }
-    const root = element("table", "", "parameters");
     const caption = element("caption", "corrected = matrix · (raw − offset), ± 1 σ");
-    const head = element("tr");
-    head.append(header("", "col"), header(`offset, ${unit}`, "col"), header("matrix", "colgroup", 3));
-    const top = element("thead");
-    top.append(head);
-    const body = element("tbody");
-    AXES.forEach((axis, i) => {
-        const row = element("tr");
-        row.append(header(axis, "row"), cell(offset[i], offset_sigma?.[i]));
-        for (let j = 0; j < 3; j++) row.append(cell(matrix[i][j], matrix_sigma?.[i]?.[j]));
-        body.append(row);
+    const head = element("tr", [header("", "col"), header(`offset, ${unit}`, "col"), header("matrix", "colgroup", 3)]);
+    const rows = AXES.map((axis, i) => {
+        const cells = matrix[i].map((value, j) => cell(value, matrix_sigma?.[i]?.[j]));
+        return element("tr", [header(axis, "row"), cell(offset[i], offset_sigma?.[i]), ...cells]);
     });
-    root.append(caption, top, body);
-    host.replaceChildren(root);
+    host.replaceChildren(element("table", [caption, element("thead", [head]), element("tbody", rows)], "parameters"));
 }
 
 /**
@@ -54,8 +46,6 @@ function header(text, scope, span = 1) {
  */
 function cell(value, sigma) {
     const shown = measured(value, sigma);
-    const made = element("td", "", "number");
-    made.append(element("span", shown.value, "value"));
-    if (shown.sigma) made.append(element("span", ` ± ${shown.sigma}`, "sigma"));
-    return made;
+    const about = shown.sigma ? [element("span", ` ± ${shown.sigma}`, "sigma")] : [];
+    return element("td", [element("span", shown.value, "value"), ...about], "number");
 }

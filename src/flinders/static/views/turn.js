@@ -6,7 +6,7 @@
  * rotation. With an accelerometer up is up, and magnetic north is away from the viewer.
  */
 
-import { corrected, cross, dot } from "./vectors.js";
+import { corrected, cross, dot, unit } from "./vectors.js";
 
 /** @typedef {import("./vectors.js").Vector} Vector */
 /** @typedef {readonly [Vector, Vector, Vector]} Rotation  three rows */
@@ -21,12 +21,6 @@ export const LEVEL = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
  * @type {Readonly<Record<"sensor" | "vehicle", Rotation>>}
  */
 export const DRAWN = { sensor: LEVEL, vehicle: [[0, 1, 0], [1, 0, 0], [0, 0, -1]] };
-
-/** @param {Vector} v @returns {Vector} Of length one; unchanged where it has none. */
-export function unit(v) {
-    const length = Math.hypot(...v);
-    return length > 0 ? v.map((part) => part / length) : v;
-}
 
 /** @param {Rotation} rotation @param {Vector} v @returns {[number, number, number]} */
 export function rotated(rotation, v) {

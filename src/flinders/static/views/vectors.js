@@ -7,6 +7,12 @@ export function dot(a, b) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
+/** @param {Vector} v @returns {number[]} Of length one; unchanged where it has none. */
+export function unit(v) {
+    const length = Math.hypot(...v) || 1;
+    return v.map((part) => part / length);
+}
+
 /** @param {Vector} a @param {Vector} b @returns {[number, number, number]} */
 export function minus(a, b) {
     return [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -15,6 +21,19 @@ export function minus(a, b) {
 /** @param {Vector} a @param {Vector} b @returns {[number, number, number]} */
 export function cross(a, b) {
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+}
+
+/** @param {readonly Vector[]} matrix  rows */
+export function determinant([a, b, c]) {
+    return dot(a, cross(b, c));
+}
+
+/** @param {readonly Vector[]} matrix  rows @returns {number[][]} */
+export function inverted(matrix) {
+    const [a, b, c] = matrix;
+    const size = determinant(matrix);
+    const columns = [cross(b, c), cross(c, a), cross(a, b)];
+    return [0, 1, 2].map((row) => columns.map((column) => column[row] / size));
 }
 
 /**

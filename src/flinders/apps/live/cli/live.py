@@ -192,6 +192,7 @@ class Live(program.Group):
         "Session": ("previous", "refresh", "resume"),
         "Page": ("host", "web_port", "opens"),
     },
+    context_settings={"allow_extra_args": True},
     epilog="""\b
 Example:
   flinders live --serial
@@ -207,6 +208,7 @@ def command(options: Live) -> None:
     The page shows how good the calibration is by now, which way to turn next, and exports it when it is good. All that
     arrives is recorded as it comes; Ctrl-C ends it, and `flinders calibrate` reads the recording.
     """
+    _refuse_unnamed(click.get_current_context().args)
     options.check()
     sys.setswitchinterval(SWITCH_S)
     import msgspec
@@ -229,6 +231,8 @@ def command(options: Live) -> None:
         gate = Gate.of(options.host, port, own_names())
         tokens = Tokens() if gate.is_open else None
         hub = Hub(supply, previous, renewed)
+        if hub.warning:
+            say(f"{supply.path}: {hub.warning}")
         _announce(hub, port, tokens.current if tokens else None, options)
         serve(application(hub, gate, tokens, say, live_data), listener)
         if hub.failure is not None:
@@ -237,6 +241,13 @@ def command(options: Live) -> None:
     say(f"recorded in {supply.path}: flinders calibrate {supply.path}" if is_there else "nothing came to be recorded")
     if options.as_json:
         print_json(_as_dict(hub, str(supply.path) if is_there else None))
+
+
+def _refuse_unnamed(words: list[str]) -> None:
+    """Say how a source is named that stands without an option."""
+    for word in words:
+        option = "--serial" if word.startswith(("/dev/", "COM")) else "--replay"
+        raise UsageError(f"unexpected argument {word}: name the source, as in flinders live {option} {word}")
 
 
 def _chosen(options: Live) -> dict[str, Any]:

@@ -12,8 +12,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-import msgspec
-
 from flinders.comparison import comparison
 from flinders.core.calibration_file import PARAMETERS
 from flinders.core.units import EARTH_UT
@@ -45,7 +43,6 @@ from flinders.native.engine import (
     VERTICAL,
     constant,
 )
-from flinders.report.view import tiles_view
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -96,6 +93,7 @@ def data() -> dict[str, Any]:
             "every-way": Unmoved.EVERY_WAY,
             "to-all-sides": refreshing.TO_ALL_SIDES,
             "other-recording": refreshing.OTHER_UNIT,
+            "other-axes": refreshing.OTHER_AXES,
             "z-elsewhere": Z_ELSEWHERE,
             "z-open": Z_OPEN,
         },
@@ -105,7 +103,6 @@ def data() -> dict[str, Any]:
         "steps": STEPS,
         "poses": POSE_WORDS,
         "turns": path_planning.TURNS,
-        "tiles": msgspec.to_builtins(tiles_view()),
         "swaps": axis_swap.SWAPS,
     }
 

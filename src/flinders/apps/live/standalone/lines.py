@@ -1,7 +1,7 @@
 r"""How boards print and tables are written, as data for ``static/standalone/``: patterns, words, units and limits.
 
-All constants of the modules that read text are handed over by their names, so that a change of a row there changes
-both languages. Patterns are written as JavaScript has them.
+Constants of the modules that read text are handed over by their names, those that JavaScript names, so that a change of
+a row there changes both languages. Patterns are written as JavaScript has them.
 
 >>> in_javascript(re.compile(r"(?P<axis>[xyz])\s*\W?(?=[^\W\d_])", re.IGNORECASE))
 {'pattern': '(?<axis>[xyz])\\s*[^\\p{L}\\p{N}_]?(?=\\p{L})', 'flags': 'iu'}
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.apps.live import transcript
@@ -19,24 +20,14 @@ from flinders.readers import (
     _clock,
     _columns,
     _devices,
-    _heading,
     _layout,
-    _likeness,
     _names,
     _source,
     _tokenizer,
     registry,
 )
-from flinders.readers.dialects import (
-    boxed,
-    influx,
-    json_arrangements,
-    json_records,
-    labelled,
-    marked,
-    pairs,
-    wrapped,
-)
+from flinders.readers.dialects import json_records, labelled, marked, wrapped
+from flinders.report.modules import STATIC
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -48,16 +39,10 @@ MODULES: Final = {
     "tokenizer": _tokenizer,
     "clock": _clock,
     "columns": _columns,
-    "heading": _heading,
-    "likeness": _likeness,
     "devices": _devices,
     "layout": _layout,
     "marked": marked,
-    "boxed": boxed,
     "json": json_records,
-    "arrangements": json_arrangements,
-    "influx": influx,
-    "pairs": pairs,
     "wrapped": wrapped,
     "labelled": labelled,
     "transcript": transcript,
@@ -82,9 +67,17 @@ def data() -> dict[str, Any]:
     return {**{key: constants(module) for key, module in MODULES.items()}, "files": _files()}
 
 
+@cache
+def _named_in_javascript() -> frozenset[str]:
+    """Names of constants in the modules of the page."""
+    modules = (STATIC / "standalone").glob("*.js")
+    return frozenset(re.findall(r"\b_?[A-Z][A-Z0-9_]*\b", " ".join(path.read_text("utf-8") for path in modules)))
+
+
 def constants(module: ModuleType) -> dict[str, Any]:
-    """The constants of a module that JSON can hold, by their names."""
-    named = {name: value for name, value in vars(module).items() if name.isupper() and _is_portable(value)}
+    """The constants of a module that JavaScript names and JSON can hold, by their names."""
+    wanted = _named_in_javascript()
+    named = {name: value for name, value in vars(module).items() if name in wanted and _is_portable(value)}
     return {name: _portable(value) for name, value in named.items()}
 
 

@@ -2,7 +2,7 @@
 
 >>> sorted(name for name in contents() if "." in name and "/" not in name)
 ['flinders.wasm', 'index.html', 'page.json', 'sw.js']
->>> '<script type="module" src="static/standalone.js">' in index_page()
+>>> contents()["index.html"] == asset("index.html").encode()              # which is that of the live page
 True
 """
 
@@ -26,6 +26,7 @@ from flinders.core.geomag import newest_model
 from flinders.errors import NoEngine, OutputError
 from flinders.fitting import refreshing
 from flinders.native import build
+from flinders.report.html_file import style_of
 from flinders.report.modules import asset, script
 from flinders.simulate import Sensor, north_and_down, seen_from
 
@@ -41,14 +42,16 @@ DATA: Final = "page.json"
 SCENE: Final = "static/views/scene.js"
 """The 3-D view, without which the page works."""
 SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
-    "static/standalone.js": ("standalone/main.js", ()),
+    "static/page.js": ("standalone/main.js", ()),
     "static/worker.js": ("standalone/worker.js", ()),
     SCENE: ("views/scene.js", ("Scene",)),
 }
 """Scripts of the folder: the module that each is joined from, and what it exports."""
+REPORT: Final = "static/report.css"
+"""Style of a report, the program's own."""
 ASSETS: Final = {
+    "index.html": "index.html",
     "static/page.css": "page.css",
-    "static/standalone.css": "standalone/standalone.css",
     "static/theme.js": "theme.js",
     "static/compass.svg": "compass.svg",
 }
@@ -109,12 +112,12 @@ def _is_page(path: Path) -> bool:
 def contents() -> dict[str, bytes]:
     """Every file of the folder by its name."""
     files = {
-        "index.html": index_page().encode(),
         DATA: json.dumps(page_data(), separators=(",", ":"), ensure_ascii=False).encode(),
         **_engine(),
         "LICENSE": licence().encode(),
         **_of_others(),
         **{name: asset(path).encode() for name, path in ASSETS.items()},
+        REPORT: style_of().encode(),
         **{name: text for name, entry in SCRIPTS.items() if (text := _script(*entry)) is not None},
     }
     return {**files, "sw.js": service_worker(files).encode()}
@@ -207,66 +210,3 @@ def simulated_sensor() -> dict[str, Any]:
         "steps_centi_ut": np.diff(centi_ut, n=2, axis=0, prepend=np.zeros((2, 3), int)).T.tolist(),
         "said": [list(each) for each in SAID],
     }
-
-
-# ------------------------------------------------------------------------------------------------- index.html
-
-CSP: Final = (
-    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self' data: blob:; "
-    "connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'"
-)
-"""WebAssembly is compiled in the worker; some browsers hold it to the policy of the page."""
-
-SOURCE_BUTTON: Final = (
-    '<button type="button" id="connect" title="Where readings come from">'
-    '<svg class="icon" aria-hidden="true"><use href="#i-send"/></svg><span>Source</span></button>\n      '
-)
-KEPT: Final = (
-    '<p class="faint kept">For a report: save the readings, and use <code>flinders report</code>.</p>\n        '
-)
-HELP: Final = (
-    "Nothing leaves this browser: readings of a board stay in it until you start again, also when the page is loaded "
-    "again. Reports and binary logs need the program: <code>pip install flinders</code>."
-)
-
-
-def _hidden(name: str) -> tuple[str, str]:
-    """Hide an element that the page has nothing for."""
-    return f'id="{name}"', f'id="{name}" hidden'
-
-
-EDITS: Final = (
-    (
-        '<meta charset="utf-8">',
-        f'<meta charset="utf-8">\n  <meta http-equiv="Content-Security-Policy" content="{CSP}">',
-    ),
-    ("static/live.js", "static/standalone.js"),
-    (
-        '<link rel="stylesheet" href="static/page.css">',
-        '<link rel="stylesheet" href="static/page.css">\n  <link rel="stylesheet" href="static/standalone.css">',
-    ),
-    ('<button type="button" id="open"', f'{SOURCE_BUTTON}<button type="button" id="open"'),
-    ('<main class="board">', '<main class="board">\n    {start}'),
-    *map(_hidden, ("open", "save-report")),
-    ('<p class="faint kept" id="kept">', f'{KEPT}<p class="faint kept" id="kept">'),
-    ("Everything that arrives is recorded on the computer that runs Flinders; closing this page loses nothing.", HELP),
-    (
-        "The readings so far leave this page. The file they were recorded to stays.",
-        "The readings so far are deleted from this browser. To keep them, press Finish and Readings first.",
-    ),
-    (
-        "This page draws what the server measures, and needs JavaScript for it. Nothing leaves this computer.",
-        "This page calibrates in your browser, and needs JavaScript for it. Nothing leaves this computer.",
-    ),
-)
-"""What stands once in the live page, and what stands here in its place."""
-
-
-def index_page() -> str:
-    """The page as HTML."""
-    text = asset("index.html")
-    for old, new in EDITS:
-        if text.count(old) != 1:
-            raise ValueError(f"index.html has {old!r} {text.count(old)} times: need it once")
-        text = text.replace(old, new.replace("{start}", asset("standalone/start.html").rstrip()))
-    return text

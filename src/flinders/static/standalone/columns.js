@@ -1,0 +1,88 @@
+/** Somebody says which columns of a table are the magnetometer's, where its names do not tell. */
+
+import { byId, element, setText } from "../dom.js";
+import { sentence } from "../views/words.js";
+
+/** @typedef {import("./tables.js").Asked} Asked */
+/** @typedef {import("./tables.js").Choice} Choice */
+
+const PANEL = `
+  <dialog id="columns-panel" class="sheet small" aria-labelledby="columns-title">
+    <div class="head"><h2 id="columns-title">Which columns are the magnetometer?</h2></div>
+    <form id="columns-form" method="dialog">
+      <p class="faint" id="columns-words"></p>
+      <div class="scrolls" tabindex="0" role="region" aria-label="First rows"><table class="parameters" id="columns-rows"></table></div>
+      <p class="actions"><label>x <select id="columns-x" required autofocus></select></label> <label>y <select id="columns-y" required></select></label>
+        <label>z <select id="columns-z" required></select></label> <label>in <select id="columns-unit"></select></label></p>
+      <div class="actions end"><button type="button" class="shut">Cancel</button><button value="read" class="primary">Read these columns</button></div>
+    </form>
+  </dialog>`;
+const AXES = ["x", "y", "z"];
+const UNITS = { "": "as named, or counts", uT: "µT" };
+
+export class ColumnDialog {
+    /** @param {readonly string[]} units */
+    constructor(units) {
+        document.body.insertAdjacentHTML("beforeend", PANEL);
+        this.dialog = byId("columns-panel", HTMLDialogElement);
+        this.table = byId("columns-rows", HTMLTableElement);
+        this.axes = AXES.map((axis) => byId(`columns-${axis}`, HTMLSelectElement));
+        this.unit = byId("columns-unit", HTMLSelectElement);
+        this.unit.replaceChildren(...["", ...units].map((unit) => option(unit, UNITS[/** @type {keyof typeof UNITS} */ (unit)] ?? unit)));
+        this.axes[0].addEventListener("change", () => this.follow());
+        for (const select of this.axes) select.addEventListener("change", () => this.mark());
+    }
+
+    /**
+     * Show the first rows, and let somebody choose.
+     * @param {Asked} asked
+     * @param {string} words Why they are asked.
+     * @returns {Promise<Choice | null>} Null where they do not say.
+     */
+    ask({ names, rows }, words) {
+        setText(byId("columns-words", HTMLElement), `${sentence(words)} These are the first rows.`);
+        this.table.replaceChildren(rowOf("th", names), ...rows.map((cells) => rowOf("td", cells)));
+        const all = names.map((name, place) => option(`${place}`, name === `${place + 1}` ? `column ${name}` : `${place + 1}: ${name}`));
+        for (const select of this.axes) select.replaceChildren(option("", "choose …"), ...all.map((each) => each.cloneNode(true)));
+        this.unit.value = "";
+        this.mark();
+        this.dialog.returnValue = "";
+        this.dialog.showModal();
+        return new Promise((done) => this.dialog.addEventListener("close", () => done(this.dialog.returnValue ? this.choice : null), { once: true }));
+    }
+
+    get choice() {
+        return { field: this.axes.map(({ value }) => Number(value)), unit: this.unit.value };
+    }
+
+    /** Take the columns behind that of x for y and z. */
+    follow() {
+        const [x, ...others] = this.axes;
+        others.forEach((select, i) => (select.selectedIndex = x.selectedIndex + i + 1 < x.length ? x.selectedIndex + i + 1 : 0));
+    }
+
+    /** Mark the columns that are chosen, and see that they are three. */
+    mark() {
+        const chosen = this.axes.map(({ value }) => value);
+        for (const row of this.table.rows) {
+            [...row.cells].forEach((cell, place) => (cell.dataset.axis = AXES[chosen.indexOf(`${place}`)] ?? ""));
+        }
+        const isTwice = chosen.some((value, i) => value && chosen.indexOf(value) < i);
+        this.axes[2].setCustomValidity(isTwice ? "x, y and z are three different columns" : "");
+    }
+}
+
+/** @param {string} kind @param {readonly string[]} cells */
+function rowOf(kind, cells) {
+    return element("tr", cells.map((cell) => element(kind, cell.trim())));
+}
+
+/**
+ * @param {string} value
+ * @param {string} words
+ */
+function option(value, words) {
+    const made = element("option", words);
+    made.setAttribute("value", value);
+    return made;
+}

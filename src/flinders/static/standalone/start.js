@@ -1,0 +1,67 @@
+/** The first view of the page that needs no program: the choice of a source, in place of the board. */
+
+import { adopt, byId } from "../dom.js";
+
+const PANEL = `
+    <section class="start" id="start" aria-labelledby="start-title" hidden>
+      <div class="head"><h2 id="start-title">Calibrate a magnetometer</h2>
+        <button type="button" id="start-close" class="square quiet" aria-label="Close" hidden><svg class="icon" aria-hidden="true"><use href="#i-close"/></svg></button></div>
+      <p class="lead">Turn the sensor through all directions, watch the heading error fall, and take the calibration with you. It is computed in this browser, and nothing is sent anywhere.</p>
+      <p class="answer" id="start-answer" role="alert"></p>
+      <div class="choices">
+        <section class="panel" aria-labelledby="start-board">
+          <h3 id="start-board">A board</h3>
+          <p>It prints its magnetometer over USB, in about any form.</p>
+          <p class="row"><button type="button" id="use-board" class="primary">Connect a board</button>
+            <label class="baud"><span class="faint">baud</span>
+              <select id="baud"><option>9600</option><option>19200</option><option>38400</option><option>57600</option><option selected>115200</option><option>230400</option><option>250000</option><option>460800</option><option>500000</option><option>921600</option><option>1000000</option><option>2000000</option></select></label></p>
+        </section>
+        <section class="panel" aria-labelledby="start-log">
+          <h3 id="start-log">A log</h3>
+          <p>A table, or what a board printed: drop the file anywhere on this page, or paste the text.</p>
+          <p class="row"><button type="button" id="use-log">Choose a file…</button>
+            <textarea id="paste" rows="1" aria-label="Text of a log" placeholder="or paste it here" spellcheck="false"></textarea></p>
+        </section>
+        <section class="panel" aria-labelledby="start-phone">
+          <h3 id="start-phone">This phone</h3>
+          <p>Its own magnetometer, where the browser lets pages read it.</p>
+          <p class="row"><button type="button" id="use-phone">Use its sensor</button></p>
+        </section>
+        <section class="panel" aria-labelledby="start-simulation">
+          <h3 id="start-simulation">Nothing at hand</h3>
+          <p>A simulated sensor in a hand shows how it goes.</p>
+          <p class="row"><button type="button" id="use-simulation">Simulate a sensor</button></p>
+        </section>
+      </div>
+    </section>`;
+
+const BUTTON = `
+    <button type="button" id="connect" title="Where readings come from"><svg class="icon" aria-hidden="true"><use href="#i-send"/></svg><span>Source</span></button>`;
+
+const CSS = `
+[data-start] :is(.board > :not(.start), .source, #open, #pause, #clear, #finish) { display: none; }
+[data-start] .bar { justify-content: space-between; }
+[data-start] .board { display: block; min-height: calc(100cqb - 4rem); }
+.start { width: 100%; max-width: 56rem; margin-inline: auto; padding: clamp(0.5rem, 8vh, 6rem) 0.25rem 2rem; display: grid; gap: 1rem; }
+.start h2 { font-size: 1.75rem; line-height: 1.2; color: var(--ink); letter-spacing: -0.01em; white-space: normal; text-wrap: balance; }
+.start .lead { font-size: 1.0625rem; color: var(--faint); text-wrap: pretty; }
+.choices { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(20rem, 100%), 1fr)); gap: 0.75rem; }
+.choices section { gap: 0.5rem; padding: 1rem 1.25rem 1.25rem; }
+.choices h3 { margin: 0; font-size: 1.125rem; color: var(--ink); }
+.choices p { color: var(--faint); text-wrap: pretty; }
+.choices .row { display: flex; flex-wrap: wrap; align-items: center; gap: 0.5rem 1rem; margin-top: auto; padding-top: 0.5rem; }
+.choices button { color: var(--ink); min-height: 2.75rem; padding-inline: 1rem; font-size: 1rem; }
+.choices button.primary { color: var(--accent-ink); }
+.baud { display: inline-flex; align-items: center; gap: 0.375rem; font-size: 0.875rem; }
+.choices textarea { flex: 1; min-width: 8rem; height: 2.75rem; padding: 0.625rem 0.75rem; border: 1px solid var(--strong-line); border-radius: 0.5rem; background: var(--panel); color: var(--ink); font: inherit; font-size: 0.9375rem; line-height: 1.4; resize: none; white-space: nowrap; overflow: hidden; }
+.choices textarea::placeholder { color: var(--faint); opacity: 1; }
+.start .answer { margin: 0; font-size: 1rem; font-weight: 550; }
+.start .answer:empty { display: none; }`;
+
+/** Put the choice onto the page, which is then one that runs alone. */
+export function layChoice() {
+    document.documentElement.toggleAttribute("data-alone", true);
+    adopt(CSS);
+    document.querySelector(".board")?.insertAdjacentHTML("afterbegin", PANEL);
+    byId("open", HTMLElement).insertAdjacentHTML("beforebegin", BUTTON);
+}
