@@ -17,6 +17,8 @@ from tests.page_session import PageSession, codes, frame_of_buffer, log_of, warn
 from tests.trials import daily
 
 from flinders import simulate
+from flinders.apps.live.buffer import ReadingBuffer, rows_of
+from flinders.apps.live.session_file import load
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
