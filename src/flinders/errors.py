@@ -62,7 +62,7 @@ raise becomes one of these errors in `needs` and `reading`.
 [1, 2]
 >>> needs("no_such_package", "px4", "a PX4 ULog")
 Traceback (most recent call last):
-flinders.errors.MissingExtra: a PX4 ULog needs no_such_package, which is not installed: pip install 'flinders[px4]'
+flinders.errors.MissingExtra: a PX4 ULog needs no_such_package, which is not installed: pip install 'flinders[px4]' ...
 """
 
 from __future__ import annotations
@@ -267,7 +267,8 @@ class MissingExtra(InputError):
     def __init__(self, package: str, extra: str, what: str) -> None:
         self.package, self.extra = package, extra
         super().__init__(
-            f"{what} needs {package}, which is not installed: pip install 'flinders[{extra}]'",
+            f"{what} needs {package}, which is not installed: pip install 'flinders[{extra}]' "
+            f"(in a checkout: uv sync --extra {extra})",
             package=package,
             extra=extra,
         )

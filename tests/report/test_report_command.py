@@ -220,7 +220,10 @@ def test_plot_without_matplotlib_names_what_to_install(monkeypatch: pytest.Monke
     done = run("plot", "calibration.json", "tumble.csv", "-o", "a.svg")
     assert (done.exit_code, done.stderr) == (
         5,
-        "error: drawing figures needs matplotlib, which is not installed: pip install 'flinders[plot]'\n",
+        (
+            "error: drawing figures needs matplotlib, which is not installed: pip install 'flinders[plot]' "
+            "(in a checkout: uv sync --extra plot)\n"
+        ),
     )
 
 

@@ -17,7 +17,7 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import load, stated_site
 from flinders.cli._output import print_json, say
-from flinders.errors import FlindersError, OutputError, UsageError
+from flinders.errors import FlindersError, OutputError, UsageError, needs
 
 if TYPE_CHECKING:
     from typing import TextIO
@@ -210,6 +210,8 @@ def command(options: Live) -> None:
     """
     _refuse_unnamed(click.get_current_context().args)
     options.check()
+    for package in ("starlette", "uvicorn", "websockets", "segno"):
+        needs(package, "live", "the live page")
     sys.setswitchinterval(SWITCH_S)
     import msgspec
 
