@@ -28,13 +28,16 @@ USES: Final = {
     "classic": "assert len(flinders.compare_methods(tumble).entries) > 10",
     "fleet": "assert flinders.fit_many({'A17': tumble}).verdict.tolist() == ['good']",
     "live": "session = flinders.Session(); session.add(tumble.field); assert session.fit.verdict == 'good'",
-    "marine": "from flinders.apps.marine.deviation import fit; fit(range(0, 360, 45), [1, 2, 1, 0, -1, -2, -1, 0])",
+    "marine": (
+        "columns = dict.fromkeys(('compass', 'magnetic'), 45.0 * numpy.arange(8)); "
+        "assert flinders.swing(flinders.marine.SwingTable('', columns, ())).verdict == 'good'"
+    ),
     "survey": "assert flinders.fit_survey(flinders.survey.survey_shots(seed=3, shots=24).shots).verdict",
     "vehicles": "assert 'COMPASS_OFS_X' in fit.calibration.export('ardupilot').text",
 }
 """What a user of each package does first."""
 LIBRARY: Final = """
-import pkgutil, importlib, flinders
+import pkgutil, importlib, numpy, flinders
 for module in pkgutil.walk_packages(flinders.__path__, "flinders."):
     if not module.name.endswith("__main__"):
         importlib.import_module(module.name)
