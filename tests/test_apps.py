@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -83,6 +84,14 @@ def test_what_is_left_works(gone: tuple[str, ...], library: Path, tmp_path: Path
     finally:
         for app in gone:
             (tmp_path / app).rename(packages / app)
+
+
+@pytest.mark.parametrize("app", apps())
+def test_no_module_hides_a_public_name(app: str) -> None:
+    """An imported module is an attribute of its package, and would stand where a function of its name is."""
+    public = getattr(import_module(f"flinders.apps.{app}"), "PUBLIC", {})
+    hidden = {path.stem for path in (SOURCE / "apps" / app).iterdir()} & public.keys()
+    assert hidden == {name for name, module in public.items() if name == module}
 
 
 def test_only_tables_import_modules_by_name() -> None:

@@ -15,11 +15,9 @@ from flinders.apps.survey.simulate_shots import survey_shots
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
 
-pytestmark = pytest.mark.usefixtures("page_of_80_columns")
-
 
 @pytest.fixture(autouse=True)
-def shots() -> None:
+def shots(page_of_80_columns: None) -> None:
     """Shots of a DistoX as TopoDroid exports them, one of them beside an iron door."""
     simulated = in_counts(survey_shots(3, shots=24).shots)
     simulated.magnetic[13] += np.array([900.0, -700.0, 500.0])

@@ -10,11 +10,9 @@ from tests.golden.sessions import assert_sessions_are_real, session
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
 
-pytestmark = pytest.mark.usefixtures("page_of_80_columns")
-
 
 @pytest.fixture(autouse=True)
-def flights() -> None:
+def flights(page_of_80_columns: None) -> None:
     """A calibration flight of an aircraft, and one on other headings."""
     session("flinders simulate aircraft -o box.csv")
     session("flinders simulate aircraft -o lines.csv --headings 45,225 --seed 2")
