@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.apps.survey.simulate_aircraft import Aircraft, calibration_flight, fluxgate
-from flinders.apps.survey.tolles_lawson import NO_RIDGE, Equations, fitted
+from flinders.apps.survey.tolles_lawson_fit import NO_RIDGE, Equations, fitted
 from flinders.apps.survey.tolles_lawson_terms import Signal
 from flinders.simulate import Sensor
 

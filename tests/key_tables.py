@@ -63,10 +63,10 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
     },
     "Coefficients of Tolles and Lawson": {
         "file, `tolles-lawson --json`": (
-            "apps.survey.aeromagnetic:CoefficientFile apps.survey.tolles_lawson:TollesLawson"
+            "apps.survey.aeromagnetic:CoefficientFile apps.survey.tolles_lawson_fit:TollesLawson"
         ),
         "`coefficients`, by name": "apps.survey.aeromagnetic:Coefficient",
-        "with `--coefficients`": "apps.survey.tolles_lawson:Compensated",
+        "with `--coefficients`": "apps.survey.tolles_lawson_fit:Compensated",
     },
     "Tables of a fleet": {
         "columns of `fleet --out`": "apps.fleet.results:UnitResult",
@@ -120,7 +120,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`heading --json`, besides": "workflows.heading_stream:HeadingSummary",
         "`site`": "core.geomag:SiteField",
         "`--filter`: `filter`": "workflows.correction:Smoother",
-        "`swing --json`": "apps.marine.swing:Swing",
+        "`swing --json`": "apps.marine.swing_result:Swing",
         "`deviation`": "apps.marine.deviation:Deviation",
         "`calibration`": "apps.marine.deviation:Expected",
         "`conformity`": "apps.marine.deviation:Conformity",

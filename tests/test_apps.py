@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -29,14 +30,15 @@ USES: Final = {
     "fleet": "assert flinders.fit_many({'A17': tumble}).verdict.tolist() == ['good']",
     "live": "assert flinders.Session(unit='uT').add(tumble.field, time=tumble.time).verdict == 'good'",
     "marine": (
-        "from flinders.apps.marine import deviation; deviation.fit(range(0, 360, 45), [1, 2, 1, 0, -1, -2, -1, 0])"
+        "columns = dict.fromkeys(('compass', 'magnetic'), 45.0 * numpy.arange(8)); "
+        "assert flinders.swing(flinders.marine.SwingTable('', columns, ())).verdict == 'good'"
     ),
     "survey": "assert flinders.fit_survey(flinders.survey.survey_shots(seed=3, shots=24).shots).verdict",
     "vehicles": "assert 'COMPASS_OFS_X' in flinders.export(fit, 'ardupilot').text",
 }
 """What a user of each package does first."""
 LIBRARY: Final = """
-import pkgutil, importlib, flinders
+import pkgutil, importlib, numpy, flinders
 for module in pkgutil.walk_packages(flinders.__path__, "flinders."):
     if not module.name.endswith("__main__"):
         importlib.import_module(module.name)
@@ -82,6 +84,14 @@ def test_what_is_left_works(gone: tuple[str, ...], library: Path, tmp_path: Path
     finally:
         for app in gone:
             (tmp_path / app).rename(packages / app)
+
+
+@pytest.mark.parametrize("app", apps())
+def test_no_module_hides_a_public_name(app: str) -> None:
+    """An imported module is an attribute of its package, and would stand where a function of its name is."""
+    public = getattr(import_module(f"flinders.apps.{app}"), "PUBLIC", {})
+    hidden = {path.stem for path in (SOURCE / "apps" / app).iterdir()} & public.keys()
+    assert hidden == {name for name, module in public.items() if name == module}
 
 
 def test_only_tables_import_modules_by_name() -> None:

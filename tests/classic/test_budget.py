@@ -4,13 +4,26 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from flinders.apps.classic.budget import EXAMPLES, UNITS, Heading, Magnet, Pair, UnitValue, Wire, magnet_moment, parse
+from flinders.apps.classic.budget import (
+    EXAMPLES,
+    QUANTITIES,
+    UNITS,
+    Heading,
+    Magnet,
+    Pair,
+    UnitValue,
+    Wire,
+    magnet_moment,
+    parse,
+)
+from flinders.apps.classic.budget_relations import Relation, stray_budget
 from flinders.cli import main
 from flinders.errors import UnitError, UsageError
 
@@ -177,6 +190,45 @@ def test_a_decimal_comma_is_told_how_to_be_written() -> None:
 def test_what_cannot_be_solved_says_why(solve: Any, known: dict[str, Any], message: str) -> None:  # noqa: ANN401
     with pytest.raises(UsageError, match=message):
         solve(**known)
+
+
+# the use case
+
+
+def test_each_relation_is_solved_for_any_quantity_that_is_left_out() -> None:
+    """What a source makes at a distance is found at that distance again."""
+    made: dict[Relation, dict[str, str]] = {
+        "wire": {"current": "0.2A", "distance": "1cm"},
+        "pair": {"current": "10A", "separation": "5mm", "distance": "10cm"},
+        "magnet": {"moment": "0.24Am2", "distance": "30cm"},
+    }
+    for relation, given in made.items():
+        stray = f"{stray_budget(relation, given).known['stray']!r}uT"
+        for name, text in given.items():
+            others = {key: value for key, value in given.items() if key != name}
+            found = stray_budget(relation, {**others, "stray": stray}).known[name]
+            assert found == pytest.approx(UnitValue.of(QUANTITIES[name][0], text).value, rel=1e-6), (relation, name)
+
+
+def test_a_magnet_may_be_given_by_its_remanence_and_the_sensor_be_off_its_side() -> None:
+    given = {"remanence": "1.3T", "volume": "0.236cm3", "distance": "30cm"}
+    axial, side = (stray_budget("magnet", given, side=side).known["stray"] for side in (False, True))
+    assert axial == pytest.approx(2.0 * side)
+
+
+@pytest.mark.parametrize(
+    ("relation", "given", "message"),
+    [
+        ("heading", {"field": "20uT"}, "need exactly two of field, stray and error"),
+        ("heading", {"field": "20uT", "current": "1A"}, "current of a heading: need field, stray, error"),
+        ("wire", {"current": "1A"}, "too little is given"),
+        ("wire", {"current": "3uT", "distance": "1cm"}, "current '3uT': unit 'uT' is not known here"),
+        ("cable", {}, "no relation 'cable': need one of heading, wire, pair, magnet"),
+    ],
+)
+def test_quantities_that_make_no_relation_are_named(relation: Relation, given: dict[str, str], message: str) -> None:
+    with pytest.raises(UsageError, match=re.escape(message)):
+        stray_budget(relation, given)
 
 
 # the command

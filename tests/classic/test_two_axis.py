@@ -18,6 +18,7 @@ from tests.worlds import judged, method_with
 
 import flinders
 from flinders import simulate
+from flinders.apps import classic
 from flinders.apps.classic import composition
 from flinders.apps.classic.cli import two_axis as cli_two_axis
 from flinders.apps.classic.composition import refuse_unloaded, rotation_error, turns_of
@@ -25,10 +26,10 @@ from flinders.apps.classic.simulate_two_axis import TwoAxis, swing
 from flinders.apps.classic.turn_drawing import turn_drawing
 from flinders.apps.classic.two_axis_recipe import TwoAxisRecipe
 from flinders.cli import main
-from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, StuckAxis, TooFewSamples, UsageError
+from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, StuckAxis, TooFewSamples, UnitError, UsageError
 from flinders.estimators import Readings
 from flinders.estimators.ellipse import Ellipse
-from flinders.fitting.result import Fit
+from flinders.fitting.result import Fit, Refused
 from flinders.geometry.plane import PLANES, PlaneEllipse, Spacing, Turn, order_of, root
 from flinders.heading.error_propagation import level_turn
 from flinders.summary.summary import Summary
@@ -567,6 +568,70 @@ def test_a_sensor_that_was_calibrated_all_round_may_be_put_into_a_vehicle() -> N
     assert found.heading_error_deg == fit.heading_error_deg
     corrected = found.calibration.apply(bench.calibration.unapply(points))
     npt.assert_allclose(corrected[:, :2].mean(axis=0), 0.0, atol=0.2)
+
+
+# The use case.
+
+
+def test_a_turn_gives_the_compass_it_was_made_with() -> None:
+    found = classic.two_axis(read(np.arange(0.0, 360.0, 10.0)))
+    assert (found.fit.method, found.fit.verdict, found.composed, found.notes) == ("two-axis xy", "limited", None, ())
+    assert np.abs(off_deg(found.fit.calibration)).max() < 2.0 * found.fit.heading_error_deg.worst
+    assert found.as_dict()["turn"]["is_mean_trusted"]
+
+
+def test_where_the_mean_is_off_least_squares_is_taken_unless_the_mean_was_asked_for() -> None:
+    arc = read(np.arange(0.0, 270.0, 10.0))
+    found = classic.two_axis(arc)
+    assert (found.fit.method, [note.code for note in found.notes]) == ("ellipse xy", ["mean-off"])
+    assert np.abs(off_deg(found.fit.calibration)).max() < 2.0 * found.fit.heading_error_deg.worst
+    with pytest.raises(Refused):
+        classic.two_axis(arc, method="two-axis")
+
+
+def test_three_planes_one_after_the_other_compose() -> None:
+    sensor, loaded = iron(2, 0.1), None
+    for plane in PLANES:
+        raw = sensor.read(50.0 * sweep(plane, 60.0), np.random.default_rng(0))
+        turned = raw if loaded is None else loaded.calibration.apply(raw)
+        found = classic.two_axis(flinders.Samples.of(turned, unit="uT"), loaded, plane=plane)
+        loaded = found.composed or found.fit
+    wanted, _ = swept(sensor)
+    assert loaded is not None
+    assert turns_of(loaded) == PLANES
+    npt.assert_allclose(loaded.calibration.matrix, wanted.matrix, atol=1e-7)
+    npt.assert_allclose(loaded.calibration.offset, wanted.offset, atol=1e-6)
+
+
+def test_a_field_that_contradicts_what_was_loaded_is_refused() -> None:
+    field = read(np.arange(0.0, 360.0, 10.0))
+    first = classic.two_axis(flinders.Samples.of(field, unit="uT"), dip_deg=60.0).fit
+    turn = classic.read_turn(first.calibration.apply(field), first)
+    with pytest.raises(UsageError, match=r"given as 50°, and .* made for 60°.* \(dip_deg=\)"):
+        turn.fit(dip_deg=50.0)
+    with pytest.raises(UsageError, match=r"has set how long .* \(field_strength=\)"):
+        turn.fit(field_strength=40.0)
+    with pytest.raises(UnitError, match="is in counts"):
+        classic.two_axis(flinders.Samples.of(field, unit="counts"), first)
+    assert turn.fit().composed is not None
+
+
+def test_a_turn_in_another_plane_is_noted_before_it_is_refused() -> None:
+    turn = classic.read_turn(sweep("yz", 60.0) * 50.0 + 0.1 * np.random.default_rng(1).normal(size=(36, 3)))
+    assert [str(note) for note in turn.notes] == [
+        "the readings go round about x: this looks like a turn in the plane yz, not xy"
+    ]
+    with pytest.raises(FitError):
+        turn.fit()
+    assert classic.read_turn(read(np.arange(0.0, 360.0, 10.0))).notes == ()
+
+
+def test_a_method_or_plane_that_there_is_not_is_named() -> None:
+    field = read(np.arange(0.0, 360.0, 10.0))
+    with pytest.raises(UsageError, match=r"no method 'elipse' .* \(did you mean 'ellipse'\?\)"):
+        classic.two_axis(field, method="elipse")  # type: ignore[arg-type]
+    with pytest.raises(UsageError):
+        classic.two_axis(field, plane="xz")  # type: ignore[arg-type]
 
 
 # The command.

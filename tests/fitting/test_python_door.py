@@ -222,7 +222,7 @@ def test_rows_of_a_fleet_are_a_table_of_arrow(samples: Samples) -> None:
 
 def test_no_message_of_the_library_names_an_option() -> None:
     """Options are words of the command line, which puts them in the place of keywords by itself."""
-    rooms = {"cli", "live", "report", "findings"}
+    rooms = {"cli", "live", "links", "vehicles", "report", "findings"}
     named = [
         (path.name, part.value)
         for path in SOURCE.rglob("*.py")

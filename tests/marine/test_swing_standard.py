@@ -18,8 +18,10 @@ from flinders.apps.marine.certificate import certificate
 from flinders.apps.marine.compensation import compensation
 from flinders.apps.marine.deviation import common_error, conformity, fit
 from flinders.apps.marine.standards import STANDARDS
+from flinders.apps.marine.swing_notes import COMPENSATE, READ_BETTER
 from flinders.apps.marine.swing_pages import of_swing
-from flinders.apps.marine.swing_words import COMPENSATE, READ_BETTER, SwingAccount
+from flinders.apps.marine.swing_result import Swing
+from flinders.apps.marine.swing_words import SwingAccount
 from flinders.errors import FitError
 from flinders.heading.harmonics import design
 from flinders.heading.stationary import Rest, half_turns
@@ -192,15 +194,14 @@ def account(name: str) -> SwingAccount:
     curve = fit(compass, deviation)
     sigma = np.full(len(compass), np.nan if curve.sigma_deg is None else curve.sigma_deg).tolist()
     rests = [Rest(place, place + 1, heading, sigma[place], 0.1) for place, heading in enumerate(compass.tolist())]
-    return SwingAccount(
+    swing = Swing(
         curve,
-        target_deg=1.0,
-        step_deg=30.0,
         halves=half_turns(rests, (compass + deviation).tolist()),
         rule=STANDARDS["solas"],
         conformity=None if limit is None else conformity(curve, limit),
         before=compensation(np.arange(0.0, 360.0, 90.0), [2.0, -1.5, 1.0, 0.25]),
     )
+    return SwingAccount(swing, step_deg=30.0)
 
 
 def flat(text: str) -> str:
@@ -218,16 +219,17 @@ def on_terminal(swing: SwingAccount) -> str:
 @pytest.mark.parametrize("name", SWINGS)
 def test_a_certificate_says_what_the_terminal_says(name: str) -> None:
     """Each verdict with its words, what limits it, each coefficient and each line of the card, once."""
-    swing = account(name)
-    assert swing.deviation is not None
-    pages = on_terminal(swing), flat(certificate(swing))
-    said = [one.words for one in swing.statements]
-    said += [words for one in swing.statements for _, words in one.notes] + swing.rule_notes
+    said_of = account(name)
+    deviation = said_of.swing.deviation
+    assert deviation is not None
+    pages = on_terminal(said_of), flat(certificate(said_of))
+    said = [one.words for one in said_of.statements]
+    said += [words for one in said_of.statements for _, words in one.notes] + said_of.rule_notes
     for words in map(str.casefold, said):
         assert [page.count(words.replace("−", "-")) for page in pages] == [1, 1], words
-    cells = [cell for column in swing.coefficients(swing.deviation).values() for cell in column]
-    cells += [cell for row in swing.card(swing.deviation) for cell in (row.heading, row.deviation, row.sigma)]
-    for cell in (*(one.title for one in swing.statements), *cells):
+    cells = [cell for column in said_of.coefficients(deviation).values() for cell in column]
+    cells += [cell for row in said_of.card(deviation) for cell in (row.heading, row.deviation, row.sigma)]
+    for cell in (*(one.title for one in said_of.statements), *cells):
         assert all(cell.casefold().strip() in page for page in pages), cell
     for advice in (READ_BETTER, COMPENSATE):
         assert all(page.count(advice) <= 1 for page in pages), advice

@@ -14,6 +14,7 @@ import pytest
 from tests.program import flinders_
 
 import flinders
+from flinders.apps import survey
 from flinders.apps.survey.calibration import SurveyFit, check_shots, fit_survey
 from flinders.apps.survey.instrument import PROCEDURE, Shots, SurveyCalibration, pointing_angles
 from flinders.apps.survey.pointing_error import AZIMUTHS_DEG, INCLINATIONS_DEG, curved, posed
@@ -370,6 +371,21 @@ def test_a_missing_file_and_standard_input_are_refused(tmp_path: Path) -> None:
         flinders.read_shots(tmp_path / "none.csv")
     with pytest.raises(UsageError, match="name a file"):
         flinders.read_shots("-")
+
+
+def test_a_calibration_in_each_of_its_formats_is_held_against_shots(tmp_path: Path) -> None:
+    """A calibration file and coefficients of a DistoX: the same shots are as far from their means."""
+    fit = fit_survey(in_counts(simulated().shots))
+    (tmp_path / "distox.bin").write_bytes(distox_coefficients(fit.calibration))
+    fit.save(tmp_path / "calibration.json")
+    shots = tmp_path / "shots.csv"
+    shots.write_text(topodroid(in_counts(simulated().shots)), encoding="utf-8")
+    known = survey.check_survey(in_counts(simulated().shots), fit.calibration).rms_deg
+    for name in ("distox.bin", "calibration.json"):
+        assert survey.check_survey(shots, tmp_path / name).rms_deg == pytest.approx(known, abs=0.02), name
+    (tmp_path / "none.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(DocumentError, match=r"none\.json"):
+        survey.load_survey(tmp_path / "none.json")
 
 
 def test_the_command_writes_what_it_checks_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

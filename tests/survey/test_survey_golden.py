@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture(autouse=True)
-def shots() -> None:
+def shots(page_of_80_columns: None) -> None:
     """Shots of a DistoX as TopoDroid exports them, one of them beside an iron door."""
     simulated = in_counts(survey_shots(3, shots=24).shots)
     simulated.magnetic[13] += np.array([900.0, -700.0, 500.0])

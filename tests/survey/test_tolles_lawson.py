@@ -14,9 +14,10 @@ import pytest
 from tests.program import flinders_
 
 import flinders
+from flinders.apps import survey
 from flinders.apps.survey.aeromagnetic import dumps, loads
 from flinders.apps.survey.simulate_aircraft import Aircraft, calibration_flight, fluxgate
-from flinders.apps.survey.tolles_lawson import fitted
+from flinders.apps.survey.tolles_lawson_fit import fitted
 from flinders.apps.survey.tolles_lawson_terms import NAMES, Signal, as_coefficients, cosine_transform, turned
 from flinders.core.axes import Axes
 from flinders.errors import DocumentError, FitError, FlindersError, InputError, StuckAxis, UnitError, UsageError
@@ -63,6 +64,15 @@ def test_another_flight_on_other_headings_is_compensated_as_claimed() -> None:
     after = spread(OTHER, OTHER.interference - FIT.interference(OTHER.samples))
     assert after < 0.1 * before
     assert after < 2.5 * FIT.on_any_heading
+
+
+def test_a_compensated_flight_is_the_field_without_the_aircraft() -> None:
+    """Readings less the true interference, but for a constant, to within what the coefficients claim."""
+    found = survey.compensate_flight(OTHER.samples, survey.tolles_lawson(FLIGHT.samples))
+    off = found.compensated - (found.scalar - OTHER.interference)
+    assert np.std(off) < 3.0 * found.summary.expected
+    assert np.std(found.scalar - found.compensated) > 5.0 * np.std(off)
+    assert found.time_s.shape == found.scalar.shape == found.compensated.shape
 
 
 def test_what_is_left_of_a_recording_is_as_expected() -> None:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture(autouse=True)
-def flights() -> None:
+def flights(page_of_80_columns: None) -> None:
     """A calibration flight of an aircraft, and one on other headings."""
     session("flinders simulate aircraft -o box.csv")
     session("flinders simulate aircraft -o lines.csv --headings 45,225 --seed 2")

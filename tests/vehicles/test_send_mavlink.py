@@ -17,6 +17,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -27,6 +28,7 @@ from tests.waiting import PATIENCE_S, wait_until
 from flinders.apps.vehicles import mavlink
 from flinders.apps.vehicles.mavlink import Vehicle
 from flinders.apps.vehicles.mavlink_parameters import ParameterPlan
+from flinders.apps.vehicles.sending import parameter_plan
 from flinders.apps.vehicles.targets import ardupilot, px4
 from flinders.apps.vehicles.targets.autopilot import parse
 from flinders.cli import main
@@ -35,6 +37,7 @@ from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import ProvenanceRecord, SourceFile, write
 from flinders.core.units import Unit
 from flinders.errors import LinkError, NotConfirmed, NotExportable, NotSent, UsageError
+from flinders.fitting.result import Fit
 from flinders.links.transports import Udp
 from flinders.targets._mounting import euler
 
@@ -250,6 +253,24 @@ def test_px4_device_ids_travel_byte_by_byte() -> None:
     np.testing.assert_array_equal(held.matrix, wanted.matrix)
     np.testing.assert_array_equal(held.offset, wanted.offset)
     assert plan.backup().splitlines()[1] == f"1\t1\tCAL_MAG1_XOFF\t{np.float32(0.1):.9g}\t9"
+
+
+def test_a_plan_is_for_the_compass_whose_log_the_fit_was_made_from() -> None:
+    file = SourceFile(
+        name="log.bin", sha256="0" * 64, bytes=1, rows=1, autopilot="ardupilot", compass=2, device_id=DEVICE + 1
+    )
+
+    def made_from(*files: SourceFile) -> Fit:
+        record = ProvenanceRecord(flinders="1", date=datetime(2026, 3, 1, tzinfo=UTC), files=files)
+        return Fit.from_document(found(frame="vehicle").to_document(provenance=record))
+
+    both = made_from(file, msgspec.structs.replace(file, compass=1, device_id=DEVICE))
+    with vehicle() as (_, seen):
+        plan = parameter_plan(seen, made_from(file))
+        assert (plan.compass, plan.device_id) == (2, DEVICE + 1)
+        with pytest.raises(UsageError, match=r"say which one it is for.*\(device_id=\)"):
+            parameter_plan(seen, both)
+        assert parameter_plan(seen, both, device_id=DEVICE).compass == 1
 
 
 def test_the_other_scheme_of_names_and_mavlink_1_work() -> None:

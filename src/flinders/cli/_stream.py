@@ -10,7 +10,6 @@ from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from flinders.cli._options import Accelerometer, Place
-    from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
     from flinders.workflows.heading_stream import HeadingStream
 
@@ -36,14 +35,18 @@ def open_log(
     """
     from flinders.core.axes import Axes
     from flinders.core.geomag import recorded_field
+    from flinders.readers import open_recording
     from flinders.workflows.heading_stream import HeadingStream
-    from flinders.workflows.recordings import open_with
+    from flinders.workflows.recordings import open_with, uncalibrated
 
     _refuse_contradictions(place, accelerometer, formula, declination_deg)
     Axes.of(accelerometer.acceleration_axes)
     if place.place is not None and place.date is not None:
         site_of(place.place, place.date)  # what is wrong with them is said before anything is read
-    fit = _as_it_is(recording, **reading) if calibration is None else in_use(command, calibration, [recording], fixed)
+    if calibration is None:
+        fit = uncalibrated(open_recording(recording, **reading))
+    else:
+        fit = in_use(command, calibration, [recording], fixed)
     refuse_calibrations([recording])
     opened = open_with(fit, recording, once=True, **reading)
     site = None if place.place is None else site_of(place.place, place.date, opened)
@@ -67,20 +70,6 @@ def open_log(
         gains = "" if stream.compass.acceleration_matrix is None else ", and its gains and angles between its axes"
         say(f"{bias_words(bias)}, by {calibration}: removed{gains}")
     return stream
-
-
-def _as_it_is(recording: str, **reading: Any) -> Fit:
-    """A calibration that changes nothing, for a recording as it is."""
-    import numpy as np
-
-    from flinders.core.calibration import Calibration
-    from flinders.fitting.result import Fit
-    from flinders.readers import open_recording
-
-    opened = open_recording(recording, **reading)
-    length = float(np.median(np.linalg.norm(next(iter(opened.blocks())).field, axis=1)))
-    calibration = Calibration.identity(field_strength=length, raw=opened.unit, axes=opened.axes)
-    return Fit.of(calibration, name="no calibration")
 
 
 def _refuse_contradictions(

@@ -10,13 +10,13 @@ each degree of tilt turns a level heading by up to 1.7°
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
 from flinders.errors import in_python
 from flinders.readers._likeness import looks_like
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from flinders.errors import Spelling
 
@@ -70,9 +70,12 @@ ARGUMENTS: Final = ("level", "dip_deg", "axes", "site", "acceleration_axes")
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Something to know about readings, their calibration or headings."""
+    """Something to know about readings, their calibration or headings; a subclass has sentences of its own."""
 
-    code: str  #: stable name: ``looks-like``, or one of `SENTENCES`
+    sentences: ClassVar[Mapping[str, str]] = SENTENCES
+    arguments: ClassVar[tuple[str, ...]] = ARGUMENTS
+
+    code: str  #: stable name: ``looks-like``, or one of `sentences`
     severity: Literal["limits", "note"] = "note"  #: ``limits``: they hold with limits; ``note``: good to know
     values: Mapping[str, Any] = field(default_factory=dict)  #: numbers and names that the sentence takes
 
@@ -80,10 +83,10 @@ class Note:
         """The sentence, with arguments as an interface spells them."""
         if self.code == "looks-like":
             return looks_like(self.values["what"], spell({"columns": self.values["columns"]}))
-        names = {name: spell({name: None}).rstrip("=") for name in ARGUMENTS}
+        names = {name: spell({name: None}).rstrip("=") for name in self.arguments}
         if self.code == "dip-upward":
             names["turn"] = _turn(self.values["axes_needed"], names["acceleration_axes"])
-        return SENTENCES[self.code].format_map({**names, **self.values})
+        return self.sentences[self.code].format_map({**names, **self.values})
 
     def __str__(self) -> str:
         return self.words()
@@ -94,6 +97,6 @@ def _turn(axes: str, option: str) -> str:
     return f"give {option}={axes}" if axes else f"leave {option} out"
 
 
-def limits_of(notes: tuple[Note, ...], spell: Spelling = in_python) -> list[str]:
+def limits_of(notes: Iterable[Note], spell: Spelling = in_python) -> list[str]:
     """The sentences of those notes that limit what holds."""
     return [note.words(spell) for note in notes if note.severity == "limits"]

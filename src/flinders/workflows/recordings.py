@@ -14,6 +14,8 @@ import hashlib
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
+import numpy as np
+
 from flinders.core.calibration import Calibration
 from flinders.core.compensation import Compensator
 from flinders.core.samples import Joined, Samples, Wrapped, frame_of, singles
@@ -41,6 +43,13 @@ def fit_for(calibration: AnyCalibration) -> Fit:
     if isinstance(calibration, Fit):
         return calibration
     return Fit.of(calibration) if isinstance(calibration, Calibration) else Fit.load(calibration)
+
+
+def uncalibrated(recording: Recording) -> Fit:
+    """A calibration that changes nothing, for a recording that is taken as it is."""
+    length = float(np.median(np.linalg.norm(next(iter(recording.blocks())).field, axis=1)))
+    calibration = Calibration.identity(field_strength=length, raw=recording.unit, axes=recording.axes)
+    return Fit.of(calibration, name="no calibration")
 
 
 def used_at(fit: Fit, at: Mapping[str, float] | None) -> tuple[Fit, Compensator]:

@@ -1,9 +1,10 @@
 """The certificate of a swing as one HTML file: how the compass keeps its limit, its card, and fields to sign.
 
 >>> from flinders.apps.marine.deviation import fit
+>>> from flinders.apps.marine.swing_result import Swing
 >>> from flinders.apps.marine.swing_words import SwingAccount
 >>> curve = fit(range(0, 360, 45), [1.0, 2.0, 1.5, -0.2, -0.5, -0.8, -1.5, -0.7])
->>> text = certificate(SwingAccount(curve, target_deg=1.0, step_deg=45.0))
+>>> text = certificate(SwingAccount(Swing(curve), step_deg=45.0))
 >>> text.startswith("<!doctype html>"), text.count("<tr>"), "Signature" in text
 (True, 16, True)
 """
@@ -24,6 +25,7 @@ from flinders.report.html_file import html_file, script_of, style_of
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from flinders.apps.marine.swing_result import Swing
     from flinders.apps.marine.swing_words import Statement, SwingAccount
 
 FIELDS: Final = ("Place and date", "Swung by, licence", "Reference of headings", "Next swing due", "Signature")
@@ -33,22 +35,23 @@ GRAVITY: Final = ("refused", "limited", "good")
 """Verdicts, the gravest first."""
 
 
-def certificate(swing: SwingAccount, facts: Mapping[str, str] | None = None) -> str:
+def certificate(account: SwingAccount, facts: Mapping[str, str] | None = None) -> str:
     """Write a swing as a certificate; one without a curve has none.
 
     Parameters
     ----------
-    swing : SwingAccount
+    account : SwingAccount
         What it says; the error of the base is in its uncertainty.
     facts : mapping of str to str, optional
         What else to tell, such as vehicle and compass.
     """
+    swing = account.swing
     if swing.deviation is None:
         raise UsageError("without known headings there is no curve, and nothing to certify")
     drawing = base64.b64encode(swing_drawing(swing.deviation).encode()).decode()
-    first, *others = sorted(swing.statements, key=_gravity)
+    first, *others = sorted(account.statements, key=_gravity)
     site = {} if swing.site is None else {"Declination": str(swing.site)}
-    table, card = swing.coefficients(swing.deviation), swing.card(swing.deviation)
+    table, card = account.coefficients(swing.deviation), account.card(swing.deviation)
     (_, *columns, _), rows = table, zip(*table.values(), strict=True)
     given = {
         "outcome": {"verdict": first.verdict, "title": first.title, "sentence": as_sentence(first.words)},
@@ -58,7 +61,7 @@ def certificate(swing: SwingAccount, facts: Mapping[str, str] | None = None) -> 
         "release": version("flinders"),
         "facts": {**(facts or {}), **_rule_facts(swing), **site},
         "others": [(one, as_sentence(one.words)) for one in others],
-        "notes": [(kind, as_sentence(words)) for kind, words in _notes(swing)],
+        "notes": [(kind, as_sentence(words)) for kind, words in _notes(account)],
         "columns": columns,
         "coefficients": [(name, meaning, cells) for name, *cells, meaning in rows],
         "halves_of_card": [half for half in (card[: -(-len(card) // 2)], card[-(-len(card) // 2) :]) if half],
@@ -74,14 +77,15 @@ def _gravity(statement: Statement) -> tuple[int, bool]:
     return GRAVITY.index(statement.verdict), statement.title not in TITLES.values()
 
 
-def _notes(swing: SwingAccount) -> list[tuple[str, str]]:
+def _notes(account: SwingAccount) -> list[tuple[str, str]]:
     """What limits the swing, then what else there is to know."""
-    said = [note for one in swing.statements for note in one.notes]
-    said += [("note", words) for words in (*(swing.logged.notes if swing.logged else ()), *swing.rule_notes)]
+    logged = account.swing.logged
+    said = [note for one in account.statements for note in one.notes]
+    said += [("note", words) for words in (*(logged.notes if logged else ()), *account.rule_notes)]
     return sorted(said, key=lambda note: note[0] != "limits")
 
 
-def _rule_facts(swing: SwingAccount) -> dict[str, str]:
+def _rule_facts(swing: Swing) -> dict[str, str]:
     """Rule, limit, and what was seen of the rule."""
     limit = {} if swing.conformity is None else {"Limit": f"{swing.conformity.limit_deg:g}° on any heading"}
     if swing.rule is None:

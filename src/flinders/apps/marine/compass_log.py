@@ -35,6 +35,7 @@ from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from flinders.apps.marine import nmea0183, nmea2000, signalk
+from flinders.core.geomag import site_field, year_of
 from flinders.errors import UnreadableInput, UsageError
 from flinders.geometry.angles import folded, wrapped
 from flinders.readers._log import Position
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 
     from flinders.apps.marine.nmea0183 import Message
     from flinders.arrays import Floats
+    from flinders.core.geomag import SiteField
     from flinders.readers._source import Source
 
 FORMATS: Final = {"NMEA 0183": nmea0183, "NMEA 2000": nmea2000, "Signal K": signalk}
@@ -83,6 +85,20 @@ class CompassLog:
     is_course: bool  # the reference is the course over ground, not a heading
     place: tuple[float, float] | None  # latitude and longitude, degrees
     day: date | None
+
+    def __str__(self) -> str:
+        """What was read."""
+        return f"{self.source}: {self.words}"
+
+    def site(self) -> SiteField:
+        """The field where and when the log was made; `UsageError` where it does not say."""
+        if self.place is None or self.day is None:
+            missing = "position" if self.place is None else "date"
+            raise UsageError(
+                f"{self.source} has no {missing}: give the place and day of the swing", hint={"site": None}
+            )
+        latitude_deg, longitude_deg = self.place
+        return site_field(round(latitude_deg, 4), round(longitude_deg, 4), year=year_of(self.day))
 
 
 def is_compass_log(path: str | os.PathLike[str]) -> bool:

@@ -2,6 +2,7 @@
 
 TRADES = "Vehicles, boats and surveys"
 
+PUBLIC = {"swing": "compass_swing"}
 COMMANDS = {"swing": (TRADES, "cli.swing", "Deviation of a compass at known headings, and its card.")}
 COURSES = {"compass_log": "compass_log"}
 KNOWN_TEXTS = {"known_texts": "known_texts"}

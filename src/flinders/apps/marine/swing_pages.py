@@ -19,13 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rich.console import RenderableType
-
-    from flinders.apps.marine.deviation import Deviation
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from rich.console import RenderableType
     from rich.table import Table
 
     from flinders.apps.marine.compensation import Compensation
@@ -40,8 +33,9 @@ CURVE_WIDTH: Final = 41
 
 def of_swing(account: SwingAccount) -> RenderableType:
     """Lay out a swing, how it keeps a rule, and the turns by 180° that were made."""
-    deviation, logged = account.deviation, account.logged
-    blocks: list[RenderableType | None] = [_rests_table(account.rests) if account.rests else None]
+    swing = account.swing
+    deviation, logged = swing.deviation, swing.logged
+    blocks: list[RenderableType | None] = [_rests_table(swing.rests) if swing.rests else None]
     if logged is not None:
         blocks += [_legs_table(logged) if logged.is_steady else None, notes(("note", words) for words in logged.notes)]
     if deviation is not None:
@@ -49,8 +43,8 @@ def of_swing(account: SwingAccount) -> RenderableType:
     said = [Group(verdict(one.title.upper(), one.verdict, one.words, *one.more), notes(one.notes))
             for one in account.statements]  # fmt: skip
     rule = [notes(("note", words) for words in account.rule_notes)] if account.rule_notes else []
-    if account.halves:
-        return page(*blocks, *said[:-1], *rule, _half_turns_table(account.halves), said[-1])
+    if swing.halves:
+        return page(*blocks, *said[:-1], *rule, _half_turns_table(swing.halves), said[-1])
     return page(*blocks, *said, *rule)
 
 

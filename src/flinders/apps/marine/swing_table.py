@@ -7,6 +7,10 @@ r"""Tables of a swing: one heading a line, by the compass and by what it is held
 >>> table = read_swing(file)
 >>> table.columns["magnetic"], table.lines
 (array([ 10.5,  65. , 101.5]), (2, 3, 4))
+>>> print(table)
+swing.csv: 3 headings; columns compass, magnetic
+>>> table.deviations(None)
+(array([ 0., 45., 90.]), array([10.5, 20. , 11.5]))
 """
 
 from __future__ import annotations
@@ -17,16 +21,18 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.errors import UnreadableInput
+from flinders.errors import UnreadableInput, UsageError, counted
+from flinders.geometry.angles import folded, wrapped
 from flinders.readers._known_texts import refusal
 from flinders.readers._source import HEAD, find, foreign_kind
 from flinders.readers._tokenizer import COMMENTS, encoding_of, number, shown
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from flinders.arrays import Floats
+    from flinders.core.geomag import SiteField
 
 NAMES: Final = {
     "compass": r"compass|steered|read(ing)?|indicated|measured|sensor",
@@ -55,13 +61,40 @@ class SwingTable:
     columns: Mapping[str, Floats]
     lines: tuple[int, ...]  #: where they stand, counted from 1
 
+    def __str__(self) -> str:
+        """What was read."""
+        return f"{self.source}: {counted(len(self.lines), 'heading')}; columns {', '.join(self.columns)}"
+
+    @property
+    def is_true(self) -> bool:
+        """Whether it holds true headings, which need the declination of the place."""
+        return "true" in self.columns
+
+    def deviations(self, site: SiteField | None) -> tuple[Floats, Floats]:
+        """(N,) headings by compass, and magnetic less compass headings there, degrees.
+
+        Raises `UsageError` for true headings without a site, and for a site of which they make no use.
+        """
+        if self.is_true == (site is None):
+            advice = "true headings: give the place and day of the swing" if self.is_true else (
+                "no true headings: give no place, or call its column 'true'"
+            )  # fmt: skip
+            raise UsageError(f"{self.source} holds {advice}", hint={"site": None})
+        columns = dict(self.columns)
+        if site is not None:
+            columns["magnetic"] = wrapped(columns["true"] - site.declination_deg)
+        deviation = columns["deviation"] if "deviation" in columns else folded(columns["magnetic"] - columns["compass"])
+        compass = columns["compass"] if "compass" in columns else wrapped(columns["magnetic"] - deviation)
+        return compass, deviation
+
 
 def read_swing(path: str | os.PathLike[str]) -> SwingTable:
     """Read a table of a swing: comma, semicolon, tab or spaces, with a header; E and W after a deviation are signs.
 
     Without a header two columns are the heading by compass and the magnetic heading.
 
-    Raises `UnreadableInput` for what is not there or no such table; names the line.
+    Raises `UnreadableInput` for what is not there or no such table, `UsageError` for a heading beyond 360°; names the
+    line.
     """
     name, text = _text_of(path)
     if refused := refusal(name, text.splitlines()):
@@ -78,7 +111,17 @@ def read_swing(path: str | os.PathLike[str]) -> SwingTable:
     if not numbers:
         raise UnreadableInput(f"{name} has a header and no headings below it: {NEED}")
     columns = dict(zip(known, np.array(numbers).T, strict=True))
-    return SwingTable(name, columns, tuple(line for line, _ in body))
+    lines = tuple(line for line, _ in body)
+    for kind in ("compass", "magnetic", "true", "deviation"):
+        refuse_beyond_circle(columns.get(kind, ()), (f"{kind} in line {line} of {name}" for line in lines))
+    return SwingTable(name, columns, lines)
+
+
+def refuse_beyond_circle(angles: Iterable[float], places: Iterable[str]) -> None:
+    """Refuse what goes round more than once: a slip, such as a digit too many."""
+    for angle, place in zip(angles, places, strict=False):
+        if abs(angle) > 360.0:
+            raise UsageError(f"{place} is {angle:g}°: need degrees from −360 to 360")
 
 
 def _text_of(path: str | os.PathLike[str]) -> tuple[str, str]:

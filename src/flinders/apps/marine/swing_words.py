@@ -1,8 +1,9 @@
 """What a swing says: its verdicts, notes and the cells of its tables, the same on the terminal and on a certificate.
 
 >>> from flinders.apps.marine.deviation import conformity, fit
->>> swing = fit(range(0, 360, 45), [1.0, 2.0, 1.5, -0.2, -0.5, -0.8, -1.5, -0.7])
->>> account = SwingAccount(swing, target_deg=1.0, step_deg=45.0, conformity=conformity(swing, 5.0))
+>>> from flinders.apps.marine.swing_result import Swing
+>>> curve = fit(range(0, 360, 45), [1.0, 2.0, 1.5, -0.2, -0.5, -0.8, -1.5, -0.7])
+>>> account = SwingAccount(Swing(curve, conformity=conformity(curve, 5.0)), step_deg=45.0)
 >>> [(one.title, one.verdict) for one in account.statements]
 [('Good', 'good'), ('Within the limit', 'good')]
 >>> account.statements[1].words
@@ -16,22 +17,22 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders.apps.marine.deviation import ADVISED, CHANCE, LARGE_DEG, NAMES, WIDEST_GAP_DEG, eight_points_sigma
-from flinders.errors import counted
+from flinders.apps.marine.deviation import NAMES, eight_points_sigma
+from flinders.apps.marine.swing_notes import COMPENSATE, READ_BETTER, curve_sigma_deg
+from flinders.errors import counted, in_python
 from flinders.geometry.angles import shown_heading
 from flinders.heading.stationary import hard_iron
 from flinders.report.formatting import with_uncertainty
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
-    from flinders.apps.marine.compensation import Compensation
-    from flinders.apps.marine.deviation import Conformity, Deviation, Expected
-    from flinders.apps.marine.legs import LoggedSwing
+    from flinders.apps.marine.deviation import Conformity, Deviation
     from flinders.apps.marine.standards import Standard
+    from flinders.apps.marine.swing_result import Swing
     from flinders.arrays import Floats
-    from flinders.core.geomag import SiteField
-    from flinders.heading.stationary import HalfTurn, Rest
+    from flinders.errors import Spelling
+    from flinders.heading.stationary import HalfTurn
 
 MEANINGS: Final = (
     "compass turned, or a wrong reference",
@@ -42,10 +43,6 @@ MEANINGS: Final = (
 )
 """What makes each coefficient."""
 
-LARGE_A_DEG: Final = 1.0
-"""A beyond this, and three times its 1 σ, asks for another look at how the compass sits."""
-
-
 LEAST_SIGMA_DEG: Final = 0.01
 """A smaller 1 σ is shown as this: readings of a compass are not exact."""
 TITLES: Final = {"within": "Within the limit", "open": "Open", "beyond": "Beyond the limit"}
@@ -53,8 +50,6 @@ TITLES: Final = {"within": "Within the limit", "open": "Open", "beyond": "Beyond
 VERDICTS: Final = {"within": "good", "open": "limited", "beyond": "refused"}
 """The verdict of a calibration that each is like."""
 
-READ_BETTER: Final = "swing on more headings, or read them better"
-COMPENSATE: Final = "compensate or calibrate first, then swing again"
 ADVICE: Final = {"open": READ_BETTER, "beyond": COMPENSATE}
 """What to do about each verdict on a limit."""
 
@@ -81,56 +76,49 @@ class CardRow(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwingAccount:
-    """A swing, what it was asked, and what it says."""
+    """A swing, and what it says."""
 
-    deviation: Deviation | None  # the curve, where headings are known
-    target_deg: float  # what 1 σ of the curve may be, and a turn by 180° may miss
+    swing: Swing
     step_deg: float  # between the lines of the card
-    site: SiteField | None = None  # where the declination comes from
-    rests: Sequence[Rest] = ()
-    halves: Sequence[HalfTurn] = ()
-    expected: Expected | None = None  # what the calibration claims
-    logged: LoggedSwing | None = None  # readings from a boat's log
-    rule: Standard | None = None  # by which the compass was swung
-    conformity: Conformity | None = None  # how the curve keeps the limit
-    before: Compensation | None = None  # coefficients before the compass was compensated
+    spell: Spelling = in_python  # how arguments are named
 
     @property
     def statements(self) -> list[Statement]:
         """Verdicts on the curve, on the limit and on the turns by 180°, as far as there is each."""
-        curve = None if self.deviation is None else self._of_curve(self.deviation)
+        swing = self.swing
+        curve = None if swing.deviation is None else self._of_curve(swing.deviation)
         said = "" if curve is None else " ".join(words for _, words in curve.notes)
-        limit = None if self.conformity is None else _of_limit(self.conformity, self.rule, said)
-        halves = _of_half_turns(self.halves, self.target_deg) if self.halves else None
+        limit = None if swing.conformity is None else _of_limit(swing.conformity, swing.rule, said)
+        halves = _of_half_turns(swing.halves, swing.target_deg) if swing.halves else None
         return [one for one in (curve, limit, halves) if one is not None]
 
     @property
     def rule_notes(self) -> list[str]:
         """That no limit was checked, of a rule whose limit is not known."""
-        if self.rule is None or self.conformity is not None:
+        rule = self.swing.rule
+        if rule is None or self.swing.conformity is not None:
             return []
-        return [f"{self.rule.title}: no limit was checked; {limit_words(self.rule)}"]
+        return [f"{rule.title}: no limit was checked; {limit_words(rule)}"]
 
     def _of_curve(self, deviation: Deviation) -> Statement:
-        reasons = limits(deviation, self.target_deg)
-        said = [("limits", reason) for reason in reasons]
-        said += [("note", note) for note in (*_notes(deviation), *_claims(deviation, self.expected))]
-        site = () if self.site is None else (str(self.site),)
-        title, verdict = ("Limited", "limited") if reasons else ("Good", "good")
-        return Statement(title, verdict, swing_words(deviation), site, tuple(said))
+        said = tuple((note.severity, note.words(self.spell)) for note in self.swing.notes)
+        site = () if self.swing.site is None else (str(self.swing.site),)
+        is_limited = any(severity == "limits" for severity, _ in said)
+        title, verdict = ("Limited", "limited") if is_limited else ("Good", "good")
+        return Statement(title, verdict, swing_words(deviation), site, said)
 
     def coefficients(self, deviation: Deviation) -> dict[str, list[str]]:
         """Cells of the table of coefficients, by the heading of each column."""
         rough = None if deviation.sigma_deg is None else eight_points_sigma(deviation.sigma_deg)
         columns = {"coefficient": list(NAMES)}
-        if self.before is not None:
-            earlier = (self.before.a_deg, self.before.b_deg, self.before.c_deg)
+        if (before := self.swing.before) is not None:
+            earlier = (before.a_deg, before.b_deg, before.c_deg)
             columns["before"] = [*(f"{value:+.1f}°" for value in earlier), "", ""]
         columns["least squares"] = _angles(deviation.coefficients_deg, deviation.sigmas_deg)
         if deviation.eight is not None:
             columns["eight points"] = _angles(deviation.eight, rough)
-        if self.expected is not None:
-            columns["claimed"] = ["", *(f"± {max(sigma, 0.001):.2g}°" for sigma in self.expected.sigmas_deg)]
+        if (expected := self.swing.expected) is not None:
+            columns["claimed"] = ["", *(f"± {max(sigma, 0.001):.2g}°" for sigma in expected.sigmas_deg)]
         return {**columns, "what makes it": list(MEANINGS)}
 
     def card(self, deviation: Deviation) -> list[CardRow]:
@@ -177,52 +165,6 @@ def conformity_words(conformity: Conformity) -> str:
     }[conformity.verdict]
 
 
-def limits(deviation: Deviation, target_deg: float) -> tuple[str, ...]:
-    """What a curve falls short of, each with what to do; nothing of a good one that is known to `target_deg`."""
-    reasons = []
-    if deviation.covariance is None:
-        reasons.append(
-            f"five coefficients go through any five headings: nothing tells how good they are. Swing on {ADVISED} "
-            "headings, or say with --sigma how well each was read"
-        )
-    if deviation.widest_gap_deg > WIDEST_GAP_DEG:
-        reasons.append(
-            f"no heading in {deviation.widest_gap_deg:.0f}° of the circle: the curve is a guess there; swing all round"
-        )
-    sigma = _sigma(deviation)
-    if sigma is not None and sigma > target_deg:
-        reasons.append(
-            f"the curve is known to {sigma:.2f}° (1 σ) at worst, the target is {target_deg:g}°: {READ_BETTER}"
-        )
-    if not deviation.is_one_to_one:
-        reasons.append(
-            "the curve falls faster than the heading grows: one magnetic heading has several by compass, and no card "
-            f"holds; {COMPENSATE}"
-        )
-    worst = _worst(deviation)
-    if worst is not None:
-        place, ratio = worst
-        heading = shown_heading(float(deviation.compass_deg[place]))
-        reasons.append(f"the heading {heading} is {ratio:.1f} σ off the curve: take it again")
-    return tuple(reasons)
-
-
-def _worst(deviation: Deviation) -> tuple[int, float] | None:
-    """The observation that is farthest off, where that is too far: three times the 1 σ that was given."""
-    if deviation.chi_square is None or deviation.freedom < 1 or not deviation.sigma_deg:
-        return None
-    given = deviation.sigma_deg / max(1.0, (deviation.chi_square / deviation.freedom) ** 0.5)
-    ratios = np.abs(deviation.residual_deg) / given
-    place = int(ratios.argmax())
-    return (place, float(ratios[place])) if ratios[place] > 3.0 else None
-
-
-def _sigma(deviation: Deviation) -> float | None:
-    """1 σ of the curve where it is known worst."""
-    sigma = deviation.sigma_at(np.arange(360.0))
-    return None if sigma is None else float(sigma.max())
-
-
 def _angles(values: Floats, sigmas: Floats | None) -> list[str]:
     known = [None] * len(values) if sigmas is None else sigmas.tolist()
     return [_angle(*pair) for pair in zip(values.tolist(), known, strict=True)]
@@ -248,40 +190,12 @@ def sided(angle: float) -> str:
 
 def swing_words(deviation: Deviation) -> str:
     """The curve in a sentence."""
-    sigma = _sigma(deviation)
+    sigma = curve_sigma_deg(deviation)
     good = "" if sigma is None else f", known to {max(sigma, 0.005):.2f}° (1 σ) at worst"
     spread = deviation.sigma_deg
     scatter = "" if spread is None else f"; a heading scatters by {spread:.2f}°"
     count = counted(len(deviation.compass_deg), "heading")
     return f"deviation up to {deviation.largest_deg:.1f}°{good}; {count}{scatter}"
-
-
-def _notes(deviation: Deviation) -> Iterator[str]:
-    if deviation.largest_deg > LARGE_DEG:
-        advice = f": {COMPENSATE} for what is left" if deviation.is_one_to_one else ""
-        yield f"beyond {LARGE_DEG:.0f}° the formula of five coefficients is rough{advice}"
-    if len(deviation.compass_deg) < ADVISED and deviation.covariance is not None:
-        yield f"{ADVISED} headings, each 45° from the last, make a better swing"
-    a, sigmas = float(deviation.coefficients_deg[0]), deviation.sigmas_deg
-    if round(abs(a), 6) > max(LARGE_A_DEG, 0.0 if sigmas is None else 3.0 * float(sigmas[0])):
-        yield "A this large is seldom iron: look at how the compass sits, and at the reference of the headings"
-    yield "the argument is the heading by compass; B and C change with the latitude"
-
-
-def _claims(deviation: Deviation, expected: Expected | None) -> Iterator[str]:
-    """What the calibration claims of B to E, and whether the swing bears it out."""
-    if expected is None:
-        return
-    test = expected.chance(deviation)
-    if test is not None and test[2] < CHANCE:
-        yield (
-            f"B to E are more than swing and calibration explain (χ² {test[0]:.0f} for {test[1]}): iron has come or "
-            "gone since it was made, or the known headings are off"
-        )
-    yield (
-        "claimed: what the calibration's own 1 σ makes of B to E, the same on all headings; it is in the curve, and "
-        "not in the 1 σ of that"
-    )
 
 
 def _blame(halves: Sequence[HalfTurn]) -> str:

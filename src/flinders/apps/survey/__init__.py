@@ -3,8 +3,9 @@
 For whoever measures directions underground, or the field from the air.
 
 - `instrument`, `shots`: a survey instrument and its shots; `calibration`: two sensors and a laser calibrated from them
+- `checking`: shots held against an earlier calibration
 - `pointing_error`: errors of azimuth and inclination, and the directions to shoot next
-- `aeromagnetic`, `tolles_lawson`, `tolles_lawson_terms`: compensation of an aircraft by Tolles and Lawson
+- `aeromagnetic`, `tolles_lawson_fit`, `tolles_lawson_terms`: compensation of an aircraft by Tolles and Lawson
 - `simulate_shots`, `simulate_aircraft`: both with known truth
 - `targets`: coefficients for the DistoX and for mag-cal; `pages`: pages of the terminal; ``cli``: commands
 """
@@ -16,8 +17,11 @@ from typing import TYPE_CHECKING
 from flinders.core.lazy import attributes
 
 if TYPE_CHECKING:
+    from flinders.apps.survey.aeromagnetic import compensate_flight as compensate_flight
     from flinders.apps.survey.aeromagnetic import tolles_lawson as tolles_lawson
     from flinders.apps.survey.calibration import fit_survey as fit_survey
+    from flinders.apps.survey.checking import check_survey as check_survey
+    from flinders.apps.survey.checking import load_survey as load_survey
     from flinders.apps.survey.instrument import Shots as Shots
     from flinders.apps.survey.instrument import SurveyCalibration as SurveyCalibration
     from flinders.apps.survey.shots import read_shots as read_shots
@@ -30,7 +34,10 @@ PUBLIC = {
     "Shots": "instrument",
     "SurveyCalibration": "instrument",
     "calibration_flight": "simulate_aircraft",
+    "check_survey": "checking",
+    "compensate_flight": "aeromagnetic",
     "fit_survey": "calibration",
+    "load_survey": "checking",
     "read_shots": "shots",
     "survey_shots": "simulate_shots",
     "tolles_lawson": "aeromagnetic",

@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -17,8 +18,8 @@ import msgspec
 import numpy as np
 from msgspec import Struct
 
-from flinders.apps.survey.tolles_lawson import TollesLawson, fitted
-from flinders.apps.survey.tolles_lawson_terms import NAMES
+from flinders.apps.survey.tolles_lawson_fit import TollesLawson, fitted
+from flinders.apps.survey.tolles_lawson_terms import NAMES, scalar_of
 from flinders.core.calibration_file import Count, NotNegative, gaps, lay_out, understood
 from flinders.core.files import read_bytes
 from flinders.core.samples import in_memory
@@ -27,6 +28,9 @@ from flinders.estimators.data import recording_of
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
+    from flinders.apps.survey.tolles_lawson_fit import Compensated
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.fitting.calibrate import AnyReadings
 
 LARGEST: Final = 2**20
@@ -87,7 +91,7 @@ def tolles_lawson(source: AnyReadings) -> TollesLawson:
     Raises
     ------
     InputError, FitError
-        As `flinders.apps.survey.tolles_lawson.fitted`; `UsageError` for a summary.
+        As `flinders.apps.survey.tolles_lawson_fit.fitted`; `UsageError` for a summary.
 
     Examples
     --------
@@ -96,10 +100,56 @@ def tolles_lawson(source: AnyReadings) -> TollesLawson:
     >>> tolles_lawson(one_heading.samples).unobserved[0]
     'permanent x'
     """
+    return fitted(_flight(source))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompensatedFlight:
+    """Readings of a scalar magnetometer without the field of the aircraft."""
+
+    time_s: Floats  #: (N,)
+    scalar: Floats  #: (N,) nT: as it was read; NaN where it is missing
+    compensated: Floats  #: (N,) nT: right but for a constant
+    summary: Compensated  #: what the coefficients leave
+
+
+def compensate_flight(source: AnyReadings, coefficients: TollesLawson | str | os.PathLike[str]) -> CompensatedFlight:
+    """Take the field of an aircraft out of its scalar magnetometer, by the coefficients of another flight.
+
+    Parameters
+    ----------
+    source : Samples, Recording, path, open file or data frame
+        As for `tolles_lawson`.
+    coefficients : TollesLawson or path
+
+    Raises
+    ------
+    DocumentError
+        For a file that holds no coefficients.
+    InputError, FitError
+        As `tolles_lawson`.
+
+    Examples
+    --------
+    >>> from flinders.apps.survey.simulate_aircraft import calibration_flight
+    >>> flight = calibration_flight(seed=1)
+    >>> later = calibration_flight(seed=2, aircraft=flight.aircraft)
+    >>> summary = compensate_flight(later.samples, tolles_lawson(flight.samples)).summary
+    >>> summary.before > 5.0 * summary.after
+    True
+    """
+    fit = coefficients if isinstance(coefficients, TollesLawson) else load(coefficients)
+    samples = _flight(source)
+    summary, scalar = fit.compensated(samples), 1000.0 * scalar_of(samples)
+    return CompensatedFlight(samples.as_columns()["time_s"], scalar, scalar - fit.interference(samples), summary)
+
+
+def _flight(source: AnyReadings) -> Samples:
+    """Both magnetometers, in memory."""
     recording, _ = recording_of(source)
     if isinstance(recording, Summary):
         raise UsageError("a compensation needs readings: give the recording, not its summary")
-    return fitted(in_memory(recording))
+    return in_memory(recording)
 
 
 def as_dict(fit: TollesLawson) -> dict[str, Any]:

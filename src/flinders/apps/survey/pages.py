@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.apps.survey.calibration import ShotErrors, SurveyFit
-    from flinders.apps.survey.tolles_lawson import Compensated, TollesLawson
+    from flinders.apps.survey.tolles_lawson_fit import Compensated, TollesLawson
 
 WORTH: Final = 0.9
 """Share of the azimuth error that more shots must leave at most, to be worth the walk."""

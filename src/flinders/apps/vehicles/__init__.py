@@ -5,5 +5,27 @@ For whoever flies, drives or sails with ArduPilot, PX4, Betaflight, INAV, Papara
 - ``readers``: logs of ArduPilot, PX4 and MAVLink, bags of ROS, each with the calibration that was in force
 - ``targets``: parameters of each autopilot, with the mounting of the compass as its number
 - `mavlink`, `mavlink_parameters`, `telemetry`: a vehicle on a link, its parameters, its compass as a feed
-- ``cli``: the command that sends a calibration
+- `sending`: what a calibration changes in a board or vehicle; ``cli``: the command that sends it
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from flinders.core.lazy import attributes
+
+if TYPE_CHECKING:
+    from flinders.apps.vehicles.mavlink import Vehicle as Vehicle
+    from flinders.apps.vehicles.mavlink_parameters import ParameterPlan as ParameterPlan
+    from flinders.apps.vehicles.sending import board_packet as board_packet
+    from flinders.apps.vehicles.sending import parameter_plan as parameter_plan
+
+PUBLIC = {
+    "ParameterPlan": "mavlink_parameters",
+    "Vehicle": "mavlink",
+    "board_packet": "sending",
+    "parameter_plan": "sending",
+}
+
+if not TYPE_CHECKING:
+    __getattr__ = attributes(__name__, PUBLIC)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -89,13 +88,12 @@ Example:
 )
 def heading(options: Heading) -> None:
     """Find one of horizontal field, stray field and worst heading error from the other two."""
-    from flinders.apps.classic.budget import Budget
+    from flinders.apps.classic.budget_relations import stray_budget
 
-    budget = Budget("heading", _read(options))
-    if len(budget.given) != 2:
+    given = _read(options)
+    if len(given) != 2:
         raise UsageError("need exactly two of --field, --stray and --error: the third is found")
-    budget.find_heading()
-    _print(budget, as_json=options.as_json)
+    _print(stray_budget("heading", given), as_json=options.as_json)
 
 
 @program.command_of(
@@ -114,11 +112,9 @@ def wire(options: Wire) -> None:
 
     With --field and --error in place of --stray it is the distance or current that is allowed.
     """
-    from flinders.apps.classic import budget as physics
+    from flinders.apps.classic.budget_relations import stray_budget
 
-    budget = physics.Budget("wire", _read(options))
-    budget.find_source(physics.Wire.solve, ("current", "distance"))
-    _print(budget, as_json=options.heading.as_json)
+    _print(stray_budget("wire", _read(options)), as_json=options.heading.as_json)
 
 
 @program.command_of(
@@ -137,11 +133,9 @@ def pair(options: Pair) -> None:
 
     With --field and --error in place of --stray it is the distance, current or separation that is allowed.
     """
-    from flinders.apps.classic import budget as physics
+    from flinders.apps.classic.budget_relations import stray_budget
 
-    budget = physics.Budget("pair", _read(options))
-    budget.find_source(physics.Pair.solve, ("current", "separation", "distance"))
-    _print(budget, as_json=options.heading.as_json)
+    _print(stray_budget("pair", _read(options)), as_json=options.heading.as_json)
 
 
 @program.command_of(
@@ -160,20 +154,16 @@ def magnet(options: Magnet) -> None:
 
     With --field and --error in place of --stray it is the distance or moment that is allowed.
     """
-    from flinders.apps.classic import budget as physics
+    from flinders.apps.classic.budget_relations import stray_budget
 
-    position: physics.Position = "equatorial" if options.side else "axial"
-    budget = physics.Budget("magnet", _read(options), position)
-    budget.find_moment()
-    budget.find_source(partial(physics.Magnet.solve, position=position), ("moment", "distance"))
-    _print(budget, as_json=options.heading.as_json)
+    _print(stray_budget("magnet", _read(options), side=options.side), as_json=options.heading.as_json)
 
 
-def _read(options: program.Group) -> dict[str, UnitValue]:
+def _read(options: program.Group) -> dict[str, UnitValue | str]:
     """Read what was typed, in the order of the options."""
     from flinders.apps.classic.budget import QUANTITIES, UnitValue
 
-    given = {}
+    given: dict[str, UnitValue | str] = {}
     for name, text in options.typed().items():
         if not isinstance(text, str):
             continue

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -15,22 +13,19 @@ from flinders.cli._inputs import load, provenance, refuse_calibration, saying_wh
 from flinders.cli._output import progress, say
 from flinders.cli._program import LIMITED
 from flinders.cli._spelling import in_options
-from flinders.errors import FitError, UnitError, UsageError
+from flinders.errors import UsageError
 
 if TYPE_CHECKING:
+    from flinders.apps.classic.two_axis_turn import TurnReadings, TwoAxisFit
     from flinders.core.samples import Recording
     from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Turn
-    from flinders.summary.summary import Summary
 
 PLANES: Final = ("xy", "yz", "zx")
 """Those of `flinders.geometry.plane`, so that help needs no NumPy; a test holds the two together."""
 
 DRAWING: Final = ".svg"
-
-FLAT: Final = 0.05
-"""Variance across over that along, below which readings lie in a plane, and those of a plane on a line."""
 
 
 class TwoAxis(program.Group):
@@ -79,21 +74,14 @@ class TwoAxis(program.Group):
         if self.after == "-":
             raise UsageError("--after needs a file: standard input is for the recording")
 
-    def dip_after(self, first: Fit) -> float:
-        """The dip of what was loaded, which knows the site, the axes and the scale."""
+    def refuse_after(self) -> None:
+        """Refuse what the calibration that was loaded has settled."""
+        if self.after is None:
+            return
         if self.reading.axes != "x,y,z":
             raise UsageError(f"readings made with {self.after} loaded are in its axes already: leave --axes out")
         if self.field_strength is not None:
             raise UsageError(f"{self.after} has set how long corrected readings are: leave --field-strength out")
-        dip, given = first.heading_error_deg.dip_deg, self.judgement.dip_deg
-        if math.isnan(dip):
-            return given
-        if program.is_typed("dip_deg") and abs(abs(dip) - abs(given)) > 1e-6:
-            raise UsageError(
-                f"--dip says {given:g}°, and {self.after} was made for {dip:g}°: record all planes at one place, "
-                "and leave --dip out"
-            )
-        return given if program.is_typed("dip_deg") else dip
 
 
 @program.command_of(
@@ -120,143 +108,71 @@ def command(options: TwoAxis) -> int:
     wrong, and the ellipse of least squares is fitted instead (--method ellipse), unless --method two-axis is typed. The
     result holds for this plane alone: exit code 3, as of everything limited.
     """
-    from flinders.apps.classic.composition import composed, refuse_unloaded
     from flinders.core.calibration_file import dumps
+    from flinders.errors import FitError
     from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Refused
 
     options.check()
     first = None if options.after is None else load("two-axis --after", options.after)
-    dip_deg = options.judgement.dip_deg if first is None else options.dip_after(first)
+    options.refuse_after()
     with progress("reading") as watch:
         source = CountedRecording(_opened(options, first, watch))
-        with saying_what_was_read([source]):
-            turn = _turn(source, options)
-        if first is not None:
-            refuse_unloaded(first, turn, dip_deg=dip_deg, source=source.source)
+        readings = _read(source, first, options)
         try:
-            fit = _fit_or_ellipse(source, turn, first, dip_deg, options)
-        except Refused as refusal:
-            _draw(turn, refusal.fit, options)
+            found = readings.fit(
+                target_deg=options.judgement.target_deg,
+                dip_deg=options.judgement.dip_deg if program.is_typed("dip_deg") else None,
+                field_strength=options.field_strength,
+                sensor=options.sensor,
+            )
+        except FitError as error:
+            _say_spacing(readings.turn, options)
+            if isinstance(error, Refused):
+                _draw(readings.turn, error.fit, options)
             raise
-    both = None if first is None else composed(first, fit)
+    for note in found.notes:
+        say(note.words(in_options))
     if options.output:
         made_from = provenance([source], first.provenance.files if first else ())
-        options.outputs.write(dumps((both or fit).to_document(made_from)), options.output)
-    _draw(turn, fit, options)
-    _show(fit, turn, both, options)
+        options.outputs.write(dumps((found.composed or found.fit).to_document(made_from)), options.output)
+    _draw(found.turn, found.fit, options)
+    _show(found, options)
     return LIMITED
 
 
 def _opened(options: TwoAxis, first: Fit | None, watch: Any) -> Recording:  # noqa: ANN401 - progress
-    """Open the recording, in the unit of what was loaded."""
+    """Open the recording, in the unit of what was loaded unless one was typed."""
     from flinders.readers import holds_log, open_recording
-    from flinders.workflows.recordings import agree, made_from
+    from flinders.workflows.recordings import agree
 
     reading = options.reading
     chosen = options.sensor if holds_log(options.recording) else None
     source = open_recording(options.recording, flat=options.plane, sensor=chosen, progress=watch, **reading.as_dict())
-    if first is None:
-        return source
-    if reading.unit is None and reading.scale is None:
+    if first is not None and reading.unit is None and reading.scale is None:
         agree(first.calibration, source)
-    elif source.unit.inside != first.calibration.unit:
-        raise UnitError(f"{source.source} is in {source.unit.inside}, {first.name} in {first.calibration.unit}")
-    if made_from(first, [source]):
-        raise UsageError(
-            f"{first.name} was made from {source.source}, which cannot have been recorded with it loaded: record the "
-            f"next plane with {first.name} loaded, or correct a raw recording with flinders apply"
-        )
     return source
 
 
-def _turn(source: Recording, options: TwoAxis) -> Turn:
-    """Go through the points of the plane, and the ellipse through them; of a long recording through some of them."""
-    from flinders.estimators import Readings, within_range
-    from flinders.estimators.ellipse import Ellipse
-    from flinders.estimators.in_plane import require_turn
-    from flinders.estimators.likelihood import ENOUGH
-    from flinders.geometry.plane import PlaneEllipse, Turn, order_of
+def _read(source: CountedRecording, first: Fit | None, options: TwoAxis) -> TurnReadings:
+    """Read the turn, and say what was read, and whether it lies in another plane."""
+    from flinders.apps.classic.two_axis_turn import read_turn
 
-    plane = options.plane
-    readings = within_range(Readings.of(source))
-    _doubt(readings.summary, plane)
-    require_turn(readings, Ellipse.unknowns, options.method, plane)
-    ellipsoid = Ellipse(plane, dip_deg=0.0).estimate(readings).ellipsoid
-    cells = list(order_of(plane)[:2])
-    points = readings.thinned(ENOUGH, Ellipse.name)[:, cells]
-    return Turn.of(plane, points, PlaneEllipse(ellipsoid.centre[cells], ellipsoid.shape[cells][:, cells]))
+    method: Any = options.method if program.is_typed("method") else None
+    with saying_what_was_read([source]):
+        readings = read_turn(source, first, plane=options.plane, method=method)
+        for note in readings.notes:
+            say(f"! {note.words(in_options)}")
+        _ = readings.turn  # what is none is refused here
+    return readings
 
 
-def _doubt(summary: Summary, plane: Any) -> None:  # noqa: ANN401 - one of the planes, as click has checked
-    """Say where the readings lie flat, but in another plane."""
-    import numpy as np
-
-    from flinders.geometry.plane import PLANES, across
-
-    if len(summary) < len(PLANES):
-        return
-    variances, axes = np.linalg.eigh(summary.moments.covariance)
-    about = "xyz"[int(np.abs(axes[:, 0]).argmax())]
-    goes_round = variances[0] < FLAT * variances[1] and variances[1] > FLAT * variances[2]
-    if goes_round and about != across(plane):
-        lies = next(other for other in PLANES if across(other) == about)
-        say(f"! the readings go round about {about}: this looks like a turn in the plane {lies}, not {plane}")
-
-
-def _fit_or_ellipse(source: CountedRecording, turn: Turn, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
-    """Fit by the mean; by the ellipse of least squares where the mean is off and nobody asked for it.
-
-    Where that is no way out, say how the points are spaced.
-    """
+def _say_spacing(turn: Turn, options: TwoAxis) -> None:
+    """Say how the points are spaced, where that may be why there is no fit."""
     from flinders.apps.classic.pages import spacing_words
 
-    try:
-        if program.is_typed("method") or _is_mean_right(source, turn, first, dip_deg, options):
-            return _fit(source, first, dip_deg, options)
-        fit = _fit(source, first, dip_deg, replace(options, method="ellipse"))
-    except FitError:
-        if not options.as_json:
-            say(spacing_words(turn, options.judgement.target_deg, is_mean=options.method == "two-axis"))
-        raise
-    say("the mean of these points is not their centre: fitted by least squares, as --method ellipse does")
-    return fit
-
-
-def _is_mean_right(source: CountedRecording, turn: Turn, first: Fit | None, dip_deg: float, options: TwoAxis) -> bool:
-    """Whether the mean of the points is their centre, by how they are spaced and by the likelihood."""
-    from flinders.fitting.result import Refused
-
-    try:
-        found = _fit(source, first, dip_deg, options)
-    except Refused:
-        return False
-    is_off = any(finding.code == "bias" for finding in found.findings)
-    return not is_off and turn.spacing.is_even(within_deg=options.judgement.target_deg)
-
-
-def _fit(source: CountedRecording, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
-    """Fit by the method that was asked for."""
-    from flinders.apps.classic.two_axis_recipe import TwoAxisRecipe
-    from flinders.estimators.ellipse import Ellipse
-    from flinders.fitting.calibrate import fit
-    from flinders.likelihood.site_field import Site
-    from flinders.readers import Instrument
-
-    result = fit(
-        source,
-        method=(TwoAxisRecipe if options.method == TwoAxisRecipe.name else Ellipse)(plane=options.plane),
-        target_deg=options.judgement.target_deg,
-        site=Site.stated(
-            strength=options.field_strength if first is None else first.calibration.field_strength,
-            inclination_deg=None if first is None and not program.is_typed("dip_deg") else dip_deg,
-        ),
-        sensor=source.recording.name if isinstance(source.recording, Instrument) else options.sensor,
-    )
-    if first is None:
-        return result
-    known = first.calibration.field_strength_known
-    return result.with_calibration(replace(result.calibration, field_strength_known=known))
+    if not options.as_json:
+        say(spacing_words(turn, options.judgement.target_deg, is_mean=options.method == "two-axis"))
 
 
 def _draw(turn: Turn, fit: Fit, options: TwoAxis) -> None:
@@ -269,27 +185,15 @@ def _draw(turn: Turn, fit: Fit, options: TwoAxis) -> None:
             say(f"written to {options.polar}")
 
 
-def _show(fit: Fit, turn: Turn, both: Fit | None, options: TwoAxis) -> None:
+def _show(found: TwoAxisFit, options: TwoAxis) -> None:
     """Print the page; on standard error, where a result has standard output."""
     from flinders.apps.classic.pages import of_turn
 
     outputs = options.outputs
     outputs.print(
-        lambda: _as_dict(fit, turn, both),
-        lambda: of_turn(fit, turn, in_options, composed=both, after=options.after),
+        found.as_dict,
+        lambda: of_turn(found.fit, found.turn, in_options, composed=found.composed, after=options.after),
     )
     outputs.say_written()
     if options.output is None:
         say("no calibration was written: name a file with -o calibration.json")
-
-
-def _as_dict(fit: Fit, turn: Turn, both: Fit | None) -> dict[str, Any]:
-    """JSON-ready: a fit, the turn, and what is to be loaded where it is composed."""
-    from flinders.apps.classic.composition import as_dict
-
-    even = turn.spacing.is_even(within_deg=fit.claim.target_deg)
-    return {
-        **fit.as_dict(),
-        "turn": {**turn.as_dict(), "is_mean_trusted": even},
-        "composed": None if both is None else as_dict(both),
-    }

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from flinders.apps.marine.swing import (
-    BOAT,
-    STANDARD,
-    Swing,
-    SwingOptions,
-    compensation_of,
-    is_boat,
-    is_raw,
-    of_boat,
-    of_log,
-    of_table,
-)
+from flinders.apps.marine.cli._swing_options import BOAT, STANDARD, SwingOptions
 from flinders.cli import _program as program
-from flinders.cli._program import GOOD
+from flinders.cli._inputs import read_and_left_out, refuse_calibration, site_of
+from flinders.cli._output import progress, say
+from flinders.cli._program import EXITS, GOOD
+from flinders.cli._spelling import in_options
+from flinders.cli._stream import open_log
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
+    from flinders.apps.marine.compass_log import CompassLog
+    from flinders.apps.marine.swing_recording import SwingRecording
+    from flinders.apps.marine.swing_table import SwingTable
     from flinders.apps.marine.swing_words import SwingAccount
+    from flinders.core.geomag import SiteField
 
 
 @program.command_of(
@@ -58,38 +55,102 @@ def command(options: SwingOptions) -> int:
     should its heading have been. LOG may be one of a boat, NMEA 0183, NMEA 2000 by candump, or Signal K: straight legs
     all round are held against the true heading of another instrument or the course over ground.
     """
+    from flinders.apps.marine.compass_swing import swing
     from flinders.apps.marine.swing_pages import of_swing
+    from flinders.apps.marine.swing_words import SwingAccount
 
-    outputs, target_deg = options.checked_outputs(options.standard.before), options.target_deg
-    program = options.standard.check()
+    outputs = options.checked_outputs(options.standard.before)
+    browser = options.standard.check()
     if not options.inputs:
         return _checklist(options)
     if options.standard.compensate:
         return _compensate(options)
-    swing = _swing(options).judged_by(options.standard, options.place)
-    account = _account(swing, options)
-    _write(account, options, program)
-    outputs.print(lambda: swing.as_dict(target_deg), lambda: of_swing(account))
+    opened, arguments = _opened(options)
+    if options.standard.before is not None:
+        before, _ = _table(options.standard.before, options)
+        arguments["before"] = before
+    found = swing(opened, **arguments, **options.asked())
+    account = SwingAccount(found, options.card_step_deg, in_options)
+    _write(account, options, browser)
+    outputs.print(lambda: found.as_dict(in_options), lambda: of_swing(account))
     if not options.as_json:
         outputs.say_written()
-    return swing.exit_code(target_deg)
+    return EXITS[found.verdict]
 
 
-def _swing(options: SwingOptions) -> Swing:
-    """Take the swing from the files that were given."""
-    inputs = options.inputs
-    if len(inputs) == 1 and is_boat(inputs[0]):
-        return of_boat(inputs[0], options)
-    if len(inputs) == 1 and is_raw(inputs[0]):
+def _opened(options: SwingOptions) -> tuple[SwingTable | CompassLog | SwingRecording, dict[str, Any]]:
+    """Read the files that were given, and say what they are; with the arguments that go with them."""
+    from flinders.apps.marine.compass_swing import kind_of
+
+    *calibration, path = options.inputs
+    if len(calibration) > 1:
+        raise UsageError(f"{len(options.inputs)} files were given: need a table, or a calibration and a recording")
+    kind = "recording" if calibration else kind_of(path)
+    if kind == "boat":
+        return _boat(path, options)
+    if kind == "recording":
         options.refuse_of_boat()
-        return of_log(None, inputs[0], options)
-    if len(inputs) == 1:
-        options.refuse_of_recording()
-        return of_table(inputs[0], options.known.sigma_deg, options.place)
-    if len(inputs) == 2:
-        options.refuse_of_boat()
-        return of_log(*inputs, options)
-    raise UsageError(f"{len(inputs)} files were given: need a table, or a calibration and a recording")
+        return _recording(calibration[0] if calibration else None, path, options)
+    options.refuse_of_recording()
+    table, site = _table(path, options)
+    return table, {"site": site}
+
+
+def _table(path: str, options: SwingOptions) -> tuple[SwingTable, SiteField | None]:
+    """Read a table; of true headings with the field where the swing was made."""
+    from flinders.apps.marine.swing_table import read_swing
+
+    refuse_calibration(path, "give the recording of a swing after it")
+    place = options.place
+    place.check()
+    table = read_swing(path)
+    say(str(table))
+    if table.is_true and place.place is None:
+        raise UsageError(f"{path} holds true headings: say where with --at LAT,LON and when with --date")
+    if not table.is_true and place.place is not None:
+        raise UsageError(f"{path} holds no true headings: leave --at out, or call its column 'true'")
+    return table, None if place.place is None else site_of(place.place, place.date)
+
+
+def _boat(path: str, options: SwingOptions) -> tuple[CompassLog, dict[str, Any]]:
+    """Read the log of a boat, and the field at the place that was typed or is in the log."""
+    from flinders.apps.marine.compass_log import read_compass_log
+
+    options.refuse_of_magnetometer()
+    log = read_compass_log(path, options.boat.reference)
+    say(str(log))
+    place = options.place
+    place.check()
+    where = place.place or (None if log.place is None else "{:.4f},{:.4f}".format(*log.place))
+    day = place.date or (None if log.day is None else f"{log.day}")
+    if where is None or day is None:
+        missing = "position" if where is None else "date"
+        raise UsageError(f"{log.source} has no {missing}: say where with --at LAT,LON and when with --date")
+    return log, {"site": site_of(where, day), "stationary_s": options.known.typed_stationary_s}
+
+
+def _recording(calibration: str | None, path: str, options: SwingOptions) -> tuple[SwingRecording, dict[str, Any]]:
+    """Read a recording, and find its rests."""
+    from flinders.apps.marine.swing_recording import SwingRecording
+
+    headings_deg = options.known.headings_deg
+    options.refuse_without_headings()
+    with progress("swinging") as bar:
+        stream = open_log(
+            "swing",
+            calibration,
+            path,
+            place=options.place,
+            accelerometer=options.accelerometer,
+            progress=bar,
+            **options.reading.as_dict(),
+        )
+        stationary_s = options.known.typed_stationary_s
+        recording = SwingRecording.of(stream, is_calibrated=calibration is not None, stationary_s=stationary_s)
+    say(f"{stream}; {read_and_left_out(stream.voyage.readings, getattr(stream.recording, 'skipped', ()))}")
+    if recording.is_calibrated and not stream.corrector.is_plausible:
+        say("! these readings do not suit the calibration: see flinders check")
+    return recording, {"site": stream.site, "headings_deg": headings_deg}
 
 
 def _checklist(options: SwingOptions) -> int:
@@ -105,55 +166,32 @@ def _checklist(options: SwingOptions) -> int:
 
 def _compensate(options: SwingOptions) -> int:
     """Say what to turn on the cardinal headings."""
+    from flinders.apps.marine.compass_swing import compensate
     from flinders.apps.marine.swing_pages import of_compensation
 
     if len(options.inputs) != 1 or any(file.path for file in options.outputs.files):
         raise UsageError("--compensate takes one TABLE and writes no file: swing again afterwards, for the card")
     options.refuse_of_recording()
-    compensation = compensation_of(options.inputs[0], options.place)
+    table, site = _table(options.inputs[0], options)
+    compensation = compensate(table, site=site)
     options.outputs.print(compensation.as_dict, lambda: of_compensation(compensation))
     return GOOD
 
 
-def _write(swing: SwingAccount, options: SwingOptions, program: str) -> None:
+def _write(account: SwingAccount, options: SwingOptions, browser: str) -> None:
     """Write card, curve and certificate."""
     from flinders.apps.marine.certificate import certificate
     from flinders.apps.marine.drawing import swing_drawing
     from flinders.apps.marine.swing_pages import card, sentences
     from flinders.report.pdf import printed
 
-    path, deviation, outputs = options.standard.certificate, swing.deviation, options.outputs
-    if deviation is None:
-        wanted = (options.output, options.svg, options.sentences, path, options.standard.limit, options.standard.before)
-        if any(wanted):
-            raise UsageError(
-                "without known headings there is no curve: give --headings, or leave -o, --svg, --hdg, --certificate, "
-                "--before and the limit out"
-            )
+    swing, outputs, path = account.swing, options.outputs, options.standard.certificate
+    if swing.deviation is None:
         return
-    outputs.write(card(deviation, options.card_step_deg), options.output)
-    outputs.write(swing_drawing(deviation), options.svg)
+    outputs.write(card(swing.deviation, account.step_deg), options.output)
+    outputs.write(swing_drawing(swing.deviation), options.svg)
     declination_deg = None if swing.site is None else swing.site.declination_deg
-    outputs.write(sentences(deviation, options.card_step_deg, declination_deg), options.sentences)
+    outputs.write(sentences(swing.deviation, account.step_deg, declination_deg), options.sentences)
     if path is not None:
-        text = certificate(swing, options.standard.facts())
-        outputs.write(printed(text, program) if program else text, path)
-
-
-def _account(swing: Swing, options: SwingOptions) -> SwingAccount:
-    """What the swing says of what was asked."""
-    from flinders.apps.marine.swing_words import SwingAccount
-
-    return SwingAccount(
-        swing.deviation,
-        site=swing.site,
-        rests=swing.rests,
-        halves=swing.halves,
-        expected=swing.expected,
-        logged=swing.logged,
-        rule=options.standard.rule,
-        conformity=swing.conformity,
-        before=swing.before,
-        target_deg=options.target_deg,
-        step_deg=options.card_step_deg,
-    )
+        text = certificate(account, options.standard.facts())
+        outputs.write(printed(text, browser) if browser else text, path)

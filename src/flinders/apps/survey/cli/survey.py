@@ -15,7 +15,6 @@ from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from flinders.apps.survey.calibration import SurveyFit
-    from flinders.apps.survey.instrument import SurveyCalibration
 
 
 FITTING: Final = ("output", "pointing", "axes", "acceleration_axes", "distox", "mag_cal", "target_deg", "non_linear")
@@ -110,43 +109,18 @@ def command(options: Survey) -> int:
 
 def _check(options: Survey, path: str) -> int:
     """Show what an earlier calibration makes of shots, read in its axes."""
-    from flinders.apps.survey.calibration import check_shots
+    from flinders.apps.survey.checking import check_survey
     from flinders.apps.survey.pages import of_check
-    from flinders.apps.survey.shots import read_shots
 
     typed = [name for name in FITTING if program.is_typed(name)]
     if typed:
         names = ", ".join(f"--{name.removesuffix('_deg').replace('_', '-')}" for name in typed)
         raise UsageError(f"with --calibration nothing is fitted, and it knows its axes: leave {names} out")
-    known = _loaded(path)
-    shots = read_shots(
-        options.path,
-        axes=str(known.magnetometer.axes),
-        acceleration_axes=str(known.accelerometer.axes),
-        pointing=known.pointing,
-    )
-    errors, name = check_shots(shots, known), Path(path).name
+    errors, name = check_survey(options.path, path), Path(path).name
     options.outputs.print(
         lambda: {"rms_deg": errors.rms_deg, "shots": errors.as_dict()}, lambda: of_check(errors, name)
     )
     return GOOD
-
-
-def _loaded(path: str) -> SurveyCalibration:
-    """A calibration of a survey instrument, in any of its formats."""
-    from flinders.apps.survey.instrument import SurveyCalibration
-    from flinders.apps.survey.targets import of_distox, of_mag_cal
-    from flinders.core.calibration_file import LARGEST
-    from flinders.core.files import read_bytes
-    from flinders.errors import DocumentError
-
-    content = read_bytes(path, largest=LARGEST, what="calibration", refused=DocumentError)
-    if b'"flinders"' in content:
-        return SurveyCalibration.load(path)
-    try:
-        return of_mag_cal(content) if content.lstrip().startswith(b"{") else of_distox(content)
-    except DocumentError as error:
-        raise DocumentError(f"{path}: {error.message}", hint=error.hint, **error.evidence) from None
 
 
 def _instrument_files(fit: SurveyFit, options: Survey) -> dict[str, str | bytes]:

@@ -14,7 +14,7 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from flinders.arrays import Floats
+    from flinders.apps.survey.aeromagnetic import CompensatedFlight
     from flinders.core.samples import Recording, Samples
 
 
@@ -110,24 +110,18 @@ def _fit(samples: Samples, options: TollesLawson) -> int:
 
 def _compensate(samples: Samples, options: TollesLawson) -> int:
     """Compensate readings, and say what is left."""
-    from flinders.apps.survey.aeromagnetic import load
+    from flinders.apps.survey.aeromagnetic import compensate_flight
     from flinders.apps.survey.pages import of_compensated
 
-    fit, outputs = load(options.coefficients or ""), options.outputs
-    compensated = fit.compensated(samples)
-    outputs.write("".join(_lines(samples, fit.interference(samples))), options.output)
-    outputs.print(compensated.as_dict, lambda: of_compensated(compensated))
+    outputs, flight = options.outputs, compensate_flight(samples, options.coefficients or "")
+    outputs.write("".join(_lines(flight)), options.output)
+    outputs.print(flight.summary.as_dict, lambda: of_compensated(flight.summary))
     outputs.say_written("nothing was written: name a file with -o compensated.csv")
     return GOOD
 
 
-def _lines(samples: Samples, interference: Floats) -> Iterator[str]:
-    """Time, scalar reading and the compensated one, nT; nan where one is missing."""
-    import numpy as np
-
-    from flinders.apps.survey.tolles_lawson_terms import scalar_of
-
-    scalar = 1000.0 * scalar_of(samples)
+def _lines(flight: CompensatedFlight) -> Iterator[str]:
+    """Time, scalar reading and the compensated one; nan where one is missing."""
     yield "time_s,scalar_nT,compensated_nT\n"
-    for row in np.column_stack([samples.as_columns()["time_s"], scalar, scalar - interference]).tolist():
+    for row in zip(flight.time_s.tolist(), flight.scalar.tolist(), flight.compensated.tolist(), strict=True):
         yield "{:.4f},{:.3f},{:.3f}\n".format(*row)

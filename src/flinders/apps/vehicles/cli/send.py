@@ -118,20 +118,13 @@ def command(options: Send) -> None:
 
 def _to_board(fit: Fit, port: str, options: Send) -> None:
     """Send MotionCal's packet and wait for the echo."""
+    from flinders.apps.vehicles.sending import board_packet
     from flinders.links import motioncal
     from flinders.links.transports import Serial
-    from flinders.targets import ExportOptions, find
-    from flinders.targets.motioncal import MotionCalPacket
 
-    export = lossy_if_agreed(
-        lambda lossy: find("motioncal").render(fit.calibration, asked=ExportOptions(lossy=lossy)), lossy=options.lossy
-    )
-    packet, axes = MotionCalPacket.of(fit.calibration), fit.calibration.axes
-    for warning in (
-        *export.warnings,
-        *[f"it acts in the sensor's own axes: go on mapping them to {axes} afterwards"] * (not axes.is_identity),
-        "the packet also sets the offsets of accelerometer and gyroscope, to 0, as MotionCal does",
-    ):
+    made = lossy_if_agreed(lambda lossy: board_packet(fit, lossy=lossy), lossy=options.lossy)
+    packet = made.packet
+    for warning in made.warnings:
         say(f"! {warning}")
     if options.dry_run:
         _show_packet(packet, port, options)
@@ -202,21 +195,16 @@ def _to_vehicle(fit: Fit, link: ByteSource, options: Send) -> None:
 
 def _plan(fit: Fit, vehicle: Vehicle, options: Send) -> ParameterPlan:
     """What would change, for the compass that is named or that the log knows; says what there is to know."""
-    from flinders.apps.vehicles.mavlink_parameters import TARGETS, ParameterPlan
-    from flinders.fitting.export import known_numbers, mounting_of, only_number
-    from flinders.targets import find
+    from flinders.apps.vehicles.sending import parameter_plan
 
-    target = TARGETS[vehicle.autopilot]
-    mounting = mounting_of(fit, find(target), options.mounting)
-    compass, device_id = options.compass, options.device_id
-    if device_id is None:
-        known = known_numbers(fit, target, "device_id")
-        device_id = only_number(fit, known, "the compasses with device id", "device_id")
-    if device_id is None and compass is None:
-        compass = only_number(fit, known_numbers(fit, target, "compass"), "compass", "compass")
     plan = lossy_if_agreed(
-        lambda lossy: ParameterPlan.of(
-            vehicle, fit.calibration, compass=compass, device_id=device_id, mounting=mounting, lossy=lossy
+        lambda lossy: parameter_plan(
+            vehicle,
+            fit,
+            compass=options.compass,
+            device_id=options.device_id,
+            mounting=options.mounting,
+            lossy=lossy,
         ),
         lossy=options.lossy,
     )

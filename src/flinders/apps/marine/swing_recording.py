@@ -1,0 +1,166 @@
+"""A recording in which a vehicle rests on one heading after another, corrected or as it is, with its rests.
+
+>>> from flinders.core.samples import Samples
+>>> around = np.deg2rad(np.repeat([10.0, 100.0, 190.0, 280.0], 100))
+>>> field = np.column_stack([20.0 * np.cos(around), -20.0 * np.sin(around), np.full(400, 40.0)])
+>>> recording = read_rests(Samples.of(field, unit="uT"), level=True)
+>>> [round(rest.heading_deg) for rest in recording.rests]
+[10, 100, 190, 280]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.apps.marine.deviation import Expected, fit
+from flinders.comparison.comparison import rotation_covariance
+from flinders.errors import FitError, UsageError, counted
+from flinders.estimators.data import recording_of
+from flinders.geometry.angles import folded, shown_heading
+from flinders.heading.error_propagation import deviation_covariance
+from flinders.heading.stationary import LEAST_READINGS, half_turns, rests
+from flinders.summary.summary import Summary
+from flinders.workflows.heading_stream import HeadingStream
+from flinders.workflows.recordings import fit_for, recording_for, uncalibrated
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.apps.marine.deviation import Deviation
+    from flinders.core.geomag import SiteField
+    from flinders.heading.stationary import HalfTurn, Rest
+    from flinders.workflows.notes import Note
+    from flinders.workflows.recordings import AnyCalibration, AnyReadings
+
+STATIONARY_S: Final = 2.0
+"""Shortest rest of a recording with times."""
+
+MIN_READINGS: Final = 8
+"""In the shortest rest."""
+
+MAX_LISTED: Final = 12
+"""Rests that an error names."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SwingRecording:
+    """A recording that was read to its end, and its rests."""
+
+    stream: HeadingStream
+    rests: tuple[Rest, ...]
+    is_calibrated: bool  #: it was corrected, and not taken as it is
+
+    @classmethod
+    def of(cls, stream: HeadingStream, *, is_calibrated: bool, stationary_s: float | None = None) -> Self:
+        """Read a stream to its end, and find its rests of so many seconds at least."""
+        blocks = [(headings.magnetic_deg, samples.time) for _, samples, headings in stream.headings()]
+        times = [time for _, time in blocks if time is not None]
+        steps = np.diff(np.concatenate(times)) if times else np.empty(0)
+        step = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
+        shortest_s = STATIONARY_S if stationary_s is None else stationary_s
+        least = max(round(shortest_s / step), MIN_READINGS) if step > 0.0 else LEAST_READINGS
+        heading = np.concatenate([headings for headings, _ in blocks])
+        return cls(stream, rests(heading, least_readings=least), is_calibrated)
+
+    @property
+    def source(self) -> str:
+        """Name of the recording."""
+        return self.stream.recording.source
+
+    @property
+    def doubts(self) -> tuple[Note, ...]:
+        """Why the readings do not suit their calibration; none where they do, or are taken as they are."""
+        return self.stream.corrector.notes() if self.is_calibrated else ()
+
+    def half_turns(self) -> tuple[HalfTurn, ...]:
+        """Pairs of rests, half a turn apart."""
+        return half_turns(self.rests)
+
+    def deviation(
+        self, headings_deg: Sequence[float], *, site: SiteField | None = None, sigma_deg: float | None = None
+    ) -> Deviation:
+        """Fit the deviation of rests on known headings, which are true where the site is known.
+
+        Raises `FitError` unless there is a heading for each rest.
+        """
+        if len(self.rests) != len(headings_deg):
+            raise FitError(
+                f"{counted(len(headings_deg), 'heading')} for {self.source}, which holds {self.listed()}: name one for "
+                "each, in order, or change the shortest rest",
+                hint={"headings_deg": None, "stationary_s": None},
+                rests=len(self.rests),
+                headings=len(headings_deg),
+            )
+        seen = np.array([rest.heading_deg for rest in self.rests])
+        magnetic = np.array(headings_deg) - (0.0 if site is None else site.declination_deg)
+        return fit(seen, folded(magnetic - seen), sigma_deg=sigma_deg)
+
+    def expected(self) -> Expected | None:
+        """Deviation that the calibration's own uncertainty makes, and that of its rotation, where it states one."""
+        known = self.stream.fit
+        if not known.claim.states_uncertainty:
+            return None
+        dip, source = self.stream.site_dip()
+        covariance = deviation_covariance(
+            known.calibration.ellipsoid,
+            known.claim.claimed_covariance,
+            dip_deg=dip,
+            down=self.stream.down_in_body(),
+            rotation=known.calibration.rotation_matrix,
+            rotation_covariance=rotation_covariance(known),
+        )
+        return Expected(covariance, dip, source)
+
+    def listed(self) -> str:
+        """Which rests there are, in words."""
+        shown = ", ".join(shown_heading(rest.heading_deg, 0) for rest in self.rests[:MAX_LISTED])
+        more = ", …" * (len(self.rests) > MAX_LISTED)
+        return f"{counted(len(self.rests), 'rest')}{f' on {shown}{more}' if self.rests else ''}"
+
+
+def read_rests(
+    source: AnyReadings,
+    calibration: AnyCalibration | None = None,
+    *,
+    site: SiteField | None = None,
+    stationary_s: float | None = None,
+    level: bool = False,
+    acceleration: str | None = None,
+    acceleration_axes: str = "x,y,z",
+) -> SwingRecording:
+    """Turn a recording into headings, and find where the vehicle rested.
+
+    Parameters
+    ----------
+    source, site, level, acceleration, acceleration_axes
+        As for `flinders.headings`.
+    calibration : Fit, Calibration or path, optional
+        Of this sensor. By default the readings are taken as they are.
+    stationary_s : float, s
+        Shortest rest. By default 2 s; 50 readings of a recording without times.
+
+    Raises
+    ------
+    NoAccelerometer, ForeignAxes, InputError, UnitError, AxesError
+        As `flinders.headings`.
+    """
+    if calibration is None:
+        recording, _ = recording_of(source)
+        if isinstance(recording, Summary):
+            raise UsageError("a swing needs readings: give the recording, not its summary")
+        known = uncalibrated(recording)
+    else:
+        known = fit_for(calibration)
+        recording = recording_for(source, known)
+    stream = HeadingStream.of(
+        recording,
+        known,
+        site=site,
+        level=level,
+        acceleration=acceleration,
+        acceleration_axes=acceleration_axes,
+    )
+    return SwingRecording.of(stream, is_calibrated=calibration is not None, stationary_s=stationary_s)

@@ -1,0 +1,87 @@
+"""What a swing found of a compass: its deviation, how that keeps a limit, and what half turns show.
+
+>>> from flinders.apps.marine.deviation import conformity, fit
+>>> curve = fit(range(0, 360, 45), [1.0, 2.0, 1.5, -0.2, -0.5, -0.8, -1.5, -0.7])
+>>> Swing(curve).verdict, Swing(curve, target_deg=0.1).verdict, Swing(curve, conformity=conformity(curve, 2.0)).verdict
+('good', 'limited', 'limited')
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from flinders.apps.marine.swing_notes import curve_notes
+from flinders.errors import in_python
+from flinders.heading.stationary import hard_iron
+from flinders.workflows.notes import limits_of
+
+if TYPE_CHECKING:
+    from flinders.apps.marine.compensation import Compensation
+    from flinders.apps.marine.deviation import Conformity, Deviation, Expected
+    from flinders.apps.marine.legs import LoggedSwing
+    from flinders.apps.marine.standards import Standard
+    from flinders.core.geomag import SiteField
+    from flinders.errors import Spelling
+    from flinders.findings import Verdict
+    from flinders.heading.stationary import HalfTurn, Rest
+    from flinders.workflows.notes import Note
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Swing:
+    """Deviation of a compass; of a recording also its rests, and what its calibration claims."""
+
+    deviation: Deviation | None  # where headings are known
+    target_deg: float = 1.0  # deviation asked for
+    site: SiteField | None = None  # where the declination comes from
+    rests: tuple[Rest, ...] = ()  # stretches of one heading
+    halves: tuple[HalfTurn, ...] = ()
+    expected: Expected | None = None  # what the calibration lets expect of a swing
+    rule: Standard | None = None  # by which the compass was swung
+    conformity: Conformity | None = None  # where there is a limit
+    before: Compensation | None = None  # coefficients before the compass was compensated
+    logged: LoggedSwing | None = None  # readings from a boat's log
+    doubts: tuple[Note, ...] = ()  # why the readings do not suit their calibration
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What limits the curve, and what else to know of it."""
+        curve = self.deviation
+        return () if curve is None else curve_notes(curve, self.expected, target_deg=self.target_deg)
+
+    @property
+    def half_turns_pass(self) -> bool | None:
+        """Whether all half turns are within the target; None where there are none."""
+        return all(abs(half.error_deg) <= self.target_deg for half in self.halves) if self.halves else None
+
+    @property
+    def verdict(self) -> Verdict:
+        """``good``: the curve has no limits, keeps that of a rule for certain, and half turns of a recording pass.
+
+        Else ``limited``; ``refused`` where there is no curve, and half turns miss the target.
+        """
+        is_missed = bool(self.rests) and self.half_turns_pass is False
+        if self.deviation is None:
+            return "refused" if is_missed else "good"
+        is_open = self.conformity is not None and self.conformity.verdict != "within"
+        return "limited" if is_missed or is_open or limits_of(self.notes) else "good"
+
+    def as_dict(self, spell: Spelling = in_python) -> dict[str, Any]:
+        """JSON-ready."""
+        deviation, iron = self.deviation, hard_iron(self.halves)
+        return {
+            "deviation": None if deviation is None else deviation.as_dict(),
+            "limits": limits_of(self.notes, spell),  # what limits the card, in words
+            # what the calibration lets expect of a swing
+            "calibration": None if self.expected is None else self.expected.as_dict(deviation),
+            "site": None if self.site is None else self.site.as_dict(),
+            "conformity": None if self.conformity is None else self.conformity.as_dict(),
+            "before": None if self.before is None else self.before.as_dict(),
+            "logged": None if self.logged is None else self.logged.as_dict(),
+            "rests": [rest.as_dict() for rest in self.rests],  # stretches of one heading
+            "half_turns": [half.as_dict() for half in self.halves],  # pairs of them, half a turn apart
+            "hard_iron_deg": None if iron is None else {"B": iron[0], "C": iron[1]},  # B and C that half turns show
+            "half_turns_pass": self.half_turns_pass,  # whether all half turns are within `target_deg`
+            "target_deg": self.target_deg,  # deviation asked for
+        }
