@@ -448,7 +448,7 @@ def test_a_bag_whose_chunks_share_an_index_is_refused(tmp_path: Path) -> None:
 def test_an_mcap_whose_index_names_a_chunk_twice_is_refused() -> None:
     chunk = SimpleNamespace(chunk_start_offset=8, uncompressed_size=1)
     with pytest.raises(ValueError, match="names a chunk twice"):
-        ros._refuse_packed_chunks(SimpleNamespace(chunks=[chunk, chunk]))
+        ros._refuse_packed_chunks(SimpleNamespace(chunks=[chunk, chunk]), "boat.mcap")
 
 
 def test_an_mcap_whose_chunks_unpack_to_too_much_is_refused(tmp_path: Path) -> None:
@@ -456,7 +456,7 @@ def test_an_mcap_whose_chunks_unpack_to_too_much_is_refused(tmp_path: Path) -> N
     path.write_bytes(bytes(1000))
     chunks = [SimpleNamespace(chunk_start_offset=place, uncompressed_size=1 << 28) for place in range(9)]
     with pytest.raises(UnreadableInput, match="is said to hold"):
-        ros._refuse_packed_chunks(SimpleNamespace(chunks=chunks, path=path))
+        ros._refuse_packed_chunks(SimpleNamespace(chunks=chunks, path=path), path.name)
 
 
 def test_a_folder_with_a_damaged_file_says_what_to_do(tmp_path: Path) -> None:

@@ -188,7 +188,7 @@ def _read_by_rosbags(path: Path, topics: _Topics) -> tuple[int, int]:
     _bound_unpacking()
     with SecondReader(path) as reader:
         for storage in getattr(reader.storage, "storages", [reader.storage]):
-            _refuse_packed_chunks(storage)
+            _refuse_packed_chunks(storage, topics.source)
             if reader.compression_mode == "message":
                 storage.messages = partial(_small_messages, storage.messages)
         return _read_messages(reader, topics)
@@ -207,13 +207,13 @@ def _read_messages(reader: Any, topics: _Topics) -> tuple[int, int]:  # noqa: AN
     return sum(one.msgcount for one in wanted), read
 
 
-def _refuse_packed_chunks(storage: Any) -> None:  # noqa: ANN401 - of rosbags
+def _refuse_packed_chunks(storage: Any, source: str) -> None:  # noqa: ANN401 - of rosbags
     """Refuse an MCAP whose chunks unpack to too much: those of one time are in memory together."""
     chunks = getattr(storage, "chunks", ())
     if len({chunk.chunk_start_offset for chunk in chunks}) < len(chunks):
         raise ValueError("its index names a chunk twice")
     if chunks:
-        refuse_bomb(storage.path.name, sum(one.uncompressed_size for one in chunks), storage.path.stat().st_size)
+        refuse_bomb(source, sum(one.uncompressed_size for one in chunks), storage.path.stat().st_size)
 
 
 def _advice(path: Path, start: bytes | None) -> str:
