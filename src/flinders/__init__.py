@@ -20,6 +20,8 @@ from flinders.core.lazy import attributes
 from flinders.core.version import VERSION
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from flinders import errors as errors
     from flinders import estimators as estimators
     from flinders import simulate as simulate
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from flinders.core import units as units
     from flinders.core.axes import Axes as Axes
     from flinders.core.calibration import Calibration as Calibration
+    from flinders.core.samples import Recording
     from flinders.core.samples import Samples as Samples
     from flinders.core.units import Unit as Unit
     from flinders.errors import FitError as FitError
@@ -112,15 +115,23 @@ def __getattr__(name: str) -> object:
         return __dir__()
     attribute = attributes(__name__, _public())(name)
     if result := sys.modules.get("flinders.fitting.result"):
-        vars(result)["Fit"]._repr_html_ = _html_of
+        fit = vars(result)["Fit"]
+        fit._repr_html_, fit.plot = _html_of, _plot  # pages and figures are above fits, which do not know of them
     return attribute
 
 
 def _html_of(fit: Fit) -> str:
-    """What a notebook shows of a fit: pages are above fits, which therefore do not know of them."""
+    """What a notebook shows of a fit."""
     from flinders.report.notebook import html_of
 
     return html_of(fit)
+
+
+def _plot(fit: Fit, recording: Recording, what: str = "all") -> Figure:
+    """Draw a fit and its recording with matplotlib, as `flinders.report.matplotlib.plot` does."""
+    from flinders.report.matplotlib import plot
+
+    return plot(fit, recording, what)
 
 
 def __dir__() -> list[str]:

@@ -562,11 +562,11 @@ def _is_our_fault(error: Exception) -> bool:
 
 
 @contextmanager
-def reading(name: str, kind: str) -> Iterator[None]:
+def reading(name: str, kind: str, *, advice: str = "copy it again") -> Iterator[None]:
     """Let a parser read a file, and turn whatever it raises into one line: on a broken file that is anything.
 
-    `kind` is what the file should be, with its article. Errors of Flinders pass through, and so do faults of this
-    program, which are no file's.
+    `kind` is what the file should be, with its article, and `advice` what to do about a broken one. Errors of Flinders
+    pass through, and so do faults of this program, which are no file's.
 
     >>> with reading("flight.ulg", "a PX4 ULog"):
     ...     {}["sensor_mag"]
@@ -584,5 +584,5 @@ def reading(name: str, kind: str) -> Iterator[None]:
         said = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":").removesuffix(": ")
         message = "".join(letter if letter.isprintable() else "\ufffd" for letter in said)
         raise UnreadableInput(
-            f"{name} cannot be read as {kind} ({message[:LONGEST]}): it is broken or cut short; copy it again"
+            f"{name} cannot be read as {kind} ({message[:LONGEST]}): it is broken or cut short; {advice}"
         ) from None

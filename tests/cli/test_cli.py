@@ -243,7 +243,6 @@ READING = {
     "check": "check calibration.json print.txt",
     "compare-methods": "compare-methods print.txt --methods auto,sphere",
     "heading": "heading calibration.json print.txt --level -o out.csv",
-    "plot": "plot calibration.json print.txt -o out.png --what residuals",
     "refresh": "refresh --previous calibration.json print.txt",
     "report": "report calibration.json print.txt -o out.html",
     "swing": "swing calibration.json print.txt --level",

@@ -8,6 +8,7 @@ import inspect
 import io
 import pickle
 import re
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +23,7 @@ from flinders.errors import AxesError, MissingExtra, NoMagnetometer, OutputExist
 from flinders.simulate.recording import write_csv
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from flinders.core.samples import Samples
 
@@ -72,9 +73,54 @@ def test_a_frame_reads_as_the_samples_it_was_made_of(make: Callable[[Samples], A
     assert flinders.fit(make(samples)).calibration.isclose(flinders.fit(samples).calibration)
 
 
-def test_a_frame_of_pandas_needs_no_pyarrow(samples: Samples, monkeypatch: pytest.MonkeyPatch) -> None:
+class Column:
+    """A column as polars has it: a type without a kind, and its values as NumPy or as a list."""
+
+    dtype = "Float64"
+
+    def __init__(self, values: Sequence[object]) -> None:
+        self.values = values
+
+    def to_numpy(self) -> Any:  # noqa: ANN401 - an array
+        return np.array(self.values)
+
+    def to_list(self) -> list[object]:
+        return list(self.values)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Any:  # noqa: ANN401
+        return self.to_numpy().astype(dtype)
+
+
+class PolarsLike(Streamed):
+    """A frame as polars has it, which also hands out its columns one by one."""
+
+    def __init__(self, columns: dict[str, Any]) -> None:
+        self.columns, self._by_name = list(columns), columns
+
+    def get_column(self, name: str) -> Column:
+        return Column(self._by_name[name])
+
+
+def of_polars(columns: dict[str, Any]) -> Any:  # noqa: ANN401 - a frame
+    return pytest.importorskip("polars").DataFrame(columns)
+
+
+@pytest.mark.parametrize("make", [pandas.DataFrame, PolarsLike, of_polars])
+def test_frames_of_pandas_and_polars_need_no_pyarrow(
+    samples: Samples, monkeypatch: pytest.MonkeyPatch, make: Callable[[dict[str, Any]], Any]
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    dates = (1.7e18 + 1e9 * np.asarray(samples.time)).astype("datetime64[ns]")
+    axes = {name: column for name, column in samples.as_columns().items() if name != "time_s"}
+    frame = make({"time": dates, **axes, "device": ["a", "b"] * (len(samples) // 2), "note": ["calm"] * len(samples)})
+    again = flinders.read(frame, sensor="device=a")
+    np.testing.assert_array_equal(again.field, samples.field[::2])
+    np.testing.assert_allclose(np.diff(np.asarray(again.time)), np.diff(np.asarray(samples.time)[::2]), atol=1e-6)
+    assert flinders.fit(make(samples.as_columns())).calibration.isclose(flinders.fit(samples).calibration)
+
+
+def test_other_streams_of_arrow_need_pyarrow(samples: Samples, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("flinders.errors.import_module", refuse)
-    assert flinders.fit(FRAMES["pandas"](samples)).verdict == "good"
     with pytest.raises(MissingExtra, match=r"a tests Streamed needs pyarrow.*flinders\[parquet\]"):
         flinders.fit(Streamed(samples.as_columns()))
     with pytest.raises(MissingExtra, match="a table of Arrow needs pyarrow"):

@@ -1,8 +1,7 @@
-"""`flinders report`, `flinders plot`, `flinders calibrate --report`: what they write, and what they refuse."""
+"""`flinders report`, `flinders calibrate --report`: what they write, and what they refuse."""
 
 from __future__ import annotations
 
-import builtins
 import io
 import json
 import os
@@ -15,7 +14,6 @@ from typing import TYPE_CHECKING
 import click
 import pytest
 from click.testing import CliRunner, Result
-from tests.trials import nightly
 from tests.worlds import write_field
 
 from flinders import simulate
@@ -145,9 +143,6 @@ def test_names_with_markup_are_words(tmp_path: Path) -> None:
         (("calibrate", "tumble.csv", "--report", "tumble.csv", "--force"), 2, "would be written over"),
         (("calibrate", "--minmax", "1,2,3,4,5,6", "--report", "r.html"), 2, "--report needs readings"),
         (("calibrate", "tumble.csv", "--sensor", "all", "--report", "r.html"), 2, "for one magnetometer"),
-        (("plot", "calibration.json", "tumble.csv"), 2, "--output"),
-        (("plot", "calibration.json", "tumble.csv", "-o", "a.jpg"), 2, ".svg, .png, .pdf"),
-        (("plot", "calibration.json", "tumble.csv", "-o", "a.svg", "--what", "art"), 2, "projections"),
     ],
 )
 def test_what_cannot_work_is_one_line(words: Sequence[str], code: int, said: str) -> None:
@@ -186,56 +181,11 @@ def test_a_browser_that_fails_is_one_line(script: str, monkeypatch: pytest.Monke
     assert not Path("r.pdf").exists()
 
 
-@pytest.mark.parametrize(("name", "begins"), [("a.png", b"\x89PNG"), nightly("a.pdf", b"%PDF"), ("A.SVG", b"<?xml")])
-def test_plot_writes_what_the_name_says(name: str, begins: bytes) -> None:
-    pytest.importorskip("matplotlib")
-    done = run("plot", "calibration.json", "tumble.csv", "-o", name, "--what", "residuals")
-    assert done.exit_code == 0, done.output
-    assert Path(name).read_bytes().startswith(begins)
-
-
-@pytest.mark.parametrize("what", ["all", *map(nightly, ("deviation", "projections", "coverage"))])
-def test_plot_draws_each_part(what: str) -> None:
-    pytest.importorskip("matplotlib")
-    assert run("plot", "calibration.json", "tumble.csv", "-o", "one.svg", "--what", what).exit_code == 0
-    assert Path("one.svg").stat().st_size > 20_000
-
-
-def test_the_same_figure_is_the_same_bytes() -> None:
-    pytest.importorskip("matplotlib")
-    for name in ("one.svg", "two.svg"):
-        assert run("plot", "calibration.json", "tumble.csv", "-o", name, "--what", "deviation").exit_code == 0
-    assert Path("one.svg").read_bytes() == Path("two.svg").read_bytes()
-
-
-def test_plot_without_matplotlib_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = builtins.__import__
-
-    def without(name: str, *arguments: object, **named: object) -> object:
-        if name.partition(".")[0] == "matplotlib":
-            raise ImportError(name)
-        return whole(name, *arguments, **named)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    done = run("plot", "calibration.json", "tumble.csv", "-o", "a.svg")
-    assert (done.exit_code, done.stderr) == (
-        5,
-        (
-            "error: drawing figures needs matplotlib, which is not installed: pip install 'flinders[plot]' "
-            "(in a checkout: uv sync --extra plot)\n"
-        ),
-    )
-
-
 def test_an_imported_calibration_is_shown_without_a_claim() -> None:
     assert run("export", "--to", "sensorlab", "calibration.json", "-o", "lab.json").exit_code == 0
     assert run("import", "lab.json", "-o", "imported.json").exit_code == 0
     assert run("report", "imported.json", "tumble.csv").exit_code == 0
     assert "Of unknown quality" in Path("report.html").read_text(encoding="utf-8")
-    pytest.importorskip("matplotlib")
-    assert run("plot", "imported.json", "tumble.csv", "-o", "a.svg", "--what", "residuals").exit_code == 0
-    nothing = run("plot", "imported.json", "tumble.csv", "-o", "b.svg", "--what", "deviation")
-    assert (nothing.exit_code, "states no uncertainty" in nothing.stderr) == (2, True)
 
 
 def test_nothing_is_drawn_where_output_is_piped() -> None:

@@ -30,7 +30,6 @@ ROWS: Final = {
     "info": (LOOK, "info", "Say what a recording or a log holds, and what to type next."),
     "show": (LOOK, "show", "Say what a calibration file holds."),
     "report": (LOOK, "report", "Write a report of a calibration and a recording."),
-    "plot": (LOOK, "plot", "Draw a calibration and a recording."),
     "compare": (LOOK, "compare", "Say how far two calibrations are apart, in degrees."),
     "methods": (LOOK, "methods", "List the methods and when to use each."),
     "targets": (LOOK, "targets", "List what a calibration can be written for."),

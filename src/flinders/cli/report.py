@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from flinders.workflows.restoring import Restored
 
 
-class Pair(program.Group):
-    """A calibration and the recordings that are drawn with it."""
+class Report(program.Group):
+    """A calibration and the recordings that are drawn with it, and where the report goes."""
 
     calibration: str = program.argument("CALIBRATION")
     recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1)
@@ -34,28 +34,6 @@ class Pair(program.Group):
     target_deg: float | None = option.target(
         "Worst heading error that is good enough [default: the calibration's].", None
     )
-
-    def restored(self, command: str) -> Restored:
-        """Open them, put them together, and say what is odd."""
-        from flinders.core.samples import Joined
-        from flinders.workflows.restoring import restore
-
-        path = self.calibration
-        loaded = load(command, path, self.recordings)
-        reading = {"columns": self.columns, **self.part.as_dict()}
-        with progress("reading") as watch:
-            parts = open_all_with(path, loaded, self.recordings, sensor=self.sensor, progress=watch, **reading)
-            with saying_what_was_read(parts):
-                found = restore(Joined(tuple(parts)), loaded, target_deg=self.target_deg, dip_deg=self.dip_deg)
-        for note in found.notes:
-            say(f"! {note.words(in_options)}")
-        return found
-
-
-class Report(program.Group):
-    """A calibration and recordings, and where the report goes."""
-
-    pair: Pair = program.group(Pair)
     output: str | None = option.output(
         "the report", "HTML file to write, - for standard output [default: report.html]."
     )
@@ -85,6 +63,22 @@ class Report(program.Group):
             refuse_report(self.path, "-o")
         self.checked_outputs()
 
+    def restored(self) -> Restored:
+        """Open them, put them together, and say what is odd."""
+        from flinders.core.samples import Joined
+        from flinders.workflows.restoring import restore
+
+        path = self.calibration
+        loaded = load("report", path, self.recordings)
+        reading = {"columns": self.columns, **self.part.as_dict()}
+        with progress("reading") as watch:
+            parts = open_all_with(path, loaded, self.recordings, sensor=self.sensor, progress=watch, **reading)
+            with saying_what_was_read(parts):
+                found = restore(Joined(tuple(parts)), loaded, target_deg=self.target_deg, dip_deg=self.dip_deg)
+        for note in found.notes:
+            say(f"! {note.words(in_options)}")
+        return found
+
 
 @program.command_of(
     "report",
@@ -109,13 +103,13 @@ def command(options: Report) -> None:
     options.check()
     path, pdf, outputs = options.path, options.pdf, options.outputs
     program = browser() if pdf else ""
-    found = options.pair.restored("report")
+    found = options.restored()
     notes = [note.words(in_options) for note in found.notes]
     text = page(
         found.fit,
         found.recording,
-        provenance=read(options.pair.calibration).provenance,
-        asked={"Calibration file": options.pair.calibration, **options.typed_words()},
+        provenance=read(options.calibration).provenance,
+        asked={"Calibration file": options.calibration, **options.typed_words()},
         listings=listings_of(found.known),
         notes=notes,
     )

@@ -145,16 +145,16 @@ class Calibration(Value):
         (31.0723, array([1.03574, 1.55362, 0.62145]))
         """
         array = _symmetric(matrix(shape, "shape"), "shape")
-        factor = _cholesky(array)
-        if not factor:
-            radii = np.array2string(np.linalg.eigvalsh(array), precision=4)
+        ellipsoid = Ellipsoid(vectors(centre, "centre"), (array + array.T) / 2)
+        if not ellipsoid.semi_axes[0] > 0.0:
+            radii = np.array2string(ellipsoid.semi_axes, precision=4)
             raise ArrayError(f"shape has radii {radii}: all three must be positive")
         known = field_strength is not None
-        mean_radius = math.prod(root ** (2 / 3) for root in factor[:3])  # their squares multiply to the radii
-        strength = _positive(field_strength, "field_strength") if known else mean_radius
-        inverse = _scaled_inverse(factor, strength)
-        made = cls(inverse, vectors(centre, "centre"), strength, known, raw=raw, axes=axes, sensor=sensor, frame=frame)
-        vars(made)["ellipsoid"] = Ellipsoid(made.offset, (array + array.T) / 2)
+        strength = _positive(field_strength, "field_strength") if known else ellipsoid.radius
+        inverse = strength * floats(np.linalg.inv(ellipsoid.shape))
+        inverse = (inverse + inverse.T) / 2.0 + 0.0  # no zero is negative
+        made = cls(inverse, ellipsoid.centre, strength, known, raw=raw, axes=axes, sensor=sensor, frame=frame)
+        vars(made)["ellipsoid"] = ellipsoid
         return made
 
     @property
@@ -566,35 +566,8 @@ def _invertible(values: ArrayLike, rotation: Rotation) -> Floats:
 
 def _is_positive(array: Floats) -> bool:
     """Whether a symmetric matrix is positive definite beyond doubt: all there is to know of most."""
-    roots = _cholesky(array)[:3]
-    return bool(roots) and min(roots) > 1e-6 * max(roots)
-
-
-def _cholesky(array: Floats) -> tuple[float, ...]:
-    """Entries 11, 22, 33, 21, 31, 32 of the Cholesky factor of a symmetric (3, 3) matrix; empty unless positive."""
-    (a, _, _), (d, b, _), (e, f, c) = array.tolist()
-    if not a > 0.0:
-        return ()
-    first = math.sqrt(a)
-    d, e = d / first, e / first
-    b -= d * d
-    if not b > 0.0:
-        return ()
-    second = math.sqrt(b)
-    f = (f - d * e) / second
-    c -= e * e + f * f
-    return (first, second, math.sqrt(c), d, e, f) if c > 0.0 else ()
-
-
-def _scaled_inverse(factor: tuple[float, ...], scale: float) -> Floats:
-    """(3, 3) inverse of the matrix of a Cholesky factor, times a scale."""
-    first, second, third, d, e, f = factor
-    x, y, z = 1.0 / first, 1.0 / second, 1.0 / third  # the inverse of the factor, with u, v, w below its diagonal
-    u, w = 0.0 - d * x * y, 0.0 - f * y * z  # no zero is negative
-    v = 0.0 - (e * x + f * u) * z
-    xy, xz, yz = scale * (u * y + v * w), scale * v * z, scale * w * z
-    xx, yy, zz = scale * (x * x + u * u + v * v), scale * (y * y + w * w), scale * z * z
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    least, _, largest = np.linalg.eigvalsh(array)
+    return bool(least > 1e-12 * abs(largest))
 
 
 def _symmetric(array: Floats, name: str, advice: str = "", hint: Hint | None = None) -> Floats:

@@ -124,11 +124,8 @@ def refuse_bomb(name: str, unpacked: int, packed: int) -> None:
         )
 
 
-def unpacked_piece(unpacker: Any, packed: bytes, *, is_whole: bool = True) -> bytes:  # noqa: ANN401 - of zlib, bz2 …
-    """Unpack a piece; of one that is known to be cut (not `is_whole`), as much as is there.
-
-    One that should be whole and is not raises `ValueError`; more than `MOST_PIECE` bytes, `UnreadableInput`.
-    """
+def unpacked_piece(unpacker: Any, packed: bytes) -> bytes:  # noqa: ANN401 - of zlib, bz2 …
+    """Unpack a piece; one that is cut raises `ValueError`, and more than `MOST_PIECE` bytes `UnreadableInput`."""
     content: bytes = unpacker.decompress(packed, MOST_PIECE)
     if unpacker.eof:
         return content
@@ -136,9 +133,7 @@ def unpacked_piece(unpacker: Any, packed: bytes, *, is_whole: bool = True) -> by
         raise UnreadableInput(
             f"a packed piece of the recording has more than {MOST_PIECE >> 20} MB: no logger wrote it"
         )
-    if is_whole:
-        raise ValueError("a packed piece is not whole")
-    return content
+    raise ValueError("a packed piece is not whole")
 
 
 def write_text(text: str, path: str | os.PathLike[str], *, force: bool = False) -> None:

@@ -38,8 +38,11 @@ from flinders.heading.error_propagation import DirectionError, HeadingError
 from flinders.summary.coverage import Coverage
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, FindingRecord, ProvenanceRecord, SourceFile
+    from flinders.core.samples import Recording
     from flinders.errors import FlindersError
     from flinders.findings import Condition
 
@@ -138,6 +141,11 @@ class Fit(Outcome):
     claim: Claim  #: its covariance, and the errors that follow of it
     judgement: Judgement  #: findings, verdict, and what a good verdict rests on
     provenance: Provenance = Provenance()  #: what messages call it; release, date and recordings of a loaded file
+
+    if TYPE_CHECKING:  # `flinders` adds it: figures are above fits
+
+        def plot(self, recording: Recording, what: str = "all") -> Figure:
+            """Draw the fit and its recording with matplotlib: `flinders.report.matplotlib.plot`."""
 
     @classmethod
     def of(cls, calibration: Calibration, *, name: str = "fit") -> Fit:

@@ -1,4 +1,4 @@
-"""Tables in memory: data frames of pandas, and whatever hands out a stream of Arrow, as polars and pyarrow do.
+"""Tables in memory: data frames of pandas and polars, and whatever hands out a stream of Arrow.
 
 Columns are recognised by the same names as those of files.
 
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.samples import BLOCK
-from flinders.errors import needs
+from flinders.errors import MissingExtra, needs
 from flinders.readers._devices import tells_rows_apart
 from flinders.readers._source import File
 from flinders.readers._table import Labels, Table, TableRecording, open_table
@@ -41,10 +41,19 @@ def is_frame(source: object) -> bool:
 def open_frame(frame: Any, **options: Any) -> TableRecording:  # noqa: ANN401 - of packages that need not be there
     """Recognise the columns of a table in memory; options and errors are those of `open_table`.
 
-    That of pandas needs nothing else, any other pyarrow: `MissingExtra` where that is not installed.
+    Without pyarrow a frame of polars is read too, but for dates in texts. Any other that only hands out a stream of
+    Arrow raises `MissingExtra`.
     """
     name = f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
-    table = _of_pandas(frame, name) if _is_pandas(frame) else _of_arrow(frame, name)
+    if _is_pandas(frame):
+        table = _of_columns(_columns_of_pandas(frame), name)
+    else:
+        try:
+            table = _of_arrow(frame, name)
+        except MissingExtra:
+            if not hasattr(frame, "get_column"):
+                raise
+            table = _of_columns({column: frame.get_column(column) for column in frame.columns}, name)
     return open_table(File(name, Path(name), 0), table, **options)
 
 
@@ -53,26 +62,34 @@ def _is_pandas(frame: object) -> bool:
     return all(hasattr(frame, name) for name in ("columns", "index", "items", "dtypes"))
 
 
-def _of_pandas(frame: Any, source: str) -> Table:  # noqa: ANN401
-    """Columns of numbers, dates and names of devices and sensors of a frame of pandas.
-
-    First comes the index, where that is dates or has a name.
-    """
+def _columns_of_pandas(frame: Any) -> dict[str, Any]:  # noqa: ANN401
+    """Columns by name; the index comes first, where it is dates or has a name."""
     columns = {str(name): column for name, column in frame.items()}
     if frame.index.name or frame.index.dtype.kind == "M":
         columns = {str(frame.index.name or "time"): frame.index, **columns}
+    return columns
+
+
+def _of_columns(columns: dict[str, Any], source: str) -> Table:
+    """Columns of numbers, dates and names of devices and sensors, of pandas or polars."""
     arrays = {name: _numbers(column) for name, column in columns.items()}
     labels = {name: Labels() for name, array in arrays.items() if array is None and tells_rows_apart(name)}
-    arrays |= {name: known.numbers(columns[name].where(columns[name].notna(), None)) for name, known in labels.items()}
+    arrays |= {name: known.numbers(_words(columns[name])) for name, known in labels.items()}
     return Table.of_arrays(source, KIND, {name: array for name, array in arrays.items() if array is not None}, labels)
 
 
 def _numbers(column: Any) -> NDArray[Any] | None:  # noqa: ANN401
     """Numbers with NaN for what is missing, dates in UTC; None for anything else."""
+    kind = getattr(column.dtype, "kind", "") or column.to_numpy().dtype.kind  # types of polars have no kind
     try:
-        return np.asarray(column, dtype="datetime64[ns]" if column.dtype.kind == "M" else np.float64)
+        return np.asarray(column, dtype="datetime64[ns]" if kind == "M" else np.float64)
     except (TypeError, ValueError):
         return None
+
+
+def _words(column: Any) -> Any:  # noqa: ANN401
+    """Words, None for what is missing."""
+    return column.where(column.notna(), None) if hasattr(column, "notna") else column.to_list()
 
 
 def _of_arrow(frame: Any, name: str) -> Table:  # noqa: ANN401

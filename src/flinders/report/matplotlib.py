@@ -1,11 +1,8 @@
-"""Figures of a fit with matplotlib, for papers and notebooks: SVG, PNG or PDF, in print colours.
+"""``fit.plot(recording)``: figures of a fit with matplotlib, for papers and notebooks, in print colours.
 
->>> from flinders import simulate
->>> from flinders.fitting import calibrate
->>> from flinders.report.figure_data import FigureData
->>> samples = simulate.tumble(seed=1, n=400).samples
->>> fit = calibrate.fit(samples)
->>> figure = figure_of(FigureData.of(fit, samples), fit, "projections")
+>>> import flinders
+>>> samples = flinders.simulate.tumble(seed=1, n=400).samples
+>>> figure = flinders.fit(samples).plot(samples, "projections")
 >>> [len(axes.collections) > 0 for axes in figure.axes]
 [True, True, True, True, True, True]
 
@@ -17,31 +14,30 @@ matplotlib is touched: no pyplot, no style, no window.
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.errors import MissingExtra, UsageError
+from flinders.errors import UsageError, needs
+from flinders.fitting.export import refuse_unfit
 from flinders.report import figures as drawing
 from flinders.report.charts import MOST_DOTS
 from flinders.report.colours import ROLES, colour_of
+from flinders.report.figure_data import FigureData
+from flinders.workflows.restoring import restore
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
-    from types import ModuleType
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
     from flinders.report.charts import Panel
-    from flinders.report.figure_data import FigureData
-
-FORMATS: Final = ("svg", "png", "pdf")
 
 INK, FAINT, LINE, RAW, CORRECTED, REJECT = (
     ROLES["light"][role] for role in ("ink", "faint", "line", "raw", "corrected", "reject")
@@ -55,7 +51,7 @@ DOTS_PER_INCH: Final = 160
 RC: Final = {
     "font.size": 9.0, "axes.edgecolor": LINE, "axes.labelcolor": FAINT, "axes.titlesize": 10.0,
     "xtick.color": FAINT, "ytick.color": FAINT, "axes.grid": True, "grid.color": LINE, "grid.linewidth": 0.7,
-    "axes.axisbelow": True, "svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "flinders",
+    "axes.axisbelow": True,
 }  # fmt: skip
 
 LEGEND: Final[dict[str, Any]] = {
@@ -72,15 +68,25 @@ STYLES: Final[dict[str, dict[str, Any]]] = {
 """How lines are drawn, by their class in the style sheet of the report."""
 
 
-def figure_of(drawn: FigureData, fit: Fit, what: str = "all") -> Figure:
-    """Draw a part of a good or limited fit, one of `PARTS`, or all of them below each other.
+def plot(fit: Fit, recording: Recording, what: str = "all") -> Figure:
+    """Draw a part of a fit and its recording, one of `PARTS`, or all of them below each other.
 
-    Raises `MissingExtra` where matplotlib is not installed; `UsageError` for a part that there is not, or one of which
-    nothing is known.
+    Raises
+    ------
+    MissingExtra
+        If matplotlib is not installed.
+    NotExportable
+        If the fit was refused.
+    UsageError
+        If the part does not exist, or the fit states nothing to draw it from.
     """
-    matplotlib = matplotlib_of()
+    matplotlib, drawable = (needs(name, "plot", "drawing figures") for name in ("matplotlib", "matplotlib.figure"))
     if what != "all" and what not in PARTS:
         raise UsageError(f"figure {what!r} is not known: use all or one of {', '.join(PARTS)}")
+    refuse_unfit(fit)
+    if fit.coverage.by_cell is None:  # as of a file, which keeps no readings
+        fit = restore(recording, fit).fit
+    drawn = FigureData.of(fit, recording)
     view = drawn.view
     known = [] if view is None else [name for name in PARTS if name != "deviation" or view.turn is not None]
     names = [name for name in known if what in ("all", name)]
@@ -88,39 +94,11 @@ def figure_of(drawn: FigureData, fit: Fit, what: str = "all") -> Figure:
         raise UsageError(f"nothing is known to draw {what} from: the calibration states no uncertainty")
     heights = [PARTS[name][0] for name in names]
     with matplotlib.rc_context(RC):
-        from matplotlib import figure as drawable
-
-        figure = drawable.Figure(figsize=(WIDTH, sum(heights)), layout="constrained")
+        figure: Figure = drawable.Figure(figsize=(WIDTH, sum(heights)), dpi=DOTS_PER_INCH, layout="constrained")
         parts = figure.subfigures(len(names), 1, height_ratios=heights, squeeze=False)[:, 0]
         for name, part in zip(names, parts, strict=True):
             PARTS[name][1](part, drawn, fit)
     return figure
-
-
-def figure_bytes(figure: Figure, kind: str) -> bytes:
-    """The bytes of a file; the same figure gives the same bytes.
-
-    Raises `UsageError` for a format that is none of `FORMATS`.
-    """
-    if kind not in FORMATS:
-        raise UsageError(f"{kind!r} is no format of a figure: use a name that ends in {', '.join(FORMATS)}")
-    undated = {"svg": {"Date": None}, "png": {}, "pdf": {"CreationDate": None}}[kind]
-    content = io.BytesIO()
-    with matplotlib_of().rc_context(RC):
-        figure.savefig(content, format=kind, dpi=DOTS_PER_INCH, metadata=undated)
-    return content.getvalue()
-
-
-def matplotlib_of() -> ModuleType:
-    """matplotlib, where it is installed.
-
-    Raises `MissingExtra` where it is not; says what to install.
-    """
-    try:
-        import matplotlib
-    except ImportError:
-        raise MissingExtra("matplotlib", "plot", "drawing figures") from None
-    return matplotlib
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,9 +17,9 @@ there as here: at rest it is +g along the axis that points up, and so −g along
 Times are those of the messages' headers, in seconds since the first reading, or since the clock began where that is
 not 1970; where a header has none, the time of recording.
 
-A bag of ROS 1 or an MCAP by itself is read up to where it breaks off (``ros_scan.py``); folders and databases are read
-by rosbags, or refused. Types are those that the recording defines (ROS 1, MCAP), else those of ROS 2 Humble. What
-is packed is unpacked up to `MOST_PIECE` bytes at a time.
+Only whole recordings are read: a broken one is refused with the command that may mend it. Types are those that the
+recording defines (ROS 1, MCAP), else those of ROS 2 Humble. What is packed is unpacked up to `MOST_PIECE` bytes at a
+time, and to no more than its file can hold.
 
 Sources: ``sensor_msgs/msg/*.msg``, REP-103 and REP-145; rosbags for the containers; of velocities ``driver.py`` of
 nmea_navsat_driver (``vel``), ``node.cpp`` of ublox (``fix_velocity``), and the topics of MAVROS (``raw/gps_vel``).
@@ -27,6 +27,7 @@ nmea_navsat_driver (``vel``), ``node.cpp`` of ublox (``fix_velocity``), and the 
 
 from __future__ import annotations
 
+import bz2
 import re
 from array import array
 from contextlib import contextmanager
@@ -38,8 +39,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.apps.vehicles.readers.ros_scan import BAG, KIND, MCAP, REPAIRS, SQLITE, BagScan, McapScan, mcap
-from flinders.core.files import MOST_PIECE, metered, unpacked_piece
+from flinders.core.files import MOST_PIECE, metered, refuse_bomb, unpacked_piece
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput, counted, needs, reading
 from flinders.readers._columns import LONG
@@ -58,7 +58,17 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.readers._source import File
 
+KIND: Final = "a ROS recording"
 TESLA: Final = Unit.of("T")
+BAG, MCAP, SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00"
+REPAIRS: Final = {
+    BAG: "rosbag reindex {}",
+    MCAP: "mcap recover {} -o whole.mcap",
+    SQLITE: "sqlite3 {} .recover | sqlite3 whole.db3",
+}
+"""Commands that may mend a broken recording, by its first bytes."""
+SUFFIXES: Final = {MCAP: ".mcap", SQLITE: ".db3"}
+"""How rosbags wants a file to end, by its first bytes."""
 ZSTD: Final = b"\x28\xb5\x2f\xfd"
 METADATA: Final = "metadata.yaml"
 MOST_METADATA: Final = 16 << 20
@@ -102,29 +112,22 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
         file = replace(file, path=file.path.parent)
     head = b"" if file.path.is_dir() else file.head()
     topics = _Topics(file.name, is_first=head.startswith(BAG))
-    title, damage = "ROS 2 recording", ""
-    if head.startswith((BAG, MCAP)):
-        title = "ROS 1 bag" if topics.is_first else "MCAP recording"
-        scan = (BagScan if topics.is_first else McapScan)(file, _is_wanted)
-        for connection, recorded, packed in scan.messages():
-            topics.add(connection, recorded, packed, may_be_broken=True)
-        damage = scan.damage
-    elif head.startswith(SQLITE):
-        _read_database(file, topics)
-    else:
-        with reading(file.name, KIND):
+    start = next((start for start in REPAIRS if head.startswith(start)), None)
+    with reading(file.name, KIND, advice=_advice(file.path, start)):
+        if start is None:
             _read_folder(file, topics)
+        else:
+            _read_file(file.path, start, topics)
     ordered = topics.sorted()
     begun = min((int(topic.stamps[0]) for topic in ordered if topic.is_magnetometer), default=0)
     since = begun if 1e-9 * begun > LONG else 0
     return Log(
         file.name,
-        title,
+        {BAG: "ROS 1 bag", MCAP: "MCAP recording"}.get(start or b"", "ROS 2 recording"),
         tuple(_instruments(file.name, ordered, since, given)),
         position=_position(ordered),
         begun=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=since // 1000) if since else None,
-        notes=tuple(_about(file, topics, damage)),
-        damage=(damage,) if damage else (),
+        notes=tuple(_about(file, topics)),
     )
 
 
@@ -136,53 +139,87 @@ def _read_folder(file: File, topics: _Topics) -> None:
     if (file.path / METADATA).stat().st_size > MOST_METADATA:
         raise UnreadableInput(f"the {METADATA} of {file.name} has more than {MOST_METADATA >> 20} MB: no ROS wrote it")
     for packed in file.path.glob("*.zstd"):
-        with mcap().zstd.open(packed, "rb") as stream:
+        with _mcap().zstd.open(packed, "rb") as stream:
             chunks, size = iter(partial(stream.read, 1 << 20), b""), packed.stat().st_size
             for _ in metered(packed.name, chunks, partial(int, size), most=MOST_MEMBER, ratio=False):
                 pass
     expected, read = _read_by_rosbags(file.path, topics)
     if read < expected:
         raise UnreadableInput(
-            f"{file.name} is damaged: {read:,} of {counted(expected, 'message')} are there; give the file in it, whose "
-            "beginning can be read"
+            f"{file.name} is damaged: {read:,} of {counted(expected, 'message')} are there; copy it again, or mend the "
+            "file in it with mcap recover or sqlite3 .recover"
         )
 
 
-def _read_database(file: File, topics: _Topics) -> None:
-    """Read a database of ROS 2; refuse a broken one with what mends it."""
-    broken = needs("apsw", "ros", KIND).Error
-    with reading(file.name, KIND):
-        try:
-            with _named(file.path, ".db3") as path:
-                expected, read = _read_by_rosbags(path, topics)
-        except Exception as error:
-            if not isinstance(error.__cause__ or error, broken):
-                raise
-            expected, read = 1, 0
-        if read < expected:
-            advice = _unfinished(file.path) or f"copy it again, or try {REPAIRS[SQLITE].format(shown(file.path.name))}"
-            raise UnreadableInput(f"{file.name} is a broken database, out of which no reading can be taken: {advice}")
+def _read_file(path: Path, start: bytes, topics: _Topics) -> None:
+    """Read a recording in one file; raise ValueError where messages are missing."""
+    with _named(path, SUFFIXES.get(start, "")) as named:
+        expected, read = (_read_bag if start == BAG else _read_by_rosbags)(named, topics)
+    if read < expected:
+        raise ValueError(f"{read:,} of {counted(expected, 'message')} are there")
+
+
+def _read_bag(path: Path, topics: _Topics) -> tuple[int, int]:
+    """Let rosbags read a bag of ROS 1; as `_read_by_rosbags`."""
+    from rosbags.rosbag1 import Reader as FirstReader
+
+    class BoundedReader(FirstReader):
+        """Refuse an index that is longer than the file, as where chunks share one."""
+
+        indexed = 0
+
+        def read_index_data(self, pos: int, indexes: dict[int, list[Any]]) -> None:
+            assert self.bio
+            begin = self.bio.tell()
+            super().read_index_data(pos, indexes)
+            self.indexed += self.bio.tell() - begin
+            if self.indexed > path.stat().st_size:
+                raise ValueError("its index says the same several times")
+
+    _bound_unpacking()
+    with BoundedReader(path) as reader:
+        return _read_messages(reader, topics)
 
 
 def _read_by_rosbags(path: Path, topics: _Topics) -> tuple[int, int]:
     """Let rosbags read what is wanted of a recording of ROS 2; how many messages it says it has, and how many came."""
     from rosbags.rosbag2 import Reader as SecondReader
 
-    _bound_mcap()
-    read = 0
+    _bound_unpacking()
     with SecondReader(path) as reader:
-        for storage in getattr(reader.storage, "storages", ()):
+        for storage in getattr(reader.storage, "storages", [reader.storage]):
+            _refuse_packed_chunks(storage, topics.source)
             if reader.compression_mode == "message":
                 storage.messages = partial(_small_messages, storage.messages)
-        wanted = [one for one in reader.connections if _is_wanted(one)]
-        for connection, recorded, packed in reader.messages(wanted) if wanted else ():  # none given would be all
-            if packed[:4] == ZSTD:
-                raise UnreadableInput(
-                    f"messages of {topics.source} are packed, as its {METADATA} says: give the folder it lies in"
-                )
-            topics.add(connection, recorded, packed)
-            read += 1
-        return sum(one.msgcount for one in wanted), read
+        return _read_messages(reader, topics)
+
+
+def _read_messages(reader: Any, topics: _Topics) -> tuple[int, int]:  # noqa: ANN401 - one of two of rosbags
+    wanted = [one for one in reader.connections if _is_wanted(one)]
+    read = 0
+    for connection, recorded, packed in reader.messages(wanted) if wanted else ():  # none given would be all
+        if packed[:4] == ZSTD:
+            raise UnreadableInput(
+                f"messages of {topics.source} are packed, as its {METADATA} says: give the folder it lies in"
+            )
+        topics.add(connection, recorded, packed)
+        read += 1
+    return sum(one.msgcount for one in wanted), read
+
+
+def _refuse_packed_chunks(storage: Any, source: str) -> None:  # noqa: ANN401 - of rosbags
+    """Refuse an MCAP whose chunks unpack to too much: those of one time are in memory together."""
+    chunks = getattr(storage, "chunks", ())
+    if len({chunk.chunk_start_offset for chunk in chunks}) < len(chunks):
+        raise ValueError("its index names a chunk twice")
+    if chunks:
+        refuse_bomb(source, sum(one.uncompressed_size for one in chunks), storage.path.stat().st_size)
+
+
+def _advice(path: Path, start: bytes | None) -> str:
+    """What to do about a broken recording."""
+    repair = f"copy it again, or try {REPAIRS[start].format(shown(path.name))}" if start else "copy it again"
+    return (_unfinished(path) or repair) if start == SQLITE else repair
 
 
 def _unfinished(path: Path) -> str:
@@ -196,9 +233,8 @@ def _unfinished(path: Path) -> str:
     )
 
 
-def _about(file: File, topics: _Topics, damage: str) -> Iterator[str]:
+def _about(file: File, topics: _Topics) -> Iterator[str]:
     """What to know about the recording."""
-    yield from filter(None, [damage])
     for path in file.path.glob("*.db3") if file.path.is_dir() else [file.path]:
         yield from filter(None, [_unfinished(path)])
     if topics.is_undefined:
@@ -219,22 +255,31 @@ def _named(path: Path, suffix: str) -> Iterator[Path]:
         yield link
 
 
-def _bound_mcap() -> None:
-    """Have rosbags unpack chunks of MCAP up to `MOST_PIECE` bytes; what is sound unpacks as before."""
-    unpackers = {"lz4": needs("lz4.frame", "ros", KIND).LZ4FrameDecompressor, "zstd": mcap().zstd.ZstdDecompressor}
-    for name, unpacker in unpackers.items():
-        mcap().DECOMPRESSORS[name] = partial(_chunk, unpacker)
+def _mcap() -> Any:  # noqa: ANN401 - of rosbags
+    """What rosbags reads MCAP by; its `zstd` is Python's own, or its backport."""
+    return needs("rosbags.rosbag2.storage_mcap", "ros", KIND)
 
 
-def _chunk(unpacker: Callable[[], Any], packed: bytes, _: int) -> bytes:
-    """Unpack a chunk of MCAP, as rosbags asks for it."""
-    return unpacked_piece(unpacker(), packed)
+def _bound_unpacking() -> None:
+    """Have rosbags unpack chunks up to `MOST_PIECE` bytes; what is sound unpacks as before."""
+    lz4 = needs("lz4.frame", "ros", KIND).LZ4FrameDecompressor
+    unpackers = {"lz4": lz4, "zstd": _mcap().zstd.ZstdDecompressor, "bz2": bz2.BZ2Decompressor}
+    for table in (_mcap().DECOMPRESSORS, needs("rosbags.rosbag1.reader", "ros", KIND).decompressors):
+        table.update({name: partial(_chunk, unpackers[name]) for name in table if name in unpackers})
+
+
+def _chunk(unpacker: Callable[[], Any], packed: bytes, *_: int) -> bytes:
+    """Unpack a chunk, as rosbags asks for it."""
+    try:
+        return unpacked_piece(unpacker(), packed)
+    except (RuntimeError, _mcap().zstd.ZstdError) as error:  # of lz4, of zstd
+        raise ValueError(f"a chunk cannot be unpacked: {error}") from None
 
 
 def _small_messages(messages: Callable[..., Iterator[Any]], *asked: object) -> Iterator[Any]:
     """Let through packed messages that say how long they are, unpacked, and are not too long."""
     for connection, stamp, packed in messages(*asked):
-        length = mcap().zstd.get_frame_info(packed).decompressed_size
+        length = _mcap().zstd.get_frame_info(packed).decompressed_size
         if length is None or length > MOST_PIECE:
             raise UnreadableInput("a packed message of the recording does not say how long it is, or is too long")
         yield connection, stamp, packed
@@ -253,7 +298,6 @@ class _Topic:
     stamps: array[int] = field(default_factory=lambda: array("q"))  # (N,), ns
     values: array[float] = field(default_factory=lambda: array("d"))  # (N, k)
     unstamped: int = 0  # messages whose header has no time
-    broken: int = 0  # messages that cannot be decoded
 
     @property
     def is_magnetometer(self) -> bool:
@@ -316,23 +360,17 @@ class _Topics:
     _by_name: dict[tuple[str, str], _Topic] = field(default_factory=dict)
     _decoders: dict[int, Callable[[bytes, str], Any]] = field(default_factory=dict)
 
-    def add(self, connection: Any, recorded: int, packed: bytes, *, may_be_broken: bool = False) -> None:  # noqa: ANN401
-        """Decode a message; one that cannot be is counted, where damage may be the cause, and else an error."""
+    def add(self, connection: Any, recorded: int, packed: bytes) -> None:  # noqa: ANN401
+        """Decode a message; one that cannot be decoded raises whatever rosbags makes of it."""
         key = connection.topic, connection.msgtype
         topic = self._by_name.setdefault(key, _Topic(*key))
+        if connection.id not in self._decoders:
+            self._decoders[connection.id] = self._decoder(connection)
+        message = self._decoders[connection.id](packed, connection.msgtype)
         try:
-            with reading(self.source, KIND):
-                if connection.id not in self._decoders:
-                    self._decoders[connection.id] = self._decoder(connection)
-                message = self._decoders[connection.id](packed, connection.msgtype)
-                try:
-                    topic.add(recorded, message)
-                except (AttributeError, TypeError) as error:  # its fields are those that the recording defines
-                    raise ValueError(f"{connection.msgtype} is defined otherwise: {error}") from None
-        except UnreadableInput:
-            if not may_be_broken:
-                raise
-            topic.broken += 1
+            topic.add(recorded, message)
+        except (AttributeError, TypeError) as error:  # its fields are those that the recording defines
+            raise ValueError(f"{connection.msgtype} is defined otherwise: {error}") from None
 
     def _decoder(self, connection: Any) -> Callable[[bytes, str], Any]:  # noqa: ANN401
         """How messages of a connection are decoded: by the recording's own types where it has them."""
@@ -460,8 +498,6 @@ def _notes(topic: _Topic, unit: Unit, motion: _Topic | None, topics: Sequence[_T
     others = sorted({shown(other.frame) for other in topics if other.kind == IMU})
     if motion is None and others:
         yield f"acceleration and rate are left out: they are in another frame ({', '.join(others)})"
-    if topic.broken:
-        yield f"{counted(topic.broken, 'message')} of it cannot be decoded: left out"
     if topic.unstamped:
         yield f"{topic.unstamped:,} messages have no time of their own: the time of recording is used for those"
 
