@@ -19,7 +19,7 @@ pytest.importorskip("pyarrow")
 
 
 @pytest.fixture(autouse=True)
-def logs() -> None:
+def logs(page_of_80_columns: None) -> None:
     """Five vehicles, of which one was hardly turned and one wrote half a file."""
     for place, vehicle in enumerate(("V101", "V102", "V103", "V104")):
         for seed, day in enumerate(("2026-03-01", "2026-06-01")):

@@ -21,11 +21,10 @@ from __future__ import annotations
 import heapq
 import math
 import re
-from bisect import bisect_left, bisect_right
 from collections import Counter
 from dataclasses import dataclass, fields, replace
 from functools import cache
-from itertools import accumulate, chain, islice, repeat
+from itertools import accumulate, chain, islice
 from typing import TYPE_CHECKING, Any, Final, Self, TextIO, TypeAlias, cast
 
 import numpy as np
@@ -449,30 +448,15 @@ def _groups(parts: Sequence[Path]) -> Iterator[Any]:
 
 
 def _rows(parts: Sequence[Path]) -> Iterator[tuple[int, int]]:
-    """Yield the number of a file and that of a row in it, in order; a file is left closed until its first row is next.
-
-    Rows that come before the first of any other file are taken together.
-    """
-    begun: dict[int, list[RowKey]] = {}
-    firsts = (_keys(_mapped(path).slice(0, 1)) for path in parts)
-    following = [(keys[0], place, 0) for place, keys in enumerate(firsts) if keys]
-    heapq.heapify(following)
-    while following:
-        _, place, first = heapq.heappop(following)
-        keys = begun.pop(place, None) or _keys(_mapped(parts[place]))
-        end = _end(keys, first, place, following)
-        yield from zip(repeat(place), range(first, end))
-        if end < len(keys):
-            begun[place] = keys
-            heapq.heappush(following, (keys[end], place, end))
+    """Yield the number of a file and that of a row in it, in order of the rows."""
+    for _, place, row in heapq.merge(*(_keyed(place, path) for place, path in enumerate(parts))):
+        yield place, row
 
 
-def _end(keys: Sequence[RowKey], first: int, place: int, following: Sequence[tuple[RowKey, int, int]]) -> int:
-    """Number of the first row of a file that comes after the row that `following` begins with."""
-    if not following:
-        return len(keys)
-    key, other, _ = following[0]
-    return (bisect_right if place < other else bisect_left)(keys, key, first)
+def _keyed(place: int, path: Path) -> Iterator[tuple[RowKey, int, int]]:
+    """Rows of a file with their keys; all but the first are read when its turn comes."""
+    yield from ((key, place, 0) for key in _keys(_mapped(path).slice(0, 1)))
+    yield from ((key, place, row) for row, key in enumerate(_keys(_mapped(path).slice(1)), 1))
 
 
 def _mapped(path: Path) -> Any:  # noqa: ANN401
