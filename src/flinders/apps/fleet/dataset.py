@@ -202,40 +202,18 @@ def _arrow(name: str, where: Any, size: int) -> TableFile:  # noqa: ANN401
 
     source = pyarrow.memory_map(where) if isinstance(where, str) else where
 
-    def only(places: Sequence[int]) -> Any:  # noqa: ANN401
-        return ipc.open_file(source, options=ipc.IpcReadOptions(included_fields=list(places)))
-
-    if isinstance(where, str):  # of a store, all of it would have to be fetched first
-        rows_of_batches(source, name, size)
-    whole = only(())
-    schema, groups = whole.schema, _rows_of(whole, only)
+    groups = tuple(rows_of_batches(source, name, size))
+    schema = ipc.open_file(source).schema
 
     def batches(wanted: Sequence[int], columns: list[str], rows: int) -> Iterator[Any]:
-        file = only([place for place, column in enumerate(schema.names) if column in columns])
+        places = [place for place, column in enumerate(schema.names) if column in columns]
+        file = ipc.open_file(source, options=ipc.IpcReadOptions(included_fields=places))
         for number in wanted:
             batch = file.get_batch(number).select(columns)
             batch.validate(full=True)
             yield from (batch.slice(start, rows) for start in range(0, batch.num_rows, rows))
 
     return TableFile(name, "Arrow", schema, groups, batches, lambda _: [None] * len(groups))
-
-
-def _rows_of(file: Any, only: Callable[[Sequence[int]], Any]) -> tuple[int, ...]:  # noqa: ANN401
-    """Rows of each record batch, from its first readable column; 0 if none is, an error if no record batch is."""
-    counts: dict[int, int] = {}
-    unreadable = None
-    for place in range(len(file.schema)):
-        column = only([place])
-        for number in set(range(file.num_record_batches)) - counts.keys():
-            try:
-                counts[number] = column.get_batch(number).num_rows
-            except Exception as error:  # noqa: BLE001 - on a broken file that is anything, as in `reading`
-                unreadable = error
-        if len(counts) == file.num_record_batches:
-            break
-    if unreadable is not None and not any(counts.values()):
-        raise unreadable
-    return tuple(counts.get(number, 0) for number in range(file.num_record_batches))
 
 
 @dataclass(frozen=True, slots=True)

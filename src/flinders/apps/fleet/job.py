@@ -69,11 +69,9 @@ LISTED: Final = 8
 """Files of a partition that an event lists; it counts them all."""
 UNREAD: Final = 1_000
 """Events about recordings that could not be read; more are only counted."""
-UNITS: Final = 200_000
-"""Units that are counted for the progress bar, whose hashes are held; of more, recordings alone are counted."""
 
-ProgressCallback: TypeAlias = Callable[[int, int, int, int | None], None]
-"""Called with the work done and the total of it, and with recordings and, if they are counted, units so far."""
+ProgressCallback: TypeAlias = Callable[[int, int, int], None]
+"""Called with the work done, the total of it, and the recordings so far."""
 
 
 def run(
@@ -465,7 +463,6 @@ class Progress:
     _done: int = 0
     _total: int = 0
     _rows: int = 0
-    _units: set[int] | None = field(default_factory=set)
 
     def planned(self, plan: Plan, checkpoint: Checkpoint, finished: set[int], **fields: object) -> None:
         """Log the plan, and which of its partitions an earlier run has finished."""
@@ -515,7 +512,7 @@ class Progress:
         self._done += partition.weight
         self._rows += rows.num_rows
         if self.watch is not None:
-            self.watch(self._done, self._total, self._rows, self._units_with(rows))
+            self.watch(self._done, self._total, self._rows)
 
     def finished(self, plan: Plan, counts: dict[str, Any], *, output: str, resumed: int, seconds: float) -> RunSummary:
         """Sum up a run whose table is written, and log it."""
@@ -585,14 +582,6 @@ class Progress:
         before, self.unread = self.unread, self.unread + failed.num_rows
         if before <= UNREAD < self.unread:
             log_event("unread-more", message=f"{UNREAD:,} are told; what follows is counted, and in the table")
-
-    def _units_with(self, rows: Any) -> int | None:  # noqa: ANN401
-        """Count the units so far; None if there are too many to tell apart."""
-        if self._units is not None:
-            self._units.update(map(hash, rows.column("unit").unique().to_pylist()))
-            if len(self._units) > UNITS:
-                self._units = None
-        return None if self._units is None else len(self._units)
 
 
 def _files_of(partition: Partition) -> dict[str, Any]:

@@ -21,7 +21,7 @@ import stat
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from flinders.core.files import reason, write_all
 from flinders.errors import MissingExtra, OutputError, OutputExists, UnreadableInput
@@ -32,13 +32,11 @@ if TYPE_CHECKING:
     from flinders.errors import FlindersError
 
 MAGIC: Final = re.compile(r"[*?\[]")
-REMOTE: Final = re.compile(r"(s3|s3a|gs|az|abfs|abfss|memory|https?|file)://")
-"""URLs that obstore opens; ``file://`` too, so that it can be tested without a cloud."""
+STORE: Final = re.compile(r"(s3a?|gs|az|abfss?)://[^/]+")
+"""The store in a URL; the path of an object follows."""
 CHUNK: Final = 1 << 22
 WHOLE: Final = 1 << 18
 """Bytes of an object that is read whole: as many take no longer than another request."""
-BUCKET: Final = re.compile(r"(?:s3a?|gs|az|abfss?)://[^/]*")
-"""The store in a URL; the path of an object follows."""
 PARTS: Final = (".parquet.parts", ".pq.parts")
 """Suffixes of the folder of a checkpoint."""
 KINDS: Final = {stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket", stat.S_IFCHR: "device", stat.S_IFBLK: "device"}
@@ -64,7 +62,7 @@ def is_remote(where: str) -> bool:
     >>> is_remote("s3://fleet/2026/"), is_remote("logs/")
     (True, False)
     """
-    return REMOTE.match(where) is not None
+    return STORE.match(where) is not None
 
 
 def listed(where: str) -> list[StoredFile]:
@@ -156,12 +154,11 @@ def obstore() -> Any:  # noqa: ANN401 - the module
 def _split(where: str) -> tuple[str, str]:
     """Split a URL into the store and the path in it.
 
-    >>> _split("gs://fleet/2026/A17.csv"), _split("memory://logs/A17.csv")
-    (('gs://fleet', '2026/A17.csv'), ('memory://logs', 'A17.csv'))
+    >>> _split("gs://fleet/2026/A17.csv")
+    ('gs://fleet', '2026/A17.csv')
     """
-    bucket = BUCKET.match(where)
-    store, _, path = (bucket[0], "", where[bucket.end() :].strip("/")) if bucket else where.rpartition("/")
-    return store, path
+    store = cast("re.Match[str]", STORE.match(where))[0]
+    return store, where.removeprefix(store).strip("/")
 
 
 def _store(where: str) -> Any:  # noqa: ANN401 - a store of obstore
@@ -181,7 +178,7 @@ def _objects(where: str) -> Iterator[StoredFile]:
     fixed = where.rstrip("/") if is_folder else MAGIC.split(where)[0].rpartition("/")[0]
     pattern = where[len(fixed) :].lstrip("/")
     with _store_errors(where):
-        store, folder = _split(fixed) if BUCKET.match(fixed) else (fixed, "")
+        store, folder = _split(fixed)
         for batch in _store(store).list(folder or None):
             for entry in batch:
                 name = str(entry["path"])[len(folder) :].lstrip("/")

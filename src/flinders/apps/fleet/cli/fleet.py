@@ -155,7 +155,7 @@ def _write_report(out: str, report: str, *, force: bool) -> None:
 
 @contextlib.contextmanager
 def _progress() -> Iterator[ProgressCallback | None]:
-    """A bar on stderr with recordings, how many a second, their units, and the time left; only on a terminal."""
+    """A bar on stderr with recordings, how many a second, and the time left; only on a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -165,11 +165,10 @@ def _progress() -> Iterator[ProgressCallback | None]:
     with Progress(*columns, console=console(), transient=True) as shown:
         task = shown.add_task("", total=None, state="looking at what is there")
 
-        def update(done: int, total: int, rows: int, units: int | None) -> None:
+        def update(done: int, total: int, rows: int) -> None:
             elapsed = shown.tasks[0].elapsed or 0.0
-            of_units = "" if units is None else f" of {counted(units, 'unit')}"
             rate = f", {rows / elapsed:,.0f} a second" if elapsed else ""
-            shown.update(task, completed=done, total=total, state=f"{counted(rows, 'recording')}{of_units}{rate}")
+            shown.update(task, completed=done, total=total, state=f"{counted(rows, 'recording')}{rate}")
 
         yield update
 
