@@ -9,7 +9,7 @@ r"""Datasets of Parquet and Arrow files whose rows are readings of many units: f
 >>> with opened(storage.StoredFile("fleet.parquet", path, 0), Options()) as file:
 ...     table = KeyedTable.of(file, Options())
 ...     [(runs, values)] = table.batches((0,), names := Interner())
-...     file.groups, extents_of(file, table.keys), [names.pair(each) for each in runs.numbers.tolist()], runs.lengths
+...     file.groups, extents_of(file, table.keys), [names.pairs[each] for each in runs.numbers.tolist()], runs.lengths
 ((3,), [('A17', 'B02')], [('A17', ''), ('B02', '')], array([2, 1]))
 """
 
@@ -72,8 +72,6 @@ BATCH_COLUMNS: Final = ("batch", "hw_batch", "lot", "hardware_batch", "hardware"
 """Names of a column of hardware batches."""
 NO_VALUE: Final = "__HIVE_DEFAULT_PARTITION__"
 """Null in a path such as ``unit=__HIVE_DEFAULT_PARTITION__/part-0.parquet``."""
-HALF: Final = 32
-"""Bits of the number of a recording in a pair, below those of the number of its unit."""
 BUFFER: Final = 1 << 20
 """Bytes of a column that are read at a time: a row group may hold any number of rows."""
 BATCH: Final = 131_072
@@ -142,9 +140,9 @@ class TableFile:
         return "row group" if self.kind == "Parquet" else "record batch"
 
     def batches(self, groups: Sequence[int], columns: list[str], rows: int = BATCH) -> Iterator[Any]:
-        """Yield record batches of some groups and columns, of up to so many rows; raises UnreadableInput."""
+        """Yield record batches of some groups and columns, of one to so many rows; raises UnreadableInput."""
         with reading(self.name, f"a table of {self.kind}"):
-            yield from self.read(groups, columns, rows)
+            yield from (batch for batch in self.read(groups, columns, rows) if batch.num_rows)
 
 
 @contextlib.contextmanager
@@ -392,8 +390,6 @@ class KeyedTable:
         places = places_of(self.schema)
         wanted = [places[cell] for cell in self.recording.columns.cells]
         for batch in self.file.batches(groups, sorted({*(column for column, _, _ in wanted), *self.keys.columns})):
-            if not batch.num_rows:
-                continue
             with reading(self.file.name, f"a table of {self.file.kind}"):
                 values = [values_of(batch.column(column), part) for column, part, _ in wanted]
             yield _runs(batch, self.keys, names), values
@@ -412,16 +408,14 @@ class KeyedTable:
 def counts_of(file: TableFile, keys: KeyColumns, groups: Sequence[int], names: Interner) -> Counter[Pair]:
     """Count the rows of each recording in some groups, from the columns of keys alone."""
     counts: Counter[int] = Counter()
-    if not keys.unit and not keys.recording:
-        number = names.number(keys.unit_value) << HALF | names.number(keys.recording_value)
+    if not keys.columns:
+        number = names.number((keys.unit_value, keys.recording_value), keys.batch_value)
         counts[number] = sum(file.groups[group] for group in groups)
-        names.note(number, keys.batch_value)
     for batch in file.batches(groups, list(keys.columns)) if keys.columns else ():
         runs = _runs(batch, keys, names)
-        if keys.unit or keys.recording:
-            for number, rows in zip(runs.numbers.tolist(), runs.lengths.tolist(), strict=True):
-                counts[number] += rows
-    return Counter({names.pair(number): rows for number, rows in counts.items()})
+        for number, rows in zip(runs.numbers.tolist(), runs.lengths.tolist(), strict=True):
+            counts[number] += rows
+    return Counter({names.pairs[number]: rows for number, rows in counts.items()})
 
 
 def _first_rows(file: TableFile, names: list[str]) -> Iterator[Any]:
@@ -437,34 +431,22 @@ def _first_rows(file: TableFile, names: list[str]) -> Iterator[Any]:
 
 
 def _runs(batch: Any, keys: KeyColumns, names: Interner) -> Runs:  # noqa: ANN401
-    """Run lengths of pairs of unit and recording."""
-    units = _coded(batch, keys.unit, keys.unit_value, names)
-    recordings = _coded(batch, keys.recording, keys.recording_value, names)
+    """Run lengths of recordings, as numbers of `names`, which takes their hardware batches."""
+    columns = (keys.unit, keys.unit_value), (keys.recording, keys.recording_value), (keys.batch, keys.batch_value)
+    coded = [_dictionary(batch, column) if column else ([value], None) for column, value in columns]
     is_first = np.ones(batch.num_rows, dtype=bool)
-    changes = [places[1:] != places[:-1] for _, places in (units, recordings) if places is not None]
+    changes = [places[1:] != places[:-1] for _, places in coded if places is not None]
     is_first[1:] = np.logical_or.reduce(changes) if changes else False
     first = np.flatnonzero(is_first)
-    unit, recording = (
-        codes[np.zeros_like(first) if places is None else places[first]] for codes, places in (units, recordings)
+    shape = [len(texts) for texts, _ in coded]
+    places = tuple(np.zeros_like(first) if every is None else every[first].astype(np.int64) for _, every in coded)
+    distinct, inverse = np.unique(np.ravel_multi_index(places, shape), return_inverse=True)
+    chosen = np.unravel_index(distinct, shape)
+    units, recordings, batches = (
+        [texts[place] for place in own.tolist()] for (texts, _), own in zip(coded, chosen, strict=True)
     )
-    runs = Runs(unit << HALF | recording, np.diff(first, append=batch.num_rows))
-    if keys.batch or keys.batch_value:
-        _note(runs, batch, keys, names)
-    return runs
-
-
-def _note(runs: Runs, batch: Any, keys: KeyColumns, names: Interner) -> None:  # noqa: ANN401
-    """Record the hardware batches of rows."""
-    numbers, inverse = np.unique(runs.numbers, return_inverse=True)
-    if not keys.batch:
-        for number in numbers.tolist():
-            names.note(number, keys.batch_value)
-        return
-    texts, places = _dictionary(batch, keys.batch)
-    both = np.repeat(inverse, runs.lengths) * len(texts) + places.astype(np.int64)
-    both = np.unique(both[np.flatnonzero(np.diff(both, prepend=-1))])
-    for number, place in zip(numbers[both // len(texts)].tolist(), (both % len(texts)).tolist(), strict=True):
-        names.note(number, texts[place])
+    numbers = np.array([*map(names.number, zip(units, recordings, strict=True), batches)], dtype=np.int64)
+    return Runs.joined([Runs(numbers[inverse], np.diff(first, append=batch.num_rows))])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -493,39 +475,28 @@ class Runs:
 
 
 class Interner:
-    """Numbers for texts, in the order of their first use; a pair of them is one number, and may have a hardware batch.
+    """Numbers for recordings, in the order of their first use, and the hardware batches of their units.
 
     >>> names = Interner()
-    >>> pair = names.number("A17") << HALF | names.number("monday")
-    >>> names.pair(pair)
-    ('A17', 'monday')
+    >>> names.number(("A17", "monday")), names.number(("A17", "friday"), "lot 7"), names.number(("A17", "monday"))
+    (0, 1, 0)
+    >>> names.pairs[1], names.batches
+    (('A17', 'friday'), {('A17', 'friday'): 'lot 7'})
     """
 
     def __init__(self) -> None:
-        self._numbers: dict[str, int] = {}
-        self._texts: list[str] = []
-        self._batches: dict[int, str] = {}
+        self.pairs: list[Pair] = []
+        self.batches: dict[Pair, str] = {}
+        self._numbers: dict[Pair, int] = {}
 
-    def number(self, text: str) -> int:
-        """The number of a text, a new one for a new text."""
-        number = self._numbers.setdefault(text, len(self._texts))
-        if number == len(self._texts):
-            self._texts.append(text)
+    def number(self, pair: Pair, batch: str = "") -> int:
+        """The number of a recording, a new one for a new recording; of several hardware batches the first by name."""
+        number = self._numbers.setdefault(pair, len(self.pairs))
+        if number == len(self.pairs):
+            self.pairs.append(pair)
+        if batch and batch <= self.batches.get(pair, batch):
+            self.batches[pair] = batch
         return number
-
-    def pair(self, number: int) -> Pair:
-        """Unit and recording of a number."""
-        return self._texts[number >> HALF], self._texts[number & (1 << HALF) - 1]
-
-    def note(self, number: int, batch: str) -> None:
-        """Record the hardware batch of a pair; of several the first by name."""
-        if batch and batch <= self._batches.get(number, batch):
-            self._batches[number] = batch
-
-    @property
-    def batches(self) -> dict[Pair, str]:
-        """Hardware batches of pairs that have one."""
-        return {self.pair(number): batch for number, batch in self._batches.items()}
 
 
 def extents_of(file: TableFile, keys: KeyColumns) -> list[tuple[str, str] | None]:
@@ -564,17 +535,6 @@ def _units_in(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[s
 def _without(schema: Any, keys: KeyColumns) -> Any:  # noqa: ANN401
     """Columns of a schema that are no keys."""
     return needs_arrow().schema([field for field in schema if field.name not in keys.columns])
-
-
-def _coded(
-    batch: Any,  # noqa: ANN401
-    column: str,
-    value: str,
-    names: Interner,
-) -> tuple[NDArray[np.int64], NDArray[np.integer] | None]:
-    """Numbers of texts, and (B,) the index of each row's; None if the path has one text for all rows."""
-    texts, places = _dictionary(batch, column) if column else ([value], None)
-    return np.array([names.number(text) for text in texts], dtype=np.int64), places
 
 
 def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.integer]]:  # noqa: ANN401

@@ -27,7 +27,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.metadata import version
-from itertools import chain, islice, pairwise
+from itertools import accumulate, chain, islice, pairwise
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Final, TypeVar
 
@@ -366,20 +366,25 @@ def _enough(total: int, short: int) -> int:
 
 
 def _packed(slices: Sequence[FileSlice]) -> Iterator[list[FileSlice]]:
-    """Pack small slices together, in order.
+    """Pack small slices of tables together, in order.
 
     >>> files = [FileSlice(StoredFile(str(part), "", 0), (0,), 20_000) for part in range(200)]
     >>> [len([*_packed(files[:count])]) for count in (3, 32, 100, 200)]
     [3, 16, 20, 40]
     """
-    total = sum(part.rows for part in slices)
-    enough = min(SMALLEST, _enough(total, SHORT))
+    rows = [part.rows for part in slices]
+    return _filled(slices, rows, min(SMALLEST, _enough(sum(rows), SHORT)), LARGEST)
 
-    def fits(run: list[FileSlice], part: FileSlice) -> bool:
-        rows = sum(each.rows for each in run)
-        return len(run) < MOST_SLICES and rows < enough and rows + part.rows <= LARGEST
 
-    return _runs_that_fit(slices, fits)
+def _filled(slices: Sequence[FileSlice], sizes: Sequence[int], enough: int, largest: int) -> Iterator[list[FileSlice]]:
+    """Runs of up to `MOST_SLICES` slices that end where they are large enough, or would be too large."""
+    above = [0, *accumulate(sizes)]
+
+    def fits(run: list[int], place: int) -> bool:
+        size = above[place] - above[run[0]]
+        return len(run) < MOST_SLICES and size < enough and size + sizes[place] <= largest
+
+    return ([slices[place] for place in run] for run in _runs_that_fit(range(len(slices)), fits))
 
 
 def _joined(together: dict[tuple[int, ...], list[str]], tables: Sequence[_TableSlice]) -> Iterator[Partition]:
@@ -449,13 +454,9 @@ def _logs(slices: Sequence[FileSlice]) -> Iterator[Partition]:
     >>> [len([*_logs(files[:count])]) for count in (3, 32, 600, 2000)]
     [3, 16, 28, 63]
     """
-    enough = _enough(sum(part.weight for part in slices), SHORT_BYTES)
-
-    def fits(run: list[FileSlice], part: FileSlice) -> bool:
-        size = sum(each.weight for each in run)
-        return len(run) < MOST_SLICES and size < enough and size + part.weight <= LOG_BYTES
-
-    return (Partition(tuple(run)) for run in _runs_that_fit(slices, fits))
+    sizes = [part.weight for part in slices]
+    runs = _filled(slices, sizes, _enough(sum(sizes), SHORT_BYTES), LOG_BYTES)
+    return (Partition(tuple(run)) for run in runs)
 
 
 def _fingerprint(files: Sequence[StoredFile], options: Options) -> str:

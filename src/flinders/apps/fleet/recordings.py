@@ -6,7 +6,7 @@ perhaps the first and last unit.
 
 >>> from flinders.apps.fleet.plan import Partition
 >>> rows = RowFilter(Partition((), without=("B02",)))
->>> numbers = np.array([rows.names.number(unit) << HALF for unit in ("A17", "B02", "")])
+>>> numbers = np.array([rows.names.number((unit, "")) for unit in ("A17", "B02", "")])
 >>> rows.mask(numbers), rows.nameless_in(numbers)
 (array([ True, False, False]), array([False, False,  True]))
 """
@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING, Final, cast
 import numpy as np
 
 from flinders.apps.fleet.dataset import (
-    HALF,
     Interner,
     KeyColumns,
     KeyedTable,
@@ -126,9 +125,8 @@ class RowFilter:
     def __init__(self, partition: Partition, selected: Container[Pair] | None = None) -> None:
         self.names = Interner()
         self.nameless = 0
-        self._empty = self.names.number("")
         self._partition, self._selected = partition, selected
-        self._known: dict[int, bool] = {}
+        self._uses: list[int] = []  # of each recording of `names`
 
     def takes(self, pair: Pair) -> bool:
         """Whether a recording is taken."""
@@ -136,23 +134,22 @@ class RowFilter:
 
     def nameless_in(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(B,) which rows are of no unit, if this partition reports those."""
-        nameless: NDArray[np.bool_] = (numbers >> HALF == self._empty) & self.takes(("", ""))
-        return nameless
+        return self._uses_of(numbers) == NAMELESS
 
     def mask(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(B,) which rows are taken."""
-        if self._partition.only is None and not self._partition.without and self._selected is None:
-            named: NDArray[np.bool_] = numbers >> HALF != self._empty
-            return named
-        distinct, places = np.unique(numbers, return_inverse=True)
-        return np.array([self._one(number) for number in distinct.tolist()], dtype=bool)[places]
+        return self._uses_of(numbers) == TAKEN
 
-    def _one(self, number: int) -> bool:
-        """Whether the recording with a number is taken."""
-        if number not in self._known:
-            pair = self.names.pair(number)
-            self._known[number] = bool(pair[0]) and self.takes(pair)
-        return self._known[number]
+    def _uses_of(self, numbers: NDArray[np.int64]) -> NDArray[np.int8]:
+        """(B,) what happens to rows."""
+        for unit, recording in self.names.pairs[len(self._uses) :]:
+            is_taken = self.takes((unit, recording if unit else ""))
+            self._uses.append((TAKEN if unit else NAMELESS) if is_taken else PASSED_OVER)
+        return np.array(self._uses, dtype=np.int8)[numbers]
+
+
+PASSED_OVER, TAKEN, NAMELESS = range(3)
+"""What happens to rows: nothing; they are fitted; they name no unit, and are counted."""
 
 
 def read_recordings(table: KeyedTable, part: FileSlice, rows: RowFilter) -> RecordingSet:
@@ -174,7 +171,7 @@ def read_recordings(table: KeyedTable, part: FileSlice, rows: RowFilter) -> Reco
         values, ends = [column[usable] for column in values], np.concatenate([[0], np.cumsum(usable)])[ends]
     if columns.time is not None:
         values = _sorted_by_time(values, ends, values[columns.cells.index(columns.time.cells[0])])
-    pairs = [rows.names.pair(number) for number in runs.numbers.tolist()]
+    pairs = [rows.names.pairs[number] for number in runs.numbers.tolist()]
     lined = Lined(table.samples(values, part.file.name), ends, [" ".join(filter(None, pair)) for pair in pairs])
     return RecordingSet(pairs, lined, runs.lengths, np.full(len(pairs), table.start_s), part.file.name)
 
@@ -411,8 +408,7 @@ class Unreadable:
         )
         if keys is None:
             return groups
-        number = self._names.number(keys.unit_value) << HALF | self._names.number(keys.recording_value)
-        self._names.note(number, batch_in(part.file.name, self._options))
+        self._names.number((keys.unit_value, keys.recording_value), batch_in(part.file.name, self._options))
         if keys.recording_value:
             return replace(groups, counts=Counter({(keys.unit_value, keys.recording_value): part.rows}), ends=())
         return replace(groups, ends=(keys.unit_value,), is_complete=True)
@@ -449,8 +445,7 @@ class Unreadable:
                 if len(units) == 1 and not keys.recording:
                     unit = units.pop()
                     counts[unit, keys.recording_value] += file.groups[group]
-                    number = self._names.number(unit) << HALF | self._names.number(keys.recording_value)
-                    self._names.note(number, keys.batch_value)
+                    self._names.number((unit, keys.recording_value), keys.batch_value)
                     known.append(group)
                 else:
                     unknown.append(group)
