@@ -134,11 +134,13 @@ class RowFilter:
 
     def nameless_in(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(B,) which rows are of no unit, if this partition reports those."""
-        return self._uses_of(numbers) == NAMELESS
+        nameless: NDArray[np.bool_] = self._uses_of(numbers) == NAMELESS
+        return nameless
 
     def mask(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(B,) which rows are taken."""
-        return self._uses_of(numbers) == TAKEN
+        taken: NDArray[np.bool_] = self._uses_of(numbers) == TAKEN
+        return taken
 
     def _uses_of(self, numbers: NDArray[np.int64]) -> NDArray[np.int8]:
         """(B,) what happens to rows."""
