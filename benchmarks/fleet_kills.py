@@ -30,8 +30,8 @@ from pyarrow import parquet
 from tests.waiting import running_in, wait_until
 
 from flinders import simulate
-from flinders.apps.fleet.dataset import Options
 from flinders.apps.fleet.job import run
+from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.plan import plan_of
 
 if TYPE_CHECKING:

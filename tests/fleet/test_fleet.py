@@ -21,9 +21,11 @@ from tests.waiting import running_in, wait_until
 
 import flinders
 from flinders import simulate
-from flinders.apps.fleet import UnitResults, job, scheduler, worker
-from flinders.apps.fleet.dataset import Options
-from flinders.apps.fleet.job import Checkpoint, log_to, run
+from flinders.apps.fleet import UnitResults, progress, scheduler, worker
+from flinders.apps.fleet.checkpoint import Checkpoint
+from flinders.apps.fleet.event_log import log_to
+from flinders.apps.fleet.job import run
+from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.plan import plan_of
 from flinders.cli import main
 from flinders.errors import DocumentError, FlindersError, LinkError, OutputError, UsageError
@@ -293,7 +295,7 @@ def test_files_with_the_same_names_of_columns_are_written_in_different_ways(
 def test_the_log_says_which_files_were_done_and_which_could_not_be_read(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(job, "UNREAD", 1)
+    monkeypatch.setattr(progress, "UNREAD", 1)
     for unit in ("U7", "U8", "U9"):
         (logs / f"{unit}.csv").write_bytes(b"")
     with log_to(tmp_path / "log.jsonl"):

@@ -15,8 +15,8 @@ from tests.trials import examples
 import flinders
 from flinders import simulate
 from flinders.apps.fleet import UnitResult, UnitResults, fit_many, worker
-from flinders.apps.fleet.dataset import Options
 from flinders.apps.fleet.job import run
+from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.plan import plan_of
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 
 from flinders import simulate
 from flinders.apps.fleet import UnitResults
-from flinders.apps.fleet.dataset import Options
 from flinders.apps.fleet.job import run
+from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.plan import LOOKS, plan_of
 from flinders.cli import main
 from flinders.errors import OutputError, OutputExists, UnreadableInput

@@ -6,7 +6,7 @@ a partition of its own, which takes its rows alone.
 
 >>> import tempfile
 >>> from pathlib import Path
->>> from flinders.apps.fleet.dataset import Options
+>>> from flinders.apps.fleet.options import Options
 >>> folder = Path(tempfile.mkdtemp())
 >>> for name in ("A17/monday.csv", "A17/friday.csv", "B02/monday.csv", "B02/notes.md"):
 ...     (folder / name).parent.mkdir(exist_ok=True)
@@ -33,15 +33,8 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
-from flinders.apps.fleet.dataset import (
-    BATCH_COLUMNS,
-    TABLES,
-    KeyColumns,
-    extents_of,
-    in_path,
-    opened,
-    units_of,
-)
+from flinders.apps.fleet.dataset import TABLES, extents_of, opened, units_of
+from flinders.apps.fleet.keys import BATCH_COLUMNS, KeyColumns, in_path
 from flinders.apps.fleet.results import SIGN, VERSION
 from flinders.apps.fleet.storage import MAGIC, StoredFile, listed
 from flinders.apps.fleet.storage import opened as stored
@@ -52,7 +45,8 @@ from flinders.readers.dialects.json_records import own_kind
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from flinders.apps.fleet.dataset import Options, TableFile
+    from flinders.apps.fleet.dataset import TableFile
+    from flinders.apps.fleet.options import Options
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -102,6 +96,15 @@ class FileSlice:
     def weight(self) -> int:
         """Bytes to read, for the progress bar."""
         return self.rows * 32 if self.groups else self.file.size
+
+
+@contextlib.contextmanager
+def open_as_planned(part: FileSlice, options: Options) -> Iterator[TableFile]:
+    """Open the file of a slice; one that could not be opened for the plan raises the error of then."""
+    if part.error is not None:
+        raise part.error
+    with opened(part.file, options) as file:
+        yield file
 
 
 @dataclass(frozen=True, slots=True)
