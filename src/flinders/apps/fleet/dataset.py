@@ -235,7 +235,7 @@ def counts_of(file: TableFile, keys: KeyColumns, groups: Sequence[int], names: I
     """Count the rows of each recording in some groups, from the columns of keys alone."""
     counts: Counter[int] = Counter()
     if not keys.columns:
-        number = names.number((keys.unit_value, keys.recording_value), keys.batch_value)
+        number = names.number(keys.pair, keys.batch.value)
         counts[number] = sum(file.groups[group] for group in groups)
     for batch in file.batches(groups, list(keys.columns)) if keys.columns else ():
         runs = _runs(batch, keys, names)
@@ -258,14 +258,14 @@ def _first_rows(file: TableFile, names: list[str]) -> Iterator[Any]:
 
 def _runs(batch: Any, keys: KeyColumns, names: Interner) -> Runs:  # noqa: ANN401
     """Run lengths of recordings, as numbers of `names`, which takes their hardware batches."""
-    columns = (keys.unit, keys.unit_value), (keys.recording, keys.recording_value), (keys.batch, keys.batch_value)
-    coded = [_dictionary(batch, column) if column else ([value], None) for column, value in columns]
+    every = (keys.unit, keys.recording, keys.batch)
+    coded = [_dictionary(batch, key.column) if key.column else ([key.value], None) for key in every]
     is_first = np.ones(batch.num_rows, dtype=bool)
     changes = [places[1:] != places[:-1] for _, places in coded if places is not None]
     is_first[1:] = np.logical_or.reduce(changes) if changes else False
     first = np.flatnonzero(is_first)
     shape = [len(texts) for texts, _ in coded]
-    places = tuple(np.zeros_like(first) if every is None else every[first].astype(np.int64) for _, every in coded)
+    places = tuple(np.zeros_like(first) if own is None else own[first].astype(np.int64) for _, own in coded)
     distinct, inverse = np.unique(np.ravel_multi_index(places, shape), return_inverse=True)
     chosen = np.unravel_index(distinct, shape)
     units, recordings, batches = (
@@ -327,15 +327,15 @@ class Interner:
 
 def extents_of(file: TableFile, keys: KeyColumns) -> list[tuple[str, str] | None]:
     """Least and greatest unit in each group; None if neither file nor path says."""
-    if not keys.unit:
-        return [(keys.unit_value, keys.unit_value)] * len(file.groups)
-    return file.extents(keys.unit)
+    if not keys.unit.column:
+        return [(keys.unit.value, keys.unit.value)] * len(file.groups)
+    return file.extents(keys.unit.column)
 
 
 def units_of(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[str]:
     """Units of some groups, from their column alone; of an unreadable group those that the footer names."""
-    if not keys.unit:
-        return {keys.unit_value}
+    if not keys.unit.column:
+        return {keys.unit.value}
     try:
         return _units_in(file, keys, groups)
     except UnreadableInput:
@@ -352,8 +352,8 @@ def units_of(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[st
 def _units_in(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[str]:
     """Units of some groups, from their column alone; raises UnreadableInput."""
     units: set[str] = set()
-    for batch in file.batches(groups, [keys.unit]):
-        texts, places = _dictionary(batch, keys.unit)
+    for batch in file.batches(groups, [keys.unit.column]):
+        texts, places = _dictionary(batch, keys.unit.column)
         units.update(texts[place] for place in np.unique(places).tolist())
     return units
 

@@ -6,7 +6,7 @@ import contextlib
 import functools
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 from urllib.parse import unquote
 
 from flinders.apps.fleet.results import needs_arrow
@@ -29,16 +29,23 @@ NO_VALUE: Final = "__HIVE_DEFAULT_PARTITION__"
 """Null in a path such as ``unit=__HIVE_DEFAULT_PARTITION__/part-0.parquet``."""
 
 
+class Key(NamedTuple):
+    """A column that identifies something, or its value in the path; both are empty if nothing does."""
+
+    column: str = ""
+    value: str = ""
+
+
+NO_KEY: Final = Key()
+
+
 @dataclass(frozen=True, slots=True)
 class KeyColumns:
     """Columns of a table, or values in its path, that identify unit, recording and hardware batch of a row."""
 
-    unit: str = ""  # columns; empty if the path holds the value, or nothing does
-    recording: str = ""
-    unit_value: str = ""  # values in the path
-    recording_value: str = ""
-    batch: str = ""  # columns; empty if the path holds the value, or nothing does
-    batch_value: str = ""  # values in the path
+    unit: Key = NO_KEY
+    recording: Key = NO_KEY
+    batch: Key = NO_KEY
 
     @classmethod
     def of(cls, name: str, columns: Sequence[str], options: Options, *, needs_batch: bool = True) -> Self | None:
@@ -47,16 +54,17 @@ class KeyColumns:
         Raises UsageError if one that the options name is in neither.
 
         >>> from flinders.apps.fleet.options import Options
-        >>> KeyColumns.of("serial=7/date=2026-11-21/part-0.parquet", ["t", "x", "y", "z"], Options())
-        KeyColumns(unit='', recording='', unit_value='7', recording_value='2026-11-21', batch='', batch_value='')
+        >>> keys = KeyColumns.of("serial=7/date=2026-11-21/part-0.parquet", ["t", "x", "y", "z", "lot"], Options())
+        >>> keys.pair, keys.columns
+        (('7', '2026-11-21'), ('lot',))
         """
         values = in_path(name)
         unit = _key(values, columns, options.unit_column, UNIT_COLUMNS, name)
         if unit is None:
             return None
-        recording = _key(values, columns, options.recording_column, RECORDING_COLUMNS, name) or ("", "")
-        batch = _key(values, columns, options.batch_column, BATCH_COLUMNS, name, needed=needs_batch) or ("", "")
-        return cls(unit[0], recording[0], unit[1], recording[1], *batch)
+        recording = _key(values, columns, options.recording_column, RECORDING_COLUMNS, name)
+        batch = _key(values, columns, options.batch_column, BATCH_COLUMNS, name, needed=needs_batch)
+        return cls(unit, recording or NO_KEY, batch or NO_KEY)
 
     @classmethod
     def of_schema(cls, name: str, schema: Any, options: Options) -> Self | None:  # noqa: ANN401
@@ -78,13 +86,18 @@ class KeyColumns:
         """Keys from the path of a file that cannot be opened; None if it does not name the unit."""
         with contextlib.suppress(UsageError):
             keys = cls.of(name, (), replace(options, recording_column=None, batch_column=None))
-            return keys if keys is not None and keys.unit_value else None
+            return keys if keys is not None and keys.unit.value else None
         return None
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Keys that are columns."""
-        return tuple(filter(None, (self.unit, self.recording, self.batch)))
+        return tuple(key.column for key in (self.unit, self.recording, self.batch) if key.column)
+
+    @property
+    def pair(self) -> tuple[str, str]:
+        """Unit and recording in the path."""
+        return self.unit.value, self.recording.value
 
 
 @functools.lru_cache(maxsize=256)
@@ -141,14 +154,14 @@ def _key(
     name: str,
     *,
     needed: bool = True,
-) -> tuple[str, str] | None:
+) -> Key | None:
     """Column that holds a key, or its value in the path; UsageError if one that is named and needed is in neither."""
     lowered = {each.casefold(): each for each in reversed(columns)}
     for wanted in usual if column is None else (column,):
         if wanted in values:
-            return "", values[wanted]
+            return Key(value=values[wanted])
         if wanted.casefold() in lowered:
-            return lowered[wanted.casefold()], ""
+            return Key(lowered[wanted.casefold()])
     if column is not None and needed:
         raise UsageError(f"{name} has no column {column}: there are {', '.join(columns[:24])}")
     return None

@@ -187,7 +187,7 @@ def plan_of(where: str, options: Options) -> Plan:
     _refuse_batch(where, tables, logs, options)
     by_recording = defaultdict(list)
     for table in tables:
-        by_recording[table.keys.recording_value].append(table)
+        by_recording[table.keys.recording.value].append(table)
     alike = [_tables(tables, options) for _, tables in sorted(by_recording.items())]
     partitions = (*chain.from_iterable(alike), *_logs(logs))
     return Plan(partitions, len(taken), dict(sorted(other_files.items())), _fingerprint(taken, options))
@@ -219,7 +219,7 @@ def _sorted_out(
 def _refuse_batch(where: str, tables: Sequence[_TableSlice], logs: Sequence[FileSlice], options: Options) -> None:
     """Refuse an option for the hardware batch that matches no column and no folder."""
     slices = [*(table.part for table in tables), *logs]
-    if options.batch_column is None or any(table.keys.batch for table in tables):
+    if options.batch_column is None or any(table.keys.batch.column for table in tables):
         return
     if not any(part.error or options.batch_column in in_path(part.file.name) for part in slices):
         raise UsageError(
@@ -294,7 +294,7 @@ def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice
         keys = None if isinstance(error, UsageError) else KeyColumns.of_path(file.name, options)
         if keys is None:
             return FileSlice(file, error=error, is_table=is_table)
-        return [_TableSlice(FileSlice(file, (0,), error=error), keys.unit_value, keys.unit_value, keys)]
+        return [_TableSlice(FileSlice(file, (0,), error=error), keys.unit.value, keys.unit.value, keys)]
 
 
 def _own_kind(file: StoredFile) -> str:
@@ -353,7 +353,9 @@ def _tables(tables: Sequence[_TableSlice], options: Options) -> Iterator[Partiti
     for unit, places in across.items():
         for place in places:
             shared[place].append(unit)
-    alone = {table.part: shared[place] for place, table in enumerate(tables) if table.keys.unit or not shared[place]}
+    alone = {
+        table.part: shared[place] for place, table in enumerate(tables) if table.keys.unit.column or not shared[place]
+    }
     for slices in _packed(list(alone)):
         without = {unit for part in slices for unit in alone[part]}
         yield Partition(tuple(slices), without=tuple(sorted(without)))

@@ -134,10 +134,10 @@ class Unreadable:
         )
         if keys is None:
             return groups
-        self._names.number((keys.unit_value, keys.recording_value), batch_in(part.file.name, self._options))
-        if keys.recording_value:
-            return replace(groups, counts=Counter({(keys.unit_value, keys.recording_value): part.rows}), ends=())
-        return replace(groups, ends=(keys.unit_value,), is_complete=True)
+        self._names.number(keys.pair, batch_in(part.file.name, self._options))
+        if keys.recording.value:
+            return replace(groups, counts=Counter({keys.pair: part.rows}), ends=())
+        return replace(groups, ends=(keys.unit.value,), is_complete=True)
 
     def _errors(self, part: FileSlice, file: TableFile) -> dict[int, Exception]:
         """Errors of the groups of a slice that cannot be read."""
@@ -168,10 +168,10 @@ class Unreadable:
                 known.append(group)
             except Exception:  # noqa: BLE001 - as in `_record`: its keys are broken too
                 units = set(extents_of(file, keys)[group] or ())
-                if len(units) == 1 and not keys.recording:
+                if len(units) == 1 and not keys.recording.column:
                     unit = units.pop()
-                    counts[unit, keys.recording_value] += file.groups[group]
-                    self._names.number((unit, keys.recording_value), keys.batch_value)
+                    counts[unit, keys.recording.value] += file.groups[group]
+                    self._names.number((unit, keys.recording.value), keys.batch.value)
                     known.append(group)
                 else:
                     unknown.append(group)
