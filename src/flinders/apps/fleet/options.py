@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 from flinders.core.axes import Axes
 from flinders.core.units import COUNTS, Unit
 from flinders.readers._columns import asked_columns
-
-AS_THEY_ARE: Final = "x,y,z"
-"""Axes of a sensor that are not exchanged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +23,7 @@ class Options:
     columns: str | None = None
     unit: str | None = None
     scale: float | None = None
-    axes: str = AS_THEY_ARE
+    axes: str = "x,y,z"
     sensor: str | None = None
     as_logged: bool = False
     # of a table: the column, or part ``name=value`` of its path, with the unit, the recording and the hardware batch
@@ -45,7 +41,6 @@ class Options:
         """
         if self.unit is not None or self.scale is not None:
             Unit.of(COUNTS if self.unit is None else self.unit, self.scale)
-        if self.axes != AS_THEY_ARE:
-            Axes.of(self.axes)
+        Axes.of(self.axes)
         if self.columns is not None:
             asked_columns(self.columns)

@@ -168,7 +168,8 @@ def plan_of(where: str, options: Options) -> Plan:
     """
     files = listed(where)
     taken = [file for file in files if not file.kind and (MAGIC.search(where) or _is_readable(file.name))]
-    other_files = Counter(_kind(file) for file in set(files) - set(taken))
+    others = set(files) - set(taken)
+    other_files = Counter(file.kind or PurePosixPath(file.name).suffix or "none" for file in others)
     if not taken:
         raise UnreadableInput(
             f"{where}: none of {len(files)} files is a recording: they end in {', '.join(other_files)}"
@@ -227,11 +228,6 @@ def _refuse_batch(where: str, tables: Sequence[_TableSlice], logs: Sequence[File
             "or leave that out",
             hint={"batch_column": None},
         )
-
-
-def _kind(file: StoredFile) -> str:
-    """Kind of a file that is left out."""
-    return file.kind or PurePosixPath(file.name).suffix or "none"
 
 
 def _in_threads(function: Callable[[Item], Answer], items: Iterable[Item]) -> Iterator[Answer]:

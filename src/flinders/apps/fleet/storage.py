@@ -20,6 +20,7 @@ import re
 import stat
 import tempfile
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, Final, cast
 
@@ -90,7 +91,7 @@ def _files(where: str) -> Iterator[StoredFile]:
         elif root.is_dir():
             yield from _below(root)
         elif MAGIC.search(where):
-            start = Path(*_fixed(Path(where).parts))
+            start = Path(*takewhile(lambda part: not MAGIC.search(part), Path(where).parts))
             for found_path in map(Path, glob.glob(where, recursive=True)):  # noqa: PTH207 - a pattern may be absolute
                 name = found_path.relative_to(start).as_posix() if start.parts else found_path.as_posix()
                 if not found_path.is_dir() and not _is_hidden(name):
@@ -118,16 +119,6 @@ def _leads_up(folder: Path, name: str) -> bool:
     link = folder / name
     is_link = os.path.islink(link)  # noqa: PTH114 - False where it may not be looked at
     return is_link and Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(link))
-
-
-def _fixed(parts: tuple[str, ...]) -> list[str]:
-    """Parts of a pattern before the first wildcard.
-
-    >>> _fixed(("logs", "2026-*", "a.bin"))
-    ['logs']
-    """
-    magic = next(place for place, part in enumerate(parts) if MAGIC.search(part))
-    return list(parts[:magic])
 
 
 def _file(path: Path, name: str) -> StoredFile:
