@@ -38,7 +38,7 @@ from flinders.apps.fleet.results import UnitResult, UnitResults, objects
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from flinders.apps.fleet.report import FleetDrift, UnitDrift
+    from flinders.apps.fleet.overview import FleetDrift, UnitDrift
     from flinders.arrays import Floats
 
 FIELD: Final = 48.0

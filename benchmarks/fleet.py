@@ -28,8 +28,9 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 
 import flinders
-from flinders.apps.fleet.dataset import Options
-from flinders.apps.fleet.job import Checkpoint, run
+from flinders.apps.fleet.checkpoint import Checkpoint
+from flinders.apps.fleet.job import run
+from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.results import UnitResults
 from flinders.apps.fleet.scheduler import cores
 from flinders.apps.fleet.simulate import BAD, FIELD_UT, Specimen, fleet

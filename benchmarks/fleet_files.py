@@ -19,8 +19,8 @@ import numpy as np
 
 from benchmarks.bucket import Bucket
 from flinders.apps.fleet import plan
-from flinders.apps.fleet.dataset import Options
 from flinders.apps.fleet.job import run
+from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.simulate import fleet
 
 REPEATS = 5

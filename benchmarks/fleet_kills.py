@@ -30,8 +30,8 @@ from pyarrow import parquet
 from tests.waiting import running_in, wait_until
 
 from flinders import simulate
-from flinders.apps.fleet.dataset import Options
 from flinders.apps.fleet.job import run
+from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.plan import plan_of
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def worker_killed(source: str, out: Path, after: int) -> str:
     done: list[int] = []
     killed: list[int] = []
 
-    def kill(*_: int | None) -> None:
+    def kill(*_: int) -> None:
         done.append(1)
         children = multiprocessing.active_children()
         if len(done) == after and children[0].pid:
@@ -164,7 +164,7 @@ def cluster_worker_killed(source: str, out: Path, after: int) -> str:
     done: list[int] = []
     with cluster() as made:
 
-        def kill(*_: int | None) -> None:
+        def kill(*_: int) -> None:
             done.append(1)
             if len(done) == after:
                 made.workers[0].kill()

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.apps.fleet.dataset import Options
 from flinders.apps.fleet.job import run
+from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.results import UnitResults
 
 if TYPE_CHECKING:

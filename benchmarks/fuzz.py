@@ -227,8 +227,8 @@ def read_file(content: bytes, folder: Path, _: str) -> None:
 
 def calibrate_fleet(content: bytes, folder: Path, kind: str) -> None:
     """Make the table of a fleet of one file."""
-    from flinders.apps.fleet.dataset import Options
     from flinders.apps.fleet.job import run as calibrate
+    from flinders.apps.fleet.options import Options
 
     fleet = folder / "fleet"
     fleet.mkdir(exist_ok=True)

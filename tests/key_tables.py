@@ -71,12 +71,12 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
     "Tables of a fleet": {
         "columns of `fleet --out`": "apps.fleet.results:UnitResult",
         "`fleet --json`": "apps.fleet.job:RunSummary",
-        "columns of `drift --out`, `listed` of `drift --json`": "apps.fleet.report:UnitDrift",
-        "`drift --json`": "apps.fleet.report:FleetDrift",
-        "`steps`, each": "apps.fleet.report:UnitStep",
-        "`batches`, each": "apps.fleet.report:BatchDrift",
-        "`undated`": "apps.fleet.report:Undated",
-        "`change_deg`": "apps.fleet.report:Histogram",
+        "columns of `drift --out`, `listed` of `drift --json`": "apps.fleet.overview:UnitDrift",
+        "`drift --json`": "apps.fleet.overview:FleetDrift",
+        "`steps`, each": "apps.fleet.overview:UnitStep",
+        "`batches`, each": "apps.fleet.overview:BatchDrift",
+        "`undated`": "apps.fleet.overview:Undated",
+        "`change_deg`": "apps.fleet.overview:Histogram",
     },
     "Fits": {
         "`calibrate --json`, `demo`, `merge`, `refresh`, `two-axis`": FIT,

@@ -9,7 +9,6 @@ import os
 import signal
 import subprocess
 import sys
-import urllib.request
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,9 +21,11 @@ from tests.waiting import running_in, wait_until
 
 import flinders
 from flinders import simulate
-from flinders.apps.fleet import UnitResults, job, scheduler, worker
-from flinders.apps.fleet.dataset import Options
-from flinders.apps.fleet.job import Checkpoint, log_to, run
+from flinders.apps.fleet import UnitResults, progress, scheduler, worker
+from flinders.apps.fleet.checkpoint import Checkpoint
+from flinders.apps.fleet.event_log import log_to
+from flinders.apps.fleet.job import run
+from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.plan import plan_of
 from flinders.cli import main
 from flinders.errors import DocumentError, FlindersError, LinkError, OutputError, UsageError
@@ -123,7 +124,7 @@ def test_a_worker_that_is_killed_changes_nothing(logs: Path, tmp_path: Path) -> 
     run(str(logs), tmp_path / "whole.parquet", Options(), workers=0)
     killed: list[int | None] = []
 
-    def kill(*_: int | None) -> None:
+    def kill(*_: int) -> None:
         for child in multiprocessing.active_children()[: 1 - len(killed)]:
             os.kill(child.pid or 0, signal.SIGKILL)
             killed.append(child.pid)
@@ -294,7 +295,7 @@ def test_files_with_the_same_names_of_columns_are_written_in_different_ways(
 def test_the_log_says_which_files_were_done_and_which_could_not_be_read(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(job, "UNREAD", 1)
+    monkeypatch.setattr(progress, "UNREAD", 1)
     for unit in ("U7", "U8", "U9"):
         (logs / f"{unit}.csv").write_bytes(b"")
     with log_to(tmp_path / "log.jsonl"):
@@ -526,17 +527,6 @@ def test_what_was_left_out_is_told_in_words(logs: Path, tmp_path: Path) -> None:
     assert "left out files that are no recordings: 1 .md, 1 without an ending" in ended.stdout
 
 
-def test_recordings_in_a_store_are_read_as_those_on_the_disk(logs: Path, tmp_path: Path) -> None:
-    pytest.importorskip("obstore")
-    (tmp_path / "tables").mkdir()
-    parquet.write_table(pyarrow.concat_tables([table(0), table(1)]), tmp_path / "tables" / "a.parquet")
-    for folder, units in ((logs, 6), (tmp_path / "tables", 2)):
-        run(str(folder), tmp_path / "here.parquet", Options(), workers=0, force=True)
-        told = run(f"file://{folder}", tmp_path / "there.parquet", Options(), workers=0, force=True)
-        assert told.units == units
-        assert (tmp_path / "here.parquet").read_bytes() == (tmp_path / "there.parquet").read_bytes()
-
-
 def test_a_store_that_is_not_there_is_an_error_of_ours(tmp_path: Path) -> None:
     pytest.importorskip("obstore")
     with pytest.raises(FlindersError):
@@ -600,7 +590,7 @@ def test_a_scheduler_that_goes_away_is_said_and_the_run_resumed(
         n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None
     ) as cluster:
 
-        def leave(*_: int | None) -> None:
+        def leave(*_: int) -> None:
             cluster.close()
 
         with pytest.raises(LinkError, match="is gone: start it again, and resume"):
@@ -632,29 +622,3 @@ def test_a_scheduler_that_is_not_there_is_said(logs: Path, tmp_path: Path, monke
     monkeypatch.setattr(scheduler, "PATIENCE_S", 0.2)
     with pytest.raises(FlindersError, match=r"no Dask scheduler answers at tcp://127.0.0.1:1 "):
         run(str(logs), tmp_path / "out.parquet", Options(), scheduler="tcp://127.0.0.1:1")
-
-
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_a_bucket_gives_what_the_folder_gives(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Over the protocol of S3, spoken by moto's server on this machine."""
-    obstore = pytest.importorskip("obstore")
-    server = pytest.importorskip("moto.server").ThreadedMotoServer("127.0.0.1", 0, verbose=False)
-    server.start()
-    try:
-        address = "http://{}:{}".format(*server.get_host_and_port())
-        for name, value in {
-            "AWS_ENDPOINT": address, "AWS_ALLOW_HTTP": "true", "AWS_REGION": "us-east-1",
-            "AWS_ACCESS_KEY_ID": "a", "AWS_SECRET_ACCESS_KEY": "b",
-        }.items():  # fmt: skip
-            monkeypatch.setenv(name, value)
-        urllib.request.urlopen(urllib.request.Request(f"{address}/fleet", method="PUT")).close()
-        store = obstore.store.from_url("s3://fleet")
-        parquet.write_table(pyarrow.concat_tables([table(4), table(5)]), logs / "all.parquet")
-        for path in sorted(logs.rglob("*.*")):
-            obstore.put(store, f"2026/{path.relative_to(logs).as_posix()}", path.read_bytes())
-        run(str(logs), tmp_path / "here.parquet", Options(), workers=0)
-        told = run("s3://fleet/2026/", tmp_path / "there.parquet", Options(), workers=0)
-    finally:
-        server.stop()
-    assert told.verdicts == {"good": 8}
-    assert (tmp_path / "here.parquet").read_bytes() == (tmp_path / "there.parquet").read_bytes()

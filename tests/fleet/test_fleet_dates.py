@@ -14,8 +14,9 @@ from click.testing import CliRunner
 from tests.trials import daily
 
 from flinders.apps.fleet.aggregate import overview_of
+from flinders.apps.fleet.dates import arranged, date_of, is_date
 from flinders.apps.fleet.drift import drift_of
-from flinders.apps.fleet.history import arranged, batch_rule, date_of, is_date
+from flinders.apps.fleet.history import batch_rule
 from flinders.apps.fleet.report import page
 from flinders.apps.fleet.results import UnitResults, objects
 from flinders.cli import main
@@ -23,7 +24,7 @@ from flinders.cli import main
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from flinders.apps.fleet.report import FleetDrift, UnitDrift
+    from flinders.apps.fleet.overview import FleetDrift, UnitDrift
     from flinders.arrays import Floats
 
 parquet = pytest.importorskip("pyarrow.parquet")

@@ -16,8 +16,10 @@ from benchmarks.bucket import Bucket
 
 from flinders import simulate
 from flinders.apps.fleet import UnitResults, storage
-from flinders.apps.fleet.dataset import Options
-from flinders.apps.fleet.job import LOGGER, Progress, log_event, log_to, run
+from flinders.apps.fleet.event_log import LOGGER, log_event, log_to
+from flinders.apps.fleet.job import run
+from flinders.apps.fleet.options import Options
+from flinders.apps.fleet.progress import Progress
 from flinders.apps.fleet.scheduler import map_units
 from flinders.errors import OutputError
 

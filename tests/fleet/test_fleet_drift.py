@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from benchmarks.drift import Truth
 
-    from flinders.apps.fleet.report import UnitDrift
+    from flinders.apps.fleet.overview import UnitDrift
 
 parquet = pytest.importorskip("pyarrow.parquet")
 

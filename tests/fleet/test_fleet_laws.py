@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,8 +15,8 @@ from tests.trials import examples
 import flinders
 from flinders import simulate
 from flinders.apps.fleet import UnitResult, UnitResults, fit_many, worker
-from flinders.apps.fleet.dataset import Options
 from flinders.apps.fleet.job import run
+from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.plan import plan_of
 
 if TYPE_CHECKING:
@@ -154,6 +156,20 @@ def test_any_way_to_give_it_in_memory_does_too(alone: UnitResults) -> None:
         rows = fit_many(source)
         assert rows.unit.tolist() == alone.unit.tolist()
         np.testing.assert_allclose(rows.offset, alone.offset, rtol=1e-9)
+
+
+def test_units_by_name_need_no_pyarrow() -> None:
+    """Arrays and frames of pandas; a table of all units says what to install."""
+    code = (
+        "import sys; sys.modules['pyarrow'] = None\n"
+        "import flinders, pandas\n"
+        "field = flinders.simulate.tumble(seed=1).samples.field\n"
+        "rows = flinders.fit_many({'A': field, 'B': pandas.DataFrame(field, columns=list('xyz')), 'C': field[:3]})\n"
+        "print(*rows.verdict)\n"
+        "try:\n    flinders.fit_many(field)\nexcept flinders.FlindersError as error:\n    print(error.code)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.split() == ["good", "good", "refused", "missing-extra"]
 
 
 @settings(examples(40), suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from flinders.apps.fleet import job
+from flinders.apps.fleet import job, progress
 from flinders.apps.fleet.aggregate import overview_of
 from flinders.apps.fleet.report import page
 from flinders.apps.fleet.results import UnitResult, UnitResults
@@ -71,8 +71,8 @@ def test_batches_are_shown_where_the_table_has_them(tmp_path: Path) -> None:
 
 
 def test_every_event_of_the_log_is_in_the_docs() -> None:
-    told = set(re.findall(r'event\(\s*"([a-z-]+)"', inspect.getsource(job)))
-    text = (DOCS / "fleet/fleet.md").read_text()
+    told = set(re.findall(r'event\(\s*"([a-z-]+)"', inspect.getsource(job) + inspect.getsource(progress)))
+    text = (DOCS / "fleet" / "fleet.md").read_text()
     table = text[text.index("## What the log says") :]
     assert told == set(re.findall(r"^\| `([a-z-]+)` \|", table, flags=re.MULTILINE))
 

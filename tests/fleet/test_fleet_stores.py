@@ -11,8 +11,8 @@ from click.testing import CliRunner
 
 from flinders import simulate
 from flinders.apps.fleet import UnitResults
-from flinders.apps.fleet.dataset import Options
 from flinders.apps.fleet.job import run
+from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.plan import LOOKS, plan_of
 from flinders.cli import main
 from flinders.errors import OutputError, OutputExists, UnreadableInput
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 pyarrow = pytest.importorskip("pyarrow")
 pytest.importorskip("obstore")
-from pyarrow import parquet  # noqa: E402 - after it is known to be there
+from pyarrow import feather, parquet  # noqa: E402 - after it is known to be there
 
 FIELDS = [simulate.tumble(seed=seed, n=120, motion="uniform").samples.field for seed in range(3)]
 
 
 @pytest.fixture
 def fleet(tmp_path: Path) -> Path:
-    """A log of one unit, and tables of two."""
+    """A log of one unit, a Parquet table of each of two, and the readings of the second again in an Arrow file."""
     folder = tmp_path / "2026"
     (folder / "U0").mkdir(parents=True)
     text = "\n".join(",".join(f"{value:.3f}" for value in row) for row in FIELDS[0])
@@ -41,6 +41,7 @@ def fleet(tmp_path: Path) -> Path:
         axes = {f"mag_{axis}_uT": field[:, column] for column, axis in enumerate("xyz")}
         table = pyarrow.table({"unit": [f"U{place}"] * len(field), **axes})
         parquet.write_table(table, folder / f"{place}.parquet")
+    feather.write_feather(table, folder / "3.arrow", chunksize=50)
     return folder
 
 
@@ -103,7 +104,7 @@ def test_a_bucket_that_does_not_take_the_table_costs_nothing(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     bucket.refuses = 403
-    with pytest.raises(OutputError, match=r"the store says: .* 3 partitions are done, and kept: .*resume=True"):
+    with pytest.raises(OutputError, match=r"the store says: .* 5 of 5 partitions are done, and kept: .*resume=True"):
         run(str(fleet), "gs://fleet/there.parquet", Options(), workers=0)
     bucket.refuses = 0
     told = run(str(fleet), "gs://fleet/there.parquet", Options(), workers=0, resume=True)

@@ -17,8 +17,8 @@ from tests.trials import daily
 import flinders
 from flinders import simulate
 from flinders.apps.fleet import UnitResults, fit_many, plan, worker
-from flinders.apps.fleet.dataset import Options
 from flinders.apps.fleet.job import run
+from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.plan import plan_of
 from flinders.core.samples import Samples
 from flinders.errors import UnreadableInput, UsageError
@@ -77,7 +77,7 @@ def test_a_run_imports_no_pandas(tmp_path: Path) -> None:
     """pyarrow does for the first array that it makes of anything but memory: a quarter of a second a process."""
     parquet.write_table(table(0, 1), tmp_path / "fleet.parquet")
     code = (
-        "import sys; from flinders.apps.fleet.dataset import Options; from flinders.apps.fleet.job import run\n"
+        "import sys; from flinders.apps.fleet.options import Options; from flinders.apps.fleet.job import run\n"
         "rows = run('fleet.parquet', 'out.parquet', Options(), workers=0).rows\n"
         "print(rows, 'pandas' in sys.modules)"
     )

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.trials import examples
 
-from flinders.apps.fleet import UnitResult, UnitResults
-from flinders.apps.fleet import results as merging
-from flinders.apps.fleet.results import merge, named_rows, table_counts
+from flinders.apps.fleet import UnitResult, UnitResults, merging
+from flinders.apps.fleet.merging import merge, table_counts
+from flinders.apps.fleet.results import named_rows
 from flinders.errors import OutputError
 
 pytest.importorskip("pyarrow")

@@ -1,6 +1,7 @@
 """A fleet: recordings of many units in, one table of calibrations out.
 
->>> from flinders import fit_many, simulate
+>>> from flinders import simulate
+>>> from flinders.apps.fleet import fit_many
 >>> rows = fit_many({"A17": simulate.tumble(seed=1).samples, "B02": [[1.0, 2.0, 3.0]]})
 >>> rows.unit.tolist(), rows.verdict.tolist(), rows.code.tolist()
 (['A17', 'B02'], ['good', 'refused'], ['', 'too-few-samples'])

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.apps.fleet.history import MOST, BatchRule, batch_rule, whole_units
-from flinders.apps.fleet.report import FleetUnit, Histogram, Overview
-from flinders.apps.fleet.results import LISTS, common_findings, lists, named_rows, numbers, texts
+from flinders.apps.fleet.merging import common_findings
+from flinders.apps.fleet.overview import FleetUnit, Histogram, Overview
+from flinders.apps.fleet.results import LISTS, lists, named_rows, numbers, texts
 
 if TYPE_CHECKING:
     import os

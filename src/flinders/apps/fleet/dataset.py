@@ -6,32 +6,30 @@ r"""Datasets of Parquet and Arrow files whose rows are readings of many units: f
 >>> columns = {"unit": ["A17", "A17", "B02"], "x_uT": [1.0, 2.0, 3.0], "y_uT": [4.0, 5.0, 6.0], "z_uT": [7.0, 8.0, 9.0]}
 >>> path = tempfile.mkdtemp() + "/fleet.parquet"
 >>> parquet.write_table(pyarrow.table(columns), path)
+>>> from flinders.apps.fleet.options import Options
 >>> with opened(storage.StoredFile("fleet.parquet", path, 0), Options()) as file:
 ...     table = KeyedTable.of(file, Options())
 ...     [(runs, values)] = table.batches((0,), names := Interner())
-...     file.groups, extents_of(file, table.keys), [names.pair(each) for each in runs.numbers.tolist()], runs.lengths
+...     file.groups, extents_of(file, table.keys), [names.pairs[each] for each in runs.numbers.tolist()], runs.lengths
 ((3,), [('A17', 'B02')], [('A17', ''), ('B02', '')], array([2, 1]))
 """
 
 from __future__ import annotations
 
 import contextlib
-import functools
 from collections import Counter
 from dataclasses import dataclass, replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, cast
-from urllib.parse import unquote
 
 import numpy as np
 
 from flinders.apps.fleet import storage
+from flinders.apps.fleet.keys import KeyColumns, text_of, texts_of
 from flinders.apps.fleet.results import needs_arrow
 from flinders.core.axes import Axes
-from flinders.core.units import COUNTS, Unit
 from flinders.errors import FlindersError, UnreadableInput, UsageError, reading
 from flinders.readers import Choice
-from flinders.readers._columns import asked_columns
 from flinders.readers._names import CURRENT, CURRENTS, STRENGTH, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._source import File
 from flinders.readers._table import open_table
@@ -50,6 +48,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from flinders.apps.fleet.options import Options
     from flinders.apps.fleet.storage import StoredFile
     from flinders.core.samples import Samples
     from flinders.readers import TableRecording
@@ -62,66 +61,14 @@ Pair: TypeAlias = tuple[str, str]
 PARQUET: Final = (".parquet", ".pq")
 ARROW: Final = (".arrow", ".feather")
 TABLES: Final = PARQUET + ARROW
-UNIT_COLUMNS: Final = (
-    "unit", "unit_id", "device", "device_id", "serial", "serial_number", "vehicle", "vehicle_id", "sensor_id",
-)  # fmt: skip
-"""Names of a column of units, unless an option names it."""
-RECORDING_COLUMNS: Final = ("recording", "recording_id", "session", "session_id", "log", "log_id", "date")
-"""Names of a column of recordings."""
-BATCH_COLUMNS: Final = ("batch", "hw_batch", "lot", "hardware_batch", "hardware", "revision")
-"""Names of a column of hardware batches."""
-NO_VALUE: Final = "__HIVE_DEFAULT_PARTITION__"
-"""Null in a path such as ``unit=__HIVE_DEFAULT_PARTITION__/part-0.parquet``."""
-HALF: Final = 32
-"""Bits of the number of a recording in a pair, below those of the number of its unit."""
 BUFFER: Final = 1 << 20
 """Bytes of a column that are read at a time: a row group may hold any number of rows."""
 BATCH: Final = 131_072
 """Rows that are converted at a time."""
 PREVIEW: Final = 1_024
 """Rows from which columns are recognised."""
-AS_THEY_ARE: Final = "x,y,z"
-"""Axes of a sensor that are not exchanged."""
 USED: Final = (TIME, STRENGTH, TEMPERATURE, CURRENT, THROTTLE, CURRENTS, THROTTLES)
 """Kinds of columns that a fit without aiding sensors uses; others are not read."""
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """Options of `flinders fleet` and `flinders.fit_many`: how recordings are read, and how their fits are judged.
-
-    >>> Options(axes="x,x,z").check()
-    Traceback (most recent call last):
-        ...
-    flinders.errors.AxesError: axes 'x,x,z': need x, y and z once each with signs, such as 'x,-y,-z' or '-y,x,z'
-    """
-
-    # as for `flinders.open_recording`
-    columns: str | None = None
-    unit: str | None = None
-    scale: float | None = None
-    axes: str = AS_THEY_ARE
-    sensor: str | None = None
-    as_logged: bool = False
-    # of a table: the column, or part ``name=value`` of its path, with the unit, the recording and the hardware batch
-    unit_column: str | None = None
-    recording_column: str | None = None
-    batch_column: str | None = None
-    # as for `flinders.fit`
-    target_deg: float = 1.0
-    dip_deg: float = 60.0
-
-    def check(self) -> None:
-        """Refuse options that no recording can be read with.
-
-        Raises `UsageError`.
-        """
-        if self.unit is not None or self.scale is not None:
-            Unit.of(COUNTS if self.unit is None else self.unit, self.scale)
-        if self.axes != AS_THEY_ARE:
-            Axes.of(self.axes)
-        if self.columns is not None:
-            asked_columns(self.columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,9 +89,9 @@ class TableFile:
         return "row group" if self.kind == "Parquet" else "record batch"
 
     def batches(self, groups: Sequence[int], columns: list[str], rows: int = BATCH) -> Iterator[Any]:
-        """Yield record batches of some groups and columns, of up to so many rows; raises UnreadableInput."""
+        """Yield record batches of some groups and columns, of one to so many rows; raises UnreadableInput."""
         with reading(self.name, f"a table of {self.kind}"):
-            yield from self.read(groups, columns, rows)
+            yield from (batch for batch in self.read(groups, columns, rows) if batch.num_rows)
 
 
 @contextlib.contextmanager
@@ -202,163 +149,18 @@ def _arrow(name: str, where: Any, size: int) -> TableFile:  # noqa: ANN401
 
     source = pyarrow.memory_map(where) if isinstance(where, str) else where
 
-    def only(places: Sequence[int]) -> Any:  # noqa: ANN401
-        return ipc.open_file(source, options=ipc.IpcReadOptions(included_fields=list(places)))
-
-    if isinstance(where, str):  # of a store, all of it would have to be fetched first
-        rows_of_batches(source, name, size)
-    whole = only(())
-    schema, groups = whole.schema, _rows_of(whole, only)
+    groups = tuple(rows_of_batches(source, name, size))
+    schema = ipc.open_file(source).schema
 
     def batches(wanted: Sequence[int], columns: list[str], rows: int) -> Iterator[Any]:
-        file = only([place for place, column in enumerate(schema.names) if column in columns])
+        places = [place for place, column in enumerate(schema.names) if column in columns]
+        file = ipc.open_file(source, options=ipc.IpcReadOptions(included_fields=places))
         for number in wanted:
             batch = file.get_batch(number).select(columns)
             batch.validate(full=True)
             yield from (batch.slice(start, rows) for start in range(0, batch.num_rows, rows))
 
     return TableFile(name, "Arrow", schema, groups, batches, lambda _: [None] * len(groups))
-
-
-def _rows_of(file: Any, only: Callable[[Sequence[int]], Any]) -> tuple[int, ...]:  # noqa: ANN401
-    """Rows of each record batch, from its first readable column; 0 if none is, an error if no record batch is."""
-    counts: dict[int, int] = {}
-    unreadable = None
-    for place in range(len(file.schema)):
-        column = only([place])
-        for number in set(range(file.num_record_batches)) - counts.keys():
-            try:
-                counts[number] = column.get_batch(number).num_rows
-            except Exception as error:  # noqa: BLE001 - on a broken file that is anything, as in `reading`
-                unreadable = error
-        if len(counts) == file.num_record_batches:
-            break
-    if unreadable is not None and not any(counts.values()):
-        raise unreadable
-    return tuple(counts.get(number, 0) for number in range(file.num_record_batches))
-
-
-@dataclass(frozen=True, slots=True)
-class KeyColumns:
-    """Columns of a table, or values in its path, that identify unit, recording and hardware batch of a row."""
-
-    unit: str = ""  # columns; empty if the path holds the value, or nothing does
-    recording: str = ""
-    unit_value: str = ""  # values in the path
-    recording_value: str = ""
-    batch: str = ""  # columns; empty if the path holds the value, or nothing does
-    batch_value: str = ""  # values in the path
-
-    @classmethod
-    def of(cls, name: str, columns: Sequence[str], options: Options, *, needs_batch: bool = True) -> Self | None:
-        """Find them among columns and in a path such as ``unit=A17/part-0.parquet``; None without a unit.
-
-        Raises UsageError if one that the options name is in neither.
-
-        >>> KeyColumns.of("serial=7/date=2026-11-21/part-0.parquet", ["t", "x", "y", "z"], Options())
-        KeyColumns(unit='', recording='', unit_value='7', recording_value='2026-11-21', batch='', batch_value='')
-        """
-        values = in_path(name)
-        unit = _key(values, columns, options.unit_column, UNIT_COLUMNS, name)
-        if unit is None:
-            return None
-        recording = _key(values, columns, options.recording_column, RECORDING_COLUMNS, name) or ("", "")
-        batch = _key(values, columns, options.batch_column, BATCH_COLUMNS, name, needed=needs_batch) or ("", "")
-        return cls(unit[0], recording[0], unit[1], recording[1], *batch)
-
-    @classmethod
-    def of_schema(cls, name: str, schema: Any, options: Options) -> Self | None:  # noqa: ANN401
-        """Find them as `of`; a nested column is no batch, and a table may lack the batch that the options name.
-
-        Raises UsageError if the unit or the recording that the options name is nowhere, UnreadableInput if a column of
-        keys is nested or duplicate.
-        """
-        own = (options.recording_column, RECORDING_COLUMNS), (options.batch_column, BATCH_COLUMNS)
-        guessed = {column for named, usual in own if named is None for column in usual}
-        columns = [field.name for field in schema if field.name.casefold() not in guessed or _is_text(field.type)]
-        keys = cls.of(name, columns, options, needs_batch=False)
-        for column in keys.columns if keys else ():
-            _refuse_column(name, schema, column)
-        return keys
-
-    @classmethod
-    def of_path(cls, name: str, options: Options) -> Self | None:
-        """Keys from the path of a file that cannot be opened; None if it does not name the unit."""
-        with contextlib.suppress(UsageError):
-            keys = cls.of(name, (), replace(options, recording_column=None, batch_column=None))
-            return keys if keys is not None and keys.unit_value else None
-        return None
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Keys that are columns."""
-        return tuple(filter(None, (self.unit, self.recording, self.batch)))
-
-
-@functools.lru_cache(maxsize=256)
-def _is_text(kind: Any) -> bool:  # noqa: ANN401
-    """Whether values of a type of Arrow can be texts: those of a struct or a list cannot."""
-    arrow = needs_arrow()
-    try:
-        _texts(arrow.nulls(0, kind)).dictionary_encode()
-    except arrow.ArrowException:
-        return False
-    return True
-
-
-def _refuse_column(name: str, schema: Any, column: str) -> None:  # noqa: ANN401
-    """Refuse a column of keys that is nested or duplicate."""
-    count = schema.names.count(column)
-    if count > 1:
-        raise UnreadableInput(f"{name} has {count} columns {column}: give all but one another name, or leave them out")
-    kind = schema.field(column).type
-    if not _is_text(kind):
-        raise UnreadableInput(
-            f"{name}: column {column} holds {kind}, which names nothing: make it a column of texts or numbers, or give "
-            "it another name"
-        )
-
-
-def in_path(name: str) -> dict[str, str]:
-    """Values in the folders of a path, as Hive writes it; null is the empty text.
-
-    >>> in_path("unit=A%2017/date=__HIVE_DEFAULT_PARTITION__/part-0.parquet")
-    {'unit': 'A 17', 'date': ''}
-    """
-    parts = (part.split("=", 1) for part in PurePosixPath(name).parts[:-1] if "=" in part)
-    return {key: "" if value == NO_VALUE else text_of(unquote(value)) for key, value in parts}
-
-
-def batch_in(name: str, options: Options) -> str:
-    """Hardware batch in the path of a log; empty if there is none.
-
-    >>> batch_in("batch=2026-04/A17/monday.csv", Options())
-    '2026-04'
-    """
-    values = in_path(name)
-    wanted = BATCH_COLUMNS if options.batch_column is None else (options.batch_column,)
-    return next((values[each] for each in wanted if each in values), "")
-
-
-def _key(
-    values: dict[str, str],
-    columns: Sequence[str],
-    column: str | None,
-    usual: Sequence[str],
-    name: str,
-    *,
-    needed: bool = True,
-) -> tuple[str, str] | None:
-    """Column that holds a key, or its value in the path; UsageError if one that is named and needed is in neither."""
-    lowered = {each.casefold(): each for each in reversed(columns)}
-    for wanted in usual if column is None else (column,):
-        if wanted in values:
-            return "", values[wanted]
-        if wanted.casefold() in lowered:
-            return lowered[wanted.casefold()], ""
-    if column is not None and needed:
-        raise UsageError(f"{name} has no column {column}: there are {', '.join(columns[:24])}")
-    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -414,8 +216,6 @@ class KeyedTable:
         places = places_of(self.schema)
         wanted = [places[cell] for cell in self.recording.columns.cells]
         for batch in self.file.batches(groups, sorted({*(column for column, _, _ in wanted), *self.keys.columns})):
-            if not batch.num_rows:
-                continue
             with reading(self.file.name, f"a table of {self.file.kind}"):
                 values = [values_of(batch.column(column), part) for column, part, _ in wanted]
             yield _runs(batch, self.keys, names), values
@@ -434,16 +234,14 @@ class KeyedTable:
 def counts_of(file: TableFile, keys: KeyColumns, groups: Sequence[int], names: Interner) -> Counter[Pair]:
     """Count the rows of each recording in some groups, from the columns of keys alone."""
     counts: Counter[int] = Counter()
-    if not keys.unit and not keys.recording:
-        number = names.number(keys.unit_value) << HALF | names.number(keys.recording_value)
+    if not keys.columns:
+        number = names.number(keys.pair, keys.batch.value)
         counts[number] = sum(file.groups[group] for group in groups)
-        names.note(number, keys.batch_value)
     for batch in file.batches(groups, list(keys.columns)) if keys.columns else ():
         runs = _runs(batch, keys, names)
-        if keys.unit or keys.recording:
-            for number, rows in zip(runs.numbers.tolist(), runs.lengths.tolist(), strict=True):
-                counts[number] += rows
-    return Counter({names.pair(number): rows for number, rows in counts.items()})
+        for number, rows in zip(runs.numbers.tolist(), runs.lengths.tolist(), strict=True):
+            counts[number] += rows
+    return Counter({names.pairs[number]: rows for number, rows in counts.items()})
 
 
 def _first_rows(file: TableFile, names: list[str]) -> Iterator[Any]:
@@ -459,34 +257,22 @@ def _first_rows(file: TableFile, names: list[str]) -> Iterator[Any]:
 
 
 def _runs(batch: Any, keys: KeyColumns, names: Interner) -> Runs:  # noqa: ANN401
-    """Run lengths of pairs of unit and recording."""
-    units = _coded(batch, keys.unit, keys.unit_value, names)
-    recordings = _coded(batch, keys.recording, keys.recording_value, names)
+    """Run lengths of recordings, as numbers of `names`, which takes their hardware batches."""
+    every = (keys.unit, keys.recording, keys.batch)
+    coded = [_dictionary(batch, key.column) if key.column else ([key.value], None) for key in every]
     is_first = np.ones(batch.num_rows, dtype=bool)
-    changes = [places[1:] != places[:-1] for _, places in (units, recordings) if places is not None]
+    changes = [places[1:] != places[:-1] for _, places in coded if places is not None]
     is_first[1:] = np.logical_or.reduce(changes) if changes else False
     first = np.flatnonzero(is_first)
-    unit, recording = (
-        codes[np.zeros_like(first) if places is None else places[first]] for codes, places in (units, recordings)
+    shape = [len(texts) for texts, _ in coded]
+    places = tuple(np.zeros_like(first) if own is None else own[first].astype(np.int64) for _, own in coded)
+    distinct, inverse = np.unique(np.ravel_multi_index(places, shape), return_inverse=True)
+    chosen = np.unravel_index(distinct, shape)
+    units, recordings, batches = (
+        [texts[place] for place in own.tolist()] for (texts, _), own in zip(coded, chosen, strict=True)
     )
-    runs = Runs(unit << HALF | recording, np.diff(first, append=batch.num_rows))
-    if keys.batch or keys.batch_value:
-        _note(runs, batch, keys, names)
-    return runs
-
-
-def _note(runs: Runs, batch: Any, keys: KeyColumns, names: Interner) -> None:  # noqa: ANN401
-    """Record the hardware batches of rows."""
-    numbers, inverse = np.unique(runs.numbers, return_inverse=True)
-    if not keys.batch:
-        for number in numbers.tolist():
-            names.note(number, keys.batch_value)
-        return
-    texts, places = _dictionary(batch, keys.batch)
-    both = np.repeat(inverse, runs.lengths) * len(texts) + places.astype(np.int64)
-    both = np.unique(both[np.flatnonzero(np.diff(both, prepend=-1))])
-    for number, place in zip(numbers[both // len(texts)].tolist(), (both % len(texts)).tolist(), strict=True):
-        names.note(number, texts[place])
+    numbers = np.array([*map(names.number, zip(units, recordings, strict=True), batches)], dtype=np.int64)
+    return Runs.joined([Runs(numbers[inverse], np.diff(first, append=batch.num_rows))])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -515,52 +301,41 @@ class Runs:
 
 
 class Interner:
-    """Numbers for texts, in the order of their first use; a pair of them is one number, and may have a hardware batch.
+    """Numbers for recordings, in the order of their first use, and the hardware batches of their units.
 
     >>> names = Interner()
-    >>> pair = names.number("A17") << HALF | names.number("monday")
-    >>> names.pair(pair)
-    ('A17', 'monday')
+    >>> names.number(("A17", "monday")), names.number(("A17", "friday"), "lot 7"), names.number(("A17", "monday"))
+    (0, 1, 0)
+    >>> names.pairs[1], names.batches
+    (('A17', 'friday'), {('A17', 'friday'): 'lot 7'})
     """
 
     def __init__(self) -> None:
-        self._numbers: dict[str, int] = {}
-        self._texts: list[str] = []
-        self._batches: dict[int, str] = {}
+        self.pairs: list[Pair] = []
+        self.batches: dict[Pair, str] = {}
+        self._numbers: dict[Pair, int] = {}
 
-    def number(self, text: str) -> int:
-        """The number of a text, a new one for a new text."""
-        number = self._numbers.setdefault(text, len(self._texts))
-        if number == len(self._texts):
-            self._texts.append(text)
+    def number(self, pair: Pair, batch: str = "") -> int:
+        """The number of a recording, a new one for a new recording; of several hardware batches the first by name."""
+        number = self._numbers.setdefault(pair, len(self.pairs))
+        if number == len(self.pairs):
+            self.pairs.append(pair)
+        if batch and batch <= self.batches.get(pair, batch):
+            self.batches[pair] = batch
         return number
-
-    def pair(self, number: int) -> Pair:
-        """Unit and recording of a number."""
-        return self._texts[number >> HALF], self._texts[number & (1 << HALF) - 1]
-
-    def note(self, number: int, batch: str) -> None:
-        """Record the hardware batch of a pair; of several the first by name."""
-        if batch and batch <= self._batches.get(number, batch):
-            self._batches[number] = batch
-
-    @property
-    def batches(self) -> dict[Pair, str]:
-        """Hardware batches of pairs that have one."""
-        return {self.pair(number): batch for number, batch in self._batches.items()}
 
 
 def extents_of(file: TableFile, keys: KeyColumns) -> list[tuple[str, str] | None]:
     """Least and greatest unit in each group; None if neither file nor path says."""
-    if not keys.unit:
-        return [(keys.unit_value, keys.unit_value)] * len(file.groups)
-    return file.extents(keys.unit)
+    if not keys.unit.column:
+        return [(keys.unit.value, keys.unit.value)] * len(file.groups)
+    return file.extents(keys.unit.column)
 
 
 def units_of(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[str]:
     """Units of some groups, from their column alone; of an unreadable group those that the footer names."""
-    if not keys.unit:
-        return {keys.unit_value}
+    if not keys.unit.column:
+        return {keys.unit.value}
     try:
         return _units_in(file, keys, groups)
     except UnreadableInput:
@@ -577,8 +352,8 @@ def units_of(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[st
 def _units_in(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[str]:
     """Units of some groups, from their column alone; raises UnreadableInput."""
     units: set[str] = set()
-    for batch in file.batches(groups, [keys.unit]):
-        texts, places = _dictionary(batch, keys.unit)
+    for batch in file.batches(groups, [keys.unit.column]):
+        texts, places = _dictionary(batch, keys.unit.column)
         units.update(texts[place] for place in np.unique(places).tolist())
     return units
 
@@ -586,17 +361,6 @@ def _units_in(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[s
 def _without(schema: Any, keys: KeyColumns) -> Any:  # noqa: ANN401
     """Columns of a schema that are no keys."""
     return needs_arrow().schema([field for field in schema if field.name not in keys.columns])
-
-
-def _coded(
-    batch: Any,  # noqa: ANN401
-    column: str,
-    value: str,
-    names: Interner,
-) -> tuple[NDArray[np.int64], NDArray[np.integer] | None]:
-    """Numbers of texts, and (B,) the index of each row's; None if the path has one text for all rows."""
-    texts, places = _dictionary(batch, column) if column else ([value], None)
-    return np.array([names.number(text) for text in texts], dtype=np.int64), places
 
 
 def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.integer]]:  # noqa: ANN401
@@ -608,34 +372,9 @@ def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.integer]
             from pyarrow import compute
 
             array = compute.if_else(compute.is_nan(array), None, array)
-        array = _texts(array).dictionary_encode()
+        array = texts_of(array).dictionary_encode()
     texts = [text_of(value) for value in array.dictionary.to_pylist()]
     places = array.indices
     if places.null_count:
         places, texts = places.fill_null(len(texts)), [*texts, ""]
     return texts, cast("NDArray[np.integer]", np.from_dlpack(places))
-
-
-def _texts(array: Any) -> Any:  # noqa: ANN401
-    """Column of keys as texts; bytes and dictionaries stay as they are; raises ArrowException."""
-    arrow = needs_arrow()
-    is_text = "binary" in str(array.type) or arrow.types.is_dictionary(array.type)
-    return array if is_text else array.cast(arrow.string())
-
-
-def text_of(value: object) -> str:
-    r"""Cell of a column of keys as text: bytes are UTF-8 if valid, blanks are empty.
-
-    >>> text_of(b"A17"), text_of(b"\xff\x00"), text_of(7), text_of("  "), text_of(None)
-    ('A17', 'ff00', '7', '', '')
-    """
-    if value is None:
-        return ""
-    if isinstance(value, bytes):
-        try:
-            text = value.decode()
-        except UnicodeDecodeError:
-            text = value.hex()
-    else:
-        text = str(value)
-    return text if text.strip() else ""

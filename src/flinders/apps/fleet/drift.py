@@ -26,7 +26,7 @@ import numpy as np
 
 from flinders.apps.fleet.change_points import FEWEST, YEAR, ChangePoint, PairSample, Variance, change_points
 from flinders.apps.fleet.history import MOST, BatchRule, OffsetSeries, batch_rule, histories
-from flinders.apps.fleet.report import (
+from flinders.apps.fleet.overview import (
     STATES,
     BatchDrift,
     FleetDrift,

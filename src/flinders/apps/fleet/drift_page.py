@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Final
 from rich.console import Group
 from rich.table import Column
 
-from flinders.apps.fleet.report import STATES, about_order, chance, common_unit, when
+from flinders.apps.fleet.overview import STATES
+from flinders.apps.fleet.report import about_order, chance, common_unit, when
 from flinders.core.units import label
 from flinders.errors import counted, figures, percent
 from flinders.report.formatting import (
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-    from flinders.apps.fleet.report import BatchDrift, FleetDrift
+    from flinders.apps.fleet.overview import BatchDrift, FleetDrift
 
 STATE_COLOURS: Final = {
     "recalibrate": "red", "unsure": "yellow", "changed": "yellow", "unordered": "yellow", "steady": "green",

@@ -5,33 +5,18 @@ once all have passed its name. A million rows take no more memory than a hundred
 several tables counts once, as in the last of them.
 
 The hardware batch of a unit comes from a column of the tables, or from a part of the unit's name (`BatchRule`).
-
-A recording has a date if its clock counts from 1970. A clock that counts from power-on says nothing of the order: then
-all recordings of the unit need an ISO 8601 date in their names, or none of them has one and they are ordered by name.
-
->>> date_of("V101/2026-01-10T12-30-05.csv") - date_of("20260110.ulg")
-45005.0
->>> date_of("flight 12"), date_of("03-04-2026.csv")
-(nan, nan)
->>> names = ["run 10", "run 9", "run 11"]
->>> arranged(names, np.array([3.0, 900.0, 400.0]))                          # seconds since power-on are no order
-Arrangement(places=[1, 0, 2], date_s=[nan, nan, nan], is_known=True)
->>> arranged(["after", "2026-01-10", "before"], np.full(3, np.nan)).is_known
-False
 """
 
 from __future__ import annotations
 
-import math
 import re
 from collections import Counter
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.apps.fleet.dates import arranged, is_date
 from flinders.apps.fleet.results import (
     LISTS,
     NAMES,
@@ -47,7 +32,6 @@ from flinders.apps.fleet.results import (
 from flinders.comparison.pairs import EllipsoidPairs
 from flinders.core.files import reason
 from flinders.errors import DocumentError, UsageError
-from flinders.readers._columns import EPOCHS, LONG
 
 if TYPE_CHECKING:
     import os
@@ -449,106 +433,3 @@ def _cells(paths: Paths, name: str) -> Iterator[str]:
                         yield from texts(batch.column(0).cast("string").unique())
         except (OSError, arrow.lib.ArrowException):
             return  # raised where the table is read
-
-
-LATEST: Final = 4.0 * EPOCHS[-1][0]
-"""Seconds since 1970 beyond which a time is no date."""
-ISO_DATE: Final = re.compile(
-    r"(?<!\d)(?P<day>(?:19[89]|20\d)\d(?P<dash>[-_/]?)\d\d(?P=dash)\d\d)(?!\d)"
-    r"(?:(?:(?P<iso>T)|[\s_/-]{1,2})(?P<time>\d\d(?P<colon>[-:_])\d\d(?:(?P=colon)\d\d)?|\d{6}|(?<=T)\d{4})"
-    r"(?(iso)(?P<zone>Z|[+-]\d\d:?\d\d)?)(?![-:_+]?\d))?"
-)
-"""ISO 8601 with the separators of file names; other digits after a date may number recordings."""
-OTHER_DATE: Final = re.compile(r"(?<!\d)\d{1,2}([-_./])\d{1,2}\1(?:19[89]|20\d)\d(?!\d)")
-"""A date whose day and month cannot be told apart: it gives no order."""
-
-
-def is_date(seconds: Floats) -> NDArray[np.bool_]:
-    """(n,) whether times count from 1970, and not from power-on; NaN does not."""
-    counts: NDArray[np.bool_] = (seconds > LONG) & (seconds < LATEST)
-    return counts
-
-
-def date_of(name: str) -> float:
-    """Seconds since 1970 of the date in a recording's name, at midnight without a time of day; or NaN."""
-    date = _dated(name)
-    return date.day_s if math.isnan(date.time_s) else date.time_s
-
-
-@dataclass(frozen=True, slots=True)
-class _NameDate:
-    """Date in a name: midnight of the day and the time, both in s since 1970 or NaN."""
-
-    day_s: float = math.nan
-    time_s: float = math.nan
-    has_time: bool = False  # digits like a time of day follow the date; they may be no time, as 00-62
-
-
-@lru_cache(maxsize=65_536)
-def _dated(name: str) -> _NameDate:
-    """Find date and time of day in a name."""
-    for match in ISO_DATE.finditer(name):
-        day, time = (re.sub(r"\D", "", match[part] or "") for part in ("day", "time"))
-        day_s = _seconds(day)
-        if math.isfinite(day_s):
-            return _NameDate(day_s, _seconds(f"{day}T{time}{match['zone'] or ''}"), bool(time))
-    return _NameDate()
-
-
-def _seconds(text: str) -> float:
-    """Seconds since 1970 of a time in ISO 8601, in UTC unless it names a zone; NaN if there is no such time."""
-    try:
-        time = datetime.fromisoformat(text)
-    except ValueError:
-        return math.nan
-    return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
-
-
-@dataclass(frozen=True, slots=True)
-class Arrangement:
-    """Order of the recordings of one unit."""
-
-    places: list[int]  # indices of the recordings in order; by name if the order is not known
-    date_s: list[float]  # s, of each, in that order; NaN if it is not known
-    is_known: bool  # whether the order is known
-
-    @property
-    def is_dated(self) -> bool:
-        """Whether all dates are known."""
-        return self.is_known and not any(map(math.isnan, self.date_s))
-
-
-def arranged(names: Sequence[str], start_s: Floats, tables: Sequence[int] | None = None) -> Arrangement:
-    """Order the recordings of one unit, of n names, (n,) starts of their clocks, and numbers of their tables.
-
-    By their clocks if all know the date, else by the dates in their names if all have one, else by name if none has a
-    date. Recordings of one date are ordered by name, and equal names by their tables. Otherwise the order is not known.
-    """
-    keys = list(zip(map(_natural, names), tables or [0] * len(names), strict=True))
-    has_clock = is_date(start_s)
-    dates, is_known = (start_s.tolist(), True) if has_clock.all() else _dates_in(names)
-    is_known = is_known and not (has_clock.any() and math.isnan(math.fsum(dates)))
-    order = [(0.0 if math.isnan(date) else date, key) for date, key in zip(dates, keys, strict=True)]
-    places = sorted(range(len(names)), key=order.__getitem__)
-    clocks = start_s[places][has_clock[places]]
-    if not (is_known and len(set(order)) == len(order) and (np.diff(clocks) >= 0.0).all()):
-        is_known, places = False, sorted(range(len(names)), key=keys.__getitem__)
-    return Arrangement(places, [dates[place] for place in places], is_known)
-
-
-def _dates_in(names: Sequence[str]) -> tuple[list[float], bool]:
-    """Dates in names, and whether they give an order: all names have one, or none."""
-    each = [_dated(name) for name in names]
-    # such digits are times of day if they can be that in all names; else they number recordings
-    are_times = all(math.isfinite(date.time_s) for date in each if date.has_time)
-    dates = [date.time_s if are_times and date.has_time else date.day_s for date in each]
-    if all(map(math.isnan, dates)):
-        return dates, not any(map(OTHER_DATE.search, names))
-    days_with_time = {date.day_s for date in each if are_times and date.has_time}
-    days_alone = {date.day_s for date in each if not (are_times and date.has_time)}
-    return dates, not any(map(math.isnan, dates)) and not days_with_time & days_alone
-
-
-def _natural(name: str) -> tuple[str | int, ...]:
-    """Key of natural sorting: ``run 9`` before ``run 10``."""
-    return tuple(int(part) if place % 2 else part.casefold() for place, part in enumerate(re.split(r"(\d+)", name)))

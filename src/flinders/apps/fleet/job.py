@@ -1,16 +1,8 @@
 r"""A fleet run: plan partitions, calibrate them, commit each as it is done, and merge them into one table.
 
-Beside the table, ``calibrations.parquet``, a folder ``calibrations.parquet.parts`` holds a file for each finished
-partition, and the plan that they belong to. A run with `resume` does the missing ones; the table is the same to the
-last byte, for any number of workers. The folder is removed when the table is written. If the table goes to a store, the
-folder lies in the working directory.
-
-The table is synced to the disk before it gets its name, partitions are not: after a power cut some may be missing, cut
-short or empty. Their names hold length and check sum, and a partition that does not match is done again.
-
 >>> import tempfile
 >>> from pathlib import Path
->>> from flinders.apps.fleet.dataset import Options
+>>> from flinders.apps.fleet.options import Options
 >>> folder = Path(tempfile.mkdtemp())
 >>> _ = (folder / "A17.csv").write_text("x,y,z\n1,2,3\n")
 >>> summary = run(str(folder), folder / "calibrations.parquet", Options(), workers=0)
@@ -21,59 +13,36 @@ short or empty. Their names hold length and check sum, and a partition that does
 from __future__ import annotations
 
 import contextlib
-import json
-import logging
 import os
-import platform
-import secrets
-import shutil
 import time
-import zlib
-from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from dataclasses import dataclass
 from functools import partial
-from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from flinders.apps.fleet import worker
+from flinders.apps.fleet.checkpoint import TABLE, Checkpoint
 from flinders.apps.fleet.dataset import PARQUET
+from flinders.apps.fleet.event_log import log_event
+from flinders.apps.fleet.merging import merge, table_counts
 from flinders.apps.fleet.plan import plan_of
-from flinders.apps.fleet.results import UnitResults, merge, needs_arrow, table_counts, total
+from flinders.apps.fleet.progress import Progress
+from flinders.apps.fleet.results import UnitResults, needs_arrow
 from flinders.apps.fleet.scheduler import Abandoned, map_units, reach
 from flinders.apps.fleet.storage import is_remote, put, refuse_object
-from flinders.core.files import locked, reason, refuse_existing, write_all, write_text
-from flinders.errors import FlindersError, OutputError, UsageError, counted
+from flinders.core.files import refuse_existing
+from flinders.errors import UsageError
 from flinders.findings.row import OF_A_TUMBLE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
 
-    from flinders.apps.fleet.dataset import Options
+    from flinders.apps.fleet.options import Options
     from flinders.apps.fleet.plan import Partition, Plan
+    from flinders.apps.fleet.progress import ProgressCallback
     from flinders.apps.fleet.scheduler import WorkerDeath
 
     Map = Callable[..., Iterator[tuple[int, bytes | Abandoned]]]
-
-PLAN: Final = "plan.json"
-TABLE: Final = "table.parquet"
-"""Table that goes to a store when it is complete."""
-DONE: Final = "part-*.arrow"
-OWNER: Final = "owner"
-"""Which process has the folder."""
-OURS: Final = (DONE, PLAN, TABLE, OWNER, ".flinders-*.tmp")
-"""Files that a run may leave in its folder."""
-LOGGER: Final = logging.getLogger("flinders.apps.fleet")
-LISTED: Final = 8
-"""Files of a partition that an event lists; it counts them all."""
-UNREAD: Final = 1_000
-"""Events about recordings that could not be read; more are only counted."""
-UNITS: Final = 200_000
-"""Units that are counted for the progress bar, whose hashes are held; of more, recordings alone are counted."""
-
-ProgressCallback: TypeAlias = Callable[[int, int, int, int | None], None]
-"""Called with the work done and the total of it, and with recordings and, if they are counted, units so far."""
 
 
 def run(
@@ -128,8 +97,19 @@ def run(
             progress.committed(place, plan.partitions[place], content, was_lost=was_lost)
         counts = _write_table([files[place] for place in range(len(plan.partitions))], checkpoint, out)
         checkpoint.remove()
-    seconds = time.monotonic() - begun
-    return progress.finished(plan, counts, output=os.fspath(out), resumed=resumed, seconds=seconds)
+    summary = RunSummary(
+        output=os.fspath(out),
+        files=plan.files,
+        partitions=len(plan.partitions),
+        **counts,
+        other_files=plan.other_files,
+        resumed=resumed,
+        workers_lost=progress.workers_lost,
+        retried=len(progress.retried),
+        seconds=time.monotonic() - begun,
+    )
+    log_event("done", **summary.logged, unread=progress.unread)
+    return summary
 
 
 def _planned(where: str, out: str | os.PathLike[str], options: Options, scheduler: str | None, *, force: bool) -> Plan:
@@ -238,6 +218,12 @@ class RunSummary:
         """Whether every recording has a calibration."""
         return not self.codes
 
+    @property
+    def logged(self) -> dict[str, Any]:
+        """Fields of the last event of a run."""
+        names = ("output", "units", "rows", "readings", "verdicts", "codes", "workers_lost", "retried")
+        return {name: getattr(self, name) for name in names} | {"seconds": round(self.seconds, 3)}
+
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""
         fields = {name: getattr(self, name) for name in self.__slots__}
@@ -246,362 +232,3 @@ class RunSummary:
         # units calibrated in a second
         fields["units_per_s"] = self.units / self.seconds if self.seconds else None
         return fields
-
-
-# ----------------------------------------------------------------------------------------------------------- checkpoint
-
-
-@dataclass(frozen=True, slots=True)
-class Checkpoint:
-    """The folder of finished partitions, which one run at a time may use."""
-
-    folder: Path
-    lock: int | None = None  # descriptor of the folder, while it is locked
-
-    @classmethod
-    def of(cls, out: str | os.PathLike[str], plan: Plan, *, resume: bool, force: bool) -> Checkpoint:
-        """Create the folder, or open that of an earlier run.
-
-        Raises UsageError if it holds partitions and neither `resume` nor `force` is given, if they are of another
-        plan, or if it holds other files; OutputError if it cannot be created, or another run uses it.
-        """
-        table = os.fspath(out)
-        folder = Path(f"{PurePosixPath(table).name if is_remote(table) else table}.parts")
-        with contextlib.ExitStack() as undo:
-            try:
-                folder.mkdir(exist_ok=True)
-                checkpoint = cls(folder, _lock(folder))
-                undo.callback(checkpoint.close)
-                checkpoint._prepare(resume=resume, force=force)
-                (folder / OWNER).write_text(f"process {os.getpid()} on {platform.node()}", encoding="utf-8")
-            except OSError as error:
-                raise OutputError(f"{folder}: cannot be written: {reason(error)}") from None
-            checkpoint._match(plan)
-            undo.pop_all()
-        return checkpoint
-
-    def close(self) -> None:
-        """Let other runs use the folder."""
-        if self.lock is not None:
-            os.close(self.lock)
-
-    def _prepare(self, *, resume: bool, force: bool) -> None:
-        """Refuse what an earlier run or somebody else has left there, or remove it."""
-        self._refuse_foreign()
-        if self.done and not resume and not force:
-            raise UsageError(
-                f"{self.folder} holds what an earlier run has done: resume it, or begin again",
-                hint={"resume": True, "force": True},
-            )
-        if not resume:
-            for path in self.folder.iterdir():
-                path.unlink()
-
-    @property
-    def done(self) -> int:
-        """Number of files of partitions."""
-        return sum(1 for _ in self.folder.glob(DONE))
-
-    def _refuse_foreign(self) -> None:
-        """Refuse a folder with other files, which would be removed with it."""
-        if self.folder.is_dir():
-            foreign = [each.name for each in self.folder.iterdir() if not any(each.match(name) for name in OURS)]
-            if foreign:
-                raise UsageError(
-                    f"{self.folder} is where parts of the table are kept, and holds something else, "
-                    f"{min(foreign)}: move that, or name another table"
-                )
-
-    def _match(self, plan: Plan) -> None:
-        """Write the fingerprint of the plan, or refuse partitions of another plan."""
-        path = self.folder / PLAN
-        with contextlib.suppress(OSError, ValueError):
-            if json.loads(path.read_text(encoding="utf-8"))["fingerprint"] == plan.fingerprint:
-                return
-        if self.done:
-            raise UsageError(
-                f"{self.folder} is of a run with other files, options or another release: name those again to resume "
-                "it, or begin again",
-                hint={"force": True},
-            )
-        about = {"fingerprint": plan.fingerprint, "partitions": len(plan.partitions)}
-        write_text(json.dumps(about) + "\n", path, force=True)
-
-    def finished(self) -> dict[int, Path]:
-        """Files of finished partitions; those that are not as they were written are removed."""
-        files = {}
-        for path in sorted(self.folder.glob(DONE)):
-            with contextlib.suppress(OSError, ValueError):  # a file of another name is not of a run
-                place = int(path.name.split("-")[1])
-                if path == self._path(place, path.read_bytes()):
-                    files[place] = path
-                else:
-                    path.unlink()
-        return files
-
-    def _path(self, place: int, content: bytes) -> Path:
-        """File of a partition with this content."""
-        return self.folder / f"part-{place:07d}-{len(content)}-{zlib.crc32(content):08x}.arrow"
-
-    def commit(self, place: int, content: bytes) -> Path:
-        """Write the rows of a partition, all or none, and return the file; raises OutputError."""
-        path = self._path(place, content)
-        temporary = self.folder / f".flinders-{secrets.token_hex(8)}.tmp"
-        try:
-            temporary.write_bytes(content)
-            return temporary.replace(path)
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {reason(error)}") from None
-        finally:
-            with contextlib.suppress(OSError):
-                temporary.unlink()
-
-    def remove(self) -> None:
-        """Remove the folder; if that fails, nothing is lost."""
-        shutil.rmtree(self.folder, ignore_errors=True)
-
-
-def _lock(folder: Path) -> int | None:
-    """Lock a folder for this run; raises OutputError if another run has it. Folders of Windows have no locks."""
-    if os.name == "nt":
-        return None
-    descriptor = os.open(folder, os.O_RDONLY)
-    if locked(descriptor):
-        return descriptor
-    os.close(descriptor)
-    owner = "it has not said which"
-    with contextlib.suppress(OSError):
-        owner = (folder / OWNER).read_text(encoding="utf-8", errors="replace")
-    raise OutputError(
-        f"{folder}: another run is writing into it ({owner}): wait until that one has ended, or name another table"
-    )
-
-
-# ------------------------------------------------------------------------------------------------------------------ log
-
-
-@contextlib.contextmanager
-def log_to(path: str | os.PathLike[str] | None) -> Iterator[None]:
-    """Append the events of runs within the block to a file, which a resumed run continues; raises OutputError."""
-    if path is None:
-        yield
-        return
-    handler, level = _JsonLines(path), LOGGER.level
-    LOGGER.addHandler(handler)
-    LOGGER.setLevel(logging.INFO)
-    try:
-        yield
-    finally:
-        LOGGER.setLevel(level)
-        LOGGER.removeHandler(handler)
-        handler.close()
-
-
-def log_event(event: str, **fields: object) -> None:
-    """Log what happened, and its fields; raises OutputError if the file of `log_to` cannot be written."""
-    LOGGER.info(event, extra={"fields": fields})
-
-
-class _JsonLines(logging.Handler):
-    """Appends events to a file, unbuffered; unlike other handlers it raises if it cannot."""
-
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        """Open the file, and end a line that was cut."""
-        super().__init__()
-        self._path = path
-        try:
-            self._file = Path(path).open("ab", buffering=0)  # noqa: SIM115 - closed by `close`
-        except OSError as error:
-            raise self._refused(error) from None
-        if _is_cut(path):
-            self._write("\n")
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Write an event."""
-        time = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
-        fields: dict[str, object] = getattr(record, "fields", {})
-        self._write(json.dumps({"time": time, "event": record.getMessage(), **fields}, allow_nan=False) + "\n")
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-        super().close()
-
-    def _write(self, line: str) -> None:
-        """Write a line; raises OutputError."""
-        try:
-            write_all(self._file, line.encode())
-        except OSError as error:
-            raise self._refused(error) from None
-
-    def _refused(self, error: OSError) -> OutputError:
-        """Error of a log that cannot be written."""
-        return OutputError(f"{self._path}: the log cannot be written: {reason(error)}")
-
-
-def _is_cut(path: str | os.PathLike[str]) -> bool:
-    """Whether the last line of a log is incomplete, as after a full disk; a pipe or a device has no last line."""
-    if not Path(path).is_file() or not Path(path).stat().st_size:
-        return False
-    with Path(path).open("rb") as file:
-        file.seek(-1, 2)
-        return file.read(1) != b"\n"
-
-
-# ------------------------------------------------------------------------------------------------------------- progress
-
-
-@dataclass(slots=True)
-class Progress:
-    """State of a run so far, and who is notified."""
-
-    watch: ProgressCallback | None = None  # called as each partition is done
-    notice: Callable[[str], None] = lambda _: None  # called with a line for the person who started the run
-    workers_lost: int = 0
-    retried: set[Partition] = field(default_factory=set)  # partitions that were run again because their worker died
-    unread: int = 0  # recordings that could not be read
-    _checkpoint: Checkpoint | None = None
-    _partitions: int = 0
-    _done: int = 0
-    _total: int = 0
-    _rows: int = 0
-    _units: set[int] | None = field(default_factory=set)
-
-    def planned(self, plan: Plan, checkpoint: Checkpoint, finished: set[int], **fields: object) -> None:
-        """Log the plan, and which of its partitions an earlier run has finished."""
-        self._checkpoint, self._partitions = checkpoint, len(plan.partitions)
-        weights = [partition.weight for partition in plan.partitions]
-        self._total = sum(weights)
-        self._done = sum(weight for place, weight in enumerate(weights) if place in finished)
-        about = {"files": plan.files, "other_files": plan.other_files, "partitions": len(plan.partitions)}
-        log_event("planned", **fields, **about, resumed=len(finished))
-
-    def waits(self, words: str) -> None:
-        """Log and say why the work does not go on."""
-        log_event("waiting", message=words)
-        self.notice(words)
-
-    def died(self, death: WorkerDeath, partition: Partition | None, whole: Partition | None = None) -> None:
-        """Log the death of a worker with its partition, which may be a part of a `whole` one."""
-        self.workers_lost += 1
-        fields: dict[str, Any] = {"worker": death.worker}
-        if partition is None:
-            fields["message"] = "a worker left the cluster, which does again what it was doing"
-        else:
-            self.retried.add(whole or partition)
-            fields |= {**_files_of(partition), "attempt": death.attempts}
-            fields["message"] = "a worker died while it did these files, which are done again"
-        log_event("worker-lost", **fields)
-
-    def committed(self, place: int, partition: Partition, content: bytes, *, was_lost: bool) -> None:
-        """Log a partition whose rows are written, and move the progress bar."""
-        rows = needs_arrow().ipc.open_file(content).read_all()
-        if was_lost:
-            self.retried.add(partition)
-        verdicts, codes = (_counts_of(rows, name) for name in ("verdict", "code"))
-        log_event(
-            "partition",
-            place=place,
-            **_files_of(partition),
-            units=len(rows.column("unit").unique()),
-            rows=rows.num_rows,
-            readings=total(rows.column("readings")),
-            verdicts=verdicts,
-            codes=codes,
-            lost=was_lost,
-        )
-        if verdicts.get("failed"):
-            self._log_unread(rows)
-        self._done += partition.weight
-        self._rows += rows.num_rows
-        if self.watch is not None:
-            self.watch(self._done, self._total, self._rows, self._units_with(rows))
-
-    def finished(self, plan: Plan, counts: dict[str, Any], *, output: str, resumed: int, seconds: float) -> RunSummary:
-        """Sum up a run whose table is written, and log it."""
-        summary = RunSummary(
-            output=output,
-            files=plan.files,
-            partitions=len(plan.partitions),
-            **counts,
-            other_files=plan.other_files,
-            resumed=resumed,
-            workers_lost=self.workers_lost,
-            retried=len(self.retried),
-            seconds=seconds,
-        )
-        names = ("output", "units", "rows", "readings", "verdicts", "codes", "workers_lost", "retried")
-        fields = {name: getattr(summary, name) for name in names}
-        log_event("done", **fields, unread=self.unread, seconds=round(seconds, 3))
-        return summary
-
-    @contextlib.contextmanager
-    def ending(self) -> Iterator[None]:
-        """Log how a run ends that does not finish, and say how many of its partitions are done.
-
-        An OutputError is raised with that added.
-        """
-        try:
-            yield
-        except BaseException as error:
-            done = self._work_done()
-            with contextlib.suppress(OutputError):  # the log may be what cannot be written
-                self._log_end(error, done)
-            if isinstance(error, KeyboardInterrupt) and done:
-                self.notice(done)
-            if isinstance(error, OutputError) and done:
-                hint = {**error.hint, "resume": True}
-                raise OutputError(f"{error.message}. {done}", hint=hint, **error.evidence) from None
-            raise
-
-    def _log_end(self, error: BaseException, done: str) -> None:
-        """Log the last event of a run that does not finish."""
-        state = {"done": self._checkpoint.done if self._checkpoint else 0, "partitions": self._partitions}
-        if isinstance(error, KeyboardInterrupt | SystemExit):
-            log_event("interrupted", message=done or "nothing is kept", **state)
-        elif isinstance(error, FlindersError):
-            log_event("failed", code=error.code, message=error.message, **state)
-        else:
-            log_event("failed", code="internal", message=f"{type(error).__name__}: {error}", **state)
-
-    def _work_done(self) -> str:
-        """Say how many partitions are done; a folder without any is removed."""
-        if self._checkpoint is None:
-            return ""
-        done = self._checkpoint.done
-        if not done:
-            self._checkpoint.remove()
-            return ""
-        return f"{done:,} of {counted(self._partitions, 'partition')} are done, and kept: resume the run"
-
-    def _log_unread(self, rows: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
-        """Log each recording that could not be read, up to `UNREAD` of them."""
-        from pyarrow import compute
-
-        failed = rows.filter(compute.equal(rows.column("verdict"), "failed"))
-        logged = failed.select(["unit", "recording", "code", "message"]).slice(0, max(UNREAD - self.unread, 0))
-        for row in logged.to_pylist():
-            log_event("unread", **row)
-        before, self.unread = self.unread, self.unread + failed.num_rows
-        if before <= UNREAD < self.unread:
-            log_event("unread-more", message=f"{UNREAD:,} are told; what follows is counted, and in the table")
-
-    def _units_with(self, rows: Any) -> int | None:  # noqa: ANN401
-        """Count the units so far; None if there are too many to tell apart."""
-        if self._units is not None:
-            self._units.update(map(hash, rows.column("unit").unique().to_pylist()))
-            if len(self._units) > UNITS:
-                self._units = None
-        return None if self._units is None else len(self._units)
-
-
-def _files_of(partition: Partition) -> dict[str, Any]:
-    """Names of some files of a partition, and how many there are."""
-    names = list(dict.fromkeys(part.file.name for part in partition.slices))
-    return {"files": names[:LISTED], "file_count": len(names)}
-
-
-def _counts_of(rows: Any, name: str) -> dict[str, int]:  # noqa: ANN401
-    """Count rows by the texts of a column, the empty one left out."""
-    counts = Counter(rows.column(name).to_pylist())
-    return {text: count for text, count in sorted(counts.items(), key=str) if text}

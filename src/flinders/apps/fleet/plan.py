@@ -6,7 +6,7 @@ a partition of its own, which takes its rows alone.
 
 >>> import tempfile
 >>> from pathlib import Path
->>> from flinders.apps.fleet.dataset import Options
+>>> from flinders.apps.fleet.options import Options
 >>> folder = Path(tempfile.mkdtemp())
 >>> for name in ("A17/monday.csv", "A17/friday.csv", "B02/monday.csv", "B02/notes.md"):
 ...     (folder / name).parent.mkdir(exist_ok=True)
@@ -27,21 +27,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.metadata import version
-from itertools import chain, islice, pairwise
+from itertools import accumulate, chain, islice, pairwise
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
-from flinders.apps.fleet.dataset import (
-    BATCH_COLUMNS,
-    TABLES,
-    KeyColumns,
-    extents_of,
-    in_path,
-    opened,
-    units_of,
-)
+from flinders.apps.fleet.dataset import TABLES, extents_of, opened, units_of
+from flinders.apps.fleet.keys import BATCH_COLUMNS, KeyColumns, in_path
 from flinders.apps.fleet.results import SIGN, VERSION
 from flinders.apps.fleet.storage import MAGIC, StoredFile, listed
 from flinders.apps.fleet.storage import opened as stored
@@ -52,7 +45,8 @@ from flinders.readers.dialects.json_records import own_kind
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from flinders.apps.fleet.dataset import Options, TableFile
+    from flinders.apps.fleet.dataset import TableFile
+    from flinders.apps.fleet.options import Options
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")
@@ -102,6 +96,15 @@ class FileSlice:
     def weight(self) -> int:
         """Bytes to read, for the progress bar."""
         return self.rows * 32 if self.groups else self.file.size
+
+
+@contextlib.contextmanager
+def open_as_planned(part: FileSlice, options: Options) -> Iterator[TableFile]:
+    """Open the file of a slice; one that could not be opened for the plan raises the error of then."""
+    if part.error is not None:
+        raise part.error
+    with opened(part.file, options) as file:
+        yield file
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +168,8 @@ def plan_of(where: str, options: Options) -> Plan:
     """
     files = listed(where)
     taken = [file for file in files if not file.kind and (MAGIC.search(where) or _is_readable(file.name))]
-    other_files = Counter(_kind(file) for file in set(files) - set(taken))
+    others = set(files) - set(taken)
+    other_files = Counter(file.kind or PurePosixPath(file.name).suffix or "none" for file in others)
     if not taken:
         raise UnreadableInput(
             f"{where}: none of {len(files)} files is a recording: they end in {', '.join(other_files)}"
@@ -184,7 +188,7 @@ def plan_of(where: str, options: Options) -> Plan:
     _refuse_batch(where, tables, logs, options)
     by_recording = defaultdict(list)
     for table in tables:
-        by_recording[table.keys.recording_value].append(table)
+        by_recording[table.keys.recording.value].append(table)
     alike = [_tables(tables, options) for _, tables in sorted(by_recording.items())]
     partitions = (*chain.from_iterable(alike), *_logs(logs))
     return Plan(partitions, len(taken), dict(sorted(other_files.items())), _fingerprint(taken, options))
@@ -216,7 +220,7 @@ def _sorted_out(
 def _refuse_batch(where: str, tables: Sequence[_TableSlice], logs: Sequence[FileSlice], options: Options) -> None:
     """Refuse an option for the hardware batch that matches no column and no folder."""
     slices = [*(table.part for table in tables), *logs]
-    if options.batch_column is None or any(table.keys.batch for table in tables):
+    if options.batch_column is None or any(table.keys.batch.column for table in tables):
         return
     if not any(part.error or options.batch_column in in_path(part.file.name) for part in slices):
         raise UsageError(
@@ -224,11 +228,6 @@ def _refuse_batch(where: str, tables: Sequence[_TableSlice], logs: Sequence[File
             "or leave that out",
             hint={"batch_column": None},
         )
-
-
-def _kind(file: StoredFile) -> str:
-    """Kind of a file that is left out."""
-    return file.kind or PurePosixPath(file.name).suffix or "none"
 
 
 def _in_threads(function: Callable[[Item], Answer], items: Iterable[Item]) -> Iterator[Answer]:
@@ -291,7 +290,7 @@ def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice
         keys = None if isinstance(error, UsageError) else KeyColumns.of_path(file.name, options)
         if keys is None:
             return FileSlice(file, error=error, is_table=is_table)
-        return [_TableSlice(FileSlice(file, (0,), error=error), keys.unit_value, keys.unit_value, keys)]
+        return [_TableSlice(FileSlice(file, (0,), error=error), keys.unit.value, keys.unit.value, keys)]
 
 
 def _own_kind(file: StoredFile) -> str:
@@ -350,7 +349,9 @@ def _tables(tables: Sequence[_TableSlice], options: Options) -> Iterator[Partiti
     for unit, places in across.items():
         for place in places:
             shared[place].append(unit)
-    alone = {table.part: shared[place] for place, table in enumerate(tables) if table.keys.unit or not shared[place]}
+    alone = {
+        table.part: shared[place] for place, table in enumerate(tables) if table.keys.unit.column or not shared[place]
+    }
     for slices in _packed(list(alone)):
         without = {unit for part in slices for unit in alone[part]}
         yield Partition(tuple(slices), without=tuple(sorted(without)))
@@ -366,20 +367,25 @@ def _enough(total: int, short: int) -> int:
 
 
 def _packed(slices: Sequence[FileSlice]) -> Iterator[list[FileSlice]]:
-    """Pack small slices together, in order.
+    """Pack small slices of tables together, in order.
 
     >>> files = [FileSlice(StoredFile(str(part), "", 0), (0,), 20_000) for part in range(200)]
     >>> [len([*_packed(files[:count])]) for count in (3, 32, 100, 200)]
     [3, 16, 20, 40]
     """
-    total = sum(part.rows for part in slices)
-    enough = min(SMALLEST, _enough(total, SHORT))
+    rows = [part.rows for part in slices]
+    return _filled(slices, rows, min(SMALLEST, _enough(sum(rows), SHORT)), LARGEST)
 
-    def fits(run: list[FileSlice], part: FileSlice) -> bool:
-        rows = sum(each.rows for each in run)
-        return len(run) < MOST_SLICES and rows < enough and rows + part.rows <= LARGEST
 
-    return _runs_that_fit(slices, fits)
+def _filled(slices: Sequence[FileSlice], sizes: Sequence[int], enough: int, largest: int) -> Iterator[list[FileSlice]]:
+    """Runs of up to `MOST_SLICES` slices that end where they are large enough, or would be too large."""
+    above = [0, *accumulate(sizes)]
+
+    def fits(run: list[int], place: int) -> bool:
+        size = above[place] - above[run[0]]
+        return len(run) < MOST_SLICES and size < enough and size + sizes[place] <= largest
+
+    return ([slices[place] for place in run] for run in _runs_that_fit(range(len(slices)), fits))
 
 
 def _joined(together: dict[tuple[int, ...], list[str]], tables: Sequence[_TableSlice]) -> Iterator[Partition]:
@@ -449,13 +455,9 @@ def _logs(slices: Sequence[FileSlice]) -> Iterator[Partition]:
     >>> [len([*_logs(files[:count])]) for count in (3, 32, 600, 2000)]
     [3, 16, 28, 63]
     """
-    enough = _enough(sum(part.weight for part in slices), SHORT_BYTES)
-
-    def fits(run: list[FileSlice], part: FileSlice) -> bool:
-        size = sum(each.weight for each in run)
-        return len(run) < MOST_SLICES and size < enough and size + part.weight <= LOG_BYTES
-
-    return (Partition(tuple(run)) for run in _runs_that_fit(slices, fits))
+    sizes = [part.weight for part in slices]
+    runs = _filled(slices, sizes, _enough(sum(sizes), SHORT_BYTES), LOG_BYTES)
+    return (Partition(tuple(run)) for run in runs)
 
 
 def _fingerprint(files: Sequence[StoredFile], options: Options) -> str:

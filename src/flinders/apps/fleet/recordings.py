@@ -1,49 +1,36 @@
 """Recordings in slices of tables: side by side in memory, streamed if one is too long for that, or unreadable.
 
-Usually a single page of a table is broken, and with it a row group. The recordings in it fail, and the others go on.
-They are read from the columns of keys alone; if those are what is broken, the footer still has the number of rows, and
-perhaps the first and last unit.
-
 >>> from flinders.apps.fleet.plan import Partition
 >>> rows = RowFilter(Partition((), without=("B02",)))
->>> numbers = np.array([rows.names.number(unit) << HALF for unit in ("A17", "B02", "")])
+>>> numbers = np.array([rows.names.number((unit, "")) for unit in ("A17", "B02", "")])
 >>> rows.mask(numbers), rows.nameless_in(numbers)
 (array([ True, False, False]), array([False, False,  True]))
 """
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections import Counter, defaultdict
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final, cast
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from flinders.apps.fleet.dataset import (
-    HALF,
-    Interner,
-    KeyColumns,
-    KeyedTable,
-    Runs,
-    batch_in,
-    counts_of,
-    extents_of,
-    opened,
-)
-from flinders.apps.fleet.results import UnitResult, one_line
+from flinders.apps.fleet.dataset import Interner, KeyedTable, Runs
+from flinders.apps.fleet.plan import open_as_planned
+from flinders.apps.fleet.results import UnitResult
 from flinders.core.samples import concatenated
 from flinders.core.silence import silent
-from flinders.errors import FlindersError, UnitError, counted
+from flinders.errors import UnitError
 from flinders.fitting.batch import Lined
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Container, Hashable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
-    from flinders.apps.fleet.dataset import Options, Pair, TableFile
+    from flinders.apps.fleet.dataset import Pair
+    from flinders.apps.fleet.options import Options
     from flinders.apps.fleet.plan import FileSlice, Partition
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
@@ -126,9 +113,8 @@ class RowFilter:
     def __init__(self, partition: Partition, selected: Container[Pair] | None = None) -> None:
         self.names = Interner()
         self.nameless = 0
-        self._empty = self.names.number("")
         self._partition, self._selected = partition, selected
-        self._known: dict[int, bool] = {}
+        self._uses: list[int] = []  # of each recording of `names`
 
     def takes(self, pair: Pair) -> bool:
         """Whether a recording is taken."""
@@ -136,23 +122,24 @@ class RowFilter:
 
     def nameless_in(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(B,) which rows are of no unit, if this partition reports those."""
-        nameless: NDArray[np.bool_] = (numbers >> HALF == self._empty) & self.takes(("", ""))
+        nameless: NDArray[np.bool_] = self._uses_of(numbers) == NAMELESS
         return nameless
 
     def mask(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(B,) which rows are taken."""
-        if self._partition.only is None and not self._partition.without and self._selected is None:
-            named: NDArray[np.bool_] = numbers >> HALF != self._empty
-            return named
-        distinct, places = np.unique(numbers, return_inverse=True)
-        return np.array([self._one(number) for number in distinct.tolist()], dtype=bool)[places]
+        taken: NDArray[np.bool_] = self._uses_of(numbers) == TAKEN
+        return taken
 
-    def _one(self, number: int) -> bool:
-        """Whether the recording with a number is taken."""
-        if number not in self._known:
-            pair = self.names.pair(number)
-            self._known[number] = bool(pair[0]) and self.takes(pair)
-        return self._known[number]
+    def _uses_of(self, numbers: NDArray[np.int64]) -> NDArray[np.int8]:
+        """(B,) what happens to rows."""
+        for unit, recording in self.names.pairs[len(self._uses) :]:
+            is_taken = self.takes((unit, recording if unit else ""))
+            self._uses.append((TAKEN if unit else NAMELESS) if is_taken else PASSED_OVER)
+        return np.array(self._uses, dtype=np.int8)[numbers]
+
+
+PASSED_OVER, TAKEN, NAMELESS = range(3)
+"""What happens to rows: nothing; they are fitted; they name no unit, and are counted."""
 
 
 def read_recordings(table: KeyedTable, part: FileSlice, rows: RowFilter) -> RecordingSet:
@@ -174,7 +161,7 @@ def read_recordings(table: KeyedTable, part: FileSlice, rows: RowFilter) -> Reco
         values, ends = [column[usable] for column in values], np.concatenate([[0], np.cumsum(usable)])[ends]
     if columns.time is not None:
         values = _sorted_by_time(values, ends, values[columns.cells.index(columns.time.cells[0])])
-    pairs = [rows.names.pair(number) for number in runs.numbers.tolist()]
+    pairs = [rows.names.pairs[number] for number in runs.numbers.tolist()]
     lined = Lined(table.samples(values, part.file.name), ends, [" ".join(filter(None, pair)) for pair in pairs])
     return RecordingSet(pairs, lined, runs.lengths, np.full(len(pairs), table.start_s), part.file.name)
 
@@ -288,222 +275,3 @@ class StreamedRecording:
                     if mask.any():
                         samples = table.samples([column[mask] for column in values], self.source)
                         yield delayed(samples, table.start_s - self.start_s)
-
-
-# ---------------------------------------------------------------------------------------------------------- unreadable
-
-LISTED: Final = 4
-"""Groups that a message lists; it counts the others."""
-
-
-@dataclass(frozen=True, slots=True)
-class UnreadableGroups:
-    """Groups of a file that cannot be read."""
-
-    part: FileSlice  # slice that they belong to
-    group: str  # name of a group in its file
-    groups: tuple[int, ...]  # which of how many groups, counted from 0
-    group_count: int
-    rows: int
-    error: Exception
-    # rows of each recording; empty if the keys cannot be read either
-    counts: Counter[Pair] = field(default_factory=Counter)
-    ends: tuple[str, ...] = ()  # if they cannot: units with some of the rows, according to footer or path
-    is_complete: bool = False  # whether no other units have any
-
-    @property
-    def place(self) -> str:
-        """Groups, for people: counted from 1; empty if it is all of them."""
-        if len(self.groups) == self.group_count:
-            return ""
-        named = [str(group + 1) for group in self.groups[:LISTED]]
-        more = [f"{len(self.groups) - LISTED} more"] * (len(self.groups) > LISTED)
-        *first, last = named + more
-        plural = ("es" if self.group.endswith("ch") else "s") * (len(self.groups) > 1)
-        return f"{self.group}{plural} {', '.join(first)}{' and ' if first else ''}{last} of {self.group_count}"
-
-    @property
-    def where(self) -> str:
-        """Groups and file, for people."""
-        name = self.part.file.name
-        return f"{self.place} of {name}" if self.place else name
-
-    @property
-    def row(self) -> UnitResult:
-        """A row for those whose units are not known; no unit has such a name."""
-        rows = f" ({counted(self.rows, 'row')})" if self.rows else ""
-        why = self.error.message if isinstance(self.error, FlindersError) else self.error
-        message = (
-            f"it cannot be told whose readings are in {self.where}{rows}, and a unit that has some of them and others "
-            f"elsewhere was fitted without them: {why}"
-        )
-        return _row(self.error, (f"({self.part.file.name})", self.place), self.rows, message)
-
-
-@contextlib.contextmanager
-def open_as_planned(part: FileSlice, options: Options) -> Iterator[TableFile]:
-    """Open the file of a slice; one that could not be opened for the plan raises the error of then."""
-    if part.error is not None:
-        raise part.error
-    with opened(part.file, options) as file:
-        yield file
-
-
-class Unreadable:
-    """Unreadable groups of the slices of a partition.
-
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> import pyarrow
-    >>> from pyarrow import parquet
-    >>> from flinders.apps.fleet.dataset import Options
-    >>> from flinders.apps.fleet.plan import plan_of
-    >>> path = Path(tempfile.mkdtemp()) / "fleet.parquet"
-    >>> parquet.write_table(pyarrow.table({"unit": ["A17", "A17", "B02"], "x": [1.0, 2.0, 3.0]}), path)
-    >>> (partition,) = plan_of(str(path), Options()).partitions
-    >>> unreadable = Unreadable(partition, Options())
-    >>> unreadable.readable_groups(partition.slices[0])
-    ()
-    >>> [(row.unit, row.readings, row.code) for row in unreadable.rows({("A17", ""): 0, ("B02", ""): 0})]
-    [('A17', 2, 'no-magnetometer'), ('B02', 1, 'no-magnetometer')]
-    """
-
-    def __init__(self, partition: Partition, options: Options) -> None:
-        self.all: list[UnreadableGroups] = []
-        self._names = Interner()
-        self._partition, self._options = partition, options
-        self._readable: dict[FileSlice, tuple[int, ...]] = {}
-
-    def readable_groups(self, part: FileSlice) -> tuple[int, ...]:
-        """Groups of a slice that can be read, each by itself; the others are recorded with their recordings."""
-        if part not in self._readable:
-            self._record(part, lambda file: self._errors(part, file))
-        return self._readable[part]
-
-    def give_up(self, part: FileSlice, error: Exception) -> None:
-        """Record all of a slice, though each of its groups could be read."""
-        errors = dict.fromkeys(self._readable.get(part, part.groups), error)
-        self._record(part, lambda _: errors)
-        self._readable[part] = ()
-
-    def _record(self, part: FileSlice, errors_of: Callable[[TableFile], Mapping[int, Exception]]) -> None:
-        """Record the groups of a slice with errors."""
-        try:
-            with open_as_planned(part, self._options) as file:
-                keys = KeyColumns.of_schema(file.name, file.schema, self._options) or KeyColumns()
-                errors = errors_of(file)
-                self.all += list(self._with_recordings(part, file, keys, errors))
-        except Exception as error:  # noqa: BLE001 - a broken file may raise anything, and costs its recordings alone
-            errors = dict.fromkeys(part.groups, error)
-            self.all = [each for each in self.all if each.part != part]  # all of it, with what was recorded before
-            self.all.append(self._unopened(part, error))
-        self._readable[part] = tuple(group for group in part.groups if group not in errors)
-
-    def counts_in(self, part: FileSlice) -> Counter[Pair]:
-        """Unreadable rows of each recording in a slice."""
-        return sum((each.counts for each in self.all if each.part == part), Counter())
-
-    def _unopened(self, part: FileSlice, error: Exception) -> UnreadableGroups:
-        """A slice whose file cannot be opened any more: its rows, and the unit in its path."""
-        keys = KeyColumns.of_path(part.file.name, self._options)
-        groups = UnreadableGroups(
-            part, "", part.groups, len(part.groups), part.rows, error, ends=self._partition.only or ()
-        )
-        if keys is None:
-            return groups
-        number = self._names.number(keys.unit_value) << HALF | self._names.number(keys.recording_value)
-        self._names.note(number, batch_in(part.file.name, self._options))
-        if keys.recording_value:
-            return replace(groups, counts=Counter({(keys.unit_value, keys.recording_value): part.rows}), ends=())
-        return replace(groups, ends=(keys.unit_value,), is_complete=True)
-
-    def _errors(self, part: FileSlice, file: TableFile) -> dict[int, Exception]:
-        """Errors of the groups of a slice that cannot be read."""
-        errors: dict[int, Exception] = {}
-        try:
-            table = KeyedTable.of(file, self._options)
-        except Exception as error:  # noqa: BLE001 - as in `_record`: all groups, with their recordings
-            return dict.fromkeys(part.groups, error)
-        for group in part.groups:
-            try:
-                for _ in table.batches((group,), self._names):
-                    pass
-            except Exception as error:  # noqa: BLE001 - as in `_record`: this group, and the others are read
-                errors[group] = error
-        return errors
-
-    def _with_recordings(
-        self, part: FileSlice, file: TableFile, keys: KeyColumns, errors: Mapping[int, Exception]
-    ) -> Iterator[UnreadableGroups]:
-        """Groups with errors whose recordings can be read, and those of which the footer has two units at most."""
-        counts: Counter[Pair] = Counter()
-        known: list[int] = []
-        unknown: list[int] = []
-        ends: set[str] = set()
-        for group in errors:
-            try:
-                counts += counts_of(file, keys, (group,), self._names)
-                known.append(group)
-            except Exception:  # noqa: BLE001 - as in `_record`: its keys are broken too
-                units = set(extents_of(file, keys)[group] or ())
-                if len(units) == 1 and not keys.recording:
-                    unit = units.pop()
-                    counts[unit, keys.recording_value] += file.groups[group]
-                    number = self._names.number(unit) << HALF | self._names.number(keys.recording_value)
-                    self._names.note(number, keys.batch_value)
-                    known.append(group)
-                else:
-                    unknown.append(group)
-                    ends |= units - {""}
-        for groups, own, named in ((known, counts, ()), (unknown, Counter(), tuple(sorted(ends)))):
-            if groups:
-                rows = sum(file.groups[group] for group in groups)
-                every = len(file.groups)
-                yield UnreadableGroups(part, file.group, tuple(groups), every, rows, errors[groups[0]], own, named)
-
-    def recordings(self, read: Iterable[Pair]) -> set[Pair]:
-        """Recordings with unreadable rows; of units that the footer names those that were `read`."""
-        recordings = {pair for each in self.all for pair in each.counts if pair[0]}
-        ends = {unit for each in self.all for unit in each.ends}
-        present = {pair for pair in read if pair[0] in ends}
-        return recordings | present | {(unit, "") for unit in ends - {unit for unit, _ in present}}
-
-    def rows(self, readable: Mapping[Pair, int]) -> list[UnitResult]:
-        """Rows of `recordings`, given how many readings of each can be read."""
-        groups_of: dict[Pair, list[UnreadableGroups]] = defaultdict(list)
-        for each in self.all:
-            for pair in readable:
-                if pair in each.counts or pair[0] in each.ends:
-                    groups_of[pair].append(each)
-        return [_of_recording(pair, groups, readable[pair]) for pair, groups in groups_of.items()]
-
-    def unknown(self) -> list[UnitResult]:
-        """Rows for groups whose units are not known."""
-        return [each.row for each in self.all if not each.counts and not each.is_complete]
-
-    def batches(self, known: Mapping[Pair, str]) -> dict[Pair, str]:
-        """Hardware batches that are known, and those of unreadable recordings."""
-        own = self._names.batches
-        return {pair: min(each[pair] for each in (known, own) if pair in each) for pair in {*known, *own}}
-
-    @property
-    def nameless(self) -> int:
-        """Rows that name no unit."""
-        return sum(rows for each in self.all for (unit, _), rows in each.counts.items() if not unit)
-
-
-def _of_recording(pair: Pair, groups: list[UnreadableGroups], readable: int) -> UnitResult:
-    """Row of a recording with unreadable rows."""
-    lost = sum(each.counts[pair] for each in groups)
-    every, where = counted(readable + lost, "reading"), " and ".join(each.where for each in groups[:LISTED])
-    share = f"{lost:,} of its {every}" if lost < readable + lost else f"its {every}"
-    if any(each.ends or not each.rows for each in groups):
-        others = f", besides {counted(readable, 'reading')} that can be read," if readable else ""
-        share = f"some of its readings{others}"
-    return _row(groups[0].error, pair, readable + lost, f"{share} lie in {where}: {groups[0].error}")
-
-
-def _row(error: Exception, pair: Pair, readings: int, message: str) -> UnitResult:
-    """Row with the code of an error and a longer message."""
-    row = UnitResult(unit=pair[0], recording=pair[1], readings=readings).with_error(error)
-    return replace(row, message=one_line(message))

@@ -20,8 +20,9 @@ import re
 import stat
 import tempfile
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from flinders.core.files import reason, write_all
 from flinders.errors import MissingExtra, OutputError, OutputExists, UnreadableInput
@@ -32,13 +33,11 @@ if TYPE_CHECKING:
     from flinders.errors import FlindersError
 
 MAGIC: Final = re.compile(r"[*?\[]")
-REMOTE: Final = re.compile(r"(s3|s3a|gs|az|abfs|abfss|memory|https?|file)://")
-"""URLs that obstore opens; ``file://`` too, so that it can be tested without a cloud."""
+STORE: Final = re.compile(r"(s3a?|gs|az|abfss?)://[^/]+")
+"""The store in a URL; the path of an object follows."""
 CHUNK: Final = 1 << 22
 WHOLE: Final = 1 << 18
 """Bytes of an object that is read whole: as many take no longer than another request."""
-BUCKET: Final = re.compile(r"(?:s3a?|gs|az|abfss?)://[^/]*")
-"""The store in a URL; the path of an object follows."""
 PARTS: Final = (".parquet.parts", ".pq.parts")
 """Suffixes of the folder of a checkpoint."""
 KINDS: Final = {stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket", stat.S_IFCHR: "device", stat.S_IFBLK: "device"}
@@ -64,7 +63,7 @@ def is_remote(where: str) -> bool:
     >>> is_remote("s3://fleet/2026/"), is_remote("logs/")
     (True, False)
     """
-    return REMOTE.match(where) is not None
+    return STORE.match(where) is not None
 
 
 def listed(where: str) -> list[StoredFile]:
@@ -92,7 +91,7 @@ def _files(where: str) -> Iterator[StoredFile]:
         elif root.is_dir():
             yield from _below(root)
         elif MAGIC.search(where):
-            start = Path(*_fixed(Path(where).parts))
+            start = Path(*takewhile(lambda part: not MAGIC.search(part), Path(where).parts))
             for found_path in map(Path, glob.glob(where, recursive=True)):  # noqa: PTH207 - a pattern may be absolute
                 name = found_path.relative_to(start).as_posix() if start.parts else found_path.as_posix()
                 if not found_path.is_dir() and not _is_hidden(name):
@@ -122,16 +121,6 @@ def _leads_up(folder: Path, name: str) -> bool:
     return is_link and Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(link))
 
 
-def _fixed(parts: tuple[str, ...]) -> list[str]:
-    """Parts of a pattern before the first wildcard.
-
-    >>> _fixed(("logs", "2026-*", "a.bin"))
-    ['logs']
-    """
-    magic = next(place for place, part in enumerate(parts) if MAGIC.search(part))
-    return list(parts[:magic])
-
-
 def _file(path: Path, name: str) -> StoredFile:
     """Describe a file; of a dangling link, and of what may not be read, the name alone."""
     try:
@@ -156,12 +145,11 @@ def obstore() -> Any:  # noqa: ANN401 - the module
 def _split(where: str) -> tuple[str, str]:
     """Split a URL into the store and the path in it.
 
-    >>> _split("gs://fleet/2026/A17.csv"), _split("memory://logs/A17.csv")
-    (('gs://fleet', '2026/A17.csv'), ('memory://logs', 'A17.csv'))
+    >>> _split("gs://fleet/2026/A17.csv")
+    ('gs://fleet', '2026/A17.csv')
     """
-    bucket = BUCKET.match(where)
-    store, _, path = (bucket[0], "", where[bucket.end() :].strip("/")) if bucket else where.rpartition("/")
-    return store, path
+    store = cast("re.Match[str]", STORE.match(where))[0]
+    return store, where.removeprefix(store).strip("/")
 
 
 def _store(where: str) -> Any:  # noqa: ANN401 - a store of obstore
@@ -181,7 +169,7 @@ def _objects(where: str) -> Iterator[StoredFile]:
     fixed = where.rstrip("/") if is_folder else MAGIC.split(where)[0].rpartition("/")[0]
     pattern = where[len(fixed) :].lstrip("/")
     with _store_errors(where):
-        store, folder = _split(fixed) if BUCKET.match(fixed) else (fixed, "")
+        store, folder = _split(fixed)
         for batch in _store(store).list(folder or None):
             for entry in batch:
                 name = str(entry["path"])[len(folder) :].lstrip("/")

@@ -23,29 +23,21 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from flinders.apps.fleet import storage
-from flinders.apps.fleet.dataset import (
-    Interner,
-    KeyColumns,
-    KeyedTable,
-    Options,
-    TableFile,
-    batch_in,
-    counts_of,
-)
-from flinders.apps.fleet.plan import LARGEST, FileSlice, Partition, key_of
+from flinders.apps.fleet.dataset import Interner, KeyedTable, TableFile, counts_of
+from flinders.apps.fleet.keys import KeyColumns, batch_in
+from flinders.apps.fleet.options import Options
+from flinders.apps.fleet.plan import LARGEST, FileSlice, Partition, key_of, open_as_planned
 from flinders.apps.fleet.recordings import (
     Job,
     RecordingSet,
     RowFilter,
     StreamedRecording,
-    Unreadable,
-    UnreadableGroups,
     merged_recording,
-    open_as_planned,
     read_recordings,
 )
 from flinders.apps.fleet.results import VERDICTS, UnitResult, UnitResults, needs_arrow, objects, one_line
 from flinders.apps.fleet.storage import StoredFile
+from flinders.apps.fleet.unreadable import Unreadable, UnreadableGroups
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit

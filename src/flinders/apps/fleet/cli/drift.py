@@ -16,7 +16,7 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from flinders.apps.fleet.report import FleetDrift
+    from flinders.apps.fleet.overview import FleetDrift
 
 
 class Drift(program.Group):

@@ -20,11 +20,12 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
-    from flinders.apps.fleet.job import ProgressCallback, RunSummary
+    from flinders.apps.fleet.job import RunSummary
+    from flinders.apps.fleet.progress import ProgressCallback
 
 
 class FleetReading(program.Group):
-    """How recordings are read, and how their fits are judged: `flinders.apps.fleet.dataset.Options`."""
+    """How recordings are read, and how their fits are judged: `flinders.apps.fleet.options.Options`."""
 
     unit_column: str | None = program.member(
         "--unit-column", metavar="NAME", help="Of tables: which column says whose reading a row is."
@@ -115,8 +116,9 @@ def command(options: Fleet) -> int:
     with a column of units; here, or at s3://, gs:// or az://. A recording that cannot be fitted or read is a row that
     says why.
     """
-    from flinders.apps.fleet.dataset import Options
-    from flinders.apps.fleet.job import log_to, run
+    from flinders.apps.fleet.event_log import log_to
+    from flinders.apps.fleet.job import run
+    from flinders.apps.fleet.options import Options
 
     options.check()
     with log_to(options.log_file), _progress() as watch:
@@ -155,7 +157,7 @@ def _write_report(out: str, report: str, *, force: bool) -> None:
 
 @contextlib.contextmanager
 def _progress() -> Iterator[ProgressCallback | None]:
-    """A bar on stderr with recordings, how many a second, their units, and the time left; only on a terminal."""
+    """A bar on stderr with recordings, how many a second, and the time left; only on a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -165,11 +167,10 @@ def _progress() -> Iterator[ProgressCallback | None]:
     with Progress(*columns, console=console(), transient=True) as shown:
         task = shown.add_task("", total=None, state="looking at what is there")
 
-        def update(done: int, total: int, rows: int, units: int | None) -> None:
+        def update(done: int, total: int, rows: int) -> None:
             elapsed = shown.tasks[0].elapsed or 0.0
-            of_units = "" if units is None else f" of {counted(units, 'unit')}"
             rate = f", {rows / elapsed:,.0f} a second" if elapsed else ""
-            shown.update(task, completed=done, total=total, state=f"{counted(rows, 'recording')}{of_units}{rate}")
+            shown.update(task, completed=done, total=total, state=f"{counted(rows, 'recording')}{rate}")
 
         yield update
 
@@ -187,7 +188,7 @@ def of_run(summary: RunSummary) -> RenderableType:
     from rich.console import Group
     from rich.table import Column
 
-    from flinders.apps.fleet.results import common_findings
+    from flinders.apps.fleet.merging import common_findings
     from flinders.report.terminal import COLOURS, page, styled, table
 
     content = (counted(summary.units, "unit"), counted(summary.rows, "recording"), counted(summary.readings, "reading"))

@@ -1,0 +1,165 @@
+"""The folder of a run that is not finished: a file for each partition that is done.
+
+Beside the table, ``calibrations.parquet``, a folder ``calibrations.parquet.parts`` holds a file for each finished
+partition, and the plan that they belong to. A run with `resume` does the missing ones; the table is the same to the
+last byte, for any number of workers. The folder is removed when the table is written. If the table goes to a store, the
+folder lies in the working directory.
+
+The table is synced to the disk before it gets its name, partitions are not: after a power cut some may be missing, cut
+short or empty. Their names hold length and check sum, and a partition that does not match is done again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import platform
+import secrets
+import shutil
+import zlib
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Final
+
+from flinders.apps.fleet.storage import is_remote
+from flinders.core.files import locked, reason, write_text
+from flinders.errors import OutputError, UsageError
+
+if TYPE_CHECKING:
+    from flinders.apps.fleet.plan import Plan
+
+PLAN: Final = "plan.json"
+TABLE: Final = "table.parquet"
+"""Table that goes to a store when it is complete."""
+DONE: Final = "part-*.arrow"
+OWNER: Final = "owner"
+"""Which process has the folder."""
+OURS: Final = (DONE, PLAN, TABLE, OWNER, ".flinders-*.tmp")
+"""Files that a run may leave in its folder."""
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """The folder of finished partitions, which one run at a time may use."""
+
+    folder: Path
+    lock: int | None = None  # descriptor of the folder, while it is locked
+
+    @classmethod
+    def of(cls, out: str | os.PathLike[str], plan: Plan, *, resume: bool, force: bool) -> Checkpoint:
+        """Create the folder, or open that of an earlier run.
+
+        Raises UsageError if it holds partitions and neither `resume` nor `force` is given, if they are of another
+        plan, or if it holds other files; OutputError if it cannot be created, or another run uses it.
+        """
+        table = os.fspath(out)
+        folder = Path(f"{PurePosixPath(table).name if is_remote(table) else table}.parts")
+        with contextlib.ExitStack() as undo:
+            try:
+                folder.mkdir(exist_ok=True)
+                checkpoint = cls(folder, _lock(folder))
+                undo.callback(checkpoint.close)
+                checkpoint._prepare(resume=resume, force=force)
+                (folder / OWNER).write_text(f"process {os.getpid()} on {platform.node()}", encoding="utf-8")
+            except OSError as error:
+                raise OutputError(f"{folder}: cannot be written: {reason(error)}") from None
+            checkpoint._match(plan)
+            undo.pop_all()
+        return checkpoint
+
+    def close(self) -> None:
+        """Let other runs use the folder."""
+        if self.lock is not None:
+            os.close(self.lock)
+
+    def _prepare(self, *, resume: bool, force: bool) -> None:
+        """Refuse what an earlier run or somebody else has left there, or remove it."""
+        self._refuse_foreign()
+        if self.done and not resume and not force:
+            raise UsageError(
+                f"{self.folder} holds what an earlier run has done: resume it, or begin again",
+                hint={"resume": True, "force": True},
+            )
+        if not resume:
+            for path in self.folder.iterdir():
+                path.unlink()
+
+    @property
+    def done(self) -> int:
+        """Number of files of partitions."""
+        return sum(1 for _ in self.folder.glob(DONE))
+
+    def _refuse_foreign(self) -> None:
+        """Refuse a folder with other files, which would be removed with it."""
+        if self.folder.is_dir():
+            foreign = [each.name for each in self.folder.iterdir() if not any(each.match(name) for name in OURS)]
+            if foreign:
+                raise UsageError(
+                    f"{self.folder} is where parts of the table are kept, and holds something else, "
+                    f"{min(foreign)}: move that, or name another table"
+                )
+
+    def _match(self, plan: Plan) -> None:
+        """Write the fingerprint of the plan, or refuse partitions of another plan."""
+        path = self.folder / PLAN
+        with contextlib.suppress(OSError, ValueError):
+            if json.loads(path.read_text(encoding="utf-8"))["fingerprint"] == plan.fingerprint:
+                return
+        if self.done:
+            raise UsageError(
+                f"{self.folder} is of a run with other files, options or another release: name those again to resume "
+                "it, or begin again",
+                hint={"force": True},
+            )
+        about = {"fingerprint": plan.fingerprint, "partitions": len(plan.partitions)}
+        write_text(json.dumps(about) + "\n", path, force=True)
+
+    def finished(self) -> dict[int, Path]:
+        """Files of finished partitions; those that are not as they were written are removed."""
+        files = {}
+        for path in sorted(self.folder.glob(DONE)):
+            with contextlib.suppress(OSError, ValueError):  # a file of another name is not of a run
+                place = int(path.name.split("-")[1])
+                if path == self._path(place, path.read_bytes()):
+                    files[place] = path
+                else:
+                    path.unlink()
+        return files
+
+    def _path(self, place: int, content: bytes) -> Path:
+        """File of a partition with this content."""
+        return self.folder / f"part-{place:07d}-{len(content)}-{zlib.crc32(content):08x}.arrow"
+
+    def commit(self, place: int, content: bytes) -> Path:
+        """Write the rows of a partition, all or none, and return the file; raises OutputError."""
+        path = self._path(place, content)
+        temporary = self.folder / f".flinders-{secrets.token_hex(8)}.tmp"
+        try:
+            temporary.write_bytes(content)
+            return temporary.replace(path)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {reason(error)}") from None
+        finally:
+            with contextlib.suppress(OSError):
+                temporary.unlink()
+
+    def remove(self) -> None:
+        """Remove the folder; if that fails, nothing is lost."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def _lock(folder: Path) -> int | None:
+    """Lock a folder for this run; raises OutputError if another run has it. Folders of Windows have no locks."""
+    if os.name == "nt":
+        return None
+    descriptor = os.open(folder, os.O_RDONLY)
+    if locked(descriptor):
+        return descriptor
+    os.close(descriptor)
+    owner = "it has not said which"
+    with contextlib.suppress(OSError):
+        owner = (folder / OWNER).read_text(encoding="utf-8", errors="replace")
+    raise OutputError(
+        f"{folder}: another run is writing into it ({owner}): wait until that one has ended, or name another table"
+    )
