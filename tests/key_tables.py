@@ -66,7 +66,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
             "apps.survey.aeromagnetic:CoefficientFile apps.survey.tolles_lawson_fit:TollesLawson"
         ),
         "`coefficients`, by name": "apps.survey.aeromagnetic:Coefficient",
-        "with `--coefficients`": "apps.survey.tolles_lawson_fit:Compensated",
+        "with `--coefficients`": "apps.survey.tolles_lawson_fit:CompensationResidual",
     },
     "Tables of a fleet": {
         "columns of `fleet --out`": "apps.fleet.results:UnitResult",

@@ -81,7 +81,7 @@ def _notes(account: SwingAccount) -> list[tuple[str, str]]:
     """What limits the swing, then what else there is to know."""
     logged = account.swing.logged
     said = [note for one in account.statements for note in one.notes]
-    said += [("note", words) for words in (*(logged.notes if logged else ()), *account.rule_notes)]
+    said += [("note", str(note)) for note in (*(logged.notes if logged else ()), *account.rule_notes)]
     return sorted(said, key=lambda note: note[0] != "limits")
 
 

@@ -20,7 +20,7 @@ uncertainty: τ is known beforehand to be 0 ± `LAG_S`.
 >>> heading = np.where(time < 240.0, 1.5 * time, 720.0 - 1.5 * time)
 >>> lagged = np.interp(time - 0.6, time, heading)
 >>> swing = turning(time, lagged % 360.0, (heading + 2.0) % 360.0)
->>> float(np.abs(swing.deviation_deg - 2.0).max()) < 0.1, swing.notes[0][:24]
+>>> float(np.abs(swing.deviation_deg - 2.0).max()) < 0.1, str(swing.notes[0])[:24]
 (True, 'the compass lags by 0.60')
 """
 
@@ -33,6 +33,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders.apps.marine.deviation import LEAST, NAMES
+from flinders.apps.marine.swing_notes import SwingNote
 from flinders.errors import FitError, counted
 from flinders.geometry.angles import folded, mean_deg, wrapped
 from flinders.geometry.ellipsoid import sphere_through
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.workflows.notes import Note
 
     Complexes: TypeAlias = NDArray[np.complex128]
     from collections.abc import Sequence
@@ -72,7 +74,7 @@ class LoggedSwing:
     sigma_deg: Floats  #: (N,) degrees
     seconds: Floats  #: (N,) s: how long each was
     common_covariance: Floats  #: (5, 5) degrees²: covariance of A to E from errors that all readings share
-    notes: tuple[str, ...] = ()  #: what was taken out of them, and what is assumed
+    notes: tuple[Note, ...] = ()  #: what was taken out of them, and what is assumed
     current: complex | None = None  #: North + i east by magnetic north, m/s, where it was taken out
     is_steady: bool = True  #: they are of straight legs, not of turns
 
@@ -82,7 +84,7 @@ class LoggedSwing:
         current = None if self.current is None else [self.current.real, self.current.imag]
         return {
             **{name: getattr(self, name).tolist() for name in arrays},
-            "notes": list(self.notes),
+            "notes": [str(note) for note in self.notes],
             "current_m_s": current,  # north and east by magnetic north, where it was taken out
             "is_steady": self.is_steady,
         }
@@ -131,7 +133,7 @@ def legs(
         common[1:3, 1:3] = covariance + crab_deg**2 * np.eye(2)
     seconds = np.array([float(time[span.stop - 1] - time[span.start]) for span in taken])
     compass, deviation, sigma = np.array(rows).T
-    return LoggedSwing(compass, deviation, sigma, seconds, common, _said(current, crab_deg), current)
+    return LoggedSwing(compass, deviation, sigma, seconds, common, _course_notes(current, crab_deg), current)
 
 
 def _spans(compass_deg: Floats, step: float, least_s: float) -> list[slice]:
@@ -179,15 +181,13 @@ def _reading(compass_deg: Floats, velocity: Complexes) -> tuple[float, float, fl
     return middle, float(np.rad2deg(np.angle(off.sum()))), max(sigma, 0.01)
 
 
-def _said(current: complex | None, crab_deg: float) -> tuple[str, ...]:
+def _course_notes(current: complex | None, crab_deg: float) -> tuple[SwingNote, ...]:
     """What was taken out of courses, and what is assumed of them."""
     if current is None:
         return ()
     towards = float(wrapped(np.rad2deg(np.angle(current))))
-    return (
-        f"the speeds of the legs show a current of {abs(current):.2f} m/s towards {towards:03.0f}° magnetic: taken out",
-        f"leeway is taken as 0 ± {crab_deg:g}° (1 σ), which is in the uncertainty of B and C",
-    )
+    drift = SwingNote("current", values={"speed": abs(current), "towards_deg": towards})
+    return drift, SwingNote("leeway", values={"crab_deg": crab_deg})
 
 
 def _refuse_few(legs: int, steady: int, *, is_course: bool, least_s: float, slowest: float) -> None:
@@ -249,7 +249,7 @@ def turning(time: Floats, compass_deg: Floats, heading_deg: Floats) -> LoggedSwi
         np.full(len(passes), scatter),
         np.array([float(time[part.stop - 1] - time[part.start]) for part in passes]),
         variance * np.outer(along, along),
-        (_words(lag, variance**0.5, is_both_ways=rows.is_both_ways),),
+        (SwingNote("lag" if rows.is_both_ways else "one-way", values={"lag_s": lag, "sigma_s": variance**0.5}),),
         is_steady=False,
     )
 
@@ -289,13 +289,6 @@ class _Rows:
             scatter = max(float(np.sqrt(np.sum(residual**2) / max(len(rows) - LEAST, 1))), FINEST_DEG)
         inverse = np.linalg.pinv(weighted.T @ weighted)
         return float(solution[-1]), scatter**2 * float(inverse[-1, -1]), scatter
-
-
-def _words(lag: float, sigma: float, *, is_both_ways: bool) -> str:
-    """What was taken out, or assumed."""
-    if is_both_ways:
-        return f"the compass lags by {lag:.2f} ± {sigma:.2f} s (1 σ), which was taken out"
-    return f"turned one way alone, a lag of 0 ± {sigma:g} s (1 σ) is in the uncertainty of A: turn both ways"
 
 
 def _passes(compass_deg: Floats) -> list[slice]:

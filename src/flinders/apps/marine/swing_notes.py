@@ -1,4 +1,4 @@
-"""Notes on a deviation curve: what limits it, with what to do, and what else to know.
+"""Notes on a swing: what limits its curve, with what to do, what was taken out of a log, and what else to know.
 
 >>> from flinders.apps.marine.deviation import fit
 >>> swing = fit([0, 70, 140, 220, 290], [1.0, 4.0, 0.0, -3.0, -3.0])
@@ -57,12 +57,18 @@ SENTENCES: Final[Mapping[str, str]] = {
         "claimed: what the calibration's own 1 σ makes of B to E, the same on all headings; it is in the curve, and "
         "not in the 1 σ of that"
     ),
+    "current": (
+        "the speeds of the legs show a current of {speed:.2f} m/s towards {towards_deg:03.0f}° magnetic: taken out"
+    ),
+    "leeway": "leeway is taken as 0 ± {crab_deg:g}° (1 σ), which is in the uncertainty of B and C",
+    "lag": "the compass lags by {lag_s:.2f} ± {sigma_s:.2f} s (1 σ), which was taken out",
+    "one-way": ("turned one way alone, a lag of 0 ± {sigma_s:g} s (1 σ) is in the uncertainty of A: turn both ways"),
 }
 """Formats of the values of each code, and of the arguments of `SwingNote.arguments`."""
 
 
 class SwingNote(Note):
-    """A note on a deviation curve."""
+    """A note on a swing."""
 
     __slots__ = ()
     sentences: ClassVar = SENTENCES

@@ -37,7 +37,10 @@ def of_swing(account: SwingAccount) -> RenderableType:
     deviation, logged = swing.deviation, swing.logged
     blocks: list[RenderableType | None] = [_rests_table(swing.rests) if swing.rests else None]
     if logged is not None:
-        blocks += [_legs_table(logged) if logged.is_steady else None, notes(("note", words) for words in logged.notes)]
+        blocks += [
+            _legs_table(logged) if logged.is_steady else None,
+            notes((note.severity, str(note)) for note in logged.notes),
+        ]
     if deviation is not None:
         blocks += [_coefficients(account, deviation), _card(account, deviation)]
     said = [Group(verdict(one.title.upper(), one.verdict, one.words, *one.more), notes(one.notes))

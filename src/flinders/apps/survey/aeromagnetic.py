@@ -28,7 +28,7 @@ from flinders.estimators.data import recording_of
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
-    from flinders.apps.survey.tolles_lawson_fit import Compensated
+    from flinders.apps.survey.tolles_lawson_fit import CompensationResidual
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.fitting.calibrate import AnyReadings
@@ -110,7 +110,7 @@ class CompensatedFlight:
     time_s: Floats  #: (N,)
     scalar: Floats  #: (N,) nT: as it was read; NaN where it is missing
     compensated: Floats  #: (N,) nT: right but for a constant
-    summary: Compensated  #: what the coefficients leave
+    summary: CompensationResidual  #: what the coefficients leave
 
 
 def compensate_flight(source: AnyReadings, coefficients: TollesLawson | str | os.PathLike[str]) -> CompensatedFlight:

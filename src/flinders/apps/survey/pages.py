@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.apps.survey.calibration import ShotErrors, SurveyFit
-    from flinders.apps.survey.tolles_lawson_fit import Compensated, TollesLawson
+    from flinders.apps.survey.tolles_lawson_fit import CompensationResidual, TollesLawson
 
 WORTH: Final = 0.9
 """Share of the azimuth error that more shots must leave at most, to be worth the walk."""
@@ -111,7 +111,7 @@ def of_tolles_lawson(fit: TollesLawson) -> RenderableType:
     return page(verdict(fit.verdict.upper(), fit.verdict, words), limits, coefficients, facts(known))
 
 
-def of_compensated(compensated: Compensated) -> RenderableType:
+def of_compensated(compensated: CompensationResidual) -> RenderableType:
     """Lay out what coefficients leave of another recording."""
     ratio = compensated.before / compensated.after
     return facts(

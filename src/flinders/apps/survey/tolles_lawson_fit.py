@@ -145,12 +145,12 @@ class TollesLawson(Value):
         interference[signal.rows] = signal.interference(self.coefficients)
         return interference
 
-    def compensated(self, samples: Samples) -> Compensated:
+    def compensated(self, samples: Samples) -> CompensationResidual:
         """Look at what the coefficients leave of another recording; raises as `interference`, and `fitted`."""
         equations = Equations.of(Signal.of(samples).runs())
         removed = np.concatenate([run.filtered(run.interference(self.coefficients)) for run in equations.runs])
         left = equations.values - removed
-        return Compensated(
+        return CompensationResidual(
             before=equations.before,
             after=float(np.sqrt(np.sum(left**2) / equations.readings)),
             claimed=_claimed(equations.gram, self.covariance),
@@ -159,7 +159,7 @@ class TollesLawson(Value):
 
 
 @dataclass(frozen=True, slots=True)
-class Compensated:
+class CompensationResidual:
     """What coefficients leave of a recording: standard deviations from 0.1 to 0.9 Hz, in nT."""
 
     before: float  #: without the coefficients
