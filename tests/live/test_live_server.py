@@ -1256,7 +1256,7 @@ def test_an_open_server_asks_for_its_token_once(tmp_path: Path) -> None:
 
 def test_the_types_of_the_page_are_those_of_the_messages() -> None:
     assert (STATIC / "wire.d.ts").read_text(encoding="utf-8") == typescript(), (
-        "python -m tests.message_types > src/flinders/static/wire.d.ts"
+        "python -m tests.message_types > src/flinders/apps/live/static/wire.d.ts"
     )
 
 
