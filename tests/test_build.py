@@ -83,6 +83,23 @@ def test_a_bundle_of_these_sources_needs_neither_npm_nor_network(project: Path) 
     assert hatch_build.is_current(project)
 
 
+def test_without_the_live_page_only_the_view_of_reports_is_bundled(project: Path) -> None:
+    shutil.rmtree(project / STATIC[1])
+    assert [path.name for path in hatch_build.bundles(project)] == ["scene.js"]
+    assert hatch_build.Engine(project).targets == (hatch_build.Engine(project).platform,)
+    put_bundle(project)
+    assert not hatch_build.is_wanted(project)
+
+
+@pytest.mark.parametrize("name", ["static/views/scene.js", "apps/live/static/live.js"])
+def test_a_change_of_any_module_makes_the_bundles_of_the_pages_stale(project: Path, name: str) -> None:
+    put_bundle(project)
+    assert hatch_build.are_pages_current(project)
+    module = project / hatch_build.PACKAGE / name
+    module.write_bytes(module.read_bytes() + b" ")
+    assert not hatch_build.are_pages_current(project)
+
+
 @pytest.mark.parametrize("name", hatch_build.SOURCES)
 def test_a_change_of_any_source_makes_the_bundle_stale(project: Path, name: str) -> None:
     put_bundle(project)

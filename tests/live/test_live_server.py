@@ -675,8 +675,8 @@ def test_a_target_that_is_not_there_is_named_and_no_path_is_opened(wall: Bench) 
     assert wall.client.get("/export/toaster").status_code == 404
     assert "one of ardupilot" in wall.client.get("/export/toaster").json()["words"]
     for path in (
-        "/static/../live/server.py",
-        "/static/%2e%2e/live/server.py",
+        "/static/../server.py",
+        "/static/%2e%2e/server.py",
         "/static/..%2fserver.py",
         "//etc/passwd",
     ):
