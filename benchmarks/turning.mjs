@@ -12,7 +12,7 @@ const load = (name) => import(pathToFileURL(`${modules}/${name}`));
 const names = ["standalone/engine.js", "standalone/evaluate.js", "standalone/session.js", "standalone/state.js"];
 const [{ loadEngine }, { evaluate }, { Session }, { sessionState }] = await Promise.all(names.map(load));
 const [{ advance, begin, judged, SEQUENCES }, { lead }, { between, product, rotated, rotation }, { corrected, unit }] =
-    await Promise.all(["standalone/choreography.js", "standalone/lead.js", "views/turn.js", "views/vectors.js"].map(load));
+    await Promise.all(["standalone/choreography.js", "standalone/lead.js", "../../../static/views/turn.js", "../../../static/views/vectors.js"].map(load));
 const { tiles } = await load("standalone/tiles.js");
 const engine = await loadEngine(readFileSync(wasm), data.engine.layouts);
 

@@ -68,7 +68,7 @@ class Run:
 def play(asked: Sequence[dict[str, Any]]) -> list[Run]:
     """Have people turn sensors."""
     given = {
-        "modules": str(files("flinders").joinpath("static")),
+        "modules": str(files("flinders.apps.live").joinpath("static")),
         "wasm": str(build.library(target=build.WEB)),
         "data": page_data(),
         "asked": asked,

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import playwright
 
-MODULES: Final = files("flinders").joinpath("static", "standalone")
+MODULES: Final = files("flinders.apps.live").joinpath("static", "standalone")
 RUN_S: Final = 60.0
 
 

@@ -1,6 +1,6 @@
 """The messages of the live page as TypeScript.
 
-``python -m tests.message_types > src/flinders/static/wire.d.ts`` writes them.
+``python -m tests.message_types > src/flinders/apps/live/static/wire.d.ts`` writes them.
 """
 
 from __future__ import annotations

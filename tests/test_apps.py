@@ -45,6 +45,8 @@ for module in pkgutil.walk_packages(flinders.__path__, "flinders."):
 tumble = flinders.simulate.tumble(seed=1).samples
 fit = flinders.fit(tumble)
 assert fit.verdict == "good"
+from flinders.report.html import page
+assert 'id="scene"' in page(fit, tumble)
 from flinders.targets import registry
 for name in registry():
     try:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 ROOT = Path(__file__).resolve().parent.parent
-STATIC = ROOT / "src" / "flinders" / "static"
+STATIC = (hatch_build.PACKAGE / "static", hatch_build.PACKAGE / "apps/live/static")
 NATIVE = Path("src/flinders/native")
 NPM = """#!/bin/sh
 # What npm leaves behind: `ci` the package, `run` the bundle, at the place that its last argument names.
@@ -43,7 +43,8 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     root = tmp_path / "project"
     shutil.copytree(ROOT / "web", root / "web", ignore=shutil.ignore_patterns("node_modules"))
     shutil.copytree(ROOT / NATIVE, root / NATIVE, ignore=shutil.ignore_patterns("compiled"))
-    shutil.copytree(STATIC, root / hatch_build.STATIC, ignore=shutil.ignore_patterns("vendor", "bundled"))
+    for static in STATIC:
+        shutil.copytree(ROOT / static, root / static, ignore=shutil.ignore_patterns("vendor", "bundled"))
     (root / hatch_build.MODULES).parent.mkdir(parents=True)
     shutil.copyfile(ROOT / hatch_build.MODULES, root / hatch_build.MODULES)
     for variable in (hatch_build.WITHOUT, hatch_build.TARGET, "CC"):
@@ -66,11 +67,9 @@ def put_bundle(project: Path) -> None:
     vendor.mkdir(parents=True)
     for name in hatch_build.PRODUCTS:
         (vendor / name).write_text(hatch_build.headline(project), encoding="utf-8")
-    modules, static = hatch_build.module_at(project / hatch_build.MODULES), project / hatch_build.STATIC
-    first = modules.headline(static)
-    (static / modules.BUNDLED).mkdir()
-    for entry in modules.ENTRIES:
-        (static / modules.bundle_of(entry)).write_text(first, encoding="utf-8")
+    for path in hatch_build.bundles(project).values():
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(hatch_build.pages_headline(project), encoding="utf-8")
 
 
 def hook(project: Path, target: str = "sdist") -> hatch_build.Build:
@@ -82,6 +81,23 @@ def test_a_bundle_of_these_sources_needs_neither_npm_nor_network(project: Path) 
     assert hook(project).dependencies() == []
     hook(project).initialize("standard", {})
     assert hatch_build.is_current(project)
+
+
+def test_without_the_live_page_only_the_view_of_reports_is_bundled(project: Path) -> None:
+    shutil.rmtree(project / STATIC[1])
+    assert [path.name for path in hatch_build.bundles(project)] == ["scene.js"]
+    assert hatch_build.Engine(project).targets == (hatch_build.Engine(project).platform,)
+    put_bundle(project)
+    assert not hatch_build.is_wanted(project)
+
+
+@pytest.mark.parametrize("name", ["static/views/scene.js", "apps/live/static/live.js"])
+def test_a_change_of_any_module_makes_the_bundles_of_the_pages_stale(project: Path, name: str) -> None:
+    put_bundle(project)
+    assert hatch_build.are_pages_current(project)
+    module = project / hatch_build.PACKAGE / name
+    module.write_bytes(module.read_bytes() + b" ")
+    assert not hatch_build.are_pages_current(project)
 
 
 @pytest.mark.parametrize("name", hatch_build.SOURCES)
@@ -196,7 +212,7 @@ def test_the_bundle_exports_what_the_views_import_and_no_more() -> None:
 
 
 def imported() -> Iterator[str]:
-    for module in STATIC.rglob("*.js"):
+    for module in (ROOT / STATIC[0]).rglob("*.js"):
         if module.parent.name != "vendor":
             for names in re.findall(r"import \{([^}]*)\} from \"[./]*vendor/three\.js\"", module.read_text("utf-8")):
                 yield from (name.split(" as ")[0].strip() for name in names.split(",") if name.strip())
@@ -379,6 +395,7 @@ def test_wheel_and_source_archive_carry_the_bundle(archives: tuple[Path, Path]) 
         size = wheel.getinfo("flinders/static/vendor/three.js").file_size
     assert "flinders/static/vendor/LICENSE" in files
     assert "flinders/static/views/scene.js" in files
+    assert {f"flinders/apps/live/static/bundled/{name}.js" for name in ("live", "main", "worker")} <= set(files)
     assert size < 570_000
     with tarfile.open(archives[1]) as archive:
         files = [name.partition("/")[2] for name in archive.getnames()]

@@ -64,7 +64,9 @@ def test_a_list_ends_with_a_whole_row_and_shows_all_on_request(browser: Browser)
     rows = "".join(f"<tr><th>U{number}</th></tr>" for number in range(40))
     box = "<label class='all'><input type='checkbox'></label>"
     page = browser.new_page()
-    page.set_content(f"<style>{style_of('fleet.css')}</style><div class='tall'><table>{rows}</table>{box}</div>")
+    page.set_content(
+        f"<style>{style_of('apps/fleet/fleet.css')}</style><div class='tall'><table>{rows}</table>{box}</div>"
+    )
     assert page.locator("tr:visible").count() == 15
     page.locator(".all input").check()
     assert page.locator("tr:visible").count() == 40

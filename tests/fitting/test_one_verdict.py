@@ -55,5 +55,5 @@ def test_a_session_has_the_verdict_of_all_readings(verdict: str) -> None:
 
 
 def test_the_page_calls_verdicts_as_the_report_does() -> None:
-    listed = asset("views/words.js").split("export const VERDICTS = Object.freeze({")[1].split("}")[0]
+    listed = asset("apps/live/static/views/words.js").split("export const VERDICTS = Object.freeze({")[1].split("}")[0]
     assert listed.split() == [part for verdict, title in TITLES.items() for part in (f"{verdict}:", f'"{title}",')]

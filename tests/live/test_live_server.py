@@ -675,8 +675,8 @@ def test_a_target_that_is_not_there_is_named_and_no_path_is_opened(wall: Bench) 
     assert wall.client.get("/export/toaster").status_code == 404
     assert "one of ardupilot" in wall.client.get("/export/toaster").json()["words"]
     for path in (
-        "/static/../live/server.py",
-        "/static/%2e%2e/live/server.py",
+        "/static/../server.py",
+        "/static/%2e%2e/server.py",
         "/static/..%2fserver.py",
         "//etc/passwd",
     ):
@@ -1256,7 +1256,7 @@ def test_an_open_server_asks_for_its_token_once(tmp_path: Path) -> None:
 
 def test_the_types_of_the_page_are_those_of_the_messages() -> None:
     assert (STATIC / "wire.d.ts").read_text(encoding="utf-8") == typescript(), (
-        "python -m tests.message_types > src/flinders/static/wire.d.ts"
+        "python -m tests.message_types > src/flinders/apps/live/static/wire.d.ts"
     )
 
 

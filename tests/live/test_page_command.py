@@ -64,6 +64,6 @@ def test_a_version_of_other_files_has_another_name() -> None:
 
 
 def test_the_policy_of_the_live_page_is_stated_in_its_file_and_sent_with_it() -> None:
-    stated = asset("index.html").partition('Content-Security-Policy" content="')[2].partition('"')[0]
+    stated = asset("apps/live/static/index.html").partition('Content-Security-Policy" content="')[2].partition('"')[0]
     assert stated == CSP.removesuffix("; frame-ancestors 'none'")
     assert "unsafe-" not in stated.replace("wasm-unsafe-eval", "")

@@ -13,7 +13,7 @@ from flinders.native import build
 
 TURN: Final = """
 const [{ advance, begin, isOver, progress, SEQUENCES }, { rotated, rotation }] =
-    await Promise.all(["choreography.js", "../views/turn.js"].map(load));
+    await Promise.all(["choreography.js", "../../../../static/views/turn.js"].map(load));
 const view = (strength) => ({ shown: { strength, offset: [0, 0, 0], matrix: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] },
     any_attitude_deg: { rms: 1, worst: 2 }, tiles_seen: [], tiles_deg: [] });
 const known = given.strength ? view(given.strength) : null;

@@ -242,7 +242,7 @@ def test_a_report_without_the_bundle_has_all_but_the_view(monkeypatch: pytest.Mo
     whole = modules.asset
 
     def without(path: str) -> str:
-        if path.startswith("vendor/"):
+        if path.startswith("static/vendor/"):
             raise FileNotFoundError(path)
         return whole(path)
 

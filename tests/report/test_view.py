@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import json
-import re
-import subprocess
 from dataclasses import replace
-from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 import numpy.testing as npt
 import pytest
 from tests.directions import direction_gradients
-from tests.javascript import node
 
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.errors import figures
-from flinders.findings import CATALOGUE
 from flinders.fitting import calibrate
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.sphere import tile_of, tiles
@@ -227,84 +220,3 @@ def test_what_is_beyond_the_target_is_not_called_good() -> None:
     samples = simulate.tumble(seed=1, motion="tilted").samples
     assert "may be off by 0.27°" in view(calibrate.fit(samples, target_deg=0.1), samples).sentence
     assert "are good to 0.27°" in view(calibrate.fit(samples, target_deg=1.0), samples).sentence
-
-
-def run_of_page(program: str) -> object:
-    """What a program says that has the modules of the finish panel at hand."""
-    static = files("flinders").joinpath("static")
-    modules = [static.joinpath(*name.split("/")).read_text(encoding="utf-8") for name in MODULES]
-    source = re.sub(r"^import .*;$", "", "\n".join(modules), flags=re.MULTILINE)
-    done = subprocess.run(
-        [node(), "--input-type=module"], input=source + program, capture_output=True, text=True, check=True, timeout=60
-    )
-    return json.loads(done.stdout)
-
-
-MODULES = ("views/words.js", "store.js", "finish.js")
-MISSES = "Misses the target"
-LEVEL = [{"code": "level-plane", "severity": "limits"}, {"code": "rotation-unknown", "severity": "note"}]
-NOISY = {"code": "noise", "severity": "limits"}
-
-
-def test_angles_have_the_same_digits_on_the_page_as_in_sentences() -> None:
-    angles = [*np.geomspace(1e-3, 89.0, 300).tolist(), 0.084, 0.0995, 0.996, 9.97]
-    found = run_of_page(f"console.log(JSON.stringify({json.dumps(angles)}.map((deg) => degrees(deg))));")
-    assert found == [f"{figures(angle)}°" for angle in angles]
-
-
-@pytest.mark.parametrize(
-    ("changes", "goal", "kind", "title"),
-    [
-        ({}, "heading", "good", "Good"),
-        ({"verdict": "limited"}, "heading", "limited", "Limited"),
-        ({"verdict": "limited", "findings": LEVEL}, "heading", "limited", "Good while level"),
-        ({"verdict": "limited", "findings": [*LEVEL, NOISY]}, "heading", "limited", "Limited"),
-        ({"verdict": "limited", "findings": LEVEL}, "attitude", "limited", MISSES),
-        ({"verdict": "limited", "heading_error_deg": {"worst": 0.4, "target_deg": 0.2}}, "heading", "limited", MISSES),
-        ({"verdict": "good"}, "attitude", "limited", MISSES),
-        ({"verdict": "refused"}, "attitude", "refused", "Refused"),
-    ],
-)
-def test_the_finish_panel_says_what_was_made(changes: dict[str, Any], goal: str, kind: str, title: str) -> None:
-    errors = {"heading_error_deg": {"worst": 0.4, "target_deg": 1.0}, "any_attitude_deg": {"worst": 3.0, "rms": 2.0}}
-    made = {"view": {"verdict": "good", "sentence": "S.", **errors, **changes}, "refusal": ""}
-    found = judged(made, {"goal": goal})
-    assert (found["kind"], found["title"]) == (kind, title)
-    assert ("3.0°" in found["words"]) == (goal == "attitude")
-
-
-def test_the_finish_panel_says_why_nothing_was_made() -> None:
-    found = judged({"view": None, "refusal": "all readings lie in one plane"}, {"goal": "heading"})
-    assert (found["kind"], found["words"]) == ("none", "All readings lie in one plane.")
-
-
-def judged(made: dict[str, Any], state: dict[str, str]) -> dict[str, str]:
-    """What the panel says of a calibration that was made."""
-    found = run_of_page(f"console.log(JSON.stringify(judged({json.dumps(made)}, {json.dumps(state)})));")
-    assert isinstance(found, dict)
-    return found
-
-
-def test_every_widget_of_the_views_is_on_the_page() -> None:
-    static = files("flinders").joinpath("static")
-    row = re.compile(r'@type \{import\("../widgets.js"\).Widget\} \*/\nexport const (\w+) = \{\n    name: "(\w+)"')
-    views = [path.read_text(encoding="utf-8") for path in static.joinpath("views").iterdir()]
-    rows = dict(found for text in views for found in row.findall(text))
-    listed = re.search(r"WIDGETS = \[(.*)\]", static.joinpath("widgets.js").read_text(encoding="utf-8"))
-    assert listed
-    assert sorted(listed[1].split(", ")) == sorted(rows)
-    assert len(set(rows.values())) == len(rows)
-
-
-def test_the_page_has_titles_for_codes_that_there_are() -> None:
-    package = files("flinders")
-    words = package.joinpath("static", "views", "words.js").read_text("utf-8")
-    listed = re.search(r"REASONS = Object.freeze\(\{(.*?)\}\)", words, re.DOTALL)
-    assert listed
-    titled = set(re.findall(r'^ {4}"?([\w-]+)"?:', listed[1], re.MULTILINE))
-    modules = package.joinpath("static", "standalone")
-    sources = [modules.joinpath(name).read_text("utf-8") for name in ("reasons.js", "state.js")]
-    own = {code for text in sources for code in re.findall(r'(?:\breason\(|code: )"([\w-]+)"', text)}
-    alarms = {code for code, row in CATALOGUE.items() if row.alarm}
-    assert alarms <= titled
-    assert not titled - set(CATALOGUE) - own - {"stuck-axis"}

@@ -45,7 +45,7 @@ SMALL: Final = ("-Os", "-fno-vectorize", "-fno-slp-vectorize")
 SMALL_SUMS: Final = ("-fno-unroll-loops",)
 """For the sums over all readings: 5 kB less on the wire, and a tenth more of the 1.1 ms of a fit."""
 
-PAGE: Final = HERE.parent / "static/standalone/engine.js"
+PAGE: Final = HERE.parent / "apps/live/static/standalone/engine.js"
 """What calls the engine in browsers."""
 
 COMPARED: Final = ("flinders_is_checked",)

@@ -412,7 +412,8 @@ def rules_for(shapes: str) -> str:
     Colours are written out, since not every program that shows SVG knows variables.
     """
     kinds = {kind for kinds in re.findall(r'class="([^"]*)"', shapes) for kind in kinds.split()}
-    rules = [line for line in asset("figure.css").splitlines() if line.startswith(".figure") and _is_used(line, kinds)]
+    sheet = asset("static/figure.css").splitlines()
+    rules = [line for line in sheet if line.startswith(".figure") and _is_used(line, kinds)]
     dark = "\n".join(_coloured(rule, "dark") for rule in rules if "var(" in rule)
     light = "\n".join(_coloured(rule, "light") for rule in rules)
     return f"{light}\n@media (prefers-color-scheme: dark) {{\n{dark}\n}}"

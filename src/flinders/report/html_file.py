@@ -2,7 +2,7 @@ r"""A report as one HTML file: template, style sheet and script in one, with a p
 
 What comes from files, such as names and comments, is escaped; of a script the policy of the page names the hash.
 
->>> style_of("fleet.css").strip()[:25]
+>>> style_of("apps/fleet/fleet.css").strip()[:25]
 ':root { --paper: #f4f6f8;'
 """
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
     import jinja2
 
-SHEETS: Final = ("figure.css", "report.css")
+SHEETS: Final = ("static/figure.css", "static/report.css")
 """Style sheets of every report."""
 
 
 def html_file(template: str, given: Mapping[str, Any], *, style: str, script: str, filters: Mapping[str, Any]) -> str:
-    """Fill in a template of this package that is a page.
+    """Fill in a template that is a page.
 
     `style` and `script` are what the page may use, and nothing else; `filters` say how it writes numbers.
     """
@@ -35,17 +35,20 @@ def html_file(template: str, given: Mapping[str, Any], *, style: str, script: st
 
 
 def filled(template: str, given: Mapping[str, Any], filters: Mapping[str, Callable[..., Any]]) -> str:
-    """Fill in a template of this package; what stands in HTML is escaped."""
+    """Fill in a template; what stands in HTML is escaped.
+
+    It is one of `flinders.report`, or is given by its path in `flinders`, as ``apps/fleet/fleet.html.j2``.
+    """
     return _compiled(template, *filters.items()).render(**given)
 
 
 @cache
 def _compiled(template: str, *filters: tuple[str, Callable[..., Any]]) -> jinja2.Template:
-    """A template of this package with its filters, which takes longer to compile than to fill in."""
+    """A template with its filters, which takes longer to compile than to fill in."""
     import jinja2
 
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("flinders.report"),
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader("flinders.report"), jinja2.PackageLoader("flinders", "")]),
         autoescape=jinja2.select_autoescape(["html.j2"]),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -56,7 +59,10 @@ def _compiled(template: str, *filters: tuple[str, Callable[..., Any]]) -> jinja2
 
 
 def style_of(*sheets: str) -> str:
-    """Style sheets after those of every report, with the colours of both themes; paper is always light."""
+    """Style sheets after those of every report, with the colours of both themes; paper is always light.
+
+    They are named by their paths in `flinders`.
+    """
     light, dark = variables("light"), variables("dark")
     rules = "\n".join(asset(sheet) for sheet in (*SHEETS, *sheets))
     return (
@@ -68,7 +74,7 @@ def style_of(*sheets: str) -> str:
 
 def script_of() -> str:
     """The script of a page without a 3-D view."""
-    return f"\n{joined('plain.js')}\nm0.theming(() => {{}});\n"
+    return f"\n{joined('static/plain.js')}\nm0.theming(() => {{}});\n"
 
 
 def _hash(text: str) -> str:

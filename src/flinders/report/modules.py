@@ -5,6 +5,12 @@ function that is called once and returns what it exports. Our modules use the tw
 and `joined` refuses any other. The pages have a bundle in its place, a third as large, which esbuild makes when
 Flinders is installed (``hatch_build.py``); while modules are edited they are joined, too.
 
+Files are named by their paths in `flinders`: ``static/report.js`` is of the library, ``apps/live/static/live.js`` of a
+package for one trade.
+
+>>> bundle_of("apps/live/static/standalone/main.js")
+'apps/live/static/bundled/main.js'
+
 >>> wrapped = _wrapped("m1", 'import { a as b } from "./x.js";\nexport const c = b + 1;\n', {"./x.js": "m0"})
 >>> print(wrapped)
 const m1 = (() => {
@@ -25,17 +31,15 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
-STATIC: Final = Path(__file__).resolve().parent.parent / "static"
+PACKAGE: Final = Path(__file__).resolve().parent.parent
 BUNDLED: Final = "bundled"
-"""Folder of ``static`` with the bundles."""
-ENTRIES: Final = ("live.js", "standalone/main.js", "standalone/worker.js", "views/scene.js")
-"""Modules of ``static`` that are bundled with all that they import."""
+"""Folder of a ``static`` with the bundles."""
 
 
-def headline(static: Path = STATIC) -> str:
+def headline(package: Path = PACKAGE) -> str:
     """The first line of a bundle: what names the modules that it was made of."""
     digest = hashlib.sha256()
-    for path in sorted(static.rglob("*.js")):
+    for path in sorted([*package.glob("static/**/*.js"), *package.glob("apps/*/static/**/*.js")]):
         if path.parent.name != BUNDLED:
             digest.update(path.read_bytes().replace(b"\r\n", b"\n"))
     return f"/* of sha256:{digest.hexdigest()} */\n"
@@ -45,8 +49,9 @@ _headline = cache(headline)
 
 
 def bundle_of(entry: str) -> str:
-    """Where in ``static`` the bundle of a module is."""
-    return f"{BUNDLED}/{posixpath.basename(entry)}"
+    """Where the bundle of a module is: in the static folder that has the module."""
+    folder, static, module = entry.rpartition("static/")
+    return f"{folder}{static}{BUNDLED}/{posixpath.basename(module)}"
 
 
 @cache
@@ -73,8 +78,8 @@ class NotJoined(Exception):
 
 
 @cache
-def joined(entry: str = "report.js", *, exported: tuple[str, ...] = ()) -> str:
-    """Join a module of ``static`` and all that it imports into the text of one module script, once in a process.
+def joined(entry: str = "static/report.js", *, exported: tuple[str, ...] = ()) -> str:
+    """Join a module and all that it imports into the text of one module script, once in a process.
 
     The script exports what is named in `exported` of what the module does; a page imports that by name.
 
@@ -90,11 +95,11 @@ def joined(entry: str = "report.js", *, exported: tuple[str, ...] = ()) -> str:
 
 
 def asset(path: str) -> str:
-    """The text of a file of ``static``.
+    """The text of a file of `flinders`.
 
     Raises `FileNotFoundError`.
     """
-    return files("flinders").joinpath("static", *path.split("/")).read_text(encoding="utf-8")
+    return files("flinders").joinpath(*path.split("/")).read_text(encoding="utf-8")
 
 
 def _join(path: str, names: dict[str, str], parts: list[str]) -> None:

@@ -73,7 +73,8 @@ def page(overview: Overview, drift: FleetDrift | None = None) -> str:
         "date": date_of(datetime.now(UTC)),
         "release": version("flinders"),
     }
-    return html_file("fleet.html.j2", given, style=style_of("fleet.css"), script=script_of(), filters=FILTERS)
+    style = style_of("apps/fleet/fleet.css")
+    return html_file("apps/fleet/fleet.html.j2", given, style=style, script=script_of(), filters=FILTERS)
 
 
 def when(seconds: float) -> str:

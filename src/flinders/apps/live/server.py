@@ -52,11 +52,12 @@ if TYPE_CHECKING:
     from flinders.apps.live.session_file import Log
     from flinders.core.calibration_file import ProvenanceRecord
 
-STATIC: Final = Path(__file__).resolve().parents[2] / "static"
+STATIC: Final = Path(__file__).parent / "static"
+LIBRARY: Final = "flinders", "static"  # The modules of reports, which the page has as well
 SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
-    "page.js": ("live.js", ()),
-    "worker.js": ("standalone/worker.js", ()),
-    "views/scene.js": ("views/scene.js", ("Scene",)),
+    "page.js": ("apps/live/static/live.js", ()),
+    "worker.js": ("apps/live/static/standalone/worker.js", ()),
+    "views/scene.js": ("static/views/scene.js", ("Scene",)),
 }
 """Scripts that are a module with all that it imports, which is named with what it exports."""
 PACKED: Final = (Middleware(GZipMiddleware, compresslevel=6),)
@@ -124,7 +125,7 @@ def application(
         Route("/previous", _previous, methods=["POST"]),
         Route("/send", _send, methods=["POST"]),
         *(Route(f"/static/{entry}", _script, middleware=PACKED) for entry in SCRIPTS),
-        Mount("/static", StaticFiles(directory=STATIC, check_dir=False), middleware=PACKED),
+        Mount("/static", StaticFiles(directory=STATIC, packages=[LIBRARY], check_dir=False), middleware=PACKED),
     ]
     handlers = dict.fromkeys((FlindersError, HTTPException, Exception), _on_error)
     app = Starlette(routes=routes, lifespan=lifespan, exception_handlers=handlers)

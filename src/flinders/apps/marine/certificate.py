@@ -68,8 +68,8 @@ def certificate(account: SwingAccount, facts: Mapping[str, str] | None = None) -
         "drawing": f"data:image/svg+xml;base64,{drawing}",
         "fields": FIELDS,
     }
-    return html_file("certificate.html.j2", given, style=style_of("certificate.css"), script=script_of(),
-                     filters={"minus": minus})  # fmt: skip
+    template, style = "apps/marine/certificate.html.j2", style_of("apps/marine/certificate.css")
+    return html_file(template, given, style=style, script=script_of(), filters={"minus": minus})
 
 
 def _gravity(statement: Statement) -> tuple[int, bool]:

@@ -1,6 +1,6 @@
 /** What each shown reading is to the fit. */
 
-/** @typedef {import("../store.js").Points} Points */
+/** @typedef {import("../view.d.ts").Points} Points */
 
 export const USED = 0;
 export const REJECTED = 1;

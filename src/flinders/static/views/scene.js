@@ -14,7 +14,6 @@
  * @typedef {"sphere" | "clouds" | "raw" | "corrected"} Mode
  * @typedef {{part: import("../vendor/three.js").Object3D, from: Matrix4, to: Matrix4}} Way
  *
- * @typedef {Omit<import("../store.js").Points, "acceleration">} Points
  * @typedef {Pick<View, "unit" | "offset" | "shown" | "tiles_deg" | "level_deg" | "tiles_seen" | "guidance">} Shown
  *
  * @typedef {object} Options
@@ -57,7 +56,8 @@ import { Labels } from "./labels.js";
 import { mark } from "./marks.js";
 import { Ball, cloud, drawFirst, lines, marker, rewrite } from "./parts.js";
 
-/** @typedef {import("../messages.d.ts").View} View */
+/** @typedef {import("../view.d.ts").View} View */
+/** @typedef {Omit<import("../view.d.ts").Points, "acceleration">} Points */
 
 /** Milliseconds that colours and matrices take from one fit to the next. */
 const TRANSITION = 350;

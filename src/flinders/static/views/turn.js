@@ -72,8 +72,8 @@ export class Attitude {
 
     /**
      * Take a reading.
-     * @param {import("../store.js").Now} now
-     * @param {import("../messages.d.ts").Shown} shown
+     * @param {import("../view.d.ts").Now} now
+     * @param {import("../view.d.ts").Shown} shown
      */
     follow({ raw, acceleration }, shown) {
         const field = unit(corrected(raw, shown));

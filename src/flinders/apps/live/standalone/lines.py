@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.apps.live import transcript
@@ -27,7 +28,6 @@ from flinders.readers import (
     registry,
 )
 from flinders.readers.dialects import json_records, labelled, marked, wrapped
-from flinders.report.modules import STATIC
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -70,7 +70,7 @@ def data() -> dict[str, Any]:
 @cache
 def _named_in_javascript() -> frozenset[str]:
     """Names of constants in the modules of the page."""
-    modules = (STATIC / "standalone").glob("*.js")
+    modules = (Path(__file__).parents[1] / "static" / "standalone").glob("*.js")
     return frozenset(re.findall(r"\b_?[A-Z][A-Z0-9_]*\b", " ".join(path.read_text("utf-8") for path in modules)))
 
 

@@ -2,7 +2,7 @@
 
 >>> sorted(name for name in contents() if "." in name and "/" not in name)
 ['flinders.wasm', 'index.html', 'page.json', 'sw.js']
->>> contents()["index.html"] == asset("index.html").encode()              # which is that of the live page
+>>> contents()["index.html"] == asset(f"{HERE}/index.html").encode()      # which is that of the live page
 True
 """
 
@@ -39,22 +39,20 @@ UNFIT: Final = {**refreshing.UNFIT, "turned": TURNED}
 
 VERSION: Final = version("flinders")
 DATA: Final = "page.json"
+HERE: Final = "apps/live/static"
+"""Modules, page and style sheet of this package."""
 SCENE: Final = "static/views/scene.js"
 """The 3-D view, without which the page works."""
 SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
-    "static/page.js": ("standalone/main.js", ()),
-    "static/worker.js": ("standalone/worker.js", ()),
-    SCENE: ("views/scene.js", ("Scene",)),
+    "static/page.js": (f"{HERE}/standalone/main.js", ()),
+    "static/worker.js": (f"{HERE}/standalone/worker.js", ()),
+    SCENE: ("static/views/scene.js", ("Scene",)),
 }
 """Scripts of the folder: the module that each is joined from, and what it exports."""
 REPORT: Final = "static/report.css"
 """Style of a report, the program's own."""
-ASSETS: Final = {
-    "index.html": "index.html",
-    "static/page.css": "page.css",
-    "static/theme.js": "theme.js",
-    "static/compass.svg": "compass.svg",
-}
+ASSETS: Final = ("index.html", "static/page.css", "static/theme.js", "static/compass.svg")
+"""Files of the folder that are here as they are."""
 
 
 def write(directory: str | Path, *, force: bool = False) -> list[Path]:
@@ -116,7 +114,7 @@ def contents() -> dict[str, bytes]:
         **_engine(),
         "LICENSE": licence().encode(),
         **_of_others(),
-        **{name: asset(path).encode() for name, path in ASSETS.items()},
+        **{name: asset(f"{HERE}/{name.removeprefix('static/')}").encode() for name in ASSETS},
         REPORT: style_of().encode(),
         **{name: text for name, entry in SCRIPTS.items() if (text := _script(*entry)) is not None},
     }
@@ -136,7 +134,7 @@ def _engine() -> dict[str, bytes]:
 def _of_others() -> dict[str, bytes]:
     """The licence of three.js, where the 3-D view is there."""
     try:
-        return {"LICENSE-three": asset("vendor/LICENSE").encode()}
+        return {"LICENSE-three": asset("static/vendor/LICENSE").encode()}
     except FileNotFoundError:
         return {}
 
@@ -181,7 +179,7 @@ def service_worker(files: dict[str, bytes]) -> str:
     left_out = (SCENE, "index.html")
     names = ["./", *sorted(name for name in files if name not in left_out and not name.startswith("LICENSE"))]
     page = {"version": f"{VERSION} {digest.hexdigest()[:16]}", "files": names, "scene": SCENE}
-    return f"const PAGE = {json.dumps(page)};\n{asset('standalone/sw.js')}"
+    return f"const PAGE = {json.dumps(page)};\n{asset(f'{HERE}/standalone/sw.js')}"
 
 
 # ---------------------------------------------------------------- the simulated sensor

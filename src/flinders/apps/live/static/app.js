@@ -1,0 +1,706 @@
+/**
+ * The live page: takes what its session says into the store, and draws the store.
+ *
+ * Messages only mark what is to be drawn; drawing happens in the next frame of the screen, so that a slow machine draws
+ * less often and never falls behind. Charts of all readings are drawn at most ten times a second, what is read as
+ * numbers four times, the dials and the sphere with each frame.
+ */
+
+import { byId, element, icon, Refusal, remember, remembered, setIcon, setList, setText } from "./dom.js";
+import { Finish } from "./finish.js";
+import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
+import { legendOf, legendRow } from "./legend.js";
+import { listenForPlace, showRemedies } from "./remedies.js";
+import { Sounds } from "./sounds.js";
+import { staysLevel } from "./standalone/choreography.js";
+import { Fitter } from "./standalone/fitter.js";
+import { errors, goesOn, Store } from "./store.js";
+import { ems, gauge } from "./views/gauge.js";
+import { Guide, LeadView } from "./views/lead.js";
+import { brief, capital, counted, degrees, duration, frequency, ICONS, isGoodWhileLevel, PHASES, REASONS, sentence, things, WHILE_LEVEL } from "./views/words.js";
+import { drawChanged, lay, markHovered } from "./widgets.js";
+
+/** @typedef {import("./messages.d.ts").Command} Command */
+/** @typedef {import("./standalone/running.js").Link} Link */
+/** @typedef {import("./standalone/running.js").Listener} Listener */
+/** @typedef {import("../../../static/view.d.ts").View} View */
+/** @typedef {import("./messages.d.ts").SessionState} State */
+/** @typedef {import("../../../static/views/scene.js").Scene} Scene */
+
+/** Charts are drawn no more often than this, and take at most a sixth of the time. */
+const CHART_MS = 100;
+const CHART_SHARE = 6;
+/** Where the browser keeps which theme was chosen; see theme.js. */
+const THEME = "flinders-theme";
+const SAID_MS = 4000;
+const NOTICE_MS = 9000;
+
+const store = new Store();
+const finish = new Finish(notify, () => link, () => {
+    const panel = document.querySelector(".panel.heading:not(.enlarged)");
+    if (panel instanceof HTMLElement) enlarge(panel);
+});
+const panels = lay(byId("strip", HTMLElement), { store, send, notify, hover });
+const guide = new Guide();
+const leadView = new LeadView(guide, drawAll);
+const sounds = new Sounds(byId("sounds", HTMLInputElement));
+/** @type {Scene | null} */
+let scene = null;
+let sceneAsked = false;
+/** Points from this one on are not in the scene yet. */
+let sceneFrom = Infinity;
+const dirty = { state: true, view: true, points: true, now: true, hovered: false };
+let chartsNext = 0;
+let frameAsked = false;
+let wasOpen = false;
+
+// Link --------------------------------------------------------------------------------------------------------------
+
+/** @type {Link} */
+let link;
+
+/**
+ * Load what Python wrote for the page, and run the page on what a link says.
+ * @template {{engine: import("./standalone/data.d.ts").EngineData}} Data
+ * @param {(listener: Listener, data: Data, fitter: Fitter) => Link | Promise<Link>} connect
+ */
+export async function start(connect) {
+    try {
+        const answer = await fetch("page.json");
+        if (!answer.ok) throw new Error(`page.json gave ${answer.status}`);
+        const data = /** @type {Data} */ (await answer.json());
+        link = await connect(listener, data, new Fitter("static/worker.js", new URL("flinders.wasm", document.baseURI).href, data.engine));
+        /** For tests and for those who look: what the page knows. */
+        Object.defineProperty(window, "flinders", { value: Object.freeze({ store, connection: link }) });
+    } catch (error) {
+        byId("lost", HTMLElement).hidden = false;
+        setText(byId("lost-words", HTMLElement), `This page could not be loaded: ${error instanceof Error ? error.message : error}.`);
+        byId("retry", HTMLElement).addEventListener("click", () => window.location.reload());
+    }
+}
+
+/** @type {Listener} */
+const listener = {
+    onMessage(message) {
+        if (message.type === "notice") {
+            notify(message.severity, message.words);
+            return;
+        }
+        store.take(message);
+        if (message.type === "hello") {
+            finish.setTargets(message.targets);
+            setText(byId("about", HTMLElement), `Flinders ${message.version}`);
+            sceneFrom = 0;
+            dirty.points = true;
+            dirty.now = true;
+            startScene();
+        }
+        dirty.state = true;
+        if (message.type !== "state") dirty.view = true;
+        askFrame();
+    },
+    onReadings(series, stride) {
+        const from = store.follow(series, stride);
+        if (from === Infinity) return;
+        sceneFrom = Math.min(sceneFrom, from);
+        dirty.points = true;
+        dirty.now = true;
+        askFrame();
+    },
+    onLink(state, seconds) {
+        if (state === "open") wasOpen = true;
+        byId("lost", HTMLElement).hidden = state === "open" || (!wasOpen && state === "trying");
+        const words = state === "trying" ? "Trying to reach Flinders …" : `Flinders does not answer. Next try in ${seconds} s. The readings are safe where it runs.`;
+        if (state !== "open") setText(byId("lost-words", HTMLElement), words);
+        document.documentElement.dataset.line = state;
+    },
+};
+
+/**
+ * Ask the session for something, or say that there is no line to the server.
+ * @param {Command} message
+ */
+function send(message) {
+    if (!link.send(message)) notify("warning", "There is no connection to Flinders, so nothing was changed.");
+}
+
+// Drawing -----------------------------------------------------------------------------------------------------------
+
+function askFrame() {
+    if (frameAsked) return;
+    frameAsked = true;
+    requestAnimationFrame(draw);
+}
+
+/** @param {number} now */
+function draw(now) {
+    frameAsked = false;
+    const { state, view } = store;
+    if (dirty.now && store.now && view) leadView.turn(store.now, view);
+    const lead = guide.follow(store, now / 1000);
+    if (state && lead) leadView.draw(state, view, lead);
+    if (state) sounds.follow(state, view, lead, now / 1000);
+    if (dirty.state && state) drawState(state, view);
+    if (dirty.state) finish.show(state);
+    if (dirty.points || dirty.view || dirty.state || guide.lead?.target !== sceneTarget) drawScene(view, state);
+    if (dirty.now) scene?.setNow(store.now ? { raw: store.now.raw } : null);
+    const picture = { view, state, now: store.now, points: store.points };
+    drawChanged(panels, /** @type {const} */ (["view", "state", "now"]).filter((part) => dirty[part]), picture);
+    if (dirty.hovered) {
+        markHovered(panels, store.hovered);
+        scene?.setHovered(store.hovered);
+    }
+    const charts = dirty.points || dirty.view || dirty.state;
+    Object.assign(dirty, { state: false, view: false, now: false, hovered: false });
+    if (!charts) return;
+    if (now >= chartsNext) {
+        const begun = performance.now();
+        dirty.points = false;
+        drawChanged(panels, ["points"], picture);
+        chartsNext = now + Math.max(CHART_MS, CHART_SHARE * (performance.now() - begun));
+    } else {
+        dirty.points = true;
+        window.setTimeout(askFrame, chartsNext - now);
+    }
+}
+
+/**
+ * Mark a reading in all views that show it.
+ * @param {number | null} reading
+ */
+function hover(reading) {
+    if (store.hovered === reading) return;
+    store.hovered = reading;
+    dirty.hovered = true;
+    askFrame();
+}
+
+/** Draw everything again, as after a change of theme. */
+function drawAll() {
+    Object.assign(dirty, { state: true, view: true, points: true, now: true });
+    chartsNext = 0;
+    drawLegend();
+    askFrame();
+}
+
+/**
+ * @param {State} state
+ * @param {View | null} view
+ */
+function drawState(state, view) {
+    const { rms, worst } = errors(view, state.goal);
+    gauge(byId("gauge", HTMLElement), { rms, worst, target: state.target_deg }, theme());
+    const figure = degrees(worst).replace("°", "");
+    setText(byId("worst", HTMLElement), figure);
+    byId("figure", HTMLElement).style.setProperty("--ems", ems(figure).toFixed(2));
+    byId("degree", HTMLElement).hidden = worst === null;
+    setText(byId("worst-what", HTMLElement), state.goal === "attitude" ? "in the worst direction" : "at the worst heading");
+    setText(byId("rms", HTMLElement), degrees(rms));
+    setField("target", state.target_deg);
+    setField("dip", state.dip_deg);
+    byId("dip-assumed", HTMLElement).hidden = !state.dip_assumed;
+    const goal = byId("goal", HTMLSelectElement);
+    if (document.activeElement !== goal) goal.value = state.goal;
+    drawPhase(state);
+    drawSource(state);
+    drawAdvice(state);
+    drawLegend();
+    for (const { controls } of panels) controls?.show(state);
+    byId("clear", HTMLElement).hidden = state.opened !== null;
+    const pause = byId("pause", HTMLButtonElement);
+    pause.hidden = state.opened !== null;
+    pause.setAttribute("aria-pressed", String(state.paused));
+    setIcon(pause, state.paused ? "play" : "pause");
+    const label = pause.querySelector("span");
+    if (label) setText(label, state.paused ? "Go on" : "Pause");
+    byId("back", HTMLElement).hidden = state.opened === null || state.source.kind === "file";
+    document.title = worst === null ? "Flinders" : `${degrees(worst)} · ${PHASES[state.phase]} · Flinders`;
+}
+
+/** @param {State} state */
+function drawPhase(state) {
+    const panel = byId("status-title", HTMLElement).closest(".status");
+    const title = byId("phase", HTMLElement);
+    const isResult = isEnded(state) && state.phase === "collecting" && state.told !== "fitting";
+    const isLevel = state.phase === "limited" && isGoodWhileLevel(store.view, state.goal);
+    const shownPhase = isLevel && guide.lead && staysLevel(guide.lead.body) ? "good" : state.phase; // all that a car can do
+    if (panel instanceof HTMLElement) panel.dataset.phase = shownPhase;
+    setIcon(title, ICONS[isResult ? "limited" : shownPhase]);
+    const strong = title.querySelector("strong");
+    const reached = isLevel ? WHILE_LEVEL : (PHASES[state.phase] ?? state.phase);
+    const phase = isResult ? (store.view ? "Misses the target" : "No calibration") : reached;
+    const phaseTitle = state.paused ? "Paused" : phase;
+    const words = state.words.startsWith(`${phaseTitle}: `) ? capital(state.words.slice(phaseTitle.length + 2)) : state.words; // "Good: …"
+    if (strong) setText(strong, phaseTitle);
+    const shown = state.phase === "waiting" || isStill(state, store.view) ? "" : words; // which the middle of the page says
+    setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravest(state) : shown);
+    const others = state.reasons.filter(({ code }) => code !== state.told);
+    setList(byId("reasons", HTMLElement), others, (reason) => {
+        const row = element("li", sentence(reason.advice));
+        row.dataset.severity = reason.severity;
+        return row;
+    });
+    say("phase", `${phaseTitle}. ${words}`); // all of it: nothing that is wrong is said twice
+}
+
+/**
+ * What is wrong, in a few words, and what the large type leaves out of it.
+ * @param {State} state
+ * @returns {string}
+ */
+function gravest({ reasons, words }) {
+    const reason = reasons.find(({ severity }) => severity === "warning");
+    const title = reason && REASONS[reason.code];
+    const [, details] = brief(words);
+    return [title, details && sentence(capital(details))].filter(Boolean).join(" ");
+}
+
+/** @param {State} state */
+function drawSource({ phase, source, readings, rejected, excluded_readings, rate_hz, seconds, recording, opened }) {
+    byId("source", HTMLElement).dataset.link = opened === null ? source.link : "ended";
+    setText(byId("source-name", HTMLElement), opened ?? source.name);
+    const links = { connected: "", waiting: "waiting", gone: "gone", ended: "ended" };
+    const counts = [
+        phase === "waiting" ? "waiting" : opened === null ? links[source.link] : "a log",
+        opened === null ? frequency(rate_hz ?? 0) : "",
+        readings > 0 && seconds !== null ? duration(seconds) : "",
+        readings > 0 ? things(readings, "reading") : "",
+        rejected > 0 ? `${things(rejected, "outlier")}` : "",
+        excluded_readings > 0 ? `${counted(excluded_readings)} left out` : "",
+    ];
+    const words = counts.filter(Boolean).join(" · ");
+    setText(byId("source-words", HTMLElement), words);
+    byId("source", HTMLElement).title = [source.name, source.words, words, recording ? `recorded to ${recording}` : ""].filter(Boolean).join("\n");
+}
+
+/** @param {State} state */
+function drawAdvice(state) {
+    drawEmpty(state);
+    showRemedies(byId("remedies", HTMLElement), state, send);
+    byId("advice", HTMLElement).dataset.phase = state.phase;
+    say("advice", state.phase === "wrong" ? "" : (guide.lead?.words ?? "")); // what is wrong is said with the phase
+}
+
+/**
+ * What sends a reading that each source takes.
+ * @type {Readonly<Record<string, string>>}
+ */
+const EXAMPLES = Object.freeze({
+    serial: 'Serial.println(String(mx) + "," + my + "," + mz);',
+    udp: "12.3,-45.6,7.8",
+    tcp: "12.3,-45.6,7.8",
+});
+
+/**
+ * Whether the readings are all that there will be: of a log, or of a playback that has ended.
+ * @param {State} state
+ */
+function isEnded(state) {
+    return !goesOn(state) && state.readings > 0;
+}
+
+/**
+ * Whether a sensor that somebody may turn has not been turned yet.
+ * @param {State} state
+ * @param {View | null} view
+ * @returns {boolean}
+ */
+function isStill(state, view) {
+    return view === null && goesOn(state) && state.readings > 0 && state.reasons.some(({ code }) => code === "no-rotation");
+}
+
+/**
+ * In place of the sphere: where readings are waited for, and what sends them.
+ * @param {State} state
+ */
+function drawEmpty({ phase, readings, source }) {
+    const isEmpty = readings === 0;
+    byId("empty", HTMLElement).hidden = !isEmpty;
+    byId("stage", HTMLElement).toggleAttribute("data-empty", isEmpty);
+    setText(byId("empty-lead", HTMLElement), phase === "waiting" ? "Waiting for readings" : "No readings");
+    setText(byId("empty-from", HTMLElement), `from ${source.name}`);
+    byId("empty-board", HTMLElement).hidden = phase !== "waiting" || !EXAMPLES[source.kind];
+    setText(byId("empty-example", HTMLElement), EXAMPLES[source.kind] ?? "");
+}
+
+let legendDrawn = "";
+
+/** Name the colours that are drawn. */
+function drawLegend() {
+    const rows = legendOf(store.state, store.view, mode(), theme());
+    const key = JSON.stringify(rows);
+    if (legendDrawn === key) return;
+    legendDrawn = key;
+    byId("legend", HTMLElement).replaceChildren(...rows.map(legendRow));
+}
+
+// Scene -------------------------------------------------------------------------------------------------------------
+
+/** The sphere comes as a module of its own, after the first picture: where it cannot be had, all else works. */
+async function startScene() {
+    const tiles = store.hello?.tiles;
+    if (sceneAsked || !tiles) return;
+    sceneAsked = true;
+    const host = byId("scene", HTMLElement);
+    await painted();
+    try {
+        const { Scene: Made } = await import("./views/scene.js");
+        scene = new Made(host, { tiles, theme: theme(), interactive: true });
+    } catch (error) {
+        console.warn("flinders: no 3-D view:", error);
+        const without = byId("without", HTMLElement);
+        without.hidden = false;
+        setText(without, "The 3-D view cannot be shown here. All else works: gauge, words, projections and exports.");
+        return;
+    }
+    scene.setMode(mode());
+    host.addEventListener("pointermove", ({ pointerType, buttons, clientX, clientY }) => {
+        if (pointerType === "touch" || buttons) return;
+        const { left, top } = host.getBoundingClientRect();
+        hover(scene?.readingAt(clientX - left, clientY - top) ?? null);
+    });
+    host.addEventListener("pointerleave", () => hover(null));
+    sceneFrom = 0;
+    drawAll();
+}
+
+/** Until what has been drawn so far is on the screen; of a page that nobody looks at, a second. */
+function painted() {
+    return new Promise((resolve) => {
+        requestAnimationFrame(() => requestAnimationFrame(() => window.setTimeout(resolve)));
+        window.setTimeout(resolve, 1000);
+    });
+}
+
+/** @type {View | null} */
+let sceneView = null;
+/** @type {readonly number[] | null} where the arrow leads */
+let sceneTarget = null;
+let maskKey = "";
+
+/**
+ * The arrow on the sphere leads where the page asks to turn, and nowhere else.
+ * @param {View} view
+ * @param {readonly number[] | null} target
+ * @returns {View["guidance"]}
+ */
+function guidanceTo({ guidance }, target) {
+    if (!target || !guidance) return null;
+    return { ...guidance, direction: [target[0], target[1], target[2]] };
+}
+
+/**
+ * @param {View | null} view
+ * @param {State | null} state
+ */
+function drawScene(view, state) {
+    if (!scene) return;
+    if (sceneFrom === 0) scene.setPoints(store.points);
+    else if (sceneFrom < store.points.count) scene.appendPoints(store.points, sceneFrom);
+    sceneFrom = store.points.count;
+    if (state) scene.setTarget(state.target_deg);
+    const target = guide.lead?.target ?? null;
+    if (view !== sceneView || target !== sceneTarget) {
+        [sceneView, sceneTarget] = [view, target];
+        scene.setView(view && { ...view, guidance: guidanceTo(view, target) });
+    }
+    const spans = state?.excluded ?? [];
+    const key = JSON.stringify([spans, view?.rejected ?? [], store.points.stride]);
+    if (key !== maskKey) {
+        maskKey = key;
+        scene.setMask(spans, view?.rejected ?? []);
+    }
+}
+
+/** The switch of what is drawn, and what each choice is called among the shortcuts. */
+const modes = /** @type {NodeListOf<HTMLInputElement>} */ (document.querySelectorAll('input[name="mode"]'));
+const MODE_WORDS = ["sphere", "both clouds", "raw readings", "corrected readings"];
+
+/** @returns {import("../../../static/views/scene.js").Mode} */
+function mode() {
+    const chosen = [...modes].find(({ checked }) => checked);
+    return /** @type {import("../../../static/views/scene.js").Mode} */ (chosen?.value ?? "sphere");
+}
+
+/** @param {number} which */
+function chooseMode(which) {
+    modes[which].checked = true;
+    modeChosen();
+}
+
+function modeChosen() {
+    scene?.setMode(mode());
+    drawLegend();
+}
+
+// Words -------------------------------------------------------------------------------------------------------------
+
+/** @type {Map<string, string>} */
+const toSay = new Map();
+/** @type {Map<string, string>} */
+const saidBefore = new Map();
+let sayTimer = 0;
+
+/**
+ * Tell a screen reader what is new, and not more often than it can be listened to.
+ * @param {string} topic
+ * @param {string} words
+ */
+function say(topic, words) {
+    if (saidBefore.get(topic) === words) {
+        toSay.delete(topic);
+        return;
+    }
+    toSay.set(topic, words);
+    if (sayTimer) return;
+    sayTimer = window.setTimeout(() => {
+        sayTimer = 0;
+        if (toSay.size === 0) return;
+        for (const [name, text] of toSay) saidBefore.set(name, text);
+        setText(byId("said", HTMLElement), [...toSay.values()].join(" "));
+        toSay.clear();
+    }, SAID_MS);
+}
+
+/**
+ * Show a notice. Errors stay until they are closed.
+ * @param {"info" | "warning" | "error"} severity
+ * @param {string} words
+ * @returns {() => void} Takes it away.
+ */
+function notify(severity, words) {
+    const list = byId("notices", HTMLElement);
+    list.querySelector(`[data-words="${CSS.escape(words)}"]`)?.remove();
+    const shut = element("button", [icon("close")], "square quiet");
+    shut.setAttribute("aria-label", "Close this notice");
+    shut.addEventListener("click", () => row.remove());
+    const row = element("li", [icon(ICONS[severity]), element("span", sentence(words)), shut]);
+    Object.assign(row.dataset, { severity, words });
+    (document.querySelector("dialog[open]") ?? document.body).append(list); // all else is inert while a dialog is open
+    list.append(row);
+    while (list.children.length > 4) list.firstElementChild?.remove();
+    if (severity !== "error") window.setTimeout(() => row.remove(), NOTICE_MS);
+    return () => row.remove();
+}
+
+// Fields and buttons ------------------------------------------------------------------------------------------------
+
+/**
+ * Show a number of the state, unless somebody is typing another.
+ * @param {string} id
+ * @param {number} value
+ */
+function setField(id, value) {
+    const field = byId(id, HTMLInputElement);
+    const text = String(Number(value.toPrecision(6)));
+    if (document.activeElement !== field && field.value !== text) field.value = text;
+}
+
+/**
+ * Send a number when it has been typed; what cannot be used goes back to what holds.
+ * @param {string} id
+ * @param {(value: number) => Command} message
+ * @param {() => number | undefined} current
+ */
+function onNumber(id, message, current) {
+    const field = byId(id, HTMLInputElement);
+    field.addEventListener("change", () => {
+        if (field.value !== "" && field.checkValidity()) {
+            send(message(field.valueAsNumber));
+            return;
+        }
+        notify("warning", `${field.value || "Nothing"} cannot be used here: need a number from ${field.min} to ${field.max}.`);
+        const value = current();
+        if (value !== undefined) field.value = String(value);
+    });
+    field.addEventListener("keydown", (event) => {
+        if (event.key === "Enter") field.blur();
+    });
+}
+
+/**
+ * @param {string} id
+ * @param {() => void} act
+ */
+function onClick(id, act) {
+    byId(id, HTMLElement).addEventListener("click", act);
+}
+
+onNumber("target", (deg) => ({ type: "target", deg }), () => store.state?.target_deg);
+listenForPlace(send);
+onNumber("dip", (deg) => ({ type: "dip", deg }), () => store.state?.dip_deg);
+byId("goal", HTMLSelectElement).addEventListener("change", () => {
+    const goal = byId("goal", HTMLSelectElement).value === "attitude" ? "attitude" : "heading";
+    send({ type: "goal", goal });
+});
+for (const choice of modes) choice.addEventListener("change", modeChosen);
+
+const togglePause = () => {
+    if (store.state && store.state.opened === null) send({ type: "pause", paused: !store.state.paused });
+};
+const confirmClear = () => {
+    if (store.state && store.state.opened === null) byId("confirm", HTMLDialogElement).showModal();
+};
+const openHelp = () => byId("help-panel", HTMLDialogElement).showModal();
+const chooseLog = () => byId("log-file", HTMLInputElement).click();
+
+onClick("pause", togglePause);
+onClick("clear", confirmClear);
+onClick("confirmed", () => {
+    byId("confirm", HTMLDialogElement).close();
+    send({ type: "clear" });
+});
+onClick("finish", () => finish.open());
+onClick("help", openHelp);
+onClick("theme", toggleTheme);
+onClick("open", chooseLog);
+onClick("retry", () => link.retry());
+onClick("back", () => send({ type: "back_to_live" }));
+onClick("advice-words", () => byId("advice", HTMLElement).classList.toggle("whole")); // which a phone shortens
+onClick("reset", () => scene?.resetCamera());
+onClick("previous", () => byId("previous-file", HTMLInputElement).click());
+onClick("previous-clear", () => send({ type: "previous_clear" }));
+onClick("refresh", () => send({ type: "refresh", refresh: byId("refresh", HTMLInputElement).checked }));
+document.addEventListener("close", () => document.body.append(byId("notices", HTMLElement)), true); // which does not bubble
+document.addEventListener("click", ({ target }) => {
+    if (target instanceof Element && target.matches("dialog, dialog .shut, dialog .shut *")) target.closest("dialog")?.close();
+});
+
+// Files -------------------------------------------------------------------------------------------------------------
+
+/**
+ * Send a file to be opened, or to be compared with.
+ * @param {"open" | "previous"} what
+ * @param {File} file
+ */
+async function upload(what, file) {
+    const limit = store.hello?.limits.upload_bytes ?? Infinity;
+    if (file.size > limit) {
+        const mib = (/** @type {number} */ bytes) => `${(bytes / 2 ** 20).toFixed(1)} MiB`;
+        notify("error", `${file.name} holds ${mib(file.size)}; this page takes up to ${mib(limit)}. Use flinders calibrate for larger logs.`);
+        return;
+    }
+    const done = what === "open" ? notify("info", `Reading ${file.name} …`) : () => {};
+    try {
+        await link[what](file.name, file);
+    } catch (error) {
+        if (!(error instanceof Refusal)) throw error;
+        notify("error", error.message);
+    } finally {
+        done();
+    }
+}
+
+for (const [id, what] of /** @type {const} */ ([["log-file", "open"], ["previous-file", "previous"]])) {
+    const input = byId(id, HTMLInputElement);
+    input.addEventListener("change", () => {
+        const file = input.files?.[0];
+        if (file) upload(what, file);
+        input.value = "";
+    });
+}
+
+let dragged = 0;
+const drop = byId("drop", HTMLElement);
+const hasFiles = (/** @type {DragEvent} */ event) => event.dataTransfer?.types.includes("Files") ?? false;
+window.addEventListener("dragenter", (event) => {
+    if (!hasFiles(event)) return;
+    dragged += 1;
+    setText(drop.firstElementChild ?? drop, finish.isOpen ? "Drop the earlier calibration to compare with it" : "Drop the log to open it");
+    drop.hidden = false;
+});
+window.addEventListener("dragleave", (event) => {
+    if (!hasFiles(event)) return;
+    dragged -= 1;
+    drop.hidden = dragged <= 0;
+});
+window.addEventListener("dragover", (event) => {
+    if (hasFiles(event)) event.preventDefault();
+});
+window.addEventListener("drop", (event) => {
+    dragged = 0;
+    drop.hidden = true;
+    if (!hasFiles(event)) return;
+    event.preventDefault();
+    const files = event.dataTransfer?.files;
+    if (!files || files.length === 0) return;
+    if (files.length > 1) notify("info", `One file at a time: ${files[0].name} is taken.`);
+    upload(finish.isOpen ? "previous" : "open", files[0]);
+});
+
+// Theme, enlarging, keys --------------------------------------------------------------------------------------------
+
+/** @returns {"dark" | "light"} */
+function theme() {
+    return document.documentElement.dataset.theme === "light" ? "light" : "dark";
+}
+
+function toggleTheme() {
+    const next = theme() === "dark" ? "light" : "dark";
+    document.documentElement.dataset.theme = next;
+    remember(THEME, next);
+    themed();
+}
+
+function themed() {
+    setIcon(byId("theme", HTMLElement), theme() === "dark" ? "sun" : "moon");
+    scene?.setTheme(theme());
+    drawAll();
+}
+
+/** @param {HTMLElement} panel */
+function enlarge(panel) {
+    const is = panel.classList.toggle("enlarged");
+    const button = panel.querySelector(".enlarge");
+    if (button instanceof HTMLElement) {
+        setIcon(button, is ? "close" : "enlarge");
+        button.setAttribute("aria-expanded", String(is));
+    }
+    drawAll();
+}
+
+for (const button of document.querySelectorAll(".enlarge")) {
+    const panel = button.closest(".panel");
+    button.setAttribute("aria-expanded", "false");
+    if (panel instanceof HTMLElement) button.addEventListener("click", () => enlarge(panel));
+}
+
+function escape() {
+    const large = document.querySelector(".panel.enlarged");
+    if (panels.some(({ controls }) => controls?.escape())) return;
+    if (large instanceof HTMLElement) enlarge(large);
+}
+
+/** Keys act on the page only where no dialog is open. */
+const onPage = (/** @type {() => void} */ act) => () => {
+    if (!document.querySelector("dialog[open]")) act();
+};
+
+const shortcuts = [
+    { keys: ["?"], words: "this help", act: onPage(openHelp) },
+    { keys: ["f"], words: "finish: verdict, exports, what to keep", act: onPage(() => finish.open()) },
+    { keys: ["o"], words: "open a log", act: onPage(chooseLog) },
+    { keys: ["p"], words: "pause, go on", act: onPage(togglePause) },
+    { keys: ["n"], words: "start again", act: onPage(confirmClear) },
+    { keys: ["t"], words: "type a target", act: onPage(() => byId("target", HTMLInputElement).select()) },
+    ...panels.flatMap(({ controls }) => controls?.shortcuts ?? []).map(({ act, ...key }) => ({ ...key, act: onPage(act) })),
+    ...MODE_WORDS.map((words, i) => ({ keys: [String(i + 1)], words, act: onPage(() => chooseMode(i)) })),
+    { keys: ["r"], words: "reset the view", act: onPage(() => scene?.resetCamera()) },
+    { keys: ["l"], words: "light or dark", act: onPage(toggleTheme) },
+    { keys: ["c"], words: "copy the export, where the finish panel is open", act: () => finish.isOpen && byId("copy", HTMLButtonElement).click() },
+    { keys: ["escape"], words: "take the mark away, close what is open", act: onPage(escape) },
+];
+listen(shortcuts);
+byId("keys", HTMLElement).replaceChildren(...rows(shortcuts));
+const single = byId("single-keys", HTMLInputElement);
+single.checked = singleKeys();
+single.addEventListener("change", () => setSingleKeys(single.checked));
+window.matchMedia("(prefers-color-scheme: light)").addEventListener("change", (event) => {
+    if (remembered(THEME) !== null) return;
+    document.documentElement.dataset.theme = event.matches ? "light" : "dark";
+    themed();
+});
+themed();
+new ResizeObserver(([{ target }]) => {
+    document.documentElement.style.setProperty("--foot", `${Math.ceil(target.getBoundingClientRect().height)}px`);
+}).observe(byId("advice", HTMLElement)); // which on a phone lies over the foot of the page

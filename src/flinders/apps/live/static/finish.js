@@ -1,0 +1,403 @@
+/** The finish panel: verdict, numbers, export, what to keep, and the calibration from before. */
+
+import { drawCard } from "./card.js";
+import { errors } from "./store.js";
+import { byId, bytesOf, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
+import { hexadecimal } from "./standalone/targets.js";
+import { table } from "./views/table.js";
+import { counted, degrees, ICONS, isGoodWhileLevel, measured, PHASES, sentence, significant, things, VERDICTS, WHILE_LEVEL } from "./views/words.js";
+
+/** @typedef {import("./messages.d.ts").SessionState} State */
+/** @typedef {import("../../../static/view.d.ts").View} View */
+/** @typedef {import("./messages.d.ts").TargetInfo} TargetInfo */
+
+/** @typedef {import("./standalone/running.js").Preview} Preview */
+
+const LAST_TARGET = "flinders-export";
+/** What can be had of any calibration, in any unit. */
+const FIRST_TARGET = "c";
+const TURN_FIRST = "turn the sensor through all directions; the first fit comes after some seconds";
+/** What comes of no readings. @type {import("./standalone/running.js").Finished} */
+const NOTHING = { name: "", view: null, refusal: "" };
+/** What may be wrong while the readings that are here are sound. */
+const NOT_OF_READINGS = ["gone", "nothing-arrives", "not-recorded"];
+/** What begins a line of a preview that is a comment. */
+const COMMENT = /^\s*(\/\*|\*|\/\/|#|--|%|;|$)/;
+
+export class Finish {
+    /**
+     * @param {(severity: "info" | "warning" | "error", words: string) => void} notify
+     * @param {() => import("./standalone/running.js").Link} link
+     * @param {() => void} showNeedles Draws the headings before and after as large as the page.
+     */
+    constructor(notify, link, showNeedles) {
+        this.notify = notify;
+        this.link = link;
+        this.dialog = byId("finish-panel", HTMLDialogElement);
+        this.targets = byId("export-target", HTMLSelectElement);
+        this.answer = byId("answer", HTMLElement);
+        /** @type {Preview | null} */
+        this.preview = null;
+        this.asked = 0;
+        /** @type {import("./standalone/running.js").Finished | null} The calibration of all readings that were here then. */
+        this.finished = null;
+        /** Readings that were here then. */
+        this.readings = 0;
+        /** Whether an earlier calibration was to be renewed then. */
+        this.isRenewed = false;
+        /** The calibration that is compared with. */
+        this.previous = "";
+        /** @type {State | null} */
+        this.state = null;
+        this.targets.addEventListener("change", () => {
+            remember(LAST_TARGET, this.targets.value);
+            this.showPreview(null, "");
+            this.ask();
+        });
+        this.onClick("copy", () => this.copy());
+        this.onClick("export-file", () => this.download());
+        this.onClick("save-calibration", () => this.saveFile("calibration.json"));
+        this.onClick("save-report", () => this.saveFile("report.html"));
+        this.onClick("save-session", () => this.saveFile("session.csv"));
+        this.onClick("save-card", () => this.saveCard());
+        this.onClick("send", () => this.send());
+        this.onClick("finish-again", () => this.make());
+        byId("check", HTMLButtonElement).addEventListener("click", () => {
+            this.dialog.close();
+            showNeedles();
+        });
+    }
+
+    /**
+     * @param {string} id
+     * @param {() => Promise<void>} act
+     */
+    onClick(id, act) {
+        const button = byId(id, HTMLButtonElement);
+        button.addEventListener("click", async () => {
+            button.disabled = true;
+            this.say("");
+            try {
+                await act();
+            } catch (error) {
+                if (!(error instanceof Refusal)) throw error;
+                this.say(error.message, "refused");
+            } finally {
+                button.disabled = false;
+                this.allow();
+            }
+        });
+    }
+
+    /**
+     * Say what came of it.
+     * @param {string} words
+     * @param {"done" | "refused" | "working"} how
+     */
+    say(words, how = "done") {
+        this.answer.dataset.how = how;
+        setText(this.answer, words && sentence(words));
+        if (words) this.answer.scrollIntoView({ block: "nearest" });
+    }
+
+    get isOpen() {
+        return this.dialog.open;
+    }
+
+    open() {
+        if (!this.dialog.open) this.dialog.showModal();
+        this.say("");
+        return this.make();
+    }
+
+    /** Make the calibration of all readings, which the dialog is about from then on. */
+    async make() {
+        const turn = ++this.asked;
+        this.readings = counting(this.state);
+        this.isRenewed = this.state?.refreshing ?? false;
+        this.finished = this.readings === 0 ? NOTHING : null;
+        this.draw();
+        if (this.finished) return;
+        this.verdict("none", "Making the calibration …", `of all ${things(this.readings, "reading")}`);
+        try {
+            const finished = await this.link().finish();
+            if (turn !== this.asked) return;
+            this.finished = finished;
+        } catch (error) {
+            if (!(error instanceof Refusal)) throw error;
+            if (turn !== this.asked) return;
+            this.finished = { name: "", view: null, refusal: error.message };
+        }
+        this.draw();
+        await this.ask();
+    }
+
+    /**
+     * The targets that there are.
+     * @param {readonly TargetInfo[]} targets
+     */
+    setTargets(targets) {
+        const known = (/** @type {string | null} */ chosen) => targets.some(({ name }) => name === chosen);
+        const chosen = [this.targets.value, remembered(LAST_TARGET), FIRST_TARGET].find(known);
+        this.targets.replaceChildren(
+            ...targets.map(({ name, title, suffix }) => {
+                const option = element("option", `${title} (${suffix})`);
+                option.setAttribute("value", name);
+                return option;
+            }),
+        );
+        if (chosen) this.targets.value = chosen;
+    }
+
+    /**
+     * Show what is new of the session; the calibration stays as it was made.
+     * @param {State | null} state
+     */
+    show(state) {
+        this.state = state;
+        if (!this.isOpen) return;
+        setText(byId("kept", HTMLElement), state?.recording && state.opened === null ? `All that arrives is recorded to ${state.recording}.` : "");
+        const previous = state?.previous ?? null;
+        setText(
+            byId("previous-words", HTMLElement),
+            previous
+                ? `${previous.name}: ${sentence(previous.words)}`
+                : "A calibration file of this sensor: how many degrees have headings changed since?",
+        );
+        const name = previous?.name ?? "";
+        if (name && name !== this.previous) byId("compare", HTMLDetailsElement).open = true;
+        this.previous = name;
+        byId("previous-clear", HTMLElement).hidden = !previous;
+        byId("refresh-choice", HTMLElement).hidden = !previous;
+        byId("refresh", HTMLInputElement).checked = state?.refreshing ?? false;
+        if (state && this.finished && state.refreshing !== this.isRenewed) this.make();
+        const more = counting(state) - this.readings;
+        byId("finish-more", HTMLElement).hidden = !this.finished || more === 0;
+        setText(byId("finish-more-words", HTMLElement), more > 0 ? `${things(more, "reading")} came since.` : "The readings are others now.");
+        this.allow();
+    }
+
+    /** Show the calibration that was made. */
+    draw() {
+        const view = this.finished?.view ?? null;
+        const { kind, title, words } = judged(this.finished, this.state);
+        this.verdict(kind, title, words);
+        this.numbers(view);
+        const region = byId("parameters", HTMLElement);
+        if (view?.offset) table(region, view);
+        else region.replaceChildren();
+        for (const id of ["take", "preview", "export-warnings"]) byId(id, HTMLElement).hidden = Boolean(this.finished && !view?.offset);
+        byId("details", HTMLElement).hidden = !view?.offset;
+        setList(byId("findings", HTMLElement), view?.findings ?? [], (finding) => {
+            const row = noted(ICONS[finding.severity] ?? "info", finding.advice);
+            row.dataset.severity = finding.severity;
+            return row;
+        });
+        byId("known", HTMLElement).hidden = !view?.findings.length;
+        this.showPreview(null, "");
+        this.show(this.state);
+    }
+
+    /** Switch buttons off that have nothing to act on. */
+    allow() {
+        const { finished, state } = this;
+        const usable = Boolean(finished?.view?.offset);
+        const canSend = usable && Boolean(state?.can_send);
+        byId("save-calibration", HTMLButtonElement).disabled = !usable;
+        byId("save-report", HTMLButtonElement).disabled = !finished?.view; // of a refused fit it says why
+        byId("save-card", HTMLButtonElement).disabled = !usable || !finished?.view?.uncorrected_heading_error_deg;
+        byId("save-session", HTMLButtonElement).disabled = !(state && state.readings > 0);
+        byId("checking", HTMLElement).hidden = !usable || state?.opened !== null || state.source.link !== "connected";
+        byId("send", HTMLButtonElement).hidden = !canSend;
+        byId("send", HTMLButtonElement).disabled = !canSend;
+        const [copy, download] = [byId("copy", HTMLButtonElement), byId("export-file", HTMLButtonElement)];
+        copy.disabled = !this.preview?.text;
+        download.disabled = !this.preview;
+        const isText = !this.preview?.binary_base64;
+        copy.classList.toggle("primary", isText && !canSend);
+        download.classList.toggle("primary", !isText && !canSend);
+    }
+
+    /**
+     * @param {string} kind
+     * @param {string} title
+     * @param {string} words
+     */
+    verdict(kind, title, words) {
+        const box = byId("verdict", HTMLElement);
+        box.dataset.verdict = kind;
+        setIcon(box, ICONS[kind] ?? "collecting");
+        setText(byId("verdict-title", HTMLElement), title);
+        setText(byId("verdict-words", HTMLElement), words);
+    }
+
+    /** @param {View | null} view */
+    numbers(view) {
+        const error = view?.heading_error_deg;
+        const raw = view?.uncorrected_heading_error_deg;
+        /** @type {[string, string][]} */
+        const rows = view
+            ? [
+                  ["heading error, worst (1 σ)", degrees(error?.worst)],
+                  ["all headings within (95 %)", degrees(error?.bound_95)],
+                  ["heading error, rms (1 σ)", degrees(error?.rms)],
+                  ["without calibration, worst", degrees(raw?.worst)],
+                  ["tilt within the target", tilted(view.attitude_limit_deg)],
+                  [view.field_strength_known ? "field strength" : "field strength, relative", withUnit(measured(view.field_strength, view.noise).value, view.unit)],
+                  ["noise (1 σ)", withUnit(significant(view.noise, 3), view.unit)],
+                  ["readings used", counted(view.samples)],
+                  ["method", view.method],
+              ]
+            : [];
+        setList(byId("numbers", HTMLElement), rows, ([name, value]) => element("div", [element("dt", name), element("dd", value)]));
+    }
+
+    /** Get the text of the chosen export. */
+    async ask() {
+        const target = this.targets.value;
+        if (!target || !this.finished?.view?.offset) return;
+        const turn = ++this.asked;
+        try {
+            const preview = await this.link().exported(target);
+            if (turn !== this.asked) return;
+            this.showPreview(preview, preview.text);
+        } catch (error) {
+            if (turn === this.asked) this.showPreview(null, error instanceof Refusal ? sentence(error.message) : String(error));
+        }
+    }
+
+    /**
+     * @param {Preview | null} preview
+     * @param {string} text
+     */
+    showPreview(preview, text) {
+        this.preview = preview;
+        const binary = bytesOf(preview?.binary_base64 ?? "");
+        const words = binary.length && !text ? `${preview?.filename}: ${binary.length} bytes, to be downloaded.\n\n${hexadecimal(binary)}` : text;
+        const host = byId("preview", HTMLElement);
+        host.classList.toggle("refusal", preview === null && text !== "");
+        host.textContent = words;
+        host.scrollTop = preview ? heightAbove(host, text) : 0;
+        const known = this.finished?.view?.findings.map(({ advice }) => advice) ?? [];
+        const warnings = preview?.warnings.filter((warning) => !known.includes(warning)) ?? [];
+        setList(byId("export-warnings", HTMLElement), warnings, (warning) => noted("limited", warning));
+        this.allow();
+    }
+
+    async copy() {
+        const text = this.preview?.text;
+        if (!text) return;
+        const label = byId("copy", HTMLElement).querySelector("span");
+        try {
+            await navigator.clipboard.writeText(text);
+        } catch {
+            window.getSelection()?.selectAllChildren(byId("preview", HTMLElement));
+            this.say("the browser does not let this page copy. The text is selected: press Ctrl+C", "refused");
+            return;
+        }
+        if (label) {
+            setText(label, "Copied");
+            window.setTimeout(() => setText(label, "Copy"), 1500);
+        }
+        this.say("copied");
+    }
+
+    async download() {
+        const preview = this.preview;
+        if (!preview) return;
+        const { text, filename, binary_base64: binary } = preview;
+        const content = binary ? bytesOf(binary) : text;
+        save(new Blob([content], { type: "application/octet-stream" }), filename);
+    }
+
+    /** @param {import("./standalone/running.js").FileName} name */
+    async saveFile(name) {
+        save(...(await this.link().file(name)));
+    }
+
+    async saveCard() {
+        const { view, name } = this.finished ?? NOTHING;
+        const [error, raw] = [view?.heading_error_deg, view?.uncorrected_heading_error_deg];
+        if (!view || !error || !raw) return;
+        const { title } = judged(this.finished, this.state);
+        const numbers = { before: degrees(raw.worst), after: degrees(error.worst), bound: degrees(error.bound_95), readings: view.samples };
+        const picture = await drawCard({ name: this.state?.opened ?? this.state?.source.name ?? name, verdict: title, seconds: this.state?.seconds ?? null, ...numbers });
+        if (!picture) throw new Refusal("the browser makes no picture of it");
+        save(picture, "heading-error.png");
+    }
+
+    async send() {
+        this.say("sending …", "working");
+        this.say(await this.link().sendToBoard());
+    }
+}
+
+/**
+ * How many readings count.
+ * @param {State | null} state
+ * @returns {number}
+ */
+function counting(state) {
+    return state ? state.readings - state.excluded_readings : 0;
+}
+
+/**
+ * Height of the comments above the first line of a text that is none, so that its numbers are seen first.
+ * @param {HTMLElement} host
+ * @param {string} text
+ * @returns {number}
+ */
+function heightAbove(host, text) {
+    const lines = text.split("\n");
+    const first = lines.findIndex((line) => !COMMENT.test(line));
+    return first > 0 ? (host.scrollHeight / lines.length) * first : 0;
+}
+
+/**
+ * A row of a list: an icon and a sentence.
+ * @param {string} name
+ * @param {string} words
+ * @returns {HTMLElement}
+ */
+function noted(name, words) {
+    return element("li", [icon(name), element("span", sentence(words))]);
+}
+
+/**
+ * The verdict of a calibration.
+ * @param {import("./standalone/running.js").Finished | null} finished
+ * @param {State | null} state
+ * @returns {{kind: string, title: string, words: string}}
+ */
+export function judged(finished, state) {
+    const view = finished?.view ?? null;
+    if (!view) return { kind: "none", title: "No calibration yet", words: sentence(finished?.refusal || TURN_FIRST) };
+    const { worst } = errors(view, state?.goal ?? "heading");
+    const anyhow = state?.goal === "attitude" && worst !== null ? [`Whichever way it is held: ${degrees(worst)} (1 σ).`] : [];
+    const rests = view.condition ? [sentence(view.condition)] : [];
+    const wrong = state?.phase === "wrong" ? state.reasons.filter(({ severity, code }) => severity === "warning" && !NOT_OF_READINGS.includes(code)) : [];
+    const words = [...wrong.map(({ advice }) => sentence(advice)), view.sentence, ...rests, ...anyhow].join(" ");
+    if (wrong.length) return { kind: "refused", title: PHASES.wrong, words };
+    const target = view.heading_error_deg?.target_deg ?? Infinity;
+    const misses = view.verdict !== "refused" && worst !== null && worst > target;
+    const title = isGoodWhileLevel(view, state?.goal ?? "heading") ? WHILE_LEVEL : VERDICTS[view.verdict];
+    return { kind: misses ? "limited" : view.verdict, title: misses ? "Misses the target" : title, words };
+}
+
+/**
+ * @param {number | null} deg
+ * @returns {string}
+ */
+export function tilted(deg) {
+    if (deg === null) return "–";
+    return deg >= 179.5 ? "any" : deg <= 0 ? "none" : `${Math.floor(deg)}°`;
+}
+
+/**
+ * @param {string} number
+ * @param {string} unit
+ * @returns {string} A dash that stands for no number has no unit.
+ */
+function withUnit(number, unit) {
+    return number === "–" ? number : `${number} ${unit}`;
+}

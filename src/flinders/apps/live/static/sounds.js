@@ -1,0 +1,100 @@
+/** Sounds for who turns a sensor and does not look: a new area, a step that is done, good, wrong. Off until switched on. */
+
+import { remember, remembered } from "./dom.js";
+
+/** @typedef {import("./messages.d.ts").SessionState} State */
+/** @typedef {import("../../../static/view.d.ts").View} View */
+/** @typedef {import("./standalone/lead.js").Lead} Lead */
+/** @typedef {{phase: string, step: number, seen: number}} Heard  What sounds depend on. */
+/** @typedef {keyof typeof NOTES} Sound */
+
+/** Where the browser keeps whether they are on. */
+const KEY = "flinders-sounds";
+/** Tiles of the sphere, of 642, that make a new area; and seconds from one to the next at the least. */
+const [AREA, AREA_S] = [12, 0.4];
+/** Frequencies one after the other, Hz. */
+const NOTES = { area: [880], step: [660, 880], good: [523, 659, 784], wrong: [220, 165] };
+const [NOTE_S, LOUDNESS] = [0.12, 0.15];
+
+/**
+ * What there is to hear.
+ * @param {State} state
+ * @param {View | null} view
+ * @param {Lead | null} lead
+ * @returns {Heard}
+ */
+export function heardOf({ phase }, view, lead) {
+    const seen = view?.tiles_seen.reduce((sum, count) => sum + Number(count > 0), 0) ?? 0;
+    return { phase, step: lead?.kind === "turn" ? lead.step : 0, seen };
+}
+
+/**
+ * The sound of what has changed; the gravest of several.
+ * @param {Heard} before
+ * @param {Heard} after
+ * @returns {Sound | null}
+ */
+export function soundOf(before, after) {
+    if (after.phase !== before.phase && after.phase === "wrong") return "wrong";
+    if (after.phase !== before.phase && after.phase === "good") return "good";
+    if (before.step > 0 && after.step !== before.step) return "step";
+    return after.seen - before.seen >= AREA ? "area" : null;
+}
+
+export class Sounds {
+    /** @param {HTMLInputElement} box  that switches them on */
+    constructor(box) {
+        /** @type {AudioContext | null} */
+        this.context = null;
+        /** @type {Heard | null} */
+        this.heard = null;
+        this.at = -Infinity;
+        this.isOn = remembered(KEY) === "on";
+        box.checked = this.isOn;
+        box.addEventListener("change", () => this.switch(box.checked));
+    }
+
+    /** @param {boolean} isOn */
+    switch(isOn) {
+        this.isOn = isOn;
+        remember(KEY, isOn ? "on" : "off");
+        if (isOn) this.play("area");
+    }
+
+    /**
+     * Play what has changed.
+     * @param {State} state
+     * @param {View | null} view
+     * @param {Lead | null} lead
+     * @param {number} at  seconds
+     */
+    follow(state, view, lead, at) {
+        const after = heardOf(state, view, lead);
+        const sound = this.heard && soundOf(this.heard, after);
+        if (sound === null && this.heard) {
+            this.heard = { ...after, seen: Math.min(this.heard.seen, after.seen) }; // areas add up
+            return;
+        }
+        this.heard = after;
+        if (!sound || !this.isOn || (sound === "area" && at - this.at < AREA_S)) return;
+        this.at = at;
+        this.play(sound);
+    }
+
+    /** @param {Sound} sound */
+    play(sound) {
+        if (!("AudioContext" in window)) return;
+        this.context ??= new AudioContext();
+        const { context } = this;
+        NOTES[sound].forEach((frequency, i) => {
+            const [begin, end] = [context.currentTime + i * NOTE_S, context.currentTime + (i + 1) * NOTE_S];
+            const [tone, gain] = [context.createOscillator(), context.createGain()];
+            tone.frequency.value = frequency;
+            gain.gain.setValueAtTime(LOUDNESS, begin);
+            gain.gain.exponentialRampToValueAtTime(0.001, end);
+            tone.connect(gain).connect(context.destination);
+            tone.start(begin);
+            tone.stop(end);
+        });
+    }
+}

@@ -1,0 +1,200 @@
+/**
+ * The one thing that the page asks for: a turn of the sequence, then the arrow for the gap that is left, then Finish.
+ *
+ * Words and drawing change together. What is asked for stands for three seconds at least, a direction until the field
+ * points there or five seconds have passed, and in a minute it changes twelve times at most. Only a fault, a pause and the end
+ * of a recording wait for nothing. No clock, no page.
+ */
+
+import { goesOn } from "../store.js";
+import { between, DRAWN, rotated } from "../../../../static/views/turn.js";
+import { corrected, dot, unit } from "../../../../static/views/vectors.js";
+import { brief, REASONS, sentence } from "../views/words.js";
+import { isOver, progress, SEQUENCES, staysLevel } from "./choreography.js";
+import { gapOf } from "./gaps.js";
+
+/** @typedef {import("../messages.d.ts").SessionState} State */
+/** @typedef {import("../../../../static/view.d.ts").View} View */
+/** @typedef {import("../../../../static/views/vectors.js").Vector} Vector */
+/** @typedef {import("./choreography.js").Body} Body */
+/** @typedef {import("./choreography.js").Choreography} Choreography */
+
+/**
+ * What to do now.
+ * @typedef {object} Lead
+ * @property {"wait" | "turn" | "arrow" | "around" | "done" | "wrong" | "ended"} kind  `around`: all directions are as good
+ * @property {string} words
+ * @property {Body} body
+ * @property {number} step  counted from 1
+ * @property {number} of
+ * @property {number} progress  of the step, 0 to 1
+ * @property {Vector | null} target  where the field is to point, in axes of the corrected sensor
+ * @property {number} since  when it was first asked for
+ * @property {readonly number[]} changes  when words changed in the last minute
+ */
+
+/**
+ * What a lead depends on.
+ * @typedef {object} Known
+ * @property {number} at  seconds
+ * @property {State} state
+ * @property {View | null} view
+ * @property {Choreography} choreography
+ * @property {Vector | null} raw  the newest reading
+ * @property {readonly number[]} centres  of the tiles of the sphere
+ */
+
+/** What is asked for stands so long, and a target until it is reached at most, seconds. */
+const [STANDS_S, TARGET_S] = [3, 5];
+/** Words change so often in so many seconds. */
+const [MOST, WITHIN_S] = [12, 60];
+/** What no other words keep waiting. */
+const AT_ONCE = ["wrong", "ended", "wait"];
+/** A target is reached within this angle, radians. */
+const REACHED = 0.3;
+/** A gap about a direction that is wider, radians, is to be closed: the finding `coverage` begins at 60°. */
+const GAP = 0.96;
+const ENOUGH = "Good enough: press Finish, or keep turning to lift the limits.";
+const AROUND = "Turn it slowly through all directions.";
+
+/**
+ * @param {Lead | null} before
+ * @param {Known} known
+ * @returns {Lead}
+ */
+export function lead(before, known) {
+    const wanted = asked(known);
+    if (!before) return { ...wanted, since: known.at, changes: [] };
+    if (wanted.words === before.words && wanted.kind === before.kind && wanted.kind !== "arrow") {
+        return { ...before, ...wanted };
+    }
+    if (stands(before, wanted, known)) return { ...before, progress: standing(before, known) };
+    const changes = before.changes.filter((when) => when > known.at - WITHIN_S);
+    return { ...wanted, since: known.at, changes: [...changes, known.at] };
+}
+
+/** @typedef {Omit<Lead, "since" | "changes">} Asked */
+
+/**
+ * What would be asked for, were nothing asked for yet.
+ * @param {Known} known
+ * @returns {Asked}
+ */
+function asked(known) {
+    const { state, view, choreography, raw } = known;
+    const { body } = choreography;
+    /** @type {(kind: Lead["kind"], words: string, target?: Vector | null) => Asked} */
+    const plain = (kind, words, target = null) => ({ kind, words, body, step: 0, of: 0, progress: 0, target });
+    if (state.phase === "wrong") return plain("wrong", sentence(brief(state.words)[0]));
+    if (!goesOn(state) && state.readings > 0) return plain("ended", ended(state, view));
+    if (state.phase === "waiting") return plain("wait", "");
+    if (state.paused) return plain("wait", "Paused: press Go on, and turn it again.");
+    if (state.phase === "good") return plain("done", "Done: press Finish, or keep turning to make it better.");
+    if (staysLevel(body) && state.phase === "limited") return plain("done", "Done, for level headings: press Finish.");
+    if (!isOver(choreography)) return turn(choreography);
+    if (staysLevel(body)) return plain("around", "One more slow circle, level as before.");
+    const direction = targetOf(known);
+    if (!direction && state.phase === "limited") return plain("done", ENOUGH);
+    if (!direction || !view?.shown || !raw) return plain("around", AROUND);
+    const { axis } = between(direction, unit(corrected(raw, view.shown)));
+    return plain("arrow", `Now ${turnAbout(rotated(DRAWN[view.guidance?.frame ?? "sensor"], axis), body)}.`, direction);
+}
+
+/**
+ * Where the field should point next: to the middle of the largest gap, or else where readings tell most.
+ * @param {Known} known
+ * @returns {Vector | null}
+ */
+function targetOf({ state, view, centres }) {
+    if (!view?.shown) return null;
+    if (view.tiles_seen.some((count) => count > 0)) {
+        const { direction, far } = gapOf(view, centres);
+        if (far > GAP) return direction;
+    }
+    return state.phase === "limited" ? null : (view.guidance?.direction ?? null);
+}
+
+/**
+ * @param {Choreography} choreography
+ * @returns {Asked}
+ */
+function turn(choreography) {
+    const { body, step } = choreography;
+    const steps = SEQUENCES[body];
+    const { words } = steps[step];
+    return { kind: "turn", words, body, step: step + 1, of: steps.length, progress: progress(choreography), target: null };
+}
+
+/**
+ * What can be said of a recording that has ended.
+ * @param {State} state
+ * @param {View | null} view
+ */
+function ended({ phase, told, words, reasons }, view) {
+    if (phase === "good" || phase === "limited") return "Done: press Finish.";
+    if (told === "fitting") return words;
+    const disturbed = reasons.find(({ spans }) => spans.length > 0);
+    if (disturbed) return `${REASONS[disturbed.code] ?? ""} Leave the interval out, or record again.`.trim();
+    const guidance = view?.guidance ?? null;
+    const isSaid = guidance && !guidance.is_path && (guidance.direction === null || guidance.frame === "vehicle");
+    const next = isSaid ? sentence(guidance.words) : AROUND;
+    const now = view === null ? "record again, and" : "press Finish, or record again and";
+    return `The recording has ended: ${now} ${next.replace(/^\w/, (letter) => letter.toLowerCase())}`;
+}
+
+/**
+ * Whether what was asked for is still to be done.
+ * @param {Lead} before
+ * @param {Asked} wanted
+ * @param {Known} known
+ */
+function stands(before, wanted, { at, view, raw }) {
+    if (AT_ONCE.includes(wanted.kind) || AT_ONCE.includes(before.kind)) return false;
+    if (before.changes.filter((when) => when > at - WITHIN_S).length >= MOST) return true;
+    if (wanted.kind === "done") return false;
+    if (at - before.since < STANDS_S) return true;
+    if (before.kind !== "arrow" || wanted.kind !== "arrow") return false;
+    return at - before.since < TARGET_S && !isReached(before.target, raw, view);
+}
+
+/**
+ * @param {Vector | null} target
+ * @param {Vector | null} raw
+ * @param {View | null} view
+ */
+function isReached(target, raw, view) {
+    if (!target || !raw || !view?.shown) return true;
+    return dot(target, unit(corrected(raw, view.shown))) > Math.cos(REACHED);
+}
+
+/**
+ * The progress of what stands: a turn that is whole, while its words still stand, stays whole.
+ * @param {Lead} before
+ * @param {Known} known
+ */
+function standing(before, { choreography }) {
+    if (before.kind !== "turn") return before.progress;
+    const isPresent = before.body === choreography.body && before.step === choreography.step + 1;
+    return isPresent ? progress(choreography) : 1;
+}
+
+/** What turns it about each axis, right-handed and left-handed, as seen from behind. */
+const TURNS = /** @type {const} */ ([
+    ["raise", "lower"],
+    ["raise its left side", "raise its right side"],
+    ["turn it to the left", "turn it to the right"],
+]);
+
+/** The end that is away from who holds it. @type {Readonly<Record<Body, string>>} */
+const FRONTS = { board: "its far edge", phone: "its top", drone: "its nose", car: "its nose", boat: "its bow", instrument: "its front" };
+
+/**
+ * A turn in words: about the axis that it is mostly about.
+ * @param {Vector} axis  to its right, to its front, out of its face
+ * @param {Body} body
+ */
+function turnAbout(axis, body) {
+    const main = [0, 1, 2].reduce((most, i) => (Math.abs(axis[i]) > Math.abs(axis[most]) ? i : most), 0);
+    const words = TURNS[main][axis[main] < 0 ? 1 : 0];
+    return main === 0 ? `${words} ${FRONTS[body]}` : words;
+}

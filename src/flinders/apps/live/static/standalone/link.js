@@ -1,0 +1,359 @@
+/**
+ * The session of a page without a program: sources in the browser, and all that a server does elsewhere.
+ *
+ * Readings of a source wait in a queue, which goes into the session some twenty times a second.
+ */
+
+import { bytesOf, Refusal } from "../dom.js";
+import { degrees } from "../views/words.js";
+import { SessionLink, tableOf } from "./running.js";
+import { seriesOf } from "./session.js";
+import { readLog } from "./lines.js";
+import { reportPage } from "./report_page.js";
+import { send } from "./sending.js";
+import { Board, unitOf } from "./sources.js";
+import { sessionState } from "./state.js";
+import { Unclear, Unreadable } from "./tables.js";
+import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } from "./targets.js";
+
+/** @typedef {import("./running.js").Finished} Finished */
+/** @typedef {import("./running.js").Listener} Listener */
+/** @typedef {import("../messages.d.ts").Notice} Notice */
+/** @typedef {import("../messages.d.ts").SourceState} SourceState */
+/** @typedef {import("../messages.d.ts").Command} Command */
+/** @typedef {import("./fitter.js").Fitter} Fitter */
+/** @typedef {import("./keeper.js").Keeper} Keeper */
+/** @typedef {import("./session.js").Unit} Unit */
+/** @typedef {import("./sources.js").Source} Source */
+
+/**
+ * What Python wrote for the page: `flinders.apps.live.standalone.package.page_data`.
+ * @typedef {object} PageData
+ * @property {string} version
+ * @property {import("./sources.js").Simulation} simulated
+ * @property {import("./data.d.ts").EngineData} engine
+ * @property {import("./geomag.js").Model} model  of the earth's field
+ * @property {Record<string, string>} unfit  why a calibration cannot be renewed
+ * @property {import("./patterns.js").Rules} lines  with patterns as objects
+ * @property {any} targets
+ */
+
+/**
+ * Somebody says which columns are the magnetometer's; null where nobody does.
+ * @typedef {(unclear: import("./tables.js").Unclear) => Promise<import("./tables.js").Choice | null>} Choose
+ */
+
+const UPLOAD_BYTES = 64 << 20;
+const IN_BROWSER = "this browser";
+/** Style of a report. */
+const SHEET = "static/report.css";
+/** The target that boards read from a port. */
+const PACKET = "motioncal";
+/** Kinds of sources whose readings cannot be had again. */
+const ONCE = ["serial", "phone"];
+/** @type {SourceState} */
+const NO_SOURCE = { name: "no source", kind: "simulated", link: "waiting", words: "" };
+
+export class OwnLink extends SessionLink {
+    /**
+     * @param {Listener} listener
+     * @param {PageData} data
+     * @param {Fitter} fitter
+     * @param {Keeper} keeper
+     */
+    constructor(listener, data, fitter, keeper) {
+        super(listener, fitter, data);
+        this.data = data;
+        this.keeper = keeper;
+        /** @type {Source | null} */
+        this.source = null;
+        /** @type {import("./buffer.js").Rows[]} */
+        this.queue = [];
+        this.unit = this.session.live.unit;
+        /** Readings that somebody has saved. */
+        this.saved = 0;
+        /** @type {Finished | null} */
+        this.finished = null;
+        /** @type {Choose} */
+        this.choose = async () => null;
+        /** Called where the source is another, or a log was opened. */
+        this.onChange = () => {};
+        keeper.onFull = () => {
+            this.session.recording = "";
+            this.tell("This browser has no room to keep more readings: save them with Finish, Readings.", "error");
+        };
+        queueMicrotask(() => this.renew());
+    }
+
+    /** Whether readings of a sensor would be lost with the page. */
+    get isUnsaved() {
+        return ONCE.includes(this.session.source.kind) && this.session.live.buffer.total > this.saved;
+    }
+
+    /** Whether there is a source, or something to show. */
+    get isUsed() {
+        return this.source !== null || this.session.shown.buffer.total > 0;
+    }
+
+    // What the page asks for -------------------------------------------------------------------------------------------
+
+    retry() {}
+
+    get greeting() {
+        return { version: this.data.version, targets: targetsOf(this.data), limits: { upload_bytes: UPLOAD_BYTES } };
+    }
+
+    /** @param {Command} message */
+    send(message) {
+        if (message.type === "clear" && this.session.opened === null) this.forget();
+        if (message.type === "back_to_live") queueMicrotask(() => this.onChange());
+        return super.send(message);
+    }
+
+    /**
+     * Open a log in place of the sensor.
+     * @param {string} name
+     * @param {Blob} content
+     */
+    async open(name, content) {
+        const bytes = new Uint8Array(await content.arrayBuffer());
+        const log = await this.read(name, bytes);
+        const series = seriesOf(this.session.rules, { ...log, unit: unitOf(log) });
+        this.session.openedLog(this.now, name, series);
+        this.isUrgent = true;
+        this.tell(log.words.join("; "));
+        this.step();
+        this.onChange();
+    }
+
+    /**
+     * Read a log, with the columns that somebody says where its names do not tell.
+     * @param {string} name
+     * @param {Uint8Array} bytes
+     */
+    async read(name, bytes) {
+        try {
+            return readLog(this.data, name, bytes);
+        } catch (error) {
+            const choice = error instanceof Unclear ? await this.choose(error) : null;
+            return readable(() => readLog(this.data, name, bytes, choice));
+        }
+    }
+
+    /**
+     * Take a calibration file to compare with.
+     * @param {string} name
+     * @param {Blob} content
+     */
+    async previous(name, content) {
+        const text = await content.text();
+        const calibration = readable(() => readCalibration(text, this.data), `${name}: `);
+        this.session.gotPrevious(this.now, { name, calibration });
+        this.isUrgent = true;
+        this.step();
+    }
+
+    /** @param {string} target */
+    async exported(target) {
+        const calibration = this.calibrationNow();
+        try {
+            return exported(this.data, target, calibration);
+        } catch (error) {
+            throw error instanceof NotExportable ? new Refusal(error.message) : error;
+        }
+    }
+
+    /**
+     * @param {import("./running.js").FileName} name
+     * @returns {Promise<[Blob, string]>}
+     */
+    async file(name) {
+        if (name === "calibration.json") return [this.calibration(), name];
+        if (name === "report.html") return [await this.report(), name];
+        const { shown, opened } = this.session;
+        if (opened === null) this.saved = shown.buffer.total;
+        return [tableOf(shown), "readings.csv"];
+    }
+
+    /** The file of the calibration that was made last. */
+    calibration() {
+        const { isRenewed, previous } = this.session;
+        const files = isRenewed && previous ? previous.calibration.files : [];
+        const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files };
+        return new Blob([calibrationFile(this.data, this.calibrationNow(), { fit: this.made?.record ?? null, provenance })]);
+    }
+
+    /** The calibration that was made last, as a page of its own. */
+    async report() {
+        if (!this.finished?.view) throw new Refusal(this.finished?.refusal || "There is no calibration yet.");
+        const sheet = await fetch(SHEET);
+        if (!sheet.ok) throw new Refusal(`The page's ${SHEET} cannot be had (${sheet.status}): load the page again.`);
+        const { field } = this.session.task(Infinity, this.session.leftOut);
+        const reported = { finished: this.finished, state: sessionState(this.session), field, version: this.data.version };
+        return new Blob([reportPage(reported, await sheet.text())]);
+    }
+
+    /** Send the calibration to the board that the readings come from. */
+    async sendToBoard() {
+        if (!(this.source instanceof Board) || this.session.opened) throw new Refusal("This source takes no calibration: save it, or paste what the export shows.");
+        const packet = exported(this.data, PACKET, this.calibrationNow()).binary_base64 ?? "";
+        return `${this.source.name}: ${await send(this.source, bytesOf(packet))}`;
+    }
+
+    /** Fit all readings that are in memory and not left out. @returns {Promise<Finished>} */
+    async finish() {
+        const { openedName, source } = this.session;
+        this.made = (await this.fitter.fit(this.session.task(Infinity, this.session.leftOut))).evaluated;
+        this.finished = { name: openedName || source.name, view: this.made.view, refusal: this.made.refusal };
+        return this.finished;
+    }
+
+    /** The calibration that was made last. */
+    calibrationNow() {
+        const { shown, openedName, source } = this.session;
+        const calibration = calibrationOf(this.made?.view ?? null, shown.unit, openedName || source.name);
+        if (calibration === null) throw new Refusal(this.made?.refusal || "There is no calibration yet.");
+        return calibration;
+    }
+
+    // Sources ----------------------------------------------------------------------------------------------------------
+
+    /**
+     * Take readings of a source from now on. Those of another kind of source leave the page.
+     * @param {Source} source
+     * @throws {Refusal} Where readings would be lost.
+     */
+    async use(source) {
+        const { session } = this;
+        this.drain();
+        const isOther = source.kind !== session.source.kind || source.name !== session.source.name;
+        if (isOther && this.isUnsaved) {
+            throw new Refusal(`There are readings of ${session.source.name}: save them with Finish, Readings, and press Start again first.`);
+        }
+        if (this.source) {
+            await this.source.stop();
+            this.linked("ended", "");
+        }
+        if (session.opened) session.requested(this.now, { type: "back_to_live" });
+        if (isOther) this.empty();
+        await this.start(source);
+        this.show({ name: source.name, kind: source.kind, link: "waiting", words: "" });
+    }
+
+    /**
+     * Start a source, which is heard as long as no other is used.
+     * @param {Source} source
+     */
+    async start(source) {
+        this.source = source;
+        const isNow = () => this.source === source;
+        try {
+            await source.start({
+                take: (rows, unit) => isNow() && this.take(rows, unit),
+                link: (link, words) => isNow() && this.linked(link, words),
+                tell: (words, severity) => isNow() && this.tell(words, severity),
+                choose: (unclear) => this.choose(unclear),
+            });
+        } catch (error) {
+            this.source = null;
+            throw error;
+        }
+    }
+
+    /** @param {SourceState} source  what the page says of it */
+    show(source) {
+        this.session.source = source;
+        this.session.hasBoard = source.kind === "serial";
+        this.session.recording = ONCE.includes(source.kind) && this.keeper.isOpen ? IN_BROWSER : "";
+        this.isUrgent = true;
+        this.step();
+        this.onChange();
+    }
+
+    /**
+     * Show the readings that were here before the page was loaded again.
+     * @returns {Promise<void>}
+     */
+    async restore() {
+        const kept = await this.keeper.readings();
+        if (kept === null) return;
+        const { name, kind, unit } = kept;
+        this.session.arrived(this.now, kept, unit);
+        const words = `these are the readings of ${name} from before this page was loaded again: choose it as source to go on`;
+        this.show({ name, kind, link: "ended", words });
+        this.tell(words);
+    }
+
+    /** @param {{time: ArrayLike<number>, field: ArrayLike<number>}} rows @param {Unit} unit */
+    take(rows, unit) {
+        this.queue.push(rows);
+        this.unit = unit;
+    }
+
+    /** @param {SourceState["link"]} link @param {string} words */
+    linked(link, words) {
+        this.drain();
+        for (const said of this.session.linked(this.now, link, words)) this.listener.onMessage(said);
+        this.isUrgent = true;
+    }
+
+    /** Begin anew without readings. */
+    empty() {
+        this.session.requested(this.now, { type: "clear" });
+        this.forget();
+    }
+
+    /** Forget what was kept of the readings that have left the page. */
+    forget() {
+        this.saved = 0;
+        this.keeper.clear();
+        if (this.source === null) this.show(NO_SOURCE);
+    }
+
+    /** Put what waits into the session. */
+    drain() {
+        const { source, live } = this.session;
+        const { unit } = this;
+        const before = live.buffer.total;
+        if (this.queue.length === 0) return;
+        for (const rows of this.queue.splice(0)) this.session.arrived(this.now, rows, unit);
+        if (ONCE.includes(source.kind)) this.keeper.add({ name: source.name, kind: source.kind, unit }, live.buffer, before);
+    }
+}
+
+/**
+ * What a file has; a file that cannot be read is refused in words.
+ * @template T
+ * @param {() => T} read
+ * @param {string} before  the words
+ * @returns {T}
+ */
+function readable(read, before = "") {
+    try {
+        return read();
+    } catch (error) {
+        throw error instanceof Unreadable ? new Refusal(before + error.message) : error;
+    }
+}
+
+/**
+ * What is exported of a fit; null where it gives no calibration.
+ * @param {import("../../../../static/view.d.ts").View | null} view
+ * @param {Unit} unit
+ * @param {string} name  of the recording
+ * @returns {import("./targets.js").Calibration | null}
+ */
+function calibrationOf(view, unit, name) {
+    if (!view?.offset || !view.matrix || view.field_strength === null) return null;
+    const { verdict, findings, heading_error_deg: error } = view;
+    const limits = findings.filter(({ severity }) => severity === "limits").map(({ advice }) => `limited: ${advice}`);
+    return {
+        matrix: view.matrix,
+        offset: view.offset,
+        fieldStrength: view.field_strength,
+        fieldStrengthKnown: view.field_strength_known,
+        unit: unit.inside === "uT" ? "uT" : "counts",
+        raw: { unit: unit.recorded, scale: unit.scale },
+        about: [`from ${name}`, `the calibration is ${verdict}: headings good to ${degrees(error?.worst)} (1 σ)`, ...limits],
+    };
+}

@@ -1,0 +1,243 @@
+/** What speaks against a calibration beside its verdict. */
+
+import { corrected, threes } from "./coverage.js";
+import { dot, unit } from "../../../../static/views/vectors.js";
+import { figures, general } from "./numbers.js";
+import { adviceOf, firstCauses } from "./findings.js";
+import { counted } from "./wording.js";
+
+/** @typedef {import("../messages.d.ts").Reason} Reason */
+/** @typedef {import("./fit.js").Fit} Fit */
+/** @typedef {import("./fit.js").Refusal} Refusal */
+/** @typedef {import("./outliers.js").Outlier} Outlier */
+/** @typedef {import("./findings.js").Finding} Finding */
+/** @typedef {{field: Float64Array, time: Float64Array}} Readings */
+
+const DEG = 180 / Math.PI;
+/** Seconds of equal readings, at least ten, after which a sensor is said to have stopped. */
+const [STALE_S, STALE_ROWS] = [2, 10];
+/** Seconds and readings in which one axis stays as it is and the others do not, after which that is said. */
+const [FROZEN_S, FROZEN_ROWS] = [2, 20];
+/** Share of the steps of such an axis before that have to be changes: a coarse one is equal for a while by itself. */
+const LIVELY = 0.9;
+/** Share of their range so far that the other axes move by meanwhile. */
+const MOVING = 0.1;
+/** Seconds without a turn by so many degrees after which somebody is reminded. */
+const [STILL_S, STILL_DEG] = [2, 5];
+/**
+ * A fit has converged, and its findings are shown, once its error is below so many targets, or so much of the sphere has been
+ * seen, or so many seconds of readings are there: more of the same would not help.
+ */
+const [CONVERGED, CONVERGED_FRACTION, CONVERGED_S] = [5, 0.7, 30];
+/** Runs of outliers are one interval where more than this share of its readings are such; so many are offered, at most. */
+const [DENSE, OFFERED] = [0.5, 3];
+/** Alarms that no more turning ends. */
+export const AT_ONCE = ["saturated", "soft-iron-changed"];
+/** Alarms that may end where the intervals of most outliers are left out. */
+const DISTURBED = ["field-changed", "outliers"];
+/** Findings that are told as they come, and warn of nothing. */
+const INFORMATIVE = ["stale-repeats", "mirrored-axes"];
+/** What the earth's field, in microtesla, is multiplied by where readings in another unit are taken for microtesla. */
+const OTHER_UNITS = { T: 1e-6, mT: 1e-3, G: 1e-2, mG: 10, nT: 1e3 };
+
+/**
+ * @param {string} code
+ * @param {string} advice
+ * @param {Reason["severity"]} severity
+ * @param {Reason["spans"]} spans
+ * @returns {Reason}
+ */
+function reason(code, advice, severity = "warning", spans = []) {
+    return { code, advice, severity, spans };
+}
+
+/**
+ * Why there is no fit; that there are too few readings yet is no fault.
+ * @param {Refusal} refusal
+ * @returns {Reason[]}
+ */
+export function ofRefusal({ code, words }) {
+    if (code === "stuck-axis" || code === "out-of-scale") return [reason(code, words)];
+    return [reason(code === "unmoved" ? "no-rotation" : code, words, "info")];
+}
+
+/**
+ * What the findings of a fit say is wrong; of one that is only beginning, nothing yet.
+ * @param {Fit} fit
+ * @param {Finding[]} findings
+ * @param {Readings} readings
+ * @returns {Reason[]}
+ */
+export function ofFit(fit, findings, { time }) {
+    const { rows } = fit.data;
+    const isConverged =
+        fit.headingError.worst < CONVERGED * fit.targetDeg ||
+        fit.record.coverage >= CONVERGED_FRACTION ||
+        time[time.length - 1] - time[0] >= CONVERGED_S;
+    const spans = disturbedSpans(fit, findings);
+    const isAlarm = new Set(rows.filter(({ alarm }) => alarm).map(({ code }) => code));
+    const reasons = firstCauses(fit).flatMap((finding) => {
+        const { code, severity } = finding;
+        if (isAlarm.has(code) && severity !== "note" && (isConverged || AT_ONCE.includes(code))) {
+            const of = DISTURBED.includes(code) ? spans : [];
+            return [reason(code, adviceOf(finding, fit.data), of.length ? "info" : "warning", of)];
+        }
+        return INFORMATIVE.includes(code) ? [reason(code, adviceOf(finding, fit.data), "info")] : [];
+    });
+    const isFlat = findings.some(({ code }) => code === "one-plane");
+    return isConverged && !isFlat ? [...reasons, ...ofUnit(fit)] : reasons;
+}
+
+/**
+ * The longest intervals that outliers fill; none where these are few.
+ * @param {Fit} fit
+ * @param {Finding[]} findings
+ * @returns {[number, number][]}
+ */
+function disturbedSpans({ left: { outliers } }, findings) {
+    if (findings.every(({ code, severity }) => code !== "outliers" || severity === "note")) return [];
+    const runs = joined(outliers).filter(({ start, end }) => start < end);
+    const longest = runs.sort((one, other) => other.end - other.start - (one.end - one.start)).slice(0, OFFERED);
+    return longest.map(({ start, end }) => /** @type {[number, number]} */ ([start, end])).sort(([one], [other]) => one - other);
+}
+
+/**
+ * Runs joined where most readings from the first to the last are outliers.
+ * @param {Outlier[]} outliers
+ * @returns {Outlier[]}
+ */
+function joined(outliers) {
+    return outliers.reduce((/** @type {Outlier[]} */ runs, run) => {
+        const before = runs.at(-1);
+        if (!before || before.rows + run.rows <= DENSE * (run.last - before.first + 1)) return [...runs, run];
+        const whole = { ...run, first: before.first, start: before.start, rows: before.rows + run.rows };
+        return [...runs.slice(0, -1), whole];
+    }, []);
+}
+
+/**
+ * Whether the field is none of the earth's, and which other unit would explain it.
+ * @param {Fit} fit
+ * @returns {Reason[]}
+ */
+function ofUnit({ unit, surface: { radius }, data: { numbers } }) {
+    const [low, high] = [numbers.EARTH_WEAKEST, numbers.EARTH_STRONGEST];
+    if (unit === "counts" || (low <= radius && radius <= high)) return [];
+    const likely = Object.entries(OTHER_UNITS).find(([, factor]) => low <= radius / factor && radius / factor <= high);
+    const hint = likely ? `as readings in ${likely[0]} would be; try ${likely[0]} as their unit` : "check unit and scale";
+    const found = `the field is ${figures(radius, 3)} µT, and the earth's ${general(low)} to ${general(high)} µT`;
+    return [reason("wrong-unit", `${found}: ${hint}. Headings do not depend on it`)];
+}
+
+/**
+ * Whether the newest readings still change, and turn.
+ * @param {Readings} readings
+ * @param {Fit | null} fit
+ * @param {boolean} isFlat
+ * @returns {Reason[]}
+ */
+export function ofMotion({ field, time }, fit, isFlat) {
+    const count = time.length;
+    if (!count) return [];
+    const last = time[count - 1];
+    const same = equalAtTheEnd(field, [0, 1, 2]);
+    if (same >= STALE_ROWS && last - time[count - same] >= STALE_S) return [reason("stale", staleWords(same))];
+    const frozen = frozenAxis({ field, time });
+    if (frozen) return [reason("frozen-axis", frozenWords(frozen))];
+    if (!fit || isFlat || !(last - time[0] > STILL_S)) return [];
+    const newest = field.filter((_, i) => time[Math.floor(i / 3)] >= last - STILL_S);
+    if (newest.length <= 9 || widestDeg(corrected(newest, fit.surface)) >= STILL_DEG) return [];
+    return [reason("no-rotation", `it has not been turned for ${general(STILL_S)} s`, "info")];
+}
+
+/** @param {number} same  readings */
+function staleWords(same) {
+    return (
+        `the last ${counted(same, "reading")} are all the same: the sensor has stopped measuring, or a loop prints faster than ` +
+        "it is read; check its wiring and its mode"
+    );
+}
+
+/** @param {{axis: string, seconds: string}} frozen */
+function frozenWords({ axis, seconds }) {
+    return (
+        `axis ${axis} has been the same for ${seconds} s while the others change: turn the sensor another way, and where ` +
+        "that does not wake it, the sensor or its wiring is at fault; then start again"
+    );
+}
+
+/**
+ * Which axis has stopped in the newest readings while the others move, and since how many seconds.
+ * @param {Readings} readings
+ * @returns {{axis: string, seconds: string} | null}
+ */
+function frozenAxis({ field, time }) {
+    const count = time.length;
+    const range = (/** @type {number} */ axis, /** @type {number} */ from) => rangeOf(field, axis, from, count);
+    for (const axis of [0, 1, 2]) {
+        const run = equalAtTheEnd(field, [axis]);
+        const seconds = time[count - 1] - time[count - run];
+        if (run < FROZEN_ROWS || run >= count || seconds < FROZEN_S) continue;
+        const others = [0, 1, 2].filter((other) => other !== axis);
+        const isMoving = others.every((other) => range(other, count - run) >= MOVING * range(other, 0));
+        if (isMoving && changesBefore(field, axis, count - run) >= LIVELY) {
+            return { axis: "xyz"[axis], seconds: seconds.toFixed(1) };
+        }
+    }
+    return null;
+}
+
+/**
+ * @param {Float64Array} field
+ * @param {number} axis
+ * @param {number} from
+ * @param {number} to
+ * @returns {number}
+ */
+function rangeOf(field, axis, from, to) {
+    let [low, high] = [Infinity, -Infinity];
+    for (let i = from; i < to; i++) {
+        low = Math.min(low, field[3 * i + axis]);
+        high = Math.max(high, field[3 * i + axis]);
+    }
+    return high - low;
+}
+
+/**
+ * Share of the steps of an axis up to a reading that are changes.
+ * @param {Float64Array} field
+ * @param {number} axis
+ * @param {number} last
+ * @returns {number}
+ */
+function changesBefore(field, axis, last) {
+    let changes = 0;
+    for (let i = 0; i < last; i++) changes += Number(field[3 * i + axis] !== field[3 * i + 3 + axis]);
+    return changes / last;
+}
+
+/**
+ * How many readings, counted from the end, are the same in some axes.
+ * @param {Float64Array} field
+ * @param {number[]} axes
+ * @returns {number}
+ */
+function equalAtTheEnd(field, axes) {
+    const count = field.length / 3;
+    const isSame = (/** @type {number} */ i) => axes.every((axis) => field[3 * i + axis] === field[3 * (count - 1) + axis]);
+    let first = count;
+    while (first > 0 && isSame(first - 1)) first--;
+    return count - first;
+}
+
+/**
+ * How far directions are from their mean, at the most.
+ * @param {Float64Array} vectors
+ * @returns {number}
+ */
+function widestDeg(vectors) {
+    const directions = threes(vectors).map(unit);
+    const mean = unit([0, 1, 2].map((axis) => directions.reduce((sum, direction) => sum + direction[axis], 0)));
+    const lowest = directions.reduce((least, direction) => Math.min(least, dot(direction, mean)), 1);
+    return DEG * Math.acos(Math.max(lowest, -1));
+}

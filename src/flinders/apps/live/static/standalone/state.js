@@ -1,0 +1,261 @@
+/** What the page shows of a session: its state in words and numbers. */
+
+import { capital, clock } from "../views/words.js";
+import { strideFor } from "./buffer.js";
+import { figures, fixed, general } from "./numbers.js";
+import { labelOf } from "./session.js";
+
+/** @typedef {import("./session.js").Session} Session */
+/** @typedef {import("../messages.d.ts").Reason} Reason */
+/** @typedef {import("../messages.d.ts").SessionState} State */
+/** @typedef {import("../../../../static/view.d.ts").View} View */
+
+const RATE_STEPS = 2;
+
+/**
+ * @param {Session} session
+ * @returns {State}
+ */
+export function sessionState(session) {
+    const { shown, live } = session;
+    const { buffer, evaluated, exclusions, excluded } = shown;
+    const [phase, words, told, reasons] = session.keptInstead ? ofKept(session, session.keptInstead) : phaseOf(session);
+    const [dipDeg, dipAssumed] = session.judgedDip;
+    return {
+        type: "state",
+        source: session.source,
+        unit: labelOf(shown.unit),
+        readings: buffer.total,
+        used: evaluated.used,
+        rejected: evaluated.rejected,
+        excluded_readings: buffer.countWithin(excluded),
+        rate_hz: rateHz(session),
+        seconds: shown.isTimed ? buffer.seconds : null,
+        phase,
+        words,
+        told,
+        reasons,
+        target_deg: session.targetDeg,
+        dip_deg: shownDip(session.dipDeg, dipDeg),
+        dip_assumed: dipAssumed,
+        goal: session.goal,
+        excluded,
+        can_undo: exclusions.past.length > 0,
+        can_redo: exclusions.future.length > 0,
+        stride: shownStride(session),
+        paused: live.pausedAt !== null,
+        recording: session.recording || null,
+        previous: session.previous && evaluated.previous,
+        refreshing: session.isRenewed,
+        opened: session.openedName || null,
+        kept: shown.kept && { seconds: shown.kept.seconds, is_changed: session.isChanged },
+        can_send: session.hasBoard && session.opened === null && session.held.record !== null,
+    };
+}
+
+/**
+ * The dip, of a place to a tenth of a degree.
+ * @param {number | null} typed
+ * @param {number} dipDeg
+ * @returns {number}
+ */
+function shownDip(typed, dipDeg) {
+    const isExact = typed !== null && Number(fixed(typed, 2)) === typed;
+    return isExact ? typed : Number(fixed(dipDeg, 1));
+}
+
+/**
+ * Readings a second by their own times, over the last two seconds.
+ * @param {Session} session
+ * @returns {number | null}
+ */
+function rateHz({ arrivals, at, rules }) {
+    if (arrivals.length < 2) return null;
+    const [first, before, last] = [arrivals[0], arrivals[arrivals.length - 2], arrivals[arrivals.length - 1]];
+    const isSilent = at - last[0] >= Math.max(rules.rate_s, RATE_STEPS * (last[0] - before[0]));
+    if (isSilent || last[1] <= first[1]) return null;
+    return arrivals.slice(1).reduce((sum, [, , count]) => sum + count, 0) / (last[1] - first[1]);
+}
+
+/**
+ * Phase of the session, a sentence about it, the code of the reason that it says, and the reasons against it.
+ * @param {Session} session
+ * @returns {[State["phase"], string, string | null, Reason[]]}
+ */
+function phaseOf(session) {
+    const reasons = [...(session.opened ? [] : ofLink(session)), ...settled(session), ...unrecorded(session)];
+    const wrong = reasons.find(({ severity }) => severity === "warning");
+    if (wrong) return ["wrong", sentence(wrong.advice), wrong.code, reasons];
+    if (session.shown.buffer.total === 0 && session.source.link !== "ended") {
+        return ["waiting", `Waiting for readings from ${session.source.name}.`, null, reasons];
+    }
+    const { view } = session.shown.evaluated;
+    if (view === null) return ["collecting", ...beforeAFit(session), reasons];
+    return [...ofView(session, view), null, reasons];
+}
+
+/**
+ * The same where the newest fit is worse than one that is kept: the latter holds, and what speaks against the former is told.
+ * @param {Session} session
+ * @param {import("./session.js").Kept} kept
+ * @returns {[State["phase"], string, string | null, Reason[]]}
+ */
+function ofKept(session, { view, seconds }) {
+    const [, newest, , reasons] = phaseOf(session);
+    const worst = figures(session.worstDeg(view) ?? NaN);
+    const title = view.verdict === "good" ? "Good" : "Good enough, with limits";
+    const held = `${title}: the worst ${errorOf(session)} to expect is ${worst}° (${bound(session, view)}), of what came up to ${clock(seconds)}, which is kept.`;
+    const told = /** @type {Reason[]} */ (reasons.map((reason) => ({ ...reason, severity: "info" })));
+    const changed = { code: "changed-since", advice: `something changed since ${clock(seconds)}: ${newest}`, severity: /** @type {const} */ ("info"), spans: [] };
+    return [view.verdict === "good" ? "good" : "limited", held, null, session.isChanged ? [changed, ...told] : told];
+}
+
+/** @param {Session} session */
+function errorOf({ goal }) {
+    return goal === "heading" ? "heading error" : "error at any attitude";
+}
+
+/**
+ * Reasons of the newest fit; a finding that more turning may end is no warning yet.
+ * @param {Session} session
+ * @returns {Reason[]}
+ */
+function settled(session) {
+    /** @type {(reason: Reason) => Reason} */
+    const soFar = ({ code, advice }) => ({ code, advice: `so far ${advice}`, severity: "info", spans: [] });
+    const reasons = session.shown.evaluated.reasons.map((reason) => (session.isSettled(reason.code) ? reason : soFar(reason)));
+    return reasons.sort((a, b) => Number(a.severity !== "warning") - Number(b.severity !== "warning"));
+}
+
+/**
+ * How far the newest fit has come.
+ * @param {Session} session
+ * @param {View} view
+ * @returns {[State["phase"], string]}
+ */
+function ofView(session, view) {
+    const { alarms } = session.shown.evaluated;
+    const target = `the target ${general(session.targetDeg)}°`;
+    const worst = session.worstDeg(view);
+    if (worst === null) return ["collecting", view.sentence];
+    if (worst > session.targetDeg) {
+        const known = worst < 90 ? `the worst error to expect is ${figures(worst)}° (1 σ)` : "no heading is known yet";
+        return ["collecting", `${isEnded(session) ? "Misses the target" : "Keep turning"}: ${known}, ${target}.`];
+    }
+    const done = `the worst ${errorOf(session)} to expect is ${figures(worst)}° (${bound(session, view)}), ${target}`;
+    if (!alarms.every((code) => session.isSettled(code))) {
+        return ["collecting", `Keep turning: ${done}, but a fault was found that more readings may disprove.`];
+    }
+    if (view.verdict === "refused") return ["wrong", view.sentence];
+    if (!isSure(session)) return ["collecting", `Almost: ${done}; keep turning a little.`];
+    if (view.verdict === "limited") return ["limited", `Good enough, with limits: ${done}${asFarAs(session, view)}.`];
+    return ["good", `Good: ${done}.${view.condition && ` ${sentence(view.condition)}`}`];
+}
+
+/**
+ * Whether the readings are all that there will be: of a log, or of a playback that has ended.
+ * @param {Session} session
+ */
+function isEnded({ opened, source }) {
+    return opened !== null || source.link === "ended";
+}
+
+/**
+ * What all headings are within, where that is the goal.
+ * @param {Session} session
+ * @param {View} view
+ */
+function bound({ goal }, { heading_error_deg: error }) {
+    return goal !== "heading" || error === null ? "1 σ" : `95 % within ${figures(error.bound_95)}°`;
+}
+
+/**
+ * Up to which tilt that holds, and what is missing beyond.
+ * @param {Session} session
+ * @param {View} view
+ */
+function asFarAs({ rules }, { attitude_limit_deg: limit }) {
+    if (limit === null || limit >= rules.level_deg) return "";
+    const tilt = limit < 1 ? "while level" : `up to ${fixed(limit, 0)}° of tilt`;
+    return `, ${tilt}; for more tilt than that, turn it tilted and upside down too`;
+}
+
+/**
+ * Whether it takes no further fit to say that the target is reached: several did, or one is kept, or there will be no other.
+ * @param {Session} session
+ */
+function isSure({ shown, isRepeated, isOver }) {
+    return shown.kept !== null || isRepeated || isOver;
+}
+
+/**
+ * What to say while there are no numbers, and the code of the reason that it is.
+ * @param {Session} session
+ * @returns {[string, string | null]}
+ */
+function beforeAFit(session) {
+    const { buffer, evaluated } = session.shown;
+    if (buffer.total === 0) return [`${session.source.name} has ended without a reading.`, null];
+    if (evaluated.reasons.some(({ code }) => code === "no-rotation")) {
+        return [isEnded(session) ? "The sensor was not turned." : "Start turning: turn the sensor slowly through all directions.", null];
+    }
+    if (!evaluated.refusal) {
+        if (isEnded(session)) return ["Looking at the readings.", "fitting"];
+        return ["Looking at the first readings. Turn the sensor slowly through all directions.", null];
+    }
+    return [sentence(evaluated.refusal), evaluated.refusalCode || null];
+}
+
+/**
+ * Why what arrives cannot be written down.
+ * @param {Session} session
+ * @returns {Reason[]}
+ */
+function unrecorded({ unrecorded: advice }) {
+    return advice ? [{ code: "not-recorded", advice, severity: "info", spans: [] }] : [];
+}
+
+/**
+ * Reasons why no readings arrive.
+ * @param {Session} session
+ * @returns {Reason[]}
+ */
+function ofLink({ source, live: { buffer }, at, arrivedAt, rules }) {
+    const { link, name, words } = source;
+    const since = at - arrivedAt;
+    /** @type {(code: string, advice: string, severity?: Reason["severity"]) => Reason[]} */
+    const reason = (code, advice, severity = "warning") => [{ code, advice, severity, spans: [] }];
+    if (link === "gone") return reason("gone", words || `${name} is gone: check the cable`);
+    const patience = Math.max(rules.silent_s, buffer.total ? (rules.silent_steps * buffer.seconds) / buffer.total : 0);
+    if (link === "waiting" && buffer.total === 0 && words) return reason("nothing-arrives", words);
+    if (["connected", "waiting"].includes(link) && buffer.total > 0 && since > patience) {
+        return reason("nothing-arrives", nothingArrives(name, since), arrivedAt ? "warning" : "info");
+    }
+    return link === "ended" ? reason("ended", words || `${name} has ended`, "info") : [];
+}
+
+/**
+ * How long no reading has come, and what to check.
+ * @param {string} name
+ * @param {number} since
+ */
+function nothingArrives(name, since) {
+    return (
+        `no reading has come for ${fixed(since, 0)} s from ${name}: check that the sensor is on and prints ` +
+        "its readings, and that port, cable and baud rate are right"
+    );
+}
+
+/**
+ * Begin with a capital, unless it begins with a name: that of a file or port is written as it is.
+ * @param {string} words
+ */
+function sentence(words) {
+    const first = words.split(" ", 1)[0].replace(/,+$/, "");
+    return `${/^\p{L}+$/u.test(first) ? capital(words) : words}`.replace(/\.+$/, "") + ".";
+}
+
+/** @param {Session} session @returns {number} Every so many readings one is shown. */
+export function shownStride({ shown: { buffer }, rules }) {
+    return Math.max(buffer.stride, strideFor(buffer.total, rules.shown));
+}

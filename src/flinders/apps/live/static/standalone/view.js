@@ -1,0 +1,304 @@
+/** What the page draws of one fit, as `flinders.report.view` puts it together. */
+
+import { guide, isIdle, nextMovement } from "./advice.js";
+import { corrected, threes, tileCounts, tilesOf } from "./coverage.js";
+import { adviceOf, firstCauses, stepWords, verdictOf } from "./findings.js";
+import { figures, general } from "./numbers.js";
+import { tiles } from "./tiles.js";
+
+/** @typedef {import("../../../../static/view.d.ts").View} View */
+/** @typedef {import("./fit.js").Fit} Fit */
+/** @typedef {import("./advice.js").Goal} Goal */
+/** @typedef {import("./advice.js").Frame} Frame */
+/** @typedef {import("./findings.js").Finding} Finding */
+/** @typedef {[number, number, number]} Triple */
+
+const BINS = 40;
+const WIDEST = 4;
+const ANY_ANGLE_DEG = 90;
+const RAD = Math.PI / 180;
+const EVERYWHERE = "turn it slowly through all directions, away from iron and from currents";
+
+/**
+ * @param {Fit} fit
+ * @param {Finding[]} findings
+ * @param {{field: Float64Array, numbers: ArrayLike<number> | null, goal: Goal, frame: Frame}} given
+ * @returns {View}
+ */
+export function viewOf(fit, findings, { field, numbers, goal, frame }) {
+    const verdict = verdictOf(fit);
+    const shown = firstCauses(fit);
+    const isFlat = findings.some(({ code }) => code === "one-plane");
+    const used = isFlat ? new Float64Array(0) : field.filter((_, i) => !fit.left.isOut[Math.floor(i / 3)]);
+    const vectors = corrected(used, fit.surface);
+    const { centres } = tiles();
+    const errors = fit.engine.attitudeErrorsDeg(fit.surface.shape, fit.claimed, fit.headingError.dipDeg, centres);
+    const shownErrors = errors.map((error) => (!isFlat && error < ANY_ANGLE_DEG ? rounded(error) : null));
+    const turn = fit.turn;
+    return {
+        verdict,
+        sentence: sentence(fit, shown, verdict),
+        condition: fit.data.resting[fit.judgement.conditions],
+        method: fit.method,
+        unit: fit.unit,
+        field_strength_known: fit.isStrengthKnown,
+        samples: fit.samples,
+        findings: shown.map((finding) => viewOfFinding(finding, fit.data)),
+        tiles_deg: shownErrors,
+        tiles_seen: tileCounts(vectors, centres),
+        rejected: rejectedRuns(fit, numbers),
+        ...(verdict === "refused" ? UNTOLD : copied(fit, turn)),
+        ...(isFlat ? UNDRAWN : { ...drawn(fit, vectors), ...claimed(fit, turn, errors, goal, frame) }),
+    };
+}
+
+/**
+ * A finding with its sentence.
+ * @param {Finding} finding
+ * @param {import("./data.d.ts").EngineData} data
+ * @returns {View["findings"][number]}
+ */
+function viewOfFinding(finding, data) {
+    const { code, severity, number, limit } = finding;
+    return { code, severity, number: known(number), limit: known(limit), advice: adviceOf(finding, data) };
+}
+
+const UNTOLD = {
+    field_strength: null, offset: null, offset_sigma: null, matrix: null, matrix_sigma: null,
+    uncorrected_heading_error_deg: null,
+}; // prettier-ignore
+const UNDRAWN = {
+    noise: null, residuals: null, shown: null, heading_error_deg: null, attitude_limit_deg: null, any_attitude_deg: null,
+    turn: null, level_deg: null, guidance: null,
+}; // prettier-ignore
+
+/**
+ * A number that JSON can have.
+ * @param {number} number
+ * @returns {number | null}
+ */
+function known(number) {
+    return Number.isFinite(number) ? number : null;
+}
+
+/** @param {number[]} numbers */
+function rootMeanSquare(numbers) {
+    return Math.sqrt(numbers.reduce((sum, number) => sum + number * number, 0) / numbers.length);
+}
+
+/**
+ * @param {number} degrees
+ * @returns {number}
+ */
+function rounded(degrees) {
+    return Math.round(degrees * 1e4) / 1e4;
+}
+
+/**
+ * @param {ArrayLike<number>} numbers
+ * @returns {[Triple, Triple, Triple]}
+ */
+function rowsOf(numbers) {
+    return /** @type {[Triple, Triple, Triple]} */ (threes(numbers));
+}
+
+/**
+ * @param {ArrayLike<number>} numbers
+ * @returns {Triple}
+ */
+function triple(numbers) {
+    return [numbers[0], numbers[1], numbers[2]];
+}
+
+/**
+ * The correction: what somebody could copy, which a refused fit does not give.
+ * @param {Fit} fit
+ * @param {Fit["turn"]} turn
+ */
+function copied({ engine, surface, strength, isStrengthKnown, covariance }, { deviationDeg }) {
+    const matrix = surface.inverse.map((part) => strength * part);
+    return {
+        field_strength: strength,
+        offset: triple(surface.centre),
+        offset_sigma: triple([0, 10, 20].map((i) => Math.sqrt(covariance[i]))),
+        matrix: rowsOf(matrix),
+        matrix_sigma: rowsOf(engine.matrixSigmas(matrix, surface.shape, covariance, isStrengthKnown)),
+        uncorrected_heading_error_deg: { rms: rootMeanSquare(deviationDeg), worst: Math.max(...deviationDeg.map(Math.abs)) },
+    };
+}
+
+/**
+ * What rests on a surface.
+ * @param {Fit} fit
+ * @param {Float64Array} vectors Of the readings used.
+ */
+function drawn({ surface, strength, noise, plane }, vectors) {
+    return {
+        noise,
+        residuals: histogram(lengthsOff(vectors, plane), strength, noise),
+        shown: {
+            offset: triple(surface.centre),
+            matrix: rowsOf(surface.inverse.map((part) => strength * part)),
+            strength,
+        },
+    };
+}
+
+/**
+ * How much longer corrected readings are than the field; of a level turn, than their mean in its plane.
+ * @param {Float64Array} vectors
+ * @param {Fit["plane"]} plane
+ * @returns {number[]}
+ */
+function lengthsOff(vectors, plane) {
+    const lengths = threes(vectors).map(([x, y, z]) => (plane ? Math.hypot(x, y) : Math.hypot(x, y, z)));
+    const mean = plane ? lengths.reduce((sum, length) => sum + length, 0) / lengths.length : 1;
+    return lengths.map((length) => length - mean);
+}
+
+/**
+ * How far corrected readings are from the sphere, counted.
+ * @param {number[]} lengths In units of the radius.
+ * @param {number} radius
+ * @param {number} noise
+ */
+function histogram(lengths, radius, noise) {
+    const widest = Math.max(WIDEST * noise, Number.MIN_VALUE);
+    const counts = new Array(BINS).fill(0);
+    for (const length of lengths) {
+        const off = radius * length;
+        counts[Math.min(Math.max(Math.floor((BINS * (off + widest)) / (2 * widest)), 0), BINS - 1)]++;
+    }
+    return { edges: Array.from({ length: BINS + 1 }, (_, i) => widest * ((2 * i) / BINS - 1)), counts };
+}
+
+/**
+ * What rests on a covariance as well.
+ * @param {Fit} fit
+ * @param {Fit["turn"]} turn
+ * @param {number[]} errors
+ * @param {Goal} goal
+ * @param {Frame} frame
+ */
+function claimed(fit, { headingDeg, deviationDeg, sigmaDeg }, errors, goal, frame) {
+    const { headingError } = fit;
+    return {
+        heading_error_deg: {
+            rms: headingError.rms,
+            worst: headingError.worst,
+            bound_95: fit.headingBoundDeg,
+            dip_deg: headingError.dipDeg,
+            dip_assumed: fit.dipAssumed,
+            target_deg: fit.targetDeg,
+        },
+        attitude_limit_deg: fit.attitudeLimitDeg,
+        any_attitude_deg: {
+            rms: rootMeanSquare(errors),
+            worst: Math.max(...errors),
+        },
+        turn: {
+            heading_deg: headingDeg.map(rounded),
+            before_deg: deviationDeg.map(rounded),
+            sigma_deg: sigmaDeg.map(rounded),
+        },
+        level_deg: fit.plane && goal === "heading" ? levelErrors(fit, { headingDeg, sigmaDeg }) : null,
+        guidance: guidance(fit, goal, frame),
+    };
+}
+
+/**
+ * Heading error of a level vehicle on the tiles that its field meets; null on the others.
+ * @param {Fit} fit
+ * @param {{headingDeg: number[], sigmaDeg: number[]}} turn
+ * @returns {(number | null)[]}
+ */
+function levelErrors({ headingError }, { headingDeg, sigmaDeg }) {
+    const dip = headingError.dipDeg * RAD;
+    const { centres } = tiles();
+    /** @type {(number | null)[]} */
+    const errors = new Array(centres.length / 3).fill(null);
+    const directions = headingDeg.flatMap((heading) => {
+        const [north, east] = [Math.cos(heading * RAD), Math.sin(heading * RAD)];
+        return [Math.cos(dip) * north, -Math.cos(dip) * east, Math.sin(dip)];
+    });
+    tilesOf(Float64Array.from(directions), centres).forEach((tile, i) => {
+        const error = rounded(sigmaDeg[i]);
+        if (error < ANY_ANGLE_DEG) errors[tile] = Math.max(errors[tile] ?? 0, error);
+    });
+    return errors;
+}
+
+/**
+ * Which way to turn next, for one of the goals.
+ * @param {Fit} fit
+ * @param {Goal} goal
+ * @param {Frame} frame
+ * @returns {import("../../../../static/view.d.ts").GuidanceView}
+ */
+function guidance(fit, goal, frame) {
+    const advice = guide(fit, goal, frame);
+    const isOpen = fit.plane || isIdle(advice, fit.data);
+    const around = fit.plane ? stepWords(nextMovement(fit), fit.data) : EVERYWHERE;
+    return {
+        direction: isOpen ? null : triple(advice.direction),
+        words: isOpen ? around : advice.words,
+        worst_deg: Math.hypot(advice.worstDeg, fit.structureDeg),
+        after_deg: Math.hypot(advice.afterDeg, fit.structureDeg),
+        goal,
+        frame,
+        is_path: false,
+    };
+}
+
+/**
+ * First and last reading of each run that was left out, by their numbers.
+ * @param {Fit} fit
+ * @param {ArrayLike<number> | null} numbers
+ * @returns {[number, number][]}
+ */
+function rejectedRuns({ left: { isRail, outliers } }, numbers) {
+    const numbered = (/** @type {number} */ i) => numbers?.[i] ?? i;
+    const free = Array.from(isRail.keys()).filter((i) => !isRail[i]);
+    /** @type {[number, number][]} */
+    const runs = outliers.map(({ first, last }) => [free[first - 1], free[last - 1]]);
+    isRail.forEach((is, i) => {
+        if (is && !isRail[i - 1]) runs.push([i, i]);
+        else if (is) runs[runs.length - 1][1] = i;
+    });
+    const ordered = runs.sort(([one], [other]) => one - other);
+    return ordered.map(([first, last]) => [numbered(first), numbered(last)]);
+}
+
+/**
+ * The verdict in plain words, in a sentence or two.
+ * @param {Fit} fit
+ * @param {Finding[]} shown
+ * @param {View["verdict"]} verdict
+ * @returns {string}
+ */
+function sentence(fit, shown, verdict) {
+    if (shown.some(({ code }) => code === "one-plane")) {
+        return "All readings lie in one plane, so nothing is known about other attitudes.";
+    }
+    const { headingError, targetDeg } = fit;
+    const target = `The target is ${general(targetDeg)}°.`;
+    if (verdict === "refused" && headingError.worst > targetDeg) {
+        const much = headingError.worst < ANY_ANGLE_DEG ? headingWords(fit) : "any angle";
+        return `Headings may be off by ${much}. ${target}`;
+    }
+    if (verdict === "refused") return `Not fit for use: ${adviceOf(shown[0], fit.data)}`;
+    const limit = fit.attitudeLimitDeg;
+    const reach = limit >= 180 ? "at any attitude" : `up to ${limit.toFixed(0)}° of tilt`;
+    const good = headingError.worst <= targetDeg ? "are good to" : "may be off by";
+    return `Headings ${good} ${headingWords(fit)}, ${limit < 1 ? "while level" : reach}. ${target}`;
+}
+
+/**
+ * The worst heading error, 1 σ, and its bound.
+ * @param {Fit} fit
+ * @returns {string}
+ */
+function headingWords({ headingError, headingBoundDeg }) {
+    const bound = headingBoundDeg < ANY_ANGLE_DEG ? `95 % within ${figures(headingBoundDeg)}°` : "1 σ";
+    return `${figures(headingError.worst)}° (${bound})`;
+}

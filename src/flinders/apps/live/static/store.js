@@ -1,0 +1,174 @@
+/**
+ * What the page knows: the last state, fit and hello of its session, and the readings shown. Nothing is decided here.
+ */
+
+/** @typedef {import("./messages.d.ts").Hello} Hello */
+/** @typedef {import("./messages.d.ts").SessionState} State */
+/** @typedef {import("../../../static/view.d.ts").View} View */
+/** @typedef {import("./messages.d.ts").FromSession} FromSession */
+/** @typedef {import("../../../static/view.d.ts").Points} Points */
+/** @typedef {import("../../../static/view.d.ts").Now} Now */
+
+const FIRST_ROOM = 4096;
+
+/**
+ * The errors that count for what the calibration is for.
+ * @param {View | null} view
+ * @param {string} goal
+ * @returns {{rms: number | null, worst: number | null}}
+ */
+export function errors(view, goal) {
+    const pair = goal === "attitude" ? view?.any_attitude_deg : view?.heading_error_deg;
+    return { rms: pair?.rms ?? null, worst: pair?.worst ?? null };
+}
+
+/**
+ * Whether somebody can still turn the sensor: neither a log nor a playback that has ended.
+ * @param {State} state
+ * @returns {boolean}
+ */
+export function goesOn({ opened, source }) {
+    return opened === null && source.link !== "ended" && source.kind !== "file";
+}
+
+export class Store {
+    constructor() {
+        /** @type {Hello | null} */
+        this.hello = null;
+        /** @type {State | null} */
+        this.state = null;
+        /** @type {View | null} */
+        this.view = null;
+        /** @type {Now | null} */
+        this.now = null;
+        /** @type {number | null} point that the pointer is at, in any of the views */
+        this.hovered = null;
+        this.generation = -1;
+        /** Readings that had come when the newest of the points did. */
+        this.total = -1;
+        /** @type {Points} */
+        this.points = noPoints();
+    }
+
+    /**
+     * Take a message of the session.
+     * @param {FromSession} message
+     */
+    take(message) {
+        if (message.type === "hello") {
+            this.hello = message;
+            this.state = message.state;
+            this.view = message.view;
+            this.generation = -1;
+            Object.assign(this.points, noPoints());
+            this.now = null;
+        } else if (message.type === "state") {
+            this.state = message;
+        } else if (message.type === "fit") {
+            this.view = message.view;
+        }
+    }
+
+    /**
+     * Take what is new of a series, of whose readings one of `stride` is shown.
+     * @param {import("./standalone/session.js").Series} series
+     * @param {number} stride
+     * @returns {number} The first point that is new; Infinity where nothing is.
+     */
+    follow({ generation, buffer }, stride) {
+        const { points } = this;
+        const isOther = generation !== this.generation;
+        const isThinner = stride !== points.stride;
+        if (!isOther && !isThinner && buffer.total === this.total) return Infinity;
+        if (isOther) Object.assign(points, noPoints()); // the same object, which charts that were drawn before look into
+        if (isOther || isThinner) this.hovered = null;
+        thin(points, stride);
+        const from = points.count;
+        append(points, buffer);
+        Object.assign(this, { generation, total: buffer.total, now: newest(buffer.latest) });
+        return isOther || isThinner ? 0 : from;
+    }
+}
+
+/** @returns {Points} */
+function noPoints() {
+    return {
+        count: 0,
+        time: new Float32Array(FIRST_ROOM),
+        field: new Float32Array(3 * FIRST_ROOM),
+        acceleration: null,
+        stride: 1,
+    };
+}
+
+/**
+ * Keep one of `stride` readings.
+ * @param {Points} points
+ * @param {number} stride
+ */
+function thin(points, stride) {
+    const every = stride / points.stride;
+    points.count = every < 1 ? 0 : Math.ceil(points.count / every);
+    points.stride = stride;
+    if (every <= 1) return;
+    for (let j = 1; j < points.count; j++) {
+        points.time[j] = points.time[j * every];
+        for (const numbers of [points.field, points.acceleration]) numbers?.copyWithin(3 * j, 3 * j * every, 3 * j * every + 3);
+    }
+}
+
+/**
+ * Add the readings that are not here yet.
+ * @param {Points} points
+ * @param {import("./standalone/buffer.js").ReadingBuffer} buffer
+ */
+function append(points, buffer) {
+    const step = points.stride / buffer.stride;
+    const { time, field, acceleration } = buffer;
+    const count = Math.ceil(buffer.count / step);
+    reserve(points, count, acceleration !== null);
+    for (let j = points.count; j < count; j++) {
+        points.time[j] = time[j * step];
+        points.field.set(field.subarray(3 * j * step, 3 * j * step + 3), 3 * j);
+        if (acceleration) points.acceleration?.set(acceleration.subarray(3 * j * step, 3 * j * step + 3), 3 * j);
+    }
+    points.count = Math.max(points.count, count);
+}
+
+/**
+ * Make room for so many points; room doubles, so that appending stays cheap.
+ * @param {Points} points
+ * @param {number} count
+ * @param {boolean} accelerated
+ */
+function reserve(points, count, accelerated) {
+    let room = points.time.length;
+    while (room < count) room *= 2;
+    if (room > points.time.length) {
+        points.time = grown(points.time, room);
+        points.field = grown(points.field, 3 * room);
+        if (points.acceleration) points.acceleration = grown(points.acceleration, 3 * room);
+    }
+    if (accelerated && !points.acceleration) points.acceleration = new Float32Array(3 * room).fill(NaN);
+}
+
+/**
+ * @param {Float32Array} numbers
+ * @param {number} length
+ * @returns {Float32Array}
+ */
+function grown(numbers, length) {
+    const larger = new Float32Array(length);
+    larger.set(numbers);
+    return larger;
+}
+
+/**
+ * @param {ArrayLike<number>} latest  reading and acceleration
+ * @returns {Now | null}
+ */
+function newest(latest) {
+    const [x, y, z, a, b, c] = Array.from(latest);
+    if (!Number.isFinite(x + y + z)) return null;
+    return { raw: [x, y, z], acceleration: Number.isFinite(a + b + c) ? [a, b, c] : null };
+}

@@ -1,0 +1,182 @@
+/** What to do now, on the page: the sentence, the thing in the hand, how far the turn has come, and what is in the hand. */
+
+import { byId, element, remember, remembered, setIcon, setText } from "../dom.js";
+import { goesOn } from "../store.js";
+import { advance, begin, BODIES, judged, SEQUENCES } from "../standalone/choreography.js";
+import { lead } from "../standalone/lead.js";
+import { Hand, nameOf, portrait, turnTowards } from "./hand.js";
+import { DRAWN, LEVEL, product } from "../../../../static/views/turn.js";
+
+/** @typedef {import("../messages.d.ts").SessionState} State */
+/** @typedef {import("../../../../static/view.d.ts").View} View */
+/** @typedef {import("../store.js").Store} Store */
+/** @typedef {import("../standalone/choreography.js").Body} Body */
+/** @typedef {import("../standalone/lead.js").Lead} Lead */
+/** @typedef {import("./hand.js").Picture} Picture */
+
+/** Where the browser keeps what is in the hand. */
+const KEY = "flinders-body";
+/** What is in the hand, by the kind of source, until somebody says. @type {Readonly<Record<string, Body>>} */
+const USUAL = { phone: "phone", mavlink: "drone" };
+/** Letters that the large type has room for. */
+const LONG = 112;
+/** Once around one side after the other, in so many seconds each. */
+const AROUND_S = 4;
+const ICONS = { wait: "next", turn: "next", arrow: "next", around: "next", done: "good", wrong: "wrong", ended: "next" };
+
+/** Keeps up the choreography as readings come, and the one lead. */
+export class Guide {
+    /** @type {Body | null} as somebody chose it */
+    chosen = BODIES.find((body) => body === remembered(KEY)) ?? null;
+    choreography = begin(this.chosen ?? "board");
+    /** @type {Lead | null} */
+    lead = null;
+    generation = -1;
+    taken = 0;
+
+    /**
+     * Go on with what the page knows.
+     * @param {Store} store
+     * @param {number} at  seconds
+     * @returns {Lead | null}
+     */
+    follow({ state, view, points, now, generation, hello }, at) {
+        if (!state || !hello) return null;
+        const body = this.chosen ?? USUAL[state.source.kind] ?? "board";
+        if (generation !== this.generation || points.count < this.taken || body !== this.choreography.body) {
+            this.choreography = begin(body);
+            [this.generation, this.taken] = [generation, 0];
+        }
+        if (goesOn(state) && !state.paused) this.#read(points, view);
+        this.taken = points.count;
+        const { centres } = hello.tiles;
+        this.choreography = judged(this.choreography, view, centres);
+        this.lead = lead(this.lead, { at, state, view, choreography: this.choreography, raw: now?.raw ?? null, centres });
+        return this.lead;
+    }
+
+    /** @param {import("../../../../static/view.d.ts").Points} points @param {View | null} view */
+    #read({ count, time, field, acceleration }, view) {
+        const from = this.taken;
+        const readings = {
+            time: time.subarray(from, count),
+            field: field.subarray(3 * from, 3 * count),
+            acceleration: acceleration && acceleration.subarray(3 * from, 3 * count),
+        };
+        this.choreography = advance(this.choreography, readings, view);
+    }
+
+    /** @param {Body} body */
+    choose(body) {
+        this.chosen = body;
+        remember(KEY, body);
+    }
+}
+
+/** Draws a lead: the thing in the hand beside the sphere, and the sentence above both. */
+export class LeadView {
+    /**
+     * @param {Guide} guide
+     * @param {() => void} redraw  called where somebody has said what is in the hand
+     */
+    constructor(guide, redraw) {
+        this.guide = guide;
+        this.host = byId("hand", HTMLElement);
+        this.hand = new Hand(this.host);
+        this.caption = element("p", "", "caption");
+        this.open = element("button", "", "quiet in-hand");
+        this.open.setAttribute("aria-expanded", "false");
+        this.open.addEventListener("click", () => this.#toggle(this.choices.hidden));
+        this.choices = element("div", [element("p", "What is in your hand?"), ...BODIES.map((body) => this.#choice(body, redraw))], "bodies");
+        this.choices.setAttribute("role", "radiogroup");
+        this.choices.setAttribute("aria-label", "What is in your hand");
+        this.choices.hidden = guide.chosen !== null;
+        this.host.append(this.caption, this.open, this.choices);
+        this.since = -1; // of the arrow that is drawn
+    }
+
+    /** @param {Body} body @param {() => void} redraw */
+    #choice(body, redraw) {
+        const button = element("button", [portrait(body), element("span", nameOf(body))]);
+        button.setAttribute("role", "radio");
+        button.dataset.body = body;
+        button.addEventListener("click", () => {
+            this.guide.choose(body);
+            this.#toggle(false);
+            redraw();
+        });
+        return button;
+    }
+
+    /** @param {boolean} isOpen */
+    #toggle(isOpen) {
+        this.choices.hidden = !isOpen;
+        this.open.setAttribute("aria-expanded", String(isOpen));
+    }
+
+    /** The attitude follows each reading. @param {import("../../../../static/view.d.ts").Now} now @param {View} view */
+    turn(now, view) {
+        if (view.shown) this.hand.attitude.follow(now, view.shown);
+    }
+
+    /**
+     * @param {State} state
+     * @param {View | null} view
+     * @param {Lead} now
+     */
+    draw(state, view, now) {
+        const isTurning = ["turn", "arrow", "around"].includes(now.kind) && state.readings > 0;
+        const stage = byId("stage", HTMLElement);
+        stage.toggleAttribute("data-lead", isTurning);
+        document.documentElement.toggleAttribute("data-lead", isTurning);
+        this.host.hidden = !isTurning;
+        this.#say(now);
+        if (!isTurning) {
+            this.hand.hide();
+            return;
+        }
+        if (this.guide.chosen === null && now.step > 1) this.#toggle(false);
+        setText(this.caption, captionOf(now));
+        setText(this.open, nameOf(now.body));
+        for (const button of this.choices.querySelectorAll("button")) {
+            button.setAttribute("aria-checked", String(button.dataset.body === now.body));
+        }
+        this.hand.show(this.#picture(now, view), now.words, `${now.kind} ${now.body} ${now.since}`);
+    }
+
+    /** @param {Lead} now */
+    #say({ kind, words }) {
+        const advice = byId("advice", HTMLElement);
+        advice.hidden = words === "";
+        advice.dataset.lead = kind;
+        setIcon(advice, ICONS[kind]);
+        advice.classList.toggle("long", words.length > LONG);
+        setText(byId("advice-words", HTMLElement), words);
+    }
+
+    /** @param {Lead} now @param {View | null} view @returns {Picture} */
+    #picture({ kind, body, step, of, progress, target, since }, view) {
+        if (kind === "turn") {
+            const { hold, axis, share } = SEQUENCES[body][step - 1];
+            const parts = Array.from({ length: of }, (_, i) => (i + 1 < step ? 1 : i + 1 === step ? progress : 0));
+            return { body, hold, axis, angle: 2 * Math.PI * share, now: 2 * Math.PI * share * progress, parts };
+        }
+        const { attitude } = this.hand;
+        if (kind === "arrow" && target && attitude.field && view?.shown) {
+            const drawn = DRAWN[view.guidance?.frame ?? "sensor"]; // either way the same
+            if (this.since !== since && !attitude.isUpright) attitude.rotation = drawn;
+            this.since = since;
+            const hold = product(attitude.rotation, drawn);
+            return { body, hold, ...turnTowards(attitude.rotation, target, attitude.field), now: 0, parts: [] };
+        }
+        const side = Math.floor(performance.now() / 1000 / AROUND_S) % 3;
+        const axis = [0, 1, 2].map((i) => Number(i === side));
+        return { body, hold: LEVEL, axis, angle: 2 * Math.PI, now: 0, parts: [] };
+    }
+}
+
+/** @param {Lead} now */
+function captionOf({ kind, step, of }) {
+    if (kind === "turn") return `Step ${step} of ${of}`;
+    return kind === "arrow" ? "Towards what is missing" : "";
+}

@@ -1,0 +1,245 @@
+/**
+ * Numbers and times as people read them. Nothing here touches the page.
+ *
+ * A number is written to the digits that its uncertainty leaves: measured(-12.3456, 0.042) is "−12.346 ± 0.042".
+ */
+
+const MINUS = "\u2212";
+const NONE = "\u2013";
+
+/**
+ * A number with so many decimals and a true minus sign; a dash where there is none.
+ * @param {number | null | undefined} value
+ * @param {number} decimals
+ * @returns {string}
+ */
+export function fixed(value, decimals) {
+    if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
+    const text = value.toFixed(Math.max(0, Math.min(decimals, 12)));
+    return (Number(text) === 0 ? text.replace("-", "") : text).replace("-", MINUS);
+}
+
+/**
+ * How many decimals show two significant digits of an uncertainty, or four of a value where there is none.
+ * @param {number | null | undefined} value
+ * @param {number | null | undefined} sigma
+ * @returns {number}
+ */
+export function decimals(value, sigma) {
+    const known = sigma !== null && sigma !== undefined && Number.isFinite(sigma) && sigma > 0;
+    const size = Math.abs(known ? Number(sigma) : Number(value));
+    if (!(size > 0) || !Number.isFinite(size)) return 3;
+    const digits = known ? 2 : 4;
+    return Math.max(0, Math.min(9, digits - 1 - Math.floor(Math.log10(size) + 1e-9)));
+}
+
+/**
+ * A number with its uncertainty (1 σ), two digits of it.
+ * @param {number | null | undefined} value
+ * @param {number | null | undefined} sigma
+ * @returns {{value: string, sigma: string}} The uncertainty is empty where it is not known.
+ */
+export function measured(value, sigma) {
+    const places = decimals(value, sigma);
+    const known = sigma !== null && sigma !== undefined && Number.isFinite(sigma);
+    return { value: fixed(value, places), sigma: known ? fixed(sigma, places) : "" };
+}
+
+/**
+ * A number to so many significant digits, without uncertainty.
+ * @param {number | null | undefined} value
+ * @param {number} digits
+ * @returns {string}
+ */
+export function significant(value, digits) {
+    if (!value || !Number.isFinite(value)) return fixed(value, 0);
+    return fixed(value, digits - 1 - Math.floor(Math.log10(Math.abs(value)) + 1e-9));
+}
+
+/**
+ * An angle to two significant digits, as in the sentences of the server: 0.084°, 0.42°, 2.1°, 23°; beyond 90° an error
+ * says nothing more.
+ * @param {number | null | undefined} deg
+ * @returns {string}
+ */
+export function degrees(deg) {
+    if (deg === null || deg === undefined || !Number.isFinite(deg)) return NONE;
+    return Math.abs(deg) > 90 ? "> 90°" : `${significant(deg, 2)}°`;
+}
+
+/**
+ * A compass heading in whole degrees, 000° to 359°.
+ * @param {number | null} deg
+ * @returns {string}
+ */
+export function compass(deg) {
+    if (deg === null || !Number.isFinite(deg)) return NONE;
+    const whole = ((Math.round(deg) % 360) + 360) % 360;
+    return `${String(whole).padStart(3, "0")}°`;
+}
+
+/**
+ * A count with commas between thousands, as everywhere in Flinders.
+ * @param {number} count
+ * @returns {string}
+ */
+export function counted(count) {
+    return String(Math.round(count)).replace(/\B(?=(\d{3})+$)/g, ",");
+}
+
+/**
+ * A number of things: "1 reading", "3,000 readings".
+ * @param {number} count
+ * @param {string} thing
+ * @returns {string}
+ */
+export function things(count, thing) {
+    return `${counted(count)} ${thing}${count === 1 ? "" : "s"}`;
+}
+
+/**
+ * Words with a capital at the start.
+ * @param {string} words
+ * @returns {string}
+ */
+export function capital(words) {
+    return words.charAt(0).toUpperCase() + words.slice(1);
+}
+
+/**
+ * Words with a capital at the start and a full stop at the end.
+ * @param {string} words
+ * @returns {string}
+ */
+export function sentence(words) {
+    const isWord = /^[a-z]+[ ,:;]/.test(words); // and no file name
+    const whole = isWord ? capital(words) : words;
+    return whole === "" || /[.!?…]$/.test(whole) ? whole : `${whole}.`;
+}
+
+/**
+ * What is found and what to do, without the long list in brackets; and that list, such as of times.
+ * @param {string} words
+ * @returns {[string, string]} The list is empty where there is none.
+ */
+export function brief(words) {
+    const [, before, list, after] = /^([^]*?) \(([^()]{25,})\)([^]*)$/.exec(words) ?? ["", words, "", ""];
+    return [before + after, list];
+}
+
+/**
+ * Seconds as a clock shows them: 9 s, 2:05 min, 1:02:05 h.
+ * @param {number} seconds
+ * @returns {string}
+ */
+export function duration(seconds) {
+    if (!Number.isFinite(seconds) || seconds < 0) return NONE;
+    if (seconds < 60) return `${Math.floor(seconds)} s`;
+    return `${clock(seconds)} ${seconds < 3600 ? "min" : "h"}`;
+}
+
+/**
+ * @param {number} seconds
+ * @returns {string} 2:30, or 1:02:30.
+ */
+export function clock(seconds) {
+    const two = (/** @type {number} */ n) => String(n).padStart(2, "0");
+    const [minutes, rest] = [Math.floor(seconds / 60), Math.floor(seconds % 60)];
+    if (minutes < 60) return `${minutes}:${two(rest)}`;
+    return `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${two(rest)}`;
+}
+
+/**
+ * Readings a second: 50 Hz, 6.3 Hz.
+ * @param {number} rate
+ * @returns {string}
+ */
+export function frequency(rate) {
+    return Number.isFinite(rate) && rate > 0 ? `${fixed(rate, rate >= 9.95 ? 0 : 1)} Hz` : "";
+}
+
+/**
+ * The title of each phase of a session.
+ * @type {Readonly<Record<string, string>>}
+ */
+export const PHASES = Object.freeze({
+    waiting: "Waiting",
+    collecting: "Collecting",
+    good: "Good",
+    limited: "Limited",
+    wrong: "Something is wrong",
+});
+
+/**
+ * What is wrong, by the code of a reason: short enough to be read at a glance. The reason itself says what to do.
+ * @type {Readonly<Record<string, string>>}
+ */
+export const REASONS = Object.freeze({
+    gone: "The sensor is gone.",
+    "nothing-arrives": "No readings arrive.",
+    stale: "The readings no longer change.",
+    "stuck-axis": "An axis is stuck.",
+    "frozen-axis": "An axis no longer changes.",
+    saturated: "The sensor is at the end of its range.",
+    "wrong-unit": "The unit seems wrong.",
+    "like-gravity": "The readings look like gravity.",
+    "field-changed": "The field has changed.",
+    noise: "There is too much noise.",
+    "lasting-noise": "There is slow noise.",
+    "unsteady-field": "The field is unsteady.",
+    "soft-iron-changed": "The soft iron no longer fits.",
+    "recordings-differ": "The recordings differ.",
+    "axis-swap": "An axis changed its sign or place.",
+    alternating: "Every second reading is off to the other side.",
+    "attitude-dependent": "Something magnetic moves with the attitude.",
+    outliers: "Many readings are outliers.",
+    structure: "The readings do not fit an ellipsoid.",
+    "nonlinear-axis": "An axis of the sensor is not linear.",
+    "axis-lag": "The axes are not read at the same time.",
+    "axis-ratio": "One axis reads much more than another.",
+});
+
+/**
+ * The title of each verdict of a fit.
+ * @type {Readonly<Record<string, string>>}
+ */
+export const VERDICTS = Object.freeze({
+    good: "Good",
+    limited: "Limited",
+    refused: "Refused",
+});
+
+/** The title of a limited fit that lacks nothing but tilt. */
+export const WHILE_LEVEL = "Good while level";
+
+/**
+ * Whether level headings are the goal and good, and nothing but the other attitudes is not known.
+ * @param {import("../../../../static/view.d.ts").View | null} view
+ * @param {string} goal
+ * @returns {boolean}
+ */
+export function isGoodWhileLevel(view, goal) {
+    const error = view?.heading_error_deg;
+    if (!view || !error || goal !== "heading" || view.verdict !== "limited" || error.worst > error.target_deg) return false;
+    const limits = (view.findings ?? []).filter(({ severity }) => severity === "limits");
+    return limits.length > 0 && limits.every(({ code }) => code === "level-plane");
+}
+
+/**
+ * The icon (a symbol of the page) of each phase, verdict and severity of a finding or notice.
+ * @type {Readonly<Record<string, string>>}
+ */
+export const ICONS = Object.freeze({
+    waiting: "waiting",
+    collecting: "collecting",
+    good: "good",
+    limited: "limited",
+    wrong: "wrong",
+    refused: "wrong",
+    note: "info",
+    limits: "limited",
+    refuses: "wrong",
+    info: "info",
+    warning: "limited",
+    error: "wrong",
+});
