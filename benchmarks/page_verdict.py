@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.heading.guidance import Goal
     from flinders.likelihood.site_field import Site
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
     from flinders.report.view import View
 
 PROGRAM: Final = Path(__file__).with_suffix(".mjs")

@@ -32,7 +32,8 @@ from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import direction_error_deg, level_error
 from flinders.likelihood import magnitude
 from flinders.native import build
-from flinders.native.engine import RECORD, Engine, engine, layout
+from flinders.native.engine import Engine, engine
+from flinders.native.layouts import RECORD, layout
 from flinders.summary.coverage import Coverage
 from flinders.summary.moments import Moments
 from flinders.summary.quality import DataQuality

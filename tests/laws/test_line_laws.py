@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from flinders.readers._layout import recognise
+from flinders.readers._recognition import recognise
 from flinders.readers._tokenizer import cut, decimal, like, names_of, pattern_of
 from flinders.readers.dialects.pattern import Pattern
 

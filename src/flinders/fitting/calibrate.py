@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from flinders.fitting.linearization import AxisTerms
     from flinders.fitting.widening import Widened
     from flinders.likelihood.site_field import Site
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
     from flinders.readers import AnySource
 
     AnyReadings: TypeAlias = Recording | Summary | ArrayLike | AnySource

@@ -47,7 +47,8 @@ from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.heading.error_propagation import raw_error
 from flinders.likelihood.prior import KnownShape
 from flinders.likelihood.site_field import Site
-from flinders.native.engine import constant, engine
+from flinders.native.engine import engine
+from flinders.native.layouts import constant
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ if TYPE_CHECKING:
     from flinders.fitting.aiding import Aiding, AnyAiding
     from flinders.fitting.calibrate import AnyReadings
     from flinders.fitting.result import Fit
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
 
 METHOD: Final = "refresh"
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators import Estimate
     from flinders.estimators.auto import Auto
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
     from flinders.summary.coverage import Coverage
     from flinders.summary.summary import Statistics
 

@@ -24,7 +24,7 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import TimeSpan
 from flinders.errors import UnreadableInput
-from flinders.readers._names import Choice, numbered
+from flinders.readers._choice import Choice, numbered
 from flinders.readers._source import sound
 
 if TYPE_CHECKING:

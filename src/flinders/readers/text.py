@@ -26,11 +26,14 @@ from flinders.core.samples import ACCOMPANYING, BLOCK, NOTED, Skipped, TimeSpan,
 from flinders.core.silence import silent
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput
+from flinders.readers._asked_columns import wanted_acceleration, wanted_strength
+from flinders.readers._choice import FIRST, Choice
 from flinders.readers._clock import Midnights
-from flinders.readers._columns import ColumnsRecording, unit_of, wanted_acceleration, wanted_strength
-from flinders.readers._layout import TextLayout, recognise_layout, sniff, split_records
+from flinders.readers._columns import ColumnsRecording, unit_of
+from flinders.readers._layout import TextLayout, sniff
 from flinders.readers._line_shapes import LineShapes
-from flinders.readers._names import CURRENT, CURRENTS, FIRST, TEMPERATURE, THROTTLE, THROTTLES, TIME, Choice
+from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
+from flinders.readers._recognition import recognise_layout, split_records
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._source import File, Progress, Reader, derived, foreign_kind, refuse_foreign, sound
 from flinders.readers._tokenizer import (

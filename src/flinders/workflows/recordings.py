@@ -20,7 +20,7 @@ from flinders.core.samples import Joined, Samples, Wrapped, frame_of, singles
 from flinders.errors import AxesError, TooFewSamples, UnitError
 from flinders.fitting.result import Fit
 from flinders.readers import Choice, TableRecording, TextRecording, is_source, open_recording
-from flinders.readers._names import Form
+from flinders.readers._choice import Form
 
 if TYPE_CHECKING:
     import os

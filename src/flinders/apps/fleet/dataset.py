@@ -31,7 +31,7 @@ from flinders.core.axes import Axes
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import FlindersError, UnreadableInput, UsageError, reading
 from flinders.readers import Choice
-from flinders.readers._columns import asked_columns
+from flinders.readers._asked_columns import asked_columns
 from flinders.readers._names import CURRENT, CURRENTS, STRENGTH, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._source import File
 from flinders.readers._table import open_table

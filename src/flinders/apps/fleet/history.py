@@ -47,7 +47,7 @@ from flinders.apps.fleet.results import (
 from flinders.comparison.pairs import EllipsoidPairs
 from flinders.core.files import reason
 from flinders.errors import DocumentError, UsageError
-from flinders.readers._columns import EPOCHS, LONG
+from flinders.readers._times import EPOCHS, LONG
 
 if TYPE_CHECKING:
     import os

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
-from flinders.readers._names import FIELD, TIME, meaning, names_magnetometer, vectors
+from flinders.readers._instruments import names_magnetometer, vectors
+from flinders.readers._names import FIELD, TIME, meaning
 from flinders.readers._tokenizer import number
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import UnreadableInput
-from flinders.readers._names import names_magnetometer
+from flinders.readers._instruments import names_magnetometer
 from flinders.readers._source import unpacked
 from flinders.readers._tokenizer import listed, number, quoted, shown
 from flinders.readers.dialects import Dialect

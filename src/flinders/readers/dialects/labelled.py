@@ -22,17 +22,8 @@ import numpy as np
 
 from flinders.core.units import COUNTS
 from flinders.errors import NoMagnetometer
-from flinders.readers._names import (
-    ACCELERATION,
-    FIELD,
-    RATE,
-    TEMPERATURE,
-    TIME,
-    clearness,
-    magnetometers,
-    meaning,
-    vectors,
-)
+from flinders.readers._instruments import magnetometers, vectors
+from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, clearness, meaning
 from flinders.readers._tokenizer import (
     COMMENTS,
     QUANTITY,

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
-from flinders.readers._names import magnetometers
+from flinders.readers._instruments import magnetometers
 from flinders.readers._tokenizer import number
 from flinders.readers.dialects import Dialect
 

@@ -24,7 +24,7 @@ from flinders.findings.row import CONDITIONS, resting_on
 from flinders.findings.words import STEPS, Z_ELSEWHERE, Z_OPEN
 from flinders.fitting import advice, calibrate, refreshing, verdict
 from flinders.heading import path_planning
-from flinders.native.engine import (
+from flinders.native.layouts import (
     ADVICE,
     AXIS_CHANGE,
     BELIEF,

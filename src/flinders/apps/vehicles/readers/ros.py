@@ -42,10 +42,10 @@ from flinders.apps.vehicles.readers.ros_scan import BAG, KIND, MCAP, REPAIRS, SQ
 from flinders.core.files import MOST_PIECE, metered, unpacked_piece
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput, counted, needs, reading
-from flinders.readers._columns import LONG
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._resample import TimeSeries, blocks, resampled
 from flinders.readers._source import MOST_MEMBER, Reader
+from flinders.readers._times import LONG
 from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:
