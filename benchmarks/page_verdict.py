@@ -32,8 +32,8 @@ from flinders.core.calibration_file import VERSION, dumps
 from flinders.core.samples import Samples
 from flinders.core.units import label
 from flinders.errors import FitError
-from flinders.fitting.calibrate import judged_dip
 from flinders.fitting.refreshing import refresh
+from flinders.fitting.request import judged_dip
 from flinders.fitting.result import Refused
 from flinders.native import build
 from flinders.native.engine import engine

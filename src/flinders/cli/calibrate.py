@@ -622,7 +622,7 @@ class _Run:
         path = self.files.convergence
         if path is None:
             return
-        from flinders.fitting.calibrate import Request, estimator_of
+        from flinders.fitting.request import Request, estimator_of
         from flinders.report.drawings import Trace, convergence_drawing, convergence_table
 
         request = Request.of(self.asked["site"], target_deg=self.asked["target_deg"])

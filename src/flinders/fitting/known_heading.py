@@ -48,9 +48,9 @@ from flinders.core.calibration import Calibration
 from flinders.errors import FitError, UsageError
 from flinders.findings import linked
 from flinders.findings.catalogue import OF_CALIBRATION
-from flinders.fitting.calibrate import mounted
 from flinders.fitting.claim import Claim
 from flinders.fitting.evidence import Diagnosis, Evidence, Residuals
+from flinders.fitting.judgement import mounted
 from flinders.fitting.record import expected_error
 from flinders.fitting.refreshing import (
     known_shape,

@@ -42,7 +42,8 @@ from flinders.estimators.likelihood import estimated
 from flinders.findings import limit_of
 from flinders.fitting.aid_selection import aided_by
 from flinders.fitting.aiding import Instruments
-from flinders.fitting.calibrate import ELSEWHERE, judged_as, judged_dip
+from flinders.fitting.calibrate import ELSEWHERE, judged_as
+from flinders.fitting.request import judged_dip
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.heading.error_propagation import raw_error
 from flinders.likelihood.prior import KnownShape

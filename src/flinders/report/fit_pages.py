@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from flinders.arrays import Floats
-    from flinders.comparison.multi_sensor import Member, Together
+    from flinders.comparison.members import Member, Together
     from flinders.core.calibration import Calibration
     from flinders.diagnostics.repeatability import Repeats
     from flinders.errors import FlindersError, Spelling

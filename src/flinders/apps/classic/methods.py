@@ -24,7 +24,8 @@ from flinders.errors import FitError, NeedsSamples, UsageError, spell_checked
 from flinders.estimators import METHODS, Readings, method_of, within_range
 from flinders.estimators.auto import Auto
 from flinders.findings import VERDICTS
-from flinders.fitting.calibrate import ELSEWHERE, Request, estimator_of, fit
+from flinders.fitting.calibrate import ELSEWHERE, fit
+from flinders.fitting.request import Request, estimator_of
 from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import Coverage
