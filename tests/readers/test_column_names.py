@@ -12,6 +12,7 @@ from pyarrow import csv, parquet
 from flinders import fit, open_recording, simulate
 from flinders.apps.live.transcript import escaped
 from flinders.errors import UsageError
+from flinders.readers._cells import decimal
 from flinders.readers._clock import seconds_of
 from flinders.readers._header import _with_sensors
 from flinders.readers._instruments import polarities
@@ -19,7 +20,7 @@ from flinders.readers._likeness import ColumnGroup, advice, likeness
 from flinders.readers._names import Meaning, kind_of_chip, label, meaning, no_readings, sensor_name, tells_nothing
 from flinders.readers._refusals import ranges
 from flinders.readers._times import cut_digits
-from flinders.readers._tokenizer import cut, decimal, like, names_of, pattern_of
+from flinders.readers._tokenizer import cut, like, names_of, pattern_of
 from flinders.readers.dialects.json_records import flat
 from flinders.readers.dialects.wrapped import STAMP
 

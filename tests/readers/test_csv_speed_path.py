@@ -15,7 +15,8 @@ from tests.trials import examples
 
 from flinders.errors import FlindersError
 from flinders.readers import TextRecording, _source, _tokenizer, open_recording, read, text
-from flinders.readers._tokenizer import CUT_OFF, Grid, Lines, parser_of, rows_of
+from flinders.readers._grid import Grid, parser_of, rows_of
+from flinders.readers._lines import CUT_OFF, Lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable

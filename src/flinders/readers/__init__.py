@@ -39,9 +39,11 @@ from flinders.core.plugins import modules_of, plugin_rows
 from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of, in_memory
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError, reading
 from flinders.readers._choice import FIRST, Choice
+from flinders.readers._foreign_files import foreign_kind
 from flinders.readers._frame import is_frame, open_frame
 from flinders.readers._log import Instrument, Log, Position, Stored
-from flinders.readers._source import File, Progress, Reader, Source, find, foreign_kind, on_disk
+from flinders.readers._reader import Reader
+from flinders.readers._source import File, Progress, Source, find, on_disk
 from flinders.readers._table import Table, TableRecording, open_table
 from flinders.readers.text import TextRecording, open_text
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from flinders.readers._tokenizer import COMMENTS, GLUED, SPACES, number, split
+from flinders.readers._cells import COMMENTS, GLUED, SPACES, number, split
 
 SIGNS: Final = (
     (",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (SPACES, "."), (SPACES, ","), (",", ","),

@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flinders.core.units import PARTED, SPELLINGS
 from flinders.errors import NoMagnetometer, UsageError
+from flinders.readers._cells import COMMENTS, SPACES, fits, number, split
 from flinders.readers._delimiters import SIGNS, is_comment
 from flinders.readers._heading import shifted
 from flinders.readers._instruments import names_magnetometer, vectors
 from flinders.readers._likeness import XYZ, advice, groups
 from flinders.readers._names import ACCELERATION, FIELD, RATE, Meaning, is_unit, meaning
 from flinders.readers._refusals import MOST_ABOVE, ranges
-from flinders.readers._tokenizer import COMMENTS, SPACES, fits, number, shown, split
+from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

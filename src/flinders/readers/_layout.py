@@ -22,11 +22,13 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 import numpy as np
 
 from flinders.errors import NoMagnetometer, UnreadableInput
+from flinders.readers._cells import COMMENTS, SPACES, fits, number, quoted, split
 from flinders.readers._choice import FIRST, Choice
 from flinders.readers._clock import Clock, Midnights, clocks_of
 from flinders.readers._column_choice import choose, rising_in
 from flinders.readers._delimiters import Cut, cut_at, first_row, is_comment, signs_of
 from flinders.readers._devices import are_ids, devices_in, names_device, sensor_column
+from flinders.readers._grid import Grid
 from flinders.readers._header import find_header, find_misfit, lines_above, stated_unit, units_below
 from flinders.readers._likeness import has_clock
 from flinders.readers._names import is_unit, meaning
@@ -41,7 +43,7 @@ from flinders.readers._refusals import (
     refuse_unsafe,
 )
 from flinders.readers._times import seconds_and_nanoseconds
-from flinders.readers._tokenizer import COMMENTS, SPACES, Grid, fits, number, quoted, shown, split
+from flinders.readers._tokenizer import shown
 from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:

@@ -19,6 +19,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput
+from flinders.readers._cells import SPACES
 from flinders.readers._delimiters import Cut, cut_at, is_comment, signs_of
 from flinders.readers._header import find_header
 from flinders.readers._known_texts import refusal
@@ -26,7 +27,6 @@ from flinders.readers._layout import SPOKEN, TRIED, Cells, TextLayout, sniff
 from flinders.readers._names import FIELD, clearness, meaning
 from flinders.readers._refusals import refuse_one_value
 from flinders.readers._source import derived
-from flinders.readers._tokenizer import SPACES
 from flinders.readers.dialects import Dialect, boxed, influx, json_records, labelled, marked, pairs, wrapped
 from flinders.readers.dialects.pattern import Pattern
 

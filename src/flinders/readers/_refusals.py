@@ -16,26 +16,15 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NoMagnetometer, UnreadableInput, figures
+from flinders.readers._cells import number, split
 from flinders.readers._choice import MOST_NAMED
 from flinders.readers._delimiters import SIGNS, cut_at, is_comment
 from flinders.readers._devices import MAX_DEVICES, MIN_READINGS, bare, sensors_of_words
 from flinders.readers._instruments import magnetometers, names_magnetometer
 from flinders.readers._likeness import GRAVITY, NEARLY, STEADY, XYZ
+from flinders.readers._lines import CUT_OFF, ENDS_EARLY
 from flinders.readers._names import ACCELERATION, FIELD, RATE, meaning
-from flinders.readers._tokenizer import (
-    CUT_OFF,
-    ENDS_EARLY,
-    MOMENT,
-    QUANTITY,
-    cut,
-    is_labelled,
-    listed,
-    names_of,
-    number,
-    pattern_of,
-    shown,
-    split,
-)
+from flinders.readers._tokenizer import MOMENT, QUANTITY, cut, is_labelled, listed, names_of, pattern_of, shown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -37,10 +37,11 @@ import numpy as np
 from flinders.apps.marine import nmea0183, nmea2000, signalk
 from flinders.errors import UnreadableInput, UsageError
 from flinders.geometry.angles import folded, wrapped
+from flinders.readers._foreign_files import is_binary
+from flinders.readers._lines import encoding_of
 from flinders.readers._log import Position
 from flinders.readers._resample import TimeSeries
-from flinders.readers._source import find, is_binary
-from flinders.readers._tokenizer import encoding_of
+from flinders.readers._source import find
 
 if TYPE_CHECKING:
     import os

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 from flinders.apps.live import transcript
 from flinders.core import silence, units
 from flinders.readers import (
+    _cells,
     _choice,
     _clock,
     _column_choice,
@@ -25,13 +26,15 @@ from flinders.readers import (
     _columns_by_place,
     _delimiters,
     _devices,
+    _foreign_files,
+    _grid,
     _header,
     _instruments,
     _layout,
+    _lines,
     _names,
     _recognition,
     _refusals,
-    _source,
     _times,
     _tokenizer,
     registry,
@@ -46,7 +49,7 @@ MODULES: Final = {
     "units": (units,),
     "silence": (silence,),
     "names": (_names, _instruments, _choice),
-    "tokenizer": (_tokenizer,),
+    "tokenizer": (_tokenizer, _cells, _grid, _lines),
     "clock": (_clock,),
     "columns": (_columns, _columns_by_name, _columns_by_place, _times, _column_choice),
     "devices": (_devices,),
@@ -156,8 +159,8 @@ def _files() -> dict[str, Any]:
     return {
         "suffixes": {suffix: row.title for row in rows for suffix in row.suffixes if suffix not in (".log", ".zip")},
         "starts": {start.hex(): row.title for row in rows for start in row.starts if len(start) > 1},
-        "others": {start.hex(): list(kind) for start, kind in _source.MAGIC.items()},
-        "controls": list(_source.CONTROLS),
-        "most_controls": _source.MOST_CONTROLS,
-        "pages": {start.decode(): name for start, name in _source.PAGES.items()},
+        "others": {start.hex(): list(kind) for start, kind in _foreign_files.MAGIC.items()},
+        "controls": list(_foreign_files.CONTROLS),
+        "most_controls": _foreign_files.MOST_CONTROLS,
+        "pages": {start.decode(): name for start, name in _foreign_files.PAGES.items()},
     }
