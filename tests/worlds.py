@@ -17,7 +17,7 @@ import numpy as np
 
 import flinders
 from flinders import simulate
-from flinders.core.samples import Joined, Samples
+from flinders.core.samples import Samples
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.rotation import rotations
 from flinders.simulate import Sensor, Simulated, motions
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
+    from flinders.core.joining import Joined
     from flinders.estimators import Estimator
 
 FIELD_STRENGTH: Final = 50.0

@@ -19,7 +19,8 @@ from tests.numpy_likelihood import NumpyLikelihood, foot_directions
 from tests.trials import daily
 from tests.worlds import SWAPS
 
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.diagnostics.axis_swap import axis_swap_of
 from flinders.estimators.auto import Auto
 from flinders.estimators.consistent import Consistent

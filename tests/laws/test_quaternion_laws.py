@@ -15,7 +15,8 @@ from hypothesis.extra.numpy import arrays
 import flinders.readers
 from flinders import simulate
 from flinders.core.axes import Axes
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.errors import ArrayError, AxesError
 from flinders.geometry import quaternions
 from flinders.heading.smoothing import Filter, filtered

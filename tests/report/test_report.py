@@ -21,7 +21,8 @@ import flinders
 from flinders import simulate
 from flinders.core.calibration import Calibration
 from flinders.core.disturbance import Disturbance
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.diagnostics.random_walk import walk_through
 from flinders.errors import FitError, TooFewSamples
 from flinders.fitting import calibrate

@@ -37,7 +37,7 @@ class Pair(program.Group):
 
     def restored(self, command: str) -> Restored:
         """Open them, put them together, and say what is odd."""
-        from flinders.core.samples import Joined
+        from flinders.core.joining import Joined
         from flinders.workflows.restoring import restore
 
         path = self.calibration

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
-from flinders.core.samples import Samples, in_memory
+from flinders.core.joining import in_memory
 from flinders.core.time_alignment import Paired, affine_residuals, paired
 from flinders.errors import InputError, UsageError
 from flinders.estimators import Readings, within_range
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from flinders.arrays import Floats
-    from flinders.core.samples import Recording
+    from flinders.core.samples import Recording, Samples
     from flinders.estimators import Estimate
 
 COPY: Final = 0.1

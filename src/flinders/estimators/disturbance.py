@@ -37,7 +37,7 @@ import numpy as np
 from flinders.core.calibration import Calibration
 from flinders.core.compensation import compensated
 from flinders.core.disturbance import Disturbance, motor
-from flinders.core.samples import singles
+from flinders.core.joining import singles
 from flinders.errors import NotTurned, UsageError
 from flinders.estimators.disturbance_problem import DisturbanceProblem, settle
 from flinders.estimators.regressor_quality import (

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from flinders.core.samples import Samples, in_memory
+from flinders.core.joining import in_memory
 from flinders.errors import FitError, UsageError
 from flinders.estimators.level import Level, turned_level
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
@@ -23,6 +23,7 @@ from flinders.summary.summary import is_flat
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from flinders.core.samples import Samples
     from flinders.estimators import Estimate, Readings
     from flinders.fitting.request import Request
 

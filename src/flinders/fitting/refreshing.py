@@ -33,7 +33,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 
-from flinders.core.samples import Samples, frame_of, in_memory
+from flinders.core.joining import in_memory
+from flinders.core.samples import Samples, frame_of
 from flinders.diagnostics.soft_iron import Refreshed
 from flinders.errors import AxesError, OutOfScale, TooFewSamples, UnitError, Unmoved, UsageError, spell_checked
 from flinders.estimators import Readings, within_range

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from flinders.core.samples import Joined
+from flinders.core.joining import Joined
 from flinders.errors import FitError
 from flinders.estimators import ROWS, Readings
 from flinders.estimators.covariance import beyond_chance

@@ -35,8 +35,10 @@ from typing import IO, TYPE_CHECKING, Any, Final, TypeAlias, cast
 import numpy as np
 
 from flinders.core.axes import Axes
+from flinders.core.joining import Joined, in_memory
 from flinders.core.plugins import modules_of, plugin_rows
-from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of, in_memory
+from flinders.core.samples import Recording, Samples, added, frame_of
+from flinders.core.time_span import TimeSpan
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError, reading
 from flinders.readers._choice import FIRST, Choice
 from flinders.readers._foreign_files import foreign_kind

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
-    from flinders.core.samples import TimeSpan
+    from flinders.core.time_span import TimeSpan
     from flinders.readers._clock import Clock
     from flinders.readers._devices import Device
     from flinders.readers._source import Source

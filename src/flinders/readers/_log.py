@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import TimeSpan
+from flinders.core.time_span import TimeSpan
 from flinders.errors import UnreadableInput
 from flinders.readers._choice import Choice, numbered
 from flinders.readers._source import sound

@@ -26,7 +26,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
+from flinders.core.samples import BLOCK, Skipped, added
+from flinders.core.time_span import TimeSpan
 from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.readers._choice import FIRST, Choice
 from flinders.readers._column_choice import choose, rising_in

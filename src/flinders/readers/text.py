@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
+from flinders.core.samples import BLOCK, Skipped, added
 from flinders.core.silence import silent
+from flinders.core.time_span import TimeSpan
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput
 from flinders.readers._asked_columns import wanted_acceleration, wanted_strength

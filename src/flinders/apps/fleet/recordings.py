@@ -33,7 +33,7 @@ from flinders.apps.fleet.dataset import (
     opened,
 )
 from flinders.apps.fleet.results import UnitResult, one_line
-from flinders.core.samples import concatenated
+from flinders.core.joining import concatenated
 from flinders.core.silence import silent
 from flinders.errors import FlindersError, UnitError, counted
 from flinders.fitting.batch import Lined

@@ -21,7 +21,7 @@ from flinders.apps.survey.tolles_lawson import TollesLawson, fitted
 from flinders.apps.survey.tolles_lawson_terms import NAMES
 from flinders.core.calibration_file import Count, NotNegative, gaps, lay_out, understood
 from flinders.core.files import read_bytes
-from flinders.core.samples import in_memory
+from flinders.core.joining import in_memory
 from flinders.errors import DocumentError, UsageError
 from flinders.estimators.data import recording_of
 from flinders.summary.summary import Summary
