@@ -21,7 +21,7 @@ from flinders.errors import ArrayError, AxesError
 from flinders.geometry import quaternions
 from flinders.heading.smoothing import Filter, filtered
 from flinders.readers._resample import LONGEST_TURN, AttitudeSeries
-from flinders.simulate.motions import posed
+from flinders.simulate.attitudes import posed
 from flinders.simulate.recording import write_csv
 from flinders.targets._mounting import euler
 

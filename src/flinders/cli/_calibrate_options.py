@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
+from flinders.cli._completion import complete_methods
 from flinders.cli._inputs import site_of, stated_site
 from flinders.cli._output import Output, refuse_twice
 from flinders.errors import UsageError
@@ -104,7 +105,7 @@ class Estimation(program.Group, heading=program.METHOD):
 
     method: str = program.member(
         "--method", default="auto", show_default=True, metavar="NAME", help="One of `flinders methods`.",
-        shell_complete=program.complete_methods,
+        shell_complete=complete_methods,
     )  # fmt: skip
     method_options: tuple[str, ...] = program.member(
         "--option", multiple=True, metavar="NAME=VALUE",
