@@ -32,9 +32,10 @@ from flinders.geometry.sphere import tile_of, tiles
 from flinders.likelihood.site_field import Site
 from flinders.report import modules
 from flinders.report.figure_data import FigureData
-from flinders.report.figures import coverage_map, error_map, offset_over_time, projections
+from flinders.report.figures import offset_over_time, projections
 from flinders.report.formatting import degrees, mounting
 from flinders.report.html import listings_of, page, python_of
+from flinders.report.maps import coverage_map, error_map
 from flinders.report.notebook import html_of
 from flinders.report.terminal import plot
 from flinders.report.view import tile_errors_deg
@@ -260,7 +261,7 @@ def test_the_map_keeps_areas() -> None:
     fit, samples = fitted()
     drawn = FigureData.of(fit, samples)
     assert drawn.view is not None
-    from flinders.report.figures import hemisphere
+    from flinders.report.maps import hemisphere
 
     def area(ring: np.ndarray) -> float:
         x, y = ring.T
