@@ -57,7 +57,6 @@ EXIT_CODES: Final = {
     INTERRUPTED: "interrupted",
 }
 
-
 EXITS: Final[dict[Verdict, int]] = {"good": GOOD, "limited": LIMITED, "refused": REFUSED}
 """How a command ends by its verdict."""
 

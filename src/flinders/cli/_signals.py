@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from types import FrameType
 
-
 ENDING: Final = ("SIGINT", "SIGTERM", "SIGHUP")
 """Ctrl-C, and what else ends a program from outside: kill, timeout, a closed terminal."""
 

@@ -54,17 +54,14 @@ if TYPE_CHECKING:
     from flinders.fitting.aiding import AnyAiding
     from flinders.likelihood.site_field import Site
 
-
 NOISIER: Final = 3.0
 """Times as far off as the best of the others: something is wrong with a sensor all the time."""
 
 WORSE: Final = 1.5
 """Times the heading error of a sensor by itself: where it is more with the others, they do not belong together."""
 
-
 MOST_OUTLIERS: Final = 0.5
 """Of a sensor's readings that it may leave out by itself, and of those that may yet belong to the others."""
-
 
 ROUNDS: Final = 3
 """Of fits, each without the stretches in which a sensor departed from the one before."""

@@ -51,7 +51,6 @@ if TYPE_CHECKING:
 
     from flinders.core.linearization import Linearization
 
-
 UNSTATED: Final = Unit.of()
 AS_RECORDED: Final = Axes()
 ROTATIONS: Final = get_args(Rotation)

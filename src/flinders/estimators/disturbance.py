@@ -71,7 +71,6 @@ if TYPE_CHECKING:
     from flinders.estimators.time_delay import Lag
     from flinders.geometry.ellipsoid import Ellipsoid
 
-
 LEANT: Final = 0.5
 """Leverage from which on a reading says more of the surface through it than all others say there."""
 

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 ENOUGH: Final = 20_000
 """Readings on which the fit is iterated; the whole of a longer recording is gone through once, from there."""
 
-
 ROBUST, LEVEL = "robust", "level"
 """Methods of an estimate that outliers were rejected for, and of a level turn."""
 

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from flinders.estimators import Estimate, Readings
     from flinders.fitting.request import Request
 
-
 LEANING: Final = 10.0
 """Times the heading error claimed of a level turn: a fit with aiding sensors that claims more saw no lean. Of drives of
 half a minute it claims up to 8 times as much, of level turns more than 100 times; the turn errs by up to 5 times its

@@ -50,7 +50,6 @@ UPPER: Final = np.flatnonzero(np.triu(np.ones((9, 9))).ravel())
 WIDTHS: Final = {"offset": 3, "matrix": 9, "covariance": 45}
 """Columns of so many numbers."""
 
-
 LIMITS, REFUSES = SEVERITIES.index("limits"), SEVERITIES.index("refuses")
 """Severities as the engine numbers them."""
 

@@ -56,7 +56,6 @@ ELSEWHERE: Final = {
 }
 """Parameters of other functions and values, and of which."""
 
-
 ONE_A_REST: Final = frozenset({"auto", "consistent", "ellipse", "level", "likelihood", "robust"})
 """Methods that count a rest as one reading or none; published recipes count each."""
 

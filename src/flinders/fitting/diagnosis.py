@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from flinders.fitting.widening import Widened
     from flinders.native.layouts import Records
 
-
 LOOKED_AT: Final = 5_000
 """Readings of a longer recording that are looked at for a change in time."""
 

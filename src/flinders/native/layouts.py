@@ -93,7 +93,6 @@ VERTICAL: Final = layout("flinders_vertical", np.float64)
 HEIGHTS: Final = layout("flinders_heights", np.float64)
 """Layout of the plane of a level turn."""
 
-
 UNDETERMINED: Final = 7
 """Status of a record whose readings leave parameters open, and there is no prior."""
 

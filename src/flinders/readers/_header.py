@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from flinders.readers._clock import Clock
     from flinders.readers._devices import SensorColumn
 
-
 MOST_NAMES_OVER: Final = 2  # Names that a header may have more than lines have fields
 _UNITS: Final = re.compile(r"(?:(?:mag|field)[ _-]?)?units?", re.IGNORECASE)  # name of a column
 _SAYS_UNIT: Final = re.compile(

@@ -22,7 +22,6 @@ from flinders.errors import UnreadableInput
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-
 LONGEST: Final = 1 << 20  # Characters in the longest line that is kept whole
 MOST_IN_BLOCK: Final = 1 << 23  # Characters after which a block of lines ends early
 CUT: Final = 60  # Characters shown of a line in a message

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from flinders.readers._columns import Columns
     from flinders.readers._devices import Device
 
-
 ONE_VALUE_SIGNS: Final = (",", ";", "\t", "|")  # Delimiters of tables with one value a row
 PRINTED: Final = 1024  # Characters of a line that are looked at for labels
 LONGEST_EXAMPLE: Final = 160  # Characters of a line that is shown as a pattern

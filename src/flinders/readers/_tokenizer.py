@@ -23,9 +23,7 @@ from flinders.readers._names import FACTORS, meaning, tells_readings_apart
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-
 MOST_NAMED: Final = 24  # Columns named in a message
-
 
 NUMBER: Final = r"(?<![\w.^])(?:(?<!\w[-+−])(?=[-+−])|(?<![-+−])(?![-+−]))(?!(?<=\w\[)\d+\])(?!(?<=<)inf>)" + ATTACHED
 """A number that is no part of a word, of ``m/s^2``, ``X-6`` or an index; Arduino prints ``nan``, ``inf`` and ``ovf``,

@@ -391,7 +391,6 @@ COMPACT_VALUES: Final[dict[int, Callable[[_Compact], Any]]] = {
 }
 """What reads a value of a kind; in a list a truth is a byte."""
 
-
 READERS: Final = (
     Reader(
         "parquet",

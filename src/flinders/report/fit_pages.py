@@ -51,7 +51,6 @@ if TYPE_CHECKING:
 
 NOISE_REFUSED: Final = limit_of("noise", "refuses")
 
-
 IN_NEARLY_EVERY_FIT: Final = ("scale-unknown", "rotation-unknown")
 """Notes that hold whatever the recording, unless somebody gave the field and the mounting."""
 

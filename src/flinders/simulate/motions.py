@@ -44,7 +44,6 @@ GRAVITY: Final = 9.81
 SETTLING: Final = 200
 """Steps of the random walk before its start is forgotten."""
 
-
 LEANING: Final = 0.8
 """s, time constant of each filter of a swayed body's leans: it goes from one side to the other in some seconds."""
 

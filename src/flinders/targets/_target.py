@@ -66,7 +66,6 @@ EXACT: Final = 1e-9
 EXACT_SINGLE: Final = 1e-6
 """The same for what float32 has rounded."""
 
-
 CHANCE: Final = 1e-4
 """How often a clean reading is beyond a limit of `Gates`, at most."""
 SIGMAS: Final = NormalDist().inv_cdf(1.0 - CHANCE / 2.0)
