@@ -29,7 +29,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 import flinders
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.fitting.result import Refused
 
 if TYPE_CHECKING:

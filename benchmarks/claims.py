@@ -33,18 +33,11 @@ import numpy as np
 import flinders
 from benchmarks import adversary
 from benchmarks.accuracy import fitted, score
-from benchmarks.datasets import (
-    FIELD,
-    FIELD_STRENGTH,
-    SEED,
-    bound,
-    dataset,
-    heading_error_deg,
-    parameter_error,
-)
+from benchmarks.datasets import FIELD, FIELD_STRENGTH, SEED, bound, dataset, heading_error_deg, parameter_error
 from benchmarks.recordings import FOLDER, text_recordings
 from flinders import simulate
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.errors import FlindersError
 from flinders.estimators import Readings
 from flinders.estimators.auto import Auto

@@ -34,7 +34,7 @@ from flinders.heading import path_planning
 from flinders.heading.error_propagation import direction_errors_deg
 from flinders.heading.guidance import guide
 from flinders.simulate import Sensor
-from flinders.simulate.motions import north_and_down, seen_from
+from flinders.simulate.attitudes import north_and_down, seen_from
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -29,7 +29,7 @@ from flinders.core.samples import Samples
 from flinders.errors import FlindersError
 from flinders.fitting.result import Refused
 from flinders.likelihood.site_field import Site
-from flinders.simulate.motions import rates
+from flinders.simulate.attitudes import rates
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -32,8 +32,8 @@ from flinders.core.calibration_file import VERSION, dumps
 from flinders.core.samples import Samples
 from flinders.core.units import label
 from flinders.errors import FitError
-from flinders.fitting.calibrate import judged_dip
 from flinders.fitting.refreshing import refresh
+from flinders.fitting.request import judged_dip
 from flinders.fitting.result import Refused
 from flinders.native import build
 from flinders.native.engine import engine
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.heading.guidance import Goal
     from flinders.likelihood.site_field import Site
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
     from flinders.report.view import View
 
 PROGRAM: Final = Path(__file__).with_suffix(".mjs")

@@ -35,7 +35,7 @@ from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood.magnitude import information
 from flinders.simulate import Sensor, tumble
-from flinders.simulate.motions import north_and_down, posed, seen_from
+from flinders.simulate.attitudes import north_and_down, posed, seen_from
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

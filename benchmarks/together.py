@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
-    from flinders.comparison.multi_sensor import Together
+    from flinders.comparison.members import Together
     from flinders.estimators import Estimate
     from flinders.simulate import Sensor, Simulated
 

@@ -32,7 +32,7 @@ from flinders.fitting.result import Refused
 from flinders.geometry.quaternions import of_angles, of_matrix, product
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.likelihood.site_field import Site
-from flinders.simulate.motions import rates
+from flinders.simulate.attitudes import rates
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -32,7 +32,7 @@ from flinders.native.engine import engine
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
 
 EVALUATE: Final = """
 const [{ loadEngine }, { fitOf }, { evaluate }] = await Promise.all(["engine.js", "fit.js", "evaluate.js"].map(load));

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from flinders.errors import ArrayError
+from flinders.errors import ArrayError, UsageError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -140,6 +140,16 @@ def matrix(values: ArrayLike, name: str = "matrix", size: int = 3) -> Floats:
     return array
 
 
+def positive(value: ArrayLike | float | None, name: str) -> float:
+    """Let through one positive finite number."""
+    if isinstance(value, float) and 0.0 < value < math.inf:
+        return float(value)
+    number = floats(0.0 if value is None else value, name)
+    if number.shape != () or not (np.isfinite(number) and number > 0):
+        raise UsageError(f"{name} is {number}: need one positive number")
+    return float(number)
+
+
 def refuse_gaps(array: Floats, name: str) -> None:
     """Raise `ArrayError` naming the first row that is not finite."""
     if array.size <= FEW and all(map(math.isfinite, array.ravel().tolist())):
@@ -152,6 +162,15 @@ def refuse_gaps(array: Floats, name: str) -> None:
     raise ArrayError(
         f"{name} is {array[row]} at index {row} ({len(gaps):,} such values): need finite numbers; leave those rows out"
     )
+
+
+def four_digits(row: Floats) -> str:
+    """Write a row of numbers with four digits each.
+
+    >>> four_digits(np.array([-0.0, 31.0723]))
+    '[0, 31.07]'
+    """
+    return "[" + ", ".join(f"{entry + 0.0:.4g}" for entry in row) + "]"
 
 
 def runs(is_in: ArrayLike) -> list[slice]:

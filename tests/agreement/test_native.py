@@ -19,7 +19,8 @@ from tests.numpy_likelihood import NumpyLikelihood, foot_directions
 from tests.trials import daily
 from tests.worlds import SWAPS
 
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.diagnostics.axis_swap import axis_swap_of
 from flinders.estimators.auto import Auto
 from flinders.estimators.consistent import Consistent
@@ -32,7 +33,8 @@ from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import direction_error_deg, level_error
 from flinders.likelihood import magnitude
 from flinders.native import build
-from flinders.native.engine import RECORD, Engine, engine, layout
+from flinders.native.engine import Engine, engine
+from flinders.native.layouts import RECORD, layout
 from flinders.summary.coverage import Coverage
 from flinders.summary.moments import Moments
 from flinders.summary.quality import DataQuality

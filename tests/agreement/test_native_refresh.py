@@ -16,7 +16,8 @@ from flinders.comparison.comparison import compare
 from flinders.fitting.refreshing import earlier_of
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.likelihood import magnitude
-from flinders.native.engine import constant, engine
+from flinders.native.engine import engine
+from flinders.native.layouts import constant
 from flinders.summary.pooling import chance_of
 
 MOVED = np.array([8.0, -5.0, 3.0])

@@ -13,12 +13,14 @@ import numpy.testing as npt
 import pytest
 
 from flinders import open_log
-from flinders.comparison.multi_sensor import Member, Together, fit_multi
+from flinders.comparison.multi_sensor import fit_multi
 from flinders.fitting.result import Fit, Refused
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+    from flinders.comparison.members import Member, Together
 
 ONBOARD_UT: Final = np.array([9.77916, -11.811, -21.318])
 """−COMPASS_OFS of the external compass, as the log has it: what its readings are about."""

@@ -36,7 +36,8 @@ from flinders.apps.classic.recipes.ekf import Ekf
 from flinders.apps.classic.recipes.sequential import Sequential, SequentialState
 from flinders.cli import main
 from flinders.comparison.evaluation import evaluate
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.errors import FitError, NeedsSamples, UsageError
 from flinders.estimators import Estimator, Readings
 from flinders.estimators.one_strength import at_one_strength

@@ -24,7 +24,8 @@ from tests.waiting import wait_until
 import flinders
 from flinders import simulate
 from flinders.cli import _output, main
-from flinders.cli._program import ENDING, EXIT_CODES, handled, interrupt
+from flinders.cli._program import EXIT_CODES
+from flinders.cli._signals import ENDING, handled, interrupt
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
 

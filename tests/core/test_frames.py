@@ -17,7 +17,8 @@ from flinders.apps.vehicles.targets.autopilot import parse
 from flinders.cli import main
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
-from flinders.core.samples import Joined, Samples, frame_of
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples, frame_of
 from flinders.core.units import Unit
 from flinders.errors import AxesError, NotExportable
 from flinders.fitting.calibrate import fit

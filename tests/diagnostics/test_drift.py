@@ -15,7 +15,8 @@ from tests.trials import daily, nightly
 from tests.worlds import SENSOR, judged
 
 import flinders
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.diagnostics.systematic import drift_of
 from flinders.estimators import Readings, covariance
 from flinders.estimators.likelihood import Likelihood

@@ -13,8 +13,8 @@ from tests.trials import daily
 
 import flinders
 from flinders import Calibration, Samples
+from flinders.core.joining import Joined
 from flinders.core.linearization import Linearization
-from flinders.core.samples import Joined
 from flinders.diagnostics.systematic import AxisLag, nonlinearity_in
 from flinders.errors import ArrayError, NotExportable, UsageError
 from flinders.fitting.linearization import unchanged

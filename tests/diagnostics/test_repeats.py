@@ -16,7 +16,7 @@ from tests.worlds import SENSOR
 
 import flinders
 from flinders.cli import main
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
 from flinders.fitting.result import Refused
 from flinders.simulate import Simulated, tumble
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from tests.trials import Choose
 
+    from flinders.core.samples import Samples
     from flinders.findings import Finding
     from flinders.fitting.result import Fit
 

@@ -15,7 +15,7 @@ from tests.trials import daily, nightly
 
 import flinders
 from flinders import simulate
-from flinders.cli.calibrate import recorded
+from flinders.cli._calibrate_options import recorded
 from flinders.core.axes import TURNS
 from flinders.diagnostics.instruments import circular, of_instruments, one_axis, wrong_dip
 from flinders.errors import UsageError

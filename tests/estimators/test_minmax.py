@@ -17,7 +17,8 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.cli._program import FIT_KEYS
 from flinders.core.axes import Axes
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators import Readings

@@ -15,7 +15,8 @@ from tests.worlds import judged, rms
 
 import flinders
 from flinders import simulate
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.estimators import Readings
 from flinders.estimators.aiding import solve
 from flinders.estimators.rests import Rests

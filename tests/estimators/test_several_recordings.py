@@ -10,7 +10,8 @@ import pytest
 from tests.worlds import SENSOR
 
 import flinders
-from flinders.core.samples import Joined, Samples, Wrapped
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples, Wrapped
 from flinders.estimators import Readings, data
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import Robust

@@ -14,7 +14,7 @@ from tests.worlds import TURNED, body
 import flinders
 from flinders import simulate
 from flinders.comparison.agreement import disagreements, heading_deg
-from flinders.comparison.multi_sensor import Member, fit_multi, nearest_axes
+from flinders.comparison.multi_sensor import fit_multi, nearest_axes
 from flinders.core.samples import Samples
 from flinders.core.time_alignment import between, paired
 from flinders.errors import FitError, InputError, UsageError
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from tests.trials import Choose
 
     from flinders.arrays import Floats
+    from flinders.comparison.members import Member
 
 FIELD: Final = 50.0
 """µT."""

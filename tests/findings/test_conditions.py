@@ -14,7 +14,7 @@ from tests.worlds import MOTORS, OFFSET_SENSOR
 import flinders
 from flinders import Fit, simulate
 from flinders.apps.live.buffer import rows_of
-from flinders.core.samples import Joined
+from flinders.core.joining import Joined
 from flinders.fitting.result import Judgement
 from flinders.report.formatting import condition
 from flinders.report.notebook import html_of

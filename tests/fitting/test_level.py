@@ -13,7 +13,8 @@ from tests.worlds import judged, level_turn, method_with, rms
 
 import flinders
 from flinders import simulate
-from flinders.core.samples import Joined, Samples, Wrapped
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples, Wrapped
 from flinders.errors import FitError, NotAnEllipsoid, StuckAxis, UsageError
 from flinders.estimators import Readings
 from flinders.estimators.level import Level

@@ -17,7 +17,7 @@ from flinders.fitting.known_heading import PoseSigmas, refresh_at_headings
 from flinders.fitting.result import Fit, Refused
 from flinders.likelihood.site_field import Site
 from flinders.simulate import tumble
-from flinders.simulate.motions import north_and_down, posed, seen_from, turns
+from flinders.simulate.attitudes import north_and_down, posed, seen_from, turns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
 
 CORRECTED = Sensor(noise=0.3)
 UNCORRECTED = Sensor(offset=np.array([20.0, -10.0, 15.0]), noise=0.3)

@@ -18,7 +18,8 @@ import flinders
 from flinders import simulate
 from flinders.core.axes import Axes
 from flinders.core.calibration_file import FindingRecord, ProvenanceRecord, SourceFile
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.errors import DocumentError, FitError, StuckAxis, TooFewSamples
 from flinders.findings import CATALOGUE, REFUSALS, Finding
 from flinders.fitting.advice import advised

@@ -13,7 +13,7 @@ from tests.worlds import TUMBLED_SENSOR, write_field
 
 import flinders
 from flinders import simulate
-from flinders.simulate.motions import north_and_down, posed, seen_from
+from flinders.simulate.attitudes import north_and_down, posed, seen_from
 
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden

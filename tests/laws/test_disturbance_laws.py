@@ -20,7 +20,8 @@ from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import dumps, loads
 from flinders.core.compensation import Compensator, compensated
 from flinders.core.disturbance import KINDS, Disturbance, lagged, motors
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, UsageError
 from flinders.targets import ExportOptions, find, read_back

@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.trials import examples
 
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.errors import UsageError
 from flinders.heading.smoothing import NAMES, WIDEST, Filter, Name, Passed, filtered
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from flinders.readers._layout import recognise
-from flinders.readers._tokenizer import cut, decimal, like, names_of, pattern_of
+from flinders.readers._cells import decimal
+from flinders.readers._recognition import recognise
+from flinders.readers._tokenizer import cut, like, names_of, pattern_of
 from flinders.readers.dialects.pattern import Pattern
 
 numbers = st.floats(-1e4, 1e4).map(lambda value: f"{value:.3f}") | st.integers(-32768, 32767).map(str)

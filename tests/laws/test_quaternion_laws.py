@@ -15,12 +15,13 @@ from hypothesis.extra.numpy import arrays
 import flinders.readers
 from flinders import simulate
 from flinders.core.axes import Axes
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.errors import ArrayError, AxesError
 from flinders.geometry import quaternions
 from flinders.heading.smoothing import Filter, filtered
 from flinders.readers._resample import LONGEST_TURN, AttitudeSeries
-from flinders.simulate.motions import posed
+from flinders.simulate.attitudes import posed
 from flinders.simulate.recording import write_csv
 from flinders.targets._mounting import euler
 

@@ -18,8 +18,8 @@ from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import FlindersError, NotExportable
 from flinders.targets import ExportOptions, motioncal, read_back, registry
+from flinders.targets._comments import BLOCK, MARKUP, plain_ascii
 from flinders.targets._numbers import nearest_diagonal
-from flinders.targets._target import BLOCK, MARKUP, plain_ascii
 from flinders.targets.motioncal import symmetric_root
 
 entries = st.floats(-0.2, 0.2)

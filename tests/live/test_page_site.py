@@ -34,7 +34,7 @@ from flinders.report.view import view
 
 if TYPE_CHECKING:
     from flinders.core.geomag import SiteField
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
 
 try:
     build.library(target=build.WEB)

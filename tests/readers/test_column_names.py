@@ -12,21 +12,15 @@ from pyarrow import csv, parquet
 from flinders import fit, open_recording, simulate
 from flinders.apps.live.transcript import escaped
 from flinders.errors import UsageError
+from flinders.readers._cells import decimal
 from flinders.readers._clock import seconds_of
-from flinders.readers._columns import _cut_digits
-from flinders.readers._layout import _with_sensors, ranges
+from flinders.readers._header import _with_sensors
+from flinders.readers._instruments import polarities
 from flinders.readers._likeness import ColumnGroup, advice, likeness
-from flinders.readers._names import (
-    Meaning,
-    kind_of_chip,
-    label,
-    meaning,
-    no_readings,
-    polarities,
-    sensor_name,
-    tells_nothing,
-)
-from flinders.readers._tokenizer import cut, decimal, like, names_of, pattern_of
+from flinders.readers._names import Meaning, kind_of_chip, label, meaning, no_readings, sensor_name, tells_nothing
+from flinders.readers._refusals import ranges
+from flinders.readers._times import cut_digits
+from flinders.readers._tokenizer import cut, like, names_of, pattern_of
 from flinders.readers.dialects.json_records import flat
 from flinders.readers.dialects.wrapped import STAMP
 
@@ -113,8 +107,8 @@ def test_ranges_of_nameless_columns_are_listed() -> None:
 def test_a_time_cut_to_float32_is_not_a_buffer_of_readings() -> None:
     times = np.repeat([1732190000.0, 1732190128.0, 1732190256.0], 60)
     cut_off = "its digits were cut to steps of 128 s, 60 readings to each: write more of them, as float64"
-    assert _cut_digits(times.astype(np.float32).astype(float), "s") == cut_off
-    assert _cut_digits(np.repeat([0.000, 0.320, 0.641, 0.960], 32), "s") == ""  # a buffer of 32
+    assert cut_digits(times.astype(np.float32).astype(float), "s") == cut_off
+    assert cut_digits(np.repeat([0.000, 0.320, 0.641, 0.960], 32), "s") == ""  # a buffer of 32
 
 
 def test_gravity_is_known_by_its_length_and_a_magnetometer_is_not() -> None:

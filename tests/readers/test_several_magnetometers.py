@@ -14,7 +14,7 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.errors import UsageError
-from flinders.readers._columns import by_name
+from flinders.readers._columns_by_name import by_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable

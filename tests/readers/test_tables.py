@@ -14,7 +14,7 @@ from tests.program import flinders_
 import flinders
 from flinders import simulate
 from flinders.errors import NoMagnetometer, UsageError
-from flinders.readers._columns import choose
+from flinders.readers._column_choice import choose
 from flinders.readers._likeness import groups
 
 if TYPE_CHECKING:

@@ -22,7 +22,8 @@ import numpy.testing as npt
 import pytest
 from tests.trials import daily, nightly
 
-from flinders.core.samples import BLOCK, Joined
+from flinders.core.joining import Joined
+from flinders.core.samples import BLOCK
 from flinders.errors import AxesError, NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.readers import TextRecording, open_recording, read, registry
 

@@ -18,7 +18,7 @@ from tests.trials import nightly
 import flinders
 from flinders.cli import main
 from flinders.errors import FlindersError, NoMagnetometer
-from flinders.readers._columns import by_name
+from flinders.readers._columns_by_name import by_name
 from flinders.readers._likeness import advice, groups, likeness
 
 if TYPE_CHECKING:

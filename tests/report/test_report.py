@@ -21,7 +21,8 @@ import flinders
 from flinders import simulate
 from flinders.core.calibration import Calibration
 from flinders.core.disturbance import Disturbance
-from flinders.core.samples import Joined, Samples
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples
 from flinders.diagnostics.random_walk import walk_through
 from flinders.errors import FitError, TooFewSamples
 from flinders.fitting import calibrate
@@ -31,9 +32,10 @@ from flinders.geometry.sphere import tile_of, tiles
 from flinders.likelihood.site_field import Site
 from flinders.report import modules
 from flinders.report.figure_data import FigureData
-from flinders.report.figures import coverage_map, error_map, offset_over_time, projections
+from flinders.report.figures import offset_over_time, projections
 from flinders.report.formatting import degrees, mounting
 from flinders.report.html import listings_of, page, python_of
+from flinders.report.maps import coverage_map, error_map
 from flinders.report.notebook import html_of
 from flinders.report.terminal import plot
 from flinders.report.view import tile_errors_deg
@@ -259,7 +261,7 @@ def test_the_map_keeps_areas() -> None:
     fit, samples = fitted()
     drawn = FigureData.of(fit, samples)
     assert drawn.view is not None
-    from flinders.report.figures import hemisphere
+    from flinders.report.maps import hemisphere
 
     def area(ring: np.ndarray) -> float:
         x, y = ring.T

@@ -7,14 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from flinders.cli._output import refuse_twice, say
-from flinders.errors import (
-    DocumentError,
-    FlindersError,
-    TooFewSamples,
-    UsageError,
-    counted,
-    figures,
-)
+from flinders.errors import DocumentError, FlindersError, TooFewSamples, UsageError, counted, figures
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -122,7 +115,7 @@ def of_content(name: str, content: bytes, rows: int = 0, **compass: Any) -> Sour
 
 def opened(recordings: Sequence[str], sensor: str | None, **reading: Any) -> tuple[Recording, str | None]:
     """Open recordings of one sensor, of several the one that ``--sensor`` says; and what it is called."""
-    from flinders.core.samples import singles
+    from flinders.core.joining import singles
     from flinders.readers import Choice, open_recording
 
     recording = open_recording(recordings, sensor=Choice(sensor, is_name=True), **reading)

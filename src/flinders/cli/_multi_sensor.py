@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
-    from flinders.comparison.multi_sensor import Together
+    from flinders.comparison.members import Together
     from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter

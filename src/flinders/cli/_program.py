@@ -16,34 +16,31 @@ a.csv x,y,z True
 
 from __future__ import annotations
 
-import _thread
 import atexit
 import contextlib
 import gc
 import io
 import math
 import os
-import signal
 import sys
-import threading
-import time
 from dataclasses import Field as DataclassField
 from dataclasses import dataclass, field, fields
 from functools import partial, wraps
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, TypeVar, dataclass_transform
 
 import click
-from click.shell_completion import CompletionItem
 
 from flinders.cli._commands import Commands
+from flinders.cli._completion import BY_METAVAR, complete_files
 from flinders.cli._output import Output, Outputs, error_words, print_fit, print_json, say
+from flinders.cli._signals import ENDING, handled, interrupt
 from flinders.cli._spelling import in_options, searched
 from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-    from types import FrameType, ModuleType
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from types import ModuleType
 
     from flinders.findings import Verdict
 
@@ -59,9 +56,6 @@ EXIT_CODES: Final = {
     INTERNAL: "internal error: please report it",
     INTERRUPTED: "interrupted",
 }
-
-ENDING: Final = ("SIGINT", "SIGTERM", "SIGHUP")
-"""Ctrl-C, and what else ends a program from outside: kill, timeout, a closed terminal."""
 
 EXITS: Final[dict[Verdict, int]] = {"good": GOOD, "limited": LIMITED, "refused": REFUSED}
 """How a command ends by its verdict."""
@@ -207,69 +201,6 @@ def _report_fault(error: Exception) -> int:
         say(details)
     say(f"This is a fault in Flinders, not in your recording. Please report it with {where}")
     return INTERNAL
-
-
-@contextlib.contextmanager
-def handled(handler: Callable[[int, FrameType | None], object], *names: str) -> Iterator[None]:
-    """Have signals handled by a function, those that this system has and does not ignore; only in the main thread."""
-    here = threading.current_thread() is threading.main_thread()
-    numbers = [getattr(signal, name) for name in names if here and hasattr(signal, name)]
-    awaited = [number for number in numbers if signal.getsignal(number) != signal.SIG_IGN]  # nohup ignores one
-    before = {number: signal.signal(number, handler) for number in awaited}
-    try:
-        yield
-    finally:
-        for number, handler_before in before.items():
-            signal.signal(number, handler_before)
-
-
-def interrupt(number: int, frame: FrameType | None) -> None:
-    """Raise `KeyboardInterrupt`, as soon as no module is imported, which would make another fault of it.
-
-    Python before 3.12 raises a `RuntimeError` while a class is made, NumPy an `ImportError` while it is loaded.
-    """
-    _handled.set()
-    if not _is_importing(frame):
-        signal.default_int_handler(number, None)
-    threading.Thread(target=_send_again, args=[number], daemon=True).start()
-
-
-_handled: Final = threading.Event()
-"""Set once a signal has reached `interrupt`."""
-
-
-def _send_again(number: int) -> None:
-    """Send a signal to the main thread until it is handled: one just before that thread waits for input is not seen."""
-    time.sleep(0.01)
-    _handled.clear()
-    while not _handled.is_set():
-        if hasattr(signal, "pthread_kill"):
-            signal.pthread_kill(threading.main_thread().ident or 0, number)
-        else:
-            _thread.interrupt_main(signal.Signals(number))
-        _handled.wait(0.01)
-
-
-def _is_importing(frame: FrameType | None) -> bool:
-    """Whether a call is one of those that import a module."""
-    while frame is not None and frame.f_globals.get("__name__") != "importlib._bootstrap":
-        frame = frame.f_back
-    return frame is not None
-
-
-@contextlib.contextmanager
-def stopping(*, patient: bool) -> Iterator[Callable[[], bool]]:
-    """Take Ctrl-C, and what ends a program from outside, as a wish."""
-    asked = False
-
-    def ask(number: int, _: object) -> None:
-        nonlocal asked
-        if asked and not patient:
-            signal.default_int_handler(number, None)
-        asked = True
-
-    with handled(ask, *ENDING):
-        yield lambda: asked
 
 
 def _let_imports_be() -> None:
@@ -551,42 +482,3 @@ def numbers_of(text: str) -> list[float]:
 
 
 # ------------------------------------------------------------------------------------------- what a shell completes
-
-
-Completion: TypeAlias = list[CompletionItem]
-"""What a shell completes a word to."""
-
-
-def complete_files(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
-    """Let the shell complete names of files."""
-    return [CompletionItem(begun, type="file")]
-
-
-def complete_targets(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
-    """Names of targets.
-
-    >>> [item.value for item in complete_targets(None, None, "px")]
-    ['px4', 'px4-shell']
-    """
-    from flinders.targets import registry
-
-    return _matching(registry(), begun)
-
-
-def complete_methods(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
-    """Names of methods."""
-    from flinders.estimators import METHODS
-
-    return _matching(("auto", *METHODS), begun)
-
-
-def _matching(names: Iterable[str], begun: str) -> Completion:
-    """Items of the names that begin so."""
-    return [CompletionItem(name) for name in names if name.startswith(begun)]
-
-
-BY_METAVAR: Final = {
-    **dict.fromkeys(("FILE", "CALIBRATION", "LOG", "TRUTH", "SESSION"), complete_files),
-    "TARGET": complete_targets,
-}
-"""Completion of options by what their value is called in the help."""

@@ -2,420 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import (
-    likely_target,
-    opened,
-    provenance,
-    saying_what_was_read,
-    site_of,
-    stated_site,
-)
-from flinders.cli._output import (
-    Output,
-    plot_fit,
-    print_fit,
-    print_json,
-    progress,
-    refuse_report,
-    refuse_twice,
-    say,
-    show,
-)
+from flinders.cli._calibrate_options import TRACES, Calibrate
+from flinders.cli._inputs import likely_target, opened, provenance, saying_what_was_read
+from flinders.cli._output import plot_fit, print_fit, print_json, progress, refuse_report, say, show
 from flinders.cli._program import GOOD, LIMITED, print_error
 from flinders.cli._spelling import in_options
 from flinders.core.units import MICROTESLA
 from flinders.errors import FitError, NotTurned, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import ProvenanceRecord
     from flinders.core.samples import Recording
-    from flinders.estimators import Estimator
-    from flinders.fitting.aiding import Instruments
     from flinders.fitting.result import Fit
-    from flinders.heading.smoothing import Filter
-    from flinders.likelihood.site_field import Site
-
-TRACES: Final = (".svg", ".csv")
-"""Endings of ``--convergence``: a drawing, a table."""
-
-
-def _prior(value: str) -> float | str:
-    """Read the value of ``--prior``: a number, or none, which `None` cannot say, as that is "not given"."""
-    number = program.within(0, 100, "a number above 0, up to 100, such as 0.3; or none")
-    return "none" if value.strip().casefold() == "none" else number(value)
-
-
-class OutputOptions(program.Group, heading=program.OUTPUT):
-    """What is written where."""
-
-    output: str | None = option.output(
-        "the calibration", "Calibration file to write, or - for standard output; without it nothing is written."
-    )
-    report: str | None = program.member(
-        "--report",
-        what="the HTML report",
-        metavar="FILE.html",
-        help="Also write a report with figures, in one HTML file.",
-    )
-    report_text: str | None = program.member(
-        "--report-text", what="the report", metavar="FILE",
-        help="Also write a page of plain words for those who will use the compass, or - for standard output.",
-    )  # fmt: skip
-    exported: tuple[str, ...] = program.member(
-        "--export", multiple=True, metavar="TARGET[:FILE]",
-        help="Also write it for one of `flinders targets` [FILE: the target's name with its ending]; may be given "
-        "several times.",
-    )  # fmt: skip
-    convergence: str | None = program.member(
-        "--convergence", what="the convergence", metavar="FILE",
-        help="Also draw (FILE.svg) or list (FILE.csv) how the estimate converges, for methods that can be watched.",
-    )  # fmt: skip
-    verbose: bool = program.flag("--verbose", "Also print what is true of nearly every calibration.")
-    plots: bool = program.member("--plot/--no-plot", default=True, help="Draw the readings, on a terminal.")
-    force: bool = option.force()
-    as_json: bool = option.as_json()
-
-    @property
-    def exports(self) -> tuple[tuple[str, str], ...]:
-        """Target and file of each export."""
-        if not self.exported:
-            return ()
-        from flinders.cli.export import named
-
-        return named(self.exported)
-
-    def named_files(self) -> Iterator[Output]:
-        """All files, by what they are called in a message."""
-        yield from super().named_files()
-        for target, path in self.exports:
-            yield Output(f"the export to {target}", path, "--export TARGET:FILE")
-
-    @property
-    def of_readings(self) -> dict[str, object]:
-        """Files that there are of the readings of one magnetometer alone, by their options."""
-        return {"--report": self.report, "--report-text": self.report_text, "--convergence": self.convergence}
-
-    def refuse_convergence(self, method: str) -> None:
-        """Refuse a trace of a method that cannot be watched, or in a file that is neither a drawing nor a table."""
-        if self.convergence is None:
-            return
-        from flinders.estimators import METHODS
-        from flinders.estimators.trace import Watched
-
-        watched = [name for name, kind in METHODS.items() if issubclass(kind, Watched)]
-        if method not in watched:
-            raise UsageError(
-                f"--convergence goes with --method {' or '.join(watched)}: {method} looks at all readings at once, "
-                "and there is nothing to watch"
-            )
-        if Path(self.convergence).suffix.lower() not in TRACES:
-            raise UsageError(
-                f"--convergence {self.convergence}: need a name that ends in {' (drawing) or '.join(TRACES)} (table)"
-            )
-
-
-class Estimation(program.Group, heading=program.METHOD):
-    """The method of estimation and its options."""
-
-    method: str = program.member(
-        "--method", default="auto", show_default=True, metavar="NAME", help="One of `flinders methods`.",
-        shell_complete=program.complete_methods,
-    )  # fmt: skip
-    method_options: tuple[str, ...] = program.member(
-        "--option", multiple=True, metavar="NAME=VALUE",
-        help="An option of the method, as `flinders methods` lists them; may be given several times.",
-    )  # fmt: skip
-    minmax: str | None = program.member(
-        "--minmax", metavar="X0,X1,Y0,Y1,Z0,Z1",
-        help="Smallest and largest reading of each axis, typed in place of a recording.",
-    )  # fmt: skip
-    prior: float | str | None = program.member(
-        "--prior", type=_prior, metavar="SIGMA|none",
-        help="Prior standard deviation of the soft iron, for directions that were not seen [default: 0.3].",
-    )  # fmt: skip
-    robust: bool = program.flag("--robust", "Look for outliers whether or not the residuals ask for it.")
-    linearize: bool = program.flag(
-        "--linearize", "Correct axes that are not linear, for targets that hold this: c, arduino, micropython."
-    )
-    even_if_refused: bool = program.flag(
-        "--even-if-refused", "Of a published recipe, also print the numbers that are refused, marked as such."
-    )
-    alignment_sigma_deg: float | None = program.member(
-        "--alignment-sigma", type=program.positive, metavar="DEG",
-        help="How well the mounting is known, 1 σ about each axis: its heading error is stated on its own.",
-    )  # fmt: skip
-
-    @property
-    def estimator(self) -> Estimator:
-        """The method, with its options."""
-        from flinders.estimators import method_of
-
-        method = cast("Any", method_of(self.method))
-        self._refuse_of_others()
-        own: dict[str, Any] = {"robust": True} if self.robust else {}
-        if self.prior is not None:
-            own["prior"] = None if self.prior == "none" else self.prior
-        return cast("Estimator", method(**own, **(self._typed(method, own) if self.method_options else {})))
-
-    def _typed(self, method: type[Estimator], own: Iterable[str]) -> dict[str, Any]:
-        """Read ``--option``, which takes none of the options that are there already."""
-        from flinders.cli.methods import parsed
-
-        typed = parsed(self.method_options, method)
-        for name in set(own).intersection(typed):
-            raise UsageError(f"--{name} and --option {name} say the same: give one of them")
-        return typed
-
-    def _refuse_of_others(self) -> None:
-        """Refuse options that go with another method; all methods are imported only where they are asked about."""
-        if self.even_if_refused:
-            self._refuse_but_recipes()
-        if self.robust and self.method != "auto":
-            raise UsageError(
-                "--robust goes with --method auto: leave it out"
-                + ("" if self.method == "robust" else f", or use --method robust instead of {self.method}")
-            )
-        if self.prior is None:
-            return
-        from flinders.estimators import METHODS
-
-        with_prior = [name for name, kind in METHODS.items() if "prior" in getattr(kind, "__dataclass_fields__", {})]
-        if self.method not in with_prior:
-            raise UsageError(
-                f"--prior goes with --method {' or '.join(with_prior)}: {self.method} has none, leave --prior out"
-            )
-
-    def _refuse_but_recipes(self) -> None:
-        """Refuse to show the numbers of a method whose refusal is meant."""
-        from flinders.estimators import ROWS
-
-        recipes = [name for name, row in ROWS.items() if row.is_recipe]
-        if self.method not in recipes:
-            raise UsageError(f"--even-if-refused goes with --method {' or '.join(recipes)}: leave it out")
-
-
-class Sensors(program.Group):
-    """Which of several magnetometers, and whether they are fitted jointly."""
-
-    sensor: str | None = option.sensor(
-        "Name or serial number to store; of a log, which magnetometer, by number or name, or all of them.", "NAME|all"
-    )
-    joint: bool = program.flag(
-        "--joint", "With --sensor all: fit the magnetometers of one body jointly, and say which of them deviates.",
-        heading=program.METHOD,
-    )  # fmt: skip
-    reference: str | None = program.member(
-        "--reference", heading=program.METHOD, metavar="NAME",
-        help="With --joint: into whose axes the others are turned, by number or name [default: the first].",
-    )  # fmt: skip
-
-    def are_all(self, recordings: Sequence[str]) -> bool:
-        """Whether each of several magnetometers is calibrated."""
-        is_all = self.sensor is not None and self.sensor.strip().casefold() == "all"
-        if is_all and len(recordings) > 1:
-            raise UsageError("--sensor all goes with one file of several magnetometers: give one, or leave it out")
-        if self.joint and not is_all:
-            raise UsageError("--joint goes with --sensor all: it takes all magnetometers of a log or table")
-        if self.reference is not None and not self.joint:
-            raise UsageError("--reference goes with --joint: without it nothing is turned into other axes")
-        return is_all
-
-
-class SiteOptions(program.Group, heading=program.SITE):
-    """Where and when a recording was made."""
-
-    place: str | None = program.member(
-        "--at", metavar="LAT,LON[,ALT]|none",
-        help="Site of the recording: its dip and strength then count (World Magnetic Model; with --date) [default: "
-        "what a log says; none leaves that out].",
-    )  # fmt: skip
-    date: str | None = program.member("--date", metavar="DAY", help="Day of the recording, such as 2026-11-21.")
-    gain_sigma: float | None = program.member(
-        "--gain-sigma", type=program.within(0, 1, "a share above 0, up to 1, such as 0.01"), metavar="SHARE",
-        help="With --at: how well the sensor's mean gain is known, 1 σ [default: 0.05].",
-    )  # fmt: skip
-
-    def typed_site(self) -> Site | None:
-        """The site of ``--at``; axes that were typed are those of the vehicle, z down."""
-        if self.place is None or self.is_left_out:
-            if self.date is not None:
-                raise UsageError("--date goes with --at: give both, or neither")
-            if self.gain_sigma is not None:
-                raise UsageError("--gain-sigma goes with --at: without the strength of a site no gain is looked at")
-            return None
-        if self.date is None:
-            raise UsageError(
-                "the field changes with the years: give the day of the recording with --at, such as --date "
-                "2026-11-21, or leave --at out"
-            )
-        from flinders.likelihood.site_field import Site
-
-        return Site.of(site_of(self.place, self.date), **self._more)
-
-    @property
-    def is_left_out(self) -> bool:
-        """The place that a log knows shall not count."""
-        return self.place is not None and self.place.strip().casefold() == "none"
-
-    def told_by(self, log: object) -> Site | None:
-        """The site that a log, or a magnetometer of one, states, and say so; none for a typed one."""
-        return stated_site(log, "--at", **self._more) if self.place is None else None
-
-    @property
-    def _more(self) -> dict[str, Any]:
-        """What is known of the site beside its field."""
-        gain = {} if self.gain_sigma is None else {"gain_sigma": self.gain_sigma}
-        return {"z_down": program.is_typed("axes"), **gain}
-
-
-class AidingOptions(program.Group, heading=program.AIDING):
-    """What else was recorded and counts: aiding sensors, and disturbances that the offset follows."""
-
-    names: tuple[str, ...] = program.member(
-        "--with", multiple=True, metavar="NAME,…", keywords=("aiding", "disturbances"),
-        help="What else was recorded and shall count: current, throttle, temperature, which the offset then follows "
-        "(currents, throttles: of each motor; current2: of one); rate, dip, tilt, attitude, or auto.",
-    )  # fmt: skip
-    gyro_scale_sigma: float | None = program.member(
-        "--gyro-scale", metavar="SHARE",
-        type=program.within(0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 where the gyro is calibrated", zero=True),
-        help="With --with rate: what the gyro's scales may be off by, 1 σ; 0 where it is calibrated [default: 0.02].",
-    )  # fmt: skip
-    acceleration_bias_sigma: float | None = program.member(
-        "--accelerometer-bias", metavar="M/S2",
-        type=program.within(0, 2, "m/s² from 0 to 2, such as 0.05; 0 where the accelerometer is calibrated", zero=True),
-        help="With --with dip: what the accelerometer may be off by, 1 σ; 0 where it is calibrated [default: 0.3].",
-    )  # fmt: skip
-    acceleration_gain_sigma: float | None = program.member(
-        "--accelerometer-gain", metavar="SHARE",
-        type=program.within(
-            0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 where the accelerometer is calibrated", zero=True
-        ),
-        help="With --with dip: what its gains, and its axes from square (rad), may be off by, 1 σ [default: 0.02].",
-    )  # fmt: skip
-    previous: str | None = program.member(
-        "--previous", metavar="CALIBRATION",
-        help="With --with and a sensor that was not turned: the calibration that the disturbances belong to.",
-    )  # fmt: skip
-
-    def as_options(self) -> dict[str, Any]:
-        """Options of `flinders.fit`."""
-        aiding, disturbances = recorded(self.names)
-        if self.gyro_scale_sigma is not None and not {"rate", "auto"} & set(aiding):
-            raise UsageError("--gyro-scale goes with --with rate or auto: leave it out, or name the gyro")
-        for name, value in (("bias", self.acceleration_bias_sigma), ("gain", self.acceleration_gain_sigma)):
-            if value is not None and not {"dip", "auto"} & set(aiding):
-                raise UsageError(
-                    f"--accelerometer-{name} goes with --with dip or auto: leave it out, or name the accelerometer"
-                )
-        if self.previous is not None and not disturbances:
-            raise UsageError(
-                "--previous goes with --with current, currents, throttle, throttles or temperature: say which to find"
-            )
-        instruments = self._instruments(aiding) if aiding else ()
-        options = {"aiding": instruments, "disturbances": disturbances}
-        return {name: value for name, value in options.items() if value}
-
-    def _instruments(self, names: tuple[str, ...]) -> Instruments:
-        """The aiding sensors, with the errors that were typed."""
-        from flinders.fitting.aiding import Instruments
-
-        sigmas = ("gyro_scale_sigma", "acceleration_bias_sigma", "acceleration_gain_sigma")
-        typed = {name: value for name in sigmas if (value := getattr(self, name)) is not None}
-        return Instruments(names, **typed)
-
-
-def recorded(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Split what stands after ``--with`` into aiding sensors and disturbances.
-
-    >>> recorded(["rate,dip", "current"])
-    (('rate', 'dip'), ('current',))
-    """
-    words = list(words)
-    if not words:
-        return (), ()
-    from flinders.core.disturbance import BY_KEY, KINDS, MOTORS
-    from flinders.estimators.aiding import AIDS
-    from flinders.fitting.aiding import AUTO
-
-    names = list(dict.fromkeys(name.strip() for word in words for name in word.split(",") if name.strip()))
-    if not names:
-        raise UsageError("--with names nothing: say what else was recorded, such as --with rate,dip, or --with auto")
-    sensors = tuple(name for name in names if name in (AUTO, *AIDS))
-    if AUTO in sensors and len(sensors) > 1:
-        raise UsageError(f"--with {','.join(sensors)}: auto takes what the recording contains, name nothing beside it")
-    known = {*BY_KEY.values(), *MOTORS.values()}
-    for name in names:
-        if name not in sensors and name not in known:
-            raise UsageError(
-                f"--with {name}: need one of {', '.join((AUTO, *AIDS, *KINDS, *MOTORS.values()))} (rate is that of a "
-                "gyro; currents and throttles are those of each motor, and current2 that of one)"
-            )
-    return sensors, tuple(name for name in names if name in known)
-
-
-class Calibrate(program.Group):
-    """Recordings, how they are read and fitted, and what is written."""
-
-    recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1, required=False)
-    reading: option.ReadingOptions = program.group(option.ReadingOptions)
-    sensors: Sensors = program.group(Sensors)
-    site: SiteOptions = program.group(SiteOptions)
-    aiding: AidingOptions = program.group(AidingOptions)
-    estimation: Estimation = program.group(Estimation)
-    files: OutputOptions = program.group(OutputOptions)
-    field_strength: float | None = option.field_strength()
-    by: Filter | None = option.smoothing()
-    judgement: option.Judgement = program.group(option.Judgement)
-
-    @property
-    def of_extremes(self) -> dict[str, Any]:
-        """Options of `from_extremes`."""
-        asked = {"field_strength": self.field_strength, "sensor": self.sensors.sensor}
-        return asked | self.judgement.as_dict(if_typed=["dip_deg"])
-
-    def site_with(self, known: Site | None) -> Site | None:
-        """A site with the numbers that were typed: strength, dip and mounting."""
-        from flinders.likelihood.site_field import Site
-
-        dip_deg = self.judgement.dip_deg if program.is_typed("dip_deg") else None
-        sigma_deg = self.estimation.alignment_sigma_deg
-        if self.field_strength is None and dip_deg is None and sigma_deg is None:
-            return known
-        site = Site.stated(known, strength=self.field_strength, inclination_deg=dip_deg)
-        return site if sigma_deg is None else replace(site or Site(), alignment_sigma_deg=sigma_deg)
-
-    def of_fit(self) -> dict[str, Any]:
-        """The parameters of `flinders.fit`, but for what a log says of its site.
-
-        The recording may be long, or still be on its way: what cannot work is found before it is read.
-        """
-        from flinders.core.units import Unit
-
-        if self.reading.unit:
-            Unit.of(self.reading.unit, self.reading.scale)
-        refuse_twice(self.recordings)
-        asked: dict[str, Any] = {
-            "method": self.estimation.estimator,
-            "target_deg": self.judgement.target_deg,
-            "sensor": self.sensors.sensor,
-            "linearize": self.estimation.linearize,
-        }
-        self.files.refuse_convergence(self.estimation.method)
-        asked |= self.aiding.as_options()
-        return {**asked, "site": self.site_with(self.site.typed_site())}
 
 
 @program.command_of(
@@ -539,7 +145,7 @@ class _Run:
     """A fit of one sensor, from its recordings to its files; `asked` as `Calibrate.of_fit` gives it."""
 
     def __init__(self, recording: Recording, options: Calibrate, asked: dict[str, Any]) -> None:
-        from flinders.core.samples import singles
+        from flinders.core.joining import singles
         from flinders.estimators.data import CountedRecording
 
         self.parts = [CountedRecording(part) for part in singles(recording)]
@@ -554,7 +160,7 @@ class _Run:
     @property
     def recording(self) -> Recording:
         """The recordings as one, filtered where that was asked for."""
-        from flinders.core.samples import joined
+        from flinders.core.joining import joined
         from flinders.fitting.filtering import through
 
         if self.options.by is None:
@@ -622,7 +228,7 @@ class _Run:
         path = self.files.convergence
         if path is None:
             return
-        from flinders.fitting.calibrate import Request, estimator_of
+        from flinders.fitting.request import Request, estimator_of
         from flinders.report.drawings import Trace, convergence_drawing, convergence_table
 
         request = Request.of(self.asked["site"], target_deg=self.asked["target_deg"])

@@ -58,7 +58,7 @@ def command(options: Check) -> int:
     calibration file; a recording that contradicts it is refused. RECORDING is a file, or - for standard
     input; several recordings are fitted together.
     """
-    from flinders.core.samples import Joined
+    from flinders.core.joining import Joined
     from flinders.likelihood.site_field import Site
     from flinders.workflows.checking import check
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
+from flinders.cli._calibrate_options import SiteOptions, recorded
 from flinders.cli._inputs import (
     clock_start,
     load,
@@ -18,7 +19,6 @@ from flinders.cli._inputs import (
 from flinders.cli._output import refuse_twice, say
 from flinders.cli._program import EXITS
 from flinders.cli._spelling import in_options
-from flinders.cli.calibrate import SiteOptions, recorded
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:

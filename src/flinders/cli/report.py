@@ -65,7 +65,7 @@ class Report(program.Group):
 
     def restored(self) -> Restored:
         """Open them, put them together, and say what is odd."""
-        from flinders.core.samples import Joined
+        from flinders.core.joining import Joined
         from flinders.workflows.restoring import restore
 
         path = self.calibration

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from flinders.core.samples import joined
+from flinders.core.joining import joined
 from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings
 from flinders.estimators.one_strength import at_one_strength

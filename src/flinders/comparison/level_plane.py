@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 import numpy as np
 
 from flinders.comparison.comparison import as_equator, compare_level
-from flinders.core.samples import singles
+from flinders.core.joining import singles
 from flinders.estimators.covariance import Residuals, time_of
 from flinders.geometry.ellipsoid import symmetric
 from flinders.geometry.plane import IN_PLANE, equator, root, to_equator

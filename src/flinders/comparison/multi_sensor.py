@@ -21,41 +21,38 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, Self, cast
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
 from flinders.comparison.agreement import Disagreement, disagreements, heading_deg, length_scatter, scatter
-from flinders.comparison.comparison import printed
+from flinders.comparison.common_moments import at_common_moments, checked_reference, copies_of, in_order
+from flinders.comparison.member_findings import judged_member
+from flinders.comparison.members import Agreement, Member, Together
 from flinders.core.axes import EXCHANGES
-from flinders.core.samples import Samples, in_memory
-from flinders.core.time_alignment import Paired, affine_residuals, paired
-from flinders.errors import FitError, FlindersError, InputError, UsageError, spell_checked
-from flinders.estimators import Readings, within_range
+from flinders.errors import FitError, FlindersError, InputError, spell_checked
 from flinders.estimators.auto import Auto, found_alone
-from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
+from flinders.estimators.multi_sensor import Several, is_sound, mirror_or_rotation, solve
 from flinders.estimators.outliers import with_runs
-from flinders.findings import Finding, certain, found_in, linked
 from flinders.fitting.aiding import Aiding
-from flinders.fitting.calibrate import ELSEWHERE, fit, judged_as, judged_dip
+from flinders.fitting.calibrate import ELSEWHERE, fit, judged_as
+from flinders.fitting.request import judged_dip
 from flinders.fitting.result import Fit, Refused, fit_of
 from flinders.likelihood.magnitude import distances
 from flinders.likelihood.prior import SPREAD
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.core.samples import Recording
+    from flinders.core.samples import Recording, Samples
+    from flinders.core.time_alignment import Paired
     from flinders.estimators import Estimate
     from flinders.estimators.outliers import Outlier
     from flinders.fitting.aiding import AnyAiding
     from flinders.likelihood.site_field import Site
-
-COPY: Final = 0.1
-"""Of their noise: what readings of two sensors differ by at most, turned and scaled, where they are one sensor's."""
 
 NOISIER: Final = 3.0
 """Times as far off as the best of the others: something is wrong with a sensor all the time."""
@@ -63,97 +60,11 @@ NOISIER: Final = 3.0
 WORSE: Final = 1.5
 """Times the heading error of a sensor by itself: where it is more with the others, they do not belong together."""
 
-
 MOST_OUTLIERS: Final = 0.5
 """Of a sensor's readings that it may leave out by itself, and of those that may yet belong to the others."""
 
-DECADE: Final = 0.25
-"""Of a power of ten: how far from it the sizes of two sensors' readings may be where their units differ by it."""
-
 ROUNDS: Final = 3
 """Of fits, each without the stretches in which a sensor departed from the one before."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Member:
-    """One of the magnetometers."""
-
-    name: str
-    #: Fit or error: with the others; `Refused` carries the fit where there is one that cannot be trusted
-    fit: Fit | FlindersError
-    alone: Fit | FlindersError  #: Fit or error: what it finds by itself
-    #: (3, 3): from its axes into those of the reference; its determinant is −1 where they are mirror images. None where
-    #: it was not found.
-    rotation: Floats | None = None
-    rotation_sigma_deg: Floats | None = None  #: (3,): standard deviation of that about the axes of the reference
-    axes: str = "x,y,z"  #: the nearest way to exchange axes: where each axis of the reference comes from
-    misalignment_deg: float = 0.0  #: how far the rotation is from that
-    length_ratio: float = 1.0  #: length of its readings over that of the reference's
-    #: what its readings, averaged over a second, are usually off, in degrees of a level heading
-    scatter_deg: float = 0.0
-    delay_s: float = 0.0  #: by how much its clock is behind that of the reference, where that is proven
-    delay_sigma_s: float = 0.0  #: its standard deviation
-    copy_of: str = ""  #: the sensor whose readings it repeats; nothing where it has its own
-    #: `fit` is `alone`, since with the others it was known clearly worse: corrected readings are in its own axes
-    is_kept: bool = False
-    joint_deg: float = 0.0  #: worst heading error with the others, of one that was kept
-    findings: tuple[Finding, ...] = ()  #: what the others tell of it; those of `fit`, too, where that is a fit
-
-    @property
-    def is_mirrored(self) -> bool:
-        """Its axes are a mirror image of those of the reference."""
-        return self.rotation is not None and bool(np.linalg.det(self.rotation) < 0.0)
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return {
-            **printed(
-                self, "rotation", "rotation_sigma_deg", "axes", "misalignment_deg", "length_ratio", "scatter_deg"
-            ),
-            **printed(self, "delay_s", "copy_of"),
-            # worst heading error that it claims by itself
-            "alone_heading_error_deg": self.alone.heading_error_deg.worst if isinstance(self.alone, Fit) else None,
-            **printed(self, "findings"),
-        }
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Agreement:
-    """How well the magnetometers agree."""
-
-    instants: int  #: at which two or more were read
-    seconds: float  #: from the first of those to the last
-    disagreements: tuple[Disagreement, ...] = ()  #: stretches in which they do not, in the order of time
-    #: of two: how far apart they are all the time, in degrees of heading, 1 σ, where nothing tells which is off; else 0
-    apart_deg: float = 0.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Together:
-    """Several magnetometers of one body."""
-
-    members: tuple[Member, ...]
-    reference: str  #: whose axes corrected readings of all are in
-    agreement: Agreement
-    #: the fits rest on all of them, but for those that are kept. Where the body was turned too little for that, none
-    #: but one is left, or two disagree all the time, each has what it finds by itself.
-    is_joint: bool
-    #: corrected readings of all are in the axes of gyro and accelerometer, and not in those of the reference
-    in_body: bool = False
-
-    def __getitem__(self, name: str) -> Member:
-        """One of them, by its name."""
-        return next(member for member in self.members if member.name == name)
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: what there is beside the fit of each."""
-        names = [member.name for member in self.members]
-        runs = [
-            {**run.as_dict(), "sensor": None if run.sensor is None else names[run.sensor]}
-            for run in self.agreement.disagreements
-        ]
-        known = printed(self, "reference", "is_joint", "in_body") | printed(self.agreement, "instants", "seconds")
-        return {**known, "disagreements": runs}  # stretches of time, in their order
 
 
 @spell_checked(ELSEWHERE)
@@ -202,13 +113,13 @@ def fit_multi(
     See the head of this module.
     """
     judged = None if site is None else site.judged
-    chosen = _checked(sources, reference, None if judged is None else judged.fixed_length)
+    chosen = checked_reference(sources, reference, None if judged is None else judged.fixed_length)
     options: dict[str, Any] = {"target_deg": target_deg, "site": judged}
     samples: dict[str, Samples] = {}
     silent: dict[str, FlindersError] = {}
     for name, source in sources.items():
         try:
-            samples[name] = _in_memory(source)
+            samples[name] = in_order(source)
         except (FitError, InputError) as error:
             silent[name] = error
     if chosen in silent or len(samples) < 2:
@@ -254,8 +165,8 @@ class _Body:
         """Pair the readings, and see what each sensor finds by itself."""
         place = list(sources).index(reference)
         starts = [found_alone(each.field) for each in samples.values()]
-        common = _paired(list(samples.values()), place)
-        return cls(sources, place, mounting, starts, common, _copies(common.fields, starts, place), prior, options)
+        common = at_common_moments(list(samples.values()), place)
+        return cls(sources, place, mounting, starts, common, copies_of(common.fields, starts, place), prior, options)
 
     @property
     def names(self) -> list[str]:
@@ -284,7 +195,9 @@ class _Body:
         in_body = is_joint and self.mounting is not None
         together = Together(tuple(members), self.names[self.reference], agreement, is_joint, in_body)
         target_deg = self.options["target_deg"]
-        return replace(together, members=tuple(_judged(together, place, target_deg) for place in range(len(members))))
+        return replace(
+            together, members=tuple(judged_member(together, place, target_deg) for place in range(len(members)))
+        )
 
     def joint_fit(self) -> tuple[Several | None, tuple[Disagreement, ...]]:
         """Fit jointly, and again without the segments in which a sensor departs; and those, by their place.
@@ -444,76 +357,6 @@ def _better(member: Member) -> Member:
     )  # fmt: skip
 
 
-def _checked(sources: Mapping[str, Recording], reference: str | None, field_strength: float | None) -> str:
-    """Name of the reference among sensors that can be taken together."""
-    names = list(sources)
-    if len(names) < 2:
-        raise UsageError(f"{len(names)} magnetometer: need two or more of one body; use flinders.fit for one")
-    if reference is not None and reference not in names:
-        raise UsageError(f"reference {reference!r} is none of {', '.join(names)}: name one of them")
-    units = {source.unit.inside for source in sources.values()}
-    if field_strength is not None and len(units) > 1:
-        raise UsageError(f"one field strength for readings in {' and '.join(sorted(units))}: leave it out")
-    return names[0] if reference is None else reference
-
-
-def _in_memory(source: Recording) -> Samples:
-    """All readings that are at no rail, in the order of time."""
-    readings = within_range(Readings.of(source))
-    readings.require(FEWEST, "together")
-    recording = cast("Recording", readings.recording)
-    samples = in_memory(recording)
-    if samples.time is None:
-        return samples
-    known = np.flatnonzero(np.isfinite(samples.time))
-    order = known[np.argsort(samples.time[known], kind="stable")]
-    return samples[order.tolist()] if len(order) < len(samples) or np.any(np.diff(order) < 0) else samples
-
-
-def _paired(samples: Sequence[Samples], reference: int) -> Paired:
-    """Readings of all at common moments."""
-    times = [each.time for each in samples if each.time is not None]
-    fields = [each.field for each in samples]
-    if len(times) == len(samples):
-        common = paired(times, fields, reference=reference)
-        if len(common.time) < FEWEST:
-            spans = "; ".join(f"{each.source}: {time[0]:.1f} to {time[-1]:.1f} s" for each, time in
-                              zip(samples, times, strict=True) if len(time))  # fmt: skip
-            raise InputError(
-                f"{len(common.time)} moments are common to two magnetometers, {FEWEST} are needed ({spans}): "
-                "record them at the same time, by one clock"
-            )
-        return common
-    lengths = {len(field) for field in fields}
-    if times or len(lengths) > 1:
-        lack = "some have time and some have none" if times else f"without time they are {sorted(lengths)} long"
-        raise UsageError(f"readings of several magnetometers belong together by their time: {lack}; record time")
-    zero = np.zeros(len(fields))
-    return Paired(np.arange(lengths.pop(), dtype=float), np.stack(fields), zero, zero)
-
-
-def _copies(fields: Floats, starts: Sequence[Estimate | None], reference: int) -> dict[int, int]:
-    """Which sensors repeat the readings of another, turned and scaled, and of which; never the reference of another."""
-    order = [reference, *(place for place in range(len(fields)) if place != reference)]
-    copies: dict[int, int] = {}
-    for rank, place in enumerate(order):
-        for other in order[:rank]:
-            if other not in copies and place not in copies and _is_copy(fields[other], fields[place], starts[place]):
-                copies[place] = other
-    return copies
-
-
-def _is_copy(first: Floats, second: Floats, start: Estimate | None) -> bool:
-    """Whether an affine map of one gives the other far better than the other's own noise lets it."""
-    left = affine_residuals(first, second)
-    if len(left) < FEWEST:
-        return False
-    there = second[np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)]
-    width = float(np.sqrt(np.mean(np.var(there, axis=0))))
-    noise = 1e-6 * width if start is None else max(start.noise, 1e-6 * width)
-    return float(np.sqrt(np.mean(left**2))) < COPY * noise
-
-
 def _own_outliers(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[np.bool_]:
     """(m, N) readings that a sensor by itself leaves out; none where it would leave out most.
 
@@ -568,123 +411,3 @@ def nearest_axes(rotation: Floats) -> tuple[str, float]:
     best = int(np.argmax([float(np.sum(matrix * rotation)) for matrix in matrices]))
     cosine = 0.5 * (float(np.sum(matrices[best] * rotation)) - 1.0)
     return str(EXCHANGES[best]), float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
-
-
-def _judged(together: Together, place: int, target_deg: float) -> Member:
-    """Add to a member, and to its fit, what the others tell of it."""
-    member = together.members[place]
-    findings = linked(_findings(together, place, target_deg))
-    judged = fit_of(member.fit)
-    if judged is None:
-        return replace(member, findings=findings)
-    judgement = replace(judged.judgement, findings=linked((*judged.findings, *findings)))
-    judged = replace(judged, judgement=judgement)
-    return replace(member, fit=Refused(judged) if judged.verdict == "refused" else judged, findings=findings)
-
-
-def _findings(together: Together, place: int, target_deg: float) -> Iterator[Finding]:
-    """What there is to know of a member beside its own fit."""
-    member, reference = together.members[place], together.reference
-    if member.copy_of:
-        yield certain({"is_copy": 1.0, "other": member.copy_of}, "copied-sensor")
-        return
-    if together.agreement.apart_deg:
-        yield _apart_throughout(together.agreement.apart_deg, target_deg)
-        return
-    if member.is_kept:
-        yield _better_alone(member)
-    elif not together.is_joint:
-        yield certain({"is_alone": 1.0, "together_deg": 0.0, "alone_deg": 0.0}, "not-together")
-        return
-    yield from _of_axes(together, member)
-    yield from _of_clock(member, reference)
-    others = [other.scatter_deg for other in together.members if other is not member and not other.copy_of]
-    numbers = {"scatter_deg": member.scatter_deg, "best_other_deg": min(others, default=math.inf)}
-    yield from found_in({**numbers, "target_deg": target_deg}, "sensor-deviates-throughout")
-    yield from _of_disagreements(together, place, target_deg)
-
-
-def _apart_throughout(apart_deg: float, target_deg: float) -> Finding:
-    """Two that disagree all the time."""
-    numbers = {"apart_deg": apart_deg, "target_deg": target_deg, "apart_share": math.nan}
-    return certain({**numbers, **_when(())}, "disagree")
-
-
-def _better_alone(member: Member) -> Finding:
-    """One that would be known worse with the others."""
-    worst = cast("Fit", fit_of(member.alone)).heading_error_deg.worst
-    return certain({"is_alone": 1.0, "together_deg": member.joint_deg, "alone_deg": worst}, "not-together")
-
-
-def _left_handed(together: Together) -> list[str]:
-    """Which sensors are most likely not right-handed: those that are fewer, if any are."""
-    turned = [member for member in together.members if member.rotation is not None and not member.copy_of]
-    mirrored = sum(member.is_mirrored for member in turned)
-    rest = len(turned) - mirrored
-    if mirrored == rest:
-        return []
-    return [member.name for member in turned if member.is_mirrored == (mirrored < rest)]
-
-
-def _of_axes(together: Together, member: Member) -> Iterator[Finding]:
-    """How it is turned, and in what it is written."""
-    reference = together.reference
-    if member.rotation is None or member.rotation_sigma_deg is None or member.name == reference:
-        return
-    named = {"reference": reference, "axes": str(member.axes)}
-    if member.is_mirrored:
-        yield certain({**named, "handedness": -1.0, "left_handed": _left_handed(together)}, "mirrored-sensor")
-    turned = {
-        "is_turned": 1.0,
-        "rotation_sigma_deg": float(member.rotation_sigma_deg.max()),
-        "misalignment_deg": member.misalignment_deg,
-        "is_in_body": together.in_body,
-    }
-    yield certain({**named, **turned}, "turned-to")
-    decades = round(math.log10(member.length_ratio))
-    if decades and abs(math.log10(member.length_ratio) - decades) < DECADE * 0.5:
-        numbers = {"is_decades_off": 1.0, "times_as_long": member.length_ratio, "decade": 10.0**decades}
-        yield certain({**numbers, "reference": reference}, "unlike-units")
-
-
-def _of_clock(member: Member, reference: str) -> Iterator[Finding]:
-    """Whether its clock is another."""
-    if member.delay_s:
-        numbers = {
-            "is_delayed": 1.0,
-            "delay_s": member.delay_s,
-            "delay_ms": 1e3 * abs(member.delay_s),
-            "delay_sigma_ms": 1e3 * member.delay_sigma_s,
-        }
-        yield certain({**numbers, "reference": reference}, "clock-differs")
-
-
-def _of_disagreements(together: Together, place: int, target_deg: float) -> Iterator[Finding]:
-    """When it deviates from the others, or one of two does of which it may be the one."""
-    runs = [run for run in together.agreement.disagreements if run.sensor == place]
-    if runs:
-        numbers = {
-            "departs_share": _share(runs, together),
-            "departs_deg": max(run.heading_deg for run in runs),
-            "target_deg": target_deg,
-        }
-        told = {"is_by_length": all(run.is_by_length for run in runs), "is_alone": together.members[place].is_kept}
-        yield certain({**numbers, **told, **_when(runs)}, "sensor-deviates")
-    unsettled = [run for run in together.agreement.disagreements if run.sensor is None]
-    if unsettled and (len(together.members) == 2 or together.members[place].name == together.reference):
-        worst, share = max(run.heading_deg for run in unsettled), _share(unsettled, together)
-        numbers = {"apart_deg": worst, "target_deg": target_deg, "apart_share": share}
-        yield certain({**numbers, **_when(unsettled)}, "disagree")
-
-
-def _share(runs: Sequence[Disagreement], together: Together) -> float:
-    """Of all moments, those of some stretches."""
-    return sum(run.last - run.first + 1 for run in runs) / max(together.agreement.instants, 1)
-
-
-def _when(runs: Sequence[Disagreement]) -> dict[str, Any]:
-    """The three that cost most heading, in the order of time, and how many there are."""
-    chosen = sorted(runs, key=lambda run: -run.heading_deg)[:3]
-    listed = sorted(chosen, key=lambda run: run.start_s)
-    spans = [(run.first + 1, run.last + 1, run.start_s, run.end_s) for run in listed]
-    return {"deviation_spans": spans, "deviation_count": len(runs)}

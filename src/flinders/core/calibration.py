@@ -13,7 +13,6 @@ array([-50.,  20., 150.])
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, get_args
@@ -21,11 +20,10 @@ from typing import TYPE_CHECKING, Any, Final, get_args
 import numpy as np
 from msgspec import to_builtins
 
-from flinders.arrays import Floats, Value, floats, frozen, matrix, triple, vectors
+from flinders.arrays import Floats, Value, floats, four_digits, frozen, matrix, positive, triple, vectors
 from flinders.core.axes import Axes
 from flinders.core.calibration_file import (
     Correction,
-    DisturbanceRecord,
     Document,
     Fitted,
     LinearizationRecord,
@@ -35,10 +33,12 @@ from flinders.core.calibration_file import (
     read,
     write,
 )
-from flinders.core.disturbance import BY_KEY, Disturbance, at_reference, checked, effect, known, named
-from flinders.core.linearization import Linearization
+from flinders.core.calibration_parts import disturbances_in, linearization_in, record_of, unit_in
+from flinders.core.disturbance import Disturbance, at_reference, checked, disturbed_alike, effect, known, named
+from flinders.core.linearization import bend_alike
 from flinders.core.notebook import correction
-from flinders.core.units import COUNTS, MICROTESLA, Unit, label
+from flinders.core.symmetric_matrix import invertible, is_positive, symmetric
+from flinders.core.units import Unit, label
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
 from flinders.geometry.angles import deflection_deg
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from flinders.errors import Hint
+    from flinders.core.linearization import Linearization
 
 UNSTATED: Final = Unit.of()
 AS_RECORDED: Final = Axes()
@@ -92,9 +92,9 @@ class Calibration(Value):
         """Check the numbers and keep read-only copies of them."""
         if self.rotation not in ROTATIONS:
             raise UsageError(f"rotation is {self.rotation!r}: need one of {', '.join(ROTATIONS)}")
-        object.__setattr__(self, "matrix", frozen(_invertible(self.matrix, self.rotation)))
+        object.__setattr__(self, "matrix", frozen(invertible(self.matrix, self.rotation)))
         object.__setattr__(self, "offset", frozen(triple(self.offset, "offset")))
-        object.__setattr__(self, "field_strength", _positive(self.field_strength, "field_strength"))
+        object.__setattr__(self, "field_strength", positive(self.field_strength, "field_strength"))
         if self.disturbances:
             object.__setattr__(self, "disturbances", checked(self.disturbances))
 
@@ -144,13 +144,13 @@ class Calibration(Value):
         >>> round(found.field_strength, 4), np.diag(found.matrix).round(5)
         (31.0723, array([1.03574, 1.55362, 0.62145]))
         """
-        array = _symmetric(matrix(shape, "shape"), "shape")
+        array = symmetric(matrix(shape, "shape"), "shape")
         ellipsoid = Ellipsoid(vectors(centre, "centre"), (array + array.T) / 2)
         if not ellipsoid.semi_axes[0] > 0.0:
             radii = np.array2string(ellipsoid.semi_axes, precision=4)
             raise ArrayError(f"shape has radii {radii}: all three must be positive")
         known = field_strength is not None
-        strength = _positive(field_strength, "field_strength") if known else ellipsoid.radius
+        strength = positive(field_strength, "field_strength") if known else ellipsoid.radius
         inverse = strength * floats(np.linalg.inv(ellipsoid.shape))
         inverse = (inverse + inverse.T) / 2.0 + 0.0  # no zero is negative
         made = cls(inverse, ellipsoid.centre, strength, known, raw=raw, axes=axes, sensor=sensor, frame=frame)
@@ -171,7 +171,7 @@ class Calibration(Value):
     def ellipsoid(self) -> Ellipsoid:
         """The ellipsoid that it makes a sphere, in the magnetometer's own axes: an ellipsoid knows no rotation."""
         shape = self.shape
-        if self.rotation == "symmetric" and _is_positive(shape):
+        if self.rotation == "symmetric" and is_positive(shape):
             return Ellipsoid(self.offset, (shape + shape.T) / 2.0)
         squares, axes = np.linalg.eigh(shape @ shape.T)
         return Ellipsoid(self.offset, (axes * np.sqrt(squares)) @ axes.T)
@@ -406,8 +406,8 @@ class Calibration(Value):
             and abs(field - other.field_strength) <= tolerance * field
             and bool(np.abs(self.offset - other.offset).max() <= tolerance * field)
             and bool(np.abs(self.matrix - other.matrix).max() <= tolerance * gain)
-            and _disturbed_alike(self.disturbances, other.disturbances, tolerance * field)
-            and _bend_alike(self, other, tolerance * field)
+            and disturbed_alike(self.disturbances, other.disturbances, tolerance * field)
+            and bend_alike(self.linearization, other.linearization, self.shape, tolerance * field)
         )
 
     @classmethod
@@ -436,12 +436,12 @@ class Calibration(Value):
                 correction.field_strength,
                 correction.field_strength_known,
                 correction.rotation,
-                _recorded_unit(raw, correction.unit),
+                unit_in(raw, correction.unit),
                 Axes.of(raw.axes),
                 raw.sensor,
                 raw.frame,
-                _disturbances(correction),
-                _linearization(correction),
+                disturbances_in(correction),
+                linearization_in(correction),
             )
         except (ArrayError, UnitError, AxesError, UsageError) as error:
             raise DocumentError(f"{source}: {error.message}", hint=error.hint, **error.evidence) from None
@@ -451,7 +451,9 @@ class Calibration(Value):
         rows, offset = map(tuple, self.matrix.tolist()), self.offset.tolist()
         content: dict[str, Any] = {**self.as_dict(), "matrix": tuple(rows), "offset": tuple(offset)}
         if content.pop("disturbances", None):
-            content["disturbances"] = {disturbance.kind.key: _record(disturbance) for disturbance in self.disturbances}
+            content["disturbances"] = {
+                disturbance.kind.key: record_of(disturbance) for disturbance in self.disturbances
+            }
         if terms := content.pop("linearization", None):
             content["linearization"] = LinearizationRecord(**{name: tuple(term) for name, term in terms.items()})
         unit: Any = self.raw.name  # whatever the schema does not allow is refused when the document is written
@@ -464,7 +466,7 @@ class Calibration(Value):
         >>> Calibration.identity(field_strength=48).as_dict()["offset"]
         [0.0, 0.0, 0.0]
         """
-        follows = {one.kind.key: to_builtins(_record(one)) for one in self.disturbances}
+        follows = {one.kind.key: to_builtins(record_of(one)) for one in self.disturbances}
         terms = {} if self.linearization is None else self.linearization.as_dict()
         return {
             "offset": self.offset.tolist(),
@@ -478,132 +480,20 @@ class Calibration(Value):
         }
 
     def __repr__(self) -> str:
-        rows = ", ".join(map(_short, self.matrix))
+        rows = ", ".join(map(four_digits, self.matrix))
         strength = f"{self.field_strength:.4g} {self.unit}" + ", scale unknown" * (not self.field_strength_known)
         follows = "".join(f", follows {disturbance.name}" for disturbance in self.disturbances)
         follows += ", linearizes axes" if self.linearization is not None else ""
-        return (
-            f"Calibration(offset={_short(self.offset)} {self.unit}, matrix=[{rows}], "
-            f"field_strength={strength}, rotation {self.rotation}{follows})"
-        )
+        offset = f"{four_digits(self.offset)} {self.unit}"
+        parts = f"offset={offset}, matrix=[{rows}], field_strength={strength}, rotation {self.rotation}{follows}"
+        return f"Calibration({parts})"
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
         unit = label(self.unit)
         length = f"corrected readings are {self.field_strength:.4g} {unit} long"
-        known = "" if self.field_strength_known else ", as none was given"
+        length += ", as none was given" * (not self.field_strength_known)
         title = "Calibration" if self.sensor is None else f"Calibration of {self.sensor}"
-        follows = [f"the offset follows {disturbance}" for disturbance in self.disturbances]
-        words = (length + known, *follows)
+        words = (length, *(f"the offset follows {disturbance}" for disturbance in self.disturbances))
         terms = None if self.linearization is None else self.linearization.as_dict()
         return correction(self.matrix.tolist(), self.offset.tolist(), unit, title=title, words=words, terms=terms)
-
-
-def _record(disturbance: Disturbance) -> DisturbanceRecord:
-    """A disturbance as it stands in a file."""
-    x, y, z = disturbance.per_unit.tolist()
-    return DisturbanceRecord(
-        offset_per_unit=(x, y, z),
-        reference=disturbance.reference,
-        recorded_range=(disturbance.lowest, disturbance.highest),
-        lag_s=disturbance.lag_s,
-        scale_per_unit=disturbance.gain_per_unit,
-    )
-
-
-def _disturbances(correction: Correction) -> tuple[Disturbance, ...]:
-    """The disturbances that stand in a file."""
-    return tuple(
-        Disturbance(
-            BY_KEY[key],
-            np.array(one.offset_per_unit),
-            one.reference,
-            *one.recorded_range,
-            one.lag_s,
-            one.scale_per_unit,
-        )
-        for key, one in (correction.disturbances or {}).items()
-    )
-
-
-def _linearization(correction: Correction) -> Linearization | None:
-    """The linearization that stands in a file."""
-    terms = correction.linearization
-    return Linearization(*map(np.array, (terms.quadratic, terms.cubic, terms.limit))) if terms else None
-
-
-def _disturbed_alike(ours: tuple[Disturbance, ...], theirs: tuple[Disturbance, ...], tolerance: float) -> bool:
-    """Whether both follow the same, to within `tolerance` over what was recorded."""
-    if [disturbance.name for disturbance in ours] != [disturbance.name for disturbance in theirs]:
-        return False
-    return all(
-        bool(np.abs(one.shift(end) - other.shift(end)).max() <= tolerance) and one.lag_s == other.lag_s
-        for one, other in zip(ours, theirs, strict=True)
-        for end in (one.reference, one.lowest, one.highest, one.farthest)
-    )
-
-
-def _bend_alike(one: Calibration, other: Calibration, tolerance: float) -> bool:
-    """Whether both linearize axes alike, to within `tolerance` where the field lies along them."""
-    if one.linearization is None or other.linearization is None:
-        return one.linearization is other.linearization
-    reach = np.linalg.norm(one.shape, axis=1) * np.array([[-1.0], [1.0]])
-    return bool(np.abs(one.linearization.apply(reach) - other.linearization.apply(reach)).max() <= tolerance)
-
-
-def _invertible(values: ArrayLike, rotation: Rotation) -> Floats:
-    """Let through a matrix that has an inverse, and is symmetric where `rotation` says so."""
-    array = matrix(values)
-    if rotation == "symmetric":
-        _symmetric(array, "matrix", "; say how it is turned if that is meant", {"rotation": "estimated"})
-        if _is_positive(array):
-            return array
-    largest, _, smallest = np.linalg.svd(array, compute_uv=False)
-    if smallest <= largest * 3.0 * np.finfo(float).eps:  # as numpy.linalg.matrix_rank
-        raise ArrayError("matrix is singular: it would flatten all readings into a plane, and has no inverse")
-    return array
-
-
-def _is_positive(array: Floats) -> bool:
-    """Whether a symmetric matrix is positive definite beyond doubt: all there is to know of most."""
-    least, _, largest = np.linalg.eigvalsh(array)
-    return bool(least > 1e-12 * abs(largest))
-
-
-def _symmetric(array: Floats, name: str, advice: str = "", hint: Hint | None = None) -> Floats:
-    """Let through a matrix that equals its transpose to within a millionth."""
-    (_, d, e), (g, _, f), (h, i, _) = array.tolist()
-    lack = max(abs(d - g), abs(e - h), abs(f - i))
-    if lack and lack > 1e-6 * np.abs(array).max():
-        raise ArrayError(
-            f"{name} is not symmetric: entries across the diagonal differ by up to {lack:.3g}{advice}",
-            hint=hint,
-            lack=lack,
-        )
-    return array
-
-
-def _positive(value: ArrayLike | float | None, name: str) -> float:
-    """Let through one positive finite number."""
-    if isinstance(value, float) and 0.0 < value < math.inf:
-        return float(value)
-    number = floats(0.0 if value is None else value, name)
-    if number.shape != () or not (np.isfinite(number) and number > 0):
-        raise UsageError(f"{name} is {number}: need one positive number")
-    return float(number)
-
-
-def _recorded_unit(raw: Recorded, inside: str) -> Unit:
-    """Find the recording's unit, which must agree with that of the calibration."""
-    unit = Unit.of(raw.unit, raw.scale if (raw.unit, inside) == (COUNTS, MICROTESLA) else None)
-    if unit != Unit(raw.unit, raw.scale, inside):
-        raise UnitError(
-            f"raw.unit {raw.unit!r} with scale {raw.scale:g} and calibration.unit {inside!r} contradict each other: "
-            f"one {raw.unit} is {unit.scale:g} {unit.inside}"
-        )
-    return unit
-
-
-def _short(row: Floats) -> str:
-    """Write a row of numbers with four digits each."""
-    return "[" + ", ".join(f"{entry + 0.0:.4g}" for entry in row) + "]"

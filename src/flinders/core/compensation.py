@@ -25,7 +25,8 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from flinders.core.disturbance import at_reference, effect, lagged
-from flinders.core.samples import Joined, Recording, Samples, Wrapped
+from flinders.core.joining import Joined
+from flinders.core.samples import Recording, Samples, Wrapped
 from flinders.errors import InputError, figures
 
 if TYPE_CHECKING:

@@ -316,3 +316,14 @@ def lagged(values: Floats, time: Floats | None, lag_s: float) -> Floats:
     shifted = np.interp(time - lag_s, known_at, known_values)
     earlier: Floats = np.where(np.isfinite(time), shifted, values)
     return earlier
+
+
+def disturbed_alike(ours: tuple[Disturbance, ...], theirs: tuple[Disturbance, ...], tolerance: float) -> bool:
+    """Whether both follow the same, to within `tolerance` over what was recorded."""
+    if [disturbance.name for disturbance in ours] != [disturbance.name for disturbance in theirs]:
+        return False
+    return all(
+        bool(np.abs(one.shift(end) - other.shift(end)).max() <= tolerance) and one.lag_s == other.lag_s
+        for one, other in zip(ours, theirs, strict=True)
+        for end in (one.reference, one.lowest, one.highest, one.farthest)
+    )

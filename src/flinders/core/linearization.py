@@ -87,3 +87,11 @@ class Linearization(Value):
             is_below = self.apply(middle) < wanted
             low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
         return np.asarray(0.5 * (low + high))
+
+
+def bend_alike(one: Linearization | None, other: Linearization | None, shape: Floats, tolerance: float) -> bool:
+    """Whether both linearize axes alike, to within `tolerance` where the field of a (3, 3) shape lies along them."""
+    if one is None or other is None:
+        return one is other
+    reach = np.linalg.norm(shape, axis=1) * np.array([[-1.0], [1.0]])
+    return bool(np.abs(one.apply(reach) - other.apply(reach)).max() <= tolerance)

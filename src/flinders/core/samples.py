@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, replace
-from functools import reduce
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
@@ -26,7 +25,7 @@ from flinders.core.axes import Axes
 from flinders.core.disturbance import KINDS, MOST, MOTORS, motor, motors, place_of
 from flinders.core.silence import silent
 from flinders.core.units import Unit
-from flinders.errors import ArrayError, AxesError, UnitError, UsageError, counted, figures, needs
+from flinders.errors import ArrayError, AxesError, counted, needs
 from flinders.geometry.quaternions import attitudes, of_matrix, product
 
 if TYPE_CHECKING:
@@ -402,60 +401,6 @@ class Wrapped:
         return frame_of(self.recording)
 
 
-@dataclass(frozen=True, slots=True)
-class Joined:
-    """Several recordings of one sensor, one after the other, all in one unit and one set of axes.
-
-    Raises
-    ------
-    UnitError, AxesError
-        If one is in µT and another in counts; if one is in the axes of the vehicle and another in those of the sensor.
-    """
-
-    recordings: tuple[Recording, ...]  #: at least one; all in one unit and one set of axes
-
-    def __post_init__(self) -> None:
-        """Refuse recordings whose numbers do not belong together."""
-        first = self.recordings[0]
-        for other in self.recordings[1:]:
-            if other.unit.inside != first.unit.inside:
-                raise UnitError(
-                    f"{other.source} is in {other.unit.inside}, {first.source} in {first.unit.inside}: "
-                    "name one unit for all, or the scale of counts",
-                    hint={"unit": None, "scale": None},
-                )
-            if frame_of(other) != frame_of(first):
-                raise AxesError(
-                    f"{other.source} is in the axes of the {frame_of(other)}, {first.source} in those of the "
-                    f"{frame_of(first)}: only recordings in the same axes go together; calibrate each by itself"
-                )
-
-    @property
-    def source(self) -> str:
-        """The sources, joined."""
-        return " + ".join(recording.source for recording in self.recordings)
-
-    @property
-    def unit(self) -> Unit:
-        """That of the first."""
-        return self.recordings[0].unit
-
-    @property
-    def axes(self) -> Axes:
-        """Those of the first."""
-        return self.recordings[0].axes
-
-    @property
-    def frame(self) -> str:
-        """That of all."""
-        return frame_of(self.recordings[0])
-
-    def blocks(self) -> Iterator[Samples]:
-        """Yield the blocks of each in turn."""
-        for recording in self.recordings:
-            yield from recording.blocks()
-
-
 def frame_of(recording: Recording) -> str:
     """What a recording's own axes are: ``sensor``, or ``vehicle`` where it says that it was turned into those.
 
@@ -463,130 +408,6 @@ def frame_of(recording: Recording) -> str:
     'sensor'
     """
     return str(getattr(recording, "frame", "sensor"))
-
-
-def joined(recordings: Sequence[Recording]) -> Recording:
-    """Recordings of one sensor as one."""
-    return Joined(tuple(recordings)) if len(recordings) > 1 else recordings[0]
-
-
-def singles(recording: Recording) -> Iterator[Recording]:
-    """The recordings that one is made of, each on its own, however they were joined."""
-    if not isinstance(recording, Joined):
-        yield recording
-        return
-    for part in recording.recordings:
-        yield from singles(part)
-
-
-def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
-    """All columns of the blocks of a recording; none of those that one of them lacks.
-
-    >>> early, late = Samples.of([[1, 2, 3]], time=[0.0]), Samples.of([[4, 5, 6]])
-    >>> concatenated([early, late], early).field, concatenated([early, late], early).time is None
-    (array([[1., 2., 3.],
-           [4., 5., 6.]]), True)
-    """
-    filled = [block for block in blocks if len(block)]
-    others: dict[str, Any] = {name: _joined_column([getattr(each, name) for each in filled]) for name in COLUMNS[1:]}
-    return Samples(
-        np.concatenate([np.empty((0, 3)), *(block.field for block in filled)]),
-        unit=recording.unit,
-        axes=recording.axes,
-        source=recording.source,
-        frame=frame_of(recording),
-        skipped=reduce(added, (block.skipped for block in blocks), ()),
-        nameless=next((block.nameless for block in filled if block.nameless), ""),
-        **others,
-    )
-
-
-def _joined_column(columns: Sequence[Floats | None]) -> Floats | None:
-    """Put a column of several blocks together, if each has it."""
-    there = [column for column in columns if column is not None]
-    return np.concatenate(there) if there and len(there) == len(columns) else None
-
-
-def in_memory(recording: Recording) -> Samples:
-    """All readings of a recording, in memory."""
-    return recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
-
-
-@dataclass(frozen=True, slots=True)
-class TimeSpan:
-    """From one time to another, in s from the beginning of the recording; both are within.
-
-    >>> clock = TimeSpan(1.0, 2.0).clock("tumble.csv")
-    >>> clock.within(Samples.of([[1, 2, 3]] * 4, time=[100.0, 101.0, 102.0, 103.0]))
-    array([False,  True,  True, False])
-    """
-
-    start: float = -np.inf
-    end: float = np.inf
-
-    @classmethod
-    def of(cls, start: float | None, end: float | None) -> TimeSpan:
-        """Take what the user gave; what is not given is not limited."""
-        ends: tuple[tuple[str, Any], ...] = (("from", start), ("to", end))
-        for name, given in ends:
-            is_number = isinstance(given, int | float | np.number)
-            if given is not None and not (is_number and np.isfinite(given) and given >= 0):
-                raise UsageError(f"--{name} is {given!r}: need seconds from the beginning of the recording, 0 or more")
-        span = cls(-np.inf if start is None else float(start), np.inf if end is None else float(end))
-        if span.end <= span.start:
-            raise UsageError(f"from {span.start:g} to {span.end:g} s: nothing lies between; the end comes second")
-        return span
-
-    @property
-    def is_all(self) -> bool:
-        """Nothing is left out."""
-        return self == TimeSpan()
-
-    def clock(self, source: str, beginning: float = np.nan) -> SpanClock:
-        """Start a pass over the recording of this name; `beginning` is the time of its first reading, if known."""
-        return SpanClock(self, source, beginning)
-
-    def __str__(self) -> str:
-        ends = {"from": self.start, "to": self.end}
-        return " ".join(f"{word} {time:g} s" for word, time in ends.items() if np.isfinite(time))
-
-
-class SpanClock:
-    """One pass: takes the time of the first reading for the beginning, and knows whether any reading lay within."""
-
-    def __init__(self, span: TimeSpan, source: str, beginning: float) -> None:
-        self._span, self._source, self._beginning = span, source, beginning
-        self._last, self._taken = np.nan, 0
-
-    def within(self, samples: Samples) -> NDArray[np.bool_]:
-        """(N,) whether each reading lies within; those without a time do not."""
-        if self._span.is_all:
-            return np.ones(len(samples), dtype=np.bool_)
-        if samples.time is None:
-            raise UsageError(
-                f"{self._source} has no time: leave beginning and end out, or cut it with a text editor",
-                hint={"start": None, "end": None},
-            )
-        known = samples.time[np.isfinite(samples.time)]
-        if len(known):
-            self._beginning = known[0] if np.isnan(self._beginning) else self._beginning
-            self._last = known[-1]
-        since = samples.time - self._beginning
-        inside = np.asarray((since >= self._span.start) & (since <= self._span.end), dtype=np.bool_)
-        self._taken += int(np.count_nonzero(inside))
-        return inside
-
-    def selected(self, samples: Samples, within: NDArray[np.bool_]) -> Samples:
-        """Those readings; nothing is copied where all are taken."""
-        return samples if within.all() else samples[within]
-
-    def judge(self) -> None:
-        """Refuse a span in which nothing lies, at the end of the pass."""
-        if not self._span.is_all and not self._taken:
-            length = "without a clock that runs"
-            if np.isfinite(self._last - self._beginning):
-                length = f"{figures(self._last - self._beginning, 4)} s long"
-            raise UsageError(f"no reading of {self._source} lies {self._span}: it is {length}")
 
 
 def _three_axes(values: ArrayLike, rows: int, name: str) -> Floats:

@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from flinders.core.samples import singles
+from flinders.core.joining import singles
 from flinders.errors import NeedsSamples, TooFewSamples, figures
 from flinders.estimators.covariance import Residuals, time_of
 from flinders.estimators.in_plane import equator

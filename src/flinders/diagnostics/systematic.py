@@ -53,7 +53,7 @@ from flinders.native.engine import engine
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
 
 BY_CHANCE: Final = 1e-4
 """Chance below which axes count as not linear, or late: it makes as much in less than one of a thousand recordings."""

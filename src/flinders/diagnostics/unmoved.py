@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
     from flinders.summary.summary import Summary
 
 UNKNOWN: Final = (0.0, math.inf)
@@ -60,7 +60,7 @@ def was_turned(records: Records, unit: str, *, weakest: float = EARTH_UT[0]) -> 
 
     Parameters
     ----------
-    records : (U,) of `flinders.native.engine.RECORD`, or one
+    records : (U,) of `flinders.native.layouts.RECORD`, or one
     unit : str
         Of the readings, ``uT`` or ``counts``.
     weakest : float, µT

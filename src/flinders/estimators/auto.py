@@ -17,7 +17,7 @@ from flinders.likelihood import prior
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.base import Estimate
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,7 +40,8 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeGuard, cast
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import Joined, Recording, Samples, Wrapped, concatenated, singles
+from flinders.core.joining import Joined, concatenated, singles
+from flinders.core.samples import Recording, Samples, Wrapped
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import NeedsSamples, OutOfScale, StuckAxis, TooFewSamples, Unmoved
 from flinders.estimators.rests import Rests

@@ -37,7 +37,7 @@ import numpy as np
 from flinders.core.calibration import Calibration
 from flinders.core.compensation import compensated
 from flinders.core.disturbance import Disturbance, motor
-from flinders.core.samples import singles
+from flinders.core.joining import singles
 from flinders.errors import NotTurned, UsageError
 from flinders.estimators.disturbance_problem import DisturbanceProblem, settle
 from flinders.estimators.regressor_quality import (
@@ -70,7 +70,6 @@ if TYPE_CHECKING:
     from flinders.estimators.regressor_quality import Noise
     from flinders.estimators.time_delay import Lag
     from flinders.geometry.ellipsoid import Ellipsoid
-
 
 LEANT: Final = 0.5
 """Leverage from which on a reading says more of the surface through it than all others say there."""

@@ -32,13 +32,14 @@ from flinders.estimators.base import SiteStrength
 from flinders.estimators.level import Level
 from flinders.estimators.likelihood import ENOUGH
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
-from flinders.native.engine import VERTICAL, constant, engine
+from flinders.native.engine import engine
+from flinders.native.layouts import VERTICAL, constant
 
 if TYPE_CHECKING:
     from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
     from flinders.likelihood.site_field import Site
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
 
 Z_DOWN: Final = {constant("Z_DOWN"): True, constant("Z_ELSEWHERE"): False, constant("Z_OPEN"): None}
 """`Estimate.z_down` by the number of the engine."""

@@ -18,7 +18,8 @@ from flinders.estimators.outliers import outliers_among
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.geometry.plane import PLANES
 from flinders.likelihood import prior
-from flinders.native.engine import UNDETERMINED, engine
+from flinders.native.engine import engine
+from flinders.native.layouts import UNDETERMINED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,11 +27,10 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.data import Readings
     from flinders.estimators.outliers import Outlier
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
 
 ENOUGH: Final = 20_000
 """Readings on which the fit is iterated; the whole of a longer recording is gone through once, from there."""
-
 
 ROBUST, LEVEL = "robust", "level"
 """Methods of an estimate that outliers were rejected for, and of a level turn."""

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.core.samples import Samples, Wrapped, joined
+from flinders.core.joining import joined
+from flinders.core.samples import Samples, Wrapped
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:

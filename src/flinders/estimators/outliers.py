@@ -26,7 +26,8 @@ import numpy as np
 from flinders.core.samples import Samples
 from flinders.findings.words import outlier_run
 from flinders.likelihood import magnitude
-from flinders.native.engine import OUTLIER, constant, engine
+from flinders.native.engine import engine
+from flinders.native.layouts import OUTLIER, constant
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -65,7 +66,7 @@ class Outlier:
 
     @classmethod
     def of_run(cls, run: np.void) -> Self:
-        """Take a row of `flinders.native.engine.OUTLIER`, whose rows count from 0."""
+        """Take a row of `flinders.native.layouts.OUTLIER`, whose rows count from 0."""
         first, last, rows, fitted, *times, farthest = run.tolist()
         start, end = (np.nan if math.isnan(time) else time for time in times)  # one object, so that runs compare
         return cls(first + 1, last + 1, rows, start, end, farthest, fitted)

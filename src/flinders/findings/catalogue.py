@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from flinders.findings import aiding, calibration, disturbances, fit, recording, sensors
+from flinders.findings import aiding, calibration, disturbances, fit, recording, sensors, unmodelled
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -20,11 +20,13 @@ if TYPE_CHECKING:
     from flinders.findings.row import CatalogueRow, Rule
 
 CATALOGUE: Final[dict[str, CatalogueRow]] = {
-    row.code: row for subject in (fit, recording, disturbances, calibration, aiding, sensors) for row in subject.ROWS
+    row.code: row
+    for subject in (fit, unmodelled, recording, disturbances, calibration, aiding, sensors)
+    for row in subject.ROWS
 }
 """Every finding there is, by its code."""
 
-OF_THE_FIT: Final = tuple(row.code for row in fit.ROWS)
+OF_THE_FIT: Final = tuple(row.code for row in (*fit.ROWS, *unmodelled.ROWS))
 """Findings of a fit by itself."""
 
 OF_RESIDUALS: Final = ("alternating", "outliers")

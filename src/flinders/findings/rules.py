@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Iterator, Mapping
 
     from flinders.findings.row import Severity
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
 
 SEVERITIES: Final[tuple[Severity | None, ...]] = (None, *reversed(VERDICTS))
 """Severities by the engine's numbers."""

@@ -42,14 +42,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
 
 UPPER: Final = np.flatnonzero(np.triu(np.ones((9, 9))).ravel())
 """The 45 entries of a covariance on and above its diagonal, row by row."""
 
 WIDTHS: Final = {"offset": 3, "matrix": 9, "covariance": 45}
 """Columns of so many numbers."""
-
 
 LIMITS, REFUSES = SEVERITIES.index("limits"), SEVERITIES.index("refuses")
 """Severities as the engine numbers them."""

@@ -25,7 +25,7 @@ import numpy as np
 from flinders.arrays import runs
 from flinders.core.compensation import compensated
 from flinders.core.disturbance import KINDS, MOTORS, motor
-from flinders.core.samples import Samples, in_memory, singles
+from flinders.core.joining import in_memory, singles
 from flinders.diagnostics.hold_out import folds
 from flinders.errors import FitError, InputError, figures
 from flinders.estimators.disturbance import fit_disturbances
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.core.samples import Recording
+    from flinders.core.samples import Recording, Samples
 
 PIECES: Final = 4
 """Intervals of each fold: a motor runs for a while, and has to run in what is fitted and in what is left out."""

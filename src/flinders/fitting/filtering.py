@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.core.samples import joined
+from flinders.core.joining import joined
 from flinders.errors import FitError
 from flinders.estimators.data import WithinRange
 from flinders.findings import certain, linked

@@ -48,18 +48,11 @@ from flinders.core.calibration import Calibration
 from flinders.errors import FitError, UsageError
 from flinders.findings import linked
 from flinders.findings.catalogue import OF_CALIBRATION
-from flinders.fitting.calibrate import mounted
 from flinders.fitting.claim import Claim
 from flinders.fitting.evidence import Diagnosis, Evidence, Residuals
+from flinders.fitting.judgement import mounted
 from flinders.fitting.record import expected_error
-from flinders.fitting.refreshing import (
-    known_shape,
-    refreshed_from,
-    refuse_unfit,
-    samples_of,
-    strength_of,
-    turned,
-)
+from flinders.fitting.refreshing import known_shape, refreshed_from, refuse_unfit, samples_of, strength_of, turned
 from flinders.fitting.result import Fit, Judgement, Refused
 from flinders.fitting.verdict import judged_parts
 from flinders.geometry.angles import wrapped

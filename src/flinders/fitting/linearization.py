@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
 
 ROUNDS: Final = 12
 """Fits, at most: each takes nine tenths of what is left off, or more."""

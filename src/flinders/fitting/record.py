@@ -18,7 +18,8 @@ from flinders.core.units import MICROTESLA
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.plane import PLANES
 from flinders.heading.error_propagation import HeadingError
-from flinders.native.engine import constant, engine
+from flinders.native.engine import engine
+from flinders.native.layouts import constant
 from flinders.summary.coverage import CELLS
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from flinders.fitting.evidence import Diagnosis
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
     from flinders.summary.coverage import Coverage
     from flinders.summary.quality import Rail
     from flinders.summary.summary import Statistics

@@ -33,7 +33,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 
-from flinders.core.samples import Samples, frame_of, in_memory
+from flinders.core.joining import in_memory
+from flinders.core.samples import Samples, frame_of
 from flinders.diagnostics.soft_iron import Refreshed
 from flinders.errors import AxesError, OutOfScale, TooFewSamples, UnitError, Unmoved, UsageError, spell_checked
 from flinders.estimators import Readings, within_range
@@ -42,12 +43,14 @@ from flinders.estimators.likelihood import estimated
 from flinders.findings import limit_of
 from flinders.fitting.aid_selection import aided_by
 from flinders.fitting.aiding import Instruments
-from flinders.fitting.calibrate import ELSEWHERE, judged_as, judged_dip
+from flinders.fitting.calibrate import ELSEWHERE, judged_as
+from flinders.fitting.request import judged_dip
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.heading.error_propagation import raw_error
 from flinders.likelihood.prior import KnownShape
 from flinders.likelihood.site_field import Site
-from flinders.native.engine import constant, engine
+from flinders.native.engine import engine
+from flinders.native.layouts import constant
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -57,7 +60,7 @@ if TYPE_CHECKING:
     from flinders.fitting.aiding import Aiding, AnyAiding
     from flinders.fitting.calibrate import AnyReadings
     from flinders.fitting.result import Fit
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
 
 METHOD: Final = "refresh"
 

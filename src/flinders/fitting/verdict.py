@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.findings import Condition, Severity
     from flinders.fitting.result import Fit
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
     from flinders.summary.summary import RestSpan, Statistics
 
 PLACED, SKEWED = 0.5, 0.15

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from flinders.core.samples import Joined
+from flinders.core.joining import Joined
 from flinders.errors import FitError
 from flinders.estimators import ROWS, Readings
 from flinders.estimators.covariance import beyond_chance
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators import Estimate
     from flinders.estimators.auto import Auto
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
     from flinders.summary.coverage import Coverage
     from flinders.summary.summary import Statistics
 

@@ -42,14 +42,15 @@ import numpy as np
 
 from flinders.findings.poses import POSE_WORDS
 from flinders.heading.error_propagation import direction_errors_deg, require_headings
-from flinders.native.engine import GOAL, engine
+from flinders.native.engine import engine
+from flinders.native.layouts import GOAL
 from flinders.summary.coverage import CELLS
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.findings.poses import Frame
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
     from flinders.summary.coverage import Coverage
 
 Goal = Literal["heading", "attitude"]

@@ -45,7 +45,8 @@ from flinders.errors import ArrayError
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading.error_propagation import require_headings
 from flinders.heading.guidance import goal_row, reading_variance
-from flinders.native.engine import BELIEF, engine
+from flinders.native.engine import engine
+from flinders.native.layouts import BELIEF
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -53,7 +54,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.findings.poses import Frame
     from flinders.heading.guidance import Goal
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
     from flinders.summary.coverage import Coverage
 
 READINGS_PER_DEG: Final = 50.0 / 90.0

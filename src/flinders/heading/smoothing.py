@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from flinders.core.samples import Joined, Samples, Wrapped
+from flinders.core.joining import Joined
+from flinders.core.samples import Samples, Wrapped
 from flinders.errors import UsageError, counted
 
 if TYPE_CHECKING:

@@ -35,13 +35,17 @@ from typing import IO, TYPE_CHECKING, Any, Final, TypeAlias, cast
 import numpy as np
 
 from flinders.core.axes import Axes
+from flinders.core.joining import Joined, in_memory
 from flinders.core.plugins import modules_of, plugin_rows
-from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of, in_memory
+from flinders.core.samples import Recording, Samples, added, frame_of
+from flinders.core.time_span import TimeSpan
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError, reading
+from flinders.readers._choice import FIRST, Choice
+from flinders.readers._foreign_files import foreign_kind
 from flinders.readers._frame import is_frame, open_frame
-from flinders.readers._log import Instrument, Log, Position, Stored
-from flinders.readers._names import FIRST, Choice
-from flinders.readers._source import File, Progress, Reader, Source, find, foreign_kind, on_disk
+from flinders.readers._log import Instrument, Log, Position, Stored, beginning_of
+from flinders.readers._reader import Reader
+from flinders.readers._source import File, Progress, Source, find, on_disk
 from flinders.readers._table import Table, TableRecording, open_table
 from flinders.readers.text import TextRecording, open_text
 
@@ -73,7 +77,6 @@ AnySource: TypeAlias = "AnyPath | IO[bytes] | IO[str] | Any"
 """What is one recording; frames need no types here, as their packages need not be there."""
 FileRecording: TypeAlias = TextRecording | TableRecording | Instrument
 """What there is to choose from: each knows its file and its unit, and can say what it recognised."""
-
 
 LAST: Final = "text"
 """The module that takes what no other does: whatever is not binary."""
@@ -457,7 +460,7 @@ def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
     log: Log = reader.log(disk, **({"unit": options.unit} if reader.takes_unit else {}))
     if not log.instruments:
         raise NoMagnetometer(f"{file.name} ({log.format}) holds no magnetometer: log it, and record again")
-    beginning = np.nan if options.span.is_all else _beginning(log)
+    beginning = np.nan if options.span.is_all else beginning_of(log)
     of_log: dict[str, Any] = {name: getattr(options, name) for name in ("axes", "as_logged", "span", "progress")}
     of_log |= {"beginning": beginning, "file": file, "temporary_files": (disk,)}
     of_log |= {"position": log.position, "begun": log.begun}
@@ -487,13 +490,3 @@ def _chosen(log: Log, options: _Options) -> Instrument:
     chosen = log.instruments[choice.among(names, log.source)]
     named = tuple(f"{number} {name}" for number, name in enumerate(names[1:], 2))
     return replace(chosen, others=named if choice.is_open else (), damage=log.damage)
-
-
-def _beginning(log: Log) -> float:
-    """The time of the first reading of any of its magnetometers, s; NaN where none has a time."""
-    times = []
-    for instrument in log.instruments:
-        block = next(iter(instrument.columns(True)), None)
-        if block is not None and block.time is not None and len(block):
-            times.append(float(np.nanmin(block.time[:1])))
-    return min((time for time in times if np.isfinite(time)), default=np.nan)

@@ -18,8 +18,10 @@ from dataclasses import dataclass
 from itertools import compress
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
-from flinders.readers._names import ACCELERATION, FIELD, RATE, Meaning, magnetometers, meaning, words_of
-from flinders.readers._tokenizer import QUANTITY, number
+from flinders.readers._cells import number
+from flinders.readers._instruments import magnetometers
+from flinders.readers._names import ACCELERATION, FIELD, RATE, Meaning, meaning, words_of
+from flinders.readers._tokenizer import QUANTITY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.readers._instruments import magnetometers
 from flinders.readers._likeness import ascends, fits_beside, is_no_axis
-from flinders.readers._names import ACCELERATION, FIELD, RATE, TIME, is_letter_of_time, magnetometers, meaning
+from flinders.readers._names import ACCELERATION, FIELD, RATE, TIME, is_letter_of_time, meaning
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence

@@ -23,8 +23,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from flinders.core.samples import Samples
 from flinders.core.units import unit_of_the_earth
 from flinders.errors import figures, with_hint
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from flinders.arrays import Floats
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -404,3 +410,13 @@ def _sphere(vectors: Floats) -> tuple[float, float]:
     centre, *_ = np.linalg.lstsq(np.column_stack([2 * scaled, np.ones(len(scaled))]), squares)
     lengths = np.linalg.norm(scaled - centre[:3], axis=1)
     return float(lengths.std()) * size, float(lengths.mean()) * size
+
+
+def is_numeric(values: Floats) -> bool:
+    """Tell whether at least half of the first values are numbers."""
+    return len(values) == 0 or bool(np.isfinite(values).mean() >= 0.5)
+
+
+def without_numbers(values: Floats) -> str:
+    """Say why a column cannot be used of which most of the first values are no numbers."""
+    return "numbers in few rows" if np.isfinite(values).any() else "not numbers"

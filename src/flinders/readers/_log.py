@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import TimeSpan
+from flinders.core.time_span import TimeSpan
 from flinders.errors import UnreadableInput
-from flinders.readers._names import Choice, numbered
+from flinders.readers._choice import Choice, numbered
 from flinders.readers._source import sound
 
 if TYPE_CHECKING:
@@ -185,3 +185,13 @@ class Log:
         Raises `UsageError` for one that there is not; names those there are.
         """
         return self.instruments[Choice(wanted).among([one.name for one in self.instruments], self.source)]
+
+
+def beginning_of(log: Log) -> float:
+    """The time of the first reading of any of its magnetometers, s; NaN where none has a time."""
+    times = []
+    for instrument in log.instruments:
+        block = next(iter(instrument.columns(True)), None)
+        if block is not None and block.time is not None and len(block):
+            times.append(float(np.nanmin(block.time[:1])))
+    return min((time for time in times if np.isfinite(time)), default=np.nan)

@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.core.samples import BLOCK
 from flinders.errors import UsageError
-from flinders.readers._tokenizer import SPACES, quoted, unglued
+from flinders.readers._cells import SPACES, quoted, unglued
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
+    from flinders.readers._grid import NumberRows
     from flinders.readers._layout import TextLayout
-    from flinders.readers._tokenizer import Lines, NumberRows
+    from flinders.readers._lines import Lines
 
 WRITTEN: Final = "%.9g"  # Nine significant digits: as many as a float32 has
 SUFFIX: Final = "_cal"

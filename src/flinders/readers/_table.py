@@ -26,13 +26,15 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
+from flinders.core.samples import BLOCK, Skipped, added
+from flinders.core.time_span import TimeSpan
 from flinders.errors import NoMagnetometer, UnreadableInput, counted
-from flinders.readers._columns import Columns, ColumnsRecording, choose, rising_in, unit_of
+from flinders.readers._choice import FIRST, Choice
+from flinders.readers._column_choice import choose, rising_in
+from flinders.readers._columns import Columns, ColumnsRecording, unit_of
 from flinders.readers._devices import MAX_SENSORS, Device, SensorColumn, devices_in, names_device, sensor_column
-from flinders.readers._layout import ranges
 from flinders.readers._likeness import XYZ
-from flinders.readers._names import FIRST, Choice
+from flinders.readers._refusals import ranges
 from flinders.readers._resample import numbered
 from flinders.readers._source import sound
 from flinders.readers._tokenizer import listed, shown

@@ -42,7 +42,8 @@ import numpy as np
 
 from flinders.core.files import metered
 from flinders.errors import NoMagnetometer, UnreadableInput, UsageError, reading
-from flinders.readers._source import MOST_MEMBER, Reader, spooled
+from flinders.readers._reader import Reader
+from flinders.readers._source import MOST_MEMBER, spooled
 from flinders.readers._table import Table, TableRecording, open_table
 from flinders.readers._tokenizer import shown
 from flinders.readers.text import open_text

@@ -36,8 +36,8 @@ import numpy as np
 from flinders.core.files import is_bomb, too_much
 from flinders.core.samples import BLOCK
 from flinders.errors import NoMagnetometer, UnreadableInput, needs, reading
-from flinders.readers._names import names_magnetometer
-from flinders.readers._source import Reader
+from flinders.readers._instruments import names_magnetometer
+from flinders.readers._reader import Reader
 from flinders.readers._table import WIDEST, Table, TableRecording, named_part, open_table
 from flinders.readers._tokenizer import MOST_NAMED, shown
 from flinders.readers.matlab import unread_objects

@@ -31,7 +31,8 @@ import numpy as np
 
 from flinders.core.files import metered
 from flinders.errors import NoMagnetometer
-from flinders.readers._source import CHUNK, MOST_MEMBER, Reader, spooled
+from flinders.readers._reader import Reader
+from flinders.readers._source import CHUNK, MOST_MEMBER, spooled
 from flinders.readers._table import Table, TableRecording, open_table
 from flinders.readers._tokenizer import MOST_NAMED, shown
 

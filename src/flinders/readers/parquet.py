@@ -33,7 +33,7 @@ from flinders.core.samples import BLOCK
 from flinders.errors import UnreadableInput, needs, reading
 from flinders.readers._devices import tells_rows_apart
 from flinders.readers._names import TIME, meaning
-from flinders.readers._source import Reader
+from flinders.readers._reader import Reader
 from flinders.readers._table import WIDEST, Labels, Table, TableRecording, open_table
 
 if TYPE_CHECKING:
@@ -390,7 +390,6 @@ COMPACT_VALUES: Final[dict[int, Callable[[_Compact], Any]]] = {
     12: _Compact.fields,
 }
 """What reads a value of a kind; in a list a truth is a byte."""
-
 
 READERS: Final = (
     Reader(

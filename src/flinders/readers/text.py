@@ -22,29 +22,27 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import ACCOMPANYING, BLOCK, NOTED, Skipped, TimeSpan, added, unanswered
+from flinders.core.samples import BLOCK, Skipped, added
 from flinders.core.silence import silent
+from flinders.core.time_span import TimeSpan
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput
+from flinders.readers._asked_columns import wanted_acceleration, wanted_strength
+from flinders.readers._cells import COMMENTS
+from flinders.readers._choice import FIRST, Choice
 from flinders.readers._clock import Midnights
-from flinders.readers._columns import ColumnsRecording, unit_of, wanted_acceleration, wanted_strength
-from flinders.readers._layout import TextLayout, recognise_layout, sniff, split_records
+from flinders.readers._columns import ColumnsRecording, unit_of
+from flinders.readers._foreign_files import foreign_kind, refuse_foreign
+from flinders.readers._grid import BLOCKS_AT_ONCE, LEAST_FOR_ARROW, NumberRows, parser_of, rows_of
+from flinders.readers._layout import TextLayout, sniff
 from flinders.readers._line_shapes import LineShapes
-from flinders.readers._names import CURRENT, CURRENTS, FIRST, TEMPERATURE, THROTTLE, THROTTLES, TIME, Choice
+from flinders.readers._lines import ENDS_EARLY, Lines, encoding_of
+from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
+from flinders.readers._reader import Reader
+from flinders.readers._recognition import recognise_layout, split_records
 from flinders.readers._rewrite import Rewriter
-from flinders.readers._source import File, Progress, Reader, derived, foreign_kind, refuse_foreign, sound
-from flinders.readers._tokenizer import (
-    BLOCKS_AT_ONCE,
-    COMMENTS,
-    ENDS_EARLY,
-    LEAST_FOR_ARROW,
-    Lines,
-    NumberRows,
-    encoding_of,
-    parser_of,
-    rows_of,
-    shown,
-)
+from flinders.readers._source import File, Progress, derived, sound
+from flinders.readers._tally import OTHER, Tally, accounted, besides
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -54,8 +52,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.readers._columns import Columns
+    from flinders.readers._grid import Grid, Parse
     from flinders.readers._source import Source
-    from flinders.readers._tokenizer import Grid, Parse
     from flinders.readers.dialects import Dialect
 
 _CALIBRATION: Final = re.compile(
@@ -64,9 +62,6 @@ _CALIBRATION: Final = re.compile(
     re.IGNORECASE,
 )
 """A header of Betaflight or INAV with a calibration (`compassUpdate` in `sensors/compass.c`), as tools may write it."""
-UNREADABLE: Final = "unreadable"
-NOT_FINITE: Final = "not finite"
-OTHER: Final = "other"  # Why lines are left out that are none of the dialect
 _NO_GAIN: Final = 1024  # INAV's ``maggain`` that changes nothing
 
 
@@ -301,83 +296,6 @@ class Transcription:
                     others.append(lines.first + place)
             self._others = added(self._others, besides(lines, others, shapes, OTHER))
             yield "\n".join([*rows, ""]).encode()
-
-
-class Tally:
-    """Counts what is read and what is not, so that a file of which little can be read is refused."""
-
-    def __init__(self) -> None:
-        self.rows = self.usable = 0
-        self.unreadable = 0
-        self.first = self.last = (0, "")
-
-    def add(self, rows: NumberRows, usable: NDArray[np.bool_]) -> None:
-        """Count one block."""
-        self.rows += len(usable)
-        self.usable += int(usable.sum())
-        if rows.unreadable:
-            self.first = self.first if self.unreadable else rows.unreadable[0]
-            self.last = rows.unreadable[-1]
-            self.unreadable += len(rows.unreadable)
-
-    def judge(self, name: str, skipped: tuple[Skipped, ...]) -> None:
-        """Refuse a file more than half of which is unreadable, or in which nothing can be used."""
-        if self.unreadable > self.rows:
-            raise UnreadableInput(
-                f"{self.unreadable:,} of {self.unreadable + self.rows:,} lines of {name} are not readings: "
-                f"the first is line {self.first[0]} ({shown(self.first[1])!r}), the last line {self.last[0]} "
-                f"({shown(self.last[1])!r}); check what was recorded, or name the columns",
-                hint={"columns": None},
-            )
-        if not self.usable:
-            raise UnreadableInput(
-                f"no usable reading in {name}: {'; '.join(map(str, skipped))}; need finite x, y and z: "
-                "check the sensor and its wiring"
-            )
-
-
-def accounted(
-    lines: Lines,
-    rows: NumberRows,
-    usable: NDArray[np.bool_],
-    columns: Columns,
-    shapes: LineShapes,
-    is_of_others: Callable[[str], bool],
-) -> tuple[NumberRows, tuple[Skipped, ...]]:
-    """Account for the rows of a block that cannot be used and the lines that are none; drop those that accompany."""
-    unusable = np.flatnonzero(~usable)
-    read = columns.readings(rows.values[unusable].T)
-    is_silent = silent(read)
-    left_out = unanswered(read[is_silent, 0], rows.numbers[unusable[is_silent]])
-    if not is_silent.all():
-        gaps = [rows.lines[int(place)] for place in unusable[~is_silent]]
-        beside = [number for number in gaps if is_of_others(lines.texts[number - lines.first])]
-        accounts = {NOT_FINITE: sorted(set(gaps).difference(beside)), ACCOMPANYING: beside}
-        left_out += tuple(_skipped(lines, numbers, why) for why, numbers in accounts.items() if numbers)
-    if rows.unreadable:
-        left_out += besides(lines, [number for number, _ in rows.unreadable], shapes, UNREADABLE)
-        lost = [(number, text) for number, text in rows.unreadable if not shapes.accompanies(text)]
-        rows = replace(rows, unreadable=lost)
-    return rows, left_out
-
-
-def besides(lines: Lines, others: Sequence[int], shapes: LineShapes, reason: str) -> tuple[Skipped, ...]:
-    """Account for the lines of these numbers, which are no readings, for this reason unless they accompany readings."""
-    if not others:
-        return ()
-    texts, known = lines.texts, frozenset(others)
-    for number, text in enumerate(texts, lines.first):
-        if text.strip():
-            shapes.add(text, is_reading=number not in known)
-    own = [number for number in others if shapes.accompanies(texts[number - lines.first])]
-    accounts = {reason: sorted(known.difference(own)), ACCOMPANYING: own}
-    return tuple(_skipped(lines, numbers, why) for why, numbers in accounts.items() if numbers)
-
-
-def _skipped(lines: Lines, numbers: Sequence[int], reason: str) -> Skipped:
-    """An account of the lines of these numbers, which shows the first."""
-    example = lines.texts[numbers[0] - lines.first]
-    return Skipped(reason, len(numbers), tuple(numbers[:NOTED]), shown(example))
 
 
 class _Held(NamedTuple):

@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from flinders.core.compensation import compensated
-from flinders.core.samples import Samples, in_memory, singles
+from flinders.core.joining import in_memory, singles
 from flinders.core.units import label
 from flinders.diagnostics.random_walk import FEWEST, random_walk_of
 from flinders.report.view import lengths_off, view
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.core.samples import Recording
+    from flinders.core.samples import Recording, Samples
     from flinders.diagnostics.random_walk import RandomWalk
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane

@@ -1,4 +1,4 @@
-"""Figures of a calibration's report: readings before and after, the maps of all directions, residuals, deviation.
+"""Figures of a calibration's report: readings before and after, the sphere, residuals, deviation.
 
 Numbers and words of our own are all that is in them: no name of a file or sensor.
 
@@ -7,7 +7,7 @@ Numbers and words of our own are all that is in them: no name of a file or senso
 >>> from flinders.report.figure_data import FigureData
 >>> samples = simulate.tumble(seed=1).samples
 >>> drawn = FigureData.of(calibrate.fit(samples), samples)
->>> figure = error_map(drawn.view, 1.0)
+>>> figure = ball(drawn.view, 1.0)
 >>> 'class="figure"' in figure, "style=" in figure
 (True, False)
 """
@@ -31,7 +31,6 @@ from flinders.report.charts import (
     clipped,
     compass_ticks,
     labelled,
-    outline_of,
     rectangle,
     round_ticks,
     round_up,
@@ -41,11 +40,11 @@ from flinders.report.charts import (
     text,
     thinned,
 )
-from flinders.report.colours import LEGEND, class_of, seen_ends, seen_level
 from flinders.report.formatting import minus, with_unit
+from flinders.report.maps import error_tiles, hatch_pattern
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable
 
     from flinders.arrays import Floats
     from flinders.core.disturbance import Disturbance
@@ -248,7 +247,10 @@ def ball(view: View, target_deg: float) -> str:
     facing = np.flatnonzero(tiles().centres @ eye[2] > -0.08)
     rings = {tile: (polygons[tile] @ eye.T)[:, :2] for tile in facing.tolist()}
     rim = circle("", middle, middle, radius)
-    parts = [_hatch("hatch-ball"), clipped("ball", rim, *_errors(plot, view, target_deg, rings, "hatch-ball"))]
+    parts = [
+        hatch_pattern("hatch-ball"),
+        clipped("ball", rim, *error_tiles(plot, view, target_deg, rings, "hatch-ball")),
+    ]
     for end in (sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)):
         if end @ eye[2] > 0.0:
             name = f"{'−' * bool(end.min() < 0.0)}{AXES[int(np.abs(end).argmax())]}"
@@ -259,136 +261,6 @@ def ball(view: View, target_deg: float) -> str:
         right, up, near = eye @ np.array(view.guidance.direction)
         parts.append(circle("next behind" if near <= 0.0 else "next", plot.x(right), plot.y(up), 9))
     return chart(SIDE, SIDE, "Predicted heading error in each direction, on the sphere", *parts)
-
-
-def _hatch(name: str) -> str:
-    """Lines over what was not recorded."""
-    return (
-        f'<defs><pattern id="{name}" width="6" height="6" patternUnits="userSpaceOnUse" '
-        'patternTransform="rotate(45)"><path class="hatch" d="M0 0V6"/></pattern></defs>'
-    )
-
-
-def _tiled(plot: Canvas, classes: Sequence[str], rings: Mapping[int, Floats]) -> list[str]:
-    """Tiles of one class as one path each."""
-    sorted_rings: dict[str, list[Floats]] = {}
-    for tile, ring in rings.items():
-        sorted_rings.setdefault(classes[tile], []).append(ring)
-    return [plot.tiles(kind, rings) for kind, rings in sorted_rings.items()]
-
-
-def _errors(plot: Plot, view: View, target_deg: float, rings: Mapping[int, Floats], hatch: str) -> list[str]:
-    """Tiles in the colours of their errors; those without a reading are hatched besides."""
-    unseen = "".join(
-        outline_of(plot.places(*ring.T), is_closed=True) for tile, ring in rings.items() if not view.tiles_seen[tile]
-    )
-    hatched = [f'<path fill="url(#{hatch})" d="{unseen}"/>'] if unseen else []
-    return [*_tiled(plot, error_classes(view, target_deg), rings), *hatched]
-
-
-# -------------------------------------------------------------------------------------------------------------- maps
-
-DISC, MAP_WIDE, MAP_HIGH = 114.0, 552, 282
-MIDDLES: Final = (136.0, 416.0)
-MIDDLE: Final = MAP_HIGH / 2.0 + 4.0
-ROUND: Final = Axis(-math.sqrt(2.0), math.sqrt(2.0))
-"""Ends of both axes of a hemisphere in Lambert's azimuthal projection, which keeps areas."""
-
-
-def error_map(view: View, target_deg: float) -> str:
-    """Predicted error of all directions: two hemispheres, those without a reading hatched."""
-    insides = [_errors(plot, view, target_deg, hemisphere(up), "hatch-map") for plot, up in _discs()]
-    parts = [_hatch("hatch-map"), *_framed_discs("error", insides)]
-    if view.guidance is not None and view.guidance.direction is not None:
-        there = np.array([view.guidance.direction])
-        plot, up = _discs()[0 if there[0, 2] >= 0.0 else 1]
-        ((x, y),) = plot.places(*_lambert(there, up).T).tolist()
-        parts.append(circle("next", x, y, 8))
-    return chart(MAP_WIDE, MAP_HIGH, "Map of the predicted heading error over all directions of the field", *parts)
-
-
-def coverage_map(view: View) -> str:
-    """Readings in each direction, on the same map."""
-    insides = [_tiled(plot, seen_classes(view), hemisphere(up)) for plot, up in _discs()]
-    title = "Map of the readings over all directions of the field"
-    return chart(MAP_WIDE, MAP_HIGH, title, *_framed_discs("seen", insides))
-
-
-def hemisphere_panel(classes: Sequence[str], up: float) -> Panel:
-    """A hemisphere, its tiles in the colours of their classes."""
-    return Panel(ROUND, ROUND, lambda plot: _tiled(plot, classes, hemisphere(up)))
-
-
-def error_classes(view: View, target_deg: float) -> list[str]:
-    """Class of each tile by its predicted error."""
-    return [class_of(error, target_deg) for error in view.tiles_deg]
-
-
-def seen_classes(view: View) -> list[str]:
-    """Class of each tile by its readings."""
-    ends = _seen_ends(view)
-    return [f"s{seen_level(count, ends)}" for count in view.tiles_seen]
-
-
-def _discs() -> list[tuple[Plot, float]]:
-    """Where both hemispheres lie on the map, and where z points in each."""
-    size = 2.0 * DISC
-    plots = [Plot(middle - DISC, MIDDLE - DISC, size, size, ROUND, ROUND) for middle in MIDDLES]
-    return list(zip(plots, (1.0, -1.0), strict=True))
-
-
-def _framed_discs(name: str, insides: Sequence[Sequence[str]]) -> list[str]:
-    """Both hemispheres, each with its edge, where x and y point, and which one it is."""
-    parts = []
-    for place, (x, sides, inside) in enumerate(zip(MIDDLES, ("+z +y −y", "−z −y +y"), insides, strict=True)):
-        pole, above, below = sides.split()
-        parts += [
-            clipped(f"{name}-{place}", circle("", x, MIDDLE, DISC), *inside),
-            circle("rim", x, MIDDLE, DISC),
-            segment("meridian", x - DISC, MIDDLE, x + DISC, MIDDLE),
-            segment("meridian", x, MIDDLE - DISC, x, MIDDLE + DISC),
-            text(x, MIDDLE + 4, pole, kind="name halo"),
-            text(x, MIDDLE - DISC - 5, above),
-            text(x, MIDDLE + DISC + 14, below),
-            text(x - DISC - 4, MIDDLE + 4, "−x", "end"),
-            text(x + DISC + 4, MIDDLE + 4, "+x", "start"),
-        ]
-    return parts
-
-
-def hemisphere(up: float) -> dict[int, Floats]:
-    """Corners of the tiles of a hemisphere, and of those that reach into it, on a disc of radius √2, by tile."""
-    polygons = tiles().polygons()
-    return {tile: _lambert(polygons[tile], up) for tile in np.flatnonzero(up * tiles().centres[:, 2] > -0.12).tolist()}
-
-
-def _lambert(directions: Floats, up: float) -> Floats:
-    """(k, 2) of (k, 3) unit vectors: √(2/(1 + z)) (x, y), seen from outside: y is up for z, down for −z."""
-    x, y, z = directions.T
-    scale = np.sqrt(2.0 / (1.0 + up * z).clip(min=0.05))
-    return np.stack([scale * x, up * scale * y], axis=1)
-
-
-def error_legend(target_deg: float) -> list[tuple[str, str]]:
-    """Class and words of each mark."""
-    words = [f"{ratio * target_deg:.3g}°" for ratio in LEGEND]
-    words = [f"{words[0]} or less", *words[1:-1], f"{words[-1]} or more"]
-    marks = [(class_of(ratio * target_deg, target_deg), shown) for ratio, shown in zip(LEGEND, words, strict=True)]
-    return [*marks, ("unknown", "not known")]
-
-
-def seen_legend(view: View) -> list[tuple[str, str]]:
-    """Class and words of each level."""
-    ends = _seen_ends(view)
-    firsts = [1, *(end + 1 for end in ends)]
-    words = [
-        f"{first:,}" if first == last else f"{first:,} to {last:,}" for first, last in zip(firsts, ends, strict=False)
-    ]
-    return [(f"s{level}", shown) for level, shown in enumerate(["none", *words, f"{firsts[-1]:,} or more"])]
-
-
-def _seen_ends(view: View) -> tuple[int, int, int]:
-    return seen_ends(sum(view.tiles_seen) / len(view.tiles_seen))
 
 
 # --------------------------------------------------------------------------------------------------------- residuals

@@ -43,14 +43,13 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from flinders.arrays import Floats
-    from flinders.comparison.multi_sensor import Member, Together
+    from flinders.comparison.members import Member, Together
     from flinders.core.calibration import Calibration
     from flinders.diagnostics.repeatability import Repeats
     from flinders.errors import FlindersError, Spelling
     from flinders.findings import Finding, Verdict
 
 NOISE_REFUSED: Final = limit_of("noise", "refuses")
-
 
 IN_NEARLY_EVERY_FIT: Final = ("scale-unknown", "rotation-unknown")
 """Notes that hold whatever the recording, unless somebody gave the field and the mounting."""

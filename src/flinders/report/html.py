@@ -39,6 +39,7 @@ from flinders.fitting.claim import dip_words
 from flinders.fitting.export import export_fit
 from flinders.fitting.result import Fit, fit_of
 from flinders.report import figures as drawing
+from flinders.report import maps
 from flinders.report.colours import STEPS
 from flinders.report.figure_data import FigureData
 from flinders.report.formatting import (
@@ -318,10 +319,10 @@ def _figures(drawn: FigureData | None, fit: Fit | None, walk: RandomWalk | None)
         return drawings
     drawings |= {
         "after": drawing.projections(drawn, is_corrected=True),
-        "error_map": drawing.error_map(view, target),
-        "error_legend": drawing.error_legend(target),
-        "coverage_map": drawing.coverage_map(view),
-        "seen_legend": drawing.seen_legend(view),
+        "error_map": maps.error_map(view, target),
+        "error_legend": maps.error_legend(target),
+        "coverage_map": maps.coverage_map(view),
+        "seen_legend": maps.seen_legend(view),
         "residuals": drawing.residuals(drawn),
         "histogram": view.residuals and drawing.histogram(view, drawn.unit),
         "deviation": view.turn and drawing.deviation(view, target),

@@ -22,6 +22,7 @@ import numpy as np
 from flinders.errors import UsageError, needs
 from flinders.fitting.export import refuse_unfit
 from flinders.report import figures as drawing
+from flinders.report import maps
 from flinders.report.charts import MOST_DOTS
 from flinders.report.colours import ROLES, colour_of
 from flinders.report.figure_data import FigureData
@@ -202,14 +203,14 @@ def _coverage(part: SubFigure, drawn: FigureData, fit: Fit) -> None:
 
     view, target = drawn.view, fit.claim.target_deg
     assert view is not None
-    maps = (
-        ("predicted error", drawing.error_classes(view, target), drawing.error_legend(target), "left"),
-        ("readings", drawing.seen_classes(view), drawing.seen_legend(view), "right"),
+    drawn_maps = (
+        ("predicted error", maps.error_classes(view, target), maps.error_legend(target), "left"),
+        ("readings", maps.seen_classes(view), maps.seen_legend(view), "right"),
     )
     grid = part.subplots(1, 4).reshape(2, 2)
-    for pair, (title, classes, legend, side) in zip(grid, maps, strict=True):
+    for pair, (title, classes, legend, side) in zip(grid, drawn_maps, strict=True):
         for axes, up in zip(pair, (1.0, -1.0), strict=True):
-            _draw(axes, drawing.hemisphere_panel(classes, up))
+            _draw(axes, maps.hemisphere_panel(classes, up))
             axes.set_title(f"{title}, {'+z' if up > 0.0 else '−z'}", color=INK, fontsize=9)
             axes.set(xlim=(-1.6, 1.6), ylim=(-1.6, 1.6), aspect="equal")
             axes.set_axis_off()

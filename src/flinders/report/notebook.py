@@ -19,7 +19,7 @@ from flinders.errors import counted
 from flinders.findings import advice, first_causes
 from flinders.findings.row import stated
 from flinders.fitting.claim import dip_words, heading_words
-from flinders.report import figures
+from flinders.report import figures, maps
 from flinders.report.charts import as_file
 from flinders.report.colours import STEPS, colour_of
 from flinders.report.formatting import said_once
@@ -68,7 +68,7 @@ def _pictures(fit: Fit) -> str:
         (ball, "Predicted heading error in each direction", NARROW, f".figure text {{ font-size: {LETTERS}px }}"),
         (turn, "Deviation over the heading, before and after", WIDE, ""),
     )
-    least, *_, most, _ = (words for _, words in figures.error_legend(target))
+    least, *_, most, _ = (words for _, words in maps.error_legend(target))
     caption = f"Sphere: heading error to expect where the field points, from {least} (green) to {most} (red)"
     unseen = "" if all(view.tiles_seen) else "; hatched where no reading was taken"
     return f"<div>{''.join(_image(*each) for each in drawn)}<br><small>{caption}{unseen}.</small></div>"

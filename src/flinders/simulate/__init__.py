@@ -57,6 +57,7 @@ import numpy as np  # noqa: F401  for the examples above
 from flinders.geometry.rotation import rotation_vectors
 from flinders.geometry.sphere import clump, clumped, fibonacci, hemisphere, uniform
 from flinders.simulate import truth
+from flinders.simulate.attitudes import north_and_down, posed, seen_from, turns  # fmt: skip
 from flinders.simulate.disturbances import (
     FieldStep,
     GaussMarkov,
@@ -77,15 +78,11 @@ from flinders.simulate.motions import (
     flight,
     hand_tumble,
     level_turn,
-    north_and_down,
     planar_sweeps,
-    posed,
     rocked,
-    seen_from,
     swayed,
     tilted,
-    turns,
-)  # fmt: skip
+)
 from flinders.simulate.recording import RATE_NOISE, Imu, Simulated, angle_error_deg, specific_force, tumble, write_csv
 from flinders.simulate.sensor import Sensor, soft_iron
 

@@ -21,18 +21,17 @@ from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
-from flinders.arrays import table
 from flinders.errors import UsageError
 from flinders.geometry.plane import PLANES, order_of
-from flinders.geometry.rotation import cross_matrices, rotation_vectors
+from flinders.geometry.rotation import rotation_vectors
 from flinders.geometry.sphere import clumped, hemisphere, uniform
 from flinders.simulate._checks import count
+from flinders.simulate.attitudes import integrated, posed, random_attitude, rates, seen_from, turns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from numpy.random import Generator
-    from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
     from flinders.geometry.plane import Plane
@@ -44,9 +43,6 @@ GRAVITY: Final = 9.81
 
 SETTLING: Final = 200
 """Steps of the random walk before its start is forgotten."""
-
-BLOCK: Final = 64
-"""Steps of a turn that are multiplied before the next rounding to a rotation."""
 
 LEANING: Final = 0.8
 """s, time constant of each filter of a swayed body's leans: it goes from one side to the other in some seconds."""
@@ -373,97 +369,6 @@ MOTIONS: Final[Mapping[str, Motion]] = {
     "sweep-zx": Motion(_followed(planar_sweeps, planes=["zx"]), 30.0),
 }
 """What `tumble` knows, by name."""
-
-
-def turns(vectors: ArrayLike) -> Floats:
-    """(N, 3, 3) rotations by (N, 3) rotation vectors in rad (Rodrigues).
-
-    As `flinders.geometry.rotation.rotations` but for the last bit, which recordings of a seed keep.
-
-    >>> turns([[0.0, 0.0, np.pi / 2]]).round(3)[0].tolist()
-    [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    """
-    vector = table(vectors, "rotation vectors")
-    angle = np.linalg.norm(vector, axis=1)
-    cross = cross_matrices(vector / np.where(angle < 1e-12, 1.0, angle)[:, np.newaxis])
-    sine, cosine = np.sin(angle)[:, np.newaxis, np.newaxis], np.cos(angle)[:, np.newaxis, np.newaxis]
-    rotations: Floats = np.eye(3) + sine * cross + (1 - cosine) * (cross @ cross)
-    return rotations
-
-
-def north_and_down(dip_deg: float) -> Floats:
-    """(3,) unit direction of a field that dips by `dip_deg`: north, east, down.
-
-    >>> north_and_down(30.0).round(3)
-    array([0.866, 0.   , 0.5  ])
-    """
-    dip = math.radians(dip_deg)
-    return np.array([math.cos(dip), 0.0, math.sin(dip)])
-
-
-def posed(heading: ArrayLike, pitch: ArrayLike, roll: ArrayLike) -> Floats:
-    """(N, 3, 3) attitudes of a body that turns to a heading, raises its nose and then drops its right side; in rad.
-
-    >>> posed([np.pi / 2], [0.0], [0.0]).round(3)[0].tolist()
-    [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    """
-    headings, pitches, rolls = np.broadcast_arrays(*(np.atleast_1d(angle) for angle in (heading, pitch, roll)))
-    x, y, z = np.eye(3)
-    turned: Floats = turns(np.outer(headings, z)) @ turns(np.outer(pitches, y))
-    return turned @ turns(np.outer(rolls, x))
-
-
-def seen_from(attitudes: Floats, world: Floats) -> Floats:
-    """(N, 3) a fixed world vector (3,) in the body axes of each of (N, 3, 3) attitudes.
-
-    >>> seen_from(posed([0.3], [0.0], [0.0]), np.array([0.0, 0.0, 1.0]))
-    array([[0., 0., 1.]])
-    """
-    seen: Floats = np.einsum("nji,j->ni", attitudes, world)
-    return seen
-
-
-def random_attitude(rng: Generator) -> Floats:
-    """(3, 3) a rotation, all alike (QR of a Gaussian matrix with the signs of R taken out)."""
-    orthogonal, triangular = np.linalg.qr(rng.standard_normal((3, 3)))
-    attitude: Floats = orthogonal * np.sign(np.diag(triangular))
-    if np.linalg.det(attitude) < 0:
-        attitude[:, 0] *= -1
-    return attitude
-
-
-def rates(attitudes: Floats, rate_hz: float) -> Floats:
-    """(N, 3) body rates in rad/s, constant from each of (N, 3, 3) attitudes to the next; the last goes on."""
-    if len(attitudes) < 2:
-        return np.zeros((len(attitudes), 3))
-    steps = np.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:]
-    rate = rotation_vectors(steps) * rate_hz
-    return np.concatenate([rate, rate[-1:]])
-
-
-def integrated(start: Floats, steps: Floats) -> Floats:
-    """(N, 3, 3) attitudes from the first one on, each turned by its step (N, 3, 3) in body axes.
-
-    Products of the steps of each block are made for all blocks at once, then the attitudes in which blocks begin.
-    """
-    count = -(-len(steps) // BLOCK)
-    padded = np.concatenate([steps, np.broadcast_to(np.eye(3), (count * BLOCK - len(steps), 3, 3))])
-    turns_by = padded.reshape(count, BLOCK, 3, 3)
-    within = np.empty_like(turns_by)
-    within[:, 0] = np.eye(3)
-    for place in range(1, BLOCK):
-        np.matmul(within[:, place - 1], turns_by[:, place - 1], out=within[:, place])
-    whole = within[:-1, -1] @ turns_by[:-1, -1]
-    begins = np.stack(list(accumulate(whole, lambda attitude, turn: _nearest_rotation(attitude @ turn), initial=start)))
-    attitudes: Floats = (begins[:, np.newaxis] @ within).reshape(-1, 3, 3)[: len(steps)]
-    return attitudes
-
-
-def _nearest_rotation(attitude: Floats) -> Floats:
-    """Take off the rounding that adds up."""
-    left, _, right = np.linalg.svd(attitude)
-    nearest: Floats = left @ right
-    return nearest
 
 
 def _clock(n: int, rate_hz: float) -> Floats:

@@ -25,8 +25,9 @@ from flinders.errors import UsageError
 from flinders.geometry.rotation import best_rotation
 from flinders.geometry.sphere import fibonacci
 from flinders.simulate._checks import count, not_negative, positive, share
+from flinders.simulate.attitudes import north_and_down, seen_from
 from flinders.simulate.disturbances import Effect, stray_fields
-from flinders.simulate.motions import GRAVITY, MOTIONS, RATE_HZ, Course, Path, north_and_down, seen_from
+from flinders.simulate.motions import GRAVITY, MOTIONS, RATE_HZ, Course, Path
 from flinders.simulate.sensor import Sensor, symmetric_power
 
 if TYPE_CHECKING:

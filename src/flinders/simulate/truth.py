@@ -25,7 +25,7 @@ from msgspec import Meta, Struct
 from flinders.core.calibration_file import Count, NotNegative, Positive, Triple, gaps, lay_out, understood
 from flinders.core.files import read_bytes, write_text
 from flinders.errors import UnreadableInput, UsageError
-from flinders.simulate.motions import north_and_down
+from flinders.simulate.attitudes import north_and_down
 from flinders.simulate.sensor import Sensor
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
     from flinders.summary.cloud import Cloud
     from flinders.summary.summary import Summary
 
@@ -86,7 +86,7 @@ class Coverage:
 
     @classmethod
     def _of_record(cls, record: Records) -> Self:
-        """Take a row of `flinders.native.engine.COVERAGE`."""
+        """Take a row of `flinders.native.layouts.COVERAGE`."""
         return cls(record["readings"], record["hole"], float(record["hole_deg"]))
 
     @property

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording, Skipped
-    from flinders.native.engine import Records
+    from flinders.native.layouts import Records
     from flinders.summary.quality import Rail
 
 _STRETCH: Final = 65536

@@ -18,16 +18,16 @@ from __future__ import annotations
 
 import math
 import re
-import textwrap
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from flinders.core.units import label
 from flinders.errors import NotExportable, figures
-from flinders.geometry.sphere import fibonacci
+from flinders.targets._comments import HASH, Comment
+from flinders.targets._difference import DIP_DEG, DIRECTIONS, Difference
 from flinders.targets._numbers import (
     OWN,
     RECORDED,
@@ -38,7 +38,6 @@ from flinders.targets._numbers import (
     in_recorded_axes,
     per_unit,
     refuse_mounted,
-    unmapped,
 )
 
 if TYPE_CHECKING:
@@ -61,20 +60,11 @@ WHERE: Final[Mapping[Acts, str]] = {
     "mapped": "those of the vehicle or board, after the mounting",
     "across": "readings as recorded in, the calibration's axes out",
 }
-DIRECTIONS: Final = fibonacci(400)
-"""(N, 3) of the test fields; enough that the worst error of a correction is missed by less than a hundredth of it."""
-LOSS_DEG: Final = 0.5
-"""Nothing is left out unasked that costs more heading."""
-COARSEST_DEG: Final = 1.0
-"""Nothing is written whose numbers are so coarse that readings are off by the sine of it."""
-DIP_DEG: Final = 60.0
-"""Inclination of the field that heading errors are told for."""
 NEXT_TO_NOTHING: Final = 0.0001
 EXACT: Final = 1e-9
 """A matrix is of a kind to within this share of its largest entry: products of matrices are rounded."""
 EXACT_SINGLE: Final = 1e-6
 """The same for what float32 has rounded."""
-
 
 CHANCE: Final = 1e-4
 """How often a clean reading is beyond a limit of `Gates`, at most."""
@@ -144,67 +134,6 @@ class Export:
     def content(self) -> str | bytes:
         """Content of the file."""
         return self.text if self.data is None else self.data
-
-
-@dataclass(frozen=True, slots=True)
-class Comment:
-    """How a language marks comments: what their lines begin with, the lines around, and what must not stand in one.
-
-    What a recording or a person named goes into comments only, in ASCII and without what would end the comment.
-
-    >>> print(*BLOCK.lines(["from */ system(1); /* x.json", "2 µT"]), sep=chr(10))
-    /*
-     * from * / system(1); / * x.json
-     * 2 uT
-     */
-    """
-
-    each: str
-    opening: str = ""
-    closing: str = ""
-    ends: tuple[tuple[str, str], ...] = ()
-
-    def lines(self, remarks: Iterable[str]) -> list[str]:
-        """Break remarks into lines of comment."""
-        wrapped: list[str] = []
-        for remark in remarks:
-            wrapped += textwrap.wrap(
-                self._harmless(remark),
-                width=78,
-                initial_indent=self.each,
-                subsequent_indent=f"{self.each}  ",
-                break_on_hyphens=False,
-            )
-        return [*filter(None, [self.opening]), *wrapped, *filter(None, [self.closing])]
-
-    def _harmless(self, remark: str) -> str:
-        text = plain_ascii(remark)
-        for unsafe, written in self.ends:
-            while unsafe in text:
-                text = text.replace(unsafe, written)
-        return text
-
-
-HASH: Final = Comment("# ")
-PERCENT: Final = Comment("% ")
-BLOCK: Final = Comment(" * ", "/*", " */", (("*/", "* /"), ("/*", "/ *"), ("??", "? ?")))
-MARKUP: Final = Comment("  ", "<!--", "-->", (("--", "- -"),))
-ASCII: Final = str.maketrans({
-    "µ": "u", "°": " deg", "−": "-", "·": "*", "×": "x", "σ": "sigma", "±": "+/-", "…": "...", "–": "-", "’": "'",
-    "²": "^2", "ᵀ": "'", "½": "1/2", "∕": "/",
-})  # fmt: skip
-
-
-def plain_ascii(text: str) -> str:
-    r"""Write text in printable ASCII, other characters by their code.
-
-    >>> plain_ascii("48 µT, café\x07\u2028")
-    '48 uT, caf\\xe9\\x07\\u2028'
-    """
-    return "".join(
-        sign if sign.isascii() and sign.isprintable() else sign.encode("unicode_escape").decode()
-        for sign in text.translate(ASCII)
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -489,96 +418,3 @@ def _at_most(worst: float, worst_deg: float, unit: str) -> str:
     if max(worst, worst_deg) < NEXT_TO_NOTHING:
         return f"less than {NEXT_TO_NOTHING} {unit} and {NEXT_TO_NOTHING}°"
     return f"at most {figures(max(worst, NEXT_TO_NOTHING))} {unit} and {figures(max(worst_deg, NEXT_TO_NOTHING))}°"
-
-
-@dataclass(frozen=True, slots=True)
-class Difference:
-    """How far a target's own formula, with the numbers that are written for it, is off the calibration."""
-
-    # largest length of the difference, in the calibration's unit; scaled before where the target's lengths are its own
-    worst: float
-    worst_deg: float  # degrees: largest angle between both
-
-    @classmethod
-    def of(
-        cls,
-        calibration: Calibration,
-        target: Callable[[Floats], Floats],
-        *,
-        acts: Acts = "recorded",
-        relative: bool = False,
-    ) -> Self:
-        """Run the target's formula on what the sensor reads in `DIRECTIONS` fields of the calibration's strength.
-
-        `target` takes (N, 3) readings to (N, 3) corrected ones, both in the calibration's unit, in the axes that `acts`
-        names. If `relative`, lengths are its own, and scaled to the calibration's field before they are compared.
-        """
-        back = unmapped(calibration)
-        strength, expected = calibration.field_strength, DIRECTIONS
-        with np.errstate(all="ignore"):
-            raw = calibration.unapply(strength * expected)
-            corrected = target(raw if acts == "mapped" else raw @ back.T) / strength
-            if acts == "recorded":
-                corrected = calibration.axes.apply(corrected)
-            if relative:
-                corrected = corrected * (np.sum(corrected * expected) / np.sum(corrected**2))
-            across = np.linalg.norm(np.cross(corrected, expected), axis=1)
-            angle = float(np.rad2deg(np.arctan2(across, np.sum(corrected * expected, axis=1))).max())
-            return cls(strength * float(np.linalg.norm(corrected - expected, axis=1).max()), angle)
-
-    def worse(self, other: Difference) -> Difference:
-        """The worse of two trials."""
-        return Difference(max(self.worst, other.worst), max(self.worst_deg, other.worst_deg))
-
-    @property
-    def heading_deg(self) -> float:
-        """Largest heading error at any attitude where the field dips by 60°: atan(tan a / cos 60°) of the angle a."""
-        return heading_deg(self.worst_deg)
-
-    def refuse_lost(self, lacks: str, *, lossy: bool, mountings: MountingTable | None = None) -> None:
-        """Raise `NotExportable` for a heading error of what the target lacks, unless any is accepted.
-
-        `mountings`: of a target that could be given a mounting with the rotation in it.
-        """
-        if math.isfinite(self.worst) and (lossy or self.heading_deg <= LOSS_DEG):
-            return
-        off = f"{figures(self.heading_deg)}°" if math.isfinite(self.heading_deg) else "any angle"
-        turned = mountings and (
-            f"Say how the sensor was mounted when it was recorded (its {mountings.setting}), and its rotation is "
-            "written with the numbers. "
-        )
-        raise NotExportable(
-            f"{lacks}: what is left out costs up to {off} of heading (at any attitude, dip {DIP_DEG:.0f}°). "
-            f"{turned or ''}Use a target that holds the whole matrix (flinders targets), correct the readings in your "
-            "own code, or write it all the same",
-            hint={"mounting": None, "lossy": True} if mountings else {"lossy": True},
-            beyond=("matrix",),
-            heading_deg=self.heading_deg,
-        )
-
-    def refuse_coarse(self, calibration: Calibration, *, lossy: bool) -> None:
-        """Raise `NotExportable` for rounding that costs a degree; if `lossy`, that is off by the whole length."""
-        strength = calibration.field_strength
-        share = self.worst / strength
-        if share <= math.sin(math.radians(COARSEST_DEG)) or (lossy and share < 1):
-            return
-        off = f"up to {share:.2g} times" if math.isfinite(share) else "more than"
-        raise NotExportable(
-            f"rounded to the target's numbers, readings would be off by {off} their length: a field of "
-            f"{figures(strength)} {label(calibration.unit)} does not suit their steps. Check the "
-            "unit of the recording, and the field strength where it was given",
-            hint={"unit": None, "site": None},
-            beyond=(),
-            error=self.worst,
-        )
-
-
-def heading_deg(angle_deg: float) -> float:
-    """Largest heading error, at any attitude, of a field that is off by an angle where it dips by 60°.
-
-    >>> round(heading_deg(0.1), 3), heading_deg(90.0)
-    (0.2, 180.0)
-    """
-    if not angle_deg < 90:
-        return 180.0
-    return math.degrees(math.atan(math.tan(math.radians(angle_deg)) / math.cos(math.radians(DIP_DEG))))

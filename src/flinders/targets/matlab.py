@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from flinders.targets._comments import PERCENT
 from flinders.targets._numbers import RECORDED, Affine
-from flinders.targets._target import PERCENT, ExportOptions, Target, Written
+from flinders.targets._target import ExportOptions, Target, Written
 from flinders.targets.code import begun
 
 if TYPE_CHECKING:

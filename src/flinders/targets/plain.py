@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, Final
 from flinders.core.disturbance import BY_KEY, Disturbance
 from flinders.core.units import COUNTS, MICROTESLA
 from flinders.errors import DocumentError
+from flinders.targets._comments import HASH
 from flinders.targets._numbers import OWN, Affine, listed, loaded, numbers, shift_in_recorded_axes
-from flinders.targets._target import HASH, ExportOptions, Target, TargetReader, Written
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

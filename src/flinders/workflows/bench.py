@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flinders.core.geomag import ASSUMED_DIP_DEG
-from flinders.core.samples import singles
+from flinders.core.joining import singles
 from flinders.errors import NotTurned
 from flinders.estimators.static_bench import still
 from flinders.fitting.verdict import of_alike, of_column, of_noisy

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from flinders.comparison.comparison import Strength, compare, judged_at
 from flinders.comparison.level_plane import compare_turned
 from flinders.core.compensation import Compensator, compensated
-from flinders.core.samples import singles
+from flinders.core.joining import singles
 from flinders.diagnostics.random_walk import walk_through
 from flinders.errors import NeedsSamples, TooFewSamples, spell_checked
 from flinders.fitting.calibrate import fit

@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from flinders.core.samples import concatenated
+from flinders.core.joining import concatenated
 from flinders.errors import counted, in_python, spell_checked
 from flinders.fitting.verdict import of_extrapolation
 from flinders.heading.smoothing import Filter

@@ -18,11 +18,12 @@ import numpy as np
 
 from flinders.core.calibration import Calibration
 from flinders.core.compensation import Compensator
-from flinders.core.samples import Joined, Samples, Wrapped, frame_of, singles
+from flinders.core.joining import Joined, singles
+from flinders.core.samples import Samples, Wrapped, frame_of
 from flinders.errors import AxesError, TooFewSamples, UnitError
 from flinders.fitting.result import Fit
 from flinders.readers import Choice, TableRecording, TextRecording, is_source, open_recording
-from flinders.readers._names import Form
+from flinders.readers._choice import Form
 
 if TYPE_CHECKING:
     import os

@@ -19,12 +19,13 @@ import numpy as np
 
 from flinders.comparison.comparison import compare, printed
 from flinders.comparison.cross_validation import BLOCKS, LEAST, NotValidated, cross_validated
-from flinders.core.samples import concatenated
+from flinders.core.joining import concatenated
 from flinders.errors import FitError, NeedsSamples, UsageError, spell_checked
 from flinders.estimators import METHODS, Readings, method_of, within_range
 from flinders.estimators.auto import Auto
 from flinders.findings import VERDICTS
-from flinders.fitting.calibrate import ELSEWHERE, Request, estimator_of, fit
+from flinders.fitting.calibrate import ELSEWHERE, fit
+from flinders.fitting.request import Request, estimator_of
 from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import Coverage

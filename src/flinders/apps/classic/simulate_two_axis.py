@@ -26,7 +26,7 @@ from flinders.core.samples import Samples
 from flinders.errors import ArrayError, UsageError
 from flinders.geometry.plane import heading_errors
 from flinders.simulate._checks import count, not_negative, positive
-from flinders.simulate.motions import north_and_down, posed, seen_from
+from flinders.simulate.attitudes import north_and_down, posed, seen_from
 from flinders.simulate.recording import Simulated
 from flinders.simulate.sensor import Sensor
 

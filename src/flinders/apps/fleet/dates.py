@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.readers._columns import EPOCHS, LONG
+from flinders.readers._times import EPOCHS, LONG
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

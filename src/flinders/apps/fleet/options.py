@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from flinders.core.axes import Axes
 from flinders.core.units import COUNTS, Unit
-from flinders.readers._columns import asked_columns
+from flinders.readers._asked_columns import asked_columns
 
 
 @dataclass(frozen=True, slots=True)

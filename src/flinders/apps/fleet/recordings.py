@@ -19,7 +19,7 @@ import numpy as np
 from flinders.apps.fleet.dataset import Interner, KeyedTable, Runs
 from flinders.apps.fleet.plan import open_as_planned
 from flinders.apps.fleet.results import UnitResult
-from flinders.core.samples import concatenated
+from flinders.core.joining import concatenated
 from flinders.core.silence import silent
 from flinders.errors import UnitError
 from flinders.fitting.batch import Lined

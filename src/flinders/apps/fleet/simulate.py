@@ -29,7 +29,7 @@ from flinders.core.samples import Samples
 from flinders.errors import UsageError
 from flinders.geometry.sphere import uniform
 from flinders.simulate._checks import count, share
-from flinders.simulate.motions import north_and_down, random_attitude, turns
+from flinders.simulate.attitudes import north_and_down, random_attitude, turns
 from flinders.simulate.sensor import Sensor
 
 if TYPE_CHECKING:

@@ -33,7 +33,8 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import FitError, UsageError
 from flinders.fitting.advice import guided
-from flinders.fitting.calibrate import Request, fit
+from flinders.fitting.calibrate import fit
+from flinders.fitting.request import Request
 from flinders.fitting.result import Refused
 from flinders.heading import path_planning
 from flinders.likelihood.site_field import Site

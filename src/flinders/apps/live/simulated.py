@@ -25,7 +25,8 @@ from flinders.core.units import Unit
 from flinders.geometry.rotation import rotations
 from flinders.links.feeds import FeedEvent, Received, Replay
 from flinders.simulate import Imu, Sensor, hand_tumble, north_and_down, seen_from, specific_force
-from flinders.simulate.motions import Trajectory, integrated, random_attitude
+from flinders.simulate.attitudes import integrated, random_attitude
+from flinders.simulate.motions import Trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -37,12 +37,16 @@ from flinders.core.samples import added
 from flinders.core.units import label
 from flinders.errors import FlindersError, OutputError, counted, figures
 from flinders.links.feeds import FeedEvent
+from flinders.readers._cells import COMMENTS, number, quoted, split
+from flinders.readers._choice import numbered
 from flinders.readers._clock import Midnights
 from flinders.readers._columns import unit_of
-from flinders.readers._layout import SPOKEN, Cells, TextLayout, recognise_layout, sniff
+from flinders.readers._grid import rows_of
+from flinders.readers._layout import SPOKEN, Cells, TextLayout, sniff
 from flinders.readers._line_shapes import LineShapes
-from flinders.readers._names import is_unit, numbered
-from flinders.readers._tokenizer import COMMENTS, number, quoted, rows_of, shown, split
+from flinders.readers._names import is_unit
+from flinders.readers._recognition import recognise_layout
+from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

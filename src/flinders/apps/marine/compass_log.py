@@ -38,10 +38,11 @@ from flinders.apps.marine import nmea0183, nmea2000, signalk
 from flinders.core.geomag import site_field, year_of
 from flinders.errors import UnreadableInput, UsageError
 from flinders.geometry.angles import folded, wrapped
+from flinders.readers._foreign_files import is_binary
+from flinders.readers._lines import encoding_of
 from flinders.readers._log import Position
 from flinders.readers._resample import TimeSeries
-from flinders.readers._source import find, is_binary
-from flinders.readers._tokenizer import encoding_of
+from flinders.readers._source import find
 
 if TYPE_CHECKING:
     import os

@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from flinders.errors import UnreadableInput
-from flinders.readers._tokenizer import number
+from flinders.readers._cells import number
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

@@ -23,9 +23,12 @@ import numpy as np
 
 from flinders.errors import UnreadableInput, UsageError, counted
 from flinders.geometry.angles import folded, wrapped
+from flinders.readers._cells import COMMENTS, number
+from flinders.readers._foreign_files import foreign_kind
 from flinders.readers._known_texts import refusal
-from flinders.readers._source import HEAD, find, foreign_kind
-from flinders.readers._tokenizer import COMMENTS, encoding_of, number, shown
+from flinders.readers._lines import encoding_of
+from flinders.readers._source import HEAD, find
+from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:
     import os

@@ -27,8 +27,9 @@ from flinders.apps.survey.instrument import Shots
 from flinders.core.axes import Axes
 from flinders.errors import ArrayError, UnreadableInput, UsageError
 from flinders.readers import read
+from flinders.readers._lines import encoding_of
 from flinders.readers._source import HEAD, find
-from flinders.readers._tokenizer import encoding_of, shown
+from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:
     import os

@@ -25,7 +25,8 @@ import numpy as np
 from flinders.arrays import Floats, frozen, matrix, triple
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
-from flinders.simulate.motions import GRAVITY, north_and_down, posed, seen_from, wandering
+from flinders.simulate.attitudes import north_and_down, posed, seen_from
+from flinders.simulate.motions import GRAVITY, wandering
 from flinders.simulate.sensor import Sensor
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ import numpy as np
 from flinders.apps.survey.instrument import PROCEDURE, ROLLS_DEG, Angles, Shots
 from flinders.errors import UsageError
 from flinders.simulate._checks import not_negative
-from flinders.simulate.motions import north_and_down, posed, seen_from
+from flinders.simulate.attitudes import north_and_down, posed, seen_from
 from flinders.simulate.sensor import Sensor
 
 if TYPE_CHECKING:

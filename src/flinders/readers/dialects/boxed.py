@@ -15,7 +15,7 @@ from collections import Counter
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
-from flinders.readers._tokenizer import number, quoted
+from flinders.readers._cells import number, quoted
 from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:

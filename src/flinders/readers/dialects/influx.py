@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import NoMagnetometer
-from flinders.readers._names import magnetometers, meaning
+from flinders.readers._instruments import magnetometers
+from flinders.readers._names import meaning
 from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:

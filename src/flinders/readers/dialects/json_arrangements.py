@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
-from flinders.readers._names import FIELD, TIME, meaning, names_magnetometer, vectors
-from flinders.readers._tokenizer import number
+from flinders.readers._cells import number
+from flinders.readers._instruments import names_magnetometer, vectors
+from flinders.readers._names import FIELD, TIME, meaning
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -20,9 +20,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import UnreadableInput
-from flinders.readers._names import names_magnetometer
+from flinders.readers._cells import number, quoted
+from flinders.readers._instruments import names_magnetometer
 from flinders.readers._source import unpacked
-from flinders.readers._tokenizer import listed, number, quoted, shown
+from flinders.readers._tokenizer import listed, shown
 from flinders.readers.dialects import Dialect
 from flinders.readers.dialects.json_arrangements import arranged, one_by_one
 

@@ -22,28 +22,10 @@ import numpy as np
 
 from flinders.core.units import COUNTS
 from flinders.errors import NoMagnetometer
-from flinders.readers._names import (
-    ACCELERATION,
-    FIELD,
-    RATE,
-    TEMPERATURE,
-    TIME,
-    clearness,
-    magnetometers,
-    meaning,
-    vectors,
-)
-from flinders.readers._tokenizer import (
-    COMMENTS,
-    QUANTITY,
-    cut,
-    is_labelled,
-    label_of,
-    like,
-    names_of,
-    pattern_of,
-    shown,
-)
+from flinders.readers._cells import COMMENTS
+from flinders.readers._instruments import magnetometers, vectors
+from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, clearness, meaning
+from flinders.readers._tokenizer import QUANTITY, cut, is_labelled, label_of, like, names_of, pattern_of, shown
 from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:

@@ -32,7 +32,8 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
-from flinders.readers._tokenizer import ENDS_EARLY, EndsEarly, number
+from flinders.readers._cells import number
+from flinders.readers._lines import ENDS_EARLY, EndsEarly
 from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
-from flinders.readers._names import magnetometers
-from flinders.readers._tokenizer import number
+from flinders.readers._cells import number
+from flinders.readers._instruments import magnetometers
 from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:

@@ -13,7 +13,8 @@ from itertools import pairwise
 from typing import Final, Self
 
 from flinders.errors import UsageError
-from flinders.readers._tokenizer import ATTACHED, NUMBER, decimal
+from flinders.readers._cells import ATTACHED, decimal
+from flinders.readers._tokenizer import NUMBER
 from flinders.readers.dialects import Dialect
 
 _PLACE: Final = re.compile(r"\{\s*([^{}:]*?)\s*(?::[^{}]*)?\}")

@@ -4,7 +4,7 @@ What stands behind a stamp is a dialect of its own, or a table; a stamp without 
 6 or 8 hexadecimal digits are signed numbers; letters in some of the lines distinguish them from decimal ones, and a
 first word without any that ascends is the time.
 
->>> from flinders.readers._layout import recognise
+>>> from flinders.readers._recognition import recognise
 >>> dialect = recognise(["14:03:00.100 -> X: 1 Y: 2 Z: 3", "14:03:00.200 -> X: 1 Y: 2 Z: 4"])
 >>> dialect.words, dialect.names, dialect.row("14:03:00.300 -> X: 5 Y: 6 Z: 7")
 ('time stamps before labelled lines', ('time (s)', 'X', 'Y', 'Z'), ['50580.300', '5', '6', '7'])

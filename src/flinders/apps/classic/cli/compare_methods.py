@@ -59,7 +59,7 @@ def command(options: CompareMethods) -> int:
     """
     from flinders.apps.classic.methods import compare_methods, known
     from flinders.apps.classic.methods_page import of_contest
-    from flinders.core.samples import Joined, singles
+    from flinders.core.joining import Joined, singles
     from flinders.estimators.data import CountedRecording
     from flinders.likelihood.site_field import Site
     from flinders.readers import open_recording

@@ -10,7 +10,7 @@ import click
 from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._output import Outputs, print_json, say, working
-from flinders.cli._program import stopping
+from flinders.cli._signals import stopping
 from flinders.errors import UsageError, counted
 
 if TYPE_CHECKING:

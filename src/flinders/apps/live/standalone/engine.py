@@ -22,9 +22,9 @@ from flinders.findings.catalogue import OF_A_FIT, QUANTITIES_OF_A_FIT
 from flinders.findings.poses import POSE_WORDS
 from flinders.findings.row import CONDITIONS, resting_on
 from flinders.findings.words import STEPS, Z_ELSEWHERE, Z_OPEN
-from flinders.fitting import advice, calibrate, refreshing, verdict
+from flinders.fitting import advice, diagnosis, refreshing, verdict
 from flinders.heading import path_planning
-from flinders.native.engine import (
+from flinders.native.layouts import (
     ADVICE,
     AXIS_CHANGE,
     BELIEF,
@@ -65,7 +65,7 @@ NUMBERS: Final = {
     **_of(verdict, "NOT_BY_CHANCE PLACED SKEWED"),
     **_of(comparison, "CHANCE"),
     **_of(advice, "WORTH_IT"),
-    **_of(calibrate, "LOOKED_AT"),
+    **_of(diagnosis, "LOOKED_AT"),
     **_of(path_planning, "READINGS_PER_DEG"),
     **_of(axis_swap, "MAX_NOISE", "SWAP_"),
 }

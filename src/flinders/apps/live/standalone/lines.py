@@ -18,12 +18,25 @@ from typing import TYPE_CHECKING, Any, Final
 from flinders.apps.live import transcript
 from flinders.core import silence, units
 from flinders.readers import (
+    _cells,
+    _choice,
     _clock,
+    _column_choice,
     _columns,
+    _columns_by_name,
+    _columns_by_place,
+    _delimiters,
     _devices,
+    _foreign_files,
+    _grid,
+    _header,
+    _instruments,
     _layout,
+    _lines,
     _names,
-    _source,
+    _recognition,
+    _refusals,
+    _times,
     _tokenizer,
     registry,
 )
@@ -33,19 +46,19 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 MODULES: Final = {
-    "units": units,
-    "silence": silence,
-    "names": _names,
-    "tokenizer": _tokenizer,
-    "clock": _clock,
-    "columns": _columns,
-    "devices": _devices,
-    "layout": _layout,
-    "marked": marked,
-    "json": json_records,
-    "wrapped": wrapped,
-    "labelled": labelled,
-    "transcript": transcript,
+    "units": (units,),
+    "silence": (silence,),
+    "names": (_names, _instruments, _choice),
+    "tokenizer": (_tokenizer, _cells, _grid, _lines),
+    "clock": (_clock,),
+    "columns": (_columns, _columns_by_name, _columns_by_place, _times, _column_choice),
+    "devices": (_devices,),
+    "layout": (_layout, _delimiters, _header, _recognition, _refusals),
+    "marked": (marked,),
+    "json": (json_records,),
+    "wrapped": (wrapped,),
+    "labelled": (labelled,),
+    "transcript": (transcript,),
 }
 """Whose constants are handed over, by the key of each."""
 
@@ -64,7 +77,7 @@ _SYNTAX: Final = frozenset(r"^$\.*+?()[]{}|/")
 
 def data() -> dict[str, Any]:
     """All that ``standalone/lines.js`` reads lines by."""
-    return {**{key: constants(module) for key, module in MODULES.items()}, "files": _files()}
+    return {**{key: constants(*modules) for key, modules in MODULES.items()}, "files": _files()}
 
 
 @cache
@@ -74,10 +87,11 @@ def _named_in_javascript() -> frozenset[str]:
     return frozenset(re.findall(r"\b_?[A-Z][A-Z0-9_]*\b", " ".join(path.read_text("utf-8") for path in modules)))
 
 
-def constants(module: ModuleType) -> dict[str, Any]:
-    """The constants of a module that JavaScript names and JSON can hold, by their names."""
+def constants(*modules: ModuleType) -> dict[str, Any]:
+    """The constants of modules that JavaScript names and JSON can hold, by their names."""
     wanted = _named_in_javascript()
-    named = {name: value for name, value in vars(module).items() if name in wanted and _is_portable(value)}
+    known = [pair for module in modules for pair in vars(module).items()]
+    named = {name: value for name, value in known if name in wanted and _is_portable(value)}
     return {name: _portable(value) for name, value in named.items()}
 
 
@@ -145,8 +159,8 @@ def _files() -> dict[str, Any]:
     return {
         "suffixes": {suffix: row.title for row in rows for suffix in row.suffixes if suffix not in (".log", ".zip")},
         "starts": {start.hex(): row.title for row in rows for start in row.starts if len(start) > 1},
-        "others": {start.hex(): list(kind) for start, kind in _source.MAGIC.items()},
-        "controls": list(_source.CONTROLS),
-        "most_controls": _source.MOST_CONTROLS,
-        "pages": {start.decode(): name for start, name in _source.PAGES.items()},
+        "others": {start.hex(): list(kind) for start, kind in _foreign_files.MAGIC.items()},
+        "controls": list(_foreign_files.CONTROLS),
+        "most_controls": _foreign_files.MOST_CONTROLS,
+        "pages": {start.decode(): name for start, name in _foreign_files.PAGES.items()},
     }

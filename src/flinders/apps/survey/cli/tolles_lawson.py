@@ -70,7 +70,7 @@ def command(options: TollesLawson) -> int:
 
 def _samples(options: TollesLawson) -> Samples:
     """Both magnetometers, in memory."""
-    from flinders.core.samples import in_memory
+    from flinders.core.joining import in_memory
     from flinders.estimators.data import CountedRecording
     from flinders.readers import TextRecording
 

@@ -12,7 +12,7 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import for_use
 from flinders.cli._output import lossy_if_agreed, print_json, say
-from flinders.cli._program import stopping
+from flinders.cli._signals import stopping
 from flinders.errors import NotConfirmed, OutputError, OutputExists, UsageError, counted
 
 if TYPE_CHECKING:

@@ -64,11 +64,12 @@ from flinders.apps.vehicles.targets.ardupilot import COMPASSES, ArduPilotParamet
 from flinders.core.units import Unit
 from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
+from flinders.readers._lines import encoding_of
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, TEMPERATURE, THROTTLE, THROTTLES
+from flinders.readers._reader import Reader
 from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled
-from flinders.readers._source import Reader, filled_size, refusal, reserved_words
-from flinders.readers._tokenizer import encoding_of
+from flinders.readers._source import filled_size, refusal, reserved_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

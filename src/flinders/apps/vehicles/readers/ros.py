@@ -42,10 +42,11 @@ import numpy as np
 from flinders.core.files import MOST_PIECE, metered, refuse_bomb, unpacked_piece
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput, counted, needs, reading
-from flinders.readers._columns import LONG
 from flinders.readers._log import Instrument, Log, Position, first_position
+from flinders.readers._reader import Reader
 from flinders.readers._resample import TimeSeries, blocks, resampled
-from flinders.readers._source import MOST_MEMBER, Reader
+from flinders.readers._source import MOST_MEMBER
+from flinders.readers._times import LONG
 from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:

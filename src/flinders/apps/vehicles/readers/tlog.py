@@ -50,8 +50,8 @@ from flinders.errors import NoMagnetometer, UnreadableInput, counted, needs
 from flinders.geometry.quaternions import of_angles
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._names import CURRENT, THROTTLE
+from flinders.readers._reader import Reader
 from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled, shares
-from flinders.readers._source import Reader
 
 if TYPE_CHECKING:
     import mmap

@@ -41,8 +41,9 @@ from flinders.core.units import Unit
 from flinders.errors import ArrayError, UnreadableInput, counted, figures, needs, reading
 from flinders.readers._log import Instrument, Log, Position, Stored, first_position
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, THROTTLE, THROTTLES
+from flinders.readers._reader import Reader
 from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled, shares
-from flinders.readers._source import Reader, UpTo, filled_size, reserved_words
+from flinders.readers._source import UpTo, filled_size, reserved_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -26,8 +26,9 @@ import numpy as np
 from flinders.arrays import floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError, NotExportable
+from flinders.targets._comments import MARKUP
 from flinders.targets._numbers import counts, decoded, keyed, numbers, of_radii, offset_and_radii, whole
-from flinders.targets._target import MARKUP, ExportOptions, Target, TargetReader, Written
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flinders.targets._difference import LOSS_DEG, heading_deg
 from flinders.targets._mounting import MountingTable, apart_deg, in_words, turn_of
 from flinders.targets._numbers import in_recorded_axes
-from flinders.targets._target import LOSS_DEG, heading_deg
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

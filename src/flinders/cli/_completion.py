@@ -1,0 +1,55 @@
+"""What a shell completes: names of files, targets and methods.
+
+>>> [item.value for item in complete_targets(None, None, "px")]
+['px4', 'px4-shell']
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+from click.shell_completion import CompletionItem
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import click
+
+
+Completion: TypeAlias = list[CompletionItem]
+"""What a shell completes a word to."""
+
+
+def complete_files(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
+    """Let the shell complete names of files."""
+    return [CompletionItem(begun, type="file")]
+
+
+def complete_targets(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
+    """Names of targets.
+
+    >>> [item.value for item in complete_targets(None, None, "px")]
+    ['px4', 'px4-shell']
+    """
+    from flinders.targets import registry
+
+    return _matching(registry(), begun)
+
+
+def complete_methods(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
+    """Names of methods."""
+    from flinders.estimators import METHODS
+
+    return _matching(("auto", *METHODS), begun)
+
+
+def _matching(names: Iterable[str], begun: str) -> Completion:
+    """Items of the names that begin so."""
+    return [CompletionItem(name) for name in names if name.startswith(begun)]
+
+
+BY_METAVAR: Final = {
+    **dict.fromkeys(("FILE", "CALIBRATION", "LOG", "TRUTH", "SESSION"), complete_files),
+    "TARGET": complete_targets,
+}
+"""Completion of options by what their value is called in the help."""

@@ -1,0 +1,99 @@
+"""Readings of several magnetometers at common moments, and which of them repeat those of another.
+
+>>> import numpy as np
+>>> fields = np.random.default_rng(1).normal(size=(2, 100, 3))
+>>> copies_of(np.stack([fields[0], fields[1], 2.0 * fields[0]]), [None, None, None], 0)
+{2: 0}
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, cast
+
+import numpy as np
+
+from flinders.core.joining import in_memory
+from flinders.core.time_alignment import Paired, affine_residuals, paired
+from flinders.errors import InputError, UsageError
+from flinders.estimators import Readings, within_range
+from flinders.estimators.multi_sensor import FEWEST
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Recording, Samples
+    from flinders.estimators import Estimate
+
+COPY: Final = 0.1
+"""Of their noise: what readings of two sensors differ by at most, turned and scaled, where they are one sensor's."""
+
+
+def checked_reference(sources: Mapping[str, Recording], reference: str | None, field_strength: float | None) -> str:
+    """Name of the reference among sensors that can be taken together."""
+    names = list(sources)
+    if len(names) < 2:
+        raise UsageError(f"{len(names)} magnetometer: need two or more of one body; use flinders.fit for one")
+    if reference is not None and reference not in names:
+        raise UsageError(f"reference {reference!r} is none of {', '.join(names)}: name one of them")
+    units = {source.unit.inside for source in sources.values()}
+    if field_strength is not None and len(units) > 1:
+        raise UsageError(f"one field strength for readings in {' and '.join(sorted(units))}: leave it out")
+    return names[0] if reference is None else reference
+
+
+def in_order(source: Recording) -> Samples:
+    """All readings that are at no rail, in the order of time."""
+    readings = within_range(Readings.of(source))
+    readings.require(FEWEST, "together")
+    recording = cast("Recording", readings.recording)
+    samples = in_memory(recording)
+    if samples.time is None:
+        return samples
+    known = np.flatnonzero(np.isfinite(samples.time))
+    order = known[np.argsort(samples.time[known], kind="stable")]
+    return samples[order.tolist()] if len(order) < len(samples) or np.any(np.diff(order) < 0) else samples
+
+
+def at_common_moments(samples: Sequence[Samples], reference: int) -> Paired:
+    """Readings of all at common moments."""
+    times = [each.time for each in samples if each.time is not None]
+    fields = [each.field for each in samples]
+    if len(times) == len(samples):
+        common = paired(times, fields, reference=reference)
+        if len(common.time) < FEWEST:
+            spans = "; ".join(f"{each.source}: {time[0]:.1f} to {time[-1]:.1f} s" for each, time in
+                              zip(samples, times, strict=True) if len(time))  # fmt: skip
+            raise InputError(
+                f"{len(common.time)} moments are common to two magnetometers, {FEWEST} are needed ({spans}): "
+                "record them at the same time, by one clock"
+            )
+        return common
+    lengths = {len(field) for field in fields}
+    if times or len(lengths) > 1:
+        lack = "some have time and some have none" if times else f"without time they are {sorted(lengths)} long"
+        raise UsageError(f"readings of several magnetometers belong together by their time: {lack}; record time")
+    zero = np.zeros(len(fields))
+    return Paired(np.arange(lengths.pop(), dtype=float), np.stack(fields), zero, zero)
+
+
+def copies_of(fields: Floats, starts: Sequence[Estimate | None], reference: int) -> dict[int, int]:
+    """Which sensors repeat the readings of another, turned and scaled, and of which; never the reference of another."""
+    order = [reference, *(place for place in range(len(fields)) if place != reference)]
+    copies: dict[int, int] = {}
+    for rank, place in enumerate(order):
+        for other in order[:rank]:
+            if other not in copies and place not in copies and _is_copy(fields[other], fields[place], starts[place]):
+                copies[place] = other
+    return copies
+
+
+def _is_copy(first: Floats, second: Floats, start: Estimate | None) -> bool:
+    """Whether an affine map of one gives the other far better than the other's own noise lets it."""
+    left = affine_residuals(first, second)
+    if len(left) < FEWEST:
+        return False
+    there = second[np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)]
+    width = float(np.sqrt(np.mean(np.var(there, axis=0))))
+    noise = 1e-6 * width if start is None else max(start.noise, 1e-6 * width)
+    return float(np.sqrt(np.mean(left**2))) < COPY * noise

@@ -1,0 +1,146 @@
+"""Findings about a member of several magnetometers: what the others tell of its axes, its clock and its readings.
+
+>>> from flinders.comparison.members import Agreement, Member, Together
+>>> from flinders.errors import FitError
+>>> silent = Member("aft", FitError("no readings"), FitError("no readings"), copy_of="bow")
+>>> judged_member(Together((silent,), "bow", Agreement(0, 0.0), is_joint=False), 0, 1.0).findings[0].code
+'copied-sensor'
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final, cast
+
+from flinders.findings import Finding, certain, found_in, linked
+from flinders.fitting.result import Fit, Refused, fit_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from flinders.comparison.agreement import Disagreement
+    from flinders.comparison.members import Member, Together
+
+DECADE: Final = 0.25
+"""Of a power of ten: how far from it the sizes of two sensors' readings may be where their units differ by it."""
+
+
+def judged_member(together: Together, place: int, target_deg: float) -> Member:
+    """Add to a member, and to its fit, what the others tell of it."""
+    member = together.members[place]
+    findings = linked(_findings(together, place, target_deg))
+    judged = fit_of(member.fit)
+    if judged is None:
+        return replace(member, findings=findings)
+    judgement = replace(judged.judgement, findings=linked((*judged.findings, *findings)))
+    judged = replace(judged, judgement=judgement)
+    return replace(member, fit=Refused(judged) if judged.verdict == "refused" else judged, findings=findings)
+
+
+def _findings(together: Together, place: int, target_deg: float) -> Iterator[Finding]:
+    """What there is to know of a member beside its own fit."""
+    member, reference = together.members[place], together.reference
+    if member.copy_of:
+        yield certain({"is_copy": 1.0, "other": member.copy_of}, "copied-sensor")
+        return
+    if together.agreement.apart_deg:
+        yield _apart_throughout(together.agreement.apart_deg, target_deg)
+        return
+    if member.is_kept:
+        yield _better_alone(member)
+    elif not together.is_joint:
+        yield certain({"is_alone": 1.0, "together_deg": 0.0, "alone_deg": 0.0}, "not-together")
+        return
+    yield from _of_axes(together, member)
+    yield from _of_clock(member, reference)
+    others = [other.scatter_deg for other in together.members if other is not member and not other.copy_of]
+    numbers = {"scatter_deg": member.scatter_deg, "best_other_deg": min(others, default=math.inf)}
+    yield from found_in({**numbers, "target_deg": target_deg}, "sensor-deviates-throughout")
+    yield from _of_disagreements(together, place, target_deg)
+
+
+def _apart_throughout(apart_deg: float, target_deg: float) -> Finding:
+    """Two that disagree all the time."""
+    numbers = {"apart_deg": apart_deg, "target_deg": target_deg, "apart_share": math.nan}
+    return certain({**numbers, **_when(())}, "disagree")
+
+
+def _better_alone(member: Member) -> Finding:
+    """One that would be known worse with the others."""
+    worst = cast("Fit", fit_of(member.alone)).heading_error_deg.worst
+    return certain({"is_alone": 1.0, "together_deg": member.joint_deg, "alone_deg": worst}, "not-together")
+
+
+def _left_handed(together: Together) -> list[str]:
+    """Which sensors are most likely not right-handed: those that are fewer, if any are."""
+    turned = [member for member in together.members if member.rotation is not None and not member.copy_of]
+    mirrored = sum(member.is_mirrored for member in turned)
+    rest = len(turned) - mirrored
+    if mirrored == rest:
+        return []
+    return [member.name for member in turned if member.is_mirrored == (mirrored < rest)]
+
+
+def _of_axes(together: Together, member: Member) -> Iterator[Finding]:
+    """How it is turned, and in what it is written."""
+    reference = together.reference
+    if member.rotation is None or member.rotation_sigma_deg is None or member.name == reference:
+        return
+    named = {"reference": reference, "axes": str(member.axes)}
+    if member.is_mirrored:
+        yield certain({**named, "handedness": -1.0, "left_handed": _left_handed(together)}, "mirrored-sensor")
+    turned = {
+        "is_turned": 1.0,
+        "rotation_sigma_deg": float(member.rotation_sigma_deg.max()),
+        "misalignment_deg": member.misalignment_deg,
+        "is_in_body": together.in_body,
+    }
+    yield certain({**named, **turned}, "turned-to")
+    decades = round(math.log10(member.length_ratio))
+    if decades and abs(math.log10(member.length_ratio) - decades) < DECADE * 0.5:
+        numbers = {"is_decades_off": 1.0, "times_as_long": member.length_ratio, "decade": 10.0**decades}
+        yield certain({**numbers, "reference": reference}, "unlike-units")
+
+
+def _of_clock(member: Member, reference: str) -> Iterator[Finding]:
+    """Whether its clock is another."""
+    if member.delay_s:
+        numbers = {
+            "is_delayed": 1.0,
+            "delay_s": member.delay_s,
+            "delay_ms": 1e3 * abs(member.delay_s),
+            "delay_sigma_ms": 1e3 * member.delay_sigma_s,
+        }
+        yield certain({**numbers, "reference": reference}, "clock-differs")
+
+
+def _of_disagreements(together: Together, place: int, target_deg: float) -> Iterator[Finding]:
+    """When it deviates from the others, or one of two does of which it may be the one."""
+    runs = [run for run in together.agreement.disagreements if run.sensor == place]
+    if runs:
+        numbers = {
+            "departs_share": _share(runs, together),
+            "departs_deg": max(run.heading_deg for run in runs),
+            "target_deg": target_deg,
+        }
+        told = {"is_by_length": all(run.is_by_length for run in runs), "is_alone": together.members[place].is_kept}
+        yield certain({**numbers, **told, **_when(runs)}, "sensor-deviates")
+    unsettled = [run for run in together.agreement.disagreements if run.sensor is None]
+    if unsettled and (len(together.members) == 2 or together.members[place].name == together.reference):
+        worst, share = max(run.heading_deg for run in unsettled), _share(unsettled, together)
+        numbers = {"apart_deg": worst, "target_deg": target_deg, "apart_share": share}
+        yield certain({**numbers, **_when(unsettled)}, "disagree")
+
+
+def _share(runs: Sequence[Disagreement], together: Together) -> float:
+    """Of all moments, those of some stretches."""
+    return sum(run.last - run.first + 1 for run in runs) / max(together.agreement.instants, 1)
+
+
+def _when(runs: Sequence[Disagreement]) -> dict[str, Any]:
+    """The three that cost most heading, in the order of time, and how many there are."""
+    chosen = sorted(runs, key=lambda run: -run.heading_deg)[:3]
+    listed = sorted(chosen, key=lambda run: run.start_s)
+    spans = [(run.first + 1, run.last + 1, run.start_s, run.end_s) for run in listed]
+    return {"deviation_spans": spans, "deviation_count": len(runs)}

@@ -1,0 +1,61 @@
+"""Parts of a calibration as a file has them, and back: disturbances, linearization, the recorded unit.
+
+>>> from flinders.core.calibration_file import Correction
+>>> correction = Correction(offset=(0, 0, 0), matrix=((1, 0, 0), (0, 1, 0), (0, 0, 1)), field_strength=50.0, unit="uT")
+>>> disturbances_in(correction), linearization_in(correction)
+((), None)
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flinders.core.calibration_file import Correction, DisturbanceRecord, Recorded
+from flinders.core.disturbance import BY_KEY, Disturbance
+from flinders.core.linearization import Linearization
+from flinders.core.units import COUNTS, MICROTESLA, Unit
+from flinders.errors import UnitError
+
+
+def record_of(disturbance: Disturbance) -> DisturbanceRecord:
+    """A disturbance as it stands in a file."""
+    x, y, z = disturbance.per_unit.tolist()
+    return DisturbanceRecord(
+        offset_per_unit=(x, y, z),
+        reference=disturbance.reference,
+        recorded_range=(disturbance.lowest, disturbance.highest),
+        lag_s=disturbance.lag_s,
+        scale_per_unit=disturbance.gain_per_unit,
+    )
+
+
+def disturbances_in(correction: Correction) -> tuple[Disturbance, ...]:
+    """The disturbances that stand in a file."""
+    return tuple(
+        Disturbance(
+            BY_KEY[key],
+            np.array(one.offset_per_unit),
+            one.reference,
+            *one.recorded_range,
+            one.lag_s,
+            one.scale_per_unit,
+        )
+        for key, one in (correction.disturbances or {}).items()
+    )
+
+
+def linearization_in(correction: Correction) -> Linearization | None:
+    """The linearization that stands in a file."""
+    terms = correction.linearization
+    return Linearization(*map(np.array, (terms.quadratic, terms.cubic, terms.limit))) if terms else None
+
+
+def unit_in(raw: Recorded, inside: str) -> Unit:
+    """Find the recording's unit, which must agree with that of the calibration."""
+    unit = Unit.of(raw.unit, raw.scale if (raw.unit, inside) == (COUNTS, MICROTESLA) else None)
+    if unit != Unit(raw.unit, raw.scale, inside):
+        raise UnitError(
+            f"raw.unit {raw.unit!r} with scale {raw.scale:g} and calibration.unit {inside!r} contradict each other: "
+            f"one {raw.unit} is {unit.scale:g} {unit.inside}"
+        )
+    return unit

@@ -1,0 +1,125 @@
+"""Recordings of one sensor joined to one, and blocks of a recording joined in memory.
+
+>>> early, late = Samples.of([[1, 2, 3]]), Samples.of([[4, 5, 6]])
+>>> in_memory(joined([early, late])).field.tolist(), len(list(singles(joined([early, late]))))
+([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], 2)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import reduce
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flinders.core.samples import COLUMNS, Recording, Samples, added, frame_of
+from flinders.errors import AxesError, UnitError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.core.axes import Axes
+    from flinders.core.units import Unit
+
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """Several recordings of one sensor, one after the other, all in one unit and one set of axes.
+
+    Raises
+    ------
+    UnitError, AxesError
+        If one is in µT and another in counts; if one is in the axes of the vehicle and another in those of the sensor.
+    """
+
+    recordings: tuple[Recording, ...]  #: at least one; all in one unit and one set of axes
+
+    def __post_init__(self) -> None:
+        """Refuse recordings whose numbers do not belong together."""
+        first = self.recordings[0]
+        for other in self.recordings[1:]:
+            if other.unit.inside != first.unit.inside:
+                raise UnitError(
+                    f"{other.source} is in {other.unit.inside}, {first.source} in {first.unit.inside}: "
+                    "name one unit for all, or the scale of counts",
+                    hint={"unit": None, "scale": None},
+                )
+            if frame_of(other) != frame_of(first):
+                raise AxesError(
+                    f"{other.source} is in the axes of the {frame_of(other)}, {first.source} in those of the "
+                    f"{frame_of(first)}: only recordings in the same axes go together; calibrate each by itself"
+                )
+
+    @property
+    def source(self) -> str:
+        """The sources, joined."""
+        return " + ".join(recording.source for recording in self.recordings)
+
+    @property
+    def unit(self) -> Unit:
+        """That of the first."""
+        return self.recordings[0].unit
+
+    @property
+    def axes(self) -> Axes:
+        """Those of the first."""
+        return self.recordings[0].axes
+
+    @property
+    def frame(self) -> str:
+        """That of all."""
+        return frame_of(self.recordings[0])
+
+    def blocks(self) -> Iterator[Samples]:
+        """Yield the blocks of each in turn."""
+        for recording in self.recordings:
+            yield from recording.blocks()
+
+
+def joined(recordings: Sequence[Recording]) -> Recording:
+    """Recordings of one sensor as one."""
+    return Joined(tuple(recordings)) if len(recordings) > 1 else recordings[0]
+
+
+def singles(recording: Recording) -> Iterator[Recording]:
+    """The recordings that one is made of, each on its own, however they were joined."""
+    if not isinstance(recording, Joined):
+        yield recording
+        return
+    for part in recording.recordings:
+        yield from singles(part)
+
+
+def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
+    """All columns of the blocks of a recording; none of those that one of them lacks.
+
+    >>> early, late = Samples.of([[1, 2, 3]], time=[0.0]), Samples.of([[4, 5, 6]])
+    >>> concatenated([early, late], early).field, concatenated([early, late], early).time is None
+    (array([[1., 2., 3.],
+           [4., 5., 6.]]), True)
+    """
+    filled = [block for block in blocks if len(block)]
+    others: dict[str, Any] = {name: _joined_column([getattr(each, name) for each in filled]) for name in COLUMNS[1:]}
+    return Samples(
+        np.concatenate([np.empty((0, 3)), *(block.field for block in filled)]),
+        unit=recording.unit,
+        axes=recording.axes,
+        source=recording.source,
+        frame=frame_of(recording),
+        skipped=reduce(added, (block.skipped for block in blocks), ()),
+        nameless=next((block.nameless for block in filled if block.nameless), ""),
+        **others,
+    )
+
+
+def _joined_column(columns: Sequence[Floats | None]) -> Floats | None:
+    """Put a column of several blocks together, if each has it."""
+    there = [column for column in columns if column is not None]
+    return np.concatenate(there) if there and len(there) == len(columns) else None
+
+
+def in_memory(recording: Recording) -> Samples:
+    """All readings of a recording, in memory."""
+    return recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)

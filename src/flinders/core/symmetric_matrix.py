@@ -1,0 +1,52 @@
+"""Checks of (3, 3) matrices: invertible, symmetric, positive definite."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.arrays import Floats, matrix
+from flinders.errors import ArrayError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from flinders.core.calibration_file import Rotation
+    from flinders.errors import Hint
+
+
+def invertible(values: ArrayLike, rotation: Rotation) -> Floats:
+    """Let through a matrix that has an inverse, and is symmetric where `rotation` says so."""
+    array = matrix(values)
+    if rotation == "symmetric":
+        symmetric(array, "matrix", "; say how it is turned if that is meant", {"rotation": "estimated"})
+        if is_positive(array):
+            return array
+    largest, _, smallest = np.linalg.svd(array, compute_uv=False)
+    if smallest <= largest * 3.0 * np.finfo(float).eps:  # as numpy.linalg.matrix_rank
+        raise ArrayError("matrix is singular: it would flatten all readings into a plane, and has no inverse")
+    return array
+
+
+def is_positive(array: Floats) -> bool:
+    """Whether a symmetric matrix is positive definite beyond doubt: all there is to know of most.
+
+    >>> is_positive(np.diag([4.0, 9.0, 16.0])), is_positive(np.diag([4.0, 9.0, -1.0]))
+    (True, False)
+    """
+    least, _, largest = np.linalg.eigvalsh(array)
+    return bool(least > 1e-12 * abs(largest))
+
+
+def symmetric(array: Floats, name: str, advice: str = "", hint: Hint | None = None) -> Floats:
+    """Let through a matrix that equals its transpose to within a millionth."""
+    (_, d, e), (g, _, f), (h, i, _) = array.tolist()
+    lack = max(abs(d - g), abs(e - h), abs(f - i))
+    if lack and lack > 1e-6 * np.abs(array).max():
+        raise ArrayError(
+            f"{name} is not symmetric: entries across the diagonal differ by up to {lack:.3g}{advice}",
+            hint=hint,
+            lack=lack,
+        )
+    return array

@@ -1,0 +1,256 @@
+"""What the model of a fit leaves out: changes while it was recorded, disturbances, axes that are not linear, structure.
+
+>>> [row.code for row in ROWS][:3]
+['recordings-differ', 'field-changed', 'axis-swap']
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
+
+ROWS: Final = (
+    CatalogueRow(
+        code="recordings-differ",
+        grades="note; limits above the target; refuses above twice the target",
+        number=(
+            "how far one recording is off the others at the worst heading, degrees; reported where chance makes such "
+            "a difference less often than once in a hundred"
+        ),
+        action="find out what changed between the recordings, and use those made in the state of use",
+        rule=Rule(
+            "apart_beyond_claim_deg",
+            (Grade("note", -1.0), Grade("limits", 1.0, "target_deg"), Grade("refuses", 2.0, "target_deg")),
+            needs=(Needs("apart_by_chance", "<", 0.01),),
+            number="apart_deg",
+            limit=Limit(1.0, "target_deg"),
+        ),
+        fault="{contradiction}",
+        said="{after_contradiction}",
+        plain="The recordings do not agree with each other: one is {angle} of heading off the others.",
+        remedy=(
+            "Find out what changed from one recording to the next, and use those made in the state in which the "
+            "compass will be used."
+        ),
+        alarm=True,
+    ),
+    CatalogueRow(
+        code="field-changed",
+        grades=(
+            "note from a quarter of the target on; limits above the target, and where halves of the recording differ "
+            "by three times what they claim; refuses above five times"
+        ),
+        number=(
+            "change of the offset from the beginning of a recording to its end, degrees at the worst heading; "
+            "told where chance makes it less often than once in ten thousand"
+        ),
+        action="record again while temperature, currents and everything magnetic stay as they are in use",
+        rule=Rule(
+            "drift_deg",
+            (
+                Grade("note", 0.25, "target_deg"),
+                Grade("limits", 1.0, "drift_allowed_deg"),
+                Grade("refuses", 5.0, "target_deg"),
+            ),
+            needs=(Needs("drift_by_chance", "<", 1e-4),),
+            limit=Limit(1.0, "target_deg"),
+        ),
+        fault=(
+            "the offset changed by {drift} {unit} from the beginning of the recording to its end, {drift_deg}° of "
+            "heading{halves}"
+        ),
+        said="record again while temperature, currents and everything magnetic stay as they are in use",
+        plain="Something changed while the recording was made: from its beginning to its end, by {angle} of heading.",
+        remedy="Record again while temperature, currents and everything magnetic stay as they are in use.",
+        alarm=True,
+    ),
+    CatalogueRow(
+        code="axis-swap",
+        number=(
+            "how many times closer to an ellipsoid the readings lie once the sign of an axis, or two axes, are "
+            "put right from some reading on; told where they then fit as those of a usable recording do"
+        ),
+        action=(
+            "find out what the driver did at the reading that the advice names; record again. What is so "
+            "throughout [cannot be told](fleet/faults.md)"
+        ),
+        rule=Rule("swap_gain", (Grade("limits", 1.1),)),
+        fault="from reading {swap}",
+        said=(
+            "put right, the readings lie {swap_gain} times closer to an ellipsoid; find out what the driver did "
+            "then, and record again"
+        ),
+        plain="While this was recorded, an axis changed its sign, or two axes changed places.",
+        remedy="Find out what the driver of the sensor did then, and record again.",
+        alarm=True,
+    ),
+    CatalogueRow(
+        code="disturbance-unmodelled",
+        number=(
+            "what a [disturbance](disturbances.md) that was recorded and not asked for makes of a level heading at the "
+            "far end of its range, degrees"
+        ),
+        action="calibrate `--with` it, or record without",
+        rule=Rule("unmodelled_deg", (Grade("limits", 0.5, "target_deg"),)),
+        fault=(
+            "readings follow the {unmodelled} that was recorded with them, by up to {unmodelled_deg}° of heading, "
+            "which is not in the heading error"
+        ),
+        said="let the calibration follow the {unmodelled}, or record without",
+        hint={"disturbances": None},
+        plain=(
+            "What was recorded beside the compass, such as the current of a motor, moves it by up to {angle} of "
+            "heading. The calibration does not follow it."
+        ),
+        remedy="Let the calibration follow it, or record without it.",
+    ),
+    CatalogueRow(
+        code="attitude-dependent",
+        number=(
+            "what a disturbance that follows the attitude, by a recorded accelerometer, makes of a level heading where "
+            "it is largest, degrees; without what hides in offset and soft iron"
+        ),
+        action=(
+            "record the current and calibrate `--with` it; fasten what is loose; or record far from iron and compare"
+        ),
+        rule=Rule("attitude_dependent_deg", (Grade("limits", 0.5, "target_deg"),)),
+        fault=(
+            "readings are disturbed in step with the attitude, by {attitude_dependent_deg}° of heading and by what "
+            "hides in offset and soft iron"
+        ),
+        said=(
+            "a current follows the attitude, a magnetic part is loose, or iron is close; record the current and "
+            "calibrate with it, fasten the part, or record elsewhere"
+        ),
+        hint={"disturbances": None},
+        plain=(
+            "The compass is disturbed in step with how it is tilted, by {angle} of heading or more: by a current, by a"
+            " magnetic part that moves, or by iron close by."
+        ),
+        remedy="Switch the load off or record its current, fasten what is loose, and record again away from iron.",
+        alarm=True,
+    ),
+    CatalogueRow(
+        code="tilt-error",
+        number=(
+            "what the accelerometer's tilt adds to a heading, degrees: scatter of the dip without noise and without the"
+            " error of the calibration, times the tangent of the dip; of a sensor that was hardly accelerated (scatter"
+            " of |g| below 2%)"
+        ),
+        action="calibrate `--with dip`, which finds bias and gains of the accelerometer, or calibrate that one",
+        rule=Rule("tilt_error_deg", (Grade("limits", 1.0, "target_deg"),)),
+        said=(
+            "the vertical of the accelerometer leans with the attitude, which adds {tilt_error_deg:.1f}° to a heading:"
+            " calibrate with the dip that it shows, which finds its bias, its gains and how it is turned against the"
+            " magnetometer"
+        ),
+        hint={"aiding": "dip"},
+        plain=(
+            "The instrument that tells which way is down is off, and adds {angle} to a heading, however good the"
+            " compass is."
+        ),
+        remedy="Let the calibration use that instrument, too, so that it finds what is wrong with it.",
+    ),
+    CatalogueRow(
+        code="nonlinear-axis",
+        grades="note; limits above the target; refuses above five times",
+        number=(
+            "heading error, at the worst heading, of the quadratic and cubic terms of the axes; told where chance "
+            "makes as much less often than once in ten thousand, and both halves of the recording show it"
+        ),
+        action=(
+            "nothing below the target, the heading error allows for it; else correct it (`linearize=True`, "
+            "`--linearize`) where the correction goes into C or Python code, or move the sensor away from magnets, so "
+            "that it works in the middle of its range"
+        ),
+        rule=Rule(
+            "nonlinear_deg",
+            (Grade("note", -1.0), Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg")),
+            limit=Limit(1.0, "target_deg"),
+        ),
+        fault="axis {nonlinear_axis} is not linear",
+        said=(
+            "it is off a straight line by {nonlinear_share:.1%} of the field, {nonlinear_deg}° of heading, which the "
+            "heading error allows for; check whether the sensor is near the end of its range, or near a magnet; for "
+            "C or Python code the axes can be linearized"
+        ),
+        hint={"linearize": True},
+        plain=(
+            "An axis of the sensor does not answer in proportion to the field, which an offset and a matrix do not "
+            "remove: {angle} of heading. The errors given here allow for it."
+        ),
+        remedy=(
+            "Move the sensor away from magnets, so that it works in the middle of its range, or linearize its axes "
+            "where the correction goes into code of your own."
+        ),
+        alarm=True,
+    ),
+    CatalogueRow(
+        code="linearized",
+        number="heading error, 1 σ at the worst attitude, by what is not known of the terms of the axes, degrees",
+        limit="none",
+        action="write the calibration for a target that holds it: `c`, `arduino`, `micropython`; or apply it here",
+        rule=Rule("linearized_deg", (Grade("note", -1.0),), limit=Limit(1.0, "target_deg")),
+        said=(
+            "axis {nonlinear_axis} is not linear, by {linearized_share:.1%} of the field, and the calibration "
+            "linearizes it; what is not known of its curve is up to {linearized_deg}° of heading, which the heading "
+            "error has in it"
+        ),
+        plain="An axis of the sensor does not answer in proportion to the field, and the correction allows for that.",
+    ),
+    CatalogueRow(
+        code="axis-lag",
+        grades="note from a tenth of the target on; limits above the target; refuses above five times",
+        number=(
+            "heading error, at the worst heading, of axes that are read at different moments; told where chance makes "
+            "as much less often than once in ten thousand, and both halves of the recording show it"
+        ),
+        action=(
+            "nothing below the target, the heading error allows for it; else read all axes at once (one burst, block "
+            "data update), or turn the sensor more slowly"
+        ),
+        rule=Rule(
+            "lag_deg",
+            (Grade("note", 0.1, "target_deg"), Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg")),
+            limit=Limit(1.0, "target_deg"),
+        ),
+        fault="{axis_lag}",
+        said=(
+            "{lag_deg}° of heading, which the heading error allows for; read all axes at once (in one burst, with "
+            "block data update), or turn the sensor more slowly"
+        ),
+        plain=(
+            "The axes of the sensor are not read at the same moment, which spoils a calibration of a sensor that is "
+            "turned quickly: {angle} of heading. The errors given here allow for it."
+        ),
+        remedy="Read all axes at once, or turn the sensor more slowly.",
+        alarm=True,
+    ),
+    CatalogueRow(
+        code="structure",
+        grades="note; limits above the target",
+        number=("standard deviation of what depends on the direction as no ellipsoid does, as a fraction of the field"),
+        action=(
+            "nothing: the heading error allows for it; a sensor that is not linear, or a field that is not the "
+            "same everywhere"
+        ),
+        rule=Rule(
+            "structure_deg",
+            (Grade("note", -1.0), Grade("limits", 1.0, "target_deg")),
+            needs=(Needs("structure_share", ">", 0.005),),
+            number="structure_share",
+            limit=Limit(0.005),
+        ),
+        said=(
+            "{structure_share:.1%} of the field depends on the direction as no ellipsoid does, "
+            "{structure_deg}° of heading, which the heading error allows for: the sensor is not linear, near the "
+            "end of its range, or the field not the same everywhere; record away from iron, check the range"
+        ),
+        plain=(
+            "A part of the field, {number:.1%}, depends on the direction in a way that no correction of this kind"
+            " removes. The errors given here allow for it."
+        ),
+        alarm=True,
+    ),
+)

@@ -1,0 +1,159 @@
+"""Diagnosis of a fit: what follows from more than the surface and its residuals, by the detectors of `diagnostics`.
+
+Drift, axes that answer along a curve or late, a disturbance that nobody models, dependence on the attitude, swapped
+axes.
+
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> fit = calibrate.fit(simulate.tumble(seed=1, n=500, motion="uniform").samples)
+>>> fit.evidence.diagnosis.drift is None, fit.evidence.diagnosis.axis_swap
+(True, None)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from flinders.core.samples import Samples
+from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
+from flinders.fitting.evidence import Diagnosis
+from flinders.fitting.record import ASKS_HALVES, ASKS_SWAP
+from flinders.fitting.widening import halves_apart
+
+if TYPE_CHECKING:
+    from flinders.core.calibration import Calibration
+    from flinders.diagnostics.attitude_dependence import AttitudeDependence
+    from flinders.diagnostics.axis_swap import AxisSwap
+    from flinders.diagnostics.systematic import AxisLag, Drift, Nonlinearity
+    from flinders.diagnostics.unmodelled import Unmodelled
+    from flinders.estimators import Estimate, Readings
+    from flinders.fitting.estimated import Estimated
+    from flinders.fitting.request import Request
+    from flinders.fitting.widening import Widened
+    from flinders.native.layouts import Records
+
+LOOKED_AT: Final = 5_000
+"""Readings of a longer recording that are looked at for a change in time."""
+
+
+def _drift(estimate: Estimate, found: Estimated, dip_deg: float) -> Drift | None:
+    """Whether something changed while one recording was made: if so, its residuals are not white.
+
+    What a model is too simple for looks like a change, too, and is stated as a bias.
+    """
+    readings = found.readings
+    if found.record is not None and not estimate.outliers:
+        return drift_in(found.record)
+    if readings.recording is None or readings.parts or estimate.unobserved or estimate.bias is not None:
+        return None
+    if found.refreshed is not None:  # a wobble of seconds tells no change from noise that lasts
+        return None
+    if estimate.correlation is None or estimate.correlation.is_white:
+        return None
+    near = readings.near(estimate.ellipsoid, estimate.rejected_beyond)
+    return drift_of(near.thinned(LOOKED_AT), estimate.ellipsoid, dip_deg=dip_deg)
+
+
+def _with_halves(drift: Drift, estimate: Estimate, readings: Readings, request: Request) -> Drift:
+    """Compare the halves of a recording in memory."""
+    samples = readings.as_read.recording
+    if not isinstance(samples, Samples):
+        return drift
+    return replace(drift, halves_ratio=halves_apart(samples, request.likelihood, estimate))
+
+
+def faults_of_axes(estimate: Estimate, found: Estimated) -> tuple[Nonlinearity | None, AxisLag | None]:
+    """Whether axes answer along a curve, or late, by an ellipsoid that was fitted to readings that nothing drives."""
+    if found.record is None or found.disturbed or estimate.plane or estimate.unobserved:
+        return None, None
+    if estimate.bias is not None:
+        return None, None
+    terms, lag = found.linearized, lag_in(found.record)
+    return nonlinearity_in(found.record) if terms is None else terms.corrected(found.record), lag
+
+
+def add_faults(record: Records, estimate: Estimate, found: Estimated) -> tuple[Nonlinearity | None, AxisLag | None]:
+    """Put faults of axes into a record, and what is left of those that are corrected."""
+    nonlinearity, lag = faults = faults_of_axes(estimate, found)
+    record["nonlinear_deg"] = record["lag_deg"] = math.nan
+    if lag is not None:
+        record["lag_deg"], record["lag_by_chance"] = lag.heading_deg, lag.p_value
+    if nonlinearity is not None and nonlinearity.is_corrected:
+        record["linearized_deg"], record["linearized_share"] = nonlinearity.heading_deg, nonlinearity.share
+    elif nonlinearity is not None:
+        record["nonlinear_deg"], record["nonlinear_by_chance"] = nonlinearity.heading_deg, nonlinearity.p_value
+        record["nonlinearity"] = [*nonlinearity.quadratic, *nonlinearity.cubic]
+    return faults
+
+
+def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
+    """Whether axes were swapped while one recording in memory was made."""
+    samples = readings.as_read.recording
+    if readings.parts or not isinstance(samples, Samples):
+        return None
+    from flinders.diagnostics.axis_swap import axis_swap_of
+
+    return axis_swap_of(samples.field, estimate.noise)
+
+
+def _unmodelled(estimate: Estimate, found: Estimated, dip_deg: float) -> Unmodelled | None:
+    """Test whether a recorded disturbance moves the readings of one recording in memory while none is modelled."""
+    samples = found.readings.recording
+    if estimate.unobserved or found.disturbed or not isinstance(samples, Samples) or not samples.disturbances:
+        return None
+    from flinders.diagnostics.unmodelled import unmodelled_of
+
+    time = 1.0 if estimate.correlation is None else estimate.correlation.time
+    return unmodelled_of(samples, estimate.ellipsoid, dip_deg=dip_deg, time=time, limit=estimate.rejected_beyond)
+
+
+def _attitude_dependence(estimate: Estimate, found: Estimated, dip_deg: float) -> AttitudeDependence | None:
+    """Test whether something moves the readings of one recording in memory with the attitude: no white residuals."""
+    samples, correlation = found.readings.recording, estimate.correlation
+    if estimate.plane or estimate.unobserved or (correlation is not None and correlation.is_white):
+        return None
+    if not isinstance(samples, Samples) or samples.acceleration is None:
+        return None
+    from flinders.diagnostics.attitude_dependence import attitude_dependence_of
+
+    return attitude_dependence_of(samples, estimate.ellipsoid, dip_deg=dip_deg, limit=estimate.rejected_beyond)
+
+
+def _tilt_error_deg(estimate: Estimate, calibration: Calibration, found: Estimated) -> float:
+    """What the vertical of the accelerometer adds to a heading; NaN in a plane, and where a fit corrects it."""
+    samples, aiding = found.readings.as_read.recording, found.aiding
+    if estimate.plane or not isinstance(samples, Samples) or samples.acceleration is None:
+        return math.nan
+    from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg
+
+    if aiding is not None and any(sensor.is_used and sensor.name in UPRIGHT for sensor in aiding.sensors):
+        return math.nan
+    return vertical_error_deg(samples.field, samples.acceleration, calibration, estimate)
+
+
+def diagnosis_of(widened: Widened, estimate: Estimate, found: Estimated, calibration: Calibration) -> Diagnosis:
+    """Find out what follows from more than the surface and its residuals, and put it into the record."""
+    dip_deg = float(widened.record["dip_deg"])
+    nonlinearity, axis_lag = add_faults(widened.record, estimate, found)
+    return Diagnosis(
+        drift=_drift(estimate, found, dip_deg),
+        nonlinearity=nonlinearity,
+        axis_lag=axis_lag,
+        unmodelled=_unmodelled(estimate, found, dip_deg),
+        attitude_dependence=_attitude_dependence(estimate, found, dip_deg),
+        repeats=widened.repeats,
+        refreshed=found.refreshed,
+        tilt_error_deg=_tilt_error_deg(widened.estimate, calibration, found),
+    )
+
+
+def looked_closer(asks: int, diagnosis: Diagnosis, estimate: Estimate, found: Estimated, request: Request) -> Diagnosis:
+    """Find out what a judgement asks for."""
+    if asks & ASKS_HALVES and diagnosis.drift is not None:
+        drift = _with_halves(diagnosis.drift, estimate, found.readings, request)
+        diagnosis = replace(diagnosis, drift=drift)
+    if asks & ASKS_SWAP:
+        diagnosis = replace(diagnosis, axis_swap=_axis_swap(estimate, found.readings))
+    return diagnosis

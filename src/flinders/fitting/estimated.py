@@ -1,0 +1,130 @@
+"""An estimate with what is known of the readings that it was made of: statistics, coverage, the engine's record.
+
+>>> from flinders import simulate
+>>> from flinders.estimators import Readings
+>>> from flinders.estimators.auto import Auto
+>>> samples = simulate.tumble(seed=1, n=500, motion="uniform").samples
+>>> found = Estimated.of_record(Auto(), Readings.of(samples), samples.unit)
+>>> found.estimate.method, int(found.record["used"])
+('likelihood', 500)
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple, Self
+
+from flinders.core.calibration import UNSTATED
+from flinders.core.samples import Samples
+from flinders.diagnostics.unmoved import require_moved, was_turned
+from flinders.estimators.auto import Auto
+from flinders.estimators.level import Level
+from flinders.estimators.likelihood import estimated
+from flinders.summary.coverage import Coverage, RecordCoverage
+from flinders.summary.summary import Statistics
+
+if TYPE_CHECKING:
+    from flinders.core.units import Unit
+    from flinders.diagnostics.soft_iron import Refreshed
+    from flinders.estimators import Estimate, Estimator, Readings
+    from flinders.estimators.disturbance import DisturbanceFit
+    from flinders.fitting.aiding import Aiding
+    from flinders.fitting.linearization import AxisTerms
+    from flinders.native.layouts import Records
+
+
+class Estimated(NamedTuple):
+    """An estimate with what is known of the readings that it was made of.
+
+    Attributes
+    ----------
+    estimate : Estimate
+    readings : Readings
+    statistics : Statistics
+    coverage : Coverage
+    record : Records, optional
+        Of the engine, where the other attributes were taken from it.
+    disturbed : DisturbanceFit, optional
+        The disturbances that the readings were compensated for.
+    aiding : Aiding, optional
+    is_joint : bool
+        The estimate is of the magnetometer and its aiding sensors.
+    refreshed : Refreshed, optional
+        The shape is that of an earlier calibration.
+    linearized : AxisTerms, optional
+        What was taken off the readings, of axes that are not linear.
+    """
+
+    estimate: Estimate
+    readings: Readings
+    statistics: Statistics
+    coverage: Coverage
+    record: Records | None = None
+    disturbed: DisturbanceFit | None = None
+    aiding: Aiding | None = None
+    is_joint: bool = False
+    refreshed: Refreshed | None = None
+    linearized: AxisTerms | None = None
+
+    @classmethod
+    def of(cls, estimate: Estimate, readings: Readings, aiding: Aiding | None = None) -> Self:
+        """Take it from the summary of the readings."""
+        summary = readings.summary
+        coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
+        statistics = replace(readings.statistics, doubt=_doubt(readings))
+        return cls(estimate, readings, statistics, coverage, aiding=aiding)
+
+    @classmethod
+    def of_record(
+        cls, estimator: Estimator, readings: Readings, unit: Unit | None, *, has_sigma: bool = False
+    ) -> Self | None:
+        """Take it from the engine's record of one recording in memory; None where a record does not tell enough.
+
+        It says how well terms of the axes are known if `has_sigma`.
+        """
+        samples = readings.recording
+        if not isinstance(estimator, Auto) or not isinstance(samples, Samples) or readings.parts:
+            return None
+        record = estimator.recorded(readings, statistics=2 if has_sigma else 1)
+        if record["status"] or record["hides_plane"]:
+            return None
+        if record["plane"] and samples.acceleration is not None:  # it may show a slope, and the claim widens
+            return None
+        if record["plane"] and not record["rails"]:
+            moved(readings, estimator, unit)
+        elif not was_turned(record, (unit or UNSTATED).inside):
+            return None
+        if record["rests"]:
+            readings = readings.fitted()
+        estimate = estimated(record, readings, has_statistics=True)
+        statistics = Statistics.of_record(record, samples.time, readings.summary.skipped)
+        if (rests := readings.rests) is not None:
+            statistics = replace(statistics, rest_spans=rests.spans, are_rests_left_out=rests.are_left_out)
+        statistics = replace(statistics, doubt=_doubt(readings))
+        coverage = RecordCoverage(record, readings.summary, estimate.ellipsoid, estimate.rejected_beyond)
+        return cls(estimate, readings, statistics, coverage, record)
+
+
+def _doubt(readings: Readings) -> str:
+    """What readings look like, if not like a magnetometer's; of a long recording by its first block."""
+    recording = readings.recording
+    first = recording if recording is None or isinstance(recording, Samples) else next(iter(recording.blocks()), None)
+    if first is None or not first.nameless:
+        return ""
+    from flinders.readers._likeness import doubt
+
+    return doubt(first)
+
+
+def moved(readings: Readings, estimator: Estimator, unit: Unit | None) -> Readings:
+    """The readings of a sensor that was turned.
+
+    Raises
+    ------
+    Unmoved
+        For any other.
+    """
+    plane = getattr(estimator, "plane", "xy" if isinstance(estimator, Level) else None)
+    how = "through all directions" if plane is None else f"all the way round in the plane {plane}"
+    require_moved(readings.summary, (unit or UNSTATED).inside, how)
+    return readings

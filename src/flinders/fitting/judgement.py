@@ -1,0 +1,169 @@
+"""Judgement of an estimate: its record goes to the engine, and a `Fit` comes back, or is refused.
+
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> fit = calibrate.fit(simulate.tumble(seed=1, n=500, motion="uniform").samples)
+>>> fit.claim.alignment_error_deg is None, round(mounted(fit, 0.5).claim.alignment_error_deg, 2)
+(True, 1.0)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.fitting.claim import Claim
+from flinders.fitting.diagnosis import diagnosis_of, looked_closer
+from flinders.fitting.evidence import Diagnosis, Disturbances, Evidence, Residuals
+from flinders.fitting.record import add_diagnosis, add_reading, farthest, request_of, sources_of
+from flinders.fitting.result import Fit, Judgement, Refused
+from flinders.fitting.verdict import judged_quantities, with_findings
+from flinders.geometry.plane import down_of
+from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
+from flinders.native.engine import engine
+
+if TYPE_CHECKING:
+    from flinders.core.calibration import Calibration
+    from flinders.estimators import Estimate
+    from flinders.estimators.disturbance import DisturbanceFit
+    from flinders.fitting.estimated import Estimated
+    from flinders.fitting.request import Request
+    from flinders.fitting.widening import Widened
+    from flinders.native.layouts import Records
+
+
+def accepted(result: Fit) -> Fit:
+    """The fit, unless its verdict refuses it.
+
+    Raises
+    ------
+    Refused
+        With the fit.
+    """
+    if any(finding.severity == "refuses" for finding in result.findings):
+        raise Refused(result)
+    return result
+
+
+def mounted(result: Fit, sigma_deg: float | None) -> Fit:
+    """Add the heading error of a mounting of stated uncertainty, where it is stated."""
+    if sigma_deg is None:
+        return result
+    error = alignment_error_deg(sigma_deg, dip_deg=result.heading_error_deg.dip_deg)
+    return replace(result, claim=replace(result.claim, alignment_error_deg=error))
+
+
+def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
+    """Heading error (rms) that the bias of a method makes."""
+    if estimate.bias is None:
+        return 0.0
+    bias, down = np.outer(estimate.bias, estimate.bias), down_of(estimate.plane)
+    return level_error(estimate.ellipsoid, bias, dip_deg=dip_deg, down=down).rms
+
+
+def judged(widened: Widened, found: Estimated, calibration: Calibration, request: Request) -> Fit:
+    """Put together what is known and judge it."""
+    record = widened.record
+    estimate = found.estimate if record["is_shrunk"] > 0 else widened.estimate
+    diagnosis = diagnosis_of(widened, estimate, found, calibration)
+    diagnosis, judgement = _judgement(diagnosis, record, estimate, found, calibration, request)
+    if found.disturbed is not None:
+        calibration = replace(calibration, disturbances=found.disturbed.disturbances)
+    claim = _claim(widened, judgement, calibration, request)
+    evidence = Evidence(
+        method=estimate.method,
+        samples=int(record["used"]),
+        noise=estimate.noise,
+        coverage=found.coverage,
+        outliers=estimate.outliers,
+        residuals=_residuals(record, estimate, judgement),
+        prior_influence=estimate.prior_influence,
+        unobserved=estimate.unobserved,
+        z_down=estimate.z_down,
+        diagnosis=diagnosis,
+        disturbances=_disturbances(claim, found.disturbed),
+        aiding=found.aiding,
+    )
+    return with_findings(Fit(calibration, evidence, claim, Judgement()), judgement, found.statistics)
+
+
+def _claim(widened: Widened, judgement: Records, calibration: Calibration, request: Request) -> Claim:
+    """What is claimed of a calibration by a record and its judgement."""
+    record, estimate = widened.record, widened.estimate
+    alignment_deg = float(record["alignment_deg"])
+    return Claim(
+        calibration,
+        estimate.covariance,
+        estimate.textbook,
+        HeadingError(float(judgement["rms_deg"]), float(judgement["worst_deg"]), float(record["dip_deg"])),
+        structure_deg=float(judgement["structure_deg"]),
+        dip_deg=request.dip_deg,
+        dip_assumed=request.dip_assumed,
+        target_deg=request.target_deg,
+        alignment_error_deg=None if math.isnan(alignment_deg) else alignment_deg,
+        bias_deg=float(record["bias_deg"]),
+        is_shrunk=bool(record["is_shrunk"] > 0),
+        plane=estimate.plane,
+    )
+
+
+def _residuals(record: Records, estimate: Estimate, judgement: Records) -> Residuals:
+    """What the residuals of an estimate tell."""
+    distortion = 0.0 if estimate.plane or math.isnan(record["distortion"]) else float(record["distortion"])
+    if estimate.correlation is None:
+        return Residuals(distortion=distortion)
+    return Residuals(judged_quantities(judgement)["independent"], estimate.correlation.lag_one, distortion)
+
+
+def _judgement(
+    diagnosis: Diagnosis,
+    record: Records,
+    estimate: Estimate,
+    found: Estimated,
+    calibration: Calibration,
+    request: Request,
+) -> tuple[Diagnosis, Records]:
+    """Judge a record with what diagnostics found, and once more where that asks for a closer look."""
+    asked = request_of(calibration, target_deg=request.target_deg)
+    aiding, dip_deg = found.aiding, float(record["dip_deg"])
+    alignment_deg = None if aiding is None else aiding.alignment_error_deg(dip_deg)
+    record["alignment_deg"] = math.nan if alignment_deg is None else alignment_deg
+    record["bias_deg"] = _bias_deg(estimate, dip_deg)
+    record["sources"] = sources_of(
+        aiding,
+        is_aided=estimate.is_aided,
+        is_compensated=found.disturbed is not None,
+        is_refreshed=found.refreshed is not None,
+    )
+    if found.record is not None:
+        add_reading(record, found.statistics)
+        record["farthest"] = farthest(estimate.outliers)
+    add_diagnosis(record, diagnosis)
+    judgement = engine().judge(record, asked)
+    closer = looked_closer(int(judgement["asks"]), diagnosis, estimate, found, request)
+    if closer is diagnosis:
+        return diagnosis, judgement
+    add_diagnosis(record, closer)
+    return closer, engine().judge(record, asked)
+
+
+def _disturbances(claim: Claim, disturbed: DisturbanceFit | None) -> Disturbances:
+    """What is known of the disturbances of a calibration, by readings that were compensated for them."""
+    if disturbed is None:
+        return Disturbances()
+    from flinders.estimators.regressors import DisturbanceEstimate
+
+    dip, down, ellipsoid = claim.heading_error_deg.dip_deg, down_of(claim.plane), claim.ellipsoid
+    estimates = [
+        replace(
+            estimate,
+            removed_deg=claim.calibration.disturbance_deg(disturbance, dip_deg=dip),
+            remaining_deg=disturbed.remaining_error(ellipsoid, place, dip_deg=dip, down=down).worst,
+        )
+        for place, (disturbance, estimate) in enumerate(zip(disturbed.disturbances, disturbed.estimates, strict=True))
+    ]
+    constant = [DisturbanceEstimate(name) for name in disturbed.constant]
+    return Disturbances((*estimates, *constant), disturbed.joint(claim.covariance), disturbed.noise_without)

@@ -1,0 +1,196 @@
+"""Calls of the engine that look for faults of a recording: outliers, drift, disturbances, exchanged axes, no turn.
+
+>>> far = np.repeat([False, True, False], [50, 20, 50])
+>>> int(Faults().left_out(far, 5).sum())
+70
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.native.layouts import AXIS_CHANGE, CALIBRATED, DIFFERENCE, DISTURBANCE, OUTLIER, RECORD, blank, constant
+from flinders.native.library import Library, entries_of
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from flinders.arrays import Floats
+    from flinders.native.layouts import Records
+
+
+class Faults(Library):
+    """Faults of recordings, and how far calibrations are apart."""
+
+    def compare(
+        self,
+        first: tuple[Floats, Floats, Floats, float],
+        second: tuple[Floats, Floats, Floats, float],
+        *,
+        dip_deg: float,
+    ) -> Records:
+        """How far two calibrations of one sensor are apart: a row of `DIFFERENCE`.
+
+        Parameters
+        ----------
+        first, second : ((3,) float, (3, 3) float, (9, 9) float, float)
+            Centre, shape, claimed covariance, and the strength of its field, 0 where that is not known.
+        dip_deg : float
+            Inclination of the field.
+        """
+        rows, difference = (blank(CALIBRATED), blank(CALIBRATED)), blank(DIFFERENCE)
+        for row, (centre, shape, covariance, strength) in zip(rows, (first, second), strict=True):
+            row["centre"], row["shape"] = centre, entries_of(shape)
+            row["covariance"], row["strength"] = covariance.ravel(), strength
+        self._require(self._library.flinders_compare(*rows, dip_deg, difference))
+        return difference
+
+    def drift(self, field: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, dip_deg: float = 60.0) -> Records:
+        """A record with the fields ``drift_…``: a steady change of readings about a known ellipsoid.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+            In the order of recording.
+        centre, shape : (3,), (3, 3) array-like
+        dip_deg : float
+            Inclination of the field, -89 to 89.
+        """
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        record, (workspace, size) = blank(RECORD), self._workspace(len(readings))
+        self._library.flinders_drift(
+            readings,
+            len(readings),
+            np.ascontiguousarray(centre, dtype=np.float64),
+            entries_of(shape),
+            dip_deg,
+            workspace,
+            size,
+            record,
+        )
+        return record
+
+    def regress(
+        self, field: ArrayLike, values: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, limit: float = math.inf
+    ) -> Records:
+        """Regress the distances from a known ellipsoid on a disturbance: a row of `DISTURBANCE`.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+        values : (N,) array-like
+            Of the disturbance, NaN where it is not known.
+        centre, shape : (3,), (3, 3) array-like
+        limit : float
+            Distance beyond which readings are left out.
+        """
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        regression, (workspace, size) = blank(DISTURBANCE), self._workspace(len(readings))
+        self._library.flinders_regress(
+            readings,
+            np.ascontiguousarray(values, dtype=np.float64),
+            len(readings),
+            np.ascontiguousarray(centre, dtype=np.float64),
+            entries_of(shape),
+            limit,
+            workspace,
+            size,
+            regression,
+        )
+        return regression
+
+    def distances(self, field: ArrayLike, record: Records) -> Floats:
+        """(N,) Sampson distances of readings from the surface of a record."""
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        out, row = np.full(len(readings), math.nan), np.array(record, dtype=RECORD)
+        self._library.flinders_distances(readings, len(readings), row, out)
+        return out
+
+    def dense(self, far: NDArray[np.bool_], rows: int) -> int:
+        """Fewest far readings of a window that make a run in a recording of so many rows, given (N,) which are far."""
+        return int(self._library.flinders_dense(np.ascontiguousarray(far), len(far), rows, np.empty(len(far), bool)))
+
+    def left_out(self, far: NDArray[np.bool_], dense: int) -> NDArray[np.bool_]:
+        """(N,) readings that are far, in a run of `dense` far ones or within a margin of it; from (N,) far ones."""
+        left_out = np.empty(len(far), dtype=bool)
+        self._library.flinders_left_out(np.ascontiguousarray(far), len(far), dense, left_out)
+        return left_out
+
+    def list_outliers(
+        self,
+        runs: Records,
+        distances: Floats,
+        left_out: NDArray[np.bool_],
+        rows: tuple[NDArray[np.int64], NDArray[np.int64]],
+        times: tuple[Floats, Floats] | None,
+    ) -> Records:
+        """Runs of readings that are left out, behind those that there are.
+
+        Parameters
+        ----------
+        runs : (R,) of `OUTLIER`
+            Those before.
+        distances : (N,) float
+            From the surface.
+        left_out : (N,) bool
+        rows, times : ((N,), (N,))
+            First and last row of each reading among those that were read, and the times of these.
+        """
+        room = np.empty(constant("OUTLIERS"), OUTLIER)
+        room[: len(runs)] = runs
+        first, last = (np.ascontiguousarray(each, np.int64) for each in rows)
+        start, end = (None if times is None else np.ascontiguousarray(times[side], np.float64) for side in (0, 1))
+        near = np.ascontiguousarray(distances, np.float64)
+        count = self._library.flinders_list_outliers(
+            near, left_out, len(near), first, last, start, end, room, len(runs)
+        )
+        return room[:count].copy()
+
+    def axis_swap(self, field: ArrayLike, noise: float, noise_limit: float) -> tuple[Records, NDArray[np.int64]]:
+        """Axes that changed, a row of `AXIS_CHANGE`, and the rows behind the moments at which they did.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+            In the order of recording.
+        noise : float
+            Of the readings that a fit keeps; infinite where it is not known.
+        noise_limit : float
+            Largest noise of readings whose axes did not change, as a share of the radius.
+        """
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        size = int(self._library.flinders_swap_workspace_size(len(readings)))
+        workspace, moments, change = np.empty(size, np.uint8), np.empty(len(readings), np.int64), blank(AXIS_CHANGE)
+        self._library.flinders_axis_swap(readings, len(readings), noise, noise_limit, workspace, size, moments, change)
+        return change, moments[: int(change["moments"])].copy()
+
+    def unmoved_deg(self, means: Floats, readings: float, strengths: tuple[float, float]) -> float:
+        """Angle within which all readings of a sensor lie that was hardly turned; NaN of one that was.
+
+        Parameters
+        ----------
+        means : (K, 3) float
+            Of the readings of each cell.
+        readings : float
+            In all cells.
+        strengths : (float, float)
+            Weakest and strongest field, in the unit of the readings; 0 and infinity where nothing is known of it.
+        """
+        angle = np.empty(1)
+        self._library.flinders_unmoved_cells(
+            np.array(means, np.float64, order="C"), len(means), readings, *strengths, angle
+        )
+        return float(angle[0])
+
+    def turned(self, records: Records, strengths: tuple[float, float]) -> NDArray[np.bool_]:
+        """Whether each record shows a turn out of one plane, at no rail; strengths are as of `unmoved_deg`."""
+        turned = np.empty(records.shape, dtype=bool)
+        self._library.flinders_turned(np.ascontiguousarray(records), records.size, *strengths, turned)
+        return turned
+
+    def is_level(self, covariance: ArrayLike, noise: float, within: float) -> bool:
+        """Whether readings of a (3, 3) covariance lie in a plane across z, within a multiple of their noise."""
+        return bool(self._library.flinders_is_level(entries_of(covariance), noise, within))

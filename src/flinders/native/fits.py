@@ -1,0 +1,289 @@
+"""Calls of the engine that fit: one recording, many, sums that add, an earlier calibration, the field of a site.
+
+>>> float(Fits().sums(np.eye(3))["sums"][0])
+3.0
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.native.layouts import EARLIER, HEIGHTS, RECORD, SITE, SUMS, blank
+from flinders.native.library import Library, entries_of, row_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from flinders.arrays import Floats
+    from flinders.native.layouts import Records
+
+
+class Fits(Library):
+    """Fits of readings to records."""
+
+    def fit(
+        self, field: ArrayLike, *, time: ArrayLike | None = None, ends: ArrayLike | None = None, **options: float
+    ) -> Records:
+        """Fit one recording: the record, a row of `RECORD`; its ``status`` says whether there is a fit.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+        time : (N,) array-like, s, optional
+        ends : (P,) array-like of int, optional
+            Where each of several recordings ends that the readings are: nothing that follows their order goes across.
+        **options
+            Fields of ``flinders_options``: prior, dip_deg, robust, kernels, statistics, rests, level, bias_correction.
+        """
+        return self._fitted(self._library.flinders_fit_parts, field, time, ends, options)
+
+    def fit_level(
+        self, field: ArrayLike, *, time: ArrayLike | None = None, ends: ArrayLike | None = None, **options: float
+    ) -> Records:
+        """Fit the ellipse of a level turn to x and y of one recording; parameters and record are as of `fit`."""
+        return self._fitted(self._library.flinders_fit_level, field, time, ends, options)
+
+    def _fitted(
+        self,
+        function: Callable[..., int],
+        field: ArrayLike,
+        time: ArrayLike | None,
+        ends: ArrayLike | None,
+        options: dict[str, float],
+    ) -> Records:
+        """The record that a function of the library makes of one recording."""
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
+        parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
+        record, (workspace, size) = blank(RECORD), self._workspace(len(readings))
+        function(
+            readings,
+            times,
+            len(readings),
+            parts,
+            0 if parts is None else len(parts),
+            self.options(**options),
+            workspace,
+            size,
+            record,
+        )
+        return record
+
+    def fit_many(
+        self, field: ArrayLike, offsets: ArrayLike, *, time: ArrayLike | None = None, **options: float
+    ) -> Records:
+        """Fit recordings that stand one behind the other: (R,) records for (R + 1,) offsets of their rows."""
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        bounds = np.ascontiguousarray(offsets, dtype=np.int64)
+        lengths = np.diff(bounds)
+        if len(bounds) < 1 or bounds[0] < 0 or bounds[-1] > len(readings) or (lengths < 0).any():
+            raise ValueError(f"offsets have to ascend from 0 to {len(readings)}, the number of readings")
+        times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
+        if times is not None and times.shape != (len(readings),):
+            raise ValueError(f"{len(readings)} readings have times of shape {times.shape}: give one each")
+        records = np.zeros(len(lengths), dtype=RECORD)
+        workspace, size = self._workspace(int(lengths.max(initial=0)))
+        self._library.flinders_fit_many(
+            readings,
+            times,
+            bounds,
+            len(lengths),
+            self.options(**options),
+            workspace,
+            size,
+            records,
+        )
+        return records
+
+    def rests(self, field: ArrayLike, *, ends: ArrayLike | None = None) -> tuple[NDArray[np.int64], bool]:
+        """(R, 2) first row, and row behind the last, of each interval in which the direction stands still.
+
+        And whether a fit leaves them out: else each is one reading of it.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+        ends : (P,) array-like of int, optional
+            As of `fit`.
+        """
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
+        bounds, (workspace, size) = np.empty((len(readings) // 4, 2), dtype=np.int64), self._workspace(len(readings))
+        count, left_out = 0 if parts is None else len(parts), np.zeros(1, dtype=np.int32)
+        found = self._library.flinders_rests(readings, len(readings), parts, count, workspace, size, bounds, left_out)
+        return bounds[:found].copy(), bool(left_out[0])
+
+    def polish(
+        self, field: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, ends: ArrayLike | None = None, **options: float
+    ) -> Records:
+        """Fit from a known start, without a look for outliers; its ``status`` says whether there is a fit.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+        centre, shape : (3,), (3, 3) array-like
+            The start.
+        ends : (P,) array-like of int, optional
+            Where each of several recordings ends that the readings are: nothing that follows their order goes across.
+        **options
+            As of `fit`.
+        """
+        readings = np.ascontiguousarray(field, dtype=np.float64)
+        parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
+        record = blank(RECORD)
+        workspace, size = self._workspace(len(readings))
+        self._library.flinders_polish(
+            readings,
+            len(readings),
+            parts,
+            0 if parts is None else len(parts),
+            np.ascontiguousarray(centre, dtype=np.float64),
+            entries_of(shape),
+            self.options(**options),
+            workspace,
+            size,
+            record,
+        )
+        return record
+
+    def earlier(
+        self,
+        centre: ArrayLike,
+        shape: ArrayLike,
+        covariance: Floats | None,
+        *,
+        distortion: float = 0.0,
+        strength_ratio: float = 1.0,
+        soft_iron_sigma: float = 0.0,
+    ) -> Records:
+        """A row of `EARLIER`: what an earlier calibration tells of a sensor whose hard iron has changed.
+
+        Parameters
+        ----------
+        centre, shape : (3,), (3, 3) array-like
+            As they were.
+        covariance : (9, 9) float, optional
+            Of its offset and shape; None where it states none.
+        distortion : float
+            Of its record.
+        strength_ratio : float
+            Of the field, over that of then.
+        soft_iron_sigma : float
+            Share by which the soft iron may have changed, 1 σ.
+        """
+        earlier, known = blank(EARLIER), None if covariance is None else row_of(covariance)
+        options = distortion, strength_ratio, soft_iron_sigma
+        self._library.flinders_earlier_of(row_of(centre), entries_of(shape), known, *options, earlier)
+        return earlier
+
+    def allow_change(self, earlier: Records) -> Records:
+        """A copy of a row of `EARLIER` that allows the soft iron to have changed by 5 %, 1 σ."""
+        freer = earlier.copy()
+        self._library.flinders_allow_change(freer)
+        return freer
+
+    def soft_iron_p_value(self, earlier: Records, shape: ArrayLike, textbook: Floats, covariance: Floats) -> float:
+        """How often chance alone makes a fit contradict the earlier soft iron as much.
+
+        Parameters
+        ----------
+        earlier : row of `EARLIER`
+        shape : (3, 3) array-like
+            That a fit has found with `allow_change`.
+        textbook, covariance : (9, 9) float
+            Of it, for independent residuals and as they are.
+        """
+        return float(
+            self._library.flinders_soft_iron_p_value(earlier, entries_of(shape), row_of(textbook), row_of(covariance))
+        )
+
+    def refresh(
+        self, field: ArrayLike, earlier: Records, *, time: ArrayLike | None = None, **options: float
+    ) -> Records:
+        """Renew an earlier calibration: the record of a fit whose shape is known, as it was or as it has changed.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+        earlier : row of `EARLIER`
+        time : (N,) array-like, s, optional
+        **options
+            As of `fit`.
+        """
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
+        record, (workspace, size) = blank(RECORD), self._workspace(len(readings))
+        given = readings, times, len(readings), self.options(**options), earlier
+        self._library.flinders_refresh(*given, workspace, size, record)
+        return record
+
+    def turn_deg(self, field: ArrayLike, shape: ArrayLike) -> float:
+        """Largest angle of (N, 3) readings from their mean, degrees, by a known (3, 3) shape."""
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        return float(self._library.flinders_turn_deg(readings, len(readings), entries_of(shape)))
+
+    def sums(self, field: ArrayLike = (), *, origin: ArrayLike = (0.0, 0.0, 0.0), scale: float = 1.0) -> Records:
+        """Sums of powers of readings about an origin, to which `add` adds."""
+        sums = blank(SUMS)
+        self._library.flinders_sums_begin(sums, np.array(origin, dtype=np.float64), scale)
+        return self.add(sums, field)
+
+    def add(self, sums: Records, field: ArrayLike) -> Records:
+        """Add readings to sums, in place; raises ValueError for values that are not finite."""
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        status = self._library.flinders_sums_add(sums, readings, len(readings))
+        if status:
+            raise ValueError(self.message(status))
+        return sums
+
+    def merge(self, sums: Records, other: Records) -> Records:
+        """Add other sums to sums, in place."""
+        self._library.flinders_sums_merge(sums, other)
+        return sums
+
+    def solve(self, sums: ArrayLike, *, origin: ArrayLike = (0.0, 0.0, 0.0), unit: float = 1.0) -> Records:
+        """The consistent fit of (35,) sums about an origin, of readings over a unit: the record."""
+        record, row = blank(RECORD), blank(SUMS)
+        row["sums"], row["origin"], row["scale"] = sums, origin, unit
+        self._library.flinders_sums_solve(row, record)
+        return record
+
+    def site(self, **known: float | None) -> Records:
+        """What is known of the field of a place: a row of `SITE`; None is not known."""
+        site = blank(SITE)
+        self._library.flinders_default_site(site)
+        for name, number in known.items():
+            site[name] = math.nan if number is None else number
+        return site
+
+    def add_vertical(self, vertical: Records, field: Floats, acceleration: Floats, record: Records) -> None:
+        """Add (N, 3) readings of a level turn with (N, 3) accelerations to a row of `VERTICAL`, in place."""
+        readings, felt = np.ascontiguousarray(field, np.float64), np.ascontiguousarray(acceleration, np.float64)
+        self._library.flinders_vertical_add(readings, felt, len(readings), record, vertical)
+
+    def plane_of(self, field: Floats, centre: Floats, noise: float) -> Records:
+        """The plane of (N, 3) readings of a level turn about a centre (2,): a row of `HEIGHTS`."""
+        readings, heights, (workspace, size) = row_of(field), blank(HEIGHTS), self._workspace(len(field))
+        middle = row_of(centre)
+        self._require(self._library.flinders_plane_of(readings, len(field), middle, noise, workspace, size, heights))
+        return heights
+
+    def at_site(self, record: Records, site: Records, field: Floats, vertical: Records | None = None) -> bool:
+        """Let the field of a site count in a record, in place, and say whether its strength was used.
+
+        Parameters
+        ----------
+        record, site : row of `RECORD`, row of `SITE`
+        field : (N, 3) float
+            Readings that the fit goes by; of a level turn alone.
+        vertical : row of `VERTICAL`, optional
+            What an accelerometer shows.
+        """
+        readings, (workspace, size) = row_of(field), self._workspace(len(field))
+        self._require(self._library.flinders_at_site(readings, len(field), vertical, site, workspace, size, record))
+        return bool(self._library.flinders_uses_strength(record))

@@ -1,0 +1,137 @@
+"""Calls of the engine that judge: the claim of a record, what it is worth, and the heading errors that follow.
+
+>>> round(Judgements().widening_by_few(10), 3)
+1.25
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.native.layouts import JUDGEMENT, RECORD, blank
+from flinders.native.library import Library, entries_of, row_of, vector_of
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from flinders.arrays import Floats
+    from flinders.native.layouts import Records
+
+
+class Judgements(Library):
+    """Claims, judgements and heading errors of records."""
+
+    def claim(self, record: Records, request: Records) -> None:
+        """Widen the covariance of a record by repeated and by few readings, in place, once.
+
+        Level errors that are NaN follow of the covariance; so does the sign of the dip that they hold for.
+        """
+        self._library.flinders_claim(record, request)
+
+    def widening_by_few(self, freedom: float) -> float:
+        """Factor by which few readings widen a covariance: of so many different readings beyond the parameters."""
+        return float(self._library.flinders_widening_by_few(freedom))
+
+    def judge(self, record: Records, request: Records) -> Records:
+        """A row of `JUDGEMENT`: what a record is worth. It is claimed, and shrunk where that was asked, in place.
+
+        Raises ValueError for a record without an ellipsoid, a target that is not positive, and a dip beyond ±89°.
+        """
+        judgement = blank(JUDGEMENT)
+        self._require(self._library.flinders_judge(record, request, judgement))
+        return judgement
+
+    def judge_many(self, records: Records, request: Records) -> Records:
+        """(R,) judgements of (R,) records, which are claimed and shrunk in place."""
+        judgements = np.zeros(len(records), dtype=JUDGEMENT)
+        self._library.flinders_judge_many(records, len(records), request, judgements)
+        return judgements
+
+    def severity(self, rule: int, quantities: Floats) -> int:
+        """How severe a finding is by its rule, 0 to 3: its number in the catalogue, and (Q,) quantities."""
+        return int(self._library.flinders_severity(rule, quantities))
+
+    def causes(self, severities: ArrayLike) -> Records:
+        """A row of `JUDGEMENT` with what is shown of findings, by their severities alone."""
+        judgement = blank(JUDGEMENT)
+        judgement["severities"] = severities
+        self._library.flinders_causes(judgement)
+        return judgement
+
+    def tilted_error(
+        self, shape: ArrayLike, covariance: Floats, *, dip_deg: float, tilt_deg: float, down: Floats | None
+    ) -> tuple[float, float]:
+        """Heading error of a tilted vehicle, degrees, 1 σ: rms and worst; `down` (3,), by default z, when level."""
+        out = np.empty(2)
+        arguments = entries_of(shape), np.ascontiguousarray(covariance), dip_deg, tilt_deg, vector_of(down)
+        self._require(self._library.flinders_tilted_error(*arguments, out, out[1:]))
+        return float(out[0]), float(out[1])
+
+    def uncorrected_error(
+        self, centre: ArrayLike, shape: ArrayLike, *, dip_deg: float, down: Floats | None
+    ) -> tuple[float, float]:
+        """Heading error of a level vehicle by readings as they come, degrees: rms and worst."""
+        out = np.empty(2)
+        arguments = np.ascontiguousarray(centre, dtype=np.float64), entries_of(shape), dip_deg, vector_of(down)
+        self._require(self._library.flinders_uncorrected_error(*arguments, out, out[1:]))
+        return float(out[0]), float(out[1])
+
+    def attitude_limit(
+        self, shape: ArrayLike, covariance: Floats, *, dip_deg: float, limit_deg: float, down: Floats | None
+    ) -> float:
+        """Tilt, degrees, up to which the worst heading error is within a limit."""
+        out = np.empty(1)
+        arguments = entries_of(shape), np.ascontiguousarray(covariance), dip_deg, limit_deg, vector_of(down)
+        self._require(self._library.flinders_attitude_limit(*arguments, out))
+        return float(out[0])
+
+    def heading_bound(self, shape: ArrayLike, covariance: Floats, *, dip_deg: float, down: Floats | None) -> float:
+        """Bound, degrees, that a level heading stays within at all headings with a probability of 95 %."""
+        out = np.empty(1)
+        arguments = entries_of(shape), np.ascontiguousarray(covariance), dip_deg, vector_of(down)
+        self._require(self._library.flinders_heading_bound(*arguments, out))
+        return float(out[0])
+
+    def level_turn(
+        self, centre: ArrayLike, shape: ArrayLike, covariance: Floats, *, dip_deg: float, down: Floats | None
+    ) -> tuple[Floats, Floats, Floats]:
+        """A level turn: (72,) headings, deviations of raw readings and sigmas of corrected ones, degrees."""
+        turn = np.empty((3, 72))
+        arguments = row_of(centre), entries_of(shape), row_of(covariance), dip_deg, vector_of(down)
+        self._require(self._library.flinders_level_turn(*arguments, *turn))
+        return turn[0], turn[1], turn[2]
+
+    def attitude_errors(self, shape: ArrayLike, covariance: Floats, directions: Floats, *, dip_deg: float) -> Floats:
+        """(K,) heading errors, degrees, 1 σ, at the worst attitude that brings the field along (K, 3) directions."""
+        towards, errors = row_of(directions), np.empty(len(directions))
+        self._library.flinders_attitude_errors(
+            entries_of(shape), row_of(covariance), dip_deg, towards, len(directions), errors
+        )
+        return errors
+
+    def matrix_sigmas(self, matrix: ArrayLike, shape: ArrayLike, covariance: Floats, *, is_known: bool) -> Floats:
+        """(3, 3) standard deviations of the entries of the matrix of a calibration, whose field strength `is_known`."""
+        sigmas, arguments = np.empty((3, 3)), (row_of(matrix), entries_of(shape), row_of(covariance), is_known)
+        self._require(self._library.flinders_matrix_sigmas(*arguments, sigmas))
+        return sigmas
+
+    def with_structure(self, shape: ArrayLike, covariance: Floats, *, structure_deg: float, dip_deg: float) -> Floats:
+        """(9, 9) covariance with what belongs to the direction and makes so much of a level heading."""
+        out, covariance = np.empty((9, 9)), np.ascontiguousarray(covariance)
+        self._library.flinders_with_structure(entries_of(shape), covariance, structure_deg, dip_deg, out)
+        return out
+
+    def heading_errors(self, record: Records, dip_deg: float) -> Records:
+        """The record with the errors of headings and directions at an inclination."""
+        row = np.array(record, dtype=RECORD)
+        if self._library.flinders_heading_errors(row, dip_deg):
+            raise ValueError(f"dip is {dip_deg:g}°, or the record has no ellipsoid: need one, and a dip of -89° to 89°")
+        return row
+
+    def direction_errors(self, shape: ArrayLike, covariance: Floats, directions: Floats) -> Floats:
+        """(K,) errors of the corrected field, degrees, 1 σ, where it points along (K, 3) directions."""
+        towards, errors = row_of(directions), np.empty(len(directions))
+        self._library.flinders_direction_errors(entries_of(shape), row_of(covariance), towards, len(directions), errors)
+        return errors

@@ -1,0 +1,108 @@
+"""Layouts of the structs of `flinders.h`, as rows of NumPy structured arrays.
+
+The header documents them; their fields are read from there, so that there is one list of them. A record is one row,
+the same for one recording and for many.
+
+>>> RECORD["covariance"].shape, RECORD["noise"], "level_worst_deg" in RECORD.names
+((81,), dtype('float64'), True)
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.native.build import HERE
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Records = NDArray[np.void]
+
+
+def layout(name: str, real: type[np.floating]) -> np.dtype[np.void]:
+    """Layout of a struct of flinders.h, for a library of this precision."""
+    text = (HERE / "flinders.h").read_text(encoding="utf-8")
+    body = re.sub(r"/\*.*?\*/", "", text.split(f"typedef struct {name} {{")[1].split("}")[0], flags=re.DOTALL)
+    kinds = {"uint8_t": np.uint8, "int32_t": np.int32, "int64_t": np.int64, "flinders_real": real}
+    members = re.findall(r"(\w+)\s+(\w+)(?:\[(\w+)\])?;", body)
+    return np.dtype([(field, kinds[kind], _size(count)) for kind, field, count in members], align=True)
+
+
+def _size(count: str) -> tuple[int, ...]:
+    """Shape of a member: a number, or a name that flinders_rules.h gives one; empty of a member that is one number."""
+    if not count or count.isdecimal():
+        return (int(count),) if count else ()
+    found = re.search(rf"#define {count} (\d+)", (HERE / "flinders_rules.h").read_text(encoding="utf-8"))
+    assert found is not None
+    return (int(found[1]),)
+
+
+RECORD: Final = layout("flinders_record", np.float64)
+"""Layout of a record."""
+
+SUMS: Final = layout("flinders_sums", np.float64)
+"""Layout of sums that add."""
+
+OPTIONS: Final = layout("flinders_options", np.float64)
+
+REQUEST: Final = layout("flinders_request", np.float64)
+
+JUDGEMENT: Final = layout("flinders_judgement", np.float64)
+"""Layout of a judgement."""
+
+DISTURBANCE: Final = layout("flinders_disturbance", np.float64)
+"""Layout of what a disturbance explains."""
+
+EARLIER: Final = layout("flinders_earlier", np.float64)
+"""Layout of what an earlier calibration tells."""
+
+CALIBRATED: Final = layout("flinders_calibrated", np.float64)
+"""Layout of a calibration that is compared with another."""
+
+DIFFERENCE: Final = layout("flinders_difference", np.float64)
+"""Layout of how far two calibrations are apart."""
+
+BELIEF: Final = layout("flinders_belief", np.float64)
+"""Layout of what is known before the next reading."""
+
+GOAL: Final = layout("flinders_goal", np.float64)
+
+ADVICE: Final = layout("flinders_advice", np.float64)
+
+ROUTE: Final = layout("flinders_route", np.float64)
+
+OUTLIER: Final = layout("flinders_outlier", np.float64)
+"""Layout of a run of outliers."""
+
+AXIS_CHANGE: Final = layout("flinders_axis_change", np.float64)
+"""Layout of axes that changed their sign or place."""
+
+COVERAGE: Final = layout("flinders_coverage", np.float64)
+"""Layout of directions in cells of the sphere."""
+
+SITE: Final = layout("flinders_site", np.float64)
+"""Layout of the field of a place."""
+
+VERTICAL: Final = layout("flinders_vertical", np.float64)
+"""Layout of sums of what an accelerometer shows of a level turn."""
+
+HEIGHTS: Final = layout("flinders_heights", np.float64)
+"""Layout of the plane of a level turn."""
+
+UNDETERMINED: Final = 7
+"""Status of a record whose readings leave parameters open, and there is no prior."""
+
+
+@cache
+def constant(name: str) -> int:
+    """A constant of flinders.h."""
+    return int(re.findall(rf"FLINDERS_{name} = (\d+)", (HERE / "flinders.h").read_text(encoding="utf-8"))[0])
+
+
+def blank(fields: np.dtype[np.void]) -> Records:
+    """One row of a layout, all of it zero; `numpy.zeros` would go through its fields one by one."""
+    return np.ndarray((), fields, bytearray(fields.itemsize))

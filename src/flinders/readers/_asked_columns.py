@@ -1,0 +1,82 @@
+"""Columns that the user asks for, by name or by number counted from 1.
+
+>>> wanted_places("mx,my,MZ", ["t", "mx", "my", "mz"], 4), wanted_places("2,3,4", [], 4)
+((1, 2, 3), (1, 2, 3))
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from flinders.errors import UsageError, did_you_mean
+from flinders.readers._columns import Columns, column_of
+from flinders.readers._names import ACCELERATION, STRENGTH, unit_of_strength
+from flinders.readers._tokenizer import listed
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+def asked_columns(columns: str, *, flat: bool = False) -> list[str]:
+    """Split what the user asked for: three different names or numbers; two will do if `flat`."""
+    asked = [part.strip() for part in columns.split(",")]
+    count = len(asked)
+    if not (count == 3 or (flat and count == 2)) or len({part.casefold() for part in asked}) != count:
+        two = "; two columns, x and y of a level turn, are for flinders two-axis" if count == 2 else ""
+        three = f"three different ones, such as 'mx,my,mz' or '4,5,6'{two}"
+        need = "two or three different ones, such as 'mx,my' or '4,5'" if flat else three
+        raise UsageError(f"columns {columns!r}: need {need}")
+    return asked
+
+
+def wanted_places(columns: str, names: Sequence[str], width: int, *, flat: bool = False) -> tuple[int, ...]:
+    """Look up the columns that the user asked for, by name or by number counted from 1."""
+    known = [name.strip() for name in names]
+    places = tuple(_place(part, known, width) for part in asked_columns(columns, flat=flat))
+    if len(set(places)) != len(places):
+        many = "two" if len(places) == 2 else "three"
+        raise UsageError(f"columns {columns!r} name one column twice: need {many} different ones")
+    return places
+
+
+def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, width: int) -> Columns:
+    """Take the accelerometer's columns from where the user says, if they are not read as the magnetometer."""
+    if not width:
+        raise UsageError(f"acceleration {asked!r}: lines differ in length, so that columns cannot be counted")
+    own = column_of(ACCELERATION, wanted_places(asked, names, width), names)
+    if taken := [name for name, cell in zip(own.names, own.cells, strict=True) if cell in columns.field.cells]:
+        raise UsageError(
+            f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer; say which columns are that",
+            hint={"columns": None},
+        )
+    others = tuple(column for column in columns.auxiliary if column.kind != ACCELERATION)
+    return replace(columns, auxiliary=(*others, own))
+
+
+def wanted_strength(asked: str, names: Sequence[str], columns: Columns, width: int) -> Columns:
+    """Take the strength of the field from the column that the user says, if it is not read as the magnetometer."""
+    if not width:
+        raise UsageError(f"scalar {asked!r}: lines differ in length, so that columns cannot be counted")
+    place = _place(asked, [name.strip() for name in names], width)
+    own = column_of(STRENGTH, [place], names)
+    if place in columns.field.cells:
+        raise UsageError(
+            f"scalar {asked!r}: {own.names[0]} is read as the vector magnetometer; say which columns are that",
+            hint={"columns": None},
+        )
+    others = tuple(column for column in columns.auxiliary if column.kind != STRENGTH and place not in column.cells)
+    return replace(columns, auxiliary=(*others, replace(own, unit=unit_of_strength(own.names[0]))))
+
+
+def _place(asked: str, names: list[str], width: int) -> int:
+    """Look up one column, by its name as it is written, then regardless of case, then by its number."""
+    folded = [name.casefold() for name in names]
+    for known, wanted in ((names, asked), (folded, asked.casefold())):
+        if wanted in known:
+            return known.index(wanted)
+    if asked.isdecimal() and 1 <= int(asked) <= width:
+        return int(asked) - 1
+    there = f"its columns are {listed(names)}" if names else f"it has no header and {width} columns"
+    meant = did_you_mean(asked, names)
+    raise UsageError(f"there is no column {asked!r}{meant}: {there}; give names or numbers from 1 to {width}")

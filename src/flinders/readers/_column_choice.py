@@ -1,0 +1,181 @@
+"""Choice of the columns of a table: as the user asks, else by their names, else by their places.
+
+>>> import numpy as np
+>>> values = np.array([[0.0, 20, -3, 41], [0.1, 21, -4, 40], [0.2, 20, -5, 42]])
+>>> choose(["t", "mx", "my", "mz"], values).field.cells, choose([], values).field.cells
+((1, 2, 3), (1, 2, 3))
+>>> choose(["t", "a", "b", "c"], values, "b,c,a").field.cells
+(2, 3, 1)
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from flinders.errors import NoMagnetometer, UsageError
+from flinders.readers._asked_columns import asked_columns, wanted_places
+from flinders.readers._choice import FIRST, Choice, Form, numbered
+from flinders.readers._columns_by_name import by_name
+from flinders.readers._columns_by_place import axes_of, by_place
+from flinders.readers._instruments import vectors
+from flinders.readers._likeness import advice, groups, only_rises
+from flinders.readers._names import FIELD, meaning, tells_nothing
+from flinders.readers._tokenizer import listed
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.arrays import Floats
+    from flinders.readers._clock import Clock
+    from flinders.readers._columns import Columns
+    from flinders.readers._devices import Device
+
+
+def rising_in(values: Floats) -> list[int]:
+    """Places of the columns that only ever rise."""
+    return [place for place, column in enumerate(values.T) if only_rises(column)]
+
+
+def choose(
+    names: Sequence[str],
+    values: Floats,
+    asked: str | None = None,
+    *,
+    units: Sequence[str] = (),
+    clocks: Sequence[Clock] = (),
+    flat: str | None = None,
+    choice: Choice = FIRST,
+    source: str = "the table",
+    heading: str = "",
+    quoted: str = "",
+    cells: Sequence[str] = (),
+    devices: Sequence[Device] = (),
+    is_told: bool = False,
+) -> Columns | None:
+    """Choose columns as the user asked, else by their names, else by their places; None where neither decides.
+
+    `heading` says what header a table without names has; `quoted` and `cells` are its first line with readings.
+    `is_told` says that a word in each row names its sensor.
+    """
+    width = values.shape[1]
+    axes = [] if names or asked else axes_of(values)
+    if flat is not None and asked is None:
+        asked = _asked_level(flat, names, width, axes)
+    if asked is None:
+        sensor = devices[0] if is_told else None
+        chosen = by_name(names, values, (), units, clocks) if names else by_place(values, (), clocks, sensor)
+        is_bare = chosen is not None and not chosen.stated and meaning(chosen.field.names[0]).is_bare
+        if chosen is None or (is_bare and (chosen.magnetometers or "w" in [name.strip().casefold() for name in names])):
+            _refuse_two(axes, width, source, quoted)
+            _refuse_unclear(names, values, source, f"{heading or 'no header'}{quoted}", cells)
+        return chosen and _chosen(_of_devices(_assumed(chosen), devices), choice, source)
+    wanted = wanted_places(asked, names, width, flat=flat is not None)
+    chosen = by_name(names, values, wanted, units, clocks) if names else by_place(values, wanted, clocks)
+    if chosen is None:
+        return None
+    form = Form.of(asked_columns(asked, flat=flat is not None), names, width, rising_in(values))
+    chosen = _of_devices(replace(chosen, form=form), devices)
+    if chosen.magnetometers:
+        chosen = _chosen(chosen, choice, source)
+    else:
+        every = by_name(names, values, (), units, clocks) if names else None
+        chosen = _named(chosen, every.magnetometers if every else (), choice, asked, source)
+    if flat is None or len(wanted) != 2:
+        return chosen
+    return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
+
+
+def _asked_level(flat: str, names: Sequence[str], width: int, axes: Sequence[int]) -> str | None:
+    """The columns of a level turn where they are plain: the only two, those of its axes, or all that may be axes."""
+    if width == 2:
+        return "1,2"
+    if set(flat) <= set(names):
+        return ",".join(flat)
+    return ",".join(str(place + 1) for place in axes) if len(axes) == 2 else None
+
+
+def _assumed(columns: Columns) -> Columns:
+    """Note where columns without telling names are taken for a magnetometer's."""
+    is_bare = all(name.isdecimal() or meaning(name).is_bare for name in columns.field.names)
+    return replace(columns, is_assumed=is_bare and not columns.unit)
+
+
+def _of_devices(columns: Columns, devices: Sequence[Device]) -> Columns:
+    """Columns as those of each of several devices, whose rows another column tells apart."""
+    made = tuple(
+        replace(each, device=device, name=", ".join(filter(None, (device.name, each.name))), magnetometers=())
+        for device in devices
+        for each in columns.magnetometers or (columns,)
+        if not set(device.cells) & set(each.field.cells)
+    )
+    if len(made) == 1:
+        return replace(made[0], name="")
+    return replace(made[0], magnetometers=made) if made else columns
+
+
+def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> None:
+    """Refuse a table without a header of which two columns are left beside clocks and counters."""
+    if len(axes) == 2:
+        others = ", ".join(str(place + 1) for place in range(width) if place not in axes)
+        left = " and ".join(str(place + 1) for place in axes)
+        raise NoMagnetometer(
+            f"columns {left} of {source}{quoted} may be axes, others only rise or never change ({others}): "
+            "need three, x y z; two, of a level turn, are for flinders two-axis"
+        )
+
+
+def _refuse_unclear(names: Sequence[str], values: Floats, source: str, heading: str, cells: Sequence[str]) -> None:
+    """Refuse a table whose names are those of references only, or do not tell while its values say something."""
+    others = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
+    if others:
+        what = numbered([f"{each.whole} ({each.instead})" for each in others])
+        columns = ",".join(names[cell].strip() for cell in others[0].cells)
+        raise NoMagnetometer(
+            f"no readings of a magnetometer among the columns of {source}: by its name each is something else, {what}; "
+            "say which three columns are what the sensor read, such as these if they are it after all",
+            hint={"columns": columns},
+        )
+    width = values.shape[1]
+    judged = groups(values, [place for place in range(width) if not names or tells_nothing(names[place])], names)
+    if any(group.is_candidate or group.is_known or (names and len(group.names) > 1) for group in judged):
+        nameless = f"{source} has {width} columns and {heading}: need three, x y z, or four with the time first"
+        what = f"names do not tell which columns of {source} are the magnetometer" if names else nameless
+        first = [f"{number}: {cell.strip()}" for number, cell in enumerate(cells, 1)]
+        shown = f"; its first line by its columns is {listed(first)}" if cells and not names else ""
+        told, hint = advice(judged)
+        raise NoMagnetometer(f"{what}{shown}; {told}", hint=hint)
+
+
+def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:
+    """Let the columns that the user asked for keep the name of their magnetometer, or take the name the user gives."""
+    if choice.sensor is None:
+        return columns
+    if not choice.is_name:
+        raise UsageError(
+            "columns and a number both say which magnetometer it is: leave one of them out",
+            hint={"columns": None, "sensor": None},
+        )
+    wanted = choice.sensor.strip().casefold()
+    for number, other in enumerate(magnetometers, 1):
+        if wanted in (str(number), other.name.casefold()):
+            if other.name == columns.name:
+                return columns
+            own = columns.name or "none of its magnetometers"
+            raise UsageError(
+                f"columns {asked!r} are {own} in {source}, and the name {choice.sensor!r} is of {other.name}: leave "
+                "one of them out, or name the sensor differently",
+                hint={"columns": asked, "sensor": choice.sensor},
+            )
+    return replace(columns, name="")
+
+
+def _chosen(columns: Columns, choice: Choice, source: str) -> Columns:
+    """Take the magnetometer that is meant; where nobody says, the first with the names of the others."""
+    if not columns.magnetometers:
+        choice.refuse_alone(source)
+        return columns
+    names = [each.name for each in columns.magnetometers]
+    chosen = columns.magnetometers[choice.among(names, source)]
+    others = tuple(f"{number} {name}" for number, name in enumerate(names[1:], 2)) if choice.is_open else ()
+    return replace(chosen, magnetometers=columns.magnetometers, others=others)

@@ -1,0 +1,70 @@
+"""Delimiters and decimal signs of text: each pair cuts the first lines, and the one that yields the most numbers fits.
+
+>>> lines = list(enumerate(["x;y;z", "20,1;-3,0;41,2", "20,2;-3,1;41,3"]))
+>>> best = max((cut_at(lines, signs) for signs in signs_of(lines)), key=Cut.score)
+>>> best.signs, list(best.rows)
+((';', ','), [1, 2])
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+from flinders.readers._cells import COMMENTS, GLUED, SPACES, number, split
+
+SIGNS: Final = (
+    (",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (SPACES, "."), (SPACES, ","), (",", ","),
+)  # fmt: skip
+"""Delimiters and decimal signs; of equally good ones the first is taken."""
+
+
+def is_comment(text: str) -> bool:
+    """Tell whether a line is a comment."""
+    return text.lstrip().startswith(COMMENTS)
+
+
+class Cut(NamedTuple):
+    """Lines cut at a delimiter: those that are rows of numbers, by their place."""
+
+    signs: tuple[str, str]
+    rows: dict[int, list[str]]  # cells
+    values: dict[int, list[float | None]]  # their numbers, None for text
+    numbers: int  # in all of them
+
+    def score(self) -> tuple[int, int]:
+        """How well delimiter and decimal sign fit."""
+        return len(self.rows), self.numbers
+
+
+def signs_of(lines: list[tuple[int, str]]) -> list[tuple[str, str]]:
+    """Leave out delimiters of no line, and decimal commas that no cell can have: cut at commas, it is one in quotes."""
+    whole = "\n".join(text for _, text in lines)
+    has_comma, has_quote = "," in whole, '"' in whole
+    there = {delimiter for delimiter, _ in SIGNS if delimiter in whole} - {SPACES}
+    if any(len(text.split()) > 1 for _, text in lines) or GLUED.search(whole.replace('"', "")):
+        there.add(SPACES)
+    decimals = (signs for signs in SIGNS if signs[0] in there)
+    return [signs for signs in decimals if signs[1] == "." or (has_quote if signs[0] == "," else has_comma)]
+
+
+def cut_at(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3) -> Cut:
+    """Cut lines, and pick those that hold at least so many numbers, and more numbers than words."""
+    delimiter, decimal = signs
+    rows, values, total = {}, {}, 0
+    for place, text in lines:
+        cells = split(text, delimiter)
+        if len(cells) < least:
+            continue
+        known = [number(cell, decimal) for cell in cells]
+        blank, words = len(cells) - len(list(filter(str.strip, cells))), known.count(None)
+        numbers = len(cells) - blank - words
+        if numbers >= least and numbers >= words:
+            rows[place], values[place] = cells, known
+            total += numbers
+    return Cut(signs, rows, values, total)
+
+
+def first_row(texts: list[str], after: int, start: int) -> int:
+    """Place of the first line that looks like a reading, however it is cut: it counts, also if it cannot be read."""
+    between = [(place, text) for place, text in enumerate(texts[after:start], after) if not is_comment(text)]
+    return min((place for signs in SIGNS for place in cut_at(between, signs).rows), default=start)

@@ -1,0 +1,139 @@
+r"""Kinds of files that are no recordings, or those of another program: known by their first bytes, with what to do.
+
+>>> foreign_kind(b"\x89PNG\r\n\x1a\n....")
+FileKind(name='a PNG image', advice='give the recording itself')
+>>> foreign_kind(b"mx,my,mz\n1,2,3\n") is None
+True
+>>> is_binary(b"t,mx,my,mz\n"), is_binary(bytes(range(32)))
+(False, True)
+"""
+
+from __future__ import annotations
+
+import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE, BOM_UTF32_BE, BOM_UTF32_LE
+from typing import Final, NamedTuple
+
+from flinders.errors import UnreadableInput
+
+
+def refuse_foreign(name: str, head: bytes) -> None:
+    """Refuse what is no text."""
+    if kind := foreign_kind(head):
+        raise UnreadableInput(f"{name} is {kind.name}: {kind.advice}")
+
+
+WIDE_BOMS: Final = (BOM_UTF32_LE, BOM_UTF32_BE, BOM_UTF16_LE, BOM_UTF16_BE)
+CONTROLS: Final = bytes(set(range(32)) - {9, 10, 12, 13, 27}) + b"\x7f"
+"""Bytes that text does not hold: all but tab, line ends, form feed and escape."""
+MOST_CONTROLS: Final = 0.02
+"""Share of control bytes up to which a file still counts as text; random bytes have 0.11."""
+
+
+class FileKind(NamedTuple):
+    """A kind of file, and what to do with one."""
+
+    name: str
+    advice: str
+
+
+_ITSELF = "give the recording itself"
+_EXPORT = "export it as CSV"
+_UNPACK = "unpack it and give the recording inside"
+BLACKBOX: Final = b"H Product:Blackbox"
+_FIELDS: Final = re.compile(rb"^H Field I name:(.*)$", re.MULTILINE)
+RAW_MAVLINK: Final = FileKind(
+    "a raw MAVLink stream, without the times of a .tlog",
+    "save the telemetry as .tlog in a ground station, or give the vehicle's own log (.bin, .ulg)",
+)
+FRAMES: Final = 3
+"""Packets of MAVLink, one right behind the other, by which a stream of them is known."""
+MAGIC: Final[dict[bytes, FileKind]] = {
+    b"\x89PNG\r\n\x1a\n": FileKind("a PNG image", _ITSELF),
+    b"\xff\xd8\xff": FileKind("a JPEG image", _ITSELF),
+    b"GIF8": FileKind("a GIF image", _ITSELF),
+    b"BM": FileKind("a BMP image", _ITSELF),
+    b"II*\x00": FileKind("a TIFF image", _ITSELF),
+    b"MM\x00*": FileKind("a TIFF image", _ITSELF),
+    b"RIFF": FileKind("a sound, film or image file", _ITSELF),
+    b"%PDF": FileKind("a PDF document", _ITSELF),
+    b"{\\rtf": FileKind("an RTF document", "save it as plain text"),
+    b"\xd0\xcf\x11\xe0": FileKind("an old Office document", _EXPORT),
+    b"PK\x05\x06": FileKind("an empty ZIP archive", _ITSELF),
+    b"Rar!": FileKind("a RAR archive", _UNPACK),
+    b"7z\xbc\xaf\x27\x1c": FileKind("a 7z archive", _UNPACK),
+    b"BZh": FileKind("bzip2-compressed", "unpack it with bunzip2"),
+    b"\xfd7zXZ\x00": FileKind("xz-compressed", "unpack it with unxz"),
+    b"\x28\xb5\x2f\xfd": FileKind("zstd-compressed", "unpack it with unzstd"),
+    b"\x1f\x8b": FileKind("gzip-compressed twice", "unpack it with gunzip"),
+    b"\x7fELF": FileKind("a program", _ITSELF),
+    b"MZ": FileKind("a program", _ITSELF),
+    b"FEA1": FileKind("a Feather file of version 1", "save it again with a pandas or pyarrow of this decade"),
+    b"SQLite format 3": FileKind("an SQLite database", _EXPORT),
+    BLACKBOX: FileKind(
+        "a blackbox log of Betaflight, INAV or Cleanflight",
+        "decode it with blackbox_decode, or save it as CSV in the Blackbox Explorer, and give the CSV",
+    ),
+}
+"""First bytes, and what they are the first bytes of. The order does not matter: none starts another."""
+PAGES: Final = {b"<!doctype html": "an HTML page", b"<html": "an HTML page", b"<?xml": "an XML document"}
+_WORDS: Final = frozenset(start for start in MAGIC if start.isalpha())
+"""Starts that plain text may have too (``BM``, ``MZ``): they count only in a file that is binary."""
+
+
+def foreign_kind(head: bytes) -> FileKind | None:
+    """Name what starts with these bytes, or None where they may be text."""
+    binary = is_binary(head)
+    for start, kind in MAGIC.items():
+        if head.startswith(start) and (binary or start not in _WORDS):
+            return kind._replace(advice=f"{kind.advice}{_of_fields(head)}") if start == BLACKBOX else kind
+    if binary and _is_mavlink(head):
+        return RAW_MAVLINK
+    opening = head.removeprefix(b"\xef\xbb\xbf").lstrip()[:20].lower()
+    for start, name in PAGES.items():
+        if opening.startswith(start):
+            return FileKind(name, _advice_on_page(opening, head))
+    return FileKind("a binary file", "give a text recording with three columns of numbers") if binary else None
+
+
+def _advice_on_page(opening: bytes, head: bytes) -> str:
+    """Say what to do with a page or a document; of a recording of MVN, what has its readings."""
+    if not opening.startswith(b"<?xml"):
+        return "download the raw file it shows"
+    own = " (of MVN, sensorMagneticField of one sensor)" if b"<mvnx" in head else ""
+    return f"export the readings as CSV, x, y and z in columns{own}"
+
+
+def _of_fields(head: bytes) -> str:
+    r"""Say whether the field list of a blackbox has the magnetometer; nothing where the list is not there.
+
+    >>> _of_fields(b"H Product:Blackbox\nH Field I name:time,gyroADC[0]\n").partition(":")[0]
+    '; its field list has no magADC'
+    """
+    fields = _FIELDS.search(head)
+    if fields is None:
+        return ""
+    if b"magADC" in fields[1]:
+        return "; its field list has magADC, the magnetometer"
+    return "; its field list has no magADC: have the magnetometer logged (blackbox_disable_mag = OFF), and record again"
+
+
+def _is_mavlink(head: bytes) -> bool:
+    """Tell whether packets of MAVLink 1 or 2 follow one another from the first byte on."""
+    at = 0
+    for _ in range(FRAMES):
+        first, length, flags = (head[at : at + 3] + b"\0\0\0")[:3]
+        if first not in (0xFE, 0xFD):
+            return False
+        at += length + (8 if first == 0xFE else 25 if flags & 1 else 12)
+    return at <= len(head)
+
+
+def is_binary(head: bytes) -> bool:
+    """Tell whether these bytes hold what text does not; zeros that fill up the end are let pass."""
+    if head.startswith(WIDE_BOMS):
+        return False
+    filled = head.rstrip(b"\x00")
+    if not filled:
+        return bool(head)
+    return len(filled) - len(filled.translate(None, CONTROLS)) > MOST_CONTROLS * len(filled)

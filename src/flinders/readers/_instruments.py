@@ -1,0 +1,231 @@
+"""Three-axis sensors that the names of columns make, and which of them are magnetometers of their own.
+
+A table may hold ``mag1_x`` and ``mag2_x``, two instruments, or ``mag_raw_x`` and ``mag_cal_x``, one before and after
+its calibration. What is left of a name without axis, unit and the words that every magnetometer has tells them apart:
+numbers (``imu2.mag.x``), places (``mag_left_x``), chips (``rm3100_x``), a device (``imu_mx``) and letters in a row
+(``mag_a_x``, ``mag_b_x``) are instruments. Any other word, such as ``filtered``, is the same instrument again: of that
+the rawest is taken, and of equals the one with the plainest name. A reference, ``mag_ref_x``, is no instrument at all.
+
+>>> def names(*sensors):
+...     return [each.name for each in magnetometers([f"{sensor}_{axis}" for sensor in sensors for axis in "xyz"])]
+>>> names("mag1", "mag2", "mag2_cal"), names("mag", "mag_raw", "mag_ned"), names("mag_left", "mag_right")
+(['mag1', 'mag2'], ['mag'], ['mag_left', 'mag_right'])
+>>> names("mag", "imu_mag"), names("lis3mdl", "mpu6050", "rm3100_raw"), names("mag", "mag_lis3mdl_cal")
+(['mag', 'imu_mag'], ['lis3mdl', 'rm3100'], ['mag'])
+>>> names("mag_ref", "mag"), names("mag_filtered", "mag_main"), names("mag_t0", "mag_t1"), names("b", "m")
+(['mag'], ['mag_main'], ['mag_t0'], ['m'])
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from flinders.readers._names import (
+    BARE,
+    CALIBRATED,
+    FIELD,
+    Meaning,
+    clearness,
+    field_stem,
+    label,
+    manner,
+    meaning,
+    no_readings,
+    sensor_name,
+    tells_apart,
+    words_of_sensor,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+FEW: Final = 10  # a bare number from here on is a sensor's where its neighbour is there: they count from 0 or 1 on
+LONGEST: Final = 9  # digits of a number; what is longer is a word
+
+
+class Vector(NamedTuple):
+    """Three columns of one sensor."""
+
+    cells: tuple[int, ...]  # their places: x, y, z
+    rank: int  # as in `Meaning`
+    label: tuple[str, ...]  # words of their names that are not those of any such sensor
+    name: str  # what they are called, without axis and unit
+    whole: str = ""  # the same with ``raw``, ``filtered`` and the unit: tells it from a copy of its readings
+    instead: str = ""  # what they are, such as ``a reference``, where they are not a sensor's readings
+
+    @property
+    def number(self) -> tuple[str, ...]:
+        """The numbers and places of its label; all of it where it has none."""
+        return tuple(word for word in self.label if _is_number(word) or tells_apart(word)) or self.label
+
+
+def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> list[Vector]:
+    """Find the columns of a kind that make three axes, in the order of the first; a name may stand there again."""
+    sensors: dict[tuple[str, int], dict[str, int]] = defaultdict(dict)
+    times: Counter[str] = Counter()
+    for place, known in enumerate(meanings):
+        if known.kind == kind and known.axis:
+            name = names[place].strip().casefold()
+            times[name] += 1
+            sensors[field_stem(name, known.axis), times[name]][known.axis] = place
+    for axis, place in [each for axes in sensors.values() if not _letters(axes) for each in axes.items()]:
+        sensors["".join(words_of_sensor(names[place])), 1].setdefault(axis, place)
+    made = []
+    for (_, time), axes in sensors.items():
+        letters = _letters(axes)
+        if letters:
+            cells = tuple(axes[letter] for letter in letters)
+            first, again = names[cells[0]], (str(time),) if time > 1 else ()
+            name, whole = (" ".join((sensor_name(first, letters[0], whole=each), *again)) for each in (False, True))
+            marks = (*label(first), *again)
+            made.append(Vector(cells, meanings[cells[0]].rank, marks, name, whole, no_readings(first)))
+    return sorted(made, key=lambda vector: min(vector.cells))
+
+
+def _letters(axes: Iterable[str]) -> str:
+    """The three of these that are the axes of a sensor; nothing where one is missing."""
+    return next((letters for letters in ("xyz", "012", "123") if set(letters) <= set(axes)), "")
+
+
+SET: Final = re.compile(r"_?(?<![a-zA-Z])(?:set|SET)(?![a-zA-Z])_?|_?Set(?![a-z])_?")
+"""What a name has of a reading after a set pulse; that after a reset pulse has ``reset`` in its place."""
+
+
+def polarities(names: Sequence[str]) -> dict[int, int]:
+    """Places of readings after a set pulse, each with that of the same axis after a reset pulse.
+
+    >>> polarities(["t", "mag_x_set", "mag_x_reset", "setpoint_x"]), polarities(["xReset", "xSet"])
+    ({1: 2}, {1: 0})
+    """
+    places = {name.strip().casefold(): place for place, name in enumerate(names)}
+    others = ((place, SET.sub(_reset, name.strip()).casefold()) for place, name in enumerate(names) if SET.search(name))
+    return {place: places[other] for place, other in others if other in places}
+
+
+def without_set(name: str) -> str:
+    """A name without the word of the pulse.
+
+    >>> without_set("mx_set_uT"), without_set("mag_x_set"), without_set("xSet"), without_set("Set X")
+    ('mx_uT', 'mag_x', 'x', ' X')
+    """
+    return SET.sub(lambda match: "_" if len(match[0].strip("_")) == len(match[0]) - 2 else "", name)
+
+
+def _reset(match: re.Match[str]) -> str:
+    """The word of a set pulse as that of a reset."""
+    return re.sub("set", "reset", match[0], flags=re.IGNORECASE)
+
+
+def names_magnetometer(names: Sequence[str]) -> bool:
+    """Tell whether three of these names are those of a magnetometer."""
+    return bool(vectors(names, list(map(meaning, names)), FIELD))
+
+
+def magnetometers(names: Sequence[str]) -> tuple[Vector, ...]:
+    """Find the magnetometers of their own among the columns of these names."""
+    return instruments(vectors(names, list(map(meaning, names)), FIELD))
+
+
+def instruments(sensors: Sequence[Vector]) -> tuple[Vector, ...]:
+    """Pick those that are magnetometers of their own, of each the rawest, in the order of their columns.
+
+    Those that were corrected or filtered come last. Just the best, by `_quality`, where it is not clear that there are
+    several; none without readings.
+    """
+    readings = [vector for vector in sensors if not vector.instead]
+    if any(manner(vector.whole) == 0 and vector.rank < CALIBRATED for vector in readings):
+        readings = [
+            vector for vector in readings if vector.label or manner(vector.whole) < 2
+        ]  # a model's field beside it
+    readings = [vector for vector in readings if clearness(vector.rank) < BARE] or readings
+    if not readings:
+        return ()
+    kinds: dict[tuple[str, ...], Vector] = {}
+    for vector in sorted(readings, key=_quality):
+        kinds.setdefault(vector.label, vector)
+    rawer = [kind for kind in kinds.values() if kind.rank < CALIBRATED]
+    several = _told_apart([kind for kind in kinds.values() if not _is_copy(kind, rawer)])
+    ordered = sorted(several, key=lambda vector: (vector.rank >= CALIBRATED, min(vector.cells)))
+    return tuple(ordered) or (min(readings, key=_quality),)
+
+
+def passed_over(sensors: Sequence[Vector], fields: Sequence[Vector]) -> tuple[str, ...]:
+    """Name those that are as plainly a magnetometer's as those taken, and what they are where that is clear."""
+    least = max(BARE - 1, max((clearness(each.rank) for each in fields), default=0))
+    others = [each for each in sensors if each not in fields and clearness(each.rank) <= least]
+    kinds = [(each.whole, each.instead or "corrected or filtered" * (each.rank >= CALIBRATED)) for each in others]
+    return tuple(f"{whole} ({what})" if what else whole for whole, what in kinds)
+
+
+def companion(sensors: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
+    """Pick the accelerometer or gyro that goes with a magnetometer: the best of its number, or with no other's number.
+
+    Where there is one magnetometer all go with it. What is no readings, such as ``acc_ned_x``, is not taken.
+    """
+    readings = [each for each in sensors if not each.instead]
+    if len(fields) < 2:
+        return min(readings, key=_quality, default=None)
+    numbers = {other.number for other in fields}
+    fitting = [each for each in readings if each.number == field.number or each.number not in numbers]
+    return min(fitting, key=lambda each: (each.number != field.number, *_quality(each)), default=None)
+
+
+def _told_apart(sensors: Sequence[Vector]) -> list[Vector]:
+    """Pick two or more whose labels are numbers, places or nothing; else letters or type numbers, if all are."""
+    shared = set.intersection(*(set(each.label) for each in sensors)) if sensors else set()
+    rest = [(each, [word for word in each.label if word not in shared]) for each in sensors]
+    numbers = {int(word) for _, words in rest for word in words if _is_number(word)}
+
+    folders = {each.name.partition(".")[0] for each in sensors}  # ``1423.Magnetometer``
+
+    def counts(word: str) -> bool:
+        is_sensors = bool(shared) or word in folders
+        return tells_apart(word) or (_is_number(word) and (is_sensors or _is_one_of(numbers, int(word))))
+
+    counted = [each for each, words in rest if all(map(counts, words))]
+    if len(counted) > 1:
+        return counted
+    is_lettered = _in_a_row(words[0] if len(words) == 1 else "" for _, words in rest)
+    is_typed = all(any(map(_is_number, words)) and not _is_number(words[0]) for _, words in rest if words)
+    has_words = len(rest) > 1 and all(words for _, words in rest)
+    return list(sensors) if has_words and (is_lettered or is_typed) else []
+
+
+def _in_a_row(letters: Iterable[str]) -> bool:
+    """Tell whether these are letters in a row, such as a, b, c, or left and right."""
+    together = "".join(sorted(letters))
+    return together == "lr" or (len(together) > 1 and together in "abcdefgh")
+
+
+def _is_number(word: str) -> bool:
+    """Tell whether a word is a number of usual length."""
+    return word.isdecimal() and len(word) <= LONGEST
+
+
+def _is_one_of(numbers: set[int], number: int) -> bool:
+    """Tell whether a number is that of a sensor: a small one, or one in a row."""
+    return number < FEW or bool(numbers & {number - 1, number + 1})
+
+
+def _is_copy(one: Vector, rawer: Sequence[Vector]) -> bool:
+    """Tell whether corrected or filtered readings are those of a rawer one: named after it, or in another way than all.
+
+    Beside ``mag2`` a ``mag1_cal`` is another magnetometer; ``mag2_cal`` is not, nor is ``mag_cal``.
+    """
+    if one.rank < CALIBRATED or not rawer:
+        return False
+    manner = set(map(_is_number, one.label))  # by numbers, by words, by both or not at all
+    is_named_after = any(set(other.label) <= set(one.label) for other in rawer)
+    return is_named_after or all(set(map(_is_number, other.label)) != manner for other in rawer)
+
+
+def _quality(vector: Vector) -> tuple[int, int, bool, int, int, int]:
+    """Sort the best first: the rawest, a sensor before a field and m before b, then the name that says least besides.
+
+    A b may be a bias.
+    """
+    foreign = sum(not (_is_number(word) or tells_apart(word)) for word in vector.label)
+    is_symbol = vector.name.casefold() in ("b", "h")
+    return vector.rank, manner(vector.whole), is_symbol, foreign, len(vector.label), min(vector.cells)

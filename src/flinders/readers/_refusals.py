@@ -1,0 +1,292 @@
+"""Texts that are refused: no magnetometer in them, several sensors in one column, or thousands that are grouped.
+
+>>> refuse_one_value("log.csv", [f"mag_{axis},{value}" for axis in "xyz" for value in range(9)])
+Traceback (most recent call last):
+flinders.errors.NoMagnetometer: log.csv has one value a row, of which column 1 says what it is (mag_x, mag_y, mag_z):
+    pivot it, so that x, y and z of a moment stand in one row, or export a column for each
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import NoMagnetometer, UnreadableInput, figures
+from flinders.readers._cells import number, split
+from flinders.readers._choice import MOST_NAMED
+from flinders.readers._delimiters import SIGNS, cut_at, is_comment
+from flinders.readers._devices import MAX_DEVICES, MIN_READINGS, bare, sensors_of_words
+from flinders.readers._instruments import magnetometers, names_magnetometer
+from flinders.readers._likeness import GRAVITY, NEARLY, STEADY, XYZ
+from flinders.readers._lines import CUT_OFF, ENDS_EARLY
+from flinders.readers._names import ACCELERATION, FIELD, RATE, meaning
+from flinders.readers._tokenizer import MOMENT, QUANTITY, cut, is_labelled, listed, names_of, pattern_of, shown
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.arrays import Floats
+    from flinders.errors import InputError
+    from flinders.readers._clock import Clock
+    from flinders.readers._columns import Columns
+    from flinders.readers._devices import Device
+
+ONE_VALUE_SIGNS: Final = (",", ";", "\t", "|")  # Delimiters of tables with one value a row
+PRINTED: Final = 1024  # Characters of a line that are looked at for labels
+LONGEST_EXAMPLE: Final = 160  # Characters of a line that is shown as a pattern
+MOST_ABOVE: Final = 40  # Lines in which a header without readings is looked for
+NAMELESS: Final = 5  # Columns without a header, up to which a number ahead of three is that of a sensor
+MAX_CODES: Final = 16  # Different whole numbers of a column that may say which sensor each line is of
+IN_TURN: Final = 0.2  # Share of rows at which such a number changes
+LEAST_OF_CODE: Final = 10  # Lines of such a number that are judged
+APART: Final = 2.0
+FAR_APART: Final = 5.0
+"""Ratio of the median lengths of such lines, one of them that of gravity or not, from which on sensors are not one."""
+MOST_RANGES: Final = 16  # Columns whose ranges are listed
+_GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
+MATRIX: Final = re.compile(r"# (?:name: (?P<name>.+)|columns: (?P<columns>\d+)\s*$)")  # in text of Octave
+
+
+def refuse_unsafe(
+    name: str, header: Sequence[str], alike: Sequence[Sequence[str]], chosen: Columns, decimal: str
+) -> None:
+    """Refuse columns that nobody asked for, where rows are of several sensors or thousands are grouped."""
+    if not header or meaning(chosen.field.names[0]).is_bare:
+        _refuse_mixed(name, header, alike)
+    _refuse_thousands(name, alike, chosen, decimal)
+
+
+def refuse_nameless(name: str, devices: Sequence[Device], clocks: Sequence[Clock], width: int) -> None:
+    """Refuse a table without a header in which a column says which of several sensors each line is of."""
+    if devices and width <= NAMELESS:
+        words = ", ".join(" ".join(device.words) for device in devices[:MOST_NAMED])
+        column = devices[0].cells[0]
+        taken = {*devices[0].cells, *(cell for clock in clocks for cell in clock.cells)}
+        others = ",".join([str(cell + 1) for cell in range(width) if cell not in taken][-3:])
+        raise NoMagnetometer(
+            f"column {column + 1} of {name} says which sensor each line is of ({words}): name the columns of x, y and "
+            "z, and say which sensor is meant",
+            hint={"columns": others, "sensor": None},
+        )
+
+
+def refuse_matrices(name: str, texts: Sequence[str]) -> None:
+    """Refuse text of Octave with two matrices or more of three columns, one below the other."""
+    named = (match for text in texts if text.startswith("# ") and (match := MATRIX.match(text)))
+    known: list[str] = []
+    wide: list[str] = []
+    for match in named:
+        known += [match["name"]] if match["name"] else []
+        wide += known[-1:] if int(match["columns"] or 0) >= len("xyz") else []
+    if len(wide) > 1:
+        raise NoMagnetometer(
+            f"{name} has several matrices, one below the other ({', '.join(wide)}): save the magnetometer's alone, "
+            f"such as with save -text field.txt {wide[-1]}"
+        )
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def refuse_coded(name: str, header: Sequence[str], values: Floats, cells: Sequence[int]) -> None:
+    """Refuse a table in which a number says which sensor a line is of: lengths of x, y and z differ with it by far."""
+    lengths = np.linalg.norm(values[:, cells], axis=1)
+    for place in (place for place in range(values.shape[1]) if place not in cells):
+        known = values[:, place][np.isfinite(values[:, place])]
+        codes, steps = np.unique(known), np.diff(known)
+        is_in_turn = np.mean(steps != 0) > IN_TURN and (steps < 0).any() if len(steps) else False
+        if not (is_in_turn and len(codes) <= MAX_CODES and (codes == np.floor(codes)).all()):
+            continue
+        own = {int(code): lengths[(values[:, place] == code) & np.isfinite(lengths)] for code in codes}
+        usual = {code: float(np.median(each)) for code, each in own.items() if len(each) >= LEAST_OF_CODE}
+        factor = APART if any(_is_gravity(own[code], length) for code, length in usual.items()) else FAR_APART
+        if usual and min(usual.values()) * factor < max(usual.values()):
+            column = repr(header[place].strip()) if header else str(place + 1)
+            told = ", ".join(f"{code}: {figures(length, 3)}" for code, length in usual.items())
+            raise NoMagnetometer(
+                f"column {column} of {name} says by a number which sensor each line is of, it seems, for their lengths "
+                f"are far apart ({told}): keep the lines of the magnetometer"
+            )
+
+
+def _is_gravity(lengths: Floats, usual: float) -> bool:
+    """Tell whether lengths are those of gravity in m/s² or g."""
+    is_near = any(abs(usual / GRAVITY[unit] - 1) < NEARLY for unit in ("m/s²", "g"))
+    return is_near and float(np.median(np.abs(lengths - usual))) < STEADY * usual
+
+
+def refuse_one_value(name: str, lines: Sequence[str], *, may_be_in_turn: bool = False) -> None:
+    """Refuse a table with one value a row, whose axis a word in the row names: ``sensor.field_x,28.90,2026-11-22``.
+
+    Labelled lines are read where the axes come in turn.
+    """
+    texts = [text for text in lines if text.strip() and not is_comment(text)]
+    for delimiter in ONE_VALUE_SIGNS:
+        rows = [split(text, delimiter) for text in texts if delimiter in text]
+        if 2 * len(rows) <= len(texts):
+            continue
+        width = Counter(map(len, rows)).most_common(1)[0][0]
+        for place in range(width):
+            words = [bare(row[place]) for row in rows if len(row) == width > 1]
+            told = _axes_of_words(words)
+            if told and (may_be_in_turn or not _are_in_turn([word for word in words if word in told])):
+                raise NoMagnetometer(
+                    f"{name} has one value a row, of which column {place + 1} says what it is ({', '.join(told)}): "
+                    "pivot it, so that x, y and z of a moment stand in one row, or export a column for each"
+                )
+
+
+def _axes_of_words(words: Sequence[str]) -> list[str]:
+    """Repeated words that name the three axes of a magnetometer; none where there are too many."""
+    counts = Counter(words)
+    often = sorted(word for word, count in counts.items() if count >= MIN_READINGS and number(word, ".") is None)
+    found = magnetometers(often) if len(counts) <= MAX_DEVICES else ()
+    return [often[cell] for cell in found[0].cells] if found else []
+
+
+def _are_in_turn(words: Sequence[str]) -> bool:
+    """Tell whether most words are followed by another one."""
+    return 2 * sum(one != other for one, other in pairwise(words)) > len(words)
+
+
+def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Refuse a table in which a column of words says which sensor each line is of, and none is a magnetometer."""
+    for place in range(min(map(len, rows))):
+        known = sensors_of_words(row[place] for row in rows)
+        if others := [word for word, each in known.items() if each.kind != FIELD]:
+            column = f"column {header[place].strip()!r}" if header else f"column {place + 1}"
+            raise NoMagnetometer(
+                f"{column} of {name} says which sensor each line is of, such as {others[0]!r}: keep the lines of "
+                "the magnetometer, or name the columns to read them all",
+                hint={"columns": None},
+            )
+
+
+def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns, decimal: str) -> None:
+    """Refuse readings in which commas or points part thousands: whole numbers up to 999, above it three more digits."""
+    grouped: list[str] = []
+    whole: list[float] = []
+    for cell in (row[place].strip() for row in rows for place in columns.field.cells):
+        if decimal not in cell:
+            value = number(cell, ".")
+            whole += [] if value is None else [abs(value)]
+        elif _GROUPED.fullmatch(cell):
+            grouped.append(cell)
+        else:
+            return
+    if len(grouped) >= 3 and 100 <= max(whole, default=0) < 1000:
+        raise UnreadableInput(
+            f"numbers of {name} such as {grouped[0]!r} beside {max(whole):.0f} have {decimal!r} between thousands, it "
+            "seems: save it without a separator of thousands, or name the columns where it is the decimal sign",
+            hint={"columns": None},
+        )
+
+
+def ranges(values: Floats) -> str:
+    """Range of each column of a table without names: ``1: 0 to 0.25, 2: -302 to 299``."""
+    columns = [column[np.isfinite(column)] for column in values.T]
+    ends = [f"{figures(each.min(), 3)} to {figures(each.max(), 3)}" if len(each) else "no numbers" for each in columns]
+    written = [f"{number}: {each}" for number, each in enumerate(ends[:MOST_RANGES], 1)]
+    return ", ".join(written + ["…"] * (len(ends) > MOST_RANGES))
+
+
+def extremes_alone(name: str, texts: Sequence[str]) -> NoMagnetometer | None:
+    """Say what to do with six numbers alone, the smallest and the largest of each axis; None for anything else."""
+    if len(texts) > 2 * len("xyz"):
+        return None
+    numbers = [each for text in texts for each in cut(text[:PRINTED])[0]]
+    if len(numbers) != 2 * len("xyz"):
+        return None
+    pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
+    in_turn = all((number(low, ".") or 0.0) < (number(high, ".") or 0.0) for low, high in pairs)
+    typed = ",".join(numbers) if in_turn else "X0,X1,Y0,Y1,Z0,Z1"
+    return NoMagnetometer(
+        f"{name} has six numbers and no readings: where they are the smallest and the largest reading of each axis, "
+        f"type them: flinders calibrate --minmax={typed}"
+    )
+
+
+def no_magnetometer(name: str, header: list[str], values: Floats, text: str, heading: str, line: str) -> NoMagnetometer:
+    if not header and len(values) == 1 and (extremes := extremes_alone(name, [text])):
+        return extremes
+    if header:
+        return NoMagnetometer(
+            f"no magnetometer among the columns of {name}: {listed(header)}; "
+            "say which three it is, by name or by number",
+            hint=XYZ,
+        )
+    return _other_labels(name, text, line) or NoMagnetometer(
+        f"{name} has {values.shape[1]} columns and {heading}: need three, x y z, "
+        f"or four with the time first; they go from {ranges(values)}; say which are the magnetometer, by number",
+        hint=XYZ,
+    )
+
+
+def _other_labels(name: str, text: str, line: str) -> NoMagnetometer | None:
+    """Say what the labels of a line are, where they are of other sensors."""
+    gaps = cut(text[:PRINTED])[1]
+    names = names_of(gaps) if len(gaps) > 1 else ()
+    others = {meaning(each).kind for each in names} & {ACCELERATION, RATE}
+    if not others and not (is_labelled(gaps) and any(map(QUANTITY.search, names))):
+        return None
+    what = " and ".join(sorted(others)) or ", ".join(dict.fromkeys(filter(None, names)))
+    return NoMagnetometer(
+        f"the labels of {name} tell of {what} and of no magnetometer{line}: let the board print its magnetometer "
+        "too, or say which numbers of a line it is",
+        hint={"pattern": None},
+    )
+
+
+def nothing_read(name: str, lines: list[tuple[int, str]]) -> InputError:
+    """Say what a file without rows of three numbers holds instead."""
+    if lines[-1][1] == ENDS_EARLY:
+        return UnreadableInput(
+            f"{name} is cut short before its first reading: its gzip data have no end; copy it again"
+        )
+    few = max((cut_at(lines, signs, 1).rows for signs in SIGNS), key=len)
+    numbers = [(at, text) for at, text in lines if len(cut(text[:PRINTED])[0]) >= 3]
+    headed = next(
+        (
+            at
+            for at, text in lines[:MOST_ABOVE]
+            for sign, _ in SIGNS
+            if names_magnetometer(split(text[: 16 * PRINTED], sign))
+        ),
+        None,
+    )
+    if headed is not None and not few and not numbers:
+        return UnreadableInput(
+            f"{name} has a header (line {headed + 1}) and no readings below it: record again, or check what was saved"
+        )
+    if 2 * len(few) >= len(lines) and len(numbers) < len(few):
+        place, text = next((place, text) for place, text in lines if place in few)
+        return NoMagnetometer(
+            f"{name} has fewer than three numbers a line (line {place + 1}: {shown(text)!r}): "
+            "need three, x y z, one reading a line; two, of a level turn, are for flinders two-axis"
+        )
+    place, text = lines[0]
+    if text.endswith(CUT_OFF):
+        return UnreadableInput(
+            f"line {place + 1} of {name} is longer than a million characters ({shown(text)!r}): need one reading a line"
+        )
+    place, text = numbers[0] if numbers else lines[0]
+    line = f" (line {place + 1}: {shown(text)!r})"
+    if not numbers and any(MOMENT.search(text[:PRINTED]) for _, text in lines[:MOST_ABOVE]):
+        return NoMagnetometer(
+            f"no magnetometer in {name}: no line has three numbers besides dates and times{line}; need x, y and z of a "
+            "reading on a line"
+        )
+    return (_other_labels(name, text, line) if numbers else None) or _unrecognised(name, text if numbers else "", line)
+
+
+def _unrecognised(name: str, text: str, line: str) -> UnreadableInput:
+    """Say that no readings are recognised, and offer the ``--pattern`` of a line that has numbers."""
+    pattern = pattern_of(text) if len(text) <= LONGEST_EXAMPLE else ""
+    example = ", as here if those are x, y and z" if pattern else ""
+    return UnreadableInput(
+        f"no readings are recognised in {name}{line}: need three columns of numbers, "
+        f"labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT', or how a line is printed{example}",
+        hint={"pattern": pattern or None},
+    )

@@ -1,0 +1,111 @@
+"""Account of the lines of a text: what is read, what cannot be used, and what is no reading.
+
+>>> from flinders.readers._grid import NumberRows
+>>> tally = Tally()
+>>> tally.add(NumberRows(np.zeros((2, 3)), range(1, 3), []), np.array([True, False]))
+>>> tally.rows, tally.usable
+(2, 1)
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.core.samples import ACCOMPANYING, NOTED, Skipped, unanswered
+from flinders.core.silence import silent
+from flinders.errors import UnreadableInput
+from flinders.readers._tokenizer import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.readers._columns import Columns
+    from flinders.readers._grid import NumberRows
+    from flinders.readers._line_shapes import LineShapes
+    from flinders.readers._lines import Lines
+
+UNREADABLE: Final = "unreadable"
+NOT_FINITE: Final = "not finite"
+OTHER: Final = "other"  # Why lines are left out that are none of the dialect
+
+
+class Tally:
+    """Counts what is read and what is not, so that a file of which little can be read is refused."""
+
+    def __init__(self) -> None:
+        self.rows = self.usable = 0
+        self.unreadable = 0
+        self.first = self.last = (0, "")
+
+    def add(self, rows: NumberRows, usable: NDArray[np.bool_]) -> None:
+        """Count one block."""
+        self.rows += len(usable)
+        self.usable += int(usable.sum())
+        if rows.unreadable:
+            self.first = self.first if self.unreadable else rows.unreadable[0]
+            self.last = rows.unreadable[-1]
+            self.unreadable += len(rows.unreadable)
+
+    def judge(self, name: str, skipped: tuple[Skipped, ...]) -> None:
+        """Refuse a file more than half of which is unreadable, or in which nothing can be used."""
+        if self.unreadable > self.rows:
+            raise UnreadableInput(
+                f"{self.unreadable:,} of {self.unreadable + self.rows:,} lines of {name} are not readings: "
+                f"the first is line {self.first[0]} ({shown(self.first[1])!r}), the last line {self.last[0]} "
+                f"({shown(self.last[1])!r}); check what was recorded, or name the columns",
+                hint={"columns": None},
+            )
+        if not self.usable:
+            raise UnreadableInput(
+                f"no usable reading in {name}: {'; '.join(map(str, skipped))}; need finite x, y and z: "
+                "check the sensor and its wiring"
+            )
+
+
+def accounted(
+    lines: Lines,
+    rows: NumberRows,
+    usable: NDArray[np.bool_],
+    columns: Columns,
+    shapes: LineShapes,
+    is_of_others: Callable[[str], bool],
+) -> tuple[NumberRows, tuple[Skipped, ...]]:
+    """Account for the rows of a block that cannot be used and the lines that are none; drop those that accompany."""
+    unusable = np.flatnonzero(~usable)
+    read = columns.readings(rows.values[unusable].T)
+    is_silent = silent(read)
+    left_out = unanswered(read[is_silent, 0], rows.numbers[unusable[is_silent]])
+    if not is_silent.all():
+        gaps = [rows.lines[int(place)] for place in unusable[~is_silent]]
+        beside = [number for number in gaps if is_of_others(lines.texts[number - lines.first])]
+        accounts = {NOT_FINITE: sorted(set(gaps).difference(beside)), ACCOMPANYING: beside}
+        left_out += tuple(_skipped(lines, numbers, why) for why, numbers in accounts.items() if numbers)
+    if rows.unreadable:
+        left_out += besides(lines, [number for number, _ in rows.unreadable], shapes, UNREADABLE)
+        lost = [(number, text) for number, text in rows.unreadable if not shapes.accompanies(text)]
+        rows = replace(rows, unreadable=lost)
+    return rows, left_out
+
+
+def besides(lines: Lines, others: Sequence[int], shapes: LineShapes, reason: str) -> tuple[Skipped, ...]:
+    """Account for the lines of these numbers, which are no readings, for this reason unless they accompany readings."""
+    if not others:
+        return ()
+    texts, known = lines.texts, frozenset(others)
+    for number, text in enumerate(texts, lines.first):
+        if text.strip():
+            shapes.add(text, is_reading=number not in known)
+    own = [number for number in others if shapes.accompanies(texts[number - lines.first])]
+    accounts = {reason: sorted(known.difference(own)), ACCOMPANYING: own}
+    return tuple(_skipped(lines, numbers, why) for why, numbers in accounts.items() if numbers)
+
+
+def _skipped(lines: Lines, numbers: Sequence[int], reason: str) -> Skipped:
+    """An account of the lines of these numbers, which shows the first."""
+    example = lines.texts[numbers[0] - lines.first]
+    return Skipped(reason, len(numbers), tuple(numbers[:NOTED]), shown(example))

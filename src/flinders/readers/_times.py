@@ -1,0 +1,162 @@
+"""Times of a table: the unit of a column of times, from its name or its size, and why one cannot be used.
+
+>>> seconds_and_nanoseconds(np.array([[1.7e9, 9e8, 4], [1.7e9 + 1, 1e8, 5]]))
+(0, 1)
+>>> too_fast(np.arange(12.0), "", np.tile([[20.0, 0, 40], [0, 20, 40], [-20, 0, 40], [0, -20, 40]], (3, 1)))
+''
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from decimal import Decimal
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.readers._likeness import ascends
+from flinders.readers._names import FACTORS, TIME, is_letter_of_time
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.readers._columns import Column
+
+# From which value on a time counts from 1970, in ns, µs, ms and s; four times it is the year 2096.
+EPOCHS: Final = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
+COARSE: Final = 10  # readings to one time from which on its digits are too few: buffers of sensors give a few at once
+COARSE_S: Final = 1.0  # resolution from which on a time that never changes is cut, and its clock not at rest
+TEMPERATURES_C: Final = (-60.0, 150.0)  # what a sensor may have
+FEWEST_TIMES: Final = 10  # rows from which on a column is looked at for whether it rises
+RARE: Final = 0.1  # of the steps of a clock that is set back or begins again
+REGULAR: Final = 0.25  # by how much of it the number of readings to each time varies
+FALLS: Final = "it does not rise as a time does"
+FASTEST_RAD_S: Final = 70.0  # 4,000 °/s: what gyros measure up to, and no hand turns a sensor at
+APART: Final = 4  # rows over which a turn goes on, and noise does not grow
+GROWS: Final = 2.0  # times that readings so far apart differ more than neighbours, from which on they are of a turn
+LONG: Final = 1e8  # seconds after which a time is taken to count from 1970 and not from the start of the recording
+
+
+def seconds_and_nanoseconds(values: Floats) -> tuple[int, ...]:
+    """Places of a column of whole seconds since 1970 and of the next, which has the nanoseconds; nothing without.
+
+    >>> seconds_and_nanoseconds(np.array([[1.7e9, 9e8, 4], [1.7e9 + 1, 1e8, 5]]))
+    (0, 1)
+    """
+    for place, (whole, part) in enumerate(pairwise(values.T)):
+        is_whole = (
+            np.isfinite([whole, part]).all() and (whole == np.floor(whole)).all() and (part == np.floor(part)).all()
+        )
+        if is_whole and EPOCHS[-1][0] <= whole.min() and whole.max() < 4 * EPOCHS[-1][0]:
+            is_part = part.min() >= 0 and 1e6 <= part.max() < 1e9
+            if is_part and ascends((whole - whole[0]) + 1e-9 * part):
+                return place, place + 1
+    return ()
+
+
+def is_clock(column: Floats) -> bool:
+    """Tell whether a column without a name ascends, and does not count rows."""
+    return ascends(column) and set(np.diff(column[np.isfinite(column)])) != {1.0}
+
+
+def timed_column(column: Column, unit: str, values: Floats) -> Column:
+    """Find the factor to seconds, and where a clock that counts from 1970 starts."""
+    values = values[np.isfinite(values)]
+    first = float(values[0]) if len(values) else 0.0
+    factor = _factor_to_seconds(values, unit)
+    return replace(column, factor=factor, start=first if abs(first) * factor > LONG else 0.0)
+
+
+@np.errstate(over="ignore")
+def cut_digits(values: Floats, unit: str) -> str:
+    """Say that a time was written with too few digits: many readings share each, and the next is one digit later."""
+    values = values[np.isfinite(values)]
+    changes = np.flatnonzero(np.diff(values)) + 1
+    runs = np.diff([0, *changes, len(values)])
+    inside = runs[1:-1] if len(runs) > 2 else runs  # the first and the last may go on
+    if len(values) < 2 * COARSE or np.median(inside) < COARSE:
+        return ""
+    distinct, factor = values[[0, *changes]], _factor_to_seconds(values, unit)
+    steps = _resolutions(distinct)
+    if len(distinct) > 1:
+        jump = float(np.min(np.abs(np.diff(distinct))))
+        steps = [jump] if any(step / 2 < jump < 2 * step for step in steps) else []
+    else:
+        steps = [step for step in steps if step * factor >= COARSE_S]
+    many = f"{np.median(inside):.0f}" if len(runs) > 2 else f"{np.max(runs)} or more"
+    reason = "its digits were cut to steps of {:.3g} s, {} readings to each: write more of them, as float64"
+    return reason.format(max(steps) * factor, many) if steps else ""
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def too_fast(values: Floats, unit: str, field: Floats) -> str:
+    """Say that the unit of a time is not known: with the one that its size suggests, no sensor turns so fast."""
+    known = np.isfinite(values) & np.isfinite(field).all(axis=1)
+    times, read = values[known], field[known]
+    if unit or len(times) < FEWEST_TIMES:
+        return ""
+    step = float(np.median(np.diff(times))) * _factor_to_seconds(times, unit)
+    near, far = (float(np.median(np.linalg.norm(read[lag:] - read[:-lag], axis=1))) for lag in (1, APART))
+    radius = float(np.ptp(read, axis=0).max()) / 2
+    if step <= 0 or far <= GROWS * near or near <= FASTEST_RAD_S * step * radius:
+        return ""
+    fast = f"at steps of {step:.3g} s the sensor would turn at {near / radius / step:,.0f} rad/s"
+    return f"its unit is not known, {fast}: put it into the name, as t_ms"
+
+
+def falls(name: str, unit: str, values: Floats) -> str:
+    """Say that a column falls, or goes to and fro, as no time does; of a ``T`` also that it stands still.
+
+    Where the unit of a time stands in the name it is one: the rows of a fleet may be in any order.
+    """
+    values = values[np.isfinite(values)]
+    steps = np.diff(values)
+    falling = np.count_nonzero(steps < 0)
+    is_none = not unit and falling > 1 and 2 * falling > np.count_nonzero(steps > 0)
+    if len(values) >= FEWEST_TIMES and (is_none or (is_letter_of_time(name) and not _rises(values))):
+        return FALLS
+    return ""
+
+
+def _rises(values: Floats) -> bool:
+    """Tell whether finite numbers rise as a clock does: from time to time, so many readings to each."""
+    steps = np.diff(values)
+    changes = np.flatnonzero(steps)
+    if len(changes) == 0:
+        return bool(values[0] == 0.0 or values[0] > LONG)  # a clock at rest, and one whose digits were cut
+    runs = np.diff(changes)  # readings to each value but the first and the last
+    if len(runs) == 0 or np.mean(steps[changes] < 0) > RARE:
+        return False
+    usual = float(np.median(runs))
+    return bool(np.mean(np.abs(runs - usual) <= max(1.0, REGULAR * usual)) >= 1 - RARE)
+
+
+def is_temperature(values: Floats) -> bool:
+    """Tell whether a column named ``T`` is a temperature in °C, and does not rise as a clock does."""
+    values = values[np.isfinite(values)]
+    is_warm = (TEMPERATURES_C[0] <= values) & (values <= TEMPERATURES_C[1])
+    return len(values) >= FEWEST_TIMES and bool(is_warm.all()) and not _rises(values)
+
+
+def _factor_to_seconds(values: Floats, unit: str) -> float:
+    """Factor of a time's stated unit, else a guess from its size, then from its steps of 10 µs to 10 s."""
+    if unit:
+        return FACTORS[TIME][unit]
+    first = float(values[0]) if len(values) else 0.0
+    with np.errstate(over="ignore"):  # of numbers that are no times
+        step = float(np.median(np.abs(np.diff(values)))) if len(values) > 1 else 0.0
+    for least, factor in EPOCHS:
+        if least <= first < 4 * least and (step == 0 or 1e-5 <= step * factor <= 10):
+            return factor
+    return 1.0 if step < 2 else 1e-3 if step < 1e3 else 1e-6 if step < 5e5 else 1e-9
+
+
+def _resolutions(values: Floats) -> list[float]:
+    """Tell which units in the last digit these numbers may have: the last that is written, and that of float32."""
+    digits = [Decimal(repr(value)).normalize().as_tuple().exponent for value in values.tolist() if value]
+    if not digits:
+        return []
+    written = 10.0 ** min(map(int, digits))
+    single = np.abs(values.astype(np.float32))
+    is_single = bool(np.all(single == np.abs(values)))
+    return [written, float(np.spacing(single.max()))] if is_single else [written]

@@ -1,0 +1,130 @@
+"""Difference between a calibration and what a target does with it, as corrected fields and headings.
+
+>>> from flinders.core.calibration import Calibration
+>>> calibration = Calibration(np.eye(3), [20.0, 0.0, 0.0], 50.0)
+>>> difference = Difference.of(calibration, lambda raw: raw - [19.0, 0.0, 0.0])
+>>> round(difference.worst, 3), round(difference.worst_deg, 2)
+(1.0, 1.15)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.core.units import label
+from flinders.errors import NotExportable, figures
+from flinders.geometry.sphere import fibonacci
+from flinders.targets._numbers import Acts, unmapped
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.arrays import Floats
+    from flinders.core.calibration import Calibration
+    from flinders.targets._mounting import MountingTable
+
+DIRECTIONS: Final = fibonacci(400)
+"""(N, 3) of the test fields; enough that the worst error of a correction is missed by less than a hundredth of it."""
+LOSS_DEG: Final = 0.5
+"""Nothing is left out unasked that costs more heading."""
+COARSEST_DEG: Final = 1.0
+"""Nothing is written whose numbers are so coarse that readings are off by the sine of it."""
+DIP_DEG: Final = 60.0
+"""Inclination of the field that heading errors are told for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """How far a target's own formula, with the numbers that are written for it, is off the calibration."""
+
+    # largest length of the difference, in the calibration's unit; scaled before where the target's lengths are its own
+    worst: float
+    worst_deg: float  # degrees: largest angle between both
+
+    @classmethod
+    def of(
+        cls,
+        calibration: Calibration,
+        target: Callable[[Floats], Floats],
+        *,
+        acts: Acts = "recorded",
+        relative: bool = False,
+    ) -> Self:
+        """Run the target's formula on what the sensor reads in `DIRECTIONS` fields of the calibration's strength.
+
+        `target` takes (N, 3) readings to (N, 3) corrected ones, both in the calibration's unit, in the axes that `acts`
+        names. If `relative`, lengths are its own, and scaled to the calibration's field before they are compared.
+        """
+        back = unmapped(calibration)
+        strength, expected = calibration.field_strength, DIRECTIONS
+        with np.errstate(all="ignore"):
+            raw = calibration.unapply(strength * expected)
+            corrected = target(raw if acts == "mapped" else raw @ back.T) / strength
+            if acts == "recorded":
+                corrected = calibration.axes.apply(corrected)
+            if relative:
+                corrected = corrected * (np.sum(corrected * expected) / np.sum(corrected**2))
+            across = np.linalg.norm(np.cross(corrected, expected), axis=1)
+            angle = float(np.rad2deg(np.arctan2(across, np.sum(corrected * expected, axis=1))).max())
+            return cls(strength * float(np.linalg.norm(corrected - expected, axis=1).max()), angle)
+
+    def worse(self, other: Difference) -> Difference:
+        """The worse of two trials."""
+        return Difference(max(self.worst, other.worst), max(self.worst_deg, other.worst_deg))
+
+    @property
+    def heading_deg(self) -> float:
+        """Largest heading error at any attitude where the field dips by 60°: atan(tan a / cos 60°) of the angle a."""
+        return heading_deg(self.worst_deg)
+
+    def refuse_lost(self, lacks: str, *, lossy: bool, mountings: MountingTable | None = None) -> None:
+        """Raise `NotExportable` for a heading error of what the target lacks, unless any is accepted.
+
+        `mountings`: of a target that could be given a mounting with the rotation in it.
+        """
+        if math.isfinite(self.worst) and (lossy or self.heading_deg <= LOSS_DEG):
+            return
+        off = f"{figures(self.heading_deg)}°" if math.isfinite(self.heading_deg) else "any angle"
+        turned = mountings and (
+            f"Say how the sensor was mounted when it was recorded (its {mountings.setting}), and its rotation is "
+            "written with the numbers. "
+        )
+        raise NotExportable(
+            f"{lacks}: what is left out costs up to {off} of heading (at any attitude, dip {DIP_DEG:.0f}°). "
+            f"{turned or ''}Use a target that holds the whole matrix (flinders targets), correct the readings in your "
+            "own code, or write it all the same",
+            hint={"mounting": None, "lossy": True} if mountings else {"lossy": True},
+            beyond=("matrix",),
+            heading_deg=self.heading_deg,
+        )
+
+    def refuse_coarse(self, calibration: Calibration, *, lossy: bool) -> None:
+        """Raise `NotExportable` for rounding that costs a degree; if `lossy`, that is off by the whole length."""
+        strength = calibration.field_strength
+        share = self.worst / strength
+        if share <= math.sin(math.radians(COARSEST_DEG)) or (lossy and share < 1):
+            return
+        off = f"up to {share:.2g} times" if math.isfinite(share) else "more than"
+        raise NotExportable(
+            f"rounded to the target's numbers, readings would be off by {off} their length: a field of "
+            f"{figures(strength)} {label(calibration.unit)} does not suit their steps. Check the "
+            "unit of the recording, and the field strength where it was given",
+            hint={"unit": None, "site": None},
+            beyond=(),
+            error=self.worst,
+        )
+
+
+def heading_deg(angle_deg: float) -> float:
+    """Largest heading error, at any attitude, of a field that is off by an angle where it dips by 60°.
+
+    >>> round(heading_deg(0.1), 3), heading_deg(90.0)
+    (0.2, 180.0)
+    """
+    if not angle_deg < 90:
+        return 180.0
+    return math.degrees(math.atan(math.tan(math.radians(angle_deg)) / math.cos(math.radians(DIP_DEG))))
