@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
@@ -67,3 +70,15 @@ def test_the_policy_of_the_live_page_is_stated_in_its_file_and_sent_with_it() ->
     stated = asset("apps/live/static/index.html").partition('Content-Security-Policy" content="')[2].partition('"')[0]
     assert stated == CSP.removesuffix("; frame-ancestors 'none'")
     assert "unsafe-" not in stated.replace("wasm-unsafe-eval", "")
+
+
+def test_its_data_are_the_same_bytes_in_every_process() -> None:
+    """Sets have another order in each; a service worker takes other bytes for another page."""
+    written = "import sys; from flinders.apps.live.standalone import package; print(package.page_data())"
+    told = {
+        subprocess.run(
+            [sys.executable, "-c", written], env={**os.environ, "PYTHONHASHSEED": seed}, capture_output=True, check=True
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert len(told) == 1

@@ -108,7 +108,7 @@ _CALIBRATED: Final = re.compile(rf"({_CORRECTED})$")
 _DERIVED: Final = re.compile(rf"({_CORRECTED}|({_SMOOTHED})\d*)$")
 # Words of three columns that are none of a sensor's readings, and what they are instead.
 _NO_READINGS: Final = {
-    **dict.fromkeys((*_REFERENCES, "model", "true", "truth", "expected", "predicted"), "a reference"),
+    **dict.fromkeys((*sorted(_REFERENCES), "model", "true", "truth", "expected", "predicted"), "a reference"),
     **dict.fromkeys(("ned", "enu", "nwu", "ecef", "earth", "world"), "in axes of the earth"),
     **dict.fromkeys(("dir", "direction"), "a direction"),
     **dict.fromkeys(("min", "max", "diff", "delta", "status", "innov", "innovation", "residual"), "no readings"),

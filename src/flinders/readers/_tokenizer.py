@@ -73,7 +73,9 @@ _OTHER_UNITS: Final = (  # of what stands beside a magnetometer and is not read
 )  # fmt: skip
 _UNIT: Final = "|".join(
     re.sub("^(micro|milli|nano)(?=tesla|gauss)", r"\1[\\s-]?", re.escape(unit))
-    for unit in sorted({*_OTHER_UNITS, *(unit for units in FACTORS.values() for unit in units)}, key=len, reverse=True)
+    for unit in sorted(
+        {*_OTHER_UNITS, *(unit for units in FACTORS.values() for unit in units)}, key=lambda unit: (-len(unit), unit)
+    )
 )
 _KNOWN_UNIT: Final = rf"((?:{_UNIT}|[^\x00-\x7f]{{1,3}}T))"
 _UNIT_AHEAD: Final = re.compile(rf"[\[(]?{_KNOWN_UNIT}[\])]?(?=$|[\s,;|)\]}}/])(?!\s*[:=])", re.IGNORECASE)
