@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests.trials import examples
 
 from flinders.errors import FlindersError
-from flinders.readers import TextRecording, _source, _tokenizer, open_recording, read, text
+from flinders.readers import TextRecording, _grid, _lines, _source, open_recording, read, text
 from flinders.readers._grid import Grid, parser_of, rows_of
 from flinders.readers._lines import CUT_OFF, Lines
 
@@ -104,9 +104,9 @@ def everything(path: Path) -> object:
 @pytest.fixture
 def by_few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make blocks of a few lines."""
-    monkeypatch.setattr(_tokenizer, "BLOCK", FEW)
+    monkeypatch.setattr(_lines, "BLOCK", FEW)
     monkeypatch.setattr("flinders.readers.text.BLOCK", FEW)
-    monkeypatch.setattr(_source, "lines_of", partial(_tokenizer.lines_of, least=FEW))
+    monkeypatch.setattr(_source, "lines_of", partial(_lines.lines_of, least=FEW))
 
 
 def parsed(text: str, grid: Grid = XYZ) -> Floats | None:
@@ -207,7 +207,7 @@ def test_large_files_take_the_fast_path_and_small_ones_do_not(tmp_path: Path, mo
     path.write_text("mx,my,mz\n" + "".join(f"{x!r},{y!r},{z!r}\n" for x, y, z in values.tolist()))
     given: list[int] = []
 
-    def watched(grid: Grid) -> _tokenizer.Parse | None:
+    def watched(grid: Grid) -> _grid.Parse | None:
         parse = parser_of(grid)
 
         def noted(lines: Lines) -> Floats | None:
