@@ -96,9 +96,9 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`refreshed`": "diagnostics.soft_iron:Refreshed",
         "`calibrate --minmax --json`": f"fitting.axis_extremes:Extremes {FIT}",
         "`calibrate --sensor all --joint --json`":
-            "comparison.multi_sensor:Together comparison.multi_sensor:Agreement",
+            "comparison.members:Together comparison.members:Agreement",
         "`disagreements`, each": "comparison.agreement:Disagreement",
-        "`sensors`, each: `joint`": "comparison.multi_sensor:Member",
+        "`sensors`, each: `joint`": "comparison.members:Member",
         "`two-axis --json`: `turn`": "geometry.plane:Turn",
         "`turn.mean_and_scatter`, `turn.least_squares`": "geometry.plane:PlaneEllipse",
         "`turn.spacing`": "geometry.plane:Spacing",

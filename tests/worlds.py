@@ -20,7 +20,8 @@ from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.rotation import rotations
-from flinders.simulate import Sensor, Simulated, attitudes, motions
+from flinders.simulate import Sensor, Simulated, motions
+from flinders.simulate import attitudes as body_attitudes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -195,8 +196,8 @@ def carried_about(seed: int, *, varies: float, turns: float, rows: int = 900, no
     iron = np.sum([np.outer(np.sin(place @ along + phase), size) for size, along, phase in waves], axis=0)
     iron -= iron.mean(axis=0)
     iron *= varies * FIELD_STRENGTH / np.sqrt(np.mean(np.sum(iron**2, axis=1)))
-    turned = attitudes.integrated(attitudes.random_attitude(rng), attitudes.turns(rate))
-    world = FIELD_STRENGTH * attitudes.north_and_down(60.0) + iron
+    attitudes = body_attitudes.integrated(body_attitudes.random_attitude(rng), body_attitudes.turns(rate))
+    world = FIELD_STRENGTH * body_attitudes.north_and_down(60.0) + iron
     sensor = Sensor(np.eye(3) + rng.normal(scale=0.05, size=(3, 3)), rng.normal(scale=12.0, size=3), noise)
-    field = sensor.read(np.einsum("nji,nj->ni", turned, world), rng)
+    field = sensor.read(np.einsum("nji,nj->ni", attitudes, world), rng)
     return Samples.of(field, unit="uT", time=np.arange(rows) / 50.0)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests.trials import examples
 
 from flinders.errors import FlindersError
-from flinders.readers import TextRecording, _grid, _lines, _source, _tokenizer, open_recording, read, text
+from flinders.readers import TextRecording, _grid, _lines, _source, open_recording, read, text
 from flinders.readers._grid import Grid, parser_of, rows_of
 from flinders.readers._lines import CUT_OFF, Lines
 
@@ -104,7 +104,7 @@ def everything(path: Path) -> object:
 @pytest.fixture
 def by_few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make blocks of a few lines."""
-    monkeypatch.setattr(_tokenizer, "BLOCK", FEW)
+    monkeypatch.setattr(_lines, "BLOCK", FEW)
     monkeypatch.setattr("flinders.readers.text.BLOCK", FEW)
     monkeypatch.setattr(_source, "lines_of", partial(_lines.lines_of, least=FEW))
 

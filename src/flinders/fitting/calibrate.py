@@ -23,7 +23,7 @@ from flinders.estimators.data import recording_of
 from flinders.fitting.aided_estimate import aided_estimate
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor, Instruments
 from flinders.fitting.diagnosis import add_faults, faults_of_axes
-from flinders.fitting.estimated import Estimated, moved
+from flinders.fitting.estimated import Estimated, turned_readings
 from flinders.fitting.judgement import accepted, judged, mounted
 from flinders.fitting.request import Request, estimator_of, refuse_combinations
 from flinders.fitting.widening import claimed
@@ -208,7 +208,7 @@ def _estimated(readings: Readings, estimator: Estimator, request: Request, unit:
         recorded = Estimated.of_record(estimator, readings, unit)
         if recorded is not None:
             return recorded
-    readings = within_range(moved(readings, estimator, unit))
+    readings = within_range(turned_readings(readings, estimator, unit))
     if estimator.name in ONE_A_REST:
         readings = readings.fitted()
     joint, aiding = aided_estimate(readings.as_read, request)

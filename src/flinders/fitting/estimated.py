@@ -91,7 +91,7 @@ class Estimated(NamedTuple):
         if record["plane"] and samples.acceleration is not None:  # it may show a slope, and the claim widens
             return None
         if record["plane"] and not record["rails"]:
-            moved(readings, estimator, unit)
+            turned_readings(readings, estimator, unit)
         elif not was_turned(record, (unit or UNSTATED).inside):
             return None
         if record["rests"]:
@@ -116,7 +116,7 @@ def _doubt(readings: Readings) -> str:
     return doubt(first)
 
 
-def moved(readings: Readings, estimator: Estimator, unit: Unit | None) -> Readings:
+def turned_readings(readings: Readings, estimator: Estimator, unit: Unit | None) -> Readings:
     """The readings of a sensor that was turned.
 
     Raises
