@@ -29,10 +29,8 @@ warnings.filterwarnings("ignore", message="Unknown section Configuration")  # of
 
 # Nitpicky about this package's own public names; those of Python, NumPy and type checkers are not linked.
 nitpicky = True
-FLEET = "dataset|options|plan|progress|storage|summary"
-INNER = (
-    rf"flinders\.(.*\._\w+|estimators\.(auto|rests)|fleet\.({FLEET}))\..*"  # named in signatures, and told by nobody
-)
+APPS = "fleet.(dataset|keys|options|plan|progress|storage|summary)|vehicles.targets.autopilot"
+INNER = rf"flinders\.(.*\._\w+|estimators\.(auto|rests)|apps\.({APPS}))\..*"  # named in signatures, and told by nobody
 nitpick_ignore_regex = [(r"py:.*", r"(?!flinders\.).*"), (r"py:.*", INNER)]
 suppress_warnings = ["misc.highlighting_failure"]  # of sessions that show files, whose apostrophes open no string
 autodoc_inherit_docstrings = False
