@@ -275,6 +275,8 @@ def bundle_pages(root: Path, npm: list[str], scratch: Path, search: str) -> None
         call(npm, arguments, scratch, search)
         made.parent.mkdir(exist_ok=True)
         put(made, first + (scratch / "page.js").read_text(encoding="utf-8"))
+    for stale in set((root / "src").rglob("static/bundled/*")) - set(bundles(root).values()):
+        stale.unlink()
 
 
 def npm_here() -> tuple[list[str], str]:

@@ -1,6 +1,6 @@
 """The likelihood in NumPy: the formulas that the engine is held to, written as they stand in the literature.
 
-`flinders.likelihood` and docs/method.md say why each step is taken.
+`flinders.likelihood` and docs/model.md say why each step is taken.
 """
 
 from __future__ import annotations

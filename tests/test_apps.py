@@ -9,14 +9,25 @@ import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Final
 
 import pytest
 
-from flinders.core.plugins import apps
+import flinders
+from flinders import estimators, readers, targets
+from flinders.cli._commands import HEADINGS, ROWS
+from flinders.core.plugins import app_rows, apps
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
+    from types import ModuleType
+
+
+def modules(package: ModuleType) -> list[str]:
+    """Names of the public modules of a package."""
+    return [module.name for module in iter_modules(package.__path__) if not module.name.startswith("_")]
+
 
 SOURCE: Final = Path(__file__).resolve().parents[1] / "src" / "flinders"
 REGISTRY: Final = {
@@ -94,6 +105,25 @@ def test_no_module_hides_a_public_name(app: str) -> None:
     public = getattr(import_module(f"flinders.apps.{app}"), "PUBLIC", {})
     hidden = {path.stem for path in (SOURCE / "apps" / app).iterdir()} & public.keys()
     assert hidden == {name for name, module in public.items() if name == module}
+
+
+OWN: Final[dict[str, Collection[str]]] = {
+    "PUBLIC": flinders._HOMES, "COMMANDS": ROWS, "SIMULATIONS": ("three-axis",), "READERS": modules(readers),
+    "TARGETS": modules(targets), "METHODS": modules(estimators), "FEEDS": (), "COURSES": (), "KNOWN_TEXTS": (),
+}  # fmt: skip
+"""Tables that packages add rows to, and keys of the library's own rows."""
+
+
+def test_rows_name_known_tables_and_headings_and_no_key_twice() -> None:
+    """Such a mistake in ``rows.py`` would take something away in silence."""
+    rows = [import_module(f"flinders.apps.{app}.rows") for app in apps()]
+    assert {
+        name for row in rows for name, value in vars(row).items() if isinstance(value, dict) and name.isupper()
+    } <= set(OWN)
+    for table, own in OWN.items():
+        keys = [*own, *(name for name, *_ in app_rows(table))]
+        assert len(keys) == len(set(keys)), table
+    assert {row[0] for table in ("COMMANDS", "SIMULATIONS") for _, _, row in app_rows(table)} <= set(HEADINGS)
 
 
 def test_only_tables_import_modules_by_name() -> None:

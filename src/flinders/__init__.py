@@ -12,10 +12,10 @@ Names are looked up when they are first used, so that importing the package cost
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Final
 
 from flinders.core import plugins
+from flinders.core.displays import DISPLAYS
 from flinders.core.lazy import attributes
 from flinders.core.version import VERSION
 
@@ -25,6 +25,13 @@ if TYPE_CHECKING:
     from flinders import errors as errors
     from flinders import estimators as estimators
     from flinders import simulate as simulate
+    from flinders.apps import board as board
+    from flinders.apps import classic as classic
+    from flinders.apps import fleet as fleet
+    from flinders.apps import live as live
+    from flinders.apps import marine as marine
+    from flinders.apps import survey as survey
+    from flinders.apps import vehicles as vehicles
     from flinders.apps.classic.methods import compare_methods as compare_methods
     from flinders.apps.fleet import fit_many as fit_many
     from flinders.apps.live.guided import Session as Session
@@ -110,14 +117,10 @@ def _public() -> dict[str, str]:
     return {**_HOMES, **added, **{app: f"apps.{app}" for app in plugins.apps()}}
 
 
-def __getattr__(name: str) -> object:
-    if name == "__all__":
-        return __dir__()
-    attribute = attributes(__name__, _public())(name)
-    if result := sys.modules.get("flinders.fitting.result"):
-        fit = vars(result)["Fit"]
-        fit._repr_html_, fit.plot = _html_of, _plot  # pages and figures are above fits, which do not know of them
-    return attribute
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> object:
+        return __dir__() if name == "__all__" else attributes(__name__, _public())(name)
 
 
 def _html_of(fit: Fit) -> str:
@@ -136,3 +139,6 @@ def _plot(fit: Fit, recording: Recording, what: str = "all") -> Figure:
 
 def __dir__() -> list[str]:
     return sorted([*_public(), "__version__"])
+
+
+DISPLAYS.update(html=_html_of, plot=_plot)  # pages and figures are above fits, which do not know of them

@@ -268,7 +268,7 @@ class MissingExtra(InputError):
         self.package, self.extra = package, extra
         super().__init__(
             f"{what} needs {package}, which is not installed: pip install 'flinders[{extra}]' "
-            f"(in a checkout: uv sync --extra {extra})",
+            f"(in a checkout: uv sync --inexact --extra {extra})",
             package=package,
             extra=extra,
         )

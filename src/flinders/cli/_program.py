@@ -479,6 +479,3 @@ def numbers_of(text: str) -> list[float]:
     except ValueError:
         return []
     return numbers if all(map(math.isfinite, numbers)) else []
-
-
-# ------------------------------------------------------------------------------------------- what a shell completes

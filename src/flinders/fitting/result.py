@@ -28,6 +28,7 @@ from msgspec import UNSET
 
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import PARAMETERS, Fitted, HeadingErrorRecord, read, write
+from flinders.core.displays import DISPLAYS
 from flinders.core.units import label
 from flinders.errors import DocumentError, FitError, counted, figures
 from flinders.findings import VERDICTS, Finding, Verdict, first_causes
@@ -142,10 +143,13 @@ class Fit(Outcome):
     judgement: Judgement  #: findings, verdict, and what a good verdict rests on
     provenance: Provenance = Provenance()  #: what messages call it; release, date and recordings of a loaded file
 
-    if TYPE_CHECKING:  # `flinders` adds it: figures are above fits
+    def plot(self, recording: Recording, what: str = "all") -> Figure:
+        """Draw the fit and its recording with matplotlib, as `flinders.report.matplotlib.plot` does."""
+        figure: Figure = DISPLAYS["plot"](self, recording, what)
+        return figure
 
-        def plot(self, recording: Recording, what: str = "all") -> Figure:
-            """Draw the fit and its recording with matplotlib: `flinders.report.matplotlib.plot`."""
+    def _repr_html_(self) -> str:
+        return str(DISPLAYS["html"](self))
 
     @classmethod
     def of(cls, calibration: Calibration, *, name: str = "fit") -> Fit:

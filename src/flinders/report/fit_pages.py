@@ -348,6 +348,3 @@ def _agreed(together: Together) -> str:
     but = f", those of {' and '.join(own)} in their own" if own else ""
     corrected = f"corrected readings are in the axes {axes}{but}\n" if together.is_joint else ""
     return f"{corrected}{over}{seconds}; off by: readings averaged over a second, in degrees of heading, 1 σ"
-
-
-# -------------------------------------------------------------------------------------------------- a turn in one plane

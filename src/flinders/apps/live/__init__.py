@@ -11,3 +11,17 @@ For whoever holds a board or a phone, and for programs with a display of their o
 
 The page has the session, in JavaScript (``static/standalone/session.js``).
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from flinders.core.lazy import attributes
+
+if TYPE_CHECKING:
+    from flinders.apps.live.guided import Session as Session
+
+PUBLIC = {"Session": "guided"}
+
+if not TYPE_CHECKING:
+    __getattr__ = attributes(__name__, PUBLIC)
