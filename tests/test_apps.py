@@ -99,6 +99,22 @@ def test_what_is_left_works(gone: tuple[str, ...], library: Path, tmp_path: Path
             (tmp_path / app).rename(packages / app)
 
 
+@pytest.mark.tools
+def test_examples_of_the_library_need_no_package(tmp_path: Path) -> None:
+    shutil.copytree(SOURCE, tmp_path / "flinders", ignore=shutil.ignore_patterns("__pycache__"))
+    for app in apps():
+        shutil.rmtree(tmp_path / "flinders" / "apps" / app)
+    words = [
+        "-m", "pytest", "-q", "-c", os.devnull, "-p", "no:cacheprovider", "--import-mode=importlib",
+        "--doctest-modules", "-o", "doctest_optionflags=ELLIPSIS NORMALIZE_WHITESPACE NUMBER", "flinders",
+    ]  # fmt: skip
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    ended = subprocess.run(
+        [sys.executable, *words], env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 0, ended.stdout[-4000:]
+
+
 @pytest.mark.parametrize("app", apps())
 def test_no_module_hides_a_public_name(app: str) -> None:
     """An imported module is an attribute of its package, and would stand where a function of its name is."""

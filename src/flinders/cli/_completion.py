@@ -1,7 +1,7 @@
 """What a shell completes: names of files, targets and methods.
 
->>> [item.value for item in complete_targets(None, None, "px")]
-['px4', 'px4-shell']
+>>> [item.value for item in complete_targets(None, None, "mic")]
+['micropython']
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def complete_files(_context: click.Context | None, _option: click.Parameter | No
 def complete_targets(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
     """Names of targets.
 
-    >>> [item.value for item in complete_targets(None, None, "px")]
-    ['px4', 'px4-shell']
+    >>> [item.value for item in complete_targets(None, None, "c-")]
+    ['c-q15', 'c-q31']
     """
     from flinders.targets import registry
 

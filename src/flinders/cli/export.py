@@ -110,8 +110,8 @@ def _say(exported: Exported, *, is_hidden: bool, is_asked: bool) -> None:
 def named(values: Sequence[str]) -> tuple[tuple[str, str], ...]:
     """Split the values of ``calibrate --export``: targets, and their files, which have the target's name by default.
 
-    >>> named(["ardupilot", "c:mag.h"]), named([])
-    ((('ardupilot', 'ardupilot.param'), ('c', 'mag.h')), ())
+    >>> named(["json", "c:mag.h"]), named([])
+    ((('json', 'json.json'), ('c', 'mag.h')), ())
     """
     from flinders.targets import find
 

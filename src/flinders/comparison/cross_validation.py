@@ -11,9 +11,9 @@ place and their moment, and would vouch for each other.
 
 >>> from flinders import simulate
 >>> from flinders.estimators.auto import Auto
->>> from flinders.apps.classic.recipes.sphere import Sphere
+>>> from flinders.estimators.minmax import MinMax
 >>> swept = simulate.tumble(seed=1, n=800, motion="uniform").samples
->>> good, simple = (cross_validated(method, swept) for method in (Auto(), Sphere()))
+>>> good, simple = (cross_validated(method, swept) for method in (Auto(), MinMax()))
 >>> good.heading_error_deg, simple.bias_deg > 20 * good.heading_error_deg.rms
 (HeadingError(rms=0.11°, worst=0.14°, dip=60°), True)
 """

@@ -1,10 +1,10 @@
 """How an estimate settles while readings come in, as a drawing (SVG) and as a table (CSV).
 
->>> from flinders.estimators import Readings
->>> from flinders.apps.classic.recipes.sequential import Sequential
->>> from flinders.simulate import tumble
->>> steps = Sequential().converge(Readings.of(tumble(seed=1, n=400).samples), steps=8)
->>> trace = Trace(steps, "sequential", unit="uT")
+>>> from flinders.estimators import Convergence, Estimate
+>>> from flinders.geometry.ellipsoid import Ellipsoid
+>>> spheres = [Ellipsoid(np.full(3, 1.0 / step), 50.0 * np.eye(3)) for step in range(1, 9)]
+>>> steps = Convergence.of(range(50, 450, 50), [Estimate(each, np.eye(9), 1.0, "one") for each in spheres])
+>>> trace = Trace(steps, "one", unit="uT")
 >>> convergence_drawing(trace).startswith("<svg"), len(convergence_table(trace).splitlines())
 (True, 9)
 """

@@ -2,7 +2,7 @@ r"""A report as one HTML file: template, style sheet and script in one, with a p
 
 What comes from files, such as names and comments, is escaped; of a script the policy of the page names the hash.
 
->>> style_of("apps/fleet/fleet.css").strip()[:25]
+>>> style_of().strip()[:25]
 ':root { --paper: #f4f6f8;'
 """
 

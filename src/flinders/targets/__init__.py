@@ -2,9 +2,9 @@
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
->>> export = find("adis16480").render(Calibration.identity(field_strength=50.0, raw=Unit.of("uT")))
->>> [register["code"] for register in export.fields["values"]["registers"]]
-[0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+>>> export = find("esphome").render(Calibration.identity(field_strength=50.0, raw=Unit.of("uT")))
+>>> export.text.splitlines()[0][:9]
+'# ESPHome'
 
 Each module is a target or a family of them: formula, writer and reader, and at its end a row for each in ``TARGETS``,
 by which `registry` finds it. A new target is a new module and nothing else. Other packages add targets through the
