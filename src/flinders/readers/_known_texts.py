@@ -1,4 +1,4 @@
-r"""Texts that are known and hold no readings of a magnetometer: what they are, and what to do with them.
+r"""Known formats without readings of a magnetometer, and what to do with each.
 
 >>> str(refusal("bus.log", ["(1600000000.123456) can0 123#DEADBEEF"]))[:71]
 'bus.log is a candump of a CAN bus: what its bytes mean only a descripti'

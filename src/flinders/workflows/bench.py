@@ -1,4 +1,4 @@
-"""Disturbances of a sensor that lies still, as while a motor is run up on a bench, put onto its calibration.
+"""Add disturbances that were measured at rest, such as of a motor that is run up on a bench, to a calibration.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.samples import Samples

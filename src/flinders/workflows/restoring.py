@@ -1,4 +1,4 @@
-"""A calibration from its file, put together with a recording: the fit that both would be, without fitting anew.
+"""Rebuild a fit from its calibration file and a recording, without fitting.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate

@@ -43,7 +43,7 @@ MAX_SPREAD: Final = 0.1
 """Largest spread of the strength, and the limit for a calibration that states no uncertainty."""
 
 SPREAD_RATIO: Final = 3.0
-"""Times the spread that noise and claim make, up to which readings suit.
+"""Largest ratio of the measured spread of lengths to the one that noise and claim make.
 
 Of 992 recordings that suit none is doubted (``python -m benchmarks.suitability``).
 """
@@ -133,7 +133,7 @@ class CorrectionMonitor:
 
 
 def spread_limit(fit: Fit) -> float:
-    """The spread of lengths from which on readings do not suit, by the noise and the claim of a fit."""
+    """Largest spread of lengths that the noise and the claim of a fit allow."""
     if not fit.claim.states_uncertainty:
         return MAX_SPREAD
     noise = fit.noise / fit.calibration.ellipsoid.radius

@@ -386,7 +386,7 @@ class Budget:
             self.why["moment"] = "m = B_r V / µ₀"
 
     def find_source(self, solve: Solver, names: tuple[str, ...]) -> None:
-        """Find what is left out of a source, by its stray field or that which the heading error allows.
+        """Solve for the one unknown of a source: its field, its distance, its current or the heading error.
 
         Raises `UsageError` where too much or too little is given.
         """

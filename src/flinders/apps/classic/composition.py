@@ -1,4 +1,4 @@
-"""Plane after plane: what a turn that was made with a calibration loaded makes of it, and what that leaves open.
+"""Plane after plane: the calibration of a turn composed with the one that was loaded, and the error that this leaves.
 
 Each turn gives a symmetric matrix, and the product of symmetric matrices is not symmetric. Its rotation is of second
 order in the soft iron; no turn in a plane sees it. With the composed matrix W = R S, R the rotation and S symmetric, a
@@ -92,7 +92,7 @@ def rotation_error(matrix: Floats, turns: Sequence[str], *, dip_deg: float) -> H
 
 
 def _made(matrix: Floats, turns: Sequence[str]) -> Iterator[Floats]:
-    """(3, 3) what a composed matrix makes of the sensors that it may be for: the rotation, and what is open yet."""
+    """(3, 3) products of a composed matrix with each sensor that it may be for: a rotation, and the error left."""
     squares, axes = np.linalg.eigh(matrix.T @ matrix)
     sensor = (axes / np.sqrt(squares)) @ axes.T
     known = [sensor[order_of(plane)[:2]] for plane in PLANES if plane in turns]

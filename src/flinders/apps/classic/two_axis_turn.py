@@ -74,7 +74,7 @@ class TurnNote(Note):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwoAxisFit:
-    """Calibration of two axes by a turn, and what it makes of the one that was loaded before."""
+    """Calibration of two axes by a turn, and its composition with the one that was loaded before."""
 
     fit: Fit  #: of the turn; never better than limited
     turn: Turn  #: the points, with mean and scatter beside least squares

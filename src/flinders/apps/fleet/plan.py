@@ -100,7 +100,7 @@ class FileSlice:
 
 @contextlib.contextmanager
 def open_as_planned(part: FileSlice, options: Options) -> Iterator[TableFile]:
-    """Open the file of a slice; one that could not be opened for the plan raises the error of then."""
+    """Open the file of a slice; one that could not be opened while planning raises that error."""
     if part.error is not None:
         raise part.error
     with opened(part.file, options) as file:

@@ -1,4 +1,4 @@
-"""Readings that grow: columns in one array, each state of them a value, memory bounded.
+"""Readings that grow: immutable snapshots of one array of columns, bounded in memory.
 
 >>> buffer = ReadingBuffer.empty().extended(np.array([[0.0, 1, 2, 3, *GAP], [0.1, 4, 5, 6, *GAP]]))
 >>> later = buffer.extended(np.array([[0.2, 7, 8, 9, *GAP]]))

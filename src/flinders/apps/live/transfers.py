@@ -59,7 +59,10 @@ def load_upload(path: Path, name: str) -> tuple[Log, str]:
 
 
 def refuse_large(path: Path, name: str) -> None:
-    """Refuse a file that unpacks to more than `UNPACKED_BYTES` with `UnreadableInput`; a broken one is let pass."""
+    """Refuse a file that unpacks to more than `UNPACKED_BYTES` with `UnreadableInput`.
+
+    A broken archive passes: its reader reports it.
+    """
     size = 0
     with path.open("rb") as file:
         for piece in unpacked(file):
