@@ -113,6 +113,15 @@ def test_a_corrected_recording_has_the_true_field(tumble: Simulated, fit: Fit) -
     npt.assert_array_equal(corrected.samples.field, fit.calibration.apply(later.samples.field))
 
 
+def test_a_unit_that_was_given_stays_as_it_is(tumble: Simulated, fit: Fit, tmp_path: Path) -> None:
+    """Names of columns do not state it; a recording of which nobody says it has the calibration's."""
+    path = tmp_path / "bare.csv"
+    np.savetxt(path, 10.0 * tumble.samples.field, delimiter=",", header="mx,my,mz", comments="")
+    given = flinders.open_recording(path, unit="mG")
+    corrected = flinders.apply(given, fit).samples.field
+    assert np.linalg.norm(corrected, axis=1).mean() == pytest.approx(fit.calibration.field_strength, rel=0.01)
+
+
 @pytest.mark.parametrize("by", [None, "median:5", "kalman"])
 def test_a_stream_is_corrected_as_the_whole(tumble: Simulated, fit: Fit, by: str | None) -> None:
     from flinders.heading.smoothing import Filter

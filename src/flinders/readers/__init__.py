@@ -355,6 +355,7 @@ def _opened(source: AnySource, options: _Options, *, once: bool) -> FileRecordin
             )
     recording = open_frame(source, **{name: getattr(options, name) for name in OF_TABLES})
     recording.span = options.span
+    recording.is_unit_given = options.unit is not None or options.scale is not None
     return recording
 
 
@@ -427,6 +428,7 @@ def _table_of(file: Source, reader: Reader, options: _Options) -> TextRecording 
         if isinstance(recording, TableRecording):
             recording.file, recording.temporary_files = file, (*recording.temporary_files, disk)
     recording.span = options.span
+    recording.is_unit_given = options.unit is not None or options.scale is not None
     return recording
 
 

@@ -196,6 +196,7 @@ class ColumnsRecording:
     unit: Unit
     axes: Axes
     span: TimeSpan
+    is_unit_given: bool
     columns: Any  # a field or a property with `Columns`
 
     @property
@@ -205,8 +206,8 @@ class ColumnsRecording:
 
     @property
     def states_unit(self) -> bool:
-        """The unit stands in the names."""
-        return bool(self.columns.stated)
+        """The unit stands in the names, or was given by whoever opened it."""
+        return bool(self.columns.stated) or self.is_unit_given
 
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> Self:
         """Read these columns, in the unit that their names or the user say."""

@@ -168,6 +168,7 @@ class TableRecording(ColumnsRecording):
     progress: Progress | None = None  # called with the bytes read so far, by the share of rows
     span: TimeSpan = field(default_factory=TimeSpan)  # which part of it is read
     source: str = field(init=False)
+    is_unit_given: bool = field(default=False, init=False)  # by whoever opened it
     skipped: tuple[Skipped, ...] = field(default=(), init=False)  # what the last pass has left out so far
     temporary_files: tuple[Source, ...] = field(default=(), init=False)  # that it needs
 

@@ -79,6 +79,7 @@ class TextRecording(ColumnsRecording):
     transcription: Transcription | None = None  # of a recording in a dialect, what made the table that `file` is
     original: Source | None = None  # the recording itself, where `file` is a table that was made of it
     source: str = field(init=False)
+    is_unit_given: bool = field(default=False, init=False)  # by whoever opened it
     skipped: tuple[Skipped, ...] = field(default=(), init=False)  # what the last pass has left out so far
     held: _Held | None = field(default=None, init=False)  # of a short one, what was read when it was opened
 
