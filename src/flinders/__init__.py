@@ -112,7 +112,7 @@ _HOMES: Final = {
 
 
 def _public() -> dict[str, str]:
-    """Public names and the module of each, with those of `flinders.apps` that are there, and their own."""
+    """Public names with the module of each: the library's, and those that packages of `flinders.apps` add."""
     added = {name: f"{app}.{module}".removeprefix("flinders.") for name, app, module in plugins.app_rows("PUBLIC")}
     return {**_HOMES, **added, **{app: f"apps.{app}" for app in plugins.apps()}}
 

@@ -78,7 +78,7 @@ class Simulation(program.Group):
         Outputs.of(*files, force=self.force, as_json=as_json).check(inputs)
 
     def write(self, simulated: Simulated, *, bare: bool = False) -> None:
-        """Write the recording, `bare` with the magnetic field alone, and its truth next to it; say what it is."""
+        """Write the recording and its truth, and print a summary; `bare` leaves out all but the magnetic field."""
         from dataclasses import replace
 
         from flinders.simulate.recording import lines, write_csv

@@ -48,7 +48,7 @@ class Estimated(NamedTuple):
         The disturbances that the readings were compensated for.
     aiding : Aiding, optional
     is_joint : bool
-        The estimate is of the magnetometer and its aiding sensors.
+        Whether aiding sensors took part in the estimate.
     refreshed : Refreshed, optional
         The shape is that of an earlier calibration.
     linearized : AxisTerms, optional

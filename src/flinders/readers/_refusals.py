@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from flinders.readers._devices import Device
 
 ONE_VALUE_SIGNS: Final = (",", ";", "\t", "|")  # Delimiters of tables with one value a row
-PRINTED: Final = 1024  # Characters of a line that are looked at for labels
+PRINTED: Final = 1024  # Characters of a line that are searched for labels
 LONGEST_EXAMPLE: Final = 160  # Characters of a line that is shown as a pattern
 MOST_ABOVE: Final = 40  # Lines in which a header without readings is looked for
 NAMELESS: Final = 5  # Columns without a header, up to which a number ahead of three is that of a sensor

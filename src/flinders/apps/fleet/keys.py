@@ -30,7 +30,7 @@ NO_VALUE: Final = "__HIVE_DEFAULT_PARTITION__"
 
 
 class Key(NamedTuple):
-    """A column that identifies something, or its value in the path; both are empty if nothing does."""
+    """A key: the column that holds it, or its value in the path; both are empty if there is none."""
 
     column: str = ""
     value: str = ""

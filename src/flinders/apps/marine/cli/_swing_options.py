@@ -85,7 +85,7 @@ class StandardOptions(program.Group):
 
 
 class BoatOptions(program.Group, heading=BOAT):
-    """What the compass of a boat's log is held against."""
+    """Reference for the compass in a boat's log."""
 
     reference: Literal["auto", "heading", "course"] = program.member(
         "--reference", type=click.Choice(["auto", "heading", "course"]), default="auto", show_default=True,

@@ -32,7 +32,7 @@ import { counted, largest, median, replaced, stripped, whole } from "./patterns.
  * @typedef {object} Layout
  * @property {string} delimiter
  * @property {string} decimal
- * @property {number} width Cells of a line; 0 where that differs.
+ * @property {number} width Cells in each line; 0 if lines differ.
  * @property {string[]} header
  * @property {string} headerText
  * @property {Columns} columns
