@@ -11,6 +11,7 @@ enum { FEWEST = 12,     /* readings, of which slow noise has any likelihood */
        TELLING = 100 }; /* readings that tell whether their noise lasts */
 
 #define MOST_FREEDOM ((real)1.3)
+#define HIDDEN ((real)2)   /* times the variance that residuals show: what goes with the attitude, of a field smoother than is assumed */
 #define LARGE ((real)0.08) /* noise, of the field, from which on a step that takes residuals for small is not made */
 
 /* Gather stretches of so many readings, one from `every` to the next, of one recording of which all are used. */
@@ -188,35 +189,29 @@ static void assume_slow_noise(const fl_kernels *kernels, const fl_view *view, co
     if (!are_large(fit)) move(fit, step);
 }
 
-/* The covariance of a record, with what correlated residuals add to it. Where slow noise is found, the fit is moved to
+/* What correlated residuals add to the covariance of a record. Where slow noise is found, the fit is moved to
  * where that makes it most likely, unless residuals are large; what residuals scatter more than slow noise explains is
  * added. Structure over direction that is about as likely is claimed as well. */
-void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room,
-                   flinders_record *record)
+static void add_correlation(const fl_kernels *kernels, const fl_view *view, fl_residuals *residuals, fl_fit *fit,
+                            const fl_room *room, flinders_record *record)
 {
-    fl_residuals residuals;
     real scatter[81], step[9], weighed[81], explained[81];
-    memcpy(record->covariance, fit->covariance, sizeof record->covariance);
-    memset(&fit->slow, 0, sizeof fit->slow);
-    record->noise_lasts = FL_NOT_A_NUMBER;
-    if (fit->used < FEWEST) return;
-    gather_stretches(kernels, view, fit, room, &residuals);
-    if (fit->used >= FEW) scatter_of(kernels, &residuals, fit, 0, room, scatter, record);
+    if (fit->used >= FEW) scatter_of(kernels, residuals, fit, 0, room, scatter, record);
     if (fit->used < FEW || (record->is_white && fit->used < TELLING)) {
-        assume_slow_noise(kernels, view, &residuals, fit, room, record);
+        assume_slow_noise(kernels, view, residuals, fit, room, record);
         return;
     }
     if (record->is_white) return;
-    record->steps_kurtosis = fl_steps_kurtosis(&residuals);
-    int is_slow = is_slow_noise(kernels, view, &residuals, fit, room, 0, step, weighed, explained);
+    record->steps_kurtosis = fl_steps_kurtosis(residuals);
+    int is_slow = is_slow_noise(kernels, view, residuals, fit, room, 0, step, weighed, explained);
     real known = 0;
     if (is_slow && record->distortion == 0)
-        known = fl_likely_distortion(&residuals, &fit->surface, has_copies(record), 3 * (size_t)record->lags,
+        known = fl_likely_distortion(residuals, &fit->surface, has_copies(record), 3 * (size_t)record->lags,
                                      fit->slow.gain, room);
     if (known > 0) {
-        gather_stretches(kernels, view, fit, room, &residuals);
-        scatter_of(kernels, &residuals, fit, known, room, scatter, record);
-        is_slow = is_slow_noise(kernels, view, &residuals, fit, room, 0, step, weighed, explained);
+        gather_stretches(kernels, view, fit, room, residuals);
+        scatter_of(kernels, residuals, fit, known, room, scatter, record);
+        is_slow = is_slow_noise(kernels, view, residuals, fit, room, 0, step, weighed, explained);
     }
     scattered(fit, scatter, record->covariance);
     if (!is_slow) return;
@@ -225,4 +220,34 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     if (are_large(fit)) return;
     for (int i = 0; i < 81; i++) record->covariance[i] += weighed[i] - explained[i];
     move(fit, step);
+}
+
+/* What the field's variation with the place adds to the covariance of a record. It goes with the attitude, so that offset and
+ * soft iron take it up, where readings come from few directions, and where a disturbance of its strength is found. */
+static void add_variation(const fl_residuals *residuals, const fl_fit *fit, real expected, flinders_record *record)
+{
+    const real variance = HIDDEN * (expected > fit->slow.strength ? expected : fit->slow.strength);
+    real scatter[81] = {0}, half[81], added[81];
+    if (!(variance > 0)) return;
+    fl_scatter_of_variation(residuals, variance, fit->used, scatter);
+    if (!fit->posterior.support.is_whole) project(&fit->posterior.support, scatter);
+    fl_multiply(fit->covariance, scatter, 9, 9, 9, half);
+    fl_multiply(half, fit->covariance, 9, 9, 9, added);
+    for (int i = 0; i < 81; i++)
+        record->covariance[i] += added[i] / (fit->posterior.variance * fit->posterior.variance);
+}
+
+/* The covariance of a record: of the fit, with what correlated residuals and a field that varies with the place add to it. */
+void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room,
+                   flinders_record *record)
+{
+    fl_residuals residuals;
+    memcpy(record->covariance, fit->covariance, sizeof record->covariance);
+    memset(&fit->slow, 0, sizeof fit->slow);
+    record->noise_lasts = FL_NOT_A_NUMBER;
+    if (fit->used < FEWEST) return;
+    gather_stretches(kernels, view, fit, room, &residuals);
+    const real expected = fl_expected_variation(&residuals, &fit->surface, room);
+    add_correlation(kernels, view, &residuals, fit, room, record);
+    add_variation(&residuals, fit, expected, record);
 }

@@ -3,7 +3,6 @@
 
 enum { CELLS = 100, FEWEST_CELLS = 20, RATIOS = 8 };
 
-#define SMOOTH (FL_PI / 6)
 #define PROVEN ((real)3)
 #define LEAST_RATIO ((real)0.0625) /* of the variances, distortion over white noise; a quarter of the next */
 #define PLAIN ((real)15)           /* bits of likelihood that a distortion has to gain over white noise */
@@ -20,15 +19,6 @@ typedef struct {
     real *kernel;     /* (n, n) covariance of the distortion, of unit size */
     real *matrix;     /* (n, n) to work in */
 } sphere;
-
-/* How alike the distortion is in two directions. */
-static real alike(const real a[3], const real b[3])
-{
-    real cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    cosine = cosine > 1 ? 1 : cosine < -1 ? -1 : cosine;
-    const real angle = fl_acos(cosine) / SMOOTH;
-    return fl_exp(-angle * angle / 2);
-}
 
 /* Weigh each residual 1, and 0 where the reading is another one again: copies tell nothing of a place. */
 static void weigh_once(fl_residuals *residuals, const fl_room *room)
@@ -77,6 +67,7 @@ void fl_sort_by_direction(const fl_kernels *kernels, fl_residuals *residuals)
     real moments[9], values[3];
     kernels->gram(columns, 0, residuals->n, 3, moments);
     fl_eigen(moments, 3, values);
+    residuals->thinnest = (values[0] > FL_ROUNDING * values[2] ? values[0] : values[1]) / (real)residuals->n;
     for (int k = 0; k < 3; k++) {
         real *const axis = residuals->axes[k];
         for (int i = 0; i < 3; i++) axis[i] = moments[3 * i + k];
@@ -157,7 +148,7 @@ static void fill_kernel(const fl_residuals *residuals, const fl_surface *surface
     memset(across, 0, sizeof across);
     for (int c = 0; c < CELLS; c++)
         for (int d = 0; d < CELLS; d++) {
-            const real likeness = alike(centres[c], centres[d]);
+            const real likeness = fl_alike(centres[c], centres[d]);
             for (int i = 0; i < 9; i++) half[c][i] += likeness * absorb[d][i];
         }
     for (int c = 0; c < CELLS; c++)
@@ -165,12 +156,12 @@ static void fill_kernel(const fl_residuals *residuals, const fl_surface *surface
             for (int j = 0; j < 9; j++) both[9 * i + j] += absorb[c][i] * half[c][j];
     for (int k = 0; k < on->n; k++)
         for (int c = 0; c < CELLS; c++) {
-            const real likeness = alike(on->middles[k], centres[c]);
+            const real likeness = fl_alike(on->middles[k], centres[c]);
             for (int i = 0; i < 9; i++) across[k][i] += likeness * absorb[c][i];
         }
     for (int k = 0; k < on->n; k++)
         for (int l = 0; l < on->n; l++) {
-            real entry = alike(on->middles[k], on->middles[l]);
+            real entry = fl_alike(on->middles[k], on->middles[l]);
             for (int i = 0; i < 9; i++) {
                 entry -= on->jacobian[k][i] * across[l][i] + on->jacobian[l][i] * across[k][i];
                 for (int j = 0; j < 9; j++) entry += on->jacobian[k][i] * both[9 * i + j] * on->jacobian[l][j];
@@ -398,10 +389,31 @@ real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, in
     for (int k = 0; k < on.n; k++) {
         within -= on.counts[k] * on.means[k] * on.means[k];
         fl_jacobian(surface, on.middles[k], on.jacobian[k]);
-        for (int l = 0; l <= k; l++) on.kernel[k * on.n + l] = alike(on.middles[k], on.middles[l]);
+        for (int l = 0; l <= k; l++) on.kernel[k * on.n + l] = fl_alike(on.middles[k], on.middles[l]);
     }
     const real gain = gain_of(&on, within, count - 9, &white);
     return gain > PLAIN && gain > AS_LIKELY * slow ? of_means(residuals, surface, &on, pairs, found, white) : 0;
+}
+
+/* How likely residuals are, to the base 2, where beside white noise they vary smoothly over directions, for variances of that
+ * over that of the residuals; all alike where too few directions are seen. `time`: readings for each independent one. */
+void fl_likelihoods_of_variation(const fl_residuals *residuals, const fl_surface *surface, real time, const real *ratios,
+                                 int count, const fl_room *room, real *likelihoods)
+{
+    sphere on;
+    real readings, variance;
+    on.kernel = room->matrices, on.matrix = room->matrices + CELLS * CELLS;
+    count_cells(residuals, &on);
+    real within = square_of(residuals, &readings) / time;
+    for (int k = 0; k < on.n; k++) {
+        on.counts[k] /= time;
+        within -= on.counts[k] * on.means[k] * on.means[k];
+        fl_jacobian(surface, on.middles[k], on.jacobian[k]);
+        for (int l = 0; l <= k; l++) on.kernel[k * on.n + l] = fl_alike(on.middles[k], on.middles[l]);
+    }
+    const real freedom = readings / time - 9;
+    for (int i = 0; i < count; i++)
+        likelihoods[i] = on.n > 9 && freedom > 9 ? likelihood_of(&on, ratios[i], within, freedom, &variance) : 0;
 }
 
 /* Covariance of two residuals of one direction at different times. */

@@ -22,6 +22,7 @@ typedef struct {
     real *directions; /* (3, FL_LOOKED) */
     real *scratch;    /* (3, n) for fl_sort_by_direction */
     uint32_t *cells; /* (n,) of the sphere; filled by fl_sort_by_direction */
+    real thinnest;   /* smallest eigenvalue of the mean of u uT, of those in a plane that of them in it; as axes */
     real axes[3][3]; /* in which these cells are, in rows; filled by fl_sort_by_direction */
     uint32_t *places; /* (n,) rows of the readings; filled by fl_gather_evenly */
 } fl_residuals;
@@ -48,10 +49,15 @@ real fl_distortion(fl_residuals *residuals, const fl_surface *surface, int has_c
                    real known, const fl_room *room, real scatter[81]);
 real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, int has_copies, size_t apart, real slow,
                           const fl_room *room);
+void fl_likelihoods_of_variation(const fl_residuals *residuals, const fl_surface *surface, real time, const real *ratios,
+                                 int count, const fl_room *room, real *likelihoods);
 real fl_common_variance(const fl_residuals *residuals);
 void fl_raise(real *scatter, const real *white, int n, real share);
 int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,
                   const fl_room *room, int is_assumed, fl_slow *slow, real step[9], real covariance[81], real without[81]);
+real fl_alike(const real a[3], const real b[3]);
+real fl_expected_variation(const fl_residuals *residuals, const fl_surface *surface, const fl_room *room);
+void fl_scatter_of_variation(const fl_residuals *residuals, real variance, size_t used, real scatter[81]);
 int fl_principal(const real *matrix, int n, real *values, real *vectors);
 real fl_chance_of(real chi_square, real freedom, real others);
 /* regression.c */

@@ -479,6 +479,16 @@ static void unweighted(const fl_series *series, const fl_fit *fit, const model *
     fl_multiply(half, textbook, 9, 9, 9, covariance);
 }
 
+/* Variance of the residuals that a disturbance of the field's strength makes: what is more than white noise. */
+static real variance_of_strength(const fl_residuals *residuals, const model *models, const real weights[MODELS], int n)
+{
+    real square = 0, variance = 0;
+    for (size_t i = 0; i < residuals->n; i++) square += residuals->distances[i] * residuals->distances[i] / (real)residuals->n;
+    for (int k = 0; k < n; k++)
+        if (!models[k].is_vector && square > models[k].variance) variance += weights[k] * (square - models[k].variance);
+    return variance;
+}
+
 /* Find the noise, average estimate and covariance over what is not known of it, and give the covariance that the fit
  * has under the likeliest model without this step; nonzero where there is nothing to find. */
 int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,
@@ -511,6 +521,7 @@ int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_resid
     for (int k = 1; k < n; k++) best = weights[k] > weights[best] ? k : best;
     slow->lasts = 0;
     for (int k = 0; k < n; k++) slow->lasts += models[k].memory > span / 3 ? weights[k] : 0;
+    slow->strength = variance_of_strength(residuals, models, weights, n);
     solved(&fit->posterior, prior_gradient, &white, steps[best], each);
     unweighted(&series, fit, &white, models + best, each, without);
     slow->gain = models[best].likelihood - white.likelihood;

@@ -1,0 +1,68 @@
+/* A field that varies with the place, past which a hand or an arm turns the sensor. As far as it goes with the attitude no
+ * residual shows it: offset and soft iron take it up, the more the fewer directions there are.
+ *
+ * It is taken for a smooth random function of the direction. Where directions lie about a plane or a point, so that hardly
+ * anything of it is left in residuals, its size is what is known of such fields beforehand, weighed by what residuals say
+ * (restricted likelihood; D. A. Harville, JASA 72 (1977) 320). `python -m benchmarks.lives` measures what it does.
+ */
+#include "residuals.h"
+
+enum { SIZES = 7, TAKEN = 200 }; /* readings, evenly over the recording, that its scatter is taken over */
+
+#define SMOOTH (FL_PI / 6) /* standard deviation of the angle within which it is alike */
+#define THIN ((real)0.16)  /* smallest eigenvalue of the mean of u uT from which on directions are spread; all alike have 1/3 */
+
+/* What is thought of its standard deviation beforehand, a share of the field, and how probable each is. */
+static const real SHARES[SIZES] = {0, (real)0.0005, (real)0.001, (real)0.002, (real)0.004, (real)0.008, (real)0.016};
+static const real PROBABLE[SIZES] = {(real)0.02, (real)0.13, (real)0.2, (real)0.25, (real)0.25, (real)0.1, (real)0.05};
+
+/* How alike it is in two directions. */
+real fl_alike(const real a[3], const real b[3])
+{
+    real cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    cosine = cosine > 1 ? 1 : cosine < -1 ? -1 : cosine;
+    const real angle = fl_acos(cosine) / SMOOTH;
+    return fl_exp(-angle * angle / 2);
+}
+
+/* Its expected variance, unit squared, where directions are few; else 0. */
+real fl_expected_variation(const fl_residuals *residuals, const fl_surface *surface, const fl_room *room)
+{
+    real autocovariance[FL_LAGS], ratios[SIZES], likelihoods[SIZES], most, sum = 0, mean = 0;
+    if (residuals->thinnest > THIN) return 0;
+    const real time = fl_time_of(autocovariance, fl_autocovariance(residuals, autocovariance));
+    for (int i = 0; i < SIZES; i++) {
+        const real size = SHARES[i] * surface->radius;
+        ratios[i] = size * size / autocovariance[0];
+    }
+    fl_likelihoods_of_variation(residuals, surface, time, ratios, SIZES, room, likelihoods);
+    most = likelihoods[0];
+    for (int i = 1; i < SIZES; i++) most = likelihoods[i] > most ? likelihoods[i] : most;
+    for (int i = 0; i < SIZES; i++) {
+        const real weight = PROBABLE[i] * fl_pow(2, likelihoods[i] - most);
+        sum += weight, mean += weight * SHARES[i] * SHARES[i];
+    }
+    return mean / sum * surface->radius * surface->radius;
+}
+
+/* Add the scatter of Σ J s over `used` readings where s varies so, with a variance. */
+void fl_scatter_of_variation(const fl_residuals *residuals, real variance, size_t used, real scatter[81])
+{
+    real directions[TAKEN][3], rows[TAKEN][9];
+    const size_t n = residuals->n < TAKEN ? residuals->n : TAKEN;
+    const real share = (real)used / (real)n, factor = variance * share * share;
+    for (size_t k = 0; k < n; k++) {
+        const size_t i = k * residuals->n / n;
+        for (size_t axis = 0; axis < 3; axis++) directions[k][axis] = residuals->directions[axis * FL_LOOKED + i];
+        for (int column = 0; column < 9; column++) rows[k][column] = residuals->columns[column][i];
+    }
+    for (size_t k = 0; k < n; k++) {
+        real along[9] = {0};
+        for (size_t l = 0; l < n; l++) {
+            const real likeness = fl_alike(directions[k], directions[l]);
+            for (int j = 0; j < 9; j++) along[j] += likeness * rows[l][j];
+        }
+        for (int i = 0; i < 9; i++)
+            for (int j = 0; j < 9; j++) scatter[9 * i + j] += factor * rows[k][i] * along[j];
+    }
+}
