@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Final
@@ -128,6 +129,15 @@ OWN: Final[dict[str, Collection[str]]] = {
     "TARGETS": modules(targets), "METHODS": modules(estimators), "FEEDS": (), "COURSES": (), "KNOWN_TEXTS": (),
 }  # fmt: skip
 """Tables that packages add rows to, and keys of the library's own rows."""
+
+
+def test_a_package_is_imported_as_an_attribute_and_by_its_full_name() -> None:
+    """Type checkers follow both; a second name of the module would be found by neither them nor editors."""
+    from flinders import board, classic, fleet, live, marine, survey, vehicles
+
+    packages = (board, classic, fleet, live, marine, survey, vehicles)
+    assert [each.__name__ for each in packages] == [f"flinders.apps.{app}" for app in apps()]
+    assert find_spec("flinders.marine") is None
 
 
 def test_rows_name_known_tables_and_headings_and_no_key_twice() -> None:
