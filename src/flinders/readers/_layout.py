@@ -86,7 +86,7 @@ class TextLayout:
 
     @property
     def is_blackbox(self) -> bool:
-        """It is a log of Betaflight or INAV, whose readings are in the axes of the board."""
+        """It is a decoded blackbox, whose readings are in the axes of the board."""
         return self.columns.field.names[0].casefold().startswith("magadc")
 
     def is_reading(self, text: str) -> bool:
