@@ -1,9 +1,11 @@
-"""Claims on real lives: thin turns in a field that varies with the place.
+"""Claims on real lives: thin turns in a field that varies with the place, and drives on level roads.
 
-    python -m benchmarks.lives [--trials 40] [--paths "arc of 20°" …] [--processes 2]
+    python -m benchmarks.lives [--trials 40] [--paths "arc of 20°" …] [--felt] [--processes 2]
 
 A sensor on an arm is turned about nearly one axis, swung, or waved, for a minute, at a place whose field varies by 0.5 to 2 %
-within half a metre: dipoles one to three metres away. Half of the sensors were corrected before. The physics are those of
+within half a metre: dipoles one to three metres away. Half of the sensors were corrected before. A car drives straight on,
+turns, changes lanes and stands, on slopes of 1 to 3°, and its field varies by 0.5 to 2 % along the road. ``--felt`` records
+an accelerometer, too. The physics are those of
 `benchmarks.adversary`, which shares no code with `flinders.simulate`.
 
 *Ratio* is the true over the claimed worst level heading error, of all fits that state one; *true* is the share of them within
@@ -33,6 +35,7 @@ from benchmarks.adversary import (
     about,
     anywhere,
     chained,
+    felt,
     fitted,
     headings,
     level,
@@ -132,6 +135,51 @@ def tumbled(rng: Generator) -> Path:
     return swinging(rng, chained(about(rates * STEP_S), anywhere(rng)), (0.1, 0.3))
 
 
+def drive(rng: Generator) -> Path:
+    """Five minutes of a car: straight on, lane changes, turns into other streets, and stops before some of them."""
+    rates, speeds = np.zeros(round(300.0 / STEP_S)), np.zeros(round(300.0 / STEP_S))
+    at = 0
+    while at < len(rates):
+        for seconds, speed, turn_deg, to_and_fro in (
+            (rng.uniform(4.0, 15.0), 12.0, 0.0, False),
+            (3.0, 12.0, 8.0 * rng.choice([-1.0, 1.0]), True),
+            (rng.uniform(3.0, 10.0), 12.0, 0.0, False),
+            (rng.uniform(5.0, 40.0) if rng.random() < 0.4 else 0.0, 0.0, 0.0, False),
+            (rng.uniform(4.0, 6.0), 5.0, rng.choice([-90.0, 90.0]) + rng.uniform(-20.0, 20.0), False),
+        ):
+            steps = np.linspace(0.0, 1.0, round(seconds / STEP_S), endpoint=False)
+            shape = 2 * np.pi * np.sin(2 * np.pi * steps) if to_and_fro else 1.0 - np.cos(2 * np.pi * steps)
+            part = slice(at, at + len(steps))
+            room = max(min(len(steps), len(rates) - at), 0)
+            rates[part] = (np.radians(turn_deg) * shape / max(seconds, STEP_S))[:room]
+            speeds[part] = speed
+            at += len(steps)
+    heading = rng.uniform(0.0, 2 * np.pi) + np.cumsum(rates) * STEP_S
+    step = speeds[:, None] * STEP_S * np.stack([np.cos(heading), np.sin(heading), np.zeros_like(heading)], axis=1)
+    places = np.cumsum(step, axis=0)
+    slope = np.radians(rng.uniform(1.0, 3.0)) * road(rng, places, 60.0)[:, :2]
+    zero = np.zeros_like(heading)
+    return Path(
+        STEP_S * np.arange(len(heading)),
+        about(np.stack([slope[:, 0], slope[:, 1], zero], axis=1)) @ about(np.stack([zero, zero, heading], axis=1)),
+        places,
+    )
+
+
+def road(rng: Generator, places: Floats, length_m: float) -> Floats:
+    """(M, 3) of unit variance that vary smoothly along a road."""
+    waves = rng.standard_normal((40, 2)) / length_m
+    phases, sizes = rng.uniform(0.0, 2 * np.pi, 40), rng.standard_normal((40, 3)) / np.sqrt(20.0)
+    varying: Floats = np.cos(places[:, :2] @ waves.T + phases) @ sizes
+    return varying
+
+
+def along(rng: Generator, path: Path, *, share: float) -> Floats:
+    """A field that varies by a share of its strength along a road."""
+    field: Floats = share * STRENGTH_UT / np.sqrt(3.0) * road(rng, path.places, 20.0)
+    return field
+
+
 PATHS: Final[dict[str, Callable[[Generator], Path]]] = {
     **{f"arc of {half}°": partial(arc, half_deg=half) for half in (10, 20, 30, 40)},
     "one axis": one_axis,
@@ -139,6 +187,7 @@ PATHS: Final[dict[str, Callable[[Generator], Path]]] = {
     "pendulum": pendulum,
     "tumble on an arm": tumbled,
     "tumble": tumble,
+    "drive": drive,
 }
 
 
@@ -179,14 +228,16 @@ def met(seed: int, of: Sensor, effect: Effect, fit: Fit) -> Floats:
     return level(seed, Sensor(np.diag([1.0, 1.0, -1.0]) @ of.iron, of.offset), effect)
 
 
-def tried(case: tuple[str, int]) -> Thin:
+def tried(case: tuple[str, int], *, is_felt: bool) -> Thin:
     """One fit of a path with a seed."""
     name, seed = case
     rng = stream(seed, "share")
-    effect = Effect(place=partial(varied, share=float(np.exp(rng.uniform(*np.log(VARIATION))))))
+    share = float(np.exp(rng.uniform(*np.log(VARIATION))))
+    effect = Effect(place=partial(along if name == "drive" else varied, share=share))
     of = (corrected_before if seed % 2 else sensor)(stream(seed, "sensor"))
     path = PATHS[name](stream(seed, f"path {name}"))
-    fit = fitted(recorded(seed, of, effect, path))
+    samples = recorded(seed, of, effect, path)
+    fit = fitted(felt(samples, seed, path) if is_felt else samples)
     raw = float(np.abs(headings(level(seed, of, effect))).max())
     if fit is None:
         return Thin("refused", np.nan, np.nan, raw, "")
@@ -205,7 +256,9 @@ def row(name: str, trials: Sequence[Thin]) -> str:
     rest = [trial for trial in trials if trial.verdict == "refused" and np.isfinite(trial.true)]
     ratios = np.array([trial.true / trial.claimed for trial in stated]) if stated else np.array([np.nan])
     of_rest = np.array([trial.true / trial.claimed for trial in rest]) if rest else np.array([np.nan])
-    claimed, true = (np.median([getattr(t, what) for t in stated]) if stated else np.nan for what in ("claimed", "true"))
+    claimed, true = (
+        np.median([getattr(t, what) for t in stated]) if stated else np.nan for what in ("claimed", "true")
+    )
     return (
         f"| {name} | {', '.join(str(verdicts.count(verdict)) for verdict in ('good', 'limited', 'refused'))} | {claimed:.2f} | "
         f"{true:.2f} | {np.quantile(ratios, 0.5):.1f} / {np.quantile(ratios, 0.9):.1f} | {np.mean(ratios <= 2):.0%} | "
@@ -213,12 +266,15 @@ def row(name: str, trials: Sequence[Thin]) -> str:
     )
 
 
-def table(paths: Sequence[str], trials: int, processes: int) -> Iterator[str]:
+def table(paths: Sequence[str], trials: int, processes: int, *, is_felt: bool) -> Iterator[str]:
     """A row for each path."""
     yield HEAD
     with ProcessPoolExecutor(processes) as pool:
         for name in paths:
-            yield row(name, list(pool.map(tried, [(name, seed) for seed in range(trials)], chunksize=2)))
+            yield row(
+                name,
+                list(pool.map(partial(tried, is_felt=is_felt), [(name, seed) for seed in range(trials)], chunksize=2)),
+            )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -227,8 +283,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--trials", type=int, default=40, help="fits of each path")
     parser.add_argument("--paths", nargs="+", default=list(PATHS), choices=PATHS, metavar="PATH")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--felt", action="store_true", help="with an accelerometer")
     chosen = parser.parse_args(arguments)
-    for line in table(chosen.paths, chosen.trials, chosen.processes):
+    for line in table(chosen.paths, chosen.trials, chosen.processes, is_felt=chosen.felt):
         print(line, flush=True)
 
 

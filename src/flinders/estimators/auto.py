@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
+from flinders.core.samples import Samples
 from flinders.errors import FitError, NeedsSamples
 from flinders.estimators.base import Method, check_prior
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood, estimated, recorded
 from flinders.estimators.robust import Robust
 from flinders.likelihood import prior
+from flinders.native.engine import engine
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -88,8 +90,8 @@ class Auto:
 
     def recorded(self, readings: Readings, *, statistics: int = 1) -> Records:
         """The engine's record of what `estimate` does with readings in memory."""
-        robust = 2 if self.robust else 1
-        return recorded(readings, self.prior, robust=robust, level=1, dip_deg=self.dip_deg, statistics=statistics)
+        robust, level = 2 if self.robust else 1, levelness(readings)
+        return recorded(readings, self.prior, robust=robust, level=level, dip_deg=self.dip_deg, statistics=statistics)
 
     def _from_sums(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid without looking at a reading."""
@@ -98,6 +100,14 @@ class Auto:
         from flinders.estimators.consistent import Consistent
 
         return Consistent().estimate(readings)
+
+
+def levelness(readings: Readings) -> int:
+    """What an accelerometer shows of a level turn, for the engine: 0 that there is none, 2 that there is, 1 nothing."""
+    recording = readings.recording
+    if not isinstance(recording, Samples) or recording.acceleration is None:
+        return 1
+    return engine().levelness(recording.acceleration)
 
 
 def found_alone(field: Floats) -> Estimate | None:

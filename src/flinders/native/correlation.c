@@ -172,8 +172,7 @@ static int are_large(const fl_fit *fit)
 static int is_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, fl_fit *fit,
                          const fl_room *room, int is_assumed, real step[9], real weighed[81], real explained[81])
 {
-    return !fit->unseen &&
-           !fl_slow_noise(kernels, view, residuals, fit, room, is_assumed, &fit->slow, step, weighed, explained);
+    return !fl_slow_noise(kernels, view, residuals, fit, room, is_assumed, &fit->slow, step, weighed, explained);
 }
 
 /* Few readings do not tell whether their noise lasts: the estimate and its covariance are averages over what it may be. */
@@ -226,7 +225,7 @@ static void add_correlation(const fl_kernels *kernels, const fl_view *view, fl_r
  * soft iron take it up, where readings come from few directions, and where a disturbance of its strength is found. */
 static void add_variation(const fl_residuals *residuals, const fl_fit *fit, real expected, flinders_record *record)
 {
-    const real variance = HIDDEN * (expected > fit->slow.strength ? expected : fit->slow.strength);
+    const real found = fit->unseen ? 0 : fit->slow.strength, variance = HIDDEN * (expected > found ? expected : found);
     real scatter[81] = {0}, half[81], added[81];
     if (!(variance > 0)) return;
     fl_scatter_of_variation(residuals, variance, fit->used, scatter);

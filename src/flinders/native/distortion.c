@@ -67,7 +67,6 @@ void fl_sort_by_direction(const fl_kernels *kernels, fl_residuals *residuals)
     real moments[9], values[3];
     kernels->gram(columns, 0, residuals->n, 3, moments);
     fl_eigen(moments, 3, values);
-    residuals->thinnest = (values[0] > FL_ROUNDING * values[2] ? values[0] : values[1]) / (real)residuals->n;
     for (int k = 0; k < 3; k++) {
         real *const axis = residuals->axes[k];
         for (int i = 0; i < 3; i++) axis[i] = moments[3 * i + k];

@@ -191,6 +191,11 @@ class Faults(Library):
         self._library.flinders_turned(np.ascontiguousarray(records), records.size, *strengths, turned)
         return turned
 
+    def levelness(self, acceleration: Floats) -> int:
+        """What (N, 3) accelerations show of a level turn about z, for the option ``level`` of a fit: 0, 1 or 2."""
+        felt = np.ascontiguousarray(acceleration, np.float64)
+        return int(self._library.flinders_levelness(felt, len(felt)))
+
     def is_level(self, covariance: ArrayLike, noise: float, within: float) -> bool:
         """Whether readings of a (3, 3) covariance lie in a plane across z, within a multiple of their noise."""
         return bool(self._library.flinders_is_level(entries_of(covariance), noise, within))

@@ -456,6 +456,11 @@ FLINDERS_API int flinders_drift(const flinders_real *field, size_t rows, const f
                                 const flinders_real shape[6], flinders_real dip_deg, void *workspace, size_t size,
                                 flinders_record *record);
 
+/* What accelerations (rows, 3), NaN where they are missing, show of a level turn about z, for `level` of the options: 0 where
+ * z was not within 30 degrees of the vertical on average, 2 where the body stayed within some 10 degrees of that attitude,
+ * else 1. */
+FLINDERS_API int flinders_levelness(const flinders_real *acceleration, size_t rows);
+
 /* Regress the distances of readings from a known ellipsoid on a disturbance: values (rows,), NaN where it is not known.
  * Readings farther off than `limit` are left out, and of more than 5,000 every second, third ... is looked at. */
 FLINDERS_API int flinders_regress(const flinders_real *field, const flinders_real *values, size_t rows,

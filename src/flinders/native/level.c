@@ -13,6 +13,8 @@
 #define NEARLY_FLAT ((real)3)      /* thickness over noise, below which readings hardly leave their plane */
 #define MUCH_BETTER ((real)5)      /* times smaller a claim that takes readings for a turn which leave their plane by more */
 #define TILTED ((real)0.2)         /* share of the readings: where more leave the plane of a turn, the body was tilted */
+#define VERTICAL ((real)0.8660254037844387) /* of z along the vertical, 30 degrees; as of an accelerometer beside a site */
+#define STEADY ((real)0.985)       /* mean of the vertical in a body that was level: within 10 degrees */
 #define THINNEST ((real)1e-12)     /* semi-axis of a start over the range of the readings */
 
 /* Copy readings, all at one height. */
@@ -120,13 +122,14 @@ static real claimed(const flinders_record *record, real dip_deg)
 }
 
 /* Whether readings are a level turn rather than an ellipsoid: they leave their plane by noise alone, or the turn claims less. */
-int fl_is_turn(const flinders_record *ellipsoid, const flinders_record *turn, const fl_scatter *readings, real dip_deg)
+int fl_is_turn(const flinders_record *ellipsoid, const flinders_record *turn, const fl_scatter *readings,
+               const flinders_options *options)
 {
     if ((real)turn->rejected > TILTED * (real)turn->fitted) return 0;
     if (fl_are_flat(readings, ellipsoid->noise, FL_FLAT_NOISE)) return 1;
-    const int is_nearly = ellipsoid->unobserved || fl_are_flat(readings, ellipsoid->noise, NEARLY_FLAT);
+    const int is_nearly = options->level > 1 || ellipsoid->unobserved || fl_are_flat(readings, ellipsoid->noise, NEARLY_FLAT);
     if (!is_nearly && turn->rejected) return 0; /* what leaves the plane are no outliers */
-    return (is_nearly ? 1 : MUCH_BETTER) * claimed(turn, dip_deg) < claimed(ellipsoid, dip_deg);
+    return (is_nearly ? 1 : MUCH_BETTER) * claimed(turn, options->dip_deg) < claimed(ellipsoid, options->dip_deg);
 }
 
 /* Whether a level turn is looked for: there is a prior across its plane, and each axis changes; one that does not may be a
@@ -136,4 +139,20 @@ int fl_may_be_turn(const flinders_record *record, const flinders_options *option
     for (int axis = 0; axis < 3; axis++)
         if (!(record->highest[axis] > record->lowest[axis])) return 0;
     return options->level && options->prior > 0 && !fl_is_informed(options);
+}
+
+/* What accelerations show of a level turn about z: 0 where z is not within 30 degrees of the vertical on average, 2 where the
+ * body was level, 1 where there are none or it was tilted. */
+int flinders_levelness(const real *acceleration, size_t rows)
+{
+    real sum[3] = {0}, count = 0;
+    for (const real *a = acceleration; a < acceleration + 3 * rows; a += 3) {
+        const real length = fl_sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+        if (!(length > 0) || !isfinite(length)) continue;
+        for (int axis = 0; axis < 3; axis++) sum[axis] += a[axis] / length;
+        count++;
+    }
+    const real length = fl_sqrt(sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]);
+    if (fl_abs(sum[2]) < VERTICAL * length) return 0;
+    return count > 0 && length > STEADY * count ? 2 : 1;
 }

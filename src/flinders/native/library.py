@@ -96,6 +96,7 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "cells_of": (_A, _N, _A),
     "facing": (_A, _D, _A),
     "is_level": (_A, _D, _D),
+    "levelness": (_A, _N),
     "list_outliers": (_A, _A, _N, _A, _A, _A, _A, _A, _N),
     "default_site": (_A,),
     "vertical_add": (_A, _A, _N, _A, _A),

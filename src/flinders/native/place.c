@@ -1,8 +1,8 @@
 /* A field that varies with the place, past which a hand or an arm turns the sensor. As far as it goes with the attitude no
  * residual shows it: offset and soft iron take it up, the more the fewer directions there are.
  *
- * It is taken for a smooth random function of the direction. Where directions lie about a plane or a point, so that hardly
- * anything of it is left in residuals, its size is what is known of such fields beforehand, weighed by what residuals say
+ * It is taken for a smooth random function of the direction. Where directions lie about a plane, a ring or a point,
+ * so that hardly anything of it is left in residuals, its size is what is known of such fields beforehand, weighed by what residuals say
  * (restricted likelihood; D. A. Harville, JASA 72 (1977) 320). `python -m benchmarks.lives` measures what it does.
  */
 #include "residuals.h"
@@ -10,7 +10,7 @@
 enum { SIZES = 7, TAKEN = 200 }; /* readings, evenly over the recording, that its scatter is taken over */
 
 #define SMOOTH (FL_PI / 6) /* standard deviation of the angle within which it is alike */
-#define THIN ((real)0.16)  /* smallest eigenvalue of the mean of u uT from which on directions are spread; all alike have 1/3 */
+#define THIN ((real)0.06)  /* least variance of directions along an axis from which on they are spread; all alike have 1/3 */
 
 /* What is thought of its standard deviation beforehand, a share of the field, and how probable each is. */
 static const real SHARES[SIZES] = {0, (real)0.0005, (real)0.001, (real)0.002, (real)0.004, (real)0.008, (real)0.016};
@@ -25,11 +25,29 @@ real fl_alike(const real a[3], const real b[3])
     return fl_exp(-angle * angle / 2);
 }
 
+/* Least variance of the directions along an axis; of those in one plane, as of readings that were laid flat, within it. */
+static real thickness(const fl_residuals *residuals)
+{
+    real mean[3], axes[9], values[3];
+    const real n = (real)residuals->n;
+    for (int axis = 0; axis < 3; axis++) {
+        mean[axis] = 0;
+        for (size_t i = 0; i < residuals->n; i++) mean[axis] += residuals->directions[axis * FL_LOOKED + i] / n;
+    }
+    for (int k = 0; k < 9; k++) {
+        const real *const a = residuals->directions + k / 3 * FL_LOOKED, *const b = residuals->directions + k % 3 * FL_LOOKED;
+        axes[k] = 0;
+        for (size_t i = 0; i < residuals->n; i++) axes[k] += (a[i] - mean[k / 3]) * (b[i] - mean[k % 3]) / n;
+    }
+    fl_eigen(axes, 3, values);
+    return values[0] > FL_ROUNDING * values[2] ? values[0] : values[1];
+}
+
 /* Its expected variance, unit squared, where directions are few; else 0. */
 real fl_expected_variation(const fl_residuals *residuals, const fl_surface *surface, const fl_room *room)
 {
     real autocovariance[FL_LAGS], ratios[SIZES], likelihoods[SIZES], most, sum = 0, mean = 0;
-    if (residuals->thinnest > THIN) return 0;
+    if (thickness(residuals) > THIN) return 0;
     const real time = fl_time_of(autocovariance, fl_autocovariance(residuals, autocovariance));
     for (int i = 0; i < SIZES; i++) {
         const real size = SHARES[i] * surface->radius;

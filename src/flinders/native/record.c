@@ -92,7 +92,7 @@ static int fit_either(fl_task *of, flinders_record *record)
         record->hides_plane = flinders_is_level(scatter.inliers, FL_HUGE, 1);
     }
     if (!may_be || !fl_are_flat(&scatter, FL_HUGE, 1)) return FLINDERS_OK;
-    if (fl_fit_turn(of, &turn) == FLINDERS_OK && fl_is_turn(record, &turn, &scatter, of->options->dip_deg)) *record = turn;
+    if (fl_fit_turn(of, &turn) == FLINDERS_OK && fl_is_turn(record, &turn, &scatter, of->options)) *record = turn;
     return FLINDERS_OK;
 }
 

@@ -123,7 +123,8 @@ typedef struct {
 int fl_may_be_turn(const flinders_record *record, const flinders_options *options);
 int fl_are_flat(const fl_scatter *readings, real noise, real within);
 int fl_fit_turn(fl_task *of, flinders_record *record);
-int fl_is_turn(const flinders_record *ellipsoid, const flinders_record *turn, const fl_scatter *readings, real dip_deg);
+int fl_is_turn(const flinders_record *ellipsoid, const flinders_record *turn, const fl_scatter *readings,
+               const flinders_options *options);
 
 /* fit.c: with little memory, and no statistics asked for, a room without `keys` and `some` will do; `scratch` may then be
  * the first half of `order`, and `distances` the second. */

@@ -22,7 +22,6 @@ typedef struct {
     real *directions; /* (3, FL_LOOKED) */
     real *scratch;    /* (3, n) for fl_sort_by_direction */
     uint32_t *cells; /* (n,) of the sphere; filled by fl_sort_by_direction */
-    real thinnest;   /* smallest eigenvalue of the mean of u uT, of those in a plane that of them in it; as axes */
     real axes[3][3]; /* in which these cells are, in rows; filled by fl_sort_by_direction */
     uint32_t *places; /* (n,) rows of the readings; filled by fl_gather_evenly */
 } fl_residuals;

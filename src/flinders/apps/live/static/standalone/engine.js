@@ -30,6 +30,7 @@
  * @property {number} [dipDeg] Inclination of the field, -89 to 89.
  * @property {number} [robust] Reject outliers: 0 never, 1 where residuals ask for it, 2 always.
  * @property {boolean} [hasStatistics] Look at the recording as a whole, too.
+ * @property {number} [level] Look for a level turn: 0 not, 1, or 2 where an accelerometer shows one.
  */
 
 /**
@@ -535,6 +536,16 @@ export class Engine {
     }
 
     /**
+     * What accelerations show of a level turn about z: 0 that there is none, 2 that there is, 1 nothing.
+     * @param {Float64Array} acceleration Three numbers a reading, NaN where they are missing.
+     * @returns {number}
+     */
+    levelness(acceleration) {
+        const [at] = this.#lent(acceleration);
+        return this.call.flinders_levelness(at, acceleration.length / 3);
+    }
+
+    /**
      * Let the field of a place count in a fit, before it is judged.
      * @param {Float64Array} field The readings that the fit goes by.
      * @param {Fitted} record
@@ -633,13 +644,14 @@ export class Engine {
     }
 
     /** @param {FitOptions} options */
-    #choose({ dipDeg, robust, hasStatistics }) {
+    #choose({ dipDeg, robust, hasStatistics, level }) {
         this.call.flinders_default_options(this.at.options);
         const { fields } = this.layouts.options;
         const view = new DataView(this.memory.buffer, this.at.options);
         if (dipDeg !== undefined) view.setFloat64(fields.dip_deg[0], dipDeg, true);
         if (robust !== undefined) view.setInt32(fields.robust[0], robust, true);
         if (hasStatistics !== undefined) view.setInt32(fields.statistics[0], Number(hasStatistics), true);
+        if (level !== undefined) view.setInt32(fields.level[0], level, true);
     }
 
     /**

@@ -149,8 +149,10 @@ export function surfaceOf(centre, shape) {
  */
 export function fitOf(engine, data, request) {
     const { field, time, acceleration, unit, dipDeg, renewed } = request;
+    const level = acceleration ? engine.levelness(acceleration) : 1;
     /** @type {(field: Float64Array, time: Float64Array | null) => Fitted} */
-    const fit = (field, time) => (renewed ? engine.refresh(field, time, renewed, { dipDeg }) : engine.fit(field, time, { dipDeg }));
+    const fit = (field, time) =>
+        renewed ? engine.refresh(field, time, renewed, { dipDeg }) : engine.fit(field, time, { dipDeg, level });
     const whole = fit(field, time);
     const { EARTH_WEAKEST, EARTH_STRONGEST } = data.numbers;
     /** @type {import("./engine.js").Strengths} */
