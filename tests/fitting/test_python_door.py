@@ -120,7 +120,7 @@ def test_frames_of_pandas_and_polars_need_no_pyarrow(
 
 
 def test_other_streams_of_arrow_need_pyarrow(samples: Samples, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("flinders.errors.import_module", refuse)
+    monkeypatch.setattr("flinders.foreign_errors.import_module", refuse)
     with pytest.raises(MissingExtra, match=r"a tests Streamed needs pyarrow.*flinders\[parquet\]"):
         flinders.fit(Streamed(samples.as_columns()))
     with pytest.raises(MissingExtra, match="a table of Arrow needs pyarrow"):
