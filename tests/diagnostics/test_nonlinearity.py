@@ -242,7 +242,7 @@ def test_the_file_keeps_terms_and_claim(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{"method": "ellipsoid"}, {"aiding": "rate"}, {"disturbances": ["current"]}],
+    [{"method": "consistent"}, {"aiding": "rate"}, {"disturbances": ["current"]}],
     ids=["method", "aid", "disturbance"],
 )
 def test_what_does_not_go_with_it_is_refused(options: dict[str, Any]) -> None:
