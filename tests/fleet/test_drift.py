@@ -332,7 +332,7 @@ def test_what_is_no_table_of_a_fleet_is_named(
     name: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    samples = tumble(seed=3, motion="uniform").samples
+    samples = simulate.tumble(seed=3, motion="uniform").samples
     np.savetxt("monday.csv", samples.field, delimiter=",", header="mx_uT,my_uT,mz_uT", comments="")
     flinders.fit(samples).save("monday.json")
     ended = CliRunner().invoke(main, ["drift", name])
