@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from tests.page_session import PageSession
 from tests.trials import daily
 
 import flinders
 from flinders import simulate
-from flinders.apps.live.buffer import rows_of
 from flinders.cli import main
 from flinders.core.samples import Samples
 from flinders.diagnostics.unmoved import unmoved_deg
@@ -222,18 +220,6 @@ def test_info_says_one_thing(still: str) -> None:
     assert not any(word in ended.stdout.partition("readings")[2] for word in FALSEHOODS)
     sensor = json.loads(CliRunner().invoke(main, ["info", still, "--json"]).stdout)["sensors"][0]
     assert (sensor["coverage"], sensor["strength"], sensor["rails"]) == (None, None, [])
-
-
-def test_the_live_page_says_one_thing(trials: Choose) -> None:
-    for seed in trials(25, 1).seeds:
-        field, _ = handled(seed, n=3000)
-        samples = Samples(field, time=np.arange(3000) / 50.0)
-        session = PageSession()
-        session.arrived(60.0, rows_of(samples), samples.unit)
-        found = session.evaluated()
-        assert [(reason.code, reason.severity) for reason in found.reasons] == [("no-rotation", "info")]
-        assert found.refusal.startswith("all readings lie within ")
-        assert found.view is None
 
 
 def exact(n: int = 3000, *, resolution: float = 0.0) -> Floats:

@@ -18,8 +18,6 @@ from tests.worlds import ARMS, MOTORS, OFFSET_SENSOR, PER_AMPERE
 
 import flinders
 from flinders import simulate
-from flinders.apps.vehicles.targets.ardupilot import ArduPilotParameters as ArduPilot
-from flinders.apps.vehicles.targets.px4 import Px4Parameters as Px4
 from flinders.cli import main
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
@@ -210,21 +208,6 @@ def away(calibration: Calibration, motor: str, value: float) -> tuple[Floats, Fl
     """(N, 3) readings at a value of the motors in µT and mapped axes, and what they should become."""
     field = calibration.field_strength * simulate.uniform(np.random.default_rng(1), 50)
     return calibration.at(**{motor: value}).unapply(field), field
-
-
-@pytest.mark.parametrize("motor", ["current", "throttle"])
-def test_autopilots_correct_as_the_calibration_does(motor: str) -> None:
-    value = 12.0 if motor == "current" else 0.6
-    disturbances = (Disturbance(motor, np.array([0.5, -0.1, 0.3]), reference=0.2, lowest=0.0, highest=20.0),)
-    found = replace(given(), disturbances=disturbances, axes=Axes())
-    raw, field = away(found, motor, value)
-    ardupilot = ArduPilot.of(found)
-    assert ardupilot.motor_by == (2 if motor == "current" else 1)
-    npt.assert_allclose(ardupilot.apply(10.0 * raw, value) / 10.0, field, atol=1e-6)
-    px4 = Px4.of(found)
-    npt.assert_allclose(
-        100.0 * px4.apply(raw / 100.0, value / 1000.0 if motor == "current" else value), field, atol=1e-6
-    )
 
 
 @pytest.mark.parametrize("name", registry())

@@ -7,18 +7,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
-from tests.page_session import PageSession
 from tests.program import flinders_
 from tests.worlds import MOTORS, OFFSET_SENSOR
 
 import flinders
 from flinders import Fit, simulate
-from flinders.apps.live.buffer import rows_of
 from flinders.core.joining import Joined
 from flinders.fitting.result import Judgement
 from flinders.report.formatting import condition
-from flinders.report.notebook import html_of
-from flinders.report.view import view
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -110,16 +106,6 @@ def test_a_current_that_follows_the_attitude_is_a_condition_wherever_a_verdict_i
     said = ran.out + (page.read_text(encoding="utf-8") if page.exists() else "")
     assert "good" in said.lower()
     assert ('"constant-iron"' if "--json" in RENDERINGS[rendering] else "currents are constant") in said
-
-
-def test_a_notebook_and_the_live_page_state_it() -> None:
-    samples = simulate.tumble(seed=1).samples
-    fit = flinders.fit(samples)
-    assert condition(fit) in html_of(fit)
-    session = PageSession()
-    session.arrived(60.0, rows_of(samples))
-    assert session.evaluated().view.condition == view(fit, samples).condition
-    assert view(fit, samples).condition in condition(fit)
 
 
 def test_a_current_that_is_compensated_is_no_condition() -> None:

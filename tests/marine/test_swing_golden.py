@@ -8,6 +8,10 @@ import numpy as np
 from tests.boats import Boat, nmea0183_of, octagon
 from tests.golden.sessions import session
 
+from flinders.apps.marine.deviation import fit
+from flinders.apps.marine.swing_pages import card
+from flinders.geometry.angles import folded
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -50,3 +54,9 @@ def test_a_swing_of_a_boat(tmp_path: Path, golden: Golden) -> None:
     boat = Boat.sail(octagon(), np.random.default_rng(11), current=0.4 - 0.2j)
     (tmp_path / "boat.nmea").write_text("\n".join(nmea0183_of(boat)), encoding="utf-8")
     golden("cli/swing-boat.txt", session("flinders swing boat.nmea --reference course --step 45 --target 3"))
+
+
+def test_the_card_as_a_table(golden: Golden) -> None:
+    around = np.arange(0.0, 360.0, 30.0)
+    found = fit(around, folded(2.0 * np.sin(np.deg2rad(around)) - 1.0), sigma_deg=0.5)
+    golden("cli/swing-card.csv", card(found, 45.0))

@@ -17,31 +17,22 @@ import numpy as np
 import pytest
 from benchmarks import fuzz
 from tests.program import flinders_
-from tests.samples import written
 from tests.trials import daily, nightly
 
 import flinders
 from flinders import simulate
-from flinders.apps.vehicles.readers import dataflash_format as _fmt
-from flinders.apps.vehicles.readers import ulog
 from flinders.core import files
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput
-from flinders.readers import _source, parquet
+from flinders.readers import parquet
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from flinders.arrays import Floats
     from flinders.core.samples import Samples
 
 ROOT = Path(__file__).parents[2]
 FIELD = simulate.tumble(seed=5, n=300, motion="uniform").samples.field
 TEXT = "mx_uT,my_uT,mz_uT\n" + "".join(f"{x:.3f},{y:.3f},{z:.3f}\n" for x, y, z in FIELD)
-
-
-@pytest.fixture
-def table() -> Floats:
-    return np.column_stack([np.arange(300) / 50, 10 * FIELD, np.tile([0.0, 0.0, 9.8], (300, 1))])
 
 
 def arrow_of(path: Path, names: tuple[str, ...] = ("mx_uT", "my_uT", "mz_uT"), **options: str) -> Path:
@@ -153,21 +144,6 @@ def test_any_letter_may_stand_in_the_description_of_a_message(letter: str, tmp_p
             flinders.read(tmp_path / "flight.log")
 
 
-def test_letters_beyond_the_labels_of_a_message_cost_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[str] = []
-
-    def holder(letter: str) -> list[float]:
-        made.append(letter)
-        return []
-
-    monkeypatch.setattr(_fmt, "_holder", holder)
-    description = f"FMT, 134, 18, MAG, Qhhh{'h' * 5000}, TimeUS,MagX,MagY,MagZ"
-    lines = [description, *(f"MAG, {row}, 0, 4, -586" for row in range(20))]
-    read = _fmt.read_listed(enumerate(lines), {"MAG"})
-    assert made == list("Qhhh"), "once, and for the labels alone"
-    assert list(read.tables["MAG"].fields) == ["TimeUS", "MagX", "MagY", "MagZ"]
-
-
 def test_a_name_that_is_no_utf_8_stands_in_no_report(tmp_path: Path) -> None:
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff.csv"))
     path.write_text(TEXT)
@@ -239,31 +215,6 @@ def test_raw_columns_of_which_one_has_a_damaged_name_are_told_before_the_calibra
 
 
 # bounds
-
-
-def test_zeros_that_a_logger_has_reserved_cost_no_more_than_looking_at_them(
-    tmp_path: Path, table: Floats, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """20 MB of them, in a hole of the file: the log is read as it is without, and they are said."""
-    from tests.flight_log import dataflash
-
-    parsed: list[int] = []
-
-    def up_to(path: Path, size: int) -> _source.UpTo:
-        parsed.append(size)
-        return _source.UpTo(path, size)
-
-    monkeypatch.setattr(ulog, "UpTo", up_to)
-    logs = [written("ulog", tmp_path, table), tmp_path / "flight.bin"]
-    logs[1].write_bytes(b"".join(dataflash()))
-    for path in logs:
-        whole = flinders.read(path)
-        with path.open("ab") as file:
-            file.truncate(path.stat().st_size + 20_000_000)
-        log = flinders.open_log(path)
-        assert np.array_equal(flinders.read(path).field, whole.field)
-        assert any("20,000,0" in note and "bytes of zeros at its end are left out" in note for note in log.damage)
-    assert len(set(parsed)) == 1
 
 
 def test_packed_columns_are_weighed_before_they_are_unpacked(tmp_path: Path) -> None:
