@@ -7,6 +7,7 @@ anew from the rows. It keeps the words between the heading of a section and its 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import click
@@ -15,6 +16,7 @@ from tests.golden.sessions import ROOT, Golden, session
 
 from flinders.cli import main
 from flinders.estimators import table
+from flinders.readers import registry as readers
 from flinders.targets import registry
 
 if TYPE_CHECKING:
@@ -121,3 +123,28 @@ def test_the_reference_has_a_section_for_each_module_of_targets(request: pytest.
         API.write_text(made, encoding="utf-8")
     else:
         assert text == made, "docs/api/targets.md lacks a module: `uv run pytest --regenerate`, review the diff"
+
+
+def test_each_format_is_documented_from_the_table(request: pytest.FixtureRequest) -> None:
+    """The table in docs/formats.md is made of the rows; a section under a reader's title shows a command to type."""
+    path = ROOT / "docs" / "formats.md"
+    text = path.read_text(encoding="utf-8")
+    lines = ["| format | endings | what is read | needs |", "|---|---|---|---|"]
+    for reader in readers():
+        assert reader.docs, f"the row of {reader.name} does not say what is read: docs"
+        section = re.search(rf"^## {re.escape(reader.title)}\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL | re.I)
+        assert section is None or "```sh\nflinders " in section[1], f"'## {reader.title}' shows no command"
+        title = f"[{reader.title}](#{anchor(reader.title)})" if section else reader.title
+        endings = ", ".join(f"`{suffix}`" for suffix in reader.suffixes)
+        needs = f"`pip install 'flinders[{reader.extra}]'`" if reader.extra else ""
+        lines.append(f"| {title} | {endings} | {reader.docs} | {needs} |")
+    table = "\n".join(lines)
+    pattern = re.compile(r"(?<=<!-- table of readers -->\n).*?(?=<!-- end of the table -->)", re.DOTALL)
+    if request.config.getoption("--regenerate", default=False):
+        path.write_text(pattern.sub(lambda _: f"{table}\n", text), encoding="utf-8")
+        return
+    assert f"{table}\n" in text, "docs/formats.md has another table than the rows: pytest --regenerate this test"
+
+
+def anchor(title: str) -> str:
+    return re.sub(r"[^\w\- ]", "", title.casefold()).replace(" ", "-")

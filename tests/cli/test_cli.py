@@ -228,9 +228,9 @@ def test_demo_writes_a_recording_for_the_other_commands(home: Path) -> None:
 def test_methods_lists_all_of_them() -> None:
     found = flinders_("methods", "--json").json
     assert list(found) == list(flinders.estimators.METHODS)
-    parameters = {"likelihood": 9, "robust": 9, "axes": 6, "sphere": 4}
+    parameters = {"likelihood": 9, "robust": 9, "level": 5, "minmax": 6}
     assert {name: found[name]["parameters"] for name in parameters} == parameters
-    assert found["sphere"]["least_readings"] == 5
+    assert found["level"]["least_readings"] == 6
     assert all(name in flinders_("methods").out for name in found)
 
 
@@ -307,9 +307,9 @@ def test_axes_turn_the_recording_and_are_kept_in_the_file(home: Path) -> None:
 
 def test_a_known_field_strength_sets_the_scale(home: Path) -> None:
     found = flinders_(
-        "calibrate", "tumble.csv", "--method", "axes", "--field-strength", "49.8", "--target", "9", "--json"
+        "calibrate", "tumble.csv", "--method", "consistent", "--field-strength", "49.8", "--target", "9", "--json"
     ).json
-    assert found["method"] == "axes"
+    assert found["method"] == "consistent"
     assert (found["calibration"]["field_strength"], found["calibration"]["field_strength_known"]) == (49.8, True)
     assert "scale-unknown" not in [finding["code"] for finding in found["findings"]]
 

@@ -270,7 +270,7 @@ def test_what_needs_offset_and_matrix_alone_is_refused() -> None:
     for use in uses:
         with pytest.raises(UsageError, match="linearizes its axes"):
             use()
-    for target in ("ardupilot", "json", "c-q15", "adis16480"):
+    for target in ("json", "c-q15", "vectornav"):
         with pytest.raises(NotExportable, match="linearizes its axes"):
             flinders.export(fit.calibration, target)
 

@@ -172,7 +172,7 @@ def test_a_turn_of_another_unit_is_not_called_still(trials: Choose) -> None:
         assert unmoved_deg(Summary.of(simulate.tumble(seed=seed).samples.field / 100.0), "uT") is None
 
 
-@pytest.mark.parametrize("method", ["auto", "consistent", "sphere", "robust", "li", "minmax"])
+@pytest.mark.parametrize("method", ["auto", "consistent", "robust", "minmax"])
 def test_every_method_says_so_and_nothing_else(method: str) -> None:
     with pytest.raises(Unmoved) as caught:
         flinders.fit(Samples.of(handled(1)[0], unit="uT"), method=method)
@@ -182,7 +182,7 @@ def test_every_method_says_so_and_nothing_else(method: str) -> None:
     assert dict(caught.value.evidence) == {"angle_deg": caught.value.angle_deg}
 
 
-@pytest.mark.parametrize("method", ["level", "ellipse", "two-axis"])
+@pytest.mark.parametrize("method", ["level", "ellipse"])
 def test_methods_of_a_plane_ask_for_a_turn_in_it(method: str) -> None:
     with pytest.raises(Unmoved, match="turn the sensor all the way round in the plane xy"):
         flinders.fit(Samples.of(handled(1)[0], unit="uT"), method=method)

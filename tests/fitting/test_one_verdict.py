@@ -11,8 +11,6 @@ from click.testing import CliRunner
 from flinders import simulate
 from flinders.cli import main
 from flinders.fitting.result import Fit
-from flinders.report.html import TITLES
-from flinders.report.modules import asset
 from flinders.report.notebook import html_of
 from flinders.simulate.recording import write_csv
 
@@ -40,8 +38,3 @@ def test_all_renderings_have_the_word(verdict: str, tmp_path: Path, monkeypatch:
         loaded = Fit.load("c.json")
         assert loaded.verdict == verdict
         assert f" {verdict}: " in html_of(loaded)
-
-
-def test_the_page_calls_verdicts_as_the_report_does() -> None:
-    listed = asset("apps/live/static/views/words.js").split("export const VERDICTS = Object.freeze({")[1].split("}")[0]
-    assert listed.split() == [part for verdict, title in TITLES.items() for part in (f"{verdict}:", f'"{title}",')]

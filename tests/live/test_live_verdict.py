@@ -16,6 +16,8 @@ from flinders.apps.live.buffer import rows_of
 from flinders.apps.live.guided import Session
 from flinders.core.samples import Samples
 from flinders.report.formatting import condition
+from flinders.report.html import TITLES
+from flinders.report.modules import asset
 from flinders.report.notebook import html_of
 from flinders.report.view import view
 
@@ -52,3 +54,8 @@ def test_a_session_has_the_verdict_of_all_readings(verdict: str) -> None:
     page = PageSession()
     page.arrived(60.0, rows_of(samples))
     assert page.evaluated().view.verdict == verdict
+
+
+def test_the_page_calls_verdicts_as_the_report_does() -> None:
+    listed = asset("apps/live/static/views/words.js").split("export const VERDICTS = Object.freeze({")[1].split("}")[0]
+    assert listed.split() == [part for verdict, title in TITLES.items() for part in (f"{verdict}:", f'"{title}",')]

@@ -32,7 +32,7 @@ WRONG: list[dict[str, Any]] = [
 
 
 @pytest.mark.parametrize("wrong", WRONG, ids=str)
-@pytest.mark.parametrize("name", ["dataflash", "text", "hdf5"])
+@pytest.mark.parametrize("name", ["text", "hdf5"])
 def test_a_wrong_argument_is_an_error_of_the_call(name: str, wrong: dict[str, Any], tmp_path: Path) -> None:
     with pytest.raises(UsageError):
         flinders.read(written(name, tmp_path, TABLE), **wrong)
