@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import playwright
 
-MODULES: Final = files("flinders.apps.live").joinpath("static", "standalone")
 RUN_S: Final = 60.0
 
 
@@ -30,11 +29,12 @@ def run(program: str, given: object) -> Any:  # noqa: ANN401 - as JSON
     given : object
         JSON; bytes have to be written in base64.
     """
+    modules = files("flinders.apps.live").joinpath("static", "standalone")
     source = f"""
 import {{ readFileSync }} from "node:fs";
 import {{ pathToFileURL }} from "node:url";
 const given = JSON.parse(readFileSync(0, "utf-8"));
-const load = (name) => import(pathToFileURL({json.dumps(f"{MODULES}/")} + name));
+const load = (name) => import(pathToFileURL({json.dumps(f"{modules}/")} + name));
 const result = await (async () => {{ {program} }})();
 process.stdout.write(JSON.stringify(result));
 """

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.cli.test_completion import completed
 from tests.findings.test_what_is_known import run
+from tests.trials import nightly
 from tests.worlds import write_field
 
 from flinders.cli import main
@@ -43,3 +45,14 @@ def test_a_turn_that_is_uneven_is_fitted_as_its_page_advises(
     assert ("ellipse xy" in shown) == (uneven > 0.0)
     asked = " ".join(CliRunner().invoke(main, ["two-axis", "turn.csv", "--method", "two-axis"]).output.split())
     assert ("use --method ellipse" in asked) == (uneven > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("flinders comp", ["plain,compare", "plain,compare-methods"]),
+        nightly("flinders two-axis --method ell", ["plain,ellipse"]),
+    ],
+)
+def test_a_shell_completes(words: str, expected: list[str]) -> None:
+    assert completed(words) == expected

@@ -47,3 +47,11 @@ def test_an_array_of_two_columns_is_a_level_turn_too(tmp_path: Path) -> None:
         ended = CliRunner().invoke(main, line)
         assert ended.exit_code == 3, ended.output
         np.testing.assert_allclose(flinders.Calibration.load(tmp_path / "c.json").offset[:2], [10.0, -5.0], atol=1e-3)
+
+
+def test_two_columns_are_not_compared_by_all_methods(tmp_path: Path) -> None:
+    path, _ = two_columns(tmp_path)
+    for words, codes in (([], {5}), (["--columns", "1,2"], {2, 5})):
+        ended = CliRunner().invoke(main, ["compare-methods", str(path), *words])
+        assert ended.exit_code in codes
+        assert "flinders two-axis" in ended.stderr

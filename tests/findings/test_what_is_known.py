@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from tests.flight_log import dataflash
 
 from flinders.cli import main
 from flinders.errors import UsageError
@@ -37,20 +36,14 @@ def calibration(line: str, code: int = 0) -> dict[str, Any]:
 
 
 @pytest.fixture
-def flight() -> str:
-    Path("flight.bin").write_bytes(b"".join(dataflash()))
-    return "flight.bin"
-
-
-@pytest.fixture
 def tumbled() -> str:
     write_csv(tumble(seed=1).samples, "tumble.csv")
     return "tumble.csv"
 
 
-def test_a_dip_that_nobody_gave_is_marked_as_assumed(tumbled: str, flight: str) -> None:
+def test_a_dip_that_nobody_gave_is_marked_as_assumed(tumbled: str) -> None:
     assert "dip 60° (assumed)" in " ".join(run(f"calibrate {tumbled}").stdout.split())
-    for line, code in ((f"{tumbled} --dip 60", 0), (flight, 0), (f"{tumbled} --at 47,8 --date 2026-01-08", 0)):
+    for line, code in ((f"{tumbled} --dip 60", 0), (f"{tumbled} --at 47,8 --date 2026-01-08", 0)):
         assert "(assumed)" not in run(f"calibrate {line}", code).stdout
 
 

@@ -249,7 +249,7 @@ def test_a_calibration_is_written_for_a_target(samples: Samples, tmp_path: Path)
         sketch.save(tmp_path / "mag.ino")
     flinders.export(calibration, "adafruit-eeprom").save(tmp_path / "mag.ino", force=True)
     assert len((tmp_path / "mag.ino").read_bytes()) == 68
-    with pytest.raises(UsageError, match="goes with ardupilot"):
+    with pytest.raises(UsageError, match="c holds one compass only"):
         flinders.export(calibration, "c", compass=1)
 
 

@@ -52,15 +52,11 @@ def arrow_of(path: Path, names: tuple[str, ...] = ("mx_uT", "my_uT", "mz_uT"), *
 # no exception but the project's own
 
 
-def test_a_column_whose_name_is_no_text_is_refused_and_a_row_of_a_fleet(tmp_path: Path) -> None:
+def test_a_column_whose_name_is_no_text_is_refused(tmp_path: Path) -> None:
     path = arrow_of(tmp_path / "broken.arrow")
     path.write_bytes(path.read_bytes().replace(b"mx_uT", b"m\xff_uT"))
     with pytest.raises(UnreadableInput, match=r"broken\.arrow cannot be read as Arrow.*copy it again"):
         flinders.read(path)
-    (tmp_path / "good.csv").write_text(TEXT)
-    ended = flinders_("fleet", str(tmp_path), "-o", str(tmp_path / "out.parquet"), "--workers", "0")
-    assert ended.code == 3
-    assert "broken" in ended.err + ended.out
 
 
 def test_a_row_group_that_says_it_has_no_rows_is_refused(tmp_path: Path) -> None:

@@ -591,7 +591,7 @@ def two_columns(folder: Path, *, header: str = "", third: bool = False) -> tuple
     return path, turn
 
 
-@pytest.mark.parametrize("command", ["calibrate", "info", "compare-methods"])
+@pytest.mark.parametrize("command", ["calibrate", "info"])
 def test_two_columns_are_for_two_axis_alone(command: str, tmp_path: Path) -> None:
     path, _ = two_columns(tmp_path)
     ended = CliRunner().invoke(main, [command, str(path)])

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from flinders.arrays import Floats
+
 
 FLIGHT: Final = "dronekit_log171_3mags/log171.bin"
 BLOCKS: Final = 48

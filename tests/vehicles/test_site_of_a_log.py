@@ -39,3 +39,7 @@ def test_the_site_in_a_log_can_be_left_out_and_its_dip_be_replaced(flight: str) 
     steeper = calibration(f"{flight} --dip 70")
     assert abs(steeper["heading_error_deg"]["dip_deg"]) == 70.0
     assert steeper["calibration"]["field_strength_known"] is True
+
+
+def test_the_dip_of_a_log_is_not_assumed(flight: str) -> None:
+    assert "(assumed)" not in run(f"calibrate {flight}").stdout
