@@ -19,6 +19,11 @@ def node() -> str:
     return shutil.which("node") or str(Path(playwright.__file__).parent / "driver" / "node")
 
 
+def modules() -> str:
+    """The folder ``standalone`` of the page."""
+    return str(files("flinders.apps.live").joinpath("static", "standalone"))
+
+
 def run(program: str, given: object) -> Any:  # noqa: ANN401 - as JSON
     """Run a program that may import from the folder ``standalone``.
 
@@ -29,12 +34,11 @@ def run(program: str, given: object) -> Any:  # noqa: ANN401 - as JSON
     given : object
         JSON; bytes have to be written in base64.
     """
-    modules = files("flinders.apps.live").joinpath("static", "standalone")
     source = f"""
 import {{ readFileSync }} from "node:fs";
 import {{ pathToFileURL }} from "node:url";
 const given = JSON.parse(readFileSync(0, "utf-8"));
-const load = (name) => import(pathToFileURL({json.dumps(f"{modules}/")} + name));
+const load = (name) => import(pathToFileURL({json.dumps(f"{modules()}/")} + name));
 const result = await (async () => {{ {program} }})();
 process.stdout.write(JSON.stringify(result));
 """
