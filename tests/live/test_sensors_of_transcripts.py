@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from tests.readers.test_lines_between import BESIDE, FIELD, VALUES, printed, read
 from tests.readers.test_sensor_words import FIELD as OTHER_FIELD
+from tests.readers.test_sensor_words import TEXTS
 
 from flinders.apps.live.transcript import Transcript
 from flinders.errors import NoMagnetometer
@@ -52,6 +53,7 @@ def test_equal_axes_under_different_labels_are_no_one_sensor(labels: tuple[str, 
     assert Transcript("the board").take("\n".join([*lines, ""]).encode(), at=1.0).readings is None
 
 
+@pytest.mark.parametrize("lines", TEXTS.values(), ids=TEXTS)
 def test_rows_of_other_sensors_do_not_reach_the_live_page(lines: list[str]) -> None:
     taken = Transcript("the phone").take("\n".join(["", *lines, ""]).encode(), at=1.0)
     assert taken.readings is not None
