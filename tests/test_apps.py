@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Final
@@ -17,7 +18,10 @@ import pytest
 import flinders
 from flinders import estimators, readers, targets
 from flinders.cli._commands import HEADINGS, ROWS
+from flinders.core import plugins
 from flinders.core.plugins import app_rows, apps
+from flinders.errors import UsageError
+from flinders.readers._asked_columns import asked_columns
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -169,8 +173,26 @@ def test_no_module_hides_a_public_name(app: str) -> None:
 OWN: Final[dict[str, Collection[str]]] = {
     "PUBLIC": flinders._HOMES, "COMMANDS": ROWS, "SIMULATIONS": ("three-axis",), "READERS": modules(readers),
     "TARGETS": modules(targets), "METHODS": modules(estimators), "FEEDS": (), "COURSES": (), "KNOWN_TEXTS": (),
+    "REMARKS": (),
 }  # fmt: skip
 """Tables that packages add rows to, and keys of the library's own rows."""
+
+
+def test_a_package_is_imported_as_an_attribute_and_by_its_full_name() -> None:
+    """Type checkers follow both; a second name of the module would be found by neither them nor editors."""
+    from flinders import board, classic, fleet, live, marine, survey, vehicles
+
+    packages = (board, classic, fleet, live, marine, survey, vehicles)
+    assert [each.__name__ for each in packages] == [f"flinders.apps.{app}" for app in apps()]
+    assert find_spec("flinders.marine") is None
+
+
+def test_a_command_of_a_package_is_named_where_the_package_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(UsageError, match=r"'4,5,6'; two, of a level turn, are for flinders two-axis$"):
+        asked_columns("1,2")
+    monkeypatch.setattr(plugins, "app_rows", lambda _: ())
+    with pytest.raises(UsageError, match=r"'4,5,6'$"):
+        asked_columns("1,2")
 
 
 def test_rows_name_known_tables_and_headings_and_no_key_twice() -> None:

@@ -82,6 +82,16 @@ def test_every_public_name_is_documented() -> None:
     assert not missing, f"docs/api.md does not name {missing}"
 
 
+def test_the_sample_of_versions_has_every_optional_package() -> None:
+    from flinders.cli._version import versions
+
+    def optional(text: str) -> list[str]:
+        lines = re.findall(r"^(?:optional|missing) +([^;\n]*)", text, re.MULTILINE)
+        return sorted(entry.split()[0] for line in lines for entry in line.split(", "))
+
+    assert optional(page("start/install.md")) == optional(versions())
+
+
 def test_every_method_is_documented() -> None:
     from flinders.estimators import METHODS
 

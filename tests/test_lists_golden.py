@@ -21,6 +21,7 @@ from flinders.targets import registry
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from flinders.targets import Target
 
@@ -109,20 +110,28 @@ def test_the_page_has_what_the_rows_say(request: pytest.FixtureRequest) -> None:
         assert text == made, "docs/targets.md is not what the rows say: `uv run pytest --regenerate`, review the diff"
 
 
-API = DOCS / "api" / "targets.md"
 MODULES = re.compile(r"(?<=<!-- modules of targets -->\n).*?(?=<!-- end of the modules -->)", re.DOTALL)
 
 
+def _joined(sections: list[str], _: re.Match[str]) -> str:
+    return "".join(["\n", *sections])
+
+
 def test_the_reference_has_a_section_for_each_module_of_targets(request: pytest.FixtureRequest) -> None:
-    names = dict.fromkeys(row.write.__module__ for row in registry().values())
-    sections = [f"## `{name}`\n\n```{{eval-rst}}\n.. automodule:: {name}\n```\n\n" for name in names]
-    text = API.read_text(encoding="utf-8")
-    made = MODULES.sub(lambda _: "".join(["\n", *sections]), text)
-    assert MODULES.search(text)
-    if request.config.getoption("--regenerate", default=False):
-        API.write_text(made, encoding="utf-8")
-    else:
-        assert text == made, "docs/api/targets.md lacks a module: `uv run pytest --regenerate`, review the diff"
+    """Those of a package are on the page of the package."""
+    pages: dict[Path, list[str]] = {}
+    for name in dict.fromkeys(row.write.__module__ for row in registry().values()):
+        _, place, package, *_ = name.split(".")
+        page = DOCS / package / "api.md" if place == "apps" else DOCS / "api" / "targets.md"
+        pages.setdefault(page, []).append(f"## `{name}`\n\n```{{eval-rst}}\n.. automodule:: {name}\n```\n\n")
+    for page, sections in pages.items():
+        text = page.read_text(encoding="utf-8")
+        made = MODULES.sub(partial(_joined, sections), text)
+        assert MODULES.search(text)
+        if request.config.getoption("--regenerate", default=False):
+            page.write_text(made, encoding="utf-8")
+        else:
+            assert text == made, f"{page} lacks a module: `uv run pytest --regenerate`, review the diff"
 
 
 def test_each_format_is_documented_from_the_table(request: pytest.FixtureRequest) -> None:

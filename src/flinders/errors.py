@@ -89,8 +89,8 @@ def counted(number: float, noun: str) -> str:
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Ask whether a word was meant for one of those that are known; nothing where none is like it.
 
-    >>> did_you_mean("ardupilt", ["arduino", "ardupilot"]), did_you_mean("zzz", ["arduino"])
-    (" (did you mean 'ardupilot'?)", '')
+    >>> did_you_mean("micropythn", ["arduino", "micropython"]), did_you_mean("zzz", ["arduino"])
+    (" (did you mean 'micropython'?)", '')
     """
     from difflib import get_close_matches
 

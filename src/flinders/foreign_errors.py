@@ -1,10 +1,10 @@
 """What other packages raise, as errors of this library: a package that is missing, a file that a parser cannot read.
 
->>> needs("json", "px4", "a PX4 ULog").loads("[1, 2]")
+>>> needs("json", "hdf5", "an HDF5 file").loads("[1, 2]")
 [1, 2]
->>> needs("no_such_package", "px4", "a PX4 ULog")
+>>> needs("no_package", "hdf5", "an HDF5 file")
 Traceback (most recent call last):
-flinders.errors.MissingExtra: a PX4 ULog needs no_such_package, which is not installed: pip install 'flinders[px4]' ...
+flinders.errors.MissingExtra: an HDF5 file needs no_package, which is not installed: pip install 'flinders[hdf5]' ...
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ MAX_MESSAGE: Final = 120
 
 
 def needs(package: str, extra: str, what: str) -> Any:  # noqa: ANN401 - a module, and few of these have types
-    """Import an optional package such as ``pyarrow.parquet``, for `what` (with its article: ``a PX4 ULog``).
+    """Import an optional package such as ``h5py``, for `what` (with its article: ``an HDF5 file``).
 
-    Where it is not installed, `MissingExtra` says to install the `extra`: ``px4`` for ``pip install 'flinders[px4]'``.
+    Where it is not installed, `MissingExtra` says to install the `extra`, ``hdf5``: ``pip install 'flinders[hdf5]'``.
     """
     try:
         return import_module(package)
@@ -67,10 +67,10 @@ def reading(name: str, kind: str, *, advice: str = "copy it again") -> Iterator[
     `kind` is what the file should be, with its article, and `advice` what to do about a broken one. Errors of Flinders
     pass through, and so do faults of this program, which are no file's.
 
-    >>> with reading("flight.ulg", "a PX4 ULog"):
-    ...     {}["sensor_mag"]
+    >>> with reading("log.parquet", "a Parquet table"):
+    ...     {}["mag_x"]
     Traceback (most recent call last):
-    flinders.errors.UnreadableInput: flight.ulg cannot be read as a PX4 ULog (KeyError: 'sensor_mag'): it is broken or
+    flinders.errors.UnreadableInput: log.parquet cannot be read as a Parquet table (KeyError: 'mag_x'): it is broken or
     cut short; copy it again
     """
     try:

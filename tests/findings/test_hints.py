@@ -62,12 +62,13 @@ def test_a_finding_whose_advice_takes_an_argument_names_it_to_those_who_calibrat
 @pytest.mark.parametrize(
     ("hint", "python", "options"),
     [
-        ({"unit": "mG", "scale": None}, "unit='mG', scale=", "--unit mG, --scale"),
-        ({"axes": "-x,y,z"}, "axes='-x,y,z'", "--axes=-x,y,z"),
+        ({"unit": "mG", "scale": None}, "unit='mG', scale=", "flinders calibrate --unit mG, --scale"),
+        ({"axes": "-x,y,z"}, "axes='-x,y,z'", "flinders calibrate --axes=-x,y,z"),
         ({"columns": "a b,c,d"}, "columns='a b,c,d'", "--columns 'a b,c,d'"),
         ({"at": {"current": 0.0, "temperature": 20.0}}, "at(current=0.0, temperature=20.0)",
          "--fix current=0 --fix temperature=20"),
-        ({"linearize": None}, "linearize=", "--linearize"),  # of `calibrate`, which `apply` has not
+        ({"linearize": None, "columns": "1,2,3"}, "linearize=, columns='1,2,3'",
+         "--columns 1,2,3, flinders calibrate --linearize"),
         ({"rotation": "estimated"}, "rotation='estimated'", ""),
     ],
 )  # fmt: skip

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.frames import PolarsLike, Streamed, of_polars, refuse
 
 import flinders
 from flinders.core.samples import COLUMNS
@@ -23,7 +24,7 @@ from flinders.errors import AxesError, MissingExtra, NoMagnetometer, OutputExist
 from flinders.simulate.recording import write_csv
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from flinders.core.samples import Samples
 
@@ -31,16 +32,6 @@ pandas = pytest.importorskip("pandas")
 pyarrow = pytest.importorskip("pyarrow")
 
 SOURCE = Path(flinders.__file__).parent
-
-
-class Streamed:
-    """A table of any library that hands out a stream of Arrow."""
-
-    def __init__(self, columns: dict[str, Any]) -> None:
-        self.table = pyarrow.table(columns)
-
-    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
-        return self.table.__arrow_c_stream__(requested_schema)
 
 
 @pytest.fixture(scope="module")
@@ -73,38 +64,6 @@ def test_a_frame_reads_as_the_samples_it_was_made_of(make: Callable[[Samples], A
     assert flinders.fit(make(samples)).calibration.isclose(flinders.fit(samples).calibration)
 
 
-class Column:
-    """A column as polars has it: a type without a kind, and its values as NumPy or as a list."""
-
-    dtype = "Float64"
-
-    def __init__(self, values: Sequence[object]) -> None:
-        self.values = values
-
-    def to_numpy(self) -> Any:  # noqa: ANN401 - an array
-        return np.array(self.values)
-
-    def to_list(self) -> list[object]:
-        return list(self.values)
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Any:  # noqa: ANN401
-        return self.to_numpy().astype(dtype)
-
-
-class PolarsLike(Streamed):
-    """A frame as polars has it, which also hands out its columns one by one."""
-
-    def __init__(self, columns: dict[str, Any]) -> None:
-        self.columns, self._by_name = list(columns), columns
-
-    def get_column(self, name: str) -> Column:
-        return Column(self._by_name[name])
-
-
-def of_polars(columns: dict[str, Any]) -> Any:  # noqa: ANN401 - a frame
-    return pytest.importorskip("polars").DataFrame(columns)
-
-
 @pytest.mark.parametrize("make", [pandas.DataFrame, PolarsLike, of_polars])
 def test_frames_of_pandas_and_polars_need_no_pyarrow(
     samples: Samples, monkeypatch: pytest.MonkeyPatch, make: Callable[[dict[str, Any]], Any]
@@ -125,10 +84,6 @@ def test_other_streams_of_arrow_need_pyarrow(samples: Samples, monkeypatch: pyte
         flinders.fit(Streamed(samples.as_columns()))
     with pytest.raises(MissingExtra, match="a table of Arrow needs pyarrow"):
         samples.to_arrow()
-
-
-def refuse(package: str) -> None:
-    raise ImportError(package)
 
 
 def test_columns_of_a_frame_are_chosen_as_those_of_a_file(samples: Samples) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.frames import PolarsLike, Streamed, of_polars, refuse
 from tests.trials import examples
 
 import flinders
@@ -18,13 +19,16 @@ from flinders.apps.fleet import UnitResult, UnitResults, fit_many, worker
 from flinders.apps.fleet.job import run
 from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.plan import plan_of
+from flinders.apps.fleet.results import needs_arrow
+from flinders.errors import MissingExtra, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from flinders.apps.fleet.recordings import Job
 
+pandas = pytest.importorskip("pandas")
 pyarrow = pytest.importorskip("pyarrow")
 from pyarrow import feather, parquet  # noqa: E402 - after it is known to be there
 
@@ -158,18 +162,63 @@ def test_any_way_to_give_it_in_memory_does_too(alone: UnitResults) -> None:
         np.testing.assert_allclose(rows.offset, alone.offset, rtol=1e-9)
 
 
-def test_units_by_name_need_no_pyarrow() -> None:
-    """Arrays and frames of pandas; a table of all units says what to install."""
+def test_units_by_name_and_frames_of_pandas_need_no_pyarrow() -> None:
     code = (
         "import sys; sys.modules['pyarrow'] = None\n"
         "import flinders, pandas\n"
         "field = flinders.simulate.tumble(seed=1).samples.field\n"
-        "rows = flinders.fit_many({'A': field, 'B': pandas.DataFrame(field, columns=list('xyz')), 'C': field[:3]})\n"
+        "frame = pandas.DataFrame(field, columns=list('xyz'))\n"
+        "rows = flinders.fit_many({'A': field, 'B': frame, 'C': field[:3]})\n"
         "print(*rows.verdict)\n"
-        "try:\n    flinders.fit_many(field)\nexcept flinders.FlindersError as error:\n    print(error.code)"
+        "print(*flinders.fit_many(frame.assign(unit='B')).verdict)"
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert done.stdout.split() == ["good", "good", "refused", "missing-extra"]
+    assert done.stdout.split() == ["good", "good", "refused", "good"]
+
+
+@pytest.fixture
+def remove_pyarrow(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], None]]:
+    """Act as if it was not installed, from the call on."""
+
+    def remove() -> None:
+        monkeypatch.setattr("flinders.foreign_errors.import_module", refuse)
+        needs_arrow.cache_clear()
+
+    yield remove
+    needs_arrow.cache_clear()
+
+
+@pytest.mark.parametrize("make", [pandas.DataFrame, PolarsLike, of_polars])
+def test_frames_of_all_units_need_no_pyarrow(
+    remove_pyarrow: Callable[[], None], make: Callable[[dict[str, Any]], Any]
+) -> None:
+    """In any order, with dates, and with rows of no unit: as Arrow has it."""
+    whole = shuffled().to_pydict()
+    whole["time_s"] = (1.7e18 + 1e9 * np.array(whole["time_s"])).astype("datetime64[ns]")
+    whole["lot"] = [7] * len(whole["serial"])
+    whole["serial"][:3] = [None] * 3
+    expected = fit_many(pyarrow.table(whole))
+    remove_pyarrow()
+    rows = fit_many(make(whole))
+    for name in ("unit", "recording", "batch", "readings", "samples", "verdict", "code", "message"):
+        assert getattr(rows, name).tolist() == getattr(expected, name).tolist(), name
+    for name in NUMBERS:
+        np.testing.assert_allclose(getattr(rows, name), getattr(expected, name), rtol=1e-9, err_msg=name)
+    with pytest.raises(UsageError, match="no column serie: there are serial"):
+        fit_many(make(whole), unit_column="serie")
+    with pytest.raises(UsageError, match=r"does not say which unit .* \(unit_column=\)"):
+        fit_many(make({name: column for name, column in whole.items() if name != "serial"}))
+
+
+def test_what_is_no_table_is_refused_and_another_stream_of_arrow_needs_pyarrow(
+    remove_pyarrow: Callable[[], None],
+) -> None:
+    streamed = Streamed(columns("U0"))
+    remove_pyarrow()
+    with pytest.raises(MissingExtra, match="needs pyarrow"):
+        fit_many(streamed)
+    with pytest.raises(UsageError, match="ndarray is no table"):
+        fit_many(SAMPLES["U0"].field)
 
 
 @settings(examples(40), suppress_health_check=[HealthCheck.function_scoped_fixture])

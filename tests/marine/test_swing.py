@@ -9,6 +9,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from tests.boats import DECLINATION, LATITUDE, LONGITUDE, TRUTH, Boat, nmea0183_of, nmea2000_of, octagon
+from tests.program import flinders_
 
 import flinders
 from flinders.apps import marine
@@ -17,7 +18,7 @@ from flinders.core.calibration import Calibration
 from flinders.core.geomag import site_field
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.errors import FitError, InputError, UsageError
+from flinders.errors import FitError, InputError, NoAccelerometer, UsageError
 from flinders.heading.harmonics import design
 
 if TYPE_CHECKING:
@@ -165,6 +166,16 @@ def test_a_log_without_a_position_needs_a_site(tmp_path: Path) -> None:
 
 
 # recordings
+
+
+def test_a_file_that_is_no_table_of_headings_is_told_what_a_swing_needs(tmp_path: Path) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text("notes of Monday\n1 2 3 were read\n4 5 6 too\n7 8 10\n", encoding="utf-8")
+    with pytest.raises(NoAccelerometer, match=r"notes\.txt is no table of headings, .* need two columns .* level=True"):
+        flinders.swing(path)
+    assert "notes.txt is no table of headings" in flinders_("swing", str(path)).said
+    with pytest.raises(NoAccelerometer, match="no accelerometer among the columns"):
+        flinders.swing(path, Calibration.identity(field_strength=9.0))
 
 
 def test_a_calibrated_recording_shows_the_iron_that_came(calibration: Calibration) -> None:

@@ -171,6 +171,7 @@ ODD: dict[str, Odd] = {
     "a target that is no number": Odd(USAGE, "need degrees above 0", words="calibrate odd.csv --target nan"),
     "an unknown option": Odd(USAGE, "see flinders calibrate --help", words="calibrate odd.csv --nix"),
     "an unknown command": Odd(USAGE, "No such command 'nix'; see flinders --help", words="nix"),
+    "what another command does": Odd(USAGE, "figures are in the page of flinders report", words="plot odd.csv"),
     "no recording": Odd(USAGE, "Missing argument 'RECORDING...'", words="calibrate"),
     "the same recording twice": Odd(USAGE, "given twice", words="calibrate odd.csv folder/../odd.csv"),
     "standard input twice": Odd(USAGE, "given twice", words="calibrate - -", stdin=TEXT),

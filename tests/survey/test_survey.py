@@ -366,6 +366,16 @@ def test_what_holds_no_shots_is_refused_with_its_name(tmp_path: Path, name: str,
         flinders.read_shots(tmp_path / name)
 
 
+@pytest.mark.parametrize("content", ["hello world\nno table at all\n", "a,b,c,d\n1,2,3,4\n2,3,4,9\n3,5,6,7\n"])
+def test_what_may_be_no_shots_is_refused_without_options_that_shots_do_not_have(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_text(content, encoding="utf-8")
+    with pytest.raises(InputError, match=r"no shots are recognised in notes\.txt: need .* one shot a line$") as caught:
+        flinders.read_shots(path)
+    assert not caught.value.hint
+    assert flinders_("survey", str(path)).said == f"error: {caught.value}"
+
+
 def test_a_missing_file_and_standard_input_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UnreadableInput):
         flinders.read_shots(tmp_path / "none.csv")

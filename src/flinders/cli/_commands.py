@@ -39,6 +39,11 @@ ROWS: Final = {
 }
 """Commands of the library: heading, module beside this one, and what the command does."""
 
+OTHERWISE: Final = {
+    "plot": "figures are in the page of flinders report and of calibrate --report; in Python fit.plot draws them",
+}
+"""Words that people type as a command, and what does that instead."""
+
 
 class Row(NamedTuple):
     """A command that is not imported yet."""

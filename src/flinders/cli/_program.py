@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, TypeVar, dataclas
 
 import click
 
-from flinders.cli._commands import Commands
+from flinders.cli._commands import OTHERWISE, Commands
 from flinders.cli._completion import BY_METAVAR, complete_files
 from flinders.cli._output import Output, Outputs, error_words, print_fit, print_json, say
 from flinders.cli._signals import ENDING, handled, interrupt
@@ -121,6 +121,14 @@ class Program(Commanded):
             code = _report_fault(error)
         code = code if isinstance(code, int) else GOOD
         return sys.exit(code) if standalone_mode else code
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; for what is none, say what does it instead."""
+        if args[0] in OTHERWISE and args[0] not in self.commands and not ctx.resilient_parsing:
+            raise click.UsageError(f"No such command '{args[0]}': {OTHERWISE[args[0]]}", ctx)
+        return super().resolve_command(ctx, args)
 
     def _named_in(self, words: Sequence[str]) -> click.Command:
         """The command that a command line calls."""

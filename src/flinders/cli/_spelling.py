@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from flinders.errors import Hint
 
@@ -25,12 +25,21 @@ if TYPE_CHECKING:
 def in_options(hint: Hint, commands: Sequence[click.Command] | None = None) -> str:
     """Spell a hint as options of the first of some commands that has one; a keyword that none has is left out.
 
+    An option that the first command lacks is named with the command that has it: ``flinders calibrate --unit``.
+
     `commands`: by default `searched` of the command that runs.
     """
     context = click.get_current_context(silent=True)
     if commands is None:
         commands = searched(context.command, context.find_root().command) if context else ()
-    return ", ".join(spelled for keyword, value in hint.items() if (spelled := _option(keyword, value, commands)))
+    spelled: dict[str, list[str]] = {}
+    for keyword, value in hint.items():
+        found = next(((each, option) for each in commands if (option := option_of(keyword, each))), None)
+        if found is not None:
+            command, option = found
+            of = "" if command is commands[0] else f"flinders {command.name} "
+            spelled.setdefault(of, []).append(_spelled(option, value))
+    return ", ".join(of + ", ".join(options) for of, options in sorted(spelled.items()))
 
 
 def searched(command: click.Command, program: click.Command) -> tuple[click.Command, ...]:
@@ -45,11 +54,8 @@ def option_of(keyword: str, command: click.Command) -> click.Option | None:
     return next((each for each in options if keyword in (each.name, *getattr(each, "keywords", ()))), None)
 
 
-def _option(keyword: str, value: object, commands: Iterable[click.Command]) -> str:
-    """Spell one keyword: once for each entry of a list or mapping; empty where no command has an option for it."""
-    option = next((option for command in commands if (option := option_of(keyword, command))), None)
-    if option is None:
-        return ""
+def _spelled(option: click.Option, value: object) -> str:
+    """An option with its value: once for each entry of a list or mapping."""
     name = max(option.opts, key=len)
     if value is None or option.is_flag:
         return name

@@ -53,7 +53,7 @@ class ExportCommand(program.Group):
     headings={"Vehicle": ("mounting",)},
     epilog="""\b
 Example:
-  flinders export --to ardupilot --compass 2 calibration.json -o compass.param
+  flinders export --to arduino calibration.json -o mag.ino
   flinders export --to c calibration.json -o calibration.h
   flinders targets
 
@@ -76,7 +76,7 @@ def command(options: ExportCommand) -> None:
         return
     if not options.calibration or not (target := options.target):
         raise UsageError(
-            "need a calibration file and a target: flinders export --to ardupilot calibration.json; "
+            "need a calibration file and a target: flinders export --to arduino calibration.json; "
             "flinders targets names them"
         )
     path = options.output or "-"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
@@ -19,6 +19,7 @@ from flinders.cli._inputs import (
 from flinders.cli._output import refuse_twice, say
 from flinders.cli._program import EXITS
 from flinders.cli._spelling import in_options
+from flinders.core.plugins import app_modules, remark
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.likelihood.site_field import Site
     from flinders.readers._resample import TimeSeries
+
+
+READS_COURSES: Final = bool(app_modules("COURSES"))
+"""Whether a package reads logs of courses."""
 
 
 class Refresh(program.Group):
@@ -62,8 +67,8 @@ class Refresh(program.Group):
         heading=program.SITE,
     )  # fmt: skip
     course_log: str | None = program.member(
-        "--course-log", heading=program.SITE, metavar="FILE",
-        help="The same from the log of a boat beside RECORDING: NMEA 0183, NMEA 2000 (candump) or Signal K.",
+        "--course-log", heading=program.SITE, metavar="FILE", hidden=not READS_COURSES,
+        help=f"The same from a log beside RECORDING{remark('course log', before=', ')}.",
     )  # fmt: skip
     slowest: float = program.member(
         "--min-speed", heading=program.SITE, type=program.positive, default=3.0, show_default=True, metavar="M/S",
@@ -93,7 +98,6 @@ Example:
   flinders refresh --previous calibration.json wobble.csv --with rate -o refreshed.json
   flinders refresh --previous calibration.json north.csv south.csv --magnetic-heading 0,180 --dip 66
   flinders refresh --previous calibration.json drive.bin --course -o refreshed.json
-  flinders refresh --previous calibration.json compass.csv --course-log boat.nmea -o refreshed.json
 
 \b
 Exit codes:
@@ -108,9 +112,8 @@ def command(options: Refresh) -> int:
     Wobble the vehicle by 30° to all sides for ten seconds, or turn it on level ground, while recording. The soft iron
     of CALIBRATION counts with its uncertainty; where the readings contradict it the verdict says so. Unit and axes
     are those of the calibration file. A vehicle that cannot be turned at all is recorded at rest, at one or more
-    known headings, a RECORDING each (--heading). A car, boat or wing that points where it goes is driven straight on
-    several headings: the courses in its log, or in the log of a boat beside it, are its headings (--course,
-    --course-log).
+    known headings, a RECORDING each (--heading). A vehicle that points where it goes is driven straight on several
+    headings: the courses in its log are its headings (--course).
     """
     from flinders.core.calibration_file import dumps
     from flinders.report.fit_pages import of_fit
@@ -211,8 +214,8 @@ def _courses(recording: Any, path: str | None) -> tuple[TimeSeries, object]:  # 
         return log.by_clock(start), log
     if (velocity := getattr(recording, "velocity", None)) is None:
         raise UsageError(
-            f"{recording.source} has no speed and course by satellites: give a log of PX4, ArduPilot, MAVLink or ROS "
-            "with them, the log of a boat beside it (--course-log), or record poses at known headings (--heading)"
+            f"{recording.source} has no speed and course by satellites: give a log with them, "
+            f"{'a log of them beside it (--course-log), ' * READS_COURSES}or record poses at known headings (--heading)"
         )
     return velocity, recording
 

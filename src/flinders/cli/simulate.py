@@ -21,7 +21,6 @@ Example:
   flinders simulate three-axis -o tumble.csv --motion hand --seed 1
   flinders calibrate tumble.csv -o calibration.json
   flinders evaluate calibration.json tumble.truth.json
-  flinders simulate two-axis -o swing.csv --skew 5 --json
 """,
 )
 def command() -> None:

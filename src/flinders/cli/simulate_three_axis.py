@@ -23,7 +23,7 @@ MOTIONS: Final = {
     "eight": "waved in figures of eight for a minute, as phones ask for",
     "uniform": "1,000 directions, all alike: the best there is",
     "tilted": "all headings in no order, tilted by up to 35°: a vehicle",
-    "level": "all headings in no order, level: a boat, a robot on a floor",
+    "level": "all headings in no order, level: a robot on a floor",
     "drive": "through bends and over hills for five minutes, 6° at most",
     "flight": "banked turns, climbs and descents for five minutes, 35° at most",
     "swayed": "all headings in a minute, leaning by up to 35° to all sides",

@@ -41,7 +41,7 @@ def _filled(text: str | None, names: dict[str, str]) -> str | None:
 
 
 def _saved(rows: Iterable[Target]) -> str:
-    """What tools save that can be read, those of one kind together: a dump of Betaflight or INAV."""
+    """What tools save that can be read, those of one kind together: a dump of one or another."""
     saved = dict.fromkeys(row.reader.saved for row in rows if row.reader and row.reader.saved)
     kinds = []
     for _, same in groupby(saved, key=lambda words: words.partition(" of ")[0]):
@@ -51,7 +51,7 @@ def _saved(rows: Iterable[Target]) -> str:
 
 
 def _compasses(rows: Iterable[Target]) -> str:
-    """How tools count the compasses of a vehicle: ArduPilot's 1 to 3."""
+    """How tools count the compasses of a vehicle, each from the first to the last number."""
     counted = {row.title: row.compasses for row in rows if row.compasses}
     return ", ".join(f"{title}'s {numbers[0]} to {numbers[-1]}" for title, numbers in counted.items())
 
@@ -68,7 +68,7 @@ class Targets(program.Group):
     epilog="""\b
 Example:
   flinders targets
-  flinders export --to ardupilot calibration.json -o compass.param
+  flinders export --to arduino calibration.json -o mag.ino
 """,
 )
 def command(options: Targets) -> None:

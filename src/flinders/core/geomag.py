@@ -8,7 +8,7 @@ WMM-2025 at 47.6205, -122.349, 0 m, in 2025.25: declination 15.07° E ± 0.39°,
 
 A compass shows magnetic north; ``true = magnetic + declination``, east positive.
 The models hold from 2010 to 2030, each for five years from its epoch; the second of 2015 is used, which replaced the
-first when the pole ran away from it. What they cannot show is local: rock, buildings, ships.
+first when the pole ran away from it. What they cannot show is local: rock, buildings, vehicles.
 """
 
 from __future__ import annotations

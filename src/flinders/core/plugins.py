@@ -56,6 +56,15 @@ def app_rows(table: str) -> tuple[tuple[str, str, Any], ...]:
     )
 
 
+def remark(about: str, *, before: str = "; ") -> str:
+    """What a package of `flinders.apps` says of something that it can do, behind `before`; empty without it.
+
+    >>> remark("no such thing")
+    ''
+    """
+    return next((before + words for name, _, words in app_rows("REMARKS") if name == about), "")
+
+
 def modules_of(package: ModuleType, table: str, *, first: Iterable[str] = ()) -> dict[str, str]:
     """Full names of the public modules of a package and of those that `flinders.apps` adds to its table, by last part.
 

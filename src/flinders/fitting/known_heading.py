@@ -416,7 +416,7 @@ def refresh_on_courses(
 ) -> Fit:
     """Renew the hard iron of a calibration from the straight stretches of a drive.
 
-    For cars, boats and aircraft with wings; a multirotor may point anywhere.
+    For vehicles that point where they go; a multirotor may point anywhere.
 
     Parameters
     ----------

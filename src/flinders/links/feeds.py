@@ -335,7 +335,7 @@ def _size(received: Samples | FeedEvent) -> int:
 
 
 def feed_kind(name: str) -> Callable[[ByteSource, int], Feed]:
-    """Look up what makes a feed of bytes that are no lines, and of the number of a magnetometer, as ``mavlink`` does.
+    """Look up by its name what makes a feed of bytes that are no lines, and of the number of a magnetometer.
 
     Raises `UsageError` where no package of `flinders.apps` reads such bytes.
     """

@@ -396,23 +396,26 @@ def opened_lines(
     return Serial(str(port), baud)
 
 
-def opened_link(address: str, baud: int = BAUD) -> Serial | Udp | Tcp:
-    """Open the link to a vehicle: ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or a serial port."""
+def opened_link(address: str, baud: int = BAUD, *, what: str) -> Serial | Udp | Tcp:
+    """Open a link: ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or a serial port.
+
+    `what` names the option in a refusal.
+    """
     kind, colon, rest = address.partition(":")
     match kind.casefold() if colon else "":
         case "udp" | "udpin":
-            host, port = host_and_port(rest if ":" in rest else f"0.0.0.0:{rest}", "--mavlink")
+            host, port = host_and_port(rest if ":" in rest else f"0.0.0.0:{rest}", what)
             return Udp(port, host)
         case "udpout":
-            host, port = host_and_port(rest, "--mavlink")
+            host, port = host_and_port(rest, what)
             return Udp(port, host, speaks_first=True)
         case "tcp":
-            return Tcp(*host_and_port(rest, "--mavlink"))
+            return Tcp(*host_and_port(rest, what))
         case "serial":
             return Serial(rest, baud)
     if colon and not address.startswith(("/", ".")):
         raise UsageError(
-            f"--mavlink {address!r}: need udp:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or a serial port such as "
+            f"{what} {address!r}: need udp:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or a serial port such as "
             "/dev/ttyACM0 or COM3"
         )
     return Serial(address, baud)
@@ -421,8 +424,8 @@ def opened_link(address: str, baud: int = BAUD) -> Serial | Udp | Tcp:
 def host_and_port(text: str, what: str) -> tuple[str, int]:
     """Take ``HOST:PORT`` apart; without a host it is this machine. `what` names the option in a refusal.
 
-    >>> host_and_port("boat.local:5760", "--tcp"), host_and_port(":5760", "--tcp")
-    (('boat.local', 5760), ('127.0.0.1', 5760))
+    >>> host_and_port("logger.local:5760", "--tcp"), host_and_port(":5760", "--tcp")
+    (('logger.local', 5760), ('127.0.0.1', 5760))
     """
     host, colon, number = text.strip().rpartition(":")
     if not colon or not number.isascii() or not number.isdigit() or not 0 < int(number) < 65536:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from flinders.core.plugins import remark
 from flinders.errors import UsageError, did_you_mean
 from flinders.readers._columns import Columns, column_of
 from flinders.readers._names import ACCELERATION, STRENGTH, unit_of_strength
@@ -23,7 +24,7 @@ def asked_columns(columns: str, *, flat: bool = False) -> list[str]:
     asked = [part.strip() for part in columns.split(",")]
     count = len(asked)
     if not (count == 3 or (flat and count == 2)) or len({part.casefold() for part in asked}) != count:
-        two = "; two columns, x and y of a level turn, are for flinders two-axis" if count == 2 else ""
+        two = remark("two columns") if count == 2 else ""
         three = f"three different ones, such as 'mx,my,mz' or '4,5,6'{two}"
         need = "two or three different ones, such as 'mx,my' or '4,5'" if flat else three
         raise UsageError(f"columns {columns!r}: need {need}")

@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from flinders.core.plugins import remark
 from flinders.errors import NoMagnetometer, UsageError
 from flinders.readers._asked_columns import asked_columns, wanted_places
 from flinders.readers._choice import FIRST, Choice, Form, numbered
@@ -121,7 +122,7 @@ def _refuse_two(axes: Sequence[int], width: int, source: str, quoted: str) -> No
         left = " and ".join(str(place + 1) for place in axes)
         raise NoMagnetometer(
             f"columns {left} of {source}{quoted} may be axes, others only rise or never change ({others}): "
-            "need three, x y z; two, of a level turn, are for flinders two-axis"
+            f"need three, x y z{remark('two columns')}"
         )
 
 

@@ -54,7 +54,7 @@ LAST: Final = 9  # rank of a time that no name calls one
 NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
 """The column behind the one of whole seconds, as messages of ROS have both."""
 ON_BOARD: Final = re.compile(r"(?:Ofs|MO)[XYZ]")
-"""Columns of a message ``MAG`` of ArduPilot: the compass's own offsets, and those of the motors' current."""
+"""Columns of a message ``MAG`` of a flight log: the compass's own offsets, and those of the motors' current."""
 OF_ROS: Final = ("magnetic_field.x", "magnetic_field/x")  # ends of names whose unit sensor_msgs defines, tesla
 TURNED: Final = 3.0  # times that set plus reset spreads wider than their difference where both have one sign
 RAW_NAME: Final = re.compile(r"raw|uncal", re.IGNORECASE)
@@ -152,7 +152,7 @@ def _by_name(
 
 
 def _on_board(names: Sequence[str]) -> str:
-    """Name the columns of the calibration on board beside readings of ArduPilot, which are after it."""
+    """Name the columns of the calibration on board beside readings of a flight log, which are after it."""
     own = [name.strip() for name in names if ON_BOARD.fullmatch(name.strip())]
     is_there = len(own) >= len("xyz") and "MagX" in names
     return f"{', '.join(own)} (the calibration on board, which MagX is after where it is not 0)" if is_there else ""

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def read_courses(path: str | os.PathLike[str]) -> Any:  # noqa: ANN401 - of the package that reads it
-    """Read a log of velocities over ground, such as of a boat's instruments: `source`, `words` and `by_clock`.
+    """Read a log of velocities over ground, by the instruments of a vehicle: `source`, `words` and `by_clock`.
 
     Raises `UsageError` where no package reads such logs, `InputError` for what is none.
     """

@@ -159,7 +159,7 @@ def names_sensor(name: str) -> bool:
 def names_device(name: str, header: Sequence[str] = ()) -> bool:
     """Tell whether a column may say by its name which device a row is of.
 
-    In messages of ArduPilot, which have a ``TimeUS``, an ``I`` is the number of the instance.
+    In messages of a flight log, which have a ``TimeUS``, an ``I`` is the number of the instance.
     """
     if name.strip() == INSTANCE and CLOCK_OF_INSTANCES in header:
         return True

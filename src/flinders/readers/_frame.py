@@ -45,17 +45,38 @@ def open_frame(frame: Any, **options: Any) -> TableRecording:  # noqa: ANN401 - 
     Without pyarrow a frame of polars is read too, but for dates in texts. Any other that only hands out a stream of
     Arrow raises `MissingExtra`.
     """
-    name = f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
+    name = name_of(frame)
     if _is_pandas(frame):
-        table = _of_columns(_columns_of_pandas(frame), name)
-    else:
-        try:
-            table = _of_arrow(frame, name)
-        except MissingExtra:
-            if not hasattr(frame, "get_column"):
-                raise
-            table = _of_columns({column: frame.get_column(column) for column in frame.columns}, name)
+        return open_columns(columns_of(frame), name, **options)
+    try:
+        table = _of_arrow(frame, name)
+    except MissingExtra:
+        if not hands_out_columns(frame):
+            raise
+        return open_columns(columns_of(frame), name, **options)
     return open_table(File(name, Path(name), 0), table, **options)
+
+
+def open_columns(columns: dict[str, Any], name: str, /, **options: Any) -> TableRecording:
+    """Recognise columns of pandas or polars by name; options and errors are those of `open_table`."""
+    return open_table(File(name, Path(name), 0), _of_columns(columns, name), **options)
+
+
+def name_of(frame: object) -> str:
+    """Name of a table in memory, for messages."""
+    return f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
+
+
+def hands_out_columns(frame: object) -> bool:
+    """Whether `columns_of` takes it: a frame of pandas or polars."""
+    return _is_pandas(frame) or hasattr(frame, "get_column")
+
+
+def columns_of(frame: Any) -> dict[str, Any]:  # noqa: ANN401
+    """Columns of a frame of pandas or polars by name."""
+    if _is_pandas(frame):
+        return _columns_of_pandas(frame)
+    return {column: frame.get_column(column) for column in frame.columns}
 
 
 def _is_pandas(frame: object) -> bool:
@@ -75,7 +96,7 @@ def _of_columns(columns: dict[str, Any], source: str) -> Table:
     """Columns of numbers, dates and names of devices and sensors, of pandas or polars."""
     arrays = {name: _numbers(column) for name, column in columns.items()}
     labels = {name: Labels() for name, array in arrays.items() if array is None and tells_rows_apart(name)}
-    arrays |= {name: known.numbers(_words(columns[name])) for name, known in labels.items()}
+    arrays |= {name: known.numbers(words_of(columns[name])) for name, known in labels.items()}
     return Table.of_arrays(source, KIND, {name: array for name, array in arrays.items() if array is not None}, labels)
 
 
@@ -88,8 +109,8 @@ def _numbers(column: Any) -> NDArray[Any] | None:  # noqa: ANN401
         return None
 
 
-def _words(column: Any) -> Any:  # noqa: ANN401
-    """Words, None for what is missing."""
+def words_of(column: Any) -> Any:  # noqa: ANN401
+    """Values of a column of pandas or polars, None for what is missing."""
     return column.where(column.notna(), None) if hasattr(column, "notna") else column.to_list()
 
 

@@ -46,8 +46,7 @@ TEXTS: Final = (
         ),
         0.6,
         "is a candump of a CAN bus: what its bytes mean only a description of the bus tells; decode it, such as with "
-        "cantools decode FILE.dbc or, of NMEA 2000, with candump2analyzer and analyzer -json, and give the "
-        "magnetometer's x, y and z as columns",
+        "cantools decode FILE.dbc, and give the magnetometer's x, y and z as columns",
     ),
     KnownText(
         re.compile(r"^\s*(?:INSERT INTO|CREATE TABLE|COPY\s[^;]*\sFROM\s+stdin)\b", re.IGNORECASE),

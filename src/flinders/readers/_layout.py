@@ -17,7 +17,7 @@ from collections import Counter
 from dataclasses import dataclass
 from functools import partial
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -47,7 +47,7 @@ from flinders.readers._tokenizer import shown
 from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
     from flinders.readers._columns import Columns
@@ -86,7 +86,7 @@ class TextLayout:
 
     @property
     def is_blackbox(self) -> bool:
-        """It is a log of Betaflight or INAV, whose readings are in the axes of the board."""
+        """It is a decoded blackbox, whose readings are in the axes of the board."""
         return self.columns.field.names[0].casefold().startswith("magadc")
 
     def is_reading(self, text: str) -> bool:
@@ -176,6 +176,69 @@ def sniff(
     raise extremes_alone(name, [text for _, text in lines]) or nothing_read(name, lines)
 
 
+class Body(NamedTuple):
+    """Lines of a table that are rows of numbers, of its magnetometer where a word in each tells sensors apart."""
+
+    rows: dict[int, list[str]]  # cells by lines
+    places: list[int]  # lines of rows that are as wide as most
+    width: int  # of these
+    sensors: SensorColumn | None  # which column tells sensors apart
+
+    @classmethod
+    def of(cls, best: Cut, name: str) -> Body:
+        """Take the rows of a cut; NoMagnetometer where they are too wide."""
+        words = [at for at, value in enumerate(next(iter(best.values.values()))) if value is None]
+        sensors = sensor_column(list(best.rows.values()), words)
+        rows = {place: cells for place, cells in best.rows.items() if not sensors or sensors.is_of_first(cells)}
+        ((width, _),) = Counter(map(len, rows.values())).most_common(1)
+        if width > MOST_COLUMNS:
+            raise NoMagnetometer(f"{name} has {width:,} columns: cut the magnetometer's out, with its time")
+        return cls(rows, [place for place, cells in rows.items() if len(cells) == width], width, sensors)
+
+    @property
+    def start(self) -> int:
+        """Line of the first row."""
+        return min(self.places)
+
+    @property
+    def alike(self) -> list[list[str]]:
+        """Rows that are as wide as most."""
+        return [self.rows[place] for place in self.places]
+
+    @property
+    def filled(self) -> int:
+        """Width without cells at the end that are empty in all rows, where each line ends with delimiters."""
+        alike = self.alike
+        return self.width - next((at for at in range(self.width) if any(cells[-1 - at].strip() for cells in alike)), 0)
+
+    def is_even(self, has_header: bool) -> bool:
+        """Whether rows of another width are broken: under a header, or where few are."""
+        return has_header or len(self.places) >= SAME_WIDTH * len(self.rows)
+
+
+class Head(NamedTuple):
+    """Header of a table, and the first numbers below it."""
+
+    place: int  # its line; -1 where it is none
+    names: list[str]
+    width: int  # columns
+    words: str  # of another number of names than lines have fields, how many there are
+    values: Floats
+    clocks: list[Clock]
+
+    @classmethod
+    def of(cls, name: str, texts: list[str], best: Cut, body: Body, known: Sequence[str], asked: str | None) -> Head:
+        """Find the header above the rows; `known` are names from elsewhere, `asked` the columns of the user."""
+        sign, start, filled = best.signs[0], body.start, body.filled
+        above = lines_above(texts[:start], sign, body.sensors)
+        place, names = (-1, list(known)) if known else find_header(above, sign, filled, body.width)
+        width = len(names) if filled <= len(names) <= body.width else filled
+        values, clocks = _first_numbers(best, body.places, width, texts[start:])
+        misfit = None if names else find_misfit(name, above, sign, values, clocks, asked)
+        place, names = (misfit.place, misfit.names) if misfit else (place, names)
+        return cls(place, names, width, misfit.words(width) if misfit else "", values, clocks)
+
+
 def _table(
     name: str,
     texts: list[str],
@@ -187,58 +250,58 @@ def _table(
     every: EveryLine,
 ) -> TextLayout:
     """Lay out a table from the lines that are rows of numbers."""
-    signs, rows = best.signs, best.rows
-    words = [at for at, value in enumerate(next(iter(best.values.values()))) if value is None]
-    sensors = sensor_column(list(rows.values()), words)
-    rows = {place: cells for place, cells in rows.items() if not sensors or sensors.is_of_first(cells)}
-    width, often = Counter(map(len, rows.values())).most_common(1)[0]
-    if width > MOST_COLUMNS:
-        raise NoMagnetometer(f"{name} has {width:,} columns: cut the magnetometer's out, with its time")
-    places = [place for place, cells in rows.items() if len(cells) == width]
-    start, alike = min(places), [rows[place] for place in places]
-    filled = width - next((at for at in range(width) if any(cells[-1 - at].strip() for cells in alike)), 0)
-    above = lines_above(texts[:start], signs[0], sensors)
-    place, header = (-1, list(known)) if known else find_header(above, signs[0], filled, width)
-    width = len(header) if filled <= len(header) <= width else filled  # each line ends with delimiters
-    values, clocks = _first_numbers(best, places, width, texts[start:])
-    misfit = None if header else find_misfit(name, above, signs[0], values, clocks, asked)
-    place, header = (misfit.place, misfit.names) if misfit else (place, header)
-    times = {cell for clock in clocks for cell in clock.cells}.union(() if header else seconds_and_nanoseconds(values))
-    devices = _devices(header, [cells[:width] for cells in alike], times, signs[0], every, sensors)
-    if devices and (own := [place for place in places if not devices[0].is_of_other(rows[place])]):
-        values, clocks = _first_numbers(best, own, width, texts[start:])
-    asked = asked or choice.remembered(header, width, rising_in(values) if choice.forms else ())
-    units = units_below(texts[place + 1 : start], signs[0], len(header)) if place >= 0 else ()
-    if not header:
+    signs, body = best.signs, Body.of(best, name)
+    head, start = Head.of(name, texts, best, body, known, asked), body.start
+    devices = _devices(head, body, signs[0], every)
+    if devices and (own := [place for place in body.places if not devices[0].is_of_other(body.rows[place])]):
+        values, clocks = _first_numbers(best, own, head.width, texts[start:])
+        head = head._replace(values=values, clocks=clocks)
+    asked = asked or choice.remembered(head.names, head.width, rising_in(head.values) if choice.forms else ())
+    if not head.names:
         refuse_matrices(name, texts)
-    if not header and asked is None and not sensors:
-        refuse_nameless(name, devices, clocks, width)
-        values = _longer(texts[start:], values, signs)
-    heading = misfit.words(width) if misfit else ""
+        if asked is None and not body.sensors:
+            refuse_nameless(name, devices, head.clocks, head.width)
+            head = head._replace(values=_longer(texts[start:], head.values, signs))
+    units = units_below(texts[head.place + 1 : start], signs[0], len(head.names)) if head.place >= 0 else ()
+    choosing = partial(choosing, asked=asked, units=units, devices=devices)
+    chosen = _chosen(name, texts, head, body, choosing)
+    if asked is None:
+        refuse_unsafe(name, head.names, body.alike, chosen, signs[1])
+    width = head.width if body.is_even(bool(head.names)) else 0
+    numbers = ", ".join(str(cell + 1) for cell in chosen.field.cells)
+    named = f" ({', '.join(chosen.field.names)} of columns {numbers})" if head.words and head.names else ""
+    return TextLayout(
+        grid=Grid(*signs, width, chosen.cells, chosen.needed, chosen.clock),
+        columns=chosen,
+        start=first_row(texts, head.place + 1, start) + 1,
+        header=tuple(head.names),
+        units=tuple(units),
+        header_line=head.place + 1,
+        header_text=texts[head.place] if head.place >= 0 else "",
+        spare=_spare(body.alike, chosen.field.cells),
+        heading=head.words + named,
+    )
+
+
+def _chosen(name: str, texts: list[str], head: Head, body: Body, choosing: partial[Columns | None]) -> Columns:
+    """Choose the columns, in the unit that stands above them; NoMagnetometer where it is not clear which they are."""
+    start, header, values, alike = body.start, head.names, head.values, body.alike
     line = f" (line {start + 1}: {shown(texts[start])!r})"
-    choosing = partial(choosing, asked=asked, heading=heading, quoted=line, cells=alike[0][:width], clocks=clocks)
-    chosen = choosing(header, values, units=units, devices=devices, is_told=sensors is not None)
+    chosen = choosing(
+        header,
+        values,
+        heading=head.words,
+        quoted=line,
+        cells=alike[0][: head.width],
+        clocks=head.clocks,
+        is_told=body.sensors is not None,
+    )
     if chosen is None:
-        raise no_magnetometer(name, header, values, texts[start], f"{heading or 'no header'}{line}", line)
+        raise no_magnetometer(name, header, values, texts[start], f"{head.words or 'no header'}{line}", line)
     if chosen.device is None:
         refuse_coded(name, header, values, chosen.field.cells)
-    if unit := stated_unit(header, alike, texts[:start]):
-        chosen = chosen.in_told(unit)
-    if asked is None:
-        refuse_unsafe(name, header, alike, chosen, signs[1])
-    numbers = ", ".join(str(cell + 1) for cell in chosen.field.cells)
-    is_even = header or often >= SAME_WIDTH * len(rows)
-    return TextLayout(
-        grid=Grid(*signs, width if is_even else 0, chosen.cells, chosen.needed, chosen.clock),
-        columns=chosen,
-        start=first_row(texts, place + 1, start) + 1,
-        header=tuple(header),
-        units=tuple(units),
-        header_line=place + 1,
-        header_text=texts[place] if place >= 0 else "",
-        spare=_spare(alike, chosen.field.cells),
-        heading=f"{heading} ({', '.join(chosen.field.names)} of columns {numbers})" if heading and header else heading,
-    )
+    unit = stated_unit(header, alike, texts[:start])
+    return chosen.in_told(unit) if unit else chosen
 
 
 def _spare(rows: Sequence[Sequence[str]], field: Sequence[int]) -> frozenset[int]:
@@ -279,19 +342,15 @@ def _clocks(texts: Sequence[str], rows: Sequence[Sequence[str]], values: Floats,
     return clocks
 
 
-def _devices(
-    header: Sequence[str],
-    alike: Sequence[Sequence[str]],
-    times: Container[int],
-    delimiter: str,
-    every: EveryLine,
-    sensors: SensorColumn | None,
-) -> tuple[Device, ...]:
+def _devices(head: Head, body: Body, delimiter: str, every: EveryLine) -> tuple[Device, ...]:
     """Devices that a column of a table tells apart, by its name or the first rows, and then by all of its rows.
 
-    The columns of `times` name none; that of `sensors` says which rows are of a magnetometer.
+    Columns of times name none; that of sensors says which rows are of a magnetometer.
     """
-    width = len(alike[0])
+    header, width, sensors = head.names, head.width, body.sensors
+    times = {cell for clock in head.clocks for cell in clock.cells}
+    times = times.union(() if header else seconds_and_nanoseconds(head.values))
+    alike = [cells[:width] for cells in body.alike]
     free = [place for place in range(width) if place not in times and not (sensors and place == sensors.place)]
     if header:
         places = [at for at in free if at < len(header) and names_device(header[at], header)]

@@ -5,13 +5,13 @@ in force on board was applied, or as it was logged.
 
 >>> from flinders.core.samples import Samples
 >>> from flinders.core.units import Unit
->>> level = Instrument("flight.bin", "MAG 0", Unit.of("mG"), lambda _: iter([Samples.of([[1, 2, 3]], unit="mG")]))
->>> log = Log("flight.bin", "ArduPilot DataFlash", (level,))
+>>> level = Instrument("trip.h5", "MAG 0", Unit.of("mG"), lambda _: iter([Samples.of([[1, 2, 3]], unit="mG")]))
+>>> log = Log("trip.h5", "HDF5", (level,))
 >>> log.sensor("1").name, log.sensor("mag 0") is log.sensor("1")
 ('MAG 0', True)
 >>> log.sensor("2")
 Traceback (most recent call last):
-flinders.errors.UsageError: flight.bin has no magnetometer 2: there is 1 (MAG 0)
+flinders.errors.UsageError: trip.h5 has no magnetometer 2: there is 1 (MAG 0)
 """
 
 from __future__ import annotations
@@ -98,8 +98,8 @@ class Instrument:
     axes: Axes = field(default_factory=Axes)
     #: what the axes of `columns` are, ``sensor`` or ``vehicle``: with what is `stored` un-applied, and as logged
     frames: tuple[str, str] = ("sensor", "sensor")
-    autopilot: Literal["ardupilot", "px4"] | None = None  #: ``ardupilot`` or ``px4``, where it is a compass of theirs
-    compass: int | None = None  #: its number there: ArduPilot's 1 to 3, PX4's 0 to 3
+    autopilot: Literal["ardupilot", "px4"] | None = None  #: whose compass it is
+    compass: int | None = None  #: its number there
     device_id: int | None = None  #: its device id there
     #: roll, pitch and yaw in degrees: how it is mounted, where it has a mounting of its own
     mounting: tuple[float, float, float] | None = None
@@ -169,7 +169,7 @@ class Log:
     """What a file holds."""
 
     source: str  #: the file, for messages
-    format: str  #: for people: ``ArduPilot DataFlash``
+    format: str  #: for people: ``HDF5``
     instruments: tuple[Instrument, ...]  #: its magnetometers, in the order of their numbers
     position: Position | None = None
     begun: datetime | None = None  #: UTC

@@ -1,7 +1,7 @@
 r"""Row of the table of formats: what files of a format begin with, and what opens them.
 
->>> row = Reader("ulog", "PX4 ULog", (".ulg",), "each compass", starts=(b"ULog\x01\x12\x35",))
->>> row.accepts(b"ULog\x01\x12\x35\x01"), row.accepts(b"x,y,z\n")
+>>> row = Reader("parquet", "Parquet table", (".parquet",), "columns", starts=(b"PAR1",))
+>>> row.accepts(b"PAR1\x15"), row.accepts(b"x,y,z\n")
 (True, False)
 """
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.core.plugins import remark
 from flinders.errors import NoMagnetometer, UnreadableInput, figures
 from flinders.readers._cells import number, split
 from flinders.readers._choice import MOST_NAMED
@@ -264,7 +265,7 @@ def nothing_read(name: str, lines: list[tuple[int, str]]) -> InputError:
         place, text = next((place, text) for place, text in lines if place in few)
         return NoMagnetometer(
             f"{name} has fewer than three numbers a line (line {place + 1}: {shown(text)!r}): "
-            "need three, x y z, one reading a line; two, of a level turn, are for flinders two-axis"
+            f"need three, x y z, one reading a line{remark('two columns')}"
         )
     place, text = lines[0]
     if text.endswith(CUT_OFF):

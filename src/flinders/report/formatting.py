@@ -2,8 +2,8 @@
 
 >>> import flinders
 >>> from flinders import simulate
->>> boat = simulate.tumble(seed=1, motion="swayed", n=1500).samples
->>> mounting(flinders.fit(boat, aiding=("rate", "dip")))
+>>> swayed = simulate.tumble(seed=1, motion="swayed", n=1500).samples
+>>> mounting(flinders.fit(swayed, aiding=("rate", "dip")))
 'how the axes sit in the body, as the gyro and accelerometer tell it, adds 0.39° (1 σ)'
 """
 

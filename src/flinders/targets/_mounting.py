@@ -172,15 +172,6 @@ class MountingTable:
         return float(np.float32(round(angle, 6))) + 0.0
 
 
-ALIGNMENTS: Final = (
-    *((f"CW{angle}", 0.0, 0.0, -float(angle)) for angle in (0, 90, 180, 270)),
-    *((f"CW{angle}FLIP", 0.0, 180.0, -float(angle)) for angle in (0, 90, 180, 270)),
-)
-"""Betaflight's and INAV's ``align_mag``, in their axes: forward, left and up."""
-DECIDEGREE: Final = 0.1
-"""Their step of an angle."""
-
-
 def _three(word: str) -> Angles | None:
     """Three finite numbers with commas between them."""
     try:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 INT16: Final = (-(2**15), 2**15 - 1)
 SETTING: Final = re.compile(r"\s*set\s+(\w+)\s*=(.*)", re.IGNORECASE)
-"""A line of what Betaflight's and INAV's command lines print."""
+"""A line of settings, as command lines of boards print them."""
 
 Acts: TypeAlias = Literal["recorded", "mapped", "across"]
 """In which axes a target works: those of the recording (mapped afterwards), those of the calibration (mapped before),
@@ -173,9 +173,9 @@ def refuse_mounted(calibration: Calibration, *, who: str) -> None:
         raise NotExportable(
             f"the calibration is for readings in the axes of the vehicle, and {who} corrects them before the mounting, "
             "in the sensor's own axes: the numbers would be wrong wherever the sensor is turned. Calibrate from "
-            "readings in the sensor's own axes, such as sensor_mag of a PX4 log, or write it for a target that acts "
-            "after the mounting (ardupilot) or on readings as recorded (c, json). Where the sensor sits exactly as the "
-            'vehicle does, set "frame" to "sensor" in the calibration file',
+            "readings in the sensor's own axes, or write it for a target that acts after the mounting or on readings "
+            "as recorded (c, json). Where the sensor sits exactly as the vehicle does, set "
+            '"frame" to "sensor" in the calibration file',
             beyond=(),
             frame=calibration.frame,
         )

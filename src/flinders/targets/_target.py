@@ -211,7 +211,7 @@ class Target:
 
     @property
     def family(self) -> str:
-        """What targets in the same numbers have in common: ``px4`` of px4-shell."""
+        """What targets in the same numbers have in common: ``adafruit`` of adafruit-eeprom."""
         return self.name.partition("-")[0]
 
     @property

@@ -77,6 +77,20 @@ class Check:
         agrees = self.comparison.verdict == "agree" and self.comparison.is_conclusive
         return "holds" if agrees and self.fresh.verdict == "good" and not self.made_from else "limited"
 
+    def __repr__(self) -> str:
+        if self.comparison is None:
+            why = "" if self.refusal is None else f", {self.refusal.code}"
+            return f"Check({self.verdict}{why}: the recording cannot be fitted)"
+        heading, chance = self.comparison.heading_difference_deg, self.comparison.p_value
+        parts = (
+            self.verdict,
+            f"heading difference {heading.rms:.2g}° rms, {heading.worst:.2g}° worst",
+            "no uncertainty stated" if chance is None else f"p = {chance:.2g}",
+            f"target {self.target_deg:g}°",
+            f"fresh fit {self.fresh.verdict}",
+        )
+        return f"Check({', '.join(parts)})"
+
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready; of a recording that cannot be fitted, all but the refusal."""
         strength, fresh = self.strength.as_dict(), self.fresh.as_dict()

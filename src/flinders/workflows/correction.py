@@ -21,7 +21,7 @@ from flinders.errors import counted, in_python
 from flinders.fitting.verdict import of_extrapolation
 from flinders.heading.smoothing import Filter
 from flinders.readers import TextRecording
-from flinders.workflows.notes import Note, limits_of
+from flinders.workflows.notes import Note, limits_in_codes, limits_of
 from flinders.workflows.recordings import fit_for, recording_for, used_at
 from flinders.workflows.suitability import CorrectionMonitor
 
@@ -121,6 +121,20 @@ class CorrectionSummary:
             **self.preparation.as_dict(),
         }
 
+    def __str__(self) -> str:
+        strength = self.strength
+        skipped = sum(each.rows for each in self.skipped)
+        parts = (
+            counted(strength.readings, "reading"),
+            f"{skipped:,} skipped" if skipped else "",
+            f"strength {strength.mean:.3f} of the calibration's, spread {strength.spread:.1%}",
+            limits_in_codes(self.notes),
+        )
+        return ", ".join(filter(None, parts))
+
+    def __repr__(self) -> str:
+        return f"CorrectionSummary({self})"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CorrectionStream:
@@ -213,6 +227,9 @@ class Corrected:
 
     samples: Samples  #: with the corrected field, in the calibration's unit and axes, and all other columns
     summary: CorrectionSummary
+
+    def __repr__(self) -> str:
+        return f"Corrected({self.summary})"
 
 
 @spell_checked(ELSEWHERE)

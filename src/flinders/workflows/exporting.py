@@ -68,7 +68,7 @@ def export(
     calibration : Fit, Calibration or path
         One that was refused is not written.
     target : str
-        One of `flinders.targets.registry`, such as ``"arduino"``, ``"ardupilot"``, ``"c"``.
+        One of `flinders.targets.registry`, such as ``"arduino"``, ``"esphome"``, ``"c"``.
     compass : int, optional
         Which one of the vehicle; by default that of the log.
     mounting : str, optional

@@ -44,6 +44,9 @@ class HeadingSeries:
     time: Floats | None  #: (N,) s, by the clock of the recording
     summary: HeadingSummary
 
+    def __repr__(self) -> str:
+        return f"HeadingSeries({self.summary})"
+
 
 @spell_checked(ELSEWHERE)
 def headings(

@@ -20,13 +20,13 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.core.geomag import ASSUMED_DIP_DEG
-from flinders.errors import UsageError, in_python
+from flinders.errors import UsageError, counted, in_python
 from flinders.heading.compass import LEVEL, Compass, Headings, Voyage
 from flinders.heading.error_propagation import STEEPEST_DIP_DEG, level_bound_deg, level_error, tilted_error
 from flinders.readers import TextRecording
 from flinders.workflows.correction import CorrectionStream
 from flinders.workflows.heading_notes import HeadingClaim, heading_notes
-from flinders.workflows.notes import limits_of
+from flinders.workflows.notes import limits_in_codes, limits_of
 from flinders.workflows.suitability import MIN_READINGS
 
 if TYPE_CHECKING:
@@ -80,6 +80,20 @@ class HeadingSummary:
             **self.correction.preparation.as_dict(),
             "limits": limits_of(self.notes, spell),  # what limits the headings, in words
         }
+
+    def __str__(self) -> str:
+        kind = "magnetic" if self.compass.declination_deg is None else "true"
+        error, without = self.claim.level, self.voyage.without_heading
+        parts = (
+            counted(self.voyage.readings - without, f"{kind} heading"),
+            f"{counted(without, 'reading')} without one" if without else "",
+            "no error stated" if error is None else f"error {error.rms:.2g}° rms, {error.worst:.2g}° worst while level",
+            limits_in_codes(self.notes),
+        )
+        return ", ".join(filter(None, parts))
+
+    def __repr__(self) -> str:
+        return f"HeadingSummary({self})"
 
 
 def _error(error: HeadingError | None, **more: float | None) -> dict[str, float] | None:

@@ -97,6 +97,12 @@ def _turn(axes: str, option: str) -> str:
     return f"give {option}={axes}" if axes else f"leave {option} out"
 
 
+def limits_in_codes(notes: Iterable[Note]) -> str:
+    """The codes of those notes that limit what holds, for a line; empty where none does."""
+    codes = [note.code for note in notes if note.severity == "limits"]
+    return f"limited by {', '.join(codes)}" if codes else ""
+
+
 def limits_of(notes: Iterable[Note], spell: Spelling = in_python) -> list[str]:
     """The sentences of those notes that limit what holds."""
     return [note.words(spell) for note in notes if note.severity == "limits"]

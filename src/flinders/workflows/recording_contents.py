@@ -14,6 +14,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -22,7 +23,7 @@ from flinders.core.geomag import recorded_field
 from flinders.core.samples import Wrapped
 from flinders.core.units import COUNTS, unit_of_the_earth
 from flinders.diagnostics.unmoved import require_moved
-from flinders.errors import FitError, InputError, Unmoved, in_python
+from flinders.errors import FitError, InputError, Unmoved, counted, in_python
 from flinders.fitting.calibrate import fit
 from flinders.readers import Log, open_log
 from flinders.readers._likeness import likeness
@@ -125,6 +126,20 @@ class RecordedSensor:
             number=number, name=instrument.name, unit=unit.name, unit_of_field=unit.inside, readings=0, notes=notes
         )
 
+    def __str__(self) -> str:
+        parts = (
+            self.name,
+            f"{counted(self.readings, 'reading')} in {self.unit}",
+            "" if self.rate_hz is None else f"{self.rate_hz:.3g} Hz",
+            "hardly turned" if self.unmoved else "",
+            "" if self.coverage is None else f"{self.coverage:.0%} of directions",
+            f"with {', '.join(self.auxiliary)}" if self.auxiliary else "",
+        )
+        return ", ".join(filter(None, parts))
+
+    def __repr__(self) -> str:
+        return f"RecordedSensor({self.number}, {self})"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
@@ -139,6 +154,11 @@ class Contents:
     sensors: tuple[RecordedSensor, ...]  # its magnetometers
     commands: tuple[str, ...] = ()  # what to type next
     notes: tuple[str, ...] = ()  # what else to know
+
+    def __repr__(self) -> str:
+        named = ", ".join(f"{each.number} {each.name}" for each in self.sensors)
+        held = str(self.sensors[0]) if len(self.sensors) == 1 else f"{len(self.sensors)} magnetometers: {named}"
+        return f"Contents({Path(self.source).name}, {self.format}: {held})"
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, under the names of the attributes."""

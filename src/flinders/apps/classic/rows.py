@@ -21,3 +21,4 @@ METHODS = {
     "two_step": "recipes.two_step",
 }
 TARGETS = {"adis16480": "adis16480"}
+REMARKS = {"two columns": "two, of a level turn, are for flinders two-axis"}

@@ -182,11 +182,7 @@ class KeyedTable:
         names = list(file.schema.names)
         keys = KeyColumns.of_schema(file.name, file.schema, options)
         if keys is None:
-            raise UsageError(
-                f"{file.name} does not say which unit a row is of: there are {', '.join(names[:24])}; need a column "
-                "such as unit or serial, or its name",
-                hint={"unit_column": None},
-            )
+            raise no_units(file.name, names)
         table = table_of(
             file.kind,
             _without(file.schema, keys),
@@ -232,6 +228,15 @@ class KeyedTable:
         return _without(self.file.schema, self.keys)
 
 
+def no_units(name: str, columns: Sequence[str]) -> UsageError:
+    """Say that no column tells which unit a row is of."""
+    return UsageError(
+        f"{name} does not say which unit a row is of: there are {', '.join(columns[:24])}; need a column "
+        "such as unit or serial, or its name",
+        hint={"unit_column": None},
+    )
+
+
 def counts_of(file: TableFile, keys: KeyColumns, groups: Sequence[int], names: Interner) -> Counter[Pair]:
     """Count the rows of each recording in some groups, from the columns of keys alone."""
     counts: Counter[int] = Counter()
@@ -261,7 +266,15 @@ def _runs(batch: Any, keys: KeyColumns, names: Interner) -> Runs:  # noqa: ANN40
     """Run lengths of recordings, as numbers of `names`, which takes their hardware batches."""
     every = (keys.unit, keys.recording, keys.batch)
     coded = [_dictionary(batch, key.column) if key.column else ([key.value], None) for key in every]
-    is_first = np.ones(batch.num_rows, dtype=bool)
+    return runs_of(coded, batch.num_rows, names)
+
+
+def runs_of(coded: Sequence[tuple[list[str], NDArray[np.integer] | None]], rows: int, names: Interner) -> Runs:
+    """Run lengths of recordings, of the texts of unit, recording and batch and (N,) the index of each row's.
+
+    Indices are None where all rows have the first text.
+    """
+    is_first = np.ones(rows, dtype=bool)
     changes = [places[1:] != places[:-1] for _, places in coded if places is not None]
     is_first[1:] = np.logical_or.reduce(changes) if changes else False
     first = np.flatnonzero(is_first)
@@ -273,7 +286,7 @@ def _runs(batch: Any, keys: KeyColumns, names: Interner) -> Runs:  # noqa: ANN40
         [texts[place] for place in own.tolist()] for (texts, _), own in zip(coded, chosen, strict=True)
     )
     numbers = np.array([*map(names.number, zip(units, recordings, strict=True), batches)], dtype=np.int64)
-    return Runs.joined([Runs(numbers[inverse], np.diff(first, append=batch.num_rows))])
+    return Runs.joined([Runs(numbers[inverse], np.diff(first, append=rows))])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.apps.fleet.dataset import Pair
+    from flinders.apps.fleet.frame import KeyedFrame
     from flinders.apps.fleet.options import Options
     from flinders.apps.fleet.plan import FileSlice, Partition
     from flinders.arrays import Floats
@@ -142,7 +143,7 @@ PASSED_OVER, TAKEN, NAMELESS = range(3)
 """What happens to rows: nothing; they are fitted; they name no unit, and are counted."""
 
 
-def read_recordings(table: KeyedTable, part: FileSlice, rows: RowFilter) -> RecordingSet:
+def read_recordings(table: KeyedTable | KeyedFrame, part: FileSlice, rows: RowFilter) -> RecordingSet:
     """Read the recordings of a slice, each in the order of time, or of its rows if times are not known."""
     columns = table.recording.columns
     runs, values = _read(table, part, rows)
@@ -166,7 +167,7 @@ def read_recordings(table: KeyedTable, part: FileSlice, rows: RowFilter) -> Reco
     return RecordingSet(pairs, lined, runs.lengths, np.full(len(pairs), table.start_s), part.file.name)
 
 
-def _read(table: KeyedTable, part: FileSlice, rows: RowFilter) -> tuple[Runs, list[NDArray[np.floating]]]:
+def _read(table: KeyedTable | KeyedFrame, part: FileSlice, rows: RowFilter) -> tuple[Runs, list[NDArray[np.floating]]]:
     """Run lengths of the rows of a slice that are taken, and their K columns (N,)."""
     nameless = 0
     runs: list[Runs] = []

@@ -24,6 +24,7 @@ import numpy as np
 
 from flinders.apps.fleet import storage
 from flinders.apps.fleet.dataset import Interner, KeyedTable, TableFile, counts_of
+from flinders.apps.fleet.frame import KeyedFrame
 from flinders.apps.fleet.keys import KeyColumns, batch_in
 from flinders.apps.fleet.options import Options
 from flinders.apps.fleet.plan import LARGEST, FileSlice, Partition, key_of, open_as_planned
@@ -42,10 +43,11 @@ from flinders.core.axes import Axes
 from flinders.core.keywords import spell_checked
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.errors import FlindersError, InputError, OutputError, UsageError, counted
+from flinders.errors import FlindersError, InputError, MissingExtra, OutputError, UsageError, counted
 from flinders.estimators.data import CountedRecording, recording_of
 from flinders.fitting.batch import FitColumns, fit_batch
 from flinders.readers import open_log
+from flinders.readers._frame import hands_out_columns, is_frame
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterator, Sequence
@@ -126,7 +128,7 @@ def fit_many(
 
     Raises `UsageError` for a table without a column of units, and columns or units of field that there are not;
     `UnreadableInput` for a column of units that is nested, or there twice; `NoMagnetometer` where it is not clear which
-    columns are the magnetometer; `MissingExtra` for a table, where pyarrow is not installed.
+    columns are the magnetometer; `MissingExtra` without pyarrow, for a table that is not of pandas or polars.
 
     Parameters
     ----------
@@ -166,11 +168,10 @@ def fit_many(
         jobs = [_of_unit(str(name), source, options) for name, source in table.items()]
         refused = UnitResults.of([row for row in jobs if isinstance(row, UnitResult)])
         return UnitResults.joined([refused, fit_jobs([job for job in jobs if isinstance(job, Job)], options)]).sorted()
-    file = _in_memory(table)
-    KeyColumns.of(file.name, file.schema.names, options)  # refuses options that name a column it has not got
-    whole = Partition((FileSlice(StoredFile("table", "", 0), (0,), file.groups[0]),))
+    keyed, length = _in_memory(table, options)
+    whole = Partition((FileSlice(StoredFile("table", "", 0), (0,), length),))
     rows = RowFilter(whole)
-    fits = _fit_set(read_recordings(KeyedTable.of(file, options), whole.slices[0], rows), options)
+    fits = _fit_set(read_recordings(keyed, whole.slices[0], rows), options)
     nameless = UnitResults.of(_nameless(whole, rows.nameless, Unreadable(whole, options)))
     return _with_batches(UnitResults.joined([fits, nameless]), rows.names.batches).sorted()
 
@@ -185,16 +186,30 @@ def _of_unit(name: str, source: Any, options: Options) -> Job | UnitResult:  # n
     return Job(name, "", source, 0)
 
 
-def _in_memory(table: Any) -> TableFile:  # noqa: ANN401
-    """A table in memory as a file of one group; UsageError if it is no table."""
-    arrow = needs_arrow()
-    if not isinstance(table, arrow.Table):
-        if not hasattr(table, "__arrow_c_stream__"):
-            raise UsageError(
-                f"{type(table).__name__} is no table: give units by name as a dict, or a table of pyarrow, pandas or "
-                "polars with a column of units"
-            )
-        table = arrow.table(table)
+def _in_memory(table: Any, options: Options) -> tuple[KeyedTable | KeyedFrame, int]:  # noqa: ANN401
+    """Recognise the columns of a table in memory, and count its rows; `UsageError` if it is no table.
+
+    Without pyarrow a frame of pandas or polars hands out its columns; any other table raises `MissingExtra`.
+    """
+    if not is_frame(table):
+        raise UsageError(
+            f"{type(table).__name__} is no table: give units by name as a dict, or a table of pyarrow, pandas or "
+            "polars with a column of units"
+        )
+    try:
+        arrow = needs_arrow()
+    except MissingExtra:
+        if not hands_out_columns(table):
+            raise
+        frame = KeyedFrame.of(table, options)
+        return frame, frame.rows
+    file = _as_file(table if isinstance(table, arrow.Table) else arrow.table(table))
+    KeyColumns.of(file.name, file.schema.names, options)  # refuses options that name a column it has not got
+    return KeyedTable.of(file, options), file.groups[0]
+
+
+def _as_file(table: Any) -> TableFile:  # noqa: ANN401
+    """A table of Arrow as a file of one group."""
 
     def batches(_: Sequence[int], columns: list[str], rows: int) -> Iterator[Any]:
         yield from table.select(columns).to_batches(max_chunksize=rows)

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.apps.marine.deviation import Expected, fit
+from flinders.apps.marine.swing_table import NEED
 from flinders.comparison.comparison import rotation_covariance
-from flinders.errors import FitError, UsageError, counted
+from flinders.errors import FitError, NoAccelerometer, UsageError, counted
 from flinders.estimators.data import recording_of
 from flinders.geometry.angles import folded, shown_heading
 from flinders.heading.error_propagation import deviation_covariance
@@ -55,8 +56,20 @@ class SwingRecording:
 
     @classmethod
     def of(cls, stream: HeadingStream, *, is_calibrated: bool, stationary_s: float | None = None) -> Self:
-        """Read a stream to its end, and find its rests of so many seconds at least."""
-        blocks = [(headings.magnetic_deg, samples.time) for _, samples, headings in stream.headings()]
+        """Read a stream to its end, and find its rests of so many seconds at least.
+
+        Raises `NoAccelerometer` without one; where no calibration says that it is a recording, with what a swing needs.
+        """
+        try:
+            blocks = [(headings.magnetic_deg, samples.time) for _, samples, headings in stream.headings()]
+        except NoAccelerometer as error:
+            if is_calibrated:
+                raise
+            raise NoAccelerometer(
+                f"{stream.recording.source} is no table of headings, and a recording without an accelerometer: {NEED}; "
+                "or a recording with an accelerometer, or of a sensor that never tilts",
+                hint=error.hint,
+            ) from None
         times = [time for _, time in blocks if time is not None]
         steps = np.diff(np.concatenate(times)) if times else np.empty(0)
         step = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0

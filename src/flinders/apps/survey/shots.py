@@ -25,7 +25,7 @@ import numpy as np
 
 from flinders.apps.survey.instrument import Shots
 from flinders.core.axes import Axes
-from flinders.errors import ArrayError, UnreadableInput, UsageError
+from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, UsageError
 from flinders.readers import read
 from flinders.readers._lines import encoding_of
 from flinders.readers._source import HEAD, find
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
     from flinders.apps.survey.instrument import Pointing
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
 
 TOPODROID: Final = "TopoDroid"
 
@@ -73,7 +74,17 @@ def read_shots(
     turned = Axes.of(axes)
     of_gravity = turned if acceleration_axes is None else Axes.of(acceleration_axes)
     shots = instrument_shots(path, axes=turned, acceleration_axes=of_gravity, pointing=pointing)
-    return Shots.of(read(path), turned, of_gravity, pointing or "x") if shots is None else shots
+    return Shots.of(_read_table(path), turned, of_gravity, pointing or "x") if shots is None else shots
+
+
+def _read_table(path: str | os.PathLike[str]) -> Samples:
+    """Read a recording; where it could be read with options that shots do not have, say what shots are."""
+    try:
+        return read(path)
+    except (NoMagnetometer, UnreadableInput) as error:
+        if not error.hint:
+            raise
+        raise type(error)(f"no shots are recognised in {find(path).name}: {NEED}") from None
 
 
 def instrument_shots(

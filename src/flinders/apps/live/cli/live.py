@@ -106,7 +106,7 @@ class LiveSource(program.Group):
             return Source("replay", partial(RecordedFeed, feed), site=site)
         if self.mavlink is not None:
             feed_of = feed_kind("mavlink")
-            link = stack.enter_context(contextlib.closing(opened_link(self.mavlink, self.baud)))
+            link = stack.enter_context(contextlib.closing(opened_link(self.mavlink, self.baud, what="--mavlink")))
             return Source("mavlink", partial(RecordedFeed, feed_of(link, self.compass)))
         kind, port = self._lines(is_resumed=resume is not None)
         if kind == "file":

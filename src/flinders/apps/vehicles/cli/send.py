@@ -109,7 +109,7 @@ def command(options: Send) -> None:
     from flinders.links.transports import opened_link
 
     refuse_on_top(fit, "the vehicle")
-    with contextlib.closing(opened_link(str(options.mavlink), options.baud)) as link:
+    with contextlib.closing(opened_link(str(options.mavlink), options.baud, what="--mavlink")) as link:
         _to_vehicle(fit, link, options)
 
 

@@ -32,11 +32,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.apps.vehicles.targets.remounting import left_out, remounting
+from flinders.apps.vehicles.targets.remounting import ALIGNMENTS, DECIDEGREE, left_out, remounting
 from flinders.arrays import Floats, floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
-from flinders.targets._mounting import ALIGNMENTS, DECIDEGREE, Mounting, MountingTable
+from flinders.targets._mounting import Mounting, MountingTable
 from flinders.targets._numbers import INT16, counts, in_16_bits, of_radii, offset_and_radii, settings
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 

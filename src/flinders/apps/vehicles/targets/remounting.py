@@ -17,7 +17,7 @@ mounting: with the compass mounted by A when it was recorded, from then on by
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -29,6 +29,14 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
     from flinders.targets._mounting import Mounting
+
+ALIGNMENTS: Final = (
+    *((f"CW{angle}", 0.0, 0.0, -float(angle)) for angle in (0, 90, 180, 270)),
+    *((f"CW{angle}FLIP", 0.0, 180.0, -float(angle)) for angle in (0, 90, 180, 270)),
+)
+"""Betaflight's and INAV's ``align_mag``, in their axes: forward, left and up."""
+DECIDEGREE: Final = 0.1
+"""Their step of an angle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
