@@ -49,9 +49,12 @@ def test_an_array_of_two_columns_is_a_level_turn_too(tmp_path: Path) -> None:
         np.testing.assert_allclose(flinders.Calibration.load(tmp_path / "c.json").offset[:2], [10.0, -5.0], atol=1e-3)
 
 
-def test_two_columns_are_not_compared_by_all_methods(tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", ["calibrate", "info", "compare-methods"])
+def test_two_columns_are_for_two_axis_alone(command: str, tmp_path: Path) -> None:
     path, _ = two_columns(tmp_path)
-    for words, codes in (([], {5}), (["--columns", "1,2"], {2, 5})):
-        ended = CliRunner().invoke(main, ["compare-methods", str(path), *words])
-        assert ended.exit_code in codes
-        assert "flinders two-axis" in ended.stderr
+    ended = CliRunner().invoke(main, [command, str(path)])
+    assert ended.exit_code == 5
+    assert "two, of a level turn, are for flinders two-axis" in ended.stderr
+    asked = CliRunner().invoke(main, [command, str(path), "--columns", "1,2"])
+    assert asked.exit_code in {2, 5}
+    assert "flinders two-axis" in asked.stderr
