@@ -11,13 +11,17 @@ from typing import Any, Final
 
 import playwright
 
-MODULES: Final = files("flinders.apps.live").joinpath("static", "standalone")
 RUN_S: Final = 60.0
 
 
 def node() -> str:
     """Node.js: that of the system, else the one that Playwright brings."""
     return shutil.which("node") or str(Path(playwright.__file__).parent / "driver" / "node")
+
+
+def modules() -> str:
+    """The folder ``standalone`` of the page."""
+    return str(files("flinders.apps.live").joinpath("static", "standalone"))
 
 
 def run(program: str, given: object) -> Any:  # noqa: ANN401 - as JSON
@@ -34,7 +38,7 @@ def run(program: str, given: object) -> Any:  # noqa: ANN401 - as JSON
 import {{ readFileSync }} from "node:fs";
 import {{ pathToFileURL }} from "node:url";
 const given = JSON.parse(readFileSync(0, "utf-8"));
-const load = (name) => import(pathToFileURL({json.dumps(f"{MODULES}/")} + name));
+const load = (name) => import(pathToFileURL({json.dumps(f"{modules()}/")} + name));
 const result = await (async () => {{ {program} }})();
 process.stdout.write(JSON.stringify(result));
 """

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 import numpy as np
-from tests.javascript import MODULES, node
+from tests.javascript import modules, node
 
 from flinders.apps.live.buffer import ReadingBuffer, rows_of
 from flinders.apps.live.messages import Edits, SourceState, readings_frame
@@ -274,7 +274,7 @@ def _program() -> subprocess.Popen[str]:
         [node(), str(PROGRAM)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, encoding="utf-8"
     )
     assert program.stdin is not None
-    start = {"modules": str(MODULES), "wasm": b64encode(wasm).decode(), "data": json.loads(live_data())}
+    start = {"modules": modules(), "wasm": b64encode(wasm).decode(), "data": json.loads(live_data())}
     program.stdin.write(json.dumps(start) + "\n")
     atexit.register(_end, program)
     return program

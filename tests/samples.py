@@ -148,7 +148,8 @@ def text_of(table: Floats) -> str:
     return "\n".join([",".join(NAMES), *(",".join(map(repr, row)) for row in table.tolist()), ""])
 
 
-WRITERS: dict[str, Callable[[Path, Floats], None]] = {
+BY_NAME = {reader.name: reader for reader in registry()}
+_ALL: dict[str, Callable[[Path, Floats], None]] = {
     "npy": write_npy,
     "npz": write_npz,
     "mat": write_mat,
@@ -162,12 +163,11 @@ WRITERS: dict[str, Callable[[Path, Floats], None]] = {
     "dataflash": write_dataflash,
     "ulog": write_ulog,
 }
-"""By the name of the reader."""
+WRITERS = {name: write for name, write in _ALL.items() if name in BY_NAME}
+"""By the name of the reader, of those that are there: packages add some."""
 
 LOGS = frozenset(reader.name for reader in registry() if reader.log is not None)
 """Those of several instruments, whose units and clocks are their own."""
-
-BY_NAME = {reader.name: reader for reader in registry()}
 
 
 def written(name: str, folder: Path, table: Floats) -> Path:

@@ -24,7 +24,7 @@ from flinders.errors import UsageError
 from flinders.readers._asked_columns import asked_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterator, Sequence
     from types import ModuleType
 
 
@@ -39,6 +39,11 @@ REGISTRY: Final = {
     "readers/__init__.py", "readers/_courses.py", "readers/_known_texts.py", "targets/__init__.py",
 }  # fmt: skip
 """Modules that import others of this library by name: tables, whose rows are modules."""
+TESTS: Final = Path(__file__).parent
+LIBRARY_TESTS: Final = sorted(
+    {path.parent.relative_to(TESTS).parts[0] for path in TESTS.glob("*/**/test_*.py")} - {*apps(), "browser"}
+)
+"""Folders with tests of the library: all but those of packages, and `browser`, which covers several of them."""
 USES: Final = {
     "board": "from flinders.apps.board.package import contents; assert contents()",
     "classic": "assert len(flinders.compare_methods(tumble).entries) > 10",
@@ -103,20 +108,58 @@ def test_what_is_left_works(gone: tuple[str, ...], library: Path, tmp_path: Path
             (tmp_path / app).rename(packages / app)
 
 
-@pytest.mark.tools
-def test_examples_of_the_library_need_no_package(tmp_path: Path) -> None:
+@pytest.fixture
+def bare(tmp_path: Path) -> Path:
+    """A folder with the library alone, without any package."""
     shutil.copytree(SOURCE, tmp_path / "flinders", ignore=shutil.ignore_patterns("__pycache__"))
     for app in apps():
         shutil.rmtree(tmp_path / "flinders" / "apps" / app)
-    words = [
-        "-m", "pytest", "-q", "-c", os.devnull, "-p", "no:cacheprovider", "--import-mode=importlib",
-        "--doctest-modules", "-o", "doctest_optionflags=ELLIPSIS NORMALIZE_WHITESPACE NUMBER", "flinders",
-    ]  # fmt: skip
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    return tmp_path
+
+
+def assert_pytest_passes(words: Sequence[str], library: Path, folder: Path) -> None:
+    """Run pytest in a folder, with another copy of the library."""
     ended = subprocess.run(
-        [sys.executable, *words], env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *words],
+        env={**os.environ, "PYTHONPATH": str(library)}, cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert ended.returncode == 0, ended.stdout[-4000:]
+
+
+@pytest.mark.tools
+def test_examples_of_the_library_need_no_package(bare: Path) -> None:
+    words = [
+        "-c", os.devnull, "--import-mode=importlib", "--doctest-modules",
+        "-o", "doctest_optionflags=ELLIPSIS NORMALIZE_WHITESPACE NUMBER", "flinders",
+    ]  # fmt: skip
+    assert_pytest_passes(words, bare, bare)
+
+
+@pytest.mark.nightly
+def test_tests_of_the_library_need_no_package(bare: Path) -> None:
+    assert_pytest_passes([f"tests/{name}" for name in LIBRARY_TESTS], bare, TESTS.parent)
+
+
+def test_tests_of_the_library_import_no_package() -> None:
+    """Neither a package of `flinders.apps`, nor its tests."""
+    packages = tuple(f"{parent}.{app}" for parent in ("flinders.apps", "flinders", "tests") for app in apps())
+    found = [
+        f"{path.relative_to(TESTS)}: {name}"
+        for folder in LIBRARY_TESTS
+        for path in sorted((TESTS / folder).rglob("*.py"))
+        for name in imported(ast.parse(path.read_text(encoding="utf-8")))
+        if name.startswith(packages)
+    ]
+    assert found == []
+
+
+def imported(tree: ast.Module) -> Iterator[str]:
+    """Full names of the modules that a file imports."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
 @pytest.mark.parametrize("app", apps())
@@ -169,7 +212,7 @@ def test_only_tables_import_modules_by_name() -> None:
     importing = {
         path.relative_to(SOURCE).as_posix()
         for path in SOURCE.rglob("*.py")
-        if path.name != "errors.py"  # imports packages of others, by the names that readers and targets give
+        if path.name != "foreign_errors.py"  # imports packages of others, by the names that readers and targets give
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if _imports_ours(node)
     }

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 import pytest
 from tests import key_tables
+from tests.laws.test_equivariance import ROWS as EQUIVARIANCE
 
 import flinders
 from flinders.errors import FlindersError
@@ -96,6 +97,7 @@ def test_every_method_is_documented() -> None:
 
     missing = [name for name in METHODS if f"\n**`{name}`** " not in page("methods.md")]
     assert not missing, f"docs/methods.md lacks paragraphs on {missing}"
+    assert EQUIVARIANCE.keys() == METHODS.keys()
 
 
 def test_every_finding_is_documented() -> None:
@@ -103,6 +105,13 @@ def test_every_finding_is_documented() -> None:
 
     missing = [code for code in CATALOGUE if f"| `{code}` |" not in page("findings.md")]
     assert not missing, f"docs/findings.md lacks rows for {missing}"
+
+
+def test_every_refusal_with_plain_words_is_raised() -> None:
+    from flinders.findings import REFUSALS
+
+    raised = {error.code for error in tree(FlindersError)}
+    assert {code for code, refusal in REFUSALS.items() if refusal.plain} <= raised
 
 
 def test_every_public_key_stands_in_its_table(request: pytest.FixtureRequest) -> None:

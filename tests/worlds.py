@@ -19,6 +19,7 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.fitting.result import Fit, Refused
+from flinders.geometry.ellipsoid import upper
 from flinders.geometry.rotation import rotations
 from flinders.simulate import Sensor, Simulated, motions
 from flinders.simulate import attitudes as body_attitudes
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.joining import Joined
-    from flinders.estimators import Estimator
+    from flinders.estimators import Estimate, Estimator
 
 FIELD_STRENGTH: Final = 50.0
 """µT, of the field in all of these worlds."""
@@ -201,3 +202,15 @@ def carried_about(seed: int, *, varies: float, turns: float, rows: int = 900, no
     sensor = Sensor(np.eye(3) + rng.normal(scale=0.05, size=(3, 3)), rng.normal(scale=12.0, size=3), noise)
     field = sensor.read(np.einsum("nji,nj->ni", attitudes, world), rng)
     return Samples.of(field, unit="uT", time=np.arange(rows) / 50.0)
+
+
+def true_parameters(truth: Simulated) -> Floats:
+    """(9,) offset and the entries of F W⁻¹ that a perfect fit would find."""
+    matrix, offset = truth.sensor.correction
+    return np.concatenate([offset, upper(truth.field_strength * np.linalg.inv(matrix))])
+
+
+def errors(found: Estimate, truth: Simulated) -> Floats:
+    """(9,) of a fit's parameters."""
+    wanted = true_parameters(truth)
+    return np.concatenate([found.ellipsoid.centre, upper(found.ellipsoid.shape)]) - wanted

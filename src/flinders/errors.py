@@ -56,39 +56,22 @@ spells: Python in the text of the error, the command line as options.
 log.csv exists: give another name, or overwrite it (force=True)
 
 Messages of all modules write counts, numbers and shares with `counted`, `figures` and `percent`. What other packages
-raise becomes one of these errors in `needs` and `reading`.
-
->>> needs("json", "hdf5", "an HDF5 file").loads("[1, 2]")
-[1, 2]
->>> needs("no_package", "hdf5", "an HDF5 file")
-Traceback (most recent call last):
-flinders.errors.MissingExtra: an HDF5 file needs no_package, which is not installed: pip install 'flinders[hdf5]' ...
+raise becomes one of these errors in `flinders.foreign_errors`.
 """
 
 from __future__ import annotations
 
 import math
 import os
-import struct
-import zlib
 from collections.abc import Mapping
-from contextlib import contextmanager
-from functools import wraps
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar, Final, ParamSpec, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-
-P = ParamSpec("P")
-T = TypeVar("T")
+    from collections.abc import Callable, Iterable
 
 Hint: TypeAlias = Mapping[str, object]
 """Arguments that carry out a remedy: values by keyword of the Python interface, None for any value. The value of a
 method's name is a mapping of its arguments."""
-
-LONGEST: Final = 120
-"""Characters of another package's message that are passed on."""
 
 Spelling: TypeAlias = "Callable[[Hint], str]"
 """How an interface spells a hint, such as `in_python`."""
@@ -114,35 +97,6 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     by_folded = {name.casefold(): name for name in known}
     like = get_close_matches(word.strip().casefold(), by_folded, n=1)
     return f" (did you mean {by_folded[like[0]]!r}?)" if like else ""
-
-
-def spell_checked(elsewhere: Mapping[str, str]) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Answer a mistyped keyword of a function with a `UsageError` that names the one that is like it.
-
-    `elsewhere`: keywords that belong to another function, and which.
-
-    >>> @spell_checked({"columns": "flinders.read"})
-    ... def fit(*, target_deg: float) -> float:
-    ...     return target_deg
-    >>> fit(targt_deg=1.0)
-    Traceback (most recent call last):
-    flinders.errors.UsageError: fit has no parameter 'targt_deg' (did you mean 'target_deg'?)
-    """
-
-    def checked(function: Callable[P, T]) -> Callable[P, T]:
-        code = function.__code__
-        known = frozenset(code.co_varnames[: code.co_argcount + code.co_kwonlyargcount])
-
-        @wraps(function)
-        def call(*values: P.args, **keywords: P.kwargs) -> T:
-            for word in keywords.keys() - known:
-                where = f": it is one of {elsewhere[word]}" if word in elsewhere else did_you_mean(word, known)
-                raise UsageError(f"{function.__name__} has no parameter {word!r}{where}")
-            return function(*values, **keywords)
-
-        return call
-
-    return checked
 
 
 def figures(value: float, digits: int = 2) -> str:
@@ -523,66 +477,3 @@ def fault_words(error: Exception) -> str:
     "internal error (KeyError: 'mag'): a fault in Flinders; please report it with the recording"
     """
     return f"internal error ({type(error).__name__}: {error}): a fault in Flinders; please report it with the recording"
-
-
-def needs(package: str, extra: str, what: str) -> Any:  # noqa: ANN401 - a module, and few of these have types
-    """Import an optional package such as ``h5py``, for `what` (with its article: ``an HDF5 file``).
-
-    Where it is not installed, `MissingExtra` says to install the `extra`, ``hdf5``: ``pip install 'flinders[hdf5]'``.
-    """
-    try:
-        return import_module(package)
-    except ImportError:
-        raise MissingExtra(package.partition(".")[0], extra, what) from None
-
-
-OF_BYTES: Final = (
-    ValueError, LookupError, ArithmeticError, EOFError, OSError, MemoryError, RecursionError, struct.error, zlib.error,
-)  # fmt: skip
-"""What the bytes of a file make this program's own parsers raise; anything else that they raise is a fault of ours."""
-
-
-def _is_our_fault(error: Exception) -> bool:
-    """Whether this program raised it, or an array that it handled, and no bytes of a file are the cause.
-
-    >>> def parsed(tag):
-    ...     return tag.strip()
-    >>> try:
-    ...     parsed(1)
-    ... except AttributeError as error:
-    ...     parsed.__globals__["__name__"], _is_our_fault(error)
-    ('flinders.errors', True)
-    """
-    from traceback import walk_tb
-
-    modules = (str(frame.f_globals.get("__name__")) for frame, _ in walk_tb(error.__traceback__))
-    packages = [module.partition(".")[0] for module in modules]
-    raised_by = [package for package in packages if package != "numpy"][-1:]
-    return raised_by == ["flinders"] and not isinstance(error, OF_BYTES)
-
-
-@contextmanager
-def reading(name: str, kind: str, *, advice: str = "copy it again") -> Iterator[None]:
-    """Let a parser read a file, and turn whatever it raises into one line: on a broken file that is anything.
-
-    `kind` is what the file should be, with its article, and `advice` what to do about a broken one. Errors of Flinders
-    pass through, and so do faults of this program, which are no file's.
-
-    >>> with reading("log.parquet", "a Parquet table"):
-    ...     {}["mag_x"]
-    Traceback (most recent call last):
-    flinders.errors.UnreadableInput: log.parquet cannot be read as a Parquet table (KeyError: 'mag_x'): it is broken or
-    cut short; copy it again
-    """
-    try:
-        yield
-    except FlindersError:
-        raise
-    except Exception as error:
-        if _is_our_fault(error):
-            raise
-        said = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":").removesuffix(": ")
-        message = "".join(letter if letter.isprintable() else "\ufffd" for letter in said)
-        raise UnreadableInput(
-            f"{name} cannot be read as {kind} ({message[:LONGEST]}): it is broken or cut short; {advice}"
-        ) from None

@@ -7,7 +7,6 @@ whole within its claim.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -15,10 +14,8 @@ import pytest
 from benchmarks import terms_recordings as real
 from tests.trials import daily
 
-import flinders
 from flinders.estimators.aiding import solve
 from flinders.fitting.aid_selection import aided_by
-from flinders.fitting.disturbance_selection import earned
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -102,15 +99,6 @@ def test_auto_keeps_the_rotation_of_a_tumble_with_an_accelerometer(
     assert aiding.rotation is not None
     turned = np.degrees(np.arccos(np.clip((np.trace(aiding.rotation) - 1.0) / 2.0, -1.0, 1.0)))
     assert turned == pytest.approx(angle_deg, abs=0.8)
-
-
-@pytest.mark.nightly
-def test_auto_follows_the_current_of_a_flight(recordings: Callable[[str], Path]) -> None:
-    """Of the external compass it explains 4° at 27 A, and takes the claim from 1.7° to 0.7°."""
-    flight = replace(flinders.read(recordings("dronekit_log171_3mags/log171.bin")), temperature=None)
-    names, told = earned(flight)
-    assert names == ("current",)
-    assert told[0].heading_change_deg == pytest.approx(4.0, abs=0.6)
 
 
 @pytest.mark.nightly

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from click.testing import CliRunner
-from tests.golden.sessions import assert_sessions_are_real, session
+from tests.golden.sessions import Golden, assert_sessions_are_real, session
 
 from flinders import simulate
 from flinders.cli import main
@@ -55,3 +55,7 @@ def test_three_planes(golden: Golden) -> None:
 
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
     assert_sessions_are_real("classic/two-axis.md", request, least=3)
+
+
+def test_a_recovery_of_a_two_axis_compass(golden: Golden) -> None:
+    golden("cli/two-axis.txt", session("flinders simulate two-axis -o swing.csv --polar rose.csv"))

@@ -26,13 +26,13 @@ def completed(words: str) -> list[str]:
     ("words", "expected"),
     daily(
         [
-            ("flinders comp", ["plain,compare", "plain,compare-methods"]),
+            ("flinders eva", ["plain,evaluate"]),
             ("flinders export --li", ["plain,--list"]),
-            ("flinders export --to px", ["plain,px4", "plain,px4-shell"]),
+            ("flinders export --to c-", ["plain,c-q15", "plain,c-q31"]),
             ("flinders calibrate --method like", ["plain,likelihood"]),
             ("flinders calibrate tum", ["file,tum"]),
             ("flinders calibrate tumble.csv -o cal", ["file,cal"]),
-            ("flinders two-axis --method ell", ["plain,ellipse"]),
+            ("flinders calibrate --method cons", ["plain,consistent"]),
         ],
         3,
     ),

@@ -223,14 +223,6 @@ def test_calibrations_that_claim_little_agree_and_do_not_tell() -> None:
     assert (found.verdict, found.is_conclusive) == ("agree", False)
 
 
-def test_what_both_methods_hold_is_no_degree_of_freedom() -> None:
-    recordings = [simulate.tumble(seed=seed, motion="uniform", sensor=simulate.Sensor(noise=0.5)) for seed in (1, 2)]
-    fits = [
-        flinders.fit(recording.samples, method="sphere", site=flinders.Site(strength=50.0)) for recording in recordings
-    ]
-    assert compare(*fits).freedom == 4
-
-
 # doors and gates
 
 

@@ -255,18 +255,6 @@ def test_sensors_are_not_mixed() -> None:
     assert merge([named[2], named[0]]).calibration.sensor == "A7"
 
 
-def test_a_simpler_method_is_not_weighted_as_exact() -> None:
-    """A sphere says nothing of six parameters and claims to know them."""
-    sensor = simulate.Sensor(np.eye(3), RANDOM_SENSOR.offset, 0.5)
-    fits = [
-        flinders.fit(simulate.tumble(seed=seed, motion="uniform", sensor=sensor).samples, method=method)
-        for seed, method in ((1, "auto"), (2, "sphere"))
-    ]
-    parts = [fit.with_name(fit.method) for fit in fits]
-    with pytest.raises(UsageError, match=r"sphere leaves \d of 8 parameters free"):
-        merge(parts)
-
-
 def test_a_level_turn_is_not_merged_with_a_tumble() -> None:
     with pytest.raises(UsageError, match="turn comes from a level turn"):
         merge([judged(1), judged(2, "turn", motion="level", method="level")])

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import base64
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
-from tests.javascript import run
 from tests.program import flinders_
 
 import flinders
 from flinders import simulate
-from flinders.apps.live.standalone import lines
-from flinders.apps.live.transcript import Transcript
 from flinders.core.samples import Samples
 from flinders.errors import UnreadableInput
 from flinders.fitting.batch import fit_batch
@@ -126,40 +122,6 @@ def test_a_corrected_copy_has_gaps_in_their_place(tmp_path: Path) -> None:
     rows = list(recording.corrected_lines(lambda field: field))  # type: ignore[attr-defined]
     assert rows[1] == "nan,nan,nan\n"
     assert len(rows) == 1 + 2 * GOOD
-
-
-def test_a_board_that_prints_them_is_told_of_once() -> None:
-    field = interrupted(tumble(), 0.0, "every other row")
-    transcript = Transcript("the board")
-    taken = [
-        transcript.take(f"mx:{x:.2f} my:{y:.2f} mz:{z:.2f}\n".encode(), at)
-        for at, (x, y, z) in enumerate(field.tolist())
-    ]
-    assert sum(len(each.readings) for each in taken if each.readings is not None) == GOOD
-    (event,) = (event for each in taken for event in each.events if event.kind == "no-answer")
-    assert event.words.startswith("10 readings are 0, 0, 0: the sensor did not answer; such readings are left out")
-
-
-PROGRAM: Final = """
-const { readLog, LineReader } = await load("lines.js");
-const log = readLog(given, "log.csv", Uint8Array.from(atob(given.content), (letter) => letter.charCodeAt(0)));
-const reader = new LineReader(given);
-const rows = given.pieces.flatMap((piece, at) => reader.take(piece, at).rows);
-return { field: [...log.field], words: log.words, arrived: rows.length, silence: reader.silence };
-"""
-
-
-@pytest.mark.parametrize("word", [0.0, -1.0, 0x8181])
-def test_the_page_without_a_program_leaves_out_the_same(word: float, tmp_path: Path) -> None:
-    path = csv(tmp_path / "log.csv", interrupted(tumble(), word, "every other row"))
-    content = path.read_bytes()
-    given: dict[str, Any] = {"lines": lines.data(), "content": base64.b64encode(content).decode()}
-    page = run(PROGRAM, given | {"pieces": [f"{line}\n" for line in content.decode().splitlines()]})
-    assert page["field"] == flinders.read(path).field.ravel().tolist()
-    said = f"400 readings are {word:.0f}, {word:.0f}, {word:.0f}: the sensor did not answer"
-    assert said in page["words"]
-    assert page["arrived"] == GOOD
-    assert page["silence"].startswith(said)
 
 
 def test_the_program_names_them(tmp_path: Path) -> None:

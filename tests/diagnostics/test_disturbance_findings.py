@@ -14,10 +14,8 @@ from tests.worlds import ARMS, MOTORS, PER_AMPERE
 
 import flinders
 from flinders import simulate
-from flinders.apps.vehicles.targets.ardupilot import ArduPilotParameters as ArduPilot
 from flinders.cli import main
 from flinders.comparison.evaluation import evaluate
-from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples
 from flinders.estimators.disturbance import fit_disturbances
 from flinders.estimators.regressor_quality import noise_of
@@ -386,23 +384,3 @@ def test_a_bench_that_says_too_little_is_written_with_limits(tmp_path: Path, mon
     found = json.loads(run(*words, code=3))
     assert [finding["code"] for finding in found["findings"]] == ["disturbance-monotone"]
     assert {finding["code"] for finding in found["findings"]} <= set(CATALOGUE)
-
-
-def test_an_imported_file_of_an_autopilot_follows_its_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """CompassMot's numbers, in mG for each A, come back as an offset per A with the sign turned round."""
-    monkeypatch.chdir(tmp_path)
-    lines = ["COMPASS_OFS_X,-100", "COMPASS_OFS_Y,0", "COMPASS_OFS_Z,50", "COMPASS_MOTCT,2"]
-    (tmp_path / "on.param").write_text("\n".join([*lines, "COMPASS_MOT_X,-5", "COMPASS_MOT_Y,0", "COMPASS_MOT_Z,3"]))
-    (tmp_path / "off.param").write_text("\n".join(lines))
-    run("import", "on.param", "-o", "on.json")
-    run("import", "off.param", "-o", "off.json")
-    [disturbance] = Calibration.load("on.json").disturbances
-    assert (disturbance.name, disturbance.has_range) == ("current", False)
-    assert disturbance.per_unit == pytest.approx([0.5, 0.0, -0.3])
-    assert Calibration.load("off.json").disturbances == ()
-    raw = np.array([[30.0, -20.0, 10.0]])
-    board = ArduPilot.read({"COMPASS_OFS_X": -100, "COMPASS_OFS_Z": 50, "COMPASS_MOTCT": 2, "COMPASS_MOT_X": -5,
-                            "COMPASS_MOT_Z": 3})  # fmt: skip
-    for amperes in (0.0, 12.0):
-        ours = Calibration.load("on.json").apply(raw, current=amperes)
-        assert ours == pytest.approx(board.apply(10.0 * raw, amperes) / 10.0)

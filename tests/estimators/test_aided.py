@@ -290,7 +290,7 @@ def test_what_is_missing_is_named() -> None:
     with pytest.raises(UsageError, match="not known"):
         solve(true.samples, ("sonar",))
     with pytest.raises(UsageError, match="aids go with"):
-        flinders.fit(true.samples, aiding="auto", method="sphere")
+        flinders.fit(true.samples, aiding="auto", method="minmax")
 
 
 def test_where_no_aid_is_kept_the_fit_is_that_of_the_magnetometer() -> None:

@@ -98,7 +98,7 @@ def test_one_ring_about_an_axis_of_the_sensor_is_an_axis_that_is_stuck(method: s
     assert str(error).endswith("The method 'level' fits x and y of a level turn alone")
 
 
-@pytest.mark.parametrize("method", sorted(PLANAR))
+@pytest.mark.parametrize("method", sorted(PLANAR & NAMES))
 def test_that_is_all_the_same_to_what_looks_at_x_and_y(method: str) -> None:
     fit = flinders.fit(read(ring(0.5), 50.0 * np.eye(3)), method=method)
     assert (fit.verdict, fit.findings[0].code) == ("limited", "level-plane")

@@ -8,11 +8,10 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.datasets import heading_error_deg
-from tests.worlds import SOFT_IRON, Streamed
+from tests.worlds import SOFT_IRON, Streamed, errors, true_parameters
 
 import flinders
 from flinders import simulate
-from flinders.apps.classic.recipes.li import Li
 from flinders.core.samples import Samples
 from flinders.errors import FitError, NeedsSamples
 from flinders.estimators import Estimator, Readings, data
@@ -22,13 +21,12 @@ from flinders.estimators.consistent import Consistent
 from flinders.estimators.likelihood import Likelihood
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import upper
-from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble
+from flinders.simulate import Sensor, angle_error_deg, tumble
 
 if TYPE_CHECKING:
     from tests.trials import Choose
 
     from flinders.arrays import Floats
-    from flinders.estimators import Estimate
 
 GENERAL: Final[list[Estimator]] = [
     Auto(),
@@ -38,22 +36,8 @@ GENERAL: Final[list[Estimator]] = [
     Algebraic(),
     Algebraic("unit"),
     Algebraic("nxp"),
-    Li(),
-    Li(k=4.0),
 ]
 CROOKED: Final = np.array([[1.10, 0.12, -0.05], [-0.02, 0.90, 0.08], [0.04, -0.06, 1.20]])
-
-
-def true_parameters(truth: Simulated) -> Floats:
-    """(9,) offset and the entries of F W⁻¹ that a perfect fit would find."""
-    matrix, offset = truth.sensor.correction
-    return np.concatenate([offset, upper(truth.field_strength * np.linalg.inv(matrix))])
-
-
-def errors(found: Estimate, truth: Simulated) -> Floats:
-    """(9,) of a fit's parameters."""
-    wanted = true_parameters(truth)
-    return np.concatenate([found.ellipsoid.centre, upper(found.ellipsoid.shape)]) - wanted
 
 
 @pytest.mark.parametrize("estimator", GENERAL, ids=repr)

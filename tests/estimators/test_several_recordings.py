@@ -97,7 +97,7 @@ def test_what_is_kept_in_memory_is_bounded_over_all_recordings(monkeypatch: pyte
     assert [stream.passes for stream in streams] == [1, 2, 1, 2]
 
 
-@pytest.mark.parametrize("method", ["auto", "robust", "li"])
+@pytest.mark.parametrize("method", ["auto", "robust", "consistent"])
 def test_of_a_recording_that_is_too_long_for_memory_a_part_is_fitted(
     method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -110,7 +110,7 @@ def test_of_a_recording_that_is_too_long_for_memory_a_part_is_fitted(
         off = part.calibration.offset - whole.calibration.offset
         assert np.all(np.abs(off) < 3.0 * np.hypot(part.claim.offset_sigma, whole.claim.offset_sigma))
         assert part.verdict == whole.verdict
-        if method != "li":
+        if method != "consistent":
             assert used - 10 <= part.samples <= used
 
 

@@ -7,18 +7,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
-from tests.page_session import PageSession
 from tests.program import flinders_
 from tests.worlds import MOTORS, OFFSET_SENSOR
 
 import flinders
 from flinders import Fit, simulate
-from flinders.apps.live.buffer import rows_of
 from flinders.core.joining import Joined
 from flinders.fitting.result import Judgement
 from flinders.report.formatting import condition
-from flinders.report.notebook import html_of
-from flinders.report.view import view
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -86,11 +82,23 @@ RENDERINGS: Final[dict[str, tuple[str, ...]]] = {
     "terminal": ("calibrate", "1.csv"),
     "JSON": ("calibrate", "1.csv", "--json"),
     "report": ("calibrate", "1.csv", "--report", "page.html"),
-    "fleet": ("fleet", "logs", "--out", "rows.parquet", "--workers", "0"),
-    "JSON of a fleet": ("fleet", "logs", "--out", "rows.parquet", "--workers", "0", "--json"),
-    "page of a fleet": ("fleet", "logs", "--out", "rows.parquet", "--workers", "0", "--report", "page.html"),
 }
 """Commands that state a good verdict."""
+
+
+def assert_states_it(words: tuple[str, ...], folder: Path) -> None:
+    """Of a recording in a folder, with a current that follows the attitude."""
+    samples = simulate.tumble(seed=1, sensor=OFFSET_SENSOR).samples
+    down = -np.asarray(samples.acceleration)[:, 2] / 9.81
+    follows = samples.field + np.outer(1.5 * (down > 0.0), [0.6, 0.0, 0.8])
+    (folder / "logs").mkdir()
+    for name in ("1.csv", "logs/unit1.csv"):
+        write(str(folder / name), replace(samples, field=follows))
+    ran = flinders_(*words)
+    page = folder / "page.html"
+    said = ran.out + (page.read_text(encoding="utf-8") if page.exists() else "")
+    assert "good" in said.lower()
+    assert ('"constant-iron"' if "--json" in words else "currents are constant") in said
 
 
 @pytest.mark.parametrize("rendering", RENDERINGS)
@@ -99,27 +107,7 @@ def test_a_current_that_follows_the_attitude_is_a_condition_wherever_a_verdict_i
 ) -> None:
     """It hides in the calibration, which looks good: 56 of 61 are wrong (docs/adversary.md)."""
     monkeypatch.chdir(tmp_path)
-    samples = simulate.tumble(seed=1, sensor=OFFSET_SENSOR).samples
-    down = -np.asarray(samples.acceleration)[:, 2] / 9.81
-    follows = samples.field + np.outer(1.5 * (down > 0.0), [0.6, 0.0, 0.8])
-    (tmp_path / "logs").mkdir()
-    for name in ("1.csv", "logs/unit1.csv"):
-        write(name, replace(samples, field=follows))
-    ran = flinders_(*RENDERINGS[rendering])
-    page = tmp_path / "page.html"
-    said = ran.out + (page.read_text(encoding="utf-8") if page.exists() else "")
-    assert "good" in said.lower()
-    assert ('"constant-iron"' if "--json" in RENDERINGS[rendering] else "currents are constant") in said
-
-
-def test_a_notebook_and_the_live_page_state_it() -> None:
-    samples = simulate.tumble(seed=1).samples
-    fit = flinders.fit(samples)
-    assert condition(fit) in html_of(fit)
-    session = PageSession()
-    session.arrived(60.0, rows_of(samples))
-    assert session.evaluated().view.condition == view(fit, samples).condition
-    assert view(fit, samples).condition in condition(fit)
+    assert_states_it(RENDERINGS[rendering], tmp_path)
 
 
 def test_a_current_that_is_compensated_is_no_condition() -> None:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from tests.flight_log import dataflash
 
 from flinders.cli import main
 from flinders.errors import UsageError
@@ -37,40 +36,14 @@ def calibration(line: str, code: int = 0) -> dict[str, Any]:
 
 
 @pytest.fixture
-def flight() -> str:
-    Path("flight.bin").write_bytes(b"".join(dataflash()))
-    return "flight.bin"
-
-
-@pytest.fixture
 def tumbled() -> str:
     write_csv(tumble(seed=1).samples, "tumble.csv")
     return "tumble.csv"
 
 
-def test_a_log_tells_its_site_which_counts_as_if_it_were_typed(flight: str) -> None:
-    told, typed = calibration(flight), calibration(f"{flight} --at 43.77,11.26,50 --date 2026-01-08")
-    assert told["calibration"]["field_strength_known"] is True
-    for name in ("offset", "matrix", "field_strength"):  # to the hours between midnight and the beginning
-        np.testing.assert_allclose(told["calibration"][name], typed["calibration"][name], rtol=1e-5)
-    assert told["heading_error_deg"]["dip_deg"] == pytest.approx(60.2, abs=0.05)
-    said = run(f"calibrate {flight}").stderr
-    assert "flight.bin: the log says where and when: WMM-2025 at 43.77, 11.26" in said
-    assert "dip 60.2°, 47.44 µT; used, unless --at says otherwise" in said
-
-
-def test_the_site_in_a_log_can_be_left_out_and_its_dip_be_replaced(flight: str) -> None:
-    out = calibration(f"{flight} --at none")
-    assert out["calibration"]["field_strength_known"] is False
-    assert abs(out["heading_error_deg"]["dip_deg"]) == 60.0
-    steeper = calibration(f"{flight} --dip 70")
-    assert abs(steeper["heading_error_deg"]["dip_deg"]) == 70.0
-    assert steeper["calibration"]["field_strength_known"] is True
-
-
-def test_a_dip_that_nobody_gave_is_marked_as_assumed(tumbled: str, flight: str) -> None:
+def test_a_dip_that_nobody_gave_is_marked_as_assumed(tumbled: str) -> None:
     assert "dip 60° (assumed)" in " ".join(run(f"calibrate {tumbled}").stdout.split())
-    for line, code in ((f"{tumbled} --dip 60", 0), (flight, 0), (f"{tumbled} --at 47,8 --date 2026-01-08", 0)):
+    for line, code in ((f"{tumbled} --dip 60", 0), (f"{tumbled} --at 47,8 --date 2026-01-08", 0)):
         assert "(assumed)" not in run(f"calibrate {line}", code).stdout
 
 
@@ -108,7 +81,7 @@ def test_a_calibration_is_shown_and_the_next_command_is_named(tumbled: str) -> N
 @pytest.mark.parametrize(
     ("line", "meant"),
     [
-        ("export --to ardupilt c.json", "ardupilot"),
+        ("export --to ardiuno c.json", "arduino"),
         ("calibrate tumble.csv --method minmx", "minmax"),
         ("calibrate tumble.csv --columns mag_x_uT,mag_y_uT,mag_z", "mag_z_uT"),
     ],
@@ -139,17 +112,6 @@ def test_numbers_of_a_refused_recipe_are_marked_and_nothing_is_written(tumbled: 
     assert "--even-if-refused goes with --method" in run(f"calibrate {tumbled} --even-if-refused", 2).stderr
 
 
-def test_a_swing_is_drawn_and_has_the_numbers_of_the_recipe() -> None:
-    shown = run("simulate two-axis -o swing.csv --polar rose.svg").stdout
-    assert Path("rose.svg").read_text(encoding="utf-8").count('class="point ') == 2 * 36
-    recipe = run("two-axis swing.csv", 3).stdout
-    for name in ("mean Hx", "mean Hy", "S11", "S12", "S21", "S22"):
-        ours, theirs = (next(line for line in page.splitlines() if line.startswith(name)) for page in (shown, recipe))
-        assert float(ours.split()[1 if name[0] == "S" else 2]) == pytest.approx(
-            float(theirs.split()[1 if name[0] == "S" else 2]), abs=1e-5
-        )
-
-
 def test_a_report_is_printed_to_a_file_of_its_own_name_before_another_option(tumbled: str) -> None:
     from flinders.cli.report import Report
 
@@ -164,39 +126,3 @@ def test_a_report_is_printed_to_a_file_of_its_own_name_before_another_option(tum
         for words in ("--pdf --force", "--pdf x.pdf", ""):
             run(f"report c.json {tumbled} {words}", 2)
     assert seen == [("report.pdf", True), ("x.pdf", False), (None, False)]
-
-
-def rested(offset: tuple[float, float], headings: tuple[int, ...] = (0, 180, 90, 270)) -> str:
-    """Write readings of a level sensor that rests for six seconds on each heading, with its hard iron."""
-    rng = np.random.default_rng(1)
-    angle = np.radians(np.repeat(headings, 300)) + rng.normal(0.0, 0.002, 300 * len(headings))
-    field = np.stack(
-        [25 * np.cos(angle) + offset[0], -25 * np.sin(angle) + offset[1], np.full(len(angle), 43.0)], axis=1
-    )
-    header = "t_s,mx_uT,my_uT,mz_uT"
-    rows = np.column_stack([np.arange(len(angle)) / 50, field + rng.normal(0.0, 0.1, field.shape)])
-    np.savetxt("rested.csv", rows, "%.4f", ",", header=header, comments="")
-    return "rested.csv"
-
-
-def test_the_half_turn_test_takes_a_recording_as_it_is() -> None:
-    good = json.loads(run(f"swing {rested((0.0, 0.0))} --level --json").stdout)
-    assert good["half_turns_pass"] is True
-    assert len(good["half_turns"]) == 2
-    bad = json.loads(run(f"swing {rested((2.0, 1.0))} --level --json", 4).stdout)
-    b, c = (np.degrees(shift / 25.0) for shift in (2.0, 1.0))  # small angles
-    assert bad["hard_iron_deg"]["B"] == pytest.approx(b, abs=0.2)
-    assert bad["hard_iron_deg"]["C"] == pytest.approx(c, abs=0.2)
-    assert "do not suit the calibration" not in run(f"swing {rested((2.0, 1.0))} --level", 4).stderr
-
-
-def test_the_half_turn_test_takes_the_headings_of_a_table() -> None:
-    magnetic = np.arange(0.0, 360.0, 45.0)
-    compass = magnetic - 2.0 * np.sin(np.radians(magnetic)) - 3.0 * np.cos(np.radians(magnetic))
-    rows = np.column_stack([compass, magnetic])
-    np.savetxt("swing.csv", rows, "%.3f", ",", header="compass,magnetic", comments="")
-    swing = json.loads(run("swing swing.csv --json", 0).stdout)
-    assert len(swing["half_turns"]) == 4
-    north = swing["half_turns"][0]
-    assert north["error_deg"] == pytest.approx(6.0, abs=0.01)
-    assert swing["half_turns_pass"] is False

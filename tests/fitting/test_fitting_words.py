@@ -106,19 +106,3 @@ def test_a_field_that_changed_is_not_told_to_warm_up(change: simulate.Step | sim
     said = next(finding for finding in fit.findings if finding.code == "field-changed")
     assert "warm up" not in said.advice
     assert "currents and everything magnetic stay as they are" in said.advice
-
-
-@pytest.mark.parametrize("uneven", [0.0, 0.05, 0.08, 0.2])
-def test_a_turn_that_is_uneven_is_fitted_as_its_page_advises(
-    uneven: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    share, rng = np.arange(400) / 400, np.random.default_rng(4)
-    angle = 2 * np.pi * share + uneven * np.sin(2 * np.pi * share)
-    field = np.column_stack([12 + 20 * np.cos(angle), 19 * np.sin(angle) - 9, np.full(400, 38.0)])
-    write_field("turn.csv", field + rng.normal(scale=0.2, size=field.shape))
-    shown = CliRunner().invoke(main, ["two-axis", "turn.csv"]).output
-    assert "use --method ellipse" not in " ".join(shown.split())
-    assert ("ellipse xy" in shown) == (uneven > 0.0)
-    asked = " ".join(CliRunner().invoke(main, ["two-axis", "turn.csv", "--method", "two-axis"]).output.split())
-    assert ("use --method ellipse" in asked) == (uneven > 0.0)

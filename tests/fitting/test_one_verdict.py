@@ -7,15 +7,10 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from tests.page_session import PageSession
 
 from flinders import simulate
-from flinders.apps.live.buffer import rows_of
-from flinders.apps.live.guided import Session
 from flinders.cli import main
 from flinders.fitting.result import Fit
-from flinders.report.html import TITLES
-from flinders.report.modules import asset
 from flinders.report.notebook import html_of
 from flinders.simulate.recording import write_csv
 
@@ -43,17 +38,3 @@ def test_all_renderings_have_the_word(verdict: str, tmp_path: Path, monkeypatch:
         loaded = Fit.load("c.json")
         assert loaded.verdict == verdict
         assert f" {verdict}: " in html_of(loaded)
-
-
-@pytest.mark.parametrize("verdict", CASES)
-def test_a_session_has_the_verdict_of_all_readings(verdict: str) -> None:
-    samples = CASES[verdict].samples
-    assert Session(unit="uT").add(samples.field, time=samples.time).verdict == verdict
-    page = PageSession()
-    page.arrived(60.0, rows_of(samples))
-    assert page.evaluated().view.verdict == verdict
-
-
-def test_the_page_calls_verdicts_as_the_report_does() -> None:
-    listed = asset("apps/live/static/views/words.js").split("export const VERDICTS = Object.freeze({")[1].split("}")[0]
-    assert listed.split() == [part for verdict, title in TITLES.items() for part in (f"{verdict}:", f'"{title}",')]

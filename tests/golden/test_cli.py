@@ -5,19 +5,14 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-import click
-import pytest
 from tests.golden.sessions import ROOT, assert_sessions_are_real, session
 from tests.worlds import write_field
 
 from flinders import simulate
-from flinders.cli import main
-from flinders.estimators import table
 from flinders.findings import CATALOGUE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
+    import pytest
     from tests.golden.sessions import Golden
 
 DOCS = ROOT / "docs"
@@ -29,24 +24,8 @@ def record(name: str, motion: str, *, axes: tuple[int, int, int] = (0, 1, 2)) ->
     write_field(name, field)
 
 
-def commands(group: click.Group, name: str = "flinders") -> Iterator[str]:
-    """The program and its commands, as they are typed."""
-    yield name
-    for each, command in group.commands.items():
-        yield from commands(command, f"{name} {each}") if isinstance(command, click.Group) else (f"{name} {each}",)
-
-
-@pytest.mark.parametrize("command", list(commands(main)))
-def test_help(command: str, golden: Golden) -> None:
-    golden(f"cli/{command.replace(' ', '-')}-help.txt", session(f"{command} --help"))
-
-
 def test_demo(golden: Golden) -> None:
     golden("cli/demo.txt", session("flinders demo"))
-
-
-def test_methods(golden: Golden) -> None:
-    golden("cli/methods.txt", session("flinders methods"))
 
 
 def test_a_good_calibration_applied(golden: Golden) -> None:
@@ -93,17 +72,6 @@ def test_an_error(golden: Golden) -> None:
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
     assert_sessions_are_real("cli.md", request, least=5)
     assert_sessions_are_real("classic/recipes/min-max.md", request)
-
-
-def test_the_table_of_methods_is_made_from_their_rows(request: pytest.FixtureRequest) -> None:
-    page = DOCS / "methods.md"
-    text = page.read_text(encoding="utf-8")
-    begin = text.index("| method |")
-    end = text.index("\n\n", begin) + 1
-    if request.config.getoption("--regenerate", default=False):
-        page.write_text(text[:begin] + table() + text[end:], encoding="utf-8")
-    else:
-        assert text[begin:end] == table(), "docs/methods.md: `uv run pytest --regenerate`, then review the diff"
 
 
 def test_the_table_of_findings_is_made_from_the_catalogue(request: pytest.FixtureRequest) -> None:

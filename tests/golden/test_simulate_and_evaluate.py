@@ -31,7 +31,3 @@ def test_one_that_does_not() -> None:
     shown = session("flinders evaluate calibration.json flight.truth.json", code=4)
     assert re.search(r"^level heading  +6\.2°  +8\.9°  +0\.70°  +0\.85°  +8\.8$", shown, re.MULTILINE)
     assert "WORSE THAN CLAIMED  headings are off by up to 8.9°, beyond the target of 1°" in shown
-
-
-def test_a_recovery_of_a_two_axis_compass(golden: Golden) -> None:
-    golden("cli/two-axis.txt", session("flinders simulate two-axis -o swing.csv --polar rose.csv"))

@@ -67,7 +67,7 @@ def coarse(value: object) -> object:
         ("--joint", "--joint goes with --sensor all: it takes all magnetometers of a log or table"),
         ("--sensor all --reference 2", "--reference goes with --joint: without it nothing is turned into other axes"),
         (
-            "--sensor all --joint --method sphere",
+            "--sensor all --joint --method minmax",
             "--method is for one magnetometer by itself: leave it out with --joint",
         ),
         (

@@ -191,18 +191,6 @@ def test_what_a_batch_will_bring_is_told_about_right() -> None:
         assert advised(judged(field), "attitude").worst_deg == pytest.approx(advice.after_deg, rel=0.1)
 
 
-def test_a_method_that_holds_parameters_is_guided_too() -> None:
-    field = begun("tilted", 2, 0.5)[1]
-    for method in ("sphere", "axes"):
-        try:
-            fit = flinders.fit(field, method=method)
-        except Refused as error:
-            fit = error.fit
-        advice = advised(fit, "heading")
-        assert np.isfinite([advice.after_deg, *advice.errors_deg]).all()
-        assert advice.after_deg <= advice.worst_deg
-
-
 def test_advice_is_quick_enough_to_be_live() -> None:
     fit = judged(begun("tilted", 1, 1.0)[1])
     laps = []

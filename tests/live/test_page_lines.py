@@ -16,6 +16,7 @@ import pytest
 from tests.core import test_stated_units
 from tests.javascript import run
 from tests.live.test_line_shapes import TUMBLE, with_noise
+from tests.live.test_transcripts import REFUSED
 from tests.readers import test_printed_lines, test_prints
 from tests.sketches import SHAPES, printed
 from tests.trials import daily
@@ -96,7 +97,7 @@ def texts() -> Iterator[tuple[str, Callable[[], str]]]:
         yield name, partial(first_lines, line)
     for name, read in test_printed_lines.READ.items():
         yield name, partial("\n".join, ["booting", *read, ""])
-    for name, (refused, _) in test_printed_lines.REFUSED.items():
+    for name, (refused, _) in REFUSED.items():
         yield f"{name}, refused", partial("\n".join, [*refused, ""])
     yield from ((name, partial(str, table)) for name, table in TABLES.items())
     for name, (*_, columns, _) in test_stated_units.TABLES.items():

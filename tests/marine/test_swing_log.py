@@ -12,11 +12,12 @@ from tests.boats import DECLINATION, TRUTH, Boat, circles, nmea0183_of, nmea2000
 from tests.program import flinders_
 from tests.trials import daily
 
+import flinders
 from flinders.apps.marine import nmea0183, nmea2000, signalk
 from flinders.apps.marine.compass_log import read_compass_log
 from flinders.apps.marine.deviation import Deviation, fit
 from flinders.apps.marine.legs import LoggedSwing, legs, turning
-from flinders.errors import FitError, UnreadableInput
+from flinders.errors import FitError, NoMagnetometer, UnreadableInput
 from flinders.geometry.angles import folded
 
 if TYPE_CHECKING:
@@ -249,3 +250,10 @@ def test_folded_courses_cross_north_without_a_jump() -> None:
     boat = Boat.sail(octagon() - 3.0, rng)
     swing = legs(boat.time, boat.compass, boat.course, boat.speed, is_course=True)
     npt.assert_array_less(np.abs(folded(swing.deviation_deg)), 12.0)
+
+
+def test_a_log_without_readings_is_named_where_readings_are_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "boat.nmea"
+    path.write_text("$IIHDM,10.0,M*13\n$IIVTG,12.0,T,13.0,M,4.6,N,9.4,K,A*3A\n" * 5, encoding="utf-8")
+    with pytest.raises(NoMagnetometer, match="flinders swing"):
+        flinders.read(path)

@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
-from tests.samples import LOGS, written
-from tests.vehicles.test_px4 import still, ulog
+from tests.samples import written
 
 import flinders
-from flinders.cli import main
-from flinders.errors import UnreadableInput, UsageError
+from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 TABLE = np.column_stack([0.1 * np.arange(80), np.random.default_rng(1).uniform(-400, 400, (80, 6))])
-OWN_STEPS = {"dataflash": "_position", "ros": "_position", "tlog": "_damage", "ulog": "_begun"}
-"""A function of each log reader that works on what was parsed."""
-
-
-@pytest.mark.parametrize("name", sorted(LOGS))
-def test_a_sensor_is_chosen_by_a_number_as_by_its_digits(name: str, tmp_path: Path) -> None:
-    path = written(name, tmp_path, TABLE)
-    first, same = flinders.read(path, sensor=1), flinders.read(path, sensor="1")
-    assert np.array_equal(first.field, same.field)
-    index: Any = np.int64(1)
-    assert np.array_equal(flinders.read(path, sensor=index).field, same.field)
-    with pytest.raises(UsageError, match="has no magnetometer 3: there is 1"):
-        flinders.read(path, sensor=3)
 
 
 def test_a_sensor_of_a_table_is_chosen_by_a_number(tmp_path: Path) -> None:
@@ -49,7 +32,7 @@ WRONG: list[dict[str, Any]] = [
 
 
 @pytest.mark.parametrize("wrong", WRONG, ids=str)
-@pytest.mark.parametrize("name", ["dataflash", "text", "hdf5"])
+@pytest.mark.parametrize("name", ["text", "hdf5"])
 def test_a_wrong_argument_is_an_error_of_the_call(name: str, wrong: dict[str, Any], tmp_path: Path) -> None:
     with pytest.raises(UsageError):
         flinders.read(written(name, tmp_path, TABLE), **wrong)
@@ -59,52 +42,3 @@ def test_a_wrong_argument_is_an_error_of_the_call(name: str, wrong: dict[str, An
 def test_what_is_no_recording_is_an_error_of_the_call(wrong: Any) -> None:  # noqa: ANN401
     with pytest.raises(UsageError, match="no recording"):
         flinders.read(wrong)
-
-
-@pytest.mark.parametrize("name", sorted(LOGS))
-def test_an_error_of_this_program_is_not_told_as_a_broken_file(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, module = written(name, tmp_path, TABLE), import_module(f"flinders.apps.vehicles.readers.{name}")
-    monkeypatch.setattr(module, OWN_STEPS[name], None)
-    with pytest.raises(TypeError, match="not callable"):
-        flinders.read(path)
-    monkeypatch.delattr(module, OWN_STEPS[name])
-    with pytest.raises(NameError, match=OWN_STEPS[name]):
-        flinders.read(path)
-
-
-@pytest.mark.parametrize("fault", [AttributeError, TypeError, RuntimeError, KeyError])
-def test_an_error_of_a_parser_is_told_as_a_broken_file(
-    fault: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import pyulog
-
-    def broken(*_: object, **__: object) -> None:
-        raise fault("theirs")
-
-    monkeypatch.setattr(pyulog.ULog, "__init__", broken)
-    with pytest.raises(UnreadableInput, match=r"theirs.*broken or cut short"):
-        flinders.read(written("ulog", tmp_path, TABLE))
-
-
-ON_BOARD = {"CAL_MAG0_ID": 77, "CAL_MAG0_ROT": 2, "CAL_MAG0_XOFF": 0.25}
-
-
-@pytest.mark.parametrize(
-    ("of_version", "options", "became"),
-    [
-        ({"CAL_MAG0_PRIO": 75}, [], "logged raw, before it"),
-        ({"CAL_MAG0_XODIAG": 0.01}, [], "logged raw, before it"),
-        ({"CAL_MAG0_PRIO": 75}, ["--as-logged"], "logged raw, before it"),
-        ({"CAL_MAG0_EN": 1}, [], "removed here"),
-        ({"CAL_MAG0_EN": 1}, ["--as-logged"], "left on"),
-    ],
-)
-def test_info_says_what_became_of_a_calibration_on_board(
-    of_version: dict[str, float], options: list[str], became: str, tmp_path: Path
-) -> None:
-    path = tmp_path / "flight.ulg"
-    path.write_bytes(ulog(still(), ON_BOARD | of_version))
-    said = " ".join(CliRunner().invoke(main, ["info", str(path), *options]).stdout.split())
-    assert f"; {became}" in said

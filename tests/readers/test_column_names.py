@@ -10,7 +10,6 @@ import pytest
 from pyarrow import csv, parquet
 
 from flinders import fit, open_recording, simulate
-from flinders.apps.live.transcript import escaped
 from flinders.errors import UsageError
 from flinders.readers._cells import decimal
 from flinders.readers._clock import seconds_of
@@ -154,11 +153,6 @@ def test_words_of_registers_are_signed_and_stamps_count_from_midnight() -> None:
 
 def test_keys_inside_objects_get_dots() -> None:
     assert flat({"t": 1, "mag": {"x": 2, "y": [3]}}) == {"t": 1, "mag.x": 2, "mag.y.0": 3}
-
-
-def test_escaped_bytes_can_be_restored() -> None:
-    assert escaped(b"\xff\x00 42 \\") == "\\xff\\x00 42 \\\\"
-    assert escaped(b"\xff\x00 42 \\").encode().decode("unicode_escape").encode("latin-1") == b"\xff\x00 42 \\"
 
 
 # pairs of readings after a set and a reset pulse

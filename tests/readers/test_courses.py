@@ -3,32 +3,24 @@
 from __future__ import annotations
 
 import math
-import struct
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from tests.boats import DECLINATION, START, Boat, nmea0183_of, nmea2000_of, signalk_of
-from tests.program import flinders_
 
 import flinders
 from flinders import simulate
-from flinders.apps.marine.compass_log import read_courses
 from flinders.core.geomag import site_field
 from flinders.core.samples import Samples
-from flinders.errors import FitError, UnreadableInput, UsageError
+from flinders.errors import FitError, UsageError
 from flinders.fitting.known_heading import refresh_on_courses, stretches
 from flinders.fitting.result import Fit, Refused
-from flinders.geometry.angles import wrapped
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.heading.error_propagation import level_error
 from flinders.readers._resample import TimeSeries
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
     from tests.trials import Choose
 
     from flinders.simulate.sensor import Sensor
@@ -116,117 +108,7 @@ def test_a_drive_without_a_straight_stretch_is_refused() -> None:
         )
 
 
-def test_satellites_have_the_clock_of_the_readings_also_in_an_old_log(recordings: Callable[[str], Path]) -> None:
-    """ArduCopter 3.3: TimeMS of a fix is the time of the satellites' week, and T that of the vehicle."""
-    path = recordings("dronekit_log171_3mags/log171.bin")
-    recording, samples = flinders.open_recording(path), flinders.read(path)
-    velocity: TimeSeries = recording.velocity  # type: ignore[attr-defined]
-    assert samples.time is not None
-    assert velocity.time[-1] == pytest.approx(samples.time[-1], abs=1.0)
-    assert 10.0 < np.abs(velocity.values).max() < 15.0
-    assert [round(stretch.course_deg) for stretch in stretches(samples, velocity, slowest=2.0)] == [178]
-
-
 # a log of ArduPilot
-
-SHAPES = {
-    "PARM": (33, "<Q16sf", "QNf", "TimeUS,Name,Value"),
-    "GPS": (34, "<QBIHBhiiiff", "QBIHBcLLeff", "TimeUS,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs"),
-    "MAG": (35, "<Qhhhhhh", "Qhhhhhh", "TimeUS,MagX,MagY,MagZ,OfsX,OfsY,OfsZ"),
-}
-
-
-def dataflash(samples: Samples, velocity: TimeSeries) -> bytes:
-    """A drive as a log, in mG, with fixes at Zürich."""
-    head = b"\xa3\x95"
-    described = {"FMT": (128, "<BB4s16s64s", "BBnNZ", "Type,Length,Name,Format,Columns"), **SHAPES}
-    parts = [
-        head + b"\x80" + struct.pack("<BB4s16s64s", number, 3 + struct.calcsize(layout), *map(str.encode, words))
-        for name, (number, layout, letters, labels) in described.items()
-        for words in [(name, letters, labels)]
-    ]
-
-    def add(name: str, *values: float | bytes) -> None:
-        number, layout, _, _ = SHAPES[name]
-        parts.append(head + bytes([number]) + struct.pack(layout, *values))
-
-    add("PARM", 0, b"COMPASS_OFS_X", 0.0)
-    for time, (north, east) in zip(velocity.time.tolist(), velocity.values.tolist(), strict=True):
-        course, speed = math.degrees(math.atan2(east, north)) % 360.0, math.hypot(north, east)
-        place = (474_000_000, 85_000_000, 40_000)
-        add("GPS", round(1e6 * time) + 1, 3, 388_800_000 + round(1000 * time), 2420, 12, 80, *place, speed, course)
-    assert samples.time is not None
-    for time, field in zip(samples.time.tolist(), np.rint(10.0 * samples.field).astype(int).tolist(), strict=True):
-        add("MAG", round(1e6 * time) + 2, *field, 0, 0, 0)
-    return b"".join(parts)
-
-
-def test_the_courses_of_a_log_are_its_headings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    first = simulate.tumble(seed=2, field_strength=FIELD_UT, dip_deg=DIP_DEG)
-    sensor = replace(first.sensor, offset=first.sensor.offset + np.array([12.0, -7.0, 4.0]))
-    samples, velocity = drive(sensor, np.random.default_rng(4), crab_deg=0.0)
-    (tmp_path / "tumble.bin").write_bytes(dataflash(first.samples, velocity))
-    (tmp_path / "drive.bin").write_bytes(dataflash(samples, velocity))
-    assert flinders_("calibrate", "tumble.bin", "-o", "calibration.json").code in {0, 3}
-    ended = flinders_("refresh", "--previous", "calibration.json", "drive.bin", "--course", "--target", "4", "--json")
-    assert ended.code in {0, 3}, ended.err
-    found = np.array(ended.json["calibration"]["offset"])
-    assert np.abs(found[:2] - sensor.offset[:2]).max() < 1.0
-    wrong = flinders_("refresh", "--previous", "calibration.json", "drive.bin", "--crab", "2")
-    assert "go with --course or --course-log" in wrong.said
-    two = flinders_("refresh", "--previous", "calibration.json", "drive.bin", "--course", "--heading", "3")
-    assert "--course takes one log" in two.said
-    (tmp_path / "still.csv").write_text("mag_x_mG,mag_y_mG,mag_z_mG\n" + "100,200,300\n" * 60, encoding="utf-8")
-    none = flinders_("refresh", "--previous", "calibration.json", "still.csv", "--course")
-    assert "has no speed and course by satellites" in none.said
 
 
 # the log of a boat beside the readings
-
-
-def boat_of(velocity: TimeSeries) -> Boat:
-    """A boat that moves so; its compass does not matter."""
-    north, east = velocity.values.T
-    course = wrapped(np.rad2deg(np.arctan2(east, north)) - DECLINATION)
-    return Boat(velocity.time, course, course, course, np.hypot(north, east))
-
-
-def table(samples: Samples, start: float) -> str:
-    """Readings as a table, whose clock begins at so many seconds since 1970."""
-    assert samples.time is not None
-    rows = zip(samples.time + start, *samples.field.T, strict=True)
-    return "time_s,mag_x_uT,mag_y_uT,mag_z_uT\n" + "\n".join(",".join(f"{cell:.3f}" for cell in row) for row in rows)
-
-
-@pytest.mark.parametrize("lines", [nmea0183_of, nmea2000_of, signalk_of])
-def test_the_log_of_a_boat_gives_the_headings_of_readings_beside_it(
-    lines: Callable[[Boat], Iterator[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    first = simulate.tumble(seed=2, field_strength=FIELD_UT, dip_deg=DIP_DEG)
-    sensor = replace(first.sensor, offset=first.sensor.offset + np.array([12.0, -7.0, 4.0]))
-    samples, velocity = drive(sensor, np.random.default_rng(4), crab_deg=0.0)
-    (tmp_path / "boat.log").write_text("\n".join(lines(boat_of(velocity))), encoding="utf-8")
-    (tmp_path / "compass.csv").write_text(table(samples, START), encoding="utf-8")
-    flinders.fit(first.samples, site=flinders.Site(strength=FIELD_UT)).save("calibration.json")
-    asked = ("refresh", "--previous", "calibration.json", "--course-log", "boat.log", "--target", "4", "--json")
-    ended = flinders_(*asked, "compass.csv")
-    assert ended.code in {0, 3}, ended.err
-    assert "courses over ground" in ended.err
-    assert np.abs(np.array(ended.json["calibration"]["offset"])[:2] - sensor.offset[:2]).max() < 1.0
-    (tmp_path / "unstamped.csv").write_text(table(samples, 0.0), encoding="utf-8")
-    assert "do not count from 1970" in flinders_(*asked, "unstamped.csv").said
-    (tmp_path / "later.csv").write_text(table(samples, START + 3600.0), encoding="utf-8")
-    assert "by clocks that agree" in flinders_(*asked, "later.csv").said
-
-
-def test_a_log_without_courses_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "boat.nmea"
-    (tmp_path / "table.csv").write_text("compass,true\n1,2\n", encoding="utf-8")
-    with pytest.raises(UnreadableInput, match="is no log of NMEA 0183"):
-        read_courses(tmp_path / "table.csv")
-    stamped = "\n".join(f"{1000 * second + 1780308000000};N;$HCHDG,98.3,,,," for second in range(9))
-    path.write_text(stamped, encoding="utf-8")
-    with pytest.raises(UnreadableInput, match="has no speed and course over ground"):
-        read_courses(path)

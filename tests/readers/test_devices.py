@@ -11,7 +11,6 @@ import pytest
 from tests.program import flinders_
 
 import flinders
-from flinders.apps.live.transcript import Transcript
 from flinders.errors import NoMagnetometer, UsageError
 from flinders.readers._devices import names_device
 
@@ -214,17 +213,6 @@ def test_commands_name_all_and_take_one(tmp_path: Path, monkeypatch: pytest.Monk
     applied = flinders_("apply", "device-2.json", "devices.csv").out.splitlines()
     assert len(applied) == 1 + ROWS
     assert {line.partition(",")[0] for line in applied[1:]} == {"1"}
-
-
-def test_a_board_that_prints_of_several_is_read_of_the_first_and_said() -> None:
-    lines = [f'{{"node": {row % 3}, "mx": {row}, "my": 2, "mz": 3}}\n' for row in range(90)]
-    transcript = Transcript("the gateway")
-    taken = [transcript.take(line.encode(), at / 50) for at, line in enumerate(lines)]
-    field = np.concatenate([each.readings.field for each in taken if each.readings is not None])
-    np.testing.assert_array_equal(field[:, 0], range(0, 90, 3))
-    (event,) = (event for each in taken for event in each.events if event.kind == "several")
-    assert event.words == "lines of several devices come, and node=0 is shown alone: node=1, node=2 not"
-    assert "".join(each.text for each in taken).count(",2,3\n") == 90
 
 
 TIMED: Final = {

@@ -15,33 +15,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from benchmarks import fuzz
 from tests.program import flinders_
-from tests.samples import written
-from tests.trials import daily, nightly
+from tests.trials import daily
 
 import flinders
 from flinders import simulate
-from flinders.apps.vehicles.readers import dataflash_format as _fmt
-from flinders.apps.vehicles.readers import ulog
 from flinders.core import files
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput
-from flinders.readers import _source, parquet
+from flinders.readers import parquet
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from flinders.arrays import Floats
     from flinders.core.samples import Samples
 
-ROOT = Path(__file__).parents[2]
 FIELD = simulate.tumble(seed=5, n=300, motion="uniform").samples.field
 TEXT = "mx_uT,my_uT,mz_uT\n" + "".join(f"{x:.3f},{y:.3f},{z:.3f}\n" for x, y, z in FIELD)
-
-
-@pytest.fixture
-def table() -> Floats:
-    return np.column_stack([np.arange(300) / 50, 10 * FIELD, np.tile([0.0, 0.0, 9.8], (300, 1))])
 
 
 def arrow_of(path: Path, names: tuple[str, ...] = ("mx_uT", "my_uT", "mz_uT"), **options: str) -> Path:
@@ -60,68 +49,14 @@ def arrow_of(path: Path, names: tuple[str, ...] = ("mx_uT", "my_uT", "mz_uT"), *
 # the fuzzer
 
 
-def fuzzed(*words: object) -> str:
-    """Run the fuzzer as a program of its own, and return its last line."""
-    command = [sys.executable, "-m", "benchmarks.fuzz", *map(str, words)]
-    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert ended.returncode == 0, ended.stdout + ended.stderr
-    return ended.stdout.splitlines()[-1]
-
-
-@pytest.mark.parametrize("inputs", [300, nightly(20_000)])
-def test_mutated_samples_are_read_or_refused(inputs: int) -> None:
-    """Of all formats, lines and packets: no other exception, no warning, no crash, 10 s of CPU and 300 MB at most."""
-    assert f"{inputs:,} inputs, 0 findings" in fuzzed("--inputs", inputs, "--seed", 7)
-
-
-@pytest.mark.parametrize("inputs", [100, nightly(2_000)])
-def test_mutated_logs_of_vehicles_are_read_or_refused(inputs: int, recordings: Callable[[str], Path]) -> None:
-    logs = ("dronekit_log171_3mags/log171.bin", "px4_pyulog_cubeorange/sample_log_small.ulg")
-    assert f"{inputs:,} inputs, 0 findings" in fuzzed("--inputs", inputs, "--seed", 8, "--of", *map(recordings, logs))
-
-
-@pytest.mark.parametrize("inputs", [50, nightly(2_000)])
-def test_the_page_answers_whatever_is_dropped_on_it(inputs: int) -> None:
-    assert f"{inputs:,} inputs, 0 findings" in fuzzed("--inputs", inputs, "--seed", 9, "--target", "page")
-
-
-def test_the_fuzzer_sees_what_goes_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An exception, a warning, an end of the child, too much memory; and it cuts an input to what it needs."""
-
-    def read(content: bytes, *_: object) -> None:
-        match content[:1]:
-            case b"e":
-                raise KeyError("mag")
-            case b"w":
-                np.float64(np.inf) - np.float64(np.inf)
-            case b"s":
-                os.kill(os.getpid(), signal.SIGKILL)
-            case b"m":
-                bytearray(400 << 20)[::4096] = b"x" * (400 << 8)
-
-    monkeypatch.setattr(fuzz, "read_file", read)
-    inputs = [fuzz.Input("text", content) for content in (b"fine", b"e" + bytes(64), b"m", b"s", b"fine")]
-    words = list(fuzz.in_child(inputs, "readers"))
-    assert [each.partition(":")[0] for each in words] == [
-        "", "KeyError", "more memory than it may take", "the child ended",
-    ]  # fmt: skip
-    assert words[-1].endswith("SIGKILL")
-    finding = fuzz.Finding(1, inputs[1], words[1])
-    assert fuzz.minimised(finding, "readers").input.content == b"e"
-
-
 # no exception but the project's own
 
 
-def test_a_column_whose_name_is_no_text_is_refused_and_a_row_of_a_fleet(tmp_path: Path) -> None:
+def test_a_column_whose_name_is_no_text_is_refused(tmp_path: Path) -> None:
     path = arrow_of(tmp_path / "broken.arrow")
     path.write_bytes(path.read_bytes().replace(b"mx_uT", b"m\xff_uT"))
     with pytest.raises(UnreadableInput, match=r"broken\.arrow cannot be read as Arrow.*copy it again"):
         flinders.read(path)
-    (tmp_path / "good.csv").write_text(TEXT)
-    ended = flinders_("fleet", str(tmp_path), "-o", str(tmp_path / "out.parquet"), "--workers", "0")
-    assert ended.code == 3
-    assert "broken" in ended.err + ended.out
 
 
 def test_a_row_group_that_says_it_has_no_rows_is_refused(tmp_path: Path) -> None:
@@ -151,21 +86,6 @@ def test_any_letter_may_stand_in_the_description_of_a_message(letter: str, tmp_p
         (tmp_path / "flight.log").write_text("\n".join(changed), encoding="utf-8")
         with contextlib.suppress(FlindersError):
             flinders.read(tmp_path / "flight.log")
-
-
-def test_letters_beyond_the_labels_of_a_message_cost_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[str] = []
-
-    def holder(letter: str) -> list[float]:
-        made.append(letter)
-        return []
-
-    monkeypatch.setattr(_fmt, "_holder", holder)
-    description = f"FMT, 134, 18, MAG, Qhhh{'h' * 5000}, TimeUS,MagX,MagY,MagZ"
-    lines = [description, *(f"MAG, {row}, 0, 4, -586" for row in range(20))]
-    read = _fmt.read_listed(enumerate(lines), {"MAG"})
-    assert made == list("Qhhh"), "once, and for the labels alone"
-    assert list(read.tables["MAG"].fields) == ["TimeUS", "MagX", "MagY", "MagZ"]
 
 
 def test_a_name_that_is_no_utf_8_stands_in_no_report(tmp_path: Path) -> None:
@@ -239,31 +159,6 @@ def test_raw_columns_of_which_one_has_a_damaged_name_are_told_before_the_calibra
 
 
 # bounds
-
-
-def test_zeros_that_a_logger_has_reserved_cost_no_more_than_looking_at_them(
-    tmp_path: Path, table: Floats, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """20 MB of them, in a hole of the file: the log is read as it is without, and they are said."""
-    from tests.flight_log import dataflash
-
-    parsed: list[int] = []
-
-    def up_to(path: Path, size: int) -> _source.UpTo:
-        parsed.append(size)
-        return _source.UpTo(path, size)
-
-    monkeypatch.setattr(ulog, "UpTo", up_to)
-    logs = [written("ulog", tmp_path, table), tmp_path / "flight.bin"]
-    logs[1].write_bytes(b"".join(dataflash()))
-    for path in logs:
-        whole = flinders.read(path)
-        with path.open("ab") as file:
-            file.truncate(path.stat().st_size + 20_000_000)
-        log = flinders.open_log(path)
-        assert np.array_equal(flinders.read(path).field, whole.field)
-        assert any("20,000,0" in note and "bytes of zeros at its end are left out" in note for note in log.damage)
-    assert len(set(parsed)) == 1
 
 
 def test_packed_columns_are_weighed_before_they_are_unpacked(tmp_path: Path) -> None:

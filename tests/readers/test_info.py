@@ -15,7 +15,6 @@ from flinders import simulate
 from flinders.cli import main
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from flinders.arrays import Floats
@@ -118,18 +117,6 @@ def test_the_proposed_command_has_the_options_that_were_given(bench: Path, monke
     assert ended.exit_code in {0, 3}, ended.output
 
 
-def test_of_a_log_a_topic_shows_one_magnetometer(recordings: Callable[[str], Path]) -> None:
-    path = str(recordings("dronekit_log171_3mags/log171.bin"))
-    found = info(path, "--topic", "mag2", "--as-logged")
-    assert [(sensor["number"], sensor["name"], sensor["is_as_logged"]) for sensor in found["sensors"]] == [
-        (2, "MAG2", True)
-    ]
-    assert found["commands"] == [f"flinders calibrate {path} --topic mag2 --as-logged -o calibration.json"]
-    ended = CliRunner().invoke(main, ["info", path, "--topic", "nonsense"])
-    assert ended.exit_code == 2
-    assert "has no magnetometer nonsense" in ended.stderr
-
-
 def test_what_is_odd_is_said(field: Floats, tmp_path: Path) -> None:
     stale = np.repeat(field[:1000], 3, axis=0)
     stuck = stale.copy()
@@ -171,12 +158,3 @@ def test_what_cannot_be_told_is_said(
     assert ended.exit_code == code, ended.output
     assert says in ended.stderr
     assert ended.stdout == ""
-
-
-def test_a_log_of_three_compasses(recordings: Callable[[str], Path]) -> None:
-    """Counts, place and stored offsets as the description of the data set has them."""
-    found = info(str(recordings("dronekit_log171_3mags/log171.bin")))
-    assert [sensor["readings"] for sensor in found["sensors"]] == [2384, 2384, 2383]
-    assert found["sensors"][0]["onboard_calibration"].startswith("COMPASS_OFS -97.7916, 118.11, 213.18 mG")
-    assert found["position"][:2] == pytest.approx([-35.362, 149.165], abs=1e-3)
-    assert found["site"]["model"].startswith("WMM-2015")

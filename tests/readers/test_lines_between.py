@@ -11,7 +11,6 @@ from tests.trials import daily
 
 import flinders
 from flinders import simulate
-from flinders.apps.live.transcript import Transcript
 from flinders.cli import main
 from flinders.errors import InputError, NoMagnetometer
 from flinders.readers import open_recording
@@ -103,15 +102,6 @@ def test_accompanying_lines_are_no_finding_of_a_calibration_nor_of_a_check(path:
         assert "left out" not in said.out
 
 
-def test_a_recorder_counts_accompanying_lines_apart() -> None:
-    transcript = Transcript("the board", is_framed=True)
-    transcript.take("\n".join([*printed("labels", BESIDE["a heading"]), "low battery"]).encode(), at=1.0)
-    transcript.end(2.0)
-    known = transcript.statistics.as_dict()
-    assert (known["readings"], known["accompanying"], known["not_understood"]) == (150, 150, 1)
-    assert known["first_not_understood"] == "low battery"
-
-
 REMARKS = (
     "(raw)",
     "[raw]",
@@ -146,17 +136,6 @@ def test_words_before_a_bracket_are_the_sensor_whatever_it_holds(remark: str, va
     np.testing.assert_allclose(samples.field / samples.unit.scale, FIELD, atol=1e-9)
     assert samples.unit.name == "counts"
     assert samples.acceleration is not None
-
-
-@pytest.mark.parametrize(
-    "labels",
-    [("Foo:", "Bar:"), ("left:", "right:"), ("IMU[0]:", "IMU[1]:"), ("Mag (u):", "Mag (v):"), ("Unit 1:", "Unit 2:")],
-)
-def test_equal_axes_under_different_labels_are_no_one_sensor(labels: tuple[str, str], path: Path) -> None:
-    lines = [f"{label} {VALUES[0].format(*row)}" for row in FIELD.tolist() for label in labels]
-    with pytest.raises(NoMagnetometer, match=r"tell of several sensors .* keep the lines of the magnetometer"):
-        read(path, lines)
-    assert Transcript("the board").take("\n".join([*lines, ""]).encode(), at=1.0).readings is None
 
 
 def test_a_word_that_changes_from_line_to_line_is_no_sensor(path: Path) -> None:
@@ -272,7 +251,6 @@ KNOWN = {
         + ["2026-01-01 00:00:00.000 001     11123.20    312.20  52000.10  53000.20"] * 5,
         "D is an angle",
     ),
-    "a boat": (["$IIHDM,10.0,M*13", "$IIVTG,12.0,T,13.0,M,4.6,N,9.4,K,A*3A"] * 5, "flinders swing"),
 }
 
 

@@ -114,8 +114,6 @@ REFUSED: dict[str, tuple[bytes, type[InputError], str]] = {
     "a PDF": (b"%PDF-1.7\n1 0 obj\n", UnreadableInput, "a PDF"),
     "a page of the web": (b"\n<!DOCTYPE html>\n<html>1,2,3", UnreadableInput, "download the raw file"),
     "a Parquet table": (b"PAR1" + bytes(50), UnreadableInput, "Parquet"),
-    "a ULog": (b"ULog\x01\x12\x35\x01" + bytes(50), NoMagnetometer, "PX4 ULog) holds no magnetometer"),
-    "a bag": (b"#ROSBAG V2.0\n" + bytes(50), UnreadableInput, "a ROS recording"),
     "xz": (b"\xfd7zXZ\x00" + bytes(50), UnreadableInput, "unxz"),
     "gzip of nothing": (gzip.compress(b""), UnreadableInput, "only blank lines"),
     "gzip cut short in its own header": (gzip.compress(GOOD)[:8], UnreadableInput, "odd.csv is cut short: its gzip"),

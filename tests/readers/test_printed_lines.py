@@ -12,10 +12,8 @@ import pytest
 
 import flinders
 from flinders import simulate
-from flinders.apps.live.transcript import Transcript
 from flinders.cli import main
 from flinders.errors import InputError, NoMagnetometer
-from flinders.readers import TextRecording
 from flinders.readers._tokenizer import cut
 
 if TYPE_CHECKING:
@@ -25,8 +23,6 @@ if TYPE_CHECKING:
 
 FIELD = np.round(simulate.tumble(seed=4).samples.field[:3000:50], 2)
 GRAVITY = 9.81 * FIELD / np.linalg.norm(FIELD, axis=1, keepdims=True)
-TURNS = np.column_stack([np.ones(len(FIELD)), FIELD / 50])
-QUATERNIONS = TURNS / np.linalg.norm(TURNS, axis=1, keepdims=True)
 
 
 def axes(row: Iterable[float], form: str = ".2f") -> str:
@@ -99,61 +95,6 @@ def test_micro_is_read_in_any_encoding(encoding: str, path: Path) -> None:
     np.testing.assert_allclose(samples.field, FIELD, atol=1e-9)
 
 
-REFUSED = {
-    "acceleration by label": ([f"Accel {axes(row)}" for row in GRAVITY], "tell of acceleration and of no magnetometer"),
-    "acceleration by unit": ([f"{axes(row)} m/s^2" for row in GRAVITY], "tell of acceleration and of no magnetometer"),
-    "orientation": ([f"Orientation {axes(row)}" for row in GRAVITY], "of no magnetometer"),
-    "angles": (["Yaw: {:.1f} Pitch: {:.1f} Roll: {:.1f}".format(*row) for row in GRAVITY], "of no magnetometer"),
-    "places": (["Lat: {:.5f} Lon: {:.5f} Alt: {:.1f}".format(*row) for row in GRAVITY], "columns="),
-    "offsets": (["Hard iron offset: {:.2f} {:.2f} {:.2f}".format(*row) for row in FIELD], "no readings|columns="),
-    "sensors in turn": (
-        [str(tuple(row)) for both in zip(GRAVITY.tolist(), FIELD.tolist(), strict=True) for row in both],
-        "no readings are recognised",
-    ),
-    "two kinds of three numbers": (
-        [
-            line
-            for a, m in zip(GRAVITY, FIELD, strict=True)
-            for line in ("<{}|{}|{}>".format(*a), "({}, {}, {})".format(*m))
-        ],
-        "no readings are recognised",
-    ),
-    "a label of more than three": (
-        [f"MAG, {100 * n}, 0, " + ", ".join(map(str, row)) for n, row in enumerate(FIELD.tolist())],
-        "may be it, .*columns='4,5,6'",
-    ),
-    "signs behind letters": ([axes(row).replace(": ", "") for row in FIELD], "no readings are recognised"),
-    "angles behind a label": (["ypr\t{:.2f}\t{:.2f}\t{:.2f}".format(*row) for row in FIELD], "columns="),
-    "angles in a tuple": ([f"Heading: {tuple(row)}" for row in FIELD.tolist()], "of no magnetometer"),
-    "acceleration of the world": (["aworld {:.0f} {:.0f} {:.0f}".format(*row) for row in FIELD], "columns='2,3,4'"),
-    "positions": ([f"pos {axes(row)}" for row in FIELD], "of no magnetometer"),
-    "a quaternion with names": (
-        ["w,x,y,z", *("{:.4f},{:.4f},{:.4f},{:.4f}".format(*row) for row in QUATERNIONS)],
-        "w, x, y, z .a quaternion",
-    ),
-    "millimetres": (["x={:.1f}mm y={:.1f}mm z={:.1f}mm".format(*row) for row in FIELD], "no readings are recognised"),
-    "labels that change": ([f"a{n:06x}: mag {int(row[0])} 2 3" for n, row in enumerate(FIELD)], "columns="),
-    "sensors in turn by a key": (
-        [
-            json.dumps({"sensor": sensor, **dict(zip("xyz", row, strict=True))})
-            for both in zip(GRAVITY.tolist(), FIELD.tolist(), strict=True)
-            for sensor, row in zip(("accelerometer", "gyroscope"), both, strict=True)
-        ],
-        "says which sensor each line is of, such as 'accelerometer': keep the lines of the magnetometer",
-    ),
-    "decimal commas": ([axes(row).replace(".", ",") for row in FIELD], "say which are the magnetometer"),
-}
-
-
-@pytest.mark.parametrize(("lines", "says"), REFUSED.values(), ids=REFUSED)
-def test_what_is_no_magnetometer_is_not_read_as_one(lines: list[str], says: str, path: Path) -> None:
-    with pytest.raises(InputError, match=says):
-        read(path, lines)
-    transcript = Transcript("the board")
-    taken = transcript.take("\n".join([*lines, ""]).encode(), at=1.0)
-    assert taken.readings is None
-
-
 def test_a_message_counts_the_numbers_of_a_line_rightly(path: Path) -> None:
     with pytest.raises(InputError, match=r"pattern='\{x\}, \{y\}, \{z\};'"):
         read(path, ["M = [", *["{:.2f}, {:.2f}, {:.2f};".format(*row) for row in FIELD], "];"])
@@ -170,44 +111,6 @@ def test_a_separator_of_thousands_is_no_decimal_sign(mark: str, path: Path) -> N
 def test_a_pattern_reads_numbers_right_behind_letters(path: Path) -> None:
     lines = [axes(row).replace(": ", "") for row in FIELD]
     np.testing.assert_allclose(read(path, lines, pattern="X{x} Y{y} Z{z}").field, FIELD, atol=1e-9)
-
-
-def test_readings_that_begin_like_comments_are_read_by_a_pattern_which_the_refusal_names(path: Path) -> None:
-    lines = ["#M-R={:.2f},{:.2f},{:.2f}".format(*row) for row in FIELD]
-    with pytest.raises(InputError, match="say how they are printed"):
-        read(path, lines)
-    np.testing.assert_allclose(read(path, lines, pattern="#M-R={x},{y},{z}").field, FIELD, atol=1e-9)
-    transcript = Transcript("the board")
-    transcript.take("\n".join([*lines, ""]).encode(), at=1.0)
-    assert "say with --pattern how they are printed" in transcript.nothing()
-
-
-def recorded(lines: Iterable[str]) -> str:
-    """What the recorder writes of these lines."""
-    transcript = Transcript("the board", is_framed=True)
-    return transcript.take("\n".join(lines).encode(), at=1.0).text
-
-
-BOTH = np.hstack([GRAVITY, FIELD]).round(2).tolist()
-
-
-def test_a_table_with_words_before_its_numbers_is_recorded(path: Path) -> None:
-    text = recorded(["$IMU," + ",".join(map(str, row)) for row in BOTH])
-    assert text.startswith("t_s,c1,c2,c3,c4,c5,c6,c7\n")
-    np.testing.assert_allclose(read(path, text.splitlines(), columns="c5,c6,c7").field, FIELD, atol=1e-9)
-
-
-def test_a_message_with_numbers_does_not_settle_how_readings_are_written(path: Path) -> None:
-    transcript = Transcript("the board", is_framed=True)
-    transcript.take(b"range is 2 4 8 gauss", at=0.0)
-    transcript.take(b"", at=2.0)
-    text = transcript.take("\n".join(f"{axes(row)} uT" for row in FIELD).encode(), at=3.0).text
-    np.testing.assert_allclose(read(path, text.splitlines()).field, FIELD, atol=1e-9)
-
-
-def test_the_sensors_of_a_header_of_two_lines_are_recorded(path: Path) -> None:
-    lines = ["Acc,,,Mag,,", "x,y,z,x,y,z", *(",".join(map(str, row)) for row in BOTH)]
-    np.testing.assert_allclose(read(path, recorded(lines).splitlines()).field, FIELD, atol=1e-9)
 
 
 def test_spaces_cost_no_more_than_letters() -> None:
@@ -287,19 +190,6 @@ def test_a_calibration_names_the_file_that_was_printed_and_not_the_table_made_of
     assert (file["bytes"], file["rows"]) == (path.stat().st_size, len(rows))
 
 
-def test_numbers_of_columns_count_what_is_printed_also_live() -> None:
-    """Nine numbers without names: the recording has a time before them."""
-    gravity = [(0.1 * number, -9.0, 3.0) for number in range(len(FIELD))]
-    lines = [
-        ",".join(f"{value:.2f}" for value in (*g, *g, *row)) for g, row in zip(gravity, FIELD.tolist(), strict=True)
-    ]
-    transcript = Transcript("the board", columns="7,8,9", unit="uT")
-    taken = transcript.take("".join(f"{line}\n" for line in lines).encode(), at=1.0)
-    assert taken.readings is not None
-    np.testing.assert_allclose(taken.readings.field, np.round(FIELD[1:], 2), atol=1e-9)
-    assert any("c7, c8, c9" in event.words for event in taken.events)
-
-
 def words(row: Iterable[float]) -> str:
     """Hexadecimal words of eighths."""
     return " ".join(f"{int(8 * value) & 0xFFFF:04x}" for value in row)
@@ -312,70 +202,3 @@ def test_a_decimal_time_before_hexadecimal_words_stays_decimal(first: int, path:
     np.testing.assert_array_equal(found.field, np.trunc(8 * FIELD))
     assert found.time is not None
     np.testing.assert_allclose(found.time, (first + 20.0 * np.arange(len(FIELD))) / 1000)
-
-
-@pytest.mark.parametrize("first", [1000, 9700])
-def test_a_decimal_time_before_hexadecimal_words_stays_decimal_when_recorded(first: int, path: Path) -> None:
-    text = recorded([f"{first + 20 * n} {words(row)}" for n, row in enumerate(FIELD)])
-    found = read(path, text.splitlines())
-    np.testing.assert_array_equal(found.field, np.trunc(8 * FIELD))
-    assert found.time is not None
-    np.testing.assert_allclose(np.diff(found.time), 0.02)
-
-
-@pytest.mark.parametrize("form", ["{:8.2f}{:8.2f}{:8.2f}", "0.5 {:8.2f}{:8.2f}{:8.2f} 7"])
-def test_decimals_that_fill_columns_of_a_fixed_width_are_read_apart(form: str, path: Path) -> None:
-    """``2995.10-5044.85``: a minus takes the place of the space; also in `record`, and corrected by `apply`."""
-    lines = [form.format(*row) for row in 100 * FIELD]
-    columns = "2,3,4" if form.startswith("0.5") else None
-    found = read(path, lines, columns=columns)
-    np.testing.assert_allclose(found.field, 100 * FIELD, atol=0.006)
-    recording = flinders.open_recording(path, columns=columns)
-    assert isinstance(recording, TextRecording)
-    path.with_name("half.txt").write_text("".join(recording.corrected_lines(lambda field: field / 2)))
-    np.testing.assert_allclose(flinders.read(path.with_name("half.txt"), columns=columns).field, 50 * FIELD, atol=0.006)
-    transcript = Transcript("the board", is_framed=True, columns=columns)
-    taken = transcript.take("".join(f"{line}\n" for line in lines).encode(), at=0.0)
-    assert taken.readings is not None
-    np.testing.assert_allclose(taken.readings.field, 100 * FIELD, atol=0.006)
-
-
-@pytest.mark.parametrize("mark", ["{} ", "{}: ", "[{}] ", "S{}, ", "Sensor {}: "])
-def test_numbers_of_sensors_before_readings_do_not_merge_two_sensors(mark: str, path: Path) -> None:
-    lines = [mark.format(n % 2 + 1) + " ".join(f"{value:.2f}" for value in row) for n, row in enumerate(FIELD)]
-    with pytest.raises(
-        NoMagnetometer, match=r"column [12] of print.txt says which sensor each line is of \(S?1, S?2\)"
-    ):
-        read(path, lines)
-    transcript = Transcript("the board", is_framed=True)
-    taken = transcript.take("\n".join(lines).encode(), at=1.0)
-    assert taken.readings is None
-    assert all(f"{row[0]:.2f}" in taken.text for row in FIELD)
-
-
-def test_a_number_that_stands_apart_from_a_label_is_that_of_a_sensor(path: Path) -> None:
-    lines = [f"Mag {n % 2 + 1}: {axes(row)}" for n, row in enumerate(FIELD)]
-    np.testing.assert_array_equal(read(path, lines, sensor="2").field, FIELD[1::2])
-    text = recorded(lines)
-    np.testing.assert_array_equal(read(path, text.splitlines(), sensor="2").field, FIELD[1::2])
-
-
-def test_m_is_the_magnetometer_where_b_may_be_a_bias(path: Path) -> None:
-    lines = ["bx,by,bz,mx,my,mz", *(f"1,2,3,{row[0]},{row[1]},{row[2]}" for row in FIELD)]
-    np.testing.assert_array_equal(read(path, lines).field, FIELD)
-    np.testing.assert_array_equal(read(path, recorded(lines).splitlines()).field, FIELD)
-
-
-@pytest.mark.parametrize("sign", [",", "\t", " "])
-def test_a_row_of_units_is_recorded_as_units_and_is_no_reading(sign: str, path: Path) -> None:
-    names, units = sign.join(["mx", "my", "mz"]), sign.join(["mG"] * 3)
-    lines = [names, units, *(sign.join(f"{value:.2f}" for value in row) for row in FIELD)]
-    transcript = Transcript("the board", is_framed=True)
-    taken = transcript.take("".join(f"{line}\n" for line in lines).encode(), at=0.0)
-    assert (transcript.statistics.readings, transcript.statistics.unknown) == (len(FIELD), 0)
-    path.write_text(taken.text, encoding="utf-8")
-    found = flinders.read(path)
-    assert found.unit.name == "mG"
-    np.testing.assert_allclose(found.field, FIELD / 10)
-    assert taken.readings is not None
-    np.testing.assert_allclose(taken.readings.field, FIELD / 10)

@@ -19,9 +19,7 @@ from benchmarks.terms_recordings import clusters
 from tests.trials import daily
 
 import flinders
-from flinders.apps.classic.recipes.li import Li
 from flinders.errors import FitError, InputError
-from flinders.estimators import Readings
 from flinders.fitting.result import Fit, Refused
 
 if TYPE_CHECKING:
@@ -109,13 +107,6 @@ def test_the_offset_is_that_of_the_reference(name: str, recordings: Callable[[st
     apart = float(np.linalg.norm(fit.calibration.offset - offset)) / fit.calibration.field_strength
     assert apart < allowed
     assert fit.verdict == ("limited" if name in HONEST else "good")
-
-
-@pytest.mark.parametrize("name", sorted(REFERENCES))
-def test_the_method_of_the_reference_gives_its_digits(name: str, recordings: Callable[[str], Path]) -> None:
-    offset, _, allowed = REFERENCES[name]
-    found = Li(k=4.0).estimate(Readings.of(flinders.read(recordings(name)))).ellipsoid
-    assert float(np.linalg.norm(found.centre - offset)) / found.radius < allowed
 
 
 @pytest.mark.parametrize("name", SOUND)

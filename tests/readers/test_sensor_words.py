@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import flinders
-from flinders.apps.live.transcript import Transcript
 from flinders.errors import NoMagnetometer
 
 if TYPE_CHECKING:
@@ -62,13 +61,6 @@ def test_rows_of_the_magnetometer_are_read_and_no_others(lines: list[str], tmp_p
     assert samples.time is not None
     assert float(samples.time[-1] - samples.time[0]) == pytest.approx(0.02 * (ROWS - 1))
     assert not samples.skipped
-
-
-@pytest.mark.parametrize("lines", TEXTS.values(), ids=TEXTS)
-def test_rows_of_other_sensors_do_not_reach_the_live_page(lines: list[str]) -> None:
-    taken = Transcript("the phone").take("\n".join(["", *lines, ""]).encode(), at=1.0)
-    assert taken.readings is not None
-    np.testing.assert_allclose(taken.readings.field, FIELD)
 
 
 @pytest.mark.parametrize("name", ["no header, and others of another width", "a named column"])

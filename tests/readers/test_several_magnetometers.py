@@ -374,13 +374,6 @@ def test_what_cannot_be_chosen_is_said(words: str, says: str, two: Path) -> None
     assert says in run(f"calibrate {words}", code=2).stderr
 
 
-def test_a_topic_and_all_sensors_of_a_bag_contradict_each_other(recordings: Callable[[str], Path]) -> None:
-    pytest.importorskip("rosbags")
-    bag = recordings("ros1_imu_tools_bags/phidgets_imu_upside_down.bag")
-    ended = run(f"calibrate {bag} --sensor all --topic /imu/mag", code=2)
-    assert "--topic says which one it is: leave one of them out" in ended.stderr
-
-
 def test_the_name_of_the_only_one_is_the_users() -> None:
     write("one.csv", "mag_x,mag_y,mag_z", field_of(0))
     run("calibrate one.csv --unit uT --sensor bow -o bow.json")

@@ -39,7 +39,7 @@ def calibrated() -> None:
 # simulate
 
 
-@pytest.mark.parametrize("words", ["simulate", "simulate three-axis", "simulate two-axis", "evaluate"])
+@pytest.mark.parametrize("words", ["simulate", "simulate three-axis", "evaluate"])
 def test_help_has_an_example_and_loads_nothing_heavy(words: str) -> None:
     code = (
         "import sys, flinders.cli as cli\n"
@@ -117,15 +117,14 @@ def test_the_sensor_of_another_recording_is_recorded_again() -> None:
 
 
 @pytest.mark.parametrize("there", ["a.csv", "a.truth.json"])
-@pytest.mark.parametrize("kind", ["three-axis", "two-axis"])
-def test_nothing_is_overwritten_without_force_and_nothing_is_left_half_done(there: str, kind: str) -> None:
+def test_nothing_is_overwritten_without_force_and_nothing_is_left_half_done(there: str) -> None:
     Path(there).write_text("mine", encoding="utf-8")
-    refused = flinders_("simulate", kind, "-o", "a.csv")
+    refused = flinders_("simulate", "three-axis", "-o", "a.csv")
     assert refused.code == 6
     assert f"{there} exists" in refused.err
     assert names() == [there]
     assert Path(there).read_text(encoding="utf-8") == "mine"
-    assert flinders_("simulate", kind, "-o", "a.csv", "--force").code == 0
+    assert flinders_("simulate", "three-axis", "-o", "a.csv", "--force").code == 0
     assert names() == ["a.csv", "a.truth.json"]
 
 
@@ -141,11 +140,6 @@ def test_nothing_is_overwritten_without_force_and_nothing_is_left_half_done(ther
         ("three-axis -o a.csv --truth a.csv", "a.csv is named for the recording and for the truth"),
         ("three-axis -o a.csv --truth -", "standard output is for the recording"),
         ("three-axis --json", "--json and the recording would both go to standard output"),
-        ("two-axis --truth t.json", "--truth goes with a recording"),
-        ("two-axis --scale 1,0", "need two positive numbers"),
-        ("two-axis --scale 1,nan", "need two numbers"),
-        ("two-axis --points 5", "5 is not in the range x>=6"),
-        ("two-axis --polar -", "standard output is for the recording"),
         ("tumble.csv", "No such command 'tumble.csv'"),
     ],
 )
@@ -169,52 +163,6 @@ def test_the_sensor_that_is_read_is_not_written_over() -> None:
     ended = flinders_("simulate", "three-axis", "-o", "a.csv", "--sensor", "a.truth.json", "--force", "--seed", "3")
     assert ended.code == 2
     assert Path("a.truth.json").read_bytes() == before
-
-
-# two axes
-
-
-def test_a_compass_is_recovered_within_its_noise() -> None:
-    found = flinders_("simulate", "two-axis", "--seed", "4", "--json").json
-    recovery = found["recovery"]
-    assert [recovery[name]["true"] for name in ("scale_x", "offset_y", "skew_deg")] == [1.1, -5.0, 4.0]
-    for name, tolerance in {
-        "scale_x": 0.01,
-        "scale_y": 0.01,
-        "offset_x": 0.3,
-        "offset_y": 0.3,
-        "skew_deg": 1.0,
-    }.items():
-        assert recovery[name]["estimate"] == pytest.approx(recovery[name]["true"], abs=tolerance)
-    assert found["polar"]["heading_deg"] == [10.0 * step for step in range(36)]
-    assert max(map(abs, found["polar"]["corrected_error_deg"])) < max(map(abs, found["polar"]["raw_error_deg"])) / 8
-
-
-def test_without_noise_the_recovery_is_exact() -> None:
-    words = "simulate two-axis --noise 0 --scale 1.3,0.7 --offset=-20,40 --skew -9 --dip 30 --json"
-    for name, pair in flinders_(*words.split()).json["recovery"].items():
-        if not name.startswith("scale"):
-            assert pair["estimate"] == pytest.approx(pair["true"], abs=1e-6), name
-    recovery = flinders_(*words.split()).json["recovery"]
-    assert recovery["scale_x"]["estimate"] / recovery["scale_y"]["estimate"] == pytest.approx(1.3 / 0.7)
-
-
-def test_a_hopeless_swing_is_shown_written_and_refused() -> None:
-    ended = flinders_("simulate", "two-axis", "-o", "swing.csv", "--noise", "8")
-    assert (ended.code, names()) == (4, ["swing.csv", "swing.truth.json"])
-    assert "skew" in ended.out
-    assert "refused: this would be no calibration to use" in ended.err
-    assert flinders_("simulate", "two-axis", "--noise", "8", "--json").json["verdict"] == "refused"
-
-
-def test_a_swing_is_calibrated_and_evaluated_like_any_other() -> None:
-    assert flinders_("simulate", "two-axis", "-o", "swing.csv", "--polar", "rose.csv").code == 0
-    rose = np.loadtxt("rose.csv", delimiter=",", skiprows=1)
-    assert rose.shape == (36, 7)
-    assert flinders_("calibrate", "swing.csv", "--method", "level", "-o", "c.json").code == 3
-    told = flinders_("evaluate", "c.json", "swing.truth.json", "--json", "--target", "3")
-    assert told.code == 0
-    assert told.json["heading_error_deg"]["worst"] < 3
 
 
 # evaluate

@@ -30,7 +30,8 @@ from flinders.comparison.common_moments import at_common_moments, checked_refere
 from flinders.comparison.member_findings import judged_member
 from flinders.comparison.members import Agreement, Member, Together
 from flinders.core.axes import EXCHANGES
-from flinders.errors import FitError, FlindersError, InputError, spell_checked
+from flinders.core.keywords import spell_checked
+from flinders.errors import FitError, FlindersError, InputError
 from flinders.estimators.auto import Auto, found_alone
 from flinders.estimators.multi_sensor import Several, is_sound, mirror_or_rotation, solve
 from flinders.estimators.outliers import with_runs

@@ -25,7 +25,8 @@ from flinders.core.axes import Axes
 from flinders.core.disturbance import KINDS, MOST, MOTORS, motor, motors, place_of
 from flinders.core.silence import silent
 from flinders.core.units import Unit
-from flinders.errors import ArrayError, AxesError, counted, needs
+from flinders.errors import ArrayError, AxesError, counted
+from flinders.foreign_errors import needs
 from flinders.geometry.quaternions import attitudes, of_matrix, product
 
 if TYPE_CHECKING:

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self, TypeAlias, cast
 
 from flinders.core.axes import Axes
 from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
+from flinders.core.keywords import spell_checked
 from flinders.core.samples import Samples, frame_of
 from flinders.core.units import Unit
 from flinders.diagnostics.systematic import nonlinearity_in
-from flinders.errors import UsageError, spell_checked
+from flinders.errors import UsageError
 from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import Auto
 from flinders.estimators.data import recording_of

@@ -34,9 +34,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 import numpy as np
 
 from flinders.core.joining import in_memory
+from flinders.core.keywords import spell_checked
 from flinders.core.samples import Samples, frame_of
 from flinders.diagnostics.soft_iron import Refreshed
-from flinders.errors import AxesError, OutOfScale, TooFewSamples, UnitError, Unmoved, UsageError, spell_checked
+from flinders.errors import AxesError, OutOfScale, TooFewSamples, UnitError, Unmoved, UsageError
 from flinders.estimators import Readings, within_range
 from flinders.estimators.data import recording_of
 from flinders.estimators.likelihood import estimated

@@ -27,7 +27,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from flinders.core.files import reason
-from flinders.errors import LinkError, MissingExtra, UsageError, needs
+from flinders.errors import LinkError, MissingExtra, UsageError
+from flinders.foreign_errors import needs
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

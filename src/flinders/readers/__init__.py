@@ -39,7 +39,8 @@ from flinders.core.joining import Joined, in_memory
 from flinders.core.plugins import modules_of, plugin_rows
 from flinders.core.samples import Recording, Samples, added, frame_of
 from flinders.core.time_span import TimeSpan
-from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError, reading
+from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
+from flinders.foreign_errors import reading
 from flinders.readers._choice import FIRST, Choice
 from flinders.readers._foreign_files import foreign_kind
 from flinders.readers._frame import is_frame, open_frame

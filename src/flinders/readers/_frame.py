@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.samples import BLOCK
-from flinders.errors import MissingExtra, needs
+from flinders.errors import MissingExtra
+from flinders.foreign_errors import needs
 from flinders.readers._devices import tells_rows_apart
 from flinders.readers._source import File
 from flinders.readers._table import Labels, Table, TableRecording, open_table

@@ -29,7 +29,8 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, ParamSpec, TypeAlias, TypeVar, cast
 
 from flinders.core.files import REASONS, is_bomb, metered, reason
-from flinders.errors import UnreadableInput, UsageError, reading
+from flinders.errors import UnreadableInput, UsageError
+from flinders.foreign_errors import reading
 from flinders.readers._foreign_files import refuse_foreign
 from flinders.readers._lines import EndsEarly, Lines, encoding_of, lines_of
 from flinders.readers._tokenizer import cut, shown

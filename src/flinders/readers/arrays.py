@@ -41,7 +41,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.files import metered
-from flinders.errors import NoMagnetometer, UnreadableInput, UsageError, reading
+from flinders.errors import NoMagnetometer, UnreadableInput, UsageError
+from flinders.foreign_errors import reading
 from flinders.readers._reader import Reader
 from flinders.readers._source import MOST_MEMBER, spooled
 from flinders.readers._table import Table, TableRecording, open_table

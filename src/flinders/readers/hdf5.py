@@ -35,7 +35,8 @@ import numpy as np
 
 from flinders.core.files import is_bomb, too_much
 from flinders.core.samples import BLOCK
-from flinders.errors import NoMagnetometer, UnreadableInput, needs, reading
+from flinders.errors import NoMagnetometer, UnreadableInput
+from flinders.foreign_errors import needs, reading
 from flinders.readers._instruments import names_magnetometer
 from flinders.readers._reader import Reader
 from flinders.readers._table import WIDEST, Table, TableRecording, named_part, open_table

@@ -30,7 +30,8 @@ import numpy as np
 
 from flinders.core.files import refuse_bomb
 from flinders.core.samples import BLOCK
-from flinders.errors import UnreadableInput, needs, reading
+from flinders.errors import UnreadableInput
+from flinders.foreign_errors import needs, reading
 from flinders.readers._devices import tells_rows_apart
 from flinders.readers._names import TIME, meaning
 from flinders.readers._reader import Reader

@@ -1,6 +1,6 @@
 """Colours of the report and of figures: those of the page, with its scale for predicted heading errors.
 
-The scale is that of ``static/views/colours.js``, in classes (`tests/agreement/test_colours_agree.py`): it runs over
+The scale is that of ``static/views/colours.js``, in classes (`tests/live/test_colours_agree.py`): it runs over
 error ÷ target on a logarithm, from teal where the target is met twice over, through green at the target and amber at
 its double, to deep magenta. Lightness falls all the way, so that it reads in grey and in print.
 

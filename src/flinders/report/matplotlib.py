@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.errors import UsageError, needs
+from flinders.errors import UsageError
 from flinders.fitting.export import refuse_unfit
+from flinders.foreign_errors import needs
 from flinders.report import figures as drawing
 from flinders.report import maps
 from flinders.report.charts import MOST_DOTS

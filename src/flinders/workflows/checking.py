@@ -22,8 +22,9 @@ from flinders.comparison.comparison import Strength, compare, judged_at
 from flinders.comparison.level_plane import compare_turned
 from flinders.core.compensation import Compensator, compensated
 from flinders.core.joining import singles
+from flinders.core.keywords import spell_checked
 from flinders.diagnostics.random_walk import walk_through
-from flinders.errors import NeedsSamples, TooFewSamples, spell_checked
+from flinders.errors import NeedsSamples, TooFewSamples
 from flinders.fitting.calibrate import fit
 from flinders.fitting.result import Refused
 from flinders.fitting.verdict import of_extrapolation

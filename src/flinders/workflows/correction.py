@@ -16,7 +16,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from flinders.core.joining import concatenated
-from flinders.errors import counted, in_python, spell_checked
+from flinders.core.keywords import spell_checked
+from flinders.errors import counted, in_python
 from flinders.fitting.verdict import of_extrapolation
 from flinders.heading.smoothing import Filter
 from flinders.readers import TextRecording

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flinders.core.geomag import recorded_field
-from flinders.errors import spell_checked
+from flinders.core.keywords import spell_checked
 from flinders.heading.compass import Headings
 from flinders.heading.smoothing import Filter
 from flinders.workflows.correction import ELSEWHERE

@@ -21,7 +21,7 @@ import numpy as np
 from flinders.comparison.comparison import Strength
 from flinders.core.compensation import compensated
 from flinders.core.joining import in_memory, singles
-from flinders.errors import spell_checked
+from flinders.core.keywords import spell_checked
 from flinders.findings import by_severity, certain
 from flinders.summary.cloud import Cloud
 from flinders.summary.coverage import Coverage

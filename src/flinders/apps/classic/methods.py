@@ -20,7 +20,8 @@ import numpy as np
 from flinders.comparison.comparison import compare, printed
 from flinders.comparison.cross_validation import BLOCKS, LEAST, NotValidated, cross_validated
 from flinders.core.joining import concatenated
-from flinders.errors import FitError, NeedsSamples, UsageError, spell_checked
+from flinders.core.keywords import spell_checked
+from flinders.errors import FitError, NeedsSamples, UsageError
 from flinders.estimators import METHODS, Readings, method_of, within_range
 from flinders.estimators.auto import Auto
 from flinders.findings import VERDICTS

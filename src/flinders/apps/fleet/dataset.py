@@ -28,7 +28,8 @@ from flinders.apps.fleet import storage
 from flinders.apps.fleet.keys import KeyColumns, text_of, texts_of
 from flinders.apps.fleet.results import needs_arrow
 from flinders.core.axes import Axes
-from flinders.errors import FlindersError, UnreadableInput, UsageError, reading
+from flinders.errors import FlindersError, UnreadableInput, UsageError
+from flinders.foreign_errors import reading
 from flinders.readers import Choice
 from flinders.readers._names import CURRENT, CURRENTS, STRENGTH, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._source import File

@@ -27,8 +27,9 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.errors import DocumentError, needs
+from flinders.errors import DocumentError
 from flinders.fitting.batch import WIDTHS, FitColumns, fill_row
+from flinders.foreign_errors import needs
 
 if TYPE_CHECKING:
     import os

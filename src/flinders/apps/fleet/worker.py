@@ -40,9 +40,10 @@ from flinders.apps.fleet.results import VERDICTS, UnitResult, UnitResults, needs
 from flinders.apps.fleet.storage import StoredFile
 from flinders.apps.fleet.unreadable import Unreadable, UnreadableGroups
 from flinders.core.axes import Axes
+from flinders.core.keywords import spell_checked
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.errors import FlindersError, InputError, MissingExtra, OutputError, UsageError, counted, spell_checked
+from flinders.errors import FlindersError, InputError, MissingExtra, OutputError, UsageError, counted
 from flinders.estimators.data import CountedRecording, recording_of
 from flinders.fitting.batch import FitColumns, fit_batch
 from flinders.readers import open_log

@@ -29,7 +29,8 @@ from flinders.apps.vehicles.readers.tlog import (
     FIRST_VERSION,
     GROUND_STATION,
 )
-from flinders.errors import LinkError, NotSent, UsageError, needs
+from flinders.errors import LinkError, NotSent, UsageError
+from flinders.foreign_errors import needs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

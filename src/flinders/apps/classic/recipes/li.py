@@ -38,7 +38,7 @@ class Li:
 
     Use ``Li(k=4)`` for parity with Magneto 1.2/1.4 and the scripts that copy it, and where other
     fits find no ellipsoid. It pulls towards spheres: with half of the directions seen and 4 % noise its
-    centre is 7.7 µT off where `Consistent` is 0.8 µT off (`tests/golden/test_golden_numbers.py`).
+    centre is 7.7 µT off where `Consistent` is 0.8 µT off (`tests/classic/test_printed_numbers.py`).
 
     References
     ----------

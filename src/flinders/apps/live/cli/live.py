@@ -17,7 +17,8 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import load, stated_site
 from flinders.cli._output import print_json, say
-from flinders.errors import FlindersError, OutputError, UsageError, needs
+from flinders.errors import FlindersError, OutputError, UsageError
+from flinders.foreign_errors import needs
 
 if TYPE_CHECKING:
     from typing import TextIO

@@ -41,7 +41,8 @@ import numpy as np
 
 from flinders.core.files import MOST_PIECE, metered, refuse_bomb, unpacked_piece
 from flinders.core.units import COUNTS, Unit
-from flinders.errors import UnreadableInput, counted, needs, reading
+from flinders.errors import UnreadableInput, counted
+from flinders.foreign_errors import needs, reading
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._reader import Reader
 from flinders.readers._resample import TimeSeries, blocks, resampled

@@ -46,7 +46,8 @@ from flinders.apps.vehicles.readers.parameters import (
 )
 from flinders.apps.vehicles.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, ArduPilotParameters, compasses
 from flinders.core.units import Unit
-from flinders.errors import NoMagnetometer, UnreadableInput, counted, needs
+from flinders.errors import NoMagnetometer, UnreadableInput, counted
+from flinders.foreign_errors import needs
 from flinders.geometry.quaternions import of_angles
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._names import CURRENT, THROTTLE

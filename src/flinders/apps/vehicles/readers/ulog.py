@@ -38,7 +38,8 @@ import numpy as np
 from flinders.apps.vehicles.readers.parameters import stage_of, stages, unapplied
 from flinders.apps.vehicles.targets import px4
 from flinders.core.units import Unit
-from flinders.errors import ArrayError, UnreadableInput, counted, figures, needs, reading
+from flinders.errors import ArrayError, UnreadableInput, counted, figures
+from flinders.foreign_errors import needs, reading
 from flinders.readers._log import Instrument, Log, Position, Stored, first_position
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, THROTTLE, THROTTLES
 from flinders.readers._reader import Reader

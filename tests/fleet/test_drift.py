@@ -319,3 +319,22 @@ def test_a_table_without_a_calibration_or_without_a_row_has_a_report(tmp_path: P
         assert (drift.units, drift.intervals, drift.step_count) == (len(rows), 0, 0)
         assert "None to recalibrate" in page(overview_of([path]), drift)
         assert "0.0% calibrated" in page(overview_of([path]))
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("monday.json", "monday.json is a calibration: flinders compare compares two"),
+        ("monday.csv", "monday.csv is a recording: flinders fleet calibrates a folder of them"),
+    ],
+)
+def test_what_is_no_table_of_a_fleet_is_named(
+    name: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    samples = simulate.tumble(seed=3, motion="uniform").samples
+    np.savetxt("monday.csv", samples.field, delimiter=",", header="mx_uT,my_uT,mz_uT", comments="")
+    flinders.fit(samples).save("monday.json")
+    ended = CliRunner().invoke(main, ["drift", name])
+    assert (ended.exit_code, ended.stdout) == (2, "")
+    assert said in " ".join(ended.stderr.split())

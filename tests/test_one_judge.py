@@ -36,7 +36,7 @@ except build.NoCompiler as error:
     pytest.skip(str(error), allow_module_level=True)
 pytestmark = pytest.mark.skipif(build.system_compiler() is None, reason="no C compiler")
 
-ROOT: Final = Path(__file__).parents[2]
+ROOT: Final = Path(__file__).parents[1]
 ROW: Final = 'rule=Rule("hole_deg", (Grade("limits", 60.0),)),'
 """The rule of `coverage` as its row has it."""
 SHARED: Final = (

@@ -181,7 +181,7 @@ def remove_pyarrow(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Non
     """Act as if it was not installed, from the call on."""
 
     def remove() -> None:
-        monkeypatch.setattr("flinders.errors.import_module", refuse)
+        monkeypatch.setattr("flinders.foreign_errors.import_module", refuse)
         needs_arrow.cache_clear()
 
     yield remove

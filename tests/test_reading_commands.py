@@ -1,0 +1,46 @@
+"""Commands of packages that read a recording say what they read, as those of the library do (`tests/cli`)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import click
+import pytest
+from tests.program import flinders_
+
+from flinders import Calibration, Unit, simulate
+from flinders.cli import main
+from flinders.cli._commands import ROWS
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+READING: Final = {
+    "compare-methods": "compare-methods print.txt --methods auto,sphere",
+    "swing": "swing calibration.json print.txt --level",
+    "tolles-lawson": "tolles-lawson print.txt",
+    "two-axis": "two-axis print.txt",
+}
+TUMBLE: Final = simulate.tumble(seed=5, n=600, motion="uniform")
+
+
+def test_the_commands_that_read_a_recording_are_these() -> None:
+    places = {
+        name: " ".join(word.metavar or "" for word in command.params if isinstance(word, click.Argument))
+        for name, command in main.commands.items()
+        if name not in ROWS
+    }
+    assert {name for name, place in places.items() if "RECORDING" in place or "LOG" in place} == READING.keys()
+
+
+@pytest.mark.parametrize("words", READING.values(), ids=READING)
+def test_every_command_says_how_many_readings_there_were_and_quotes_the_first_other_line(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    matrix, offset = TUMBLE.sensor.correction
+    Calibration(matrix, offset, 50.0, raw=Unit.of("uT")).save("calibration.json")
+    lines = [f"X: {x:.2f} Y: {y:.2f} Z: {z:.2f} uT" for x, y, z in TUMBLE.samples.field]
+    (tmp_path / "print.txt").write_text("\n".join(["LIS3MDL test", "LIS3MDL found", *lines, "low battery", ""]))
+    told = [line for line in flinders_(*words.split()).err.splitlines() if line.startswith("print.txt: ")]
+    assert sum("600 readings, 3 other lines (line 1: 'LIS3MDL test')" in line for line in told) == 1
