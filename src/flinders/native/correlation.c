@@ -11,7 +11,7 @@ enum { FEWEST = 12,     /* readings, of which slow noise has any likelihood */
        TELLING = 100 }; /* readings that tell whether their noise lasts */
 
 #define MOST_FREEDOM ((real)1.3)
-#define HIDDEN ((real)2)   /* times the variance that residuals show: what goes with the attitude, of a field smoother than is assumed */
+#define HIDDEN ((real)3)   /* times the variance that residuals show: what goes with the attitude, of a field smoother than is assumed */
 #define LARGE ((real)0.08) /* noise, of the field, from which on a step that takes residuals for small is not made */
 
 /* Gather stretches of so many readings, one from `every` to the next, of one recording of which all are used. */

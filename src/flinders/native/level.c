@@ -111,16 +111,6 @@ int fl_are_flat(const fl_scatter *readings, real noise, real within)
     return flinders_is_level(readings->all, noise, within) || flinders_is_level(readings->inliers, noise, within);
 }
 
-/* Worst level heading error that a record claims, degrees. */
-static real claimed(const flinders_record *record, real dip_deg)
-{
-    fl_surface surface;
-    real rms, worst;
-    if (fl_surface_of(record->centre, record->shape, &surface)) return FL_NOT_A_NUMBER;
-    fl_level_errors(&surface, record->covariance, dip_deg, &rms, &worst);
-    return worst;
-}
-
 /* Whether readings are a level turn rather than an ellipsoid: they leave their plane by noise alone, or the turn claims less. */
 int fl_is_turn(const flinders_record *ellipsoid, const flinders_record *turn, const fl_scatter *readings,
                const flinders_options *options)
@@ -129,7 +119,7 @@ int fl_is_turn(const flinders_record *ellipsoid, const flinders_record *turn, co
     if (fl_are_flat(readings, ellipsoid->noise, FL_FLAT_NOISE)) return 1;
     const int is_nearly = options->level > 1 || ellipsoid->unobserved || fl_are_flat(readings, ellipsoid->noise, NEARLY_FLAT);
     if (!is_nearly && turn->rejected) return 0; /* what leaves the plane are no outliers */
-    return (is_nearly ? 1 : MUCH_BETTER) * claimed(turn, options->dip_deg) < claimed(ellipsoid, options->dip_deg);
+    return (is_nearly ? 1 : MUCH_BETTER) * turn->level_worst_deg < ellipsoid->level_worst_deg;
 }
 
 /* Whether a level turn is looked for: there is a prior across its plane, and each axis changes; one that does not may be a
