@@ -187,8 +187,10 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     heading_error_deg: HeadingErrorRecord | None = None  #: to expect of a level vehicle
     coverage: dict[str, float] = {}  #: directions recorded: the keys of `coverage` of a fit
     findings: tuple[FindingRecord, ...] = ()  #: what to know about it, the most severe first
-    #: what a good verdict rests on: ``same-soft-iron``, ``uniform-field``, ``constant-iron``
-    conditions: tuple[Literal["same-soft-iron", "uniform-field", "constant-iron"], ...] | UnsetType = UNSET
+    #: what a verdict rests on: ``same-soft-iron``, ``unchanged-body``, ``uniform-field``, ``constant-iron``
+    conditions: (
+        tuple[Literal["same-soft-iron", "unchanged-body", "uniform-field", "constant-iron"], ...] | UnsetType
+    ) = UNSET
     #: ``xy``, ``yz`` or ``zx``: plane of the one turn that the fit rests on
     plane: Literal["xy", "yz", "zx"] | UnsetType = UNSET
     #: at such a turn, whether z points down; None where nothing shows it

@@ -52,7 +52,7 @@ def header() -> str:
             *(f"    {_rule_name(code)}," for code in RULES),
             "};",
             "",
-            "/* What a good verdict rests on where no finding speaks against it: bits of `conditions`. */",
+            "/* What a verdict rests on where no finding speaks against it: bits of `conditions`. */",
             f"enum {{ {', '.join(f'{_condition(code)} = {1 << bit}' for bit, code in enumerate(CONDITIONS))} }};",
             "",
             f"#define FLINDERS_QUANTITIES {len(QUANTITIES)}",

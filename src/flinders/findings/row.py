@@ -31,24 +31,26 @@ if TYPE_CHECKING:
 Severity = Literal["note", "limits", "refuses"]
 Verdict = Literal["good", "limited", "refused"]
 
-Condition = Literal["same-soft-iron", "uniform-field", "constant-iron"]
-"""What a good verdict may rest on, and no finding shows."""
+Condition = Literal["same-soft-iron", "unchanged-body", "uniform-field", "constant-iron"]
+"""What a verdict may rest on, and no finding shows."""
 
 VERDICTS: Final[dict[Severity, Verdict]] = {"refuses": "refused", "limits": "limited", "note": "good"}
 """What each severity makes of a fit, the most severe first."""
 
 CONDITIONS: Final[dict[Condition, str]] = {
     "same-soft-iron": "soft iron is as it was",
+    "unchanged-body": "nothing on the body changes (a display, a current, the hand)",
     "uniform-field": "no iron is near",
     "constant-iron": "currents are constant",
 }
-"""What a good verdict rests on, in words."""
+"""What a verdict rests on, in words."""
 
 OF_A_TUMBLE: Final[tuple[Condition, ...]] = ("uniform-field", "constant-iron")
-"""What a good verdict rests on where a magnetometer alone was recorded."""
+"""What a verdict rests on where a magnetometer alone was recorded, for longer than a few seconds."""
 
 CERTAINTY: Final[dict[Condition, str]] = {
     "same-soft-iron": "tumble again",
+    "unchanged-body": "record again while it is in use",
     "uniform-field": "record elsewhere too",
     "constant-iron": "record the currents",
 }
@@ -245,7 +247,7 @@ def stated(conditions: Sequence[Condition]) -> str:
 
 
 TUMBLE_STATED: Final = stated(OF_A_TUMBLE)
-"""What a good verdict rests on where a magnetometer alone was recorded, as it is stated."""
+"""What a verdict rests on where a magnetometer alone was recorded, as it is stated."""
 
 
 # ------------------------------------------------------------------------------------- findings that follow from others

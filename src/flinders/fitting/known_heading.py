@@ -76,7 +76,7 @@ if TYPE_CHECKING:
 METHOD: Final = "known-heading"
 
 CONDITIONS_OF_POSES: Final[tuple[Condition, ...]] = ("same-soft-iron", "uniform-field", "constant-iron")
-"""What a good verdict rests on."""
+"""What a verdict rests on."""
 
 FINEST_SHAPE: Final = 1e-4
 """Of the radius: no reading knows it better, as in ``refresh.c``."""
@@ -207,8 +207,7 @@ def _accepted(fit: Fit, chance: float) -> Fit:
     judgement = Judgement(linked(_judged(fit, chance)))
     if judgement.verdict == "refused":
         raise Refused(replace(fit, judgement=judgement))
-    conditions = CONDITIONS_OF_POSES if judgement.verdict == "good" else ()
-    return replace(fit, judgement=replace(judgement, conditions=conditions))
+    return replace(fit, judgement=replace(judgement, conditions=CONDITIONS_OF_POSES))
 
 
 def is_still(field: Floats, shape: Floats) -> bool:

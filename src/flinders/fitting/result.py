@@ -98,7 +98,7 @@ class Judgement(Judged):
     """What is said of a fit."""
 
     findings: tuple[Finding, ...] = ()  #: most severe first
-    #: what a good verdict rests on and no recording of this kind shows: that the field is the same wherever the sensor
+    #: what a verdict rests on and no recording of this kind shows: that the field is the same wherever the sensor
     #: was, and that neither current nor iron near it changed with its attitude. Other evidence ends them.
     conditions: tuple[Condition, ...] = ()
     stated_verdict: Verdict | None = None  #: verdict that a file states and its findings do not explain
@@ -140,7 +140,7 @@ class Fit(Outcome):
     calibration: Calibration  #: the correction; ``--json`` has null where it is refused
     evidence: Evidence  #: how it was found, and what the readings showed
     claim: Claim  #: its covariance, and the errors that follow of it
-    judgement: Judgement  #: findings, verdict, and what a good verdict rests on
+    judgement: Judgement  #: findings, verdict, and what a verdict rests on
     provenance: Provenance = Provenance()  #: what messages call it; release, date and recordings of a loaded file
 
     def plot(self, recording: Recording, what: str = "all") -> Figure:
@@ -206,7 +206,7 @@ class Fit(Outcome):
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
-        """What a good verdict rests on and no recording shows, such as a field that is the same everywhere."""
+        """What a verdict rests on and no recording shows, such as a field that is the same everywhere."""
         return self.judgement.conditions
 
     @property

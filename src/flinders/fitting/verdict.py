@@ -1,4 +1,4 @@
-"""What there is to know of a judged fit: its findings, and what a good verdict rests on.
+"""What there is to know of a judged fit: its findings, and what a verdict rests on.
 
 The engine judges (`flinders.native`, ``judge.c``); `flinders.findings` has rules and sentences. Here are the values
 that findings have beside the quantities of a judgement, and the findings of disturbances and aiding sensors.
@@ -62,7 +62,7 @@ STRAIGHT: Final = "current"
 
 
 def with_findings(result: Fit, judgement: Records, statistics: Statistics) -> Fit:
-    """A fit with the findings of its judgement, the most severe first, and what a good verdict rests on.
+    """A fit with the findings of its judgement, the most severe first, and what a verdict rests on.
 
     Parameters
     ----------
@@ -85,8 +85,8 @@ def with_findings(result: Fit, judgement: Records, statistics: Statistics) -> Fi
             *said.findings(record, OF_CALIBRATION),
         ]
     findings = by_severity([*supported, *said.findings(record, OF_RECORDING)])
-    is_good = all(finding.severity == "note" for finding in findings)
-    return replace(result, judgement=Judgement(findings, _conditions(judgement) if is_good else ()))
+    is_refused = any(finding.severity == "refuses" for finding in findings)
+    return replace(result, judgement=Judgement(findings, () if is_refused else _conditions(judgement)))
 
 
 def judged_quantities(judgement: Records) -> dict[str, float]:
@@ -126,7 +126,7 @@ class Said(NamedTuple):
 
 
 def _conditions(judgement: Records) -> tuple[Condition, ...]:
-    """What a good verdict rests on, by the bits of a judgement."""
+    """What a verdict rests on, by the bits of a judgement."""
     bits = int(judgement["conditions"])
     return tuple(code for place, code in enumerate(CONDITIONS) if bits >> place & 1)
 

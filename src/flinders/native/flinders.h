@@ -362,7 +362,7 @@ typedef struct flinders_rule {
 /* What a fit is worth. NaN where nothing is known. */
 typedef struct flinders_judgement {
     int32_t verdict;    /* the most severe of `severities`: NOTHING and NOTE are good, LIMITS limited, REFUSES refused */
-    int32_t conditions; /* what a good verdict rests on: FLINDERS_IF_UNIFORM_FIELD ... */
+    int32_t conditions; /* what a verdict rests on that is no refusal: FLINDERS_IF_UNIFORM_FIELD ... */
     int32_t asks;       /* what else could be found out: FLINDERS_ASKS_HALVES ... */
     uint8_t severities[FLINDERS_RULES_OF_A_FIT]; /* of each finding, or FLINDERS_NOTHING */
     uint8_t causes[FLINDERS_RULES_OF_A_FIT];     /* 1 + the number of its cause, for a cause its own; 0: neither */

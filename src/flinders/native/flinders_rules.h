@@ -239,8 +239,8 @@ enum {
     FLINDERS_RULE_SHOTS_CONTRADICT,
 };
 
-/* What a good verdict rests on where no finding speaks against it: bits of `conditions`. */
-enum { FLINDERS_IF_SAME_SOFT_IRON = 1, FLINDERS_IF_UNIFORM_FIELD = 2, FLINDERS_IF_CONSTANT_IRON = 4 };
+/* What a verdict rests on where no finding speaks against it: bits of `conditions`. */
+enum { FLINDERS_IF_SAME_SOFT_IRON = 1, FLINDERS_IF_UNCHANGED_BODY = 2, FLINDERS_IF_UNIFORM_FIELD = 4, FLINDERS_IF_CONSTANT_IRON = 8 };
 
 #define FLINDERS_QUANTITIES 140
 #define FLINDERS_QUANTITIES_OF_A_FIT 78

@@ -1,5 +1,5 @@
 /* What a fit is worth: quantities of its record, the rules of the catalogue of findings that they break, what follows from
- * what, and what a good verdict rests on. */
+ * what, and what a verdict rests on. */
 #include "judge.h"
 
 enum { NONE = FLINDERS_NOTHING };
@@ -15,6 +15,7 @@ enum { NONE = FLINDERS_NOTHING };
 #define SWITCHING ((real)0.8)      /* and by what comes and goes at once */
 #define STEPS_KURTOSIS ((real)7)   /* of 1,200 recordings with slow noise none has it; switched loads have 7 to 34 */
 #define SAME_STRENGTH ((real)0.03) /* of the strength that is known of the place: within it readings have it */
+#define FEW_SECONDS ((real)10)     /* of a recording, that show one state of the body */
 #define BY_CHANCE ((real)1e-4)     /* below it axes count as not linear, or late */
 #define ALIKE ((real)0.5)          /* of what one fault of axes costs: another that is likelier and costs as much is the cause */
 #define SWAP_CORRELATION ((real)0.05) /* of a residual with the next, below which no axes were swapped */
@@ -376,9 +377,10 @@ void flinders_causes(flinders_judgement *out)
     while (place < FLINDERS_RULES_OF_A_FIT) out->order[place++] = FLINDERS_RULES;
 }
 
-/* What a good verdict rests on and nothing here shows. A field that depends on the attitude, of iron at the place or of a
- * current, hides in the calibration itself. A second recording that agrees, the accelerometer's dip, and a known strength
- * of the field that the readings have speak for a place without iron; currents that are compensated speak for themselves. */
+/* What a verdict rests on and nothing here shows. A field that depends on the attitude, of iron at the place or of a current,
+ * hides in the calibration itself. A second recording that agrees, the accelerometer's dip, and a known strength of the field
+ * that the readings have speak for a place without iron; currents that are compensated speak for themselves. A few seconds show
+ * one state of a body, whose display, currents or holder change the offset in use. */
 static int conditions_of(const flinders_record *record, const flinders_request *request, const flinders_judgement *out)
 {
     const int agrees = !isnan(record->apart_deg) && !out->severities[FLINDERS_RULE_RECORDINGS_DIFFER];
@@ -386,10 +388,12 @@ static int conditions_of(const flinders_record *record, const flinders_request *
     const int is_absolute = request->is_microtesla && request->is_strength_known;
     const int matches = is_absolute && fl_abs(times - 1) < SAME_STRENGTH;
     const int is_uniform = agrees || matches || record->sources & FLINDERS_AIDED_BY_FIELD;
-    if (out->verdict > FLINDERS_NOTE) return 0;
+    const int is_short = record->end - record->start < FEW_SECONDS && !agrees;
+    const int is_constant = is_short || record->sources & FLINDERS_COMPENSATED;
+    if (out->verdict >= FLINDERS_REFUSES) return 0;
     return (record->sources & FLINDERS_REFRESHED ? FLINDERS_IF_SAME_SOFT_IRON : 0) |
-           (is_uniform ? 0 : FLINDERS_IF_UNIFORM_FIELD) |
-           (record->sources & FLINDERS_COMPENSATED ? 0 : FLINDERS_IF_CONSTANT_IRON);
+           (is_short ? FLINDERS_IF_UNCHANGED_BODY : 0) | (is_uniform ? 0 : FLINDERS_IF_UNIFORM_FIELD) |
+           (is_constant ? 0 : FLINDERS_IF_CONSTANT_IRON);
 }
 
 /* Fill a judgement in which nothing is known. */

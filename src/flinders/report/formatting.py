@@ -285,7 +285,7 @@ def with_unit(disturbance: Disturbance) -> str:
 
 
 def condition(fit: Fit) -> str:
-    """What a good verdict rests on, with what would show it; nothing where other evidence shows it.
+    """What a verdict rests on, with what would show it; nothing where other evidence shows it.
 
     >>> from flinders import simulate
     >>> from flinders.fitting.calibrate import fit

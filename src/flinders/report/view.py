@@ -133,7 +133,7 @@ class View(Struct, frozen=True, kw_only=True):
 
     verdict: Literal["good", "limited", "refused"]
     sentence: str  # the verdict in plain words
-    condition: str = ""  # what a good verdict rests on and nothing shows, in a few words
+    condition: str = ""  # what a verdict rests on and nothing shows, in a few words
     method: str
     unit: str  # "µT" or "counts", of all that is a field
     field_strength: float | None = None

@@ -227,8 +227,8 @@ class RunSummary:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""
         fields = {name: getattr(self, name) for name in self.__slots__}
-        # what a good verdict rests on
-        fields["conditions"] = list(OF_A_TUMBLE) if self.verdicts.get("good") else []
+        # what verdicts rest on that are no refusals
+        fields["conditions"] = list(OF_A_TUMBLE) if self.verdicts.get("good") or self.verdicts.get("limited") else []
         # units calibrated in a second
         fields["units_per_s"] = self.units / self.seconds if self.seconds else None
         return fields

@@ -108,7 +108,7 @@ def data() -> dict[str, Any]:
 
 
 def _conditions(bits: int) -> list[Condition]:
-    """What a good verdict rests on, by the bits of a judgement."""
+    """What a verdict rests on, by the bits of a judgement."""
     return [code for place, code in enumerate(CONDITIONS) if bits >> place & 1]
 
 

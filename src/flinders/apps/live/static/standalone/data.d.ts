@@ -23,7 +23,7 @@ export interface EngineData {
   quantities: string[];
   numbers: Record<string, number>;
   said: Record<string, string>;
-  conditions: string[]; // what a good verdict may rest on, by bits
+  conditions: string[]; // what a verdict may rest on, by bits
   resting: string[]; // in words, for each set of them
   parameters: string[];
   steps: Record<string, string>; // what to do next, by name
