@@ -3,7 +3,7 @@
  *
  * It is taken for a smooth random function of the direction. Where directions lie about a plane, a ring or a point,
  * so that hardly anything of it is left in residuals, its size is what is known of such fields beforehand, weighed by what residuals say
- * (restricted likelihood; D. A. Harville, JASA 72 (1977) 320). `python -m benchmarks.lives` measures what it does.
+ * (restricted likelihood; D. A. Harville, JASA 72 (1977) 320). `python -m benchmarks.varying_field` measures what it does.
  */
 #include "residuals.h"
 
