@@ -92,6 +92,15 @@ DISTORTIONS: Final = 0.0625 * 4.0 ** np.arange(8)
 PLAIN, AS_LIKELY, AGREEMENT = 15.0, 0.6, 0.4
 """Bits over white noise, share of those of slow noise, and of what it says different visits agree on."""
 
+VARIATIONS: Final = np.array([0.0, 0.0005, 0.001, 0.002, 0.004, 0.008, 0.016])
+"""What is thought of the field's variation with the place beforehand, a share of its strength, …"""
+
+PROBABLE: Final = np.array([0.02, 0.13, 0.2, 0.25, 0.25, 0.1, 0.05])
+"""… and how probable each is."""
+
+THIN, HIDDEN, TOLD, TAKEN = 0.06, 3.0, 15.0, 200
+"""Least variance of spread directions; factor of the variance; bits of slow noise that is proven; readings looked at."""
+
 MOST_FREEDOM: Final = 1.3
 """Correction for the nine fitted parameters, at most: with few independent readings the sum is too rough."""
 
@@ -116,19 +125,30 @@ class NumpyLikelihood:
         covariance = estimate.covariance
         if not estimate.plain and len(readings) >= FEW:
             segments, moments, has_parts = segments_of(readings), moments_of(readings), len(readings.parts) > 0
+            directions = foot_directions(np.concatenate(segments), ellipsoid)
+            variance = HIDDEN * expected_variation(np.concatenate(segments), directions, ellipsoid, segments)
+            jacobian = magnitude.information(directions, ellipsoid)
             scatter, correlation, residuals = correlated(segments, len(readings), ellipsoid)
             covariance = estimate.widened(scatter, correlation)
             if not (correlation.is_white or estimate.support.unobserved):
-                step, slow, explained, gain = estimate.slowed(residuals, moments, ellipsoid, has_parts=has_parts)
+                step, slow, explained, gain, strength = estimate.slowed(
+                    residuals, moments, ellipsoid, has_parts=has_parts
+                )
                 likely = 0.0 if correlation.direction else likely_distortion(residuals, segments, ellipsoid, gain)
                 if likely > 0.0:
                     scatter, correlation, residuals = correlated(segments, len(readings), ellipsoid, likely)
                     covariance = estimate.widened(scatter, correlation)
-                    step, slow, explained, _ = estimate.slowed(residuals, moments, ellipsoid, has_parts=has_parts)
+                    step, slow, explained, gain, strength = estimate.slowed(
+                        residuals, moments, ellipsoid, has_parts=has_parts
+                    )
+                variance = max(variance, strength if gain >= TOLD else 0.0)
                 covariance = raised(covariance, explained)
                 if math.sqrt(estimate.variance) < LARGE * float(ellipsoid.shape.trace()) / 3.0:
                     covariance += slow - explained
                     ellipsoid = _moved(ellipsoid, step)
+            variation = estimate.support.projected(variation_scatter(directions, jacobian, len(readings)))
+            variation = estimate.covariance @ variation @ estimate.covariance / estimate.variance**2
+            covariance = covariance + variance * variation
         return Estimate(
             ellipsoid,
             covariance,
@@ -354,7 +374,7 @@ class _Posterior:
 
     def slowed(
         self, residuals: Residuals, moments: Floats, ellipsoid: Ellipsoid, *, has_parts: bool
-    ) -> tuple[Floats, Floats, Floats, float]:
+    ) -> tuple[Floats, Floats, Floats, float, float]:
         """What `averaged` gives, of generalised least squares with slow noise."""
         rows = np.column_stack([residuals.jacobian, residuals.distances])
         series = Series.of(rows, moments, residuals.segments, has_parts=has_parts)
@@ -365,7 +385,8 @@ class _Posterior:
         support = self.support
         onto = (support.vectors * (1.0 - support.share)) @ support.vectors.T
         onto *= support.scale[:, None] / support.scale
-        return averaged(series, bent, onto, self.prior.matrix, prior_gradient)
+        square = float(np.mean(residuals.distances**2))
+        return averaged(series, bent, onto, self.prior.matrix, prior_gradient, square)
 
     def is_last(self, step: Floats) -> bool:
         """Whether the last step may be one as short as this."""
@@ -506,6 +527,28 @@ def likely_distortion(residuals: Residuals, segments: Sequence[Floats], ellipsoi
     return sphere.likely(residuals.distances, apart=3 * len(residuals.autocovariance()), slow=slow)
 
 
+def expected_variation(readings: Floats, directions: Floats, ellipsoid: Ellipsoid, segments: Sequence[Floats]) -> float:
+    """Variance of what varies smoothly over directions, where these are thinly spread; else 0."""
+    spread = np.linalg.eigvalsh(np.cov(directions.T))[0]
+    if spread > THIN:
+        return 0.0
+    ends = np.cumsum([len(segment) for segment in segments])[:-1]
+    distances = magnitude.distances(readings, ellipsoid)
+    residuals = Residuals(distances, np.empty((0, 9)), np.split(np.arange(len(readings)), ends))
+    sphere = _Sphere(directions, _principal_axes(directions), ellipsoid)
+    bits = sphere.likelihoods_of_variation(distances, time_of(residuals.autocovariance()))
+    weights = PROBABLE * np.exp2(bits - bits.max())
+    return float(weights @ VARIATIONS**2 / weights.sum()) * ellipsoid.radius**2
+
+
+def variation_scatter(directions: Floats, jacobian: Floats, count: int) -> Floats:
+    """(9, 9) scatter of Σ J s over all readings, of residuals that vary so with unit variance."""
+    taken = np.arange(min(len(directions), TAKEN)) * len(directions) // min(len(directions), TAKEN)
+    rows = jacobian[taken]
+    scatter: Floats = (count / len(taken)) ** 2 * rows.T @ _alike(directions[taken], directions[taken]) @ rows
+    return scatter
+
+
 class _Sphere:
     """Residuals by direction, in cells of the sphere.
 
@@ -594,6 +637,24 @@ class _Sphere:
         freedom = len(residuals) - 9.0
         logarithm = float(np.linalg.slogdet(normal)[1] - np.linalg.slogdet(inverse)[1]) / math.log(2.0)
         return -(logarithm + freedom * math.log2(rest / freedom)) / 2.0, rest / freedom
+
+    def likelihoods_of_variation(self, residuals: Floats, time: float) -> Floats:
+        """(7,) restricted likelihoods of `VARIATIONS`, to the base 2; all 0 where too few directions are seen."""
+        freedom = len(residuals) / time - 9.0
+        if len(self.seen) <= 9 or freedom <= 9.0:
+            return np.zeros(len(VARIATIONS))
+        ratios = (VARIATIONS * self._ellipsoid.radius) ** 2 / np.mean(residuals**2)
+        means = np.bincount(self.cells, weights=residuals, minlength=len(CELLS))[self.seen] / self.counts
+        counts = self.counts / time
+        within = float(np.sum(residuals**2)) / time - float(np.sum(counts * means**2))
+        bits = []
+        for ratio in ratios:
+            inverse = np.linalg.inv(ratio * _alike(self._middles, self._middles) + np.diag(1.0 / counts))
+            normal, gradient = self.jacobian.T @ inverse @ self.jacobian, self.jacobian.T @ inverse @ means
+            rest = within + float(means @ inverse @ means - gradient @ np.linalg.solve(normal, gradient))
+            logarithm = float(np.linalg.slogdet(normal)[1] - np.linalg.slogdet(inverse)[1]) / math.log(2.0)
+            bits.append(-(logarithm + freedom * math.log2(rest / freedom)) / 2.0)
+        return np.array(bits)
 
     def _visits(self, residuals: Floats, apart: int) -> tuple[Floats, Floats]:
         """(seen,) products of the sums of different visits to each cell, of residuals and of readings.

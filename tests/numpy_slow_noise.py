@@ -29,6 +29,9 @@ LONGEST: Final = 1.5
 HOPELESS: Final = 14.0
 """Logarithm, to the base 2, of how much less likely a model is than the best."""
 
+MANY_RADIANS: Final = 20.0
+"""Of turning, beyond which a change of the field does not go with the attitude."""
+
 NEGLIGIBLE: Final = 1e-4
 """Of all probability."""
 
@@ -165,11 +168,12 @@ def scatter_of(series: Series, ratio: float, memory: float, *, is_vector: bool) 
 
 
 def averaged(
-    series: Series, bent: Floats, onto: Floats, prior_matrix: Floats, prior_gradient: Floats
-) -> tuple[Floats, Floats, Floats, float]:
+    series: Series, bent: Floats, onto: Floats, prior_matrix: Floats, prior_gradient: Floats, square: float
+) -> tuple[Floats, Floats, Floats, float, float]:
     """Step (9,) and covariance (9, 9), averaged over models, and the covariance under the likeliest without the step.
 
-    Also the bits of likelihood that the likeliest gains over white noise.
+    Also the bits of likelihood that the likeliest gains over white noise, and the part of the mean `square` of residuals
+    that the strength at the place makes.
 
     `onto` takes information to what is observed.
     """
@@ -192,4 +196,14 @@ def averaged(
     scatter = variance[best] * scatter_of(series, ratio[best], memory[best], is_vector=bool(of_vectors[best]))
     scatter = onto @ scatter @ onto.T / variance[0] ** 2 + prior_matrix
     gain = float(likelihood[best] - likelihood[0])
-    return step, covariance, covariances[0] @ scatter @ covariances[0], gain
+    radians = memory / radian_of(series)
+    of_place = ~of_vectors & (radians >= 1.0) & (radians <= MANY_RADIANS) & (np.arange(len(memory)) > 0)
+    strength = float(np.sum((weights * np.maximum(square - variance, 0.0))[of_place]))
+    return step, covariance, covariances[0] @ scatter @ covariances[0], gain, strength
+
+
+def radian_of(series: Series) -> float:
+    """Time in which the surface's normal turns by a radian, on average."""
+    normals = series.rows[:, :3] / np.linalg.norm(series.rows[:, :3], axis=1)[:, None]
+    angles = np.arccos(np.clip(np.sum(normals[1:] * normals[:-1], axis=1), -1.0, 1.0))
+    return series.span / float(np.sum(angles[np.isfinite(series.steps[1:])]))

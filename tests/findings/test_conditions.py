@@ -1,4 +1,4 @@
-"""What a good verdict rests on is said, and other evidence ends it."""
+"""What a verdict rests on is said, and other evidence ends it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.worlds import MOTORS, OFFSET_SENSOR
 import flinders
 from flinders import Fit, simulate
 from flinders.core.joining import Joined
-from flinders.fitting.result import Judgement
+from flinders.fitting.result import Judgement, Refused
 from flinders.report.formatting import condition
 
 if TYPE_CHECKING:
@@ -28,9 +28,21 @@ def test_one_recording_shows_neither() -> None:
     assert len(condition(fit)) <= 74  # a line of a terminal
 
 
-def test_a_limited_fit_states_none() -> None:
+def test_a_limited_fit_states_them_and_a_refused_one_none() -> None:
     fit = flinders.fit(simulate.tumble(seed=1, motion="tilted").samples, target_deg=0.2)
-    assert (fit.verdict, fit.conditions, condition(fit)) == ("limited", (), "")
+    assert (fit.verdict, fit.conditions) == ("limited", ("uniform-field", "constant-iron"))
+    with pytest.raises(Refused) as refusal:
+        flinders.fit(simulate.tumble(seed=1, motion="hemisphere", n=12).samples)
+    assert (refusal.value.fit.conditions, condition(refusal.value.fit)) == ((), "")
+
+
+def test_a_few_seconds_show_one_state_of_the_body() -> None:
+    samples = simulate.tumble(seed=1, n=300).samples  # six seconds
+    fit = flinders.fit(samples)
+    assert fit.conditions == ("unchanged-body", "uniform-field")
+    assert condition(fit).endswith(": record again while it is in use")
+    both = (simulate.tumble(seed=seed, sensor=OFFSET_SENSOR, n=300).samples for seed in (1, 2))
+    assert flinders.fit(Joined(tuple(both))).conditions == ("constant-iron",)
 
 
 def test_a_second_recording_that_agrees_speaks_for_the_place() -> None:

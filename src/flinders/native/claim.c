@@ -8,7 +8,7 @@
  *     uncorrected   offset 30 %, shape 10 %: less than most sensors have, which speaks against the former
  *
  * Where the marginal likelihood of d makes the first 99.9 % probable (R. E. Kass, A. E. Raftery, J. Am. Stat. Assoc. 90
- * (1995) 773), the fit becomes its posterior mean, the average of Q (P + Q)⁻¹ d over the nine, and claims the posterior
+ * (1995) 773), also where P is that of independent residuals, as a wide one decides nothing, the fit becomes its posterior mean, the average of Q (P + Q)⁻¹ d over the nine, and claims the posterior
  * covariance (C. N. Morris, J. Am. Stat. Assoc. 78 (1983) 47). Readings from all directions have a P so small that nothing
  * is shrunk. `python -m benchmarks.windows` measures what it does to parts of recordings.
  */
@@ -115,8 +115,9 @@ static int is_near(const flinders_record *record, real size)
     return 1;
 }
 
-/* The departures of an estimate. */
-static void departure_of(const flinders_record *record, const real basis[72], real size, departure *out)
+/* The departures of an estimate of a covariance. */
+static void departure_of(const flinders_record *record, const real covariance[81], const real basis[72], real size,
+                         departure *out)
 {
     real map[72], values[DEPARTURES], vectors[64], parameters[PARAMETERS];
     memcpy(parameters, record->centre, sizeof record->centre);
@@ -125,7 +126,7 @@ static void departure_of(const flinders_record *record, const real basis[72], re
         for (int j = 0; j < PARAMETERS; j++) map[PARAMETERS * i + j] = basis[DEPARTURES * j + i] * (j < 6 ? 1 : 2) / size;
     out->size = size;
     fl_multiply(map, parameters, DEPARTURES, PARAMETERS, 1, out->departures);
-    carry(map, record->covariance, DEPARTURES, PARAMETERS, vectors);
+    carry(map, covariance, DEPARTURES, PARAMETERS, vectors);
     fl_eigen(vectors, DEPARTURES, values);
     for (int i = 0; i < DEPARTURES; i++)
         for (int j = 0; j <= i; j++) {
@@ -242,8 +243,12 @@ static void shrink(flinders_record *record)
     record->is_shrunk = -1;
     if (!(size > 0) || !is_near(record, size)) return;
     basis_of(basis);
-    departure_of(record, basis, size, &d);
-    if (!weigh(&d, weights)) return;
+    departure_of(record, record->covariance, basis, size, &d);
+    if (!weigh(&d, weights)) {
+        departure independent;
+        departure_of(record, record->textbook, basis, size, &independent);
+        if (!weigh(&independent, weights)) return;
+    }
     posterior(&d, weights, mean, covariance);
     restore(&d, basis, mean, covariance, &shrunk);
     if (fl_surface_of(shrunk.centre, shrunk.shape, &surface)) return;

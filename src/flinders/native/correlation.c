@@ -12,6 +12,7 @@ enum { FEWEST = 12,     /* readings, of which slow noise has any likelihood */
 
 #define MOST_FREEDOM ((real)1.3)
 #define HIDDEN ((real)3)   /* times the variance that residuals show: what goes with the attitude, of a field smoother than is assumed */
+#define TOLD ((real)15)    /* bits of likelihood that slow noise gains over white noise, from which on it is none by chance */
 #define LARGE ((real)0.08) /* noise, of the field, from which on a step that takes residuals for small is not made */
 
 /* Gather stretches of so many readings, one from `every` to the next, of one recording of which all are used. */
@@ -225,7 +226,8 @@ static void add_correlation(const fl_kernels *kernels, const fl_view *view, fl_r
  * soft iron take it up, where readings come from few directions, and where a disturbance of its strength is found. */
 static void add_variation(const fl_residuals *residuals, const fl_fit *fit, real expected, flinders_record *record)
 {
-    const real found = fit->unseen ? 0 : fit->slow.strength, variance = HIDDEN * (expected > found ? expected : found);
+    const real found = fit->unseen || fit->slow.gain < TOLD ? 0 : fit->slow.strength, hidden = HIDDEN * expected;
+    const real variance = hidden > found ? hidden : found;
     real scatter[81] = {0}, half[81], added[81];
     if (!(variance > 0)) return;
     fl_scatter_of_variation(residuals, variance, fit->used, scatter);
@@ -237,8 +239,8 @@ static void add_variation(const fl_residuals *residuals, const fl_fit *fit, real
 }
 
 /* The covariance of a record: of the fit, with what correlated residuals and a field that varies with the place add to it. */
-void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room,
-                   flinders_record *record)
+void fl_covariance(const fl_kernels *kernels, const fl_view *view, const flinders_options *options, fl_fit *fit,
+                   const fl_room *room, flinders_record *record)
 {
     fl_residuals residuals;
     memcpy(record->covariance, fit->covariance, sizeof record->covariance);
@@ -246,7 +248,7 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     record->noise_lasts = FL_NOT_A_NUMBER;
     if (fit->used < FEWEST) return;
     gather_stretches(kernels, view, fit, room, &residuals);
-    const real expected = fl_expected_variation(&residuals, &fit->surface, room);
+    const real expected = fl_is_informed(options) ? 0 : fl_expected_variation(&residuals, &fit->surface, room);
     add_correlation(kernels, view, &residuals, fit, room, record);
     add_variation(&residuals, fit, expected, record);
 }

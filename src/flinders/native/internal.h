@@ -214,7 +214,7 @@ typedef struct {
     real memory;   /* of the recording */
     real gain;     /* bits of likelihood beyond that of white noise */
     real lasts;    /* probability that its memory is longer than a third of the recording */
-    real strength; /* variance of the residuals that a disturbance of the field's strength makes, unit² */
+    real strength; /* variance of the residuals that the field's strength at the place makes, unit² */
 } fl_slow;
 
 typedef struct {

@@ -44,10 +44,10 @@ void fl_covariance_of(const fl_kernels *kernels, const fl_view *view, const flin
     const int is_wider = record->is_robust && fit->is_doubtful &&
         fl_polish(kernels, &with_doubtful, options, &fit->surface, FL_STEPS, room->some, &wider) == FLINDERS_OK;
     if (is_wider) {
-        fl_covariance(kernels, &with_doubtful, &wider, room, record);
+        fl_covariance(kernels, &with_doubtful, options, &wider, room, record);
         memcpy(covariance, record->covariance, sizeof covariance);
     }
-    fl_covariance(kernels, view, fit, room, record);
+    fl_covariance(kernels, view, options, fit, room, record);
     if (is_wider) fl_raise(record->covariance, covariance, 9, 0);
 }
 

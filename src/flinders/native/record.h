@@ -144,8 +144,8 @@ int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room);
 int fl_quality(const fl_kernels *kernels, const real *field, const real *time, size_t rows, flinders_record *record);
 int64_t fl_repeats(const real *field, size_t rows);
 int64_t fl_distinct(const real *field, size_t rows, const fl_room *room);
-void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room,
-                   flinders_record *record);
+void fl_covariance(const fl_kernels *kernels, const fl_view *view, const flinders_options *options, fl_fit *fit,
+                   const fl_room *room, flinders_record *record);
 void fl_residual_statistics(const fl_kernels *kernels, const fl_view *all, const fl_view *view, const fl_fit *fit,
                             const fl_room *room, flinders_record *record);
 enum { FL_SUSPECTS = 2 };

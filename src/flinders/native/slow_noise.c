@@ -18,6 +18,7 @@ enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * FINE + 1, FEWEST = 12, HALF
 #define FEW_LARGEST_RATIO ((real)100)
 #define FEW_ARE_WHITE ((real)3)   /* logarithm, to the base 2, of how much less likely they are than either kind: as of real ones */
 #define LONGEST ((real)1.5)       /* of the recording: longer memories look the same */
+#define MANY_RADIANS ((real)20)   /* of turning, beyond which a change of the field does not go with the attitude */
 #define NEGLIGIBLE ((real)1e-4)   /* of all probability */
 #define HOPELESS ((real)14)       /* logarithm, to the base 2, of how much less likely a model is than the best */
 #define DOWNHILL ((real)20)       /* the same of a memory behind which no better one comes: in none of 427 series */
@@ -479,13 +480,30 @@ static void unweighted(const fl_series *series, const fl_fit *fit, const model *
     fl_multiply(half, textbook, 9, 9, 9, covariance);
 }
 
-/* Variance of the residuals that a disturbance of the field's strength makes: what is more than white noise. */
-static real variance_of_strength(const fl_residuals *residuals, const model *models, const real weights[MODELS], int n)
+/* Time in which the surface's normal turns by a radian, on average. */
+static real radian_of(const fl_series *series, real span)
+{
+    real turned = 0;
+    for (size_t i = 1; i < series->n; i++) {
+        const real *const a = series->rows + 10 * (i - 1), *const b = a + 10;
+        const real product = (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]) * (b[0] * b[0] + b[1] * b[1] + b[2] * b[2]);
+        const real cosine = (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) / fl_sqrt(product > FL_TINY ? product : FL_TINY);
+        if (series->steps[i] < FL_HUGE) turned += fl_acos(cosine > 1 ? 1 : cosine < -1 ? -1 : cosine);
+    }
+    return turned > 0 ? span / turned : FL_HUGE;
+}
+
+/* Variance of the residuals that the field's strength at the place makes: what is more than white noise, and lasts while the
+ * sensor turns by one to some twenty radians; what lasts longer is met in all directions. */
+static real variance_of_strength(const fl_residuals *residuals, const model *models, const real weights[MODELS], int n,
+                                 real radian)
 {
     real square = 0, variance = 0;
     for (size_t i = 0; i < residuals->n; i++) square += residuals->distances[i] * residuals->distances[i] / (real)residuals->n;
     for (int k = 0; k < n; k++)
-        if (!models[k].is_vector && square > models[k].variance) variance += weights[k] * (square - models[k].variance);
+        if (!models[k].is_vector && models[k].memory >= radian && models[k].memory <= MANY_RADIANS * radian &&
+            square > models[k].variance)
+            variance += weights[k] * (square - models[k].variance);
     return variance;
 }
 
@@ -521,7 +539,7 @@ int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_resid
     for (int k = 1; k < n; k++) best = weights[k] > weights[best] ? k : best;
     slow->lasts = 0;
     for (int k = 0; k < n; k++) slow->lasts += models[k].memory > span / 3 ? weights[k] : 0;
-    slow->strength = variance_of_strength(residuals, models, weights, n);
+    slow->strength = variance_of_strength(residuals, models, weights, n, radian_of(&series, span));
     solved(&fit->posterior, prior_gradient, &white, steps[best], each);
     unweighted(&series, fit, &white, models + best, each, without);
     slow->gain = models[best].likelihood - white.likelihood;
