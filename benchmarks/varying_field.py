@@ -4,9 +4,9 @@
 
 A sensor on an arm is turned about nearly one axis, swung or waved for a minute. Four dipoles one to three metres away
 make the field vary by 0.5 to 2 % (rms) within half a metre of the middle of its path. Half of the sensors were
-corrected before. A car drives straight on, changes lanes, turns and stands for five minutes on slopes of 1 to 3° (rms), and the
-field varies by 0.5 to 2 % along the road. ``--felt`` records an accelerometer as well. The physics are those of
-`benchmarks.adversary`, which shares no code with `flinders.simulate`.
+corrected before. A car drives straight on, changes lanes, turns and stands for five minutes on slopes of 1 to 3°
+(rms), and the field varies by 0.5 to 2 % along the road. ``--felt`` records an accelerometer as well. The physics are
+those of `benchmarks.adversary`, which shares no code with `flinders.simulate`.
 
 *Ratio* is the true over the claimed worst level heading error of good and limited fits, and *within two* the share of
 them whose error is at most twice the claim. *Worse* counts those whose error is larger than that of the raw readings by

@@ -99,7 +99,7 @@ PROBABLE: Final = np.array([0.02, 0.13, 0.2, 0.25, 0.25, 0.1, 0.05])
 """… and how probable each is."""
 
 THIN, HIDDEN, TOLD, TAKEN = 0.06, 3.0, 15.0, 200
-"""Least variance of spread directions; factor of the variance; bits of slow noise that is proven; readings looked at."""
+"""Least variance of spread directions; factor of the variance; bits of proven slow noise; readings looked at."""
 
 MOST_FREEDOM: Final = 1.3
 """Correction for the nine fitted parameters, at most: with few independent readings the sum is too rough."""

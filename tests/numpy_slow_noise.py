@@ -172,8 +172,8 @@ def averaged(
 ) -> tuple[Floats, Floats, Floats, float, float]:
     """Step (9,) and covariance (9, 9), averaged over models, and the covariance under the likeliest without the step.
 
-    Also the bits of likelihood that the likeliest gains over white noise, and the part of the mean `square` of residuals
-    that the strength at the place makes.
+    Also the bits of likelihood that the likeliest gains over white noise, and the part of the mean `square` of
+    residuals that the strength at the place makes.
 
     `onto` takes information to what is observed.
     """

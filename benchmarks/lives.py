@@ -1,1 +1,0 @@
-varying_field.py
