@@ -47,7 +47,7 @@ HONEST: Final = {
     # Good but for this: not enough that is independent for one degree, too much that does not belong, or a change.
     "hightower70_magcal/mag.txt": {"unsteady-field", "outliers"},  # a tenth, rests among it, does not belong
     "jremington_icm20948/icm_20948_cal_mag.csv": {"heading-error"},  # 300 readings that hang together
-    "jremington_icm20948/mag3_raw.csv": {"unsteady-field"},  # residuals that last, of 1.5° of heading
+    "jremington_icm20948/mag3_raw.csv": {"unsteady-field", "heading-error"},  # residuals that last, of 1.5° of heading
     "michaelwro_fxos8700/mag-readings.txt": {"heading-error", "nonlinear-axis"},  # its halves differ by 1.9°
     "pichim_betaflight/20231008_apex5_mag_gyro_dedup.csv": {"field-changed"},  # its halves differ by 2.4° of heading
     "uutzinger_gearvr/mag_data.txt": {"few-samples", "unsteady-field"},

@@ -22,7 +22,7 @@ After all headings but no tilt beyond 35°, a level heading is known well and wh
 ...     for goal in ("heading", "attitude")
 ... )
 >>> any_attitude
-Guidance(attitude, worst 1.79°, after the advice 0.61°)
+Guidance(attitude, worst 2.59°, after the advice 1.12°)
 >>> level.is_reached(1.0), any_attitude.is_reached(1.0)
 (True, False)
 >>> any_attitude.words()

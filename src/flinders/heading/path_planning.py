@@ -16,7 +16,7 @@ covariance, which sends the walk out of the plane.
 >>> fit = calibrate.fit(recording.samples)
 >>> way = plan(Belief.of(fit.claim, fit.noise, fit.coverage), [0.5, 0.0, 0.87], target_deg=0.5, goal="attitude")
 >>> way
-Route(4 waypoints, worst 1.78°, at its end 0.44°)
+Route(6 waypoints, worst 2.56°, at its end 0.70°)
 >>> way.words("vehicle")
 'lower its nose, then roll it to its right'
 

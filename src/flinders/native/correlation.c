@@ -169,11 +169,16 @@ static int are_large(const fl_fit *fit)
     return fit->posterior.variance > largest * largest;
 }
 
-/* Whether slow noise can be looked for; the fit's model of it, and what the two leave of the fit. */
+/* Whether slow noise is looked for and found; the fit's model of it, and what the two leave of the fit. On a level turn that of
+ * the strength counts, of a road; noise of the vector is a body that sways to and fro, which a turn averages out. */
 static int is_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, fl_fit *fit,
                          const fl_room *room, int is_assumed, real step[9], real weighed[81], real explained[81])
 {
-    return !fl_slow_noise(kernels, view, residuals, fit, room, is_assumed, &fit->slow, step, weighed, explained);
+    if (fit->unseen && is_assumed) return 0;
+    const int is_none = fl_slow_noise(kernels, view, residuals, fit, room, is_assumed, &fit->slow, step, weighed, explained);
+    if (!is_none && !(fit->unseen && fit->slow.is_vector)) return 1;
+    memset(&fit->slow, 0, sizeof fit->slow);
+    return 0;
 }
 
 /* Few readings do not tell whether their noise lasts: the estimate and its covariance are averages over what it may be. */

@@ -457,8 +457,8 @@ FLINDERS_API int flinders_drift(const flinders_real *field, size_t rows, const f
                                 flinders_record *record);
 
 /* What accelerations (rows, 3), NaN where they are missing, show of a level turn about z, for `level` of the options: 0 where
- * z was not within 30 degrees of the vertical on average, 2 where the body stayed within some 10 degrees of that attitude,
- * else 1. */
+ * z was not within 30 degrees of the vertical on average or the body tilted by more than 25 degrees about that, 2 where it
+ * stayed within some 10, else 1 (root mean squares). */
 FLINDERS_API int flinders_levelness(const flinders_real *acceleration, size_t rows);
 
 /* Regress the distances of readings from a known ellipsoid on a disturbance: values (rows,), NaN where it is not known.

@@ -14,6 +14,7 @@
 #define MUCH_BETTER ((real)5)      /* times smaller a claim that takes readings for a turn which leave their plane by more */
 #define TILTED ((real)0.2)         /* share of the readings: where more leave the plane of a turn, the body was tilted */
 #define VERTICAL ((real)0.8660254037844387) /* of z along the vertical, 30 degrees; as of an accelerometer beside a site */
+#define TURNED ((real)0.9)        /* mean of the vertical in a body that was turned over: by more than some 25 degrees */
 #define STEADY ((real)0.985)       /* mean of the vertical in a body that was level: within 10 degrees */
 #define THINNEST ((real)1e-12)     /* semi-axis of a start over the range of the readings */
 
@@ -131,8 +132,8 @@ int fl_may_be_turn(const flinders_record *record, const flinders_options *option
     return options->level && options->prior > 0 && !fl_is_informed(options);
 }
 
-/* What accelerations show of a level turn about z: 0 where z is not within 30 degrees of the vertical on average, 2 where the
- * body was level, 1 where there are none or it was tilted. */
+/* What accelerations show of a level turn about z: 0 where z is not within 30 degrees of the vertical on average or the body
+ * was turned over, 2 where it was level, 1 where there are none or it was tilted. */
 int flinders_levelness(const real *acceleration, size_t rows)
 {
     real sum[3] = {0}, count = 0;
@@ -143,6 +144,6 @@ int flinders_levelness(const real *acceleration, size_t rows)
         count++;
     }
     const real length = fl_sqrt(sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]);
-    if (fl_abs(sum[2]) < VERTICAL * length) return 0;
+    if (fl_abs(sum[2]) < VERTICAL * length || length < TURNED * count) return 0;
     return count > 0 && length > STEADY * count ? 2 : 1;
 }

@@ -364,7 +364,7 @@ def sentence(fit: Fit, limit_deg: float | None = None, *, advises: bool = True) 
     >>> from flinders import simulate
     >>> from flinders.fitting import calibrate
     >>> sentence(calibrate.fit(simulate.tumble(seed=1, motion="tilted").samples))
-    'Headings are good to 0.27° (95 % within 0.64°), up to 30° of tilt. The target is 1°.'
+    'Headings are good to 0.57° (95 % within 1.4°), up to 17° of tilt. The target is 1°.'
     """
     if fit.judgement.is_flat:
         return "All readings lie in one plane, so nothing is known about other attitudes."
