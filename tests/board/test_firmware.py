@@ -23,8 +23,8 @@ import flinders
 from flinders import simulate
 from flinders.apps.board import package
 from flinders.cli import main
-from flinders.estimators import Likelihood, Readings
 from flinders.errors import OutputError, OutputExists
+from flinders.estimators import Likelihood, Readings
 from flinders.findings.catalogue import OF_A_FIT, QUANTITIES
 from flinders.heading.guidance import guide
 from flinders.links import motioncal

@@ -258,7 +258,7 @@ def test_the_ellipse_of_an_arc_is_as_good_as_it_claims(arc: float, trials: Choos
     for seed in claim.seeds:
         fit = judged(read(np.linspace(0.0, arc, 60), seed, noise=0.1), method="ellipse", target_deg=20.0)
         scores.append(np.sqrt(np.mean(off_deg(fit.calibration) ** 2)) / fit.heading_error_deg.rms)
-    low, high = claim.ratios(0.5 if arc > 120.0 else 0.2, 1.5)  # a field that varies with the place hides in a short arc
+    low, high = claim.ratios(0.5 if arc > 120.0 else 0.2, 1.5)  # how the field varies with the place hides in an arc
     assert low < np.sqrt(np.mean(np.square(scores))) < high
 
 
