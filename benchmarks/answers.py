@@ -1,16 +1,15 @@
-"""Whether ``flinders check`` answers truly: holds, fails or cannot tell, of calibrations that are off by a known angle. Markdown.
+"""Whether ``flinders check`` answers truly: holds, fails or cannot tell. Markdown.
 
     python -m benchmarks.answers [--trials 200] [--processes 2]
 
-A sensor is calibrated from a tumble of a minute. Offset and soft iron of that calibration are then moved until a level
-heading is off by so much at the worst, and the calibration is checked on a recording of the sensor as the row says, with
-0.5 µT of white noise and, every other time, as much noise that lasts for one to four seconds. Of every other
-calibration nothing is claimed, as of one that was imported. The target is 1°.
+A sensor is calibrated from a tumble of a minute. Offset and soft iron of that calibration are moved until a level
+heading is off by a known angle at the worst, and the calibration is checked on a recording as the row says, with
+0.5 µT of white noise and, every other time, as much noise that lasts for one to four seconds. Every other calibration
+states no uncertainty, as one that was imported. The target is 1°.
 
-Calibrations that are off are so by 0.5° to 2°, those that hold by 0° to 0.9°, half of them by 0°. A wrong answer is
-*holds* where the calibration is off by more than the target, and *fails* where it is off by less. The column of claims
-has the median bound (95 %) of the difference where the answer is *cannot tell*, and beside it the bound that would
-have told.
+Calibrations that are off are so by 0.5° to 2°; those that hold by 0° to 0.9°, half of them by 0°. A wrong answer is
+*holds* beyond the target, and *fails* within it. The last column has the median claim (95 %) of the difference where
+the answer is *cannot tell*, and the claim that would have told.
 """
 
 from __future__ import annotations
@@ -153,7 +152,7 @@ def apart_deg(one: Calibration, other: Calibration) -> float:
 
 def table(trials: Sequence[Trial]) -> Iterator[str]:
     """Answers of each kind of recording, and of all."""
-    yield "| recording | holds | wrongly | fails | wrongly | cannot tell | claims where it cannot tell, needed |"
+    yield "| recording | holds | wrongly | fails | wrongly | cannot tell | its claim / that would tell |"
     yield "|---|---:|---:|---:|---:|---:|---:|"
     for row in RECORDINGS:
         yield line(row, [trial for trial in trials if trial.row == row])
@@ -162,15 +161,13 @@ def table(trials: Sequence[Trial]) -> Iterator[str]:
 
 def line(title: str, trials: Sequence[Trial]) -> str:
     """Answers of some trials."""
-    count, wrong = (
-        Counter(trial.answer for trial in some) for some in (trials, [one for one in trials if one.is_wrong])
-    )
+    count = Counter(trial.answer for trial in trials)
+    wrong = Counter(trial.answer for trial in trials if trial.is_wrong)
     vague = [one for one in trials if one.answer == "cannot-tell" and math.isfinite(one.telling_deg)]
     claims = "–"
     if vague:
-        claims = " / ".join(
-            f"{np.median([getattr(one, of) for one in vague]):.2f}°" for of in ("bound_deg", "telling_deg")
-        )
+        medians = (np.median([getattr(one, of) for one in vague]) for of in ("bound_deg", "telling_deg"))
+        claims = " / ".join(f"{median:.2f}°" for median in medians)
     cells = count["holds"], wrong["holds"], count["fails"], wrong["fails"], count["cannot-tell"], claims
     return f"| {title} | {' | '.join(map(str, cells))} |"
 

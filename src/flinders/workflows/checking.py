@@ -75,8 +75,7 @@ class Check:
 
     @property
     def limiting(self) -> Finding | None:
-        """The finding of the fresh fit to mend first for an answer; None where there is one, or the calibration's claim
-        is what is too wide."""
+        """The finding of the fresh fit to mend first for an answer; None if there is one or another claim is wider."""
         is_fresh = self.comparison is None or self.comparison.wider_claim == "b"
         limits = (each for each in self.fresh.findings if each.severity != "note")
         return next(limits, None) if self.answer == "cannot-tell" and is_fresh and not self.made_from else None
