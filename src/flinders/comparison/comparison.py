@@ -1,6 +1,6 @@
 """Do two calibrations of one sensor say the same? In degrees of heading, and against what they claim.
 
-The engine answers (`flinders_answer` of ``compare.c``), as it does on the live page.
+The engine answers (`flinders_holds` of ``compare.c``), as it does on the live page.
 
 >>> from dataclasses import replace
 >>> from flinders import simulate

@@ -108,7 +108,7 @@ int flinders_compare(const flinders_calibrated *first, const flinders_calibrated
 }
 
 /* Whether a difference in heading is within a target. */
-int flinders_answer(real worst_deg, real sigma_deg, real bound_deg, real p_value, real target_deg)
+int flinders_holds(real worst_deg, real sigma_deg, real bound_deg, real p_value, real target_deg)
 {
     const int is_beyond = worst_deg - (real)FLINDERS_ONE_SIDED * sigma_deg > target_deg;
     const int is_by_chance = sigma_deg > 0 && !(p_value < (real)FLINDERS_CHANCE);

@@ -63,7 +63,7 @@ class Faults(Library):
         >>> [Faults().answer(worst_deg, **claim) for worst_deg in (0.5, 0.8, 1.2, 1.4)]
         ['holds', 'cannot-tell', 'cannot-tell', 'fails']
         """
-        place: int = self._library.flinders_answer(worst_deg, sigma_deg, bound_deg, p_value, target_deg)
+        place: int = self._library.flinders_holds(worst_deg, sigma_deg, bound_deg, p_value, target_deg)
         return ANSWERS[place]
 
     def drift(self, field: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, dip_deg: float = 60.0) -> Records:

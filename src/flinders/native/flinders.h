@@ -517,7 +517,7 @@ FLINDERS_API int flinders_compare(const flinders_calibrated *first, const flinde
 /* Whether a difference in heading is within a target, as `flinders_difference` has it. FLINDERS_HOLDS: together with its bound.
  * FLINDERS_FAILS: it is beyond the target by more than FLINDERS_ONE_SIDED sigma, and by FLINDERS_CHANCE more than chance
  * explains. FLINDERS_CANNOT_TELL: neither, as where a number is NaN. Of two that are exact nothing is left to chance. */
-FLINDERS_API int flinders_answer(flinders_real worst_deg, flinders_real sigma_deg, flinders_real bound_deg,
+FLINDERS_API int flinders_holds(flinders_real worst_deg, flinders_real sigma_deg, flinders_real bound_deg,
                                  flinders_real p_value, flinders_real target_deg);
 
 /* Largest angle of readings (rows, 3) from their mean, degrees, by a shape that is known. */

@@ -212,7 +212,7 @@ export class Engine {
      * @returns {number} Place in the answers of the program's data.
      */
     answer({ worst_deg, sigma_deg, bound_deg, p_value }, targetDeg) {
-        return this.call.flinders_answer(worst_deg, sigma_deg, bound_deg, p_value, targetDeg);
+        return this.call.flinders_holds(worst_deg, sigma_deg, bound_deg, p_value, targetDeg);
     }
 
     /**
