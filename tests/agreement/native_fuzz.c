@@ -272,6 +272,8 @@ static void compare(const flinders_record *first, const flinders_record *second)
     const int status = flinders_compare(both, both + 1, uniform() < 0.9 ? 60 : anything(), &apart);
     REQUIRE(status >= 0 && status <= 9 && apart.freedom >= 0 && apart.freedom <= 9);
     REQUIRE(!(apart.p_value < 0) && !(apart.p_value > 1));
+    const int answer = flinders_holds(apart.worst_deg, apart.sigma_deg, apart.bound_deg, apart.p_value, 1);
+    REQUIRE(answer >= FLINDERS_HOLDS && answer <= FLINDERS_CANNOT_TELL);
 }
 
 /* Renew the calibration of a record, or one of anything; returns 1 if that gave a calibration. */

@@ -147,3 +147,6 @@ def test_two_calibrations_are_as_far_apart_as_flinders_compare_says(strengths: t
         [heading.rms, heading.worst, expected.chi_square, expected.freedom, expected.p_value],
         rtol=1e-8,
     )
+    assert expected.claimed_deg is not None
+    assert found["sigma_deg"] == pytest.approx(expected.claimed_deg.worst, rel=1e-8)
+    assert found["bound_deg"] == pytest.approx(expected.claimed_bound_deg, rel=1e-8)

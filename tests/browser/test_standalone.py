@@ -147,7 +147,7 @@ def test_a_log_that_is_dropped_gets_a_verdict_and_a_file_that_flinders_reads(vis
     np.testing.assert_allclose(saved.calibration.matrix, fit.calibration.matrix, atol=5e-4)
     assert saved.verdict == fit.verdict
     page.locator("#previous-file").set_input_files(tmp_path / "cal.json")
-    expect(page.locator("#previous-words")).to_contain_text("cal.json: It agrees with this one")
+    expect(page.locator("#previous-words")).to_contain_text("cal.json: It still holds")
     page.locator("#refresh").check()
     expect(page.locator("#previous-words")).to_contain_text("cal.json: Its soft iron is kept")
     until(page, "flinders.store.state.refreshing && flinders.store.state.phase === 'good'")

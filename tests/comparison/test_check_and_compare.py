@@ -30,18 +30,26 @@ if TYPE_CHECKING:
 
 HEADER = "mx_uT,my_uT,mz_uT"
 KEYS = [
-    "verdict", "is_conclusive", "heading_difference_deg", "claimed_deg", "ratio", "chi_square", "freedom", "p_value",
+    "answer", "heading_difference_deg", "claimed_deg", "largest_deg", "telling_bound_deg", "wider_claim", "ratio",
+    "chi_square", "freedom", "p_value",
     "direction_difference_deg", "offset_difference", "offset_sigma", "offset_share", "unit", "scale_difference",
     "is_scale_known",
 ]  # fmt: skip
 
 
 def record(
-    name: str, seed: int, *, offset: float = 0.0, motion: str = "uniform", header: str = HEADER, factor: float = 1.0
+    name: str,
+    seed: int,
+    *,
+    offset: float = 0.0,
+    motion: str = "uniform",
+    header: str = HEADER,
+    factor: float = 1.0,
+    n: int | None = None,
 ) -> None:
     """Write a recording of the sensor, its offset moved by so many µT."""
     sensor: Sensor = replace(TUMBLED_SENSOR, offset=TUMBLED_SENSOR.offset + np.array([offset, 0, 0]))
-    field = factor * simulate.tumble(seed=seed, motion=motion, sensor=sensor).samples.field
+    field = factor * simulate.tumble(seed=seed, motion=motion, n=n, sensor=sensor).samples.field
     rows = [",".join(f"{value:.4f}" for value in row) for row in field]
     Path(name).write_text("\n".join([header, *rows, ""] if header else [*rows, ""]), encoding="utf-8")
 
@@ -69,16 +77,16 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_two_calibrations_of_a_sensor_agree() -> None:
     ended = flinders_("compare", "monday.json", "tuesday.json")
     assert (ended.code, ended.err) == (0, "")
-    assert "AGREE  heading within" in ended.out
+    assert "AGREE  headings within" in ended.out
 
 
-@pytest.mark.parametrize(("offset", "code", "verdict"), [(0.3, 3, "differ"), (5.0, 4, "contradict")])
-def test_a_sensor_that_changed(offset: float, code: int, verdict: str) -> None:
+@pytest.mark.parametrize(("offset", "code", "answer"), [(0.3, 3, "cannot-tell"), (5.0, 4, "fails")])
+def test_a_sensor_that_changed(offset: float, code: int, answer: str) -> None:
     record("later.csv", 5, offset=offset)
     flinders_("calibrate", "later.csv", "-o", "later.json")
     for words in (("compare", "monday.json", "later.json"), ("check", "monday.json", "later.csv")):
         ended = flinders_(*words, "--json")
-        assert (ended.code, ended.json["verdict"]) == (code, verdict)
+        assert (ended.code, ended.json["answer"]) == (code, answer)
         assert flinders_(*words).code == code
 
 
@@ -93,9 +101,11 @@ def test_compare_prints_the_fields_of_the_python_object() -> None:
 
 def test_calibrations_too_vague_to_tell_end_with_3() -> None:
     ended = flinders_("compare", "monday.json", "tuesday.json", "--target", "0.1", "--json")
-    assert ended.json["verdict"] == "agree"
-    assert (ended.code, ended.json["is_conclusive"]) == (3, False)
-    assert "too little to tell 0.1°" in flinders_("compare", "monday.json", "tuesday.json", "--target", "0.1").out
+    assert (ended.code, ended.json["answer"]) == (3, "cannot-tell")
+    assert ended.json["largest_deg"] > 0.1
+    shown = " ".join(flinders_("compare", "monday.json", "tuesday.json", "--target", "0.1").out.split())
+    assert f"CANNOT TELL headings up to {ended.json['heading_difference_deg']['worst']:.2f}° apart" in shown
+    assert f"the wider is that of {ended.json['wider_claim'].upper()}" in shown
 
 
 def test_a_file_without_a_covariance_is_exact() -> None:
@@ -105,7 +115,7 @@ def test_a_file_without_a_covariance_is_exact() -> None:
     assert ended.json["chi_square"] > flinders_("compare", "monday.json", "tuesday.json", "--json").json["chi_square"]
     edit("monday.json", "other.json", fit=None)
     ended = flinders_("compare", "other.json", "bare.json")
-    assert ended.code == 3
+    assert ended.code == 0
     assert "nothing is left to chance" in " ".join(ended.out.split())
     found = flinders_("compare", "other.json", "bare.json", "--json").json
     assert (found["p_value"], found["claimed_deg"], found["offset_sigma"]) == (None, None, None)
@@ -129,7 +139,7 @@ def test_a_calibration_holds_on_another_recording() -> None:
     ended = flinders_("check", "monday.json", "tuesday.csv")
     assert ended.code == 0
     assert ended.err == "tuesday.csv: columns mx_uT, my_uT, mz_uT in uT; comma-separated; 1,000 readings\n"
-    assert "HOLDS  heading within" in ended.out
+    assert "HOLDS  headings within" in ended.out
 
 
 def test_a_calibration_checked_on_its_own_recording_proves_nothing() -> None:
@@ -139,7 +149,7 @@ def test_a_calibration_checked_on_its_own_recording_proves_nothing() -> None:
     shown = " ".join(ended.out.split())
     assert ended.code == 3
     assert "HOLDS" not in shown
-    assert "NO CHECK a calibration fits its own readings, however the sensor has changed: this proves nothing" in shown
+    assert "CANNOT TELL a calibration fits its own readings, however the sensor has changed" in shown
     assert "! copy.csv went into this calibration: check it on a recording made since" in shown
     both = flinders_("check", "made.json", "tuesday.csv", "copy.csv", "--json")
     assert (both.code, both.json["own_recordings"]) == (3, ["copy.csv"])
@@ -155,7 +165,7 @@ def test_calibrations_that_leave_any_angle_say_so() -> None:
     ended = flinders_("compare", "monday.json", "wide.json")
     assert ended.code == 3
     assert "headings any angle apart" in " ".join(ended.out.split())
-    assert "too little to tell" in " ".join(ended.out.split())
+    assert "give or take any angle (95 %)" in " ".join(ended.out.split())
     replace(first, calibration=moved).save("far.json")
     assert "headings any angle apart, more than the target" in " ".join(
         flinders_("compare", "monday.json", "far.json").out.split()
@@ -173,11 +183,13 @@ def test_angles_and_shares_that_round_to_nothing_have_no_sign() -> None:
     assert "0.00%" in shown
 
 
-def test_each_verdict_that_limits_says_what_to_do() -> None:
+def test_an_answer_that_cannot_be_told_says_what_to_do() -> None:
     record("later.csv", 5, offset=0.3)
     assert "a new calibration will be better" in " ".join(flinders_("check", "monday.json", "later.csv").out.split())
     vague = flinders_("compare", "monday.json", "tuesday.json", "--target", "0.1").out
-    assert "record for longer" in " ".join(vague.split())
+    assert "calibrate again, from a longer recording" in " ".join(vague.split())
+    record("short.csv", 9, n=150)
+    assert "record for longer" in " ".join(flinders_("check", "monday.json", "short.csv").out.split())
 
 
 def test_check_says_what_was_skipped_where_too_little_is_left() -> None:
@@ -187,7 +199,7 @@ def test_check_says_what_was_skipped_where_too_little_is_left() -> None:
 
 def test_check_compares_with_a_fresh_fit() -> None:
     found = flinders_("check", "monday.json", "tuesday.csv", "--json").json
-    assert list(found) == [*KEYS, "residual", "own_recordings", "fresh"]
+    assert list(found) == [*KEYS, "residual", "own_recordings", "limiting_finding", "fresh"]
     assert found["own_recordings"] == []
     compared = flinders_("compare", "monday.json", "tuesday.json", "--json").json
     for key in ("heading_difference_deg", "claimed_deg", "chi_square", "offset_difference", "p_value"):
@@ -208,24 +220,39 @@ def test_a_recording_too_poor_to_tell_ends_with_3_and_says_what_to_do() -> None:
     record("deck.csv", 6, motion="tilted")
     ended = flinders_("check", "monday.json", "deck.csv")
     assert ended.code == 3
-    assert "with these limits of the recording" in " ".join(ended.out.split())
+    assert "the wider is the recording's with 0.67°: mend its first limit:" in " ".join(ended.out.split())
+    assert flinders_("check", "monday.json", "deck.csv", "--json").json["limiting_finding"] == "coverage"
     assert "for all attitudes, hold the sensor with its −z side down" in " ".join(ended.out.split())
 
 
-def test_a_recording_that_cannot_be_fitted_ends_with_4_and_says_what_it_does_show() -> None:
+def test_a_level_turn_tells_with_its_limits() -> None:
+    record("turn.csv", 6, motion="level")
+    ended = flinders_("check", "monday.json", "turn.csv")
+    assert ended.code == 0
+    assert "HOLDS headings within" in " ".join(ended.out.split())
+    assert "with these limits of the recording" in " ".join(ended.out.split())
+
+
+def test_a_recording_that_cannot_be_fitted_ends_with_3_and_says_what_it_does_show() -> None:
     record("still.csv", 7)
     lines = Path("still.csv").read_text(encoding="utf-8").splitlines()
     held = simulate.tumble(seed=7, motion="uniform", sensor=TUMBLED_SENSOR).directions[:, 2] > 0.95
     Path("still.csv").write_text("\n".join([lines[0], *np.array(lines[1:])[held], ""]), encoding="utf-8")
     ended = flinders_("check", "monday.json", "still.csv")
-    assert (ended.code, ended.out) == (4, "")
+    assert (ended.code, ended.out) == (3, "")
     shown = " ".join(ended.err.split())
     assert re.search(r"CANNOT TELL whether monday.json holds.* its strength is (?:1\.00|0\.99)", shown)
     assert "the heading may be off by" in " ".join(ended.err.split())
     found = flinders_("check", "monday.json", "still.csv", "--json").json
-    assert (found["verdict"], found["error"]["code"]) == ("refused", "refused")
+    assert (found["answer"], found["verdict"]) == ("cannot-tell", "refused")
+    assert (found["error"]["code"], found["error"]["exit_code"]) == ("refused", 3)
     Path("short.csv").write_text(f"{HEADER}\n1,2,3\n2,3,4\n", encoding="utf-8")
-    assert flinders_("check", "monday.json", "short.csv").code == 4
+    ended = flinders_("check", "monday.json", "short.csv")
+    assert ended.code == 3
+    assert "cannot tell: 2 usable readings" in ended.err
+    found = flinders_("check", "monday.json", "short.csv", "--json").json
+    assert (found["answer"], found["error"]["code"]) == ("cannot-tell", "too-few-samples")
+    assert found["error"]["exit_code"] == 3
 
 
 def test_unit_and_axes_come_from_the_calibration() -> None:
@@ -339,7 +366,7 @@ def test_a_drift_that_no_fit_survives_is_followed_by_the_calibration(tmp_path: P
     runner = CliRunner()
     runner.invoke(main, ["calibrate", str(tmp_path / "still.csv"), "-o", known])
     ended = runner.invoke(main, ["check", known, moving, "--drift"])
-    assert ended.exit_code == 4
+    assert ended.exit_code == 3
     assert "drift under the calibration: the offset moved by up to" in ended.output
     told = json.loads(runner.invoke(main, ["check", known, moving, "--drift", "--json"]).stdout)
     assert told["verdict"] == told["fresh"]["verdict"] == "refused"
@@ -353,7 +380,7 @@ def test_an_aided_calibration_is_checked_without_its_rotation(tmp_path: Path) ->
     calibration = calibrated_with_a_turn(tmp_path)
     write_tumble(tmp_path / "later.csv", seed=9)
     told = json.loads(CliRunner().invoke(main, ["check", calibration, str(tmp_path / "later.csv"), "--json"]).stdout)
-    assert told["verdict"] == "agree"
+    assert told["answer"] == "holds"
     assert told["heading_difference_deg"]["worst"] < 4.0 * told["claimed_deg"]["worst"]
     assert told["omitted_rotation_deg"] == pytest.approx(12.0)
 

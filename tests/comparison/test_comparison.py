@@ -13,7 +13,7 @@ from tests.worlds import RANDOM_SENSOR
 
 import flinders
 from flinders import simulate
-from flinders.comparison.comparison import Strength, compare
+from flinders.comparison.comparison import CHANCE, Strength, compare
 from flinders.comparison.pairs import EllipsoidPairs, Pairs
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
@@ -64,7 +64,8 @@ def test_chance_explains_the_difference_as_often_as_it_says(field_strength: floa
     assert np.mean(chances < 0.05) <= 0.05 + 0.06 * claim.widening
     assert abs(np.mean(chances) - 0.5) < 0.1 * claim.widening
     assert {pair.freedom for pair in pairs} == {8 if field_strength is None else 9}
-    assert sum(pair.verdict == "agree" for pair in pairs) >= (1.0 - 0.04 * claim.widening) * claim.count
+    assert sum(chances < CHANCE) <= 0.04 * claim.widening * claim.count
+    assert "fails" not in {pair.answer for pair in pairs}
     ratios = np.array([pair.ratio for pair in pairs], float)
     low, high = claim.ratios(0.85, 1.15)
     assert low < np.sqrt(np.mean(ratios**2)) < high
@@ -83,19 +84,50 @@ def test_chance_is_that_of_the_chi_square_distribution(freedom: int) -> None:
 # what has changed
 
 
-def test_a_moved_offset_contradicts() -> None:
+def test_after_its_offset_moved_a_calibration_fails() -> None:
     found = compare(judged(0), judged(1, moved=5.0))
-    assert found.verdict == "contradict"
+    assert found.answer == "fails"
     npt.assert_allclose(found.offset_difference, [5.0, 0.0, 0.0], atol=0.5)
     assert found.offset_share == pytest.approx(0.1, rel=0.2)  # of the radius found, which is that of field and scale
     assert found.p_value is not None
     assert found.p_value < 1e-10
 
 
-def test_a_change_of_no_consequence_differs() -> None:
-    found = compare(judged(0, n=4000), judged(1, n=4000, moved=0.3))
-    assert found.verdict == "differ"
-    assert compare(judged(0, n=4000), judged(1, n=4000, moved=0.3), target_deg=0.1).verdict == "contradict"
+def test_a_change_of_no_consequence_holds_and_one_near_the_target_cannot_be_told() -> None:
+    first, second = judged(0, n=4000), judged(1, n=4000, moved=0.3)
+    found = compare(first, second)
+    assert found.p_value is not None
+    assert found.p_value < CHANCE
+    assert found.answer == "holds"
+    assert compare(first, second, target_deg=0.1).answer == "fails"
+    near = compare(first, second, target_deg=1.01 * found.worst_deg)
+    assert near.answer == "cannot-tell"
+    assert near.telling_bound_deg == pytest.approx(0.01 * found.worst_deg)
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.2])
+def test_the_claim_that_would_tell_does(factor: float) -> None:
+    first, second = judged(0), judged(1, moved=0.3)
+    target_deg = factor * compare(first, second).worst_deg
+    found = compare(first, second, target_deg=target_deg)
+    assert found.answer == "cannot-tell"
+    assert found.telling_bound_deg is not None
+    assert found.claimed_bound_deg is not None
+    for share, answer in ((0.99, "fails" if factor < 1.0 else "holds"), (1.01, "cannot-tell")):
+        narrower = (share * found.telling_bound_deg / found.claimed_bound_deg) ** 2
+        claims = (claiming(one, narrower * np.asarray(one.claim.covariance)) for one in (first, second))
+        assert compare(*claims, target_deg=target_deg).answer == answer
+
+
+def test_the_wider_claim_is_named() -> None:
+    first, second = judged(0), claiming(judged(1), 9.0 * np.asarray(judged(1).claim.covariance))
+    found = compare(first, second, target_deg=0.1)
+    assert (found.answer, found.wider_claim) == ("cannot-tell", "b")
+    assert compare(second, first, target_deg=0.1).wider_claim == "a"
+    bounds = found.own_bounds_deg
+    assert bounds is not None
+    assert bounds[1] == pytest.approx(3.0 * bounds[0], rel=0.1)
+    assert found.claimed_bound_deg == pytest.approx(np.hypot(*bounds), rel=0.05)
 
 
 def test_the_heading_difference_is_the_one_of_the_offset() -> None:
@@ -115,14 +147,14 @@ def test_a_rotation_that_one_alone_knows_is_left_out(angles: tuple[float, float,
     one, turn = judged(0), euler(*angles)
     matrix = turn @ one.calibration.matrix
     found = compare(one, changed(one, matrix=matrix, rotation="estimated"))
-    assert (found.verdict, found.rotation) == ("agree", None)
+    assert (found.answer, found.rotation) == ("holds", None)
     assert found.heading_difference_deg.worst == pytest.approx(0.0, abs=1e-9)
     assert found.direction_difference_deg == pytest.approx(0.0, abs=1e-5)
     cosine = (np.trace(turn) - 1.0) / 2.0
     assert found.omitted_rotation_deg == pytest.approx(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))), abs=1e-6)
 
 
-def test_two_rotations_that_differ_are_said_to_and_are_no_verdict_on_the_ellipsoids() -> None:
+def test_two_rotations_that_differ_beyond_chance_and_target_fail() -> None:
     """A sensor that was turned in its mounting by 3°, known to 0.1° about each axis both times."""
     one = judged(0)
     aiding = Aiding(rotation_covariance=np.deg2rad(0.1) ** 2 * np.eye(3))
@@ -137,10 +169,12 @@ def test_two_rotations_that_differ_are_said_to_and_are_no_verdict_on_the_ellipso
     assert found.rotation is not None
     npt.assert_allclose(found.rotation.vector_deg, [0.0, 0.0, 3.0], atol=1e-9)
     assert found.rotation.angle_sigma_deg == pytest.approx(0.1 * np.sqrt(2.0))
-    assert (found.verdict, found.is_turned) == ("agree", True)
+    assert (found.answer, found.is_turned, found.is_turned_beyond_target) == ("fails", True, True)
+    small = compare(first, second, target_deg=5.0)
+    assert (small.answer, small.is_turned, small.is_turned_beyond_target) == ("holds", True, False)
     assert not compare(first, alike).is_turned
     bare = [Fit.of(each.calibration) for each in (first, second)]
-    assert (compare(*bare).verdict, compare(bare[0], bare[0]).verdict) == ("contradict", "agree")
+    assert (compare(*bare).answer, compare(bare[0], bare[0]).answer) == ("fails", "holds")
 
 
 def test_an_offset_beyond_the_field_is_no_constant_heading() -> None:
@@ -149,7 +183,7 @@ def test_an_offset_beyond_the_field_is_no_constant_heading() -> None:
     for far in (200.0, 1e200):
         found = compare(one, changed(one, offset=np.array([far, 0.0, 0.0])))
         assert found.heading_difference_deg.rms > 60.0
-        assert found.verdict == "contradict"
+        assert found.answer == "fails"
 
 
 def test_the_scale_counts_where_both_fields_are_known() -> None:
@@ -158,7 +192,7 @@ def test_the_scale_counts_where_both_fields_are_known() -> None:
     shape = 1.1 * one.calibration.shape
     stronger = one.with_calibration(Calibration.from_ellipsoid(one.calibration.offset, shape, raw=Unit.of("uT")))
     found = compare(one, stronger)
-    assert (found.verdict, found.is_scale_known) == ("agree", False)
+    assert (found.answer, found.is_scale_known) == ("holds", False)
     assert found.scale_difference == pytest.approx(0.1)
     assert found.chi_square == pytest.approx(0.0, abs=1e-6)
     known = [
@@ -167,10 +201,12 @@ def test_the_scale_counts_where_both_fields_are_known() -> None:
         ))
         for factor, field in ((1.0, 50.0), (1.1, 55.0), (1.1, 50.0))
     ]  # fmt: skip
-    assert compare(known[0], known[1]).verdict == "agree"
+    assert compare(known[0], known[1]).answer == "holds"
     assert compare(known[0], known[1]).scale_difference == pytest.approx(0.0, abs=1e-12)
     gain = compare(known[0], known[2])
-    assert (gain.verdict, gain.is_scale_known, gain.freedom) == ("differ", True, 9)
+    assert (gain.answer, gain.is_scale_known, gain.freedom) == ("holds", True, 9)
+    assert gain.p_value is not None
+    assert gain.p_value < CHANCE
     assert gain.scale_difference == pytest.approx(0.1)
     assert gain.heading_difference_deg.worst < 0.5
 
@@ -192,13 +228,13 @@ def test_it_makes_no_difference_but_of_sign_which_comes_first() -> None:
         npt.assert_allclose(numbers(forth), numbers(back), rtol=1e-9)  # type: ignore[arg-type]
         assert forth.heading_mean_deg == pytest.approx(-back.heading_mean_deg)
         npt.assert_allclose(forth.offset_difference, -back.offset_difference)
-        assert forth.verdict == back.verdict
+        assert forth.answer == back.answer
 
 
 def test_a_calibration_agrees_with_itself() -> None:
     for one in (judged(0), claiming(judged(0), np.zeros((9, 9)))):
         found = compare(one, one)
-        assert found.verdict == "agree"
+        assert found.answer == "holds"
         assert found.heading_difference_deg.worst < 1e-9
 
 
@@ -213,14 +249,16 @@ def test_a_calibration_without_a_covariance_is_exact() -> None:
     assert half.chi_square is not None
     assert half.chi_square > both.chi_square
     assert (none.chi_square, none.p_value, none.claimed_deg, none.ratio) == (None, None, None, None)
-    assert (none.verdict, none.is_conclusive) == ("differ", True)
-    assert compare(*bare, target_deg=0.001).verdict == "contradict"
+    assert (none.answer, none.telling_bound_deg, none.wider_claim) == ("holds", None, None)
+    assert compare(*bare, target_deg=0.001).answer == "fails"
 
 
-def test_calibrations_that_claim_little_agree_and_do_not_tell() -> None:
+def test_calibrations_that_claim_little_do_not_tell() -> None:
     first, second = (claiming(one, 1e4 * np.asarray(one.claim.covariance)) for one in (judged(0), judged(1)))
     found = compare(first, second)
-    assert (found.verdict, found.is_conclusive) == ("agree", False)
+    assert found.p_value is not None
+    assert found.p_value > CHANCE
+    assert found.answer == "cannot-tell"
 
 
 # doors and gates
@@ -232,7 +270,7 @@ def test_a_file_says_what_the_fit_did(tmp_path: Path) -> None:
     loaded, kept = Fit.load(tmp_path / "a.json"), fit
     npt.assert_array_equal(loaded.claim.covariance, kept.claim.covariance)
     ours, theirs = compare(kept, judged(0)), compare(loaded, judged(0))
-    assert (theirs.verdict, theirs.freedom, theirs.is_conclusive) == (ours.verdict, ours.freedom, ours.is_conclusive)
+    assert (theirs.answer, theirs.freedom) == (ours.answer, ours.freedom)
     for name in ("chi_square", "p_value", "ratio", "direction_difference_deg"):
         assert getattr(theirs, name) == pytest.approx(getattr(ours, name), rel=1e-9), name
 
@@ -309,16 +347,17 @@ def test_a_level_turn_is_held_against_a_calibration_in_the_plane_that_it_knows(t
     ratios = [one.ratio for one in found if one.ratio is not None]
     low, high = claim.ratios(0.7, 1.3)
     assert low < float(np.sqrt(np.mean(np.square(ratios)))) < high
-    assert all(one.is_conclusive for one in found)
+    assert all(one.claimed_deg is not None and one.claimed_deg.worst < 1.0 for one in found)
+    assert "fails" not in {one.answer for one in found}
 
 
 @pytest.mark.parametrize("axes", ["x,y,z", "x,-y,-z"])
 def test_a_shift_across_the_deck_is_seen_by_a_level_turn_and_one_along_the_mast_is_not(axes: str) -> None:
     full, turn = level_and_all_round(3, axes)
     dip = 60.0 if axes == "x,y,z" else -60.0
-    for shift, verdict in (([1.0, 0.0, 0.0], "contradict"), ([0.0, 0.0, 5.0], "agree")):
+    for shift, answer in (([1.0, 0.0, 0.0], "fails"), ([0.0, 0.0, 5.0], "holds")):
         moved = replace(full, calibration=replace(full.calibration, offset=full.calibration.offset + shift))
-        assert compare(moved, turn, dip_deg=dip).verdict == verdict
+        assert compare(moved, turn, dip_deg=dip).answer == answer
 
 
 def test_a_scale_that_is_left_out_is_no_direction_also_of_rounded_covariances() -> None:

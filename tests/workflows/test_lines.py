@@ -54,7 +54,7 @@ def test_a_check_shows_the_verdict_and_the_difference(samples: Samples, fit: Fit
     assert repr(flinders.check(flinders.simulate.tumble(seed=2).samples, fit)).startswith("Check(fails, ")
     refused = flinders.check(samples[:60], fit)
     assert refused.refusal is not None
-    assert repr(refused) == f"Check(refused, {refused.refusal.code}: the recording cannot be fitted)"
+    assert repr(refused) == f"Check(cannot-tell, {refused.refusal.code}: the recording cannot be fitted)"
 
 
 def test_contents_show_the_magnetometers(samples: Samples, tmp_path: Path) -> None:

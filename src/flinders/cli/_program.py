@@ -43,14 +43,15 @@ if TYPE_CHECKING:
     from types import ModuleType
 
     from flinders.findings import Verdict
+    from flinders.native.faults import Answer
 
 GOOD, USAGE, LIMITED, REFUSED, UNREADABLE, UNWRITABLE, INTERNAL, INTERRUPTED = 0, 2, 3, 4, 5, 6, 70, 130
 
 EXIT_CODES: Final = {
     GOOD: "good",
     USAGE: "usage: an option or argument cannot be used",
-    LIMITED: "limited: written, with what it is good for and what not",
-    REFUSED: "refused: nothing written, says why and how to move the sensor",
+    LIMITED: "limited: written, with what it is good for and what not; check, compare: cannot tell",
+    REFUSED: "refused: nothing written, says why and how to move the sensor; check, compare: it fails",
     UNREADABLE: "unreadable input",
     UNWRITABLE: "output cannot be written",
     INTERNAL: "internal error: please report it",
@@ -59,6 +60,12 @@ EXIT_CODES: Final = {
 
 EXITS: Final[dict[Verdict, int]] = {"good": GOOD, "limited": LIMITED, "refused": REFUSED}
 """How a command ends by its verdict."""
+
+ANSWER_EXITS: Final[dict[Answer, int]] = {"holds": GOOD, "cannot-tell": LIMITED, "fails": REFUSED}
+"""How a command ends that says whether a calibration holds."""
+
+BEGINNINGS: Final = {REFUSED: "refused", LIMITED: "cannot tell"}
+"""How the line of an error begins, by how the command ends; else with the word error."""
 
 FIT_KEYS: Final = ("verdict", "method", "calibration", "heading_error_deg", "noise", "coverage", "findings")
 """What every result of ``calibrate --json`` has."""
@@ -145,29 +152,32 @@ def print_error(
     as_json: bool,
     more: Mapping[str, Any] | None = None,
     commands: Sequence[click.Command] | None = None,
+    exit_code: int | None = None,
 ) -> int:
     """Print an error in a line, a refused fit as a page, and either in full as JSON where that was asked for.
 
     `more`: what else the JSON is to hold. `commands`: those whose options may mend it, as `in_options` takes them.
+    `exit_code`: how the program ends where it is not that of the error. Returns how it ends.
     """
+    exit_code = error.exit_code if exit_code is None else exit_code
     words = error_words(error, commands)
     fit = getattr(error, "fit", None)
     if fit is not None and not as_json:
         print_fit(fit, partial(in_options, commands=commands), err=True)
     else:
-        say(f"{'refused' if error.exit_code == REFUSED else 'error'}: {words}")
+        say(f"{BEGINNINGS.get(exit_code, 'error')}: {words}")
     if as_json:
         with contextlib.suppress(OSError):
-            print_json({**_as_dict(error, words), **(more or {})})
-    return error.exit_code
+            print_json({**_as_dict(error, words, exit_code), **(more or {})})
+    return exit_code
 
 
-def _as_dict(error: FlindersError, words: str) -> dict[str, Any]:
+def _as_dict(error: FlindersError, words: str, exit_code: int) -> dict[str, Any]:
     """The error as a result: a refusal has the keys of a fit, with null where there is none."""
     about: dict[str, Any] = {
         "code": error.code,  # stable name, see the table of errors
         "message": words,  # what was found, what is needed, what to do
-        "exit_code": error.exit_code,  # of the program
+        "exit_code": exit_code,  # of the program
         "evidence": error.evidence,  # numbers and names of the message
     }
     if not isinstance(error, FitError):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,13 +11,13 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import in_use, open_all_with, say_exact, saying_what_was_read, stated_site
 from flinders.cli._output import can_show, print_json, progress, say, show
-from flinders.cli._program import GOOD, LIMITED, REFUSED, print_error
+from flinders.cli._program import ANSWER_EXITS, LIMITED, print_error
 from flinders.cli._spelling import in_options
+from flinders.errors import FitError, NeedsSamples
 
 if TYPE_CHECKING:
     from flinders.diagnostics.random_walk import RandomWalk
     from flinders.workflows.checking import Check as Checked
-    from flinders.workflows.checking import Outcome
 
 
 class Check(program.Group):
@@ -45,10 +45,11 @@ Example:
 
 \b
 Exit codes:
-  0  it holds
-  3  it is off by less than the target, or the recording tells too little:
-     it is too poor, or one that the calibration was made from
-  4  it does not hold, or the recording cannot be fitted
+  0  it holds: the heading difference is within the target, with a
+     confidence of 95 %
+  3  cannot tell: the recording or the calibration claims too little, the
+     recording cannot be fitted, or the calibration was made from it
+  4  it fails: the difference is beyond the target, with that confidence
 """,
 )
 def command(options: Check) -> int:
@@ -58,6 +59,20 @@ def command(options: Check) -> int:
     calibration file; a recording that contradicts it is refused. RECORDING is a file, or - for standard
     input; several recordings are fitted together.
     """
+    try:
+        checked = _checked(options)
+    except NeedsSamples:  # no times for --drift
+        raise
+    except FitError as error:
+        return print_error(error, as_json=options.as_json, more={"answer": "cannot-tell"}, exit_code=LIMITED)
+    for finding in checked.extrapolated or ():
+        say(f"! {finding.advice}")
+    _print(checked, as_json=options.as_json)
+    return ANSWER_EXITS[checked.answer]
+
+
+def _checked(options: Check) -> Checked:
+    """Read the recordings in unit and axes of the calibration, and check it."""
     from flinders.core.joining import Joined
     from flinders.likelihood.site_field import Site
     from flinders.workflows.checking import check
@@ -76,21 +91,13 @@ def command(options: Check) -> int:
         if len(parts) == 1 and dip_deg is None:
             stated_site(parts[0], "--dip")
         with saying_what_was_read(parts):
-            checked = check(
+            return check(
                 Joined(tuple(parts)),
                 known,
                 target_deg=options.target_deg,
                 site=None if dip_deg is None else Site(inclination_deg=dip_deg),
                 follow=options.is_followed,
             )
-    for finding in checked.extrapolated or ():
-        say(f"! {finding.advice}")
-    _print(checked, as_json=options.as_json)
-    return EXITS[checked.verdict]
-
-
-EXITS: Final[dict[Outcome, int]] = {"holds": GOOD, "limited": LIMITED, "fails": REFUSED, "refused": REFUSED}
-"""How the command ends."""
 
 
 def _print(checked: Checked, *, as_json: bool) -> None:
@@ -98,7 +105,7 @@ def _print(checked: Checked, *, as_json: bool) -> None:
     from flinders.report.check_page import of_check
 
     if checked.refusal is not None and as_json:
-        print_error(checked.refusal, as_json=True, more=checked.as_dict())
+        print_error(checked.refusal, as_json=True, more=checked.as_dict(), exit_code=LIMITED)
         return
     if as_json:
         print_json(checked.as_dict())

@@ -8,7 +8,7 @@ from flinders.cli import _options as option
 from flinders.cli import _program as program
 from flinders.cli._inputs import is_calibration, is_recording, refuse_recording, say_exact
 from flinders.cli._output import print_result, say, say_difference
-from flinders.cli._program import GOOD, LIMITED, REFUSED
+from flinders.cli._program import ANSWER_EXITS
 from flinders.cli._spelling import in_options
 from flinders.errors import DocumentError, UsageError
 
@@ -36,10 +36,11 @@ Example:
 
 \b
 Exit codes:
-  0  they agree
-  3  they differ by less than the target, or claim too little to tell,
-     or agree and sit otherwise in the body
-  4  they contradict each other
+  0  they agree: the heading difference is within the target, with a
+     confidence of 95 %
+  3  cannot tell: they claim too little
+  4  they contradict each other: the difference, or that of their rotations
+     into the body, is beyond the target, with that confidence
 """,
 )
 def command(options: Compare) -> int:
@@ -60,10 +61,7 @@ def command(options: Compare) -> int:
     if None not in (names := {a.calibration.sensor, b.calibration.sensor}) and len(names) > 1:
         say(f"{first} is for sensor {a.calibration.sensor!r}, {second} for {b.calibration.sensor!r}")
     print_result(comparison.as_dict, lambda: of_comparison(comparison, in_options), as_json=options.as_json)
-    if comparison.verdict == "contradict":
-        return REFUSED
-    is_firm = comparison.is_conclusive and not comparison.is_turned
-    return GOOD if comparison.verdict == "agree" and is_firm else LIMITED
+    return ANSWER_EXITS[comparison.answer]
 
 
 def _load(path: str, other: str) -> Fit:

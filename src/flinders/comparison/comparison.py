@@ -1,15 +1,19 @@
 """Do two calibrations of one sensor say the same? In degrees of heading, and against what they claim.
 
+The engine answers (`flinders_holds` of ``compare.c``), as it does on the live page.
+
 >>> from dataclasses import replace
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
 >>> monday, tuesday = (simulate.tumble(seed=seed, sensor=simulate.Sensor(noise=0.5)) for seed in (1, 2))
 >>> first, second = (calibrate.fit(day.samples) for day in (monday, tuesday))
->>> compare(first, second).verdict
-'agree'
+>>> compare(first, second).answer
+'holds'
 >>> moved = replace(second, calibration=replace(second.calibration, offset=second.calibration.offset + [5, 0, 0]))
->>> compare(first, moved).verdict
-'contradict'
+>>> compare(first, moved).answer
+'fails'
+>>> compare(first, second, target_deg=0.1).answer
+'cannot-tell'
 """
 
 from __future__ import annotations
@@ -28,21 +32,30 @@ from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.geometry.plane import IN_PLANE, to_equator
 from flinders.geometry.rotation import rotation_vectors
 from flinders.geometry.sphere import fibonacci
-from flinders.heading.error_propagation import HeadingError, level_bound_deg
+from flinders.heading.error_propagation import HEADINGS, HeadingError, level_bound_deg
+from flinders.native.engine import engine
+from flinders.native.layouts import limit
 from flinders.summary.pooling import chance_of, chi_square_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
+    from flinders.native.faults import Answer
 
-Opinion = Literal["agree", "differ", "contradict"]
+Wider = Literal["a", "b"]
 
-CHANCE: Final = 0.01
+CHANCE: Final = limit("CHANCE")
 """A difference that chance makes less often than this is more than chance explains."""
 
 DIRECTIONS: Final = fibonacci(400).T
 """(3, 400) unit vectors, over which the direction difference is taken."""
 
+
+SIGMAS_95_OF_3: Final = 2.7955
+"""Standard deviations that the length of three normal numbers is within with a probability of 95 %."""
+
+ONE_SIDED: Final = limit("ONE_SIDED")
+"""Standard deviations that a normal error exceeds, on one side, with a probability of 5 %."""
 
 SAME_DEG: Final = 1e-6
 """Rotations nearer than that are the same but for rounding."""
@@ -138,6 +151,26 @@ class RotationDifference:
         x, y, z = (abs(part) for part in self.vector_deg.tolist())
         return float(z + abs(math.tan(math.radians(dip_deg))) * math.hypot(x, y))
 
+    def heading_sigma_deg(self, dip_deg: float) -> float:
+        """1 σ of what it makes of a level heading, at the worst; NaN without a covariance."""
+        if self.covariance is None:
+            return math.nan
+        headings = np.linspace(0.0, 2.0 * math.pi, HEADINGS, endpoint=False)
+        tilt = math.tan(math.radians(dip_deg))
+        gradient = np.stack([tilt * np.cos(headings), tilt * np.sin(headings), np.ones(HEADINGS)])
+        return math.sqrt(float(np.einsum("ik,ij,jk->k", gradient, self.covariance, gradient).max()))
+
+    def answer_to(self, target_deg: float, dip_deg: float) -> Answer:
+        """Whether headings of the body are within a target, by the rotations alone."""
+        sigma_deg, p_value = self.heading_sigma_deg(dip_deg), self.p_value
+        return engine().answer(
+            self.heading_deg(dip_deg),
+            sigma_deg=sigma_deg,
+            bound_deg=SIGMAS_95_OF_3 * sigma_deg,
+            p_value=math.nan if p_value is None else p_value,
+            target_deg=target_deg,
+        )
+
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return printed(self, "vector_deg", "sigma_deg", "angle_deg", "p_value")
@@ -153,6 +186,7 @@ class Comparison:
     claimed_deg: HeadingError | None
     #: what the heading difference exceeds at no heading with a probability of 95 %, likewise
     claimed_bound_deg: float | None
+    own_bounds_deg: tuple[float, float] | None  #: the same of the claims of a and b alone
     #: angle between the corrected fields, rms over 400 directions spread evenly over the sphere
     direction_difference_deg: float
     offset_difference: Floats  #: (3,), in `unit`
@@ -189,16 +223,28 @@ class Comparison:
         return None if self.chi_square is None else chance_of(self.chi_square, self.freedom)
 
     @property
-    def verdict(self) -> Opinion:
-        """``agree``, ``differ`` or ``contradict``: what to make of the difference.
+    def answer(self) -> Answer:
+        """Whether one holds where the other does: ``holds``, ``fails`` or ``cannot-tell``, with a confidence of 95 %.
 
-        ``agree``: no more than chance explains. ``differ``: more, but no heading by more than the target.
-        ``contradict``: more, and above it. Without any covariance nothing is left to chance.
+        ``holds``: the heading difference is within the target together with its bound. ``fails``: it is beyond the
+        target by more than 1.645 σ, and more than chance explains (p < 0.01); or that of the rotations into the body
+        is. ``cannot-tell``: the claims are too wide for either. Without any covariance nothing is left to chance.
         """
-        by_chance = self.is_nothing if self.p_value is None else self.p_value >= CHANCE
-        if by_chance:
-            return "agree"
-        return "differ" if self.worst_deg <= self.target_deg else "contradict"
+        if self.is_turned_beyond_target:
+            return "fails"
+        return engine().answer(
+            self.worst_deg,
+            sigma_deg=0.0 if self.claimed_deg is None else self.claimed_deg.worst,
+            bound_deg=self.claimed_bound_deg or 0.0,
+            p_value=math.nan if self.p_value is None else self.p_value,
+            target_deg=self.target_deg,
+        )
+
+    @property
+    def is_turned_beyond_target(self) -> bool:
+        """Both know a rotation, and these alone part headings of the body by more than target and chance."""
+        dip_deg = self.heading_difference_deg.dip_deg
+        return self.rotation is not None and self.rotation.answer_to(self.target_deg, dip_deg) == "fails"
 
     @property
     def is_turned(self) -> bool:
@@ -221,9 +267,26 @@ class Comparison:
         return worst + self.rotation.heading_deg(self.heading_difference_deg.dip_deg)
 
     @property
-    def is_conclusive(self) -> bool:
-        """A difference as large as the target would not have passed for chance."""
-        return self.claimed_deg is None or self.claimed_deg.worst <= self.target_deg
+    def largest_deg(self) -> float:
+        """What the heading difference is below with a probability of 95 %: it and its bound."""
+        return self.worst_deg + (self.claimed_bound_deg or 0.0)
+
+    @property
+    def telling_bound_deg(self) -> float | None:
+        """Widest claim (95 %) with which this difference would be answered; None where it is."""
+        if self.answer != "cannot-tell" or self.claimed_deg is None or self.claimed_bound_deg is None:
+            return None
+        if self.worst_deg <= self.target_deg:
+            return self.target_deg - self.worst_deg
+        narrower = (self.worst_deg - self.target_deg) / (ONE_SIDED * self.claimed_deg.worst)
+        return min(narrower * self.claimed_bound_deg, self.worst_deg)
+
+    @property
+    def wider_claim(self) -> Wider | None:
+        """Whose claim limits the answer, that of a or of b; None where there is one."""
+        if self.answer != "cannot-tell" or self.own_bounds_deg is None:
+            return None
+        return "a" if self.own_bounds_deg[0] > self.own_bounds_deg[1] else "b"
 
     @property
     def is_nothing(self) -> bool:
@@ -236,12 +299,12 @@ class Comparison:
         """JSON-ready: what ``--json`` prints; no key of a rotation where nobody knows one."""
         heading = self.heading_difference_deg
         return {
-            "verdict": self.verdict,
-            "is_conclusive": self.is_conclusive,
+            "answer": self.answer,
             "heading_difference_deg": heading.as_dict(
                 mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
             ),
             "claimed_deg": with_bound(self.claimed_deg, self.claimed_bound_deg),
+            **printed(self, "largest_deg", "telling_bound_deg", "wider_claim"),
             **printed(self, "ratio", "chi_square", "freedom", "p_value", "direction_difference_deg"),
             **printed(self, "offset_difference", "offset_sigma", "offset_share", "unit", "scale_difference"),
             "is_scale_known": self.is_scale_known,
@@ -253,7 +316,7 @@ class Comparison:
         heading = self.heading_difference_deg
         chance = "no uncertainty stated" if self.p_value is None else f"p = {self.p_value:.2g}"
         return (
-            f"Comparison({self.verdict}, heading {heading.rms:.2g}° rms, {heading.worst:.2g}° worst, {chance}, "
+            f"Comparison({self.answer}, heading {heading.rms:.2g}° rms, {heading.worst:.2g}° worst, {chance}, "
             f"offset {math.hypot(*self.offset_difference):.3g} {label(self.unit)})"
         )
 
@@ -384,13 +447,18 @@ def _compared(a: Fit, b: Fit, *, dip_deg: float, target_deg: float, is_flat: boo
     rms, worst, mean = (float(each[0]) for each in pair.heading_deg(turn_dip_deg))
     claimed = [float(each[0]) for each in pair.sigmas_deg(turn_dip_deg)]
     middle = Ellipsoid(pair.moved[0], pair.middle[0])
+    bounds = [
+        level_bound_deg(middle, each.covariance[0], dip_deg=turn_dip_deg)
+        for each in (pair, _pair(a, _exact(b))[0], _pair(_exact(a), b)[0])
+    ]
     chi_square, freedom = pair.chi_square(IN_PLANE if is_flat else range(9))
     stated = a.claim.states_uncertainty or b.claim.states_uncertainty
     return Comparison(
         heading_difference_deg=HeadingError(rms, worst, float(dip_deg)),
         heading_mean_deg=mean,
         claimed_deg=HeadingError(claimed[0], claimed[1], float(dip_deg)) if stated else None,
-        claimed_bound_deg=level_bound_deg(middle, pair.covariance[0], dip_deg=turn_dip_deg) if stated else None,
+        claimed_bound_deg=bounds[0] if stated else None,
+        own_bounds_deg=(bounds[1], bounds[2]) if stated else None,
         direction_difference_deg=math.hypot(rms, mean) if is_flat else float(pair.direction_deg(DIRECTIONS)[0]),
         offset_difference=b.calibration.offset - a.calibration.offset,
         offset_sigma=np.sqrt(np.diag(pair.covariance[0])[:3]) if stated else None,
@@ -402,6 +470,11 @@ def _compared(a: Fit, b: Fit, *, dip_deg: float, target_deg: float, is_flat: boo
         target_deg=float(target_deg),
         unit=a.calibration.unit,
     )
+
+
+def _exact(fit: Fit) -> Fit:
+    """The same fit without an uncertainty."""
+    return replace(fit, claim=replace(fit.claim, covariance=np.zeros((9, 9)), structure_deg=0.0))
 
 
 def _left_out_deg(a: Fit, b: Fit) -> float | None:

@@ -21,8 +21,8 @@ since the plane of the readings shows where d is: the antisymmetric part of X, a
 >>> tumbled, turned = (simulate.tumble(seed=1, motion=how, sensor=sensor) for how in ("hand", "level"))
 >>> known, fresh = (calibrate.fit(each.samples) for each in (tumbled, turned))
 >>> level = Levelled.of(known, fresh, turned.samples)
->>> compare_level(level.known, level.fresh, dip_deg=level.dip_deg).verdict
-'agree'
+>>> compare_level(level.known, level.fresh, dip_deg=level.dip_deg).answer
+'holds'
 """
 
 from __future__ import annotations

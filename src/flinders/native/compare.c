@@ -1,8 +1,10 @@
-/* How far two calibrations of one sensor are apart, and whether chance explains it: `flinders.comparison` for one pair.
+/* How far two calibrations of one sensor are apart, whether chance explains it, and whether it is within a target:
+ * `flinders.comparison` for one pair.
  *
  * Readings of one sensor are longer in a stronger field, which says nothing of the sensor. Both ellipsoids are therefore
  * brought to one size; if that is their radius, their common scale is taken out of both covariances.
  */
+#include "judge.h"
 #include "residuals.h"
 
 /* A calibration brought to the size of another. */
@@ -63,15 +65,19 @@ static real turned(const fl_surface *from, const fl_surface *to, real dip_deg, r
     return worst;
 }
 
-/* Compare offsets and shapes with the sum of their covariances. */
-static void by_chance(const sized *first, const sized *second, flinders_difference *out)
+/* Compare offsets and shapes with the sum of their covariances; sigma and bound of the heading follow of the same sum. */
+static void by_chance(const sized *first, const sized *second, const fl_surface *middle, real dip_deg, flinders_difference *out)
 {
-    real apart[9], sum[81];
+    real apart[9], sum[81], rms_deg;
+    fl_bound shared;
     for (int i = 0; i < 3; i++) apart[i] = second->surface.centre[i] - first->surface.centre[i];
     for (int i = 0; i < 6; i++) apart[3 + i] = second->surface.shape[i] - first->surface.shape[i];
     for (int i = 0; i < 81; i++) sum[i] = first->covariance[i] + second->covariance[i];
     out->freedom = fl_chi_square(apart, sum, 9, &out->chi_square);
     out->p_value = fl_chance_of(out->chi_square, (real)out->freedom, 0);
+    fl_bound_begin(&shared);
+    fl_tilted_error(middle, sum, dip_deg, 0, NULL, &rms_deg, &out->sigma_deg);
+    out->bound_deg = out->freedom ? fl_heading_bound(middle, sum, dip_deg, NULL, &shared) : 0;
 }
 
 /* How far two calibrations of one sensor are apart. */
@@ -83,7 +89,7 @@ int flinders_compare(const flinders_calibrated *first, const flinders_calibrated
     sized one, other;
     fl_surface middle;
     real shape[6], squares = 0;
-    const flinders_difference unknown = {nothing, nothing, nothing, nothing, 0};
+    const flinders_difference unknown = {nothing, nothing, nothing, nothing, 0, nothing, nothing};
     *out = unknown;
     if (!(fl_abs(dip_deg) <= 89)) return FLINDERS_BAD_OPTION;
     if (bring(first, 1, &one) || bring(second, 1, &other)) return FLINDERS_NOT_AN_ELLIPSOID;
@@ -97,6 +103,15 @@ int flinders_compare(const flinders_calibrated *first, const flinders_calibrated
     const real back = turned(&other.surface, &one.surface, dip_deg, &squares);
     out->worst_deg = forth > back ? forth : back;
     out->rms_deg = fl_sqrt(squares / (2 * FL_HEADINGS));
-    by_chance(&one, &other, out);
+    by_chance(&one, &other, &middle, dip_deg, out);
     return FLINDERS_OK;
+}
+
+/* Whether a difference in heading is within a target. */
+int flinders_holds(real worst_deg, real sigma_deg, real bound_deg, real p_value, real target_deg)
+{
+    const int is_beyond = worst_deg - (real)FLINDERS_ONE_SIDED * sigma_deg > target_deg;
+    const int is_by_chance = sigma_deg > 0 && !(p_value < (real)FLINDERS_CHANCE);
+    if (worst_deg + bound_deg <= target_deg) return FLINDERS_HOLDS;
+    return is_beyond && !is_by_chance ? FLINDERS_FAILS : FLINDERS_CANNOT_TELL;
 }

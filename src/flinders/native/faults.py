@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
@@ -20,6 +20,12 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.native.layouts import Records
+
+
+Answer = Literal["holds", "fails", "cannot-tell"]
+
+ANSWERS: Final[tuple[Answer, ...]] = ("holds", "fails", "cannot-tell")
+"""Whether a calibration holds, in the order of flinders.h."""
 
 
 class Faults(Library):
@@ -47,6 +53,18 @@ class Faults(Library):
             row["covariance"], row["strength"] = covariance.ravel(), strength
         self._require(self._library.flinders_compare(*rows, dip_deg, difference))
         return difference
+
+    def answer(
+        self, worst_deg: float, *, sigma_deg: float, bound_deg: float, p_value: float, target_deg: float
+    ) -> Answer:
+        """Whether a heading difference is within a target, by what it may err by: 1 σ and, at all headings, 95 %.
+
+        >>> claim = {"sigma_deg": 0.2, "bound_deg": 0.4, "p_value": 1e-6, "target_deg": 1.0}
+        >>> [Faults().answer(worst_deg, **claim) for worst_deg in (0.5, 0.8, 1.2, 1.4)]
+        ['holds', 'cannot-tell', 'cannot-tell', 'fails']
+        """
+        place: int = self._library.flinders_holds(worst_deg, sigma_deg, bound_deg, p_value, target_deg)
+        return ANSWERS[place]
 
     def drift(self, field: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, dip_deg: float = 60.0) -> Records:
         """A record with the fields ``drift_…``: a steady change of readings about a known ellipsoid.

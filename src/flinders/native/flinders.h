@@ -279,7 +279,18 @@ typedef struct flinders_difference {
     flinders_real chi_square;     /* of offset and shape, against the sum of both covariances ... */
     flinders_real p_value;        /* ... how often chance alone makes as much ... */
     int32_t freedom;              /* ... and its degrees of freedom; 0 of two that are exact */
+    flinders_real sigma_deg;      /* of the difference in heading at the worst heading, by the same sum; 0 of two that are exact */
+    flinders_real bound_deg;      /* what that difference errs by at most, at all headings, with a probability of 95 % */
 } flinders_difference;
+
+/* Whether a calibration holds: whether its difference from another is within a target. */
+enum { FLINDERS_HOLDS = 0, FLINDERS_FAILS = 1, FLINDERS_CANNOT_TELL = 2 };
+
+/* A difference that chance makes less often than this is more than chance explains. */
+#define FLINDERS_CHANCE 0.01
+
+/* Standard deviations that a normal error exceeds, on one side, with a probability of 5 %. */
+#define FLINDERS_ONE_SIDED 1.645
 
 /* What a disturbance that was recorded beside the readings explains of their distances from a surface. */
 typedef struct flinders_disturbance {
@@ -507,6 +518,12 @@ FLINDERS_API int flinders_refresh(const flinders_real *field, const flinders_rea
  * expects of a level vehicle that turns. */
 FLINDERS_API int flinders_compare(const flinders_calibrated *first, const flinders_calibrated *second,
                                   flinders_real dip_deg, flinders_difference *difference);
+
+/* Whether a difference in heading is within a target, as `flinders_difference` has it. FLINDERS_HOLDS: together with its bound.
+ * FLINDERS_FAILS: it is beyond the target by more than FLINDERS_ONE_SIDED sigma, and by FLINDERS_CHANCE more than chance
+ * explains. FLINDERS_CANNOT_TELL: neither, as where a number is NaN. Of two that are exact nothing is left to chance. */
+FLINDERS_API int flinders_holds(flinders_real worst_deg, flinders_real sigma_deg, flinders_real bound_deg,
+                                 flinders_real p_value, flinders_real target_deg);
 
 /* Largest angle of readings (rows, 3) from their mean, degrees, by a shape that is known. */
 FLINDERS_API flinders_real flinders_turn_deg(const flinders_real *field, size_t rows, const flinders_real shape[6]);

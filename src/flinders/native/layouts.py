@@ -103,6 +103,14 @@ def constant(name: str) -> int:
     return int(re.findall(rf"FLINDERS_{name} = (\d+)", (HERE / "flinders.h").read_text(encoding="utf-8"))[0])
 
 
+@cache
+def limit(name: str) -> float:
+    """A limit of flinders.h."""
+    return float(
+        re.findall(rf"#define FLINDERS_{name} ([\d.e-]+)", (HERE / "flinders.h").read_text(encoding="utf-8"))[0]
+    )
+
+
 def blank(fields: np.dtype[np.void]) -> Records:
     """One row of a layout, all of it zero; `numpy.zeros` would go through its fields one by one."""
     return np.ndarray((), fields, bytearray(fields.itemsize))

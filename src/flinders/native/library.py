@@ -54,6 +54,7 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "refresh": (_A, _A, _N, _A, _A, _A, _N, _A),
     "turn_deg": (_A, _N, _A),
     "compare": (_A, _A, _D, _A),
+    "holds": (_D, _D, _D, _D, _D),
     "drift": (_A, _N, _A, _A, _D, _A, _N, _A),
     "regress": (_A, _A, _N, _A, _A, _D, _A, _N, _A),
     "sums_begin": (_A, _A, _D),

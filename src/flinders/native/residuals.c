@@ -244,6 +244,7 @@ void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals
 real fl_chance_of(real chi_square, real freedom, real others)
 {
     if (!(freedom > 0) || !(chi_square > 0)) return 1;
+    if (!isfinite(chi_square)) return 0;
     const real ours = 2 / (9 * freedom), theirs = others > 0 ? 2 / (9 * others) : 0, root = fl_cbrt(chi_square / freedom);
     const real normal = ((1 - theirs) * root - (1 - ours)) / fl_sqrt(theirs * root * root + ours);
     return (real)erfc((double)normal / 1.4142135623730951) / 2;

@@ -43,13 +43,12 @@ if TYPE_CHECKING:
     from flinders.heading.error_propagation import DirectionError, HeadingError
     from flinders.targets import Target
 
-AGREEMENT: Final = {
-    "agree": ("AGREE", "HOLDS"), "differ": ("DIFFER", "IS OFF"), "contradict": ("CONTRADICT", "FAILS"),
+TITLES: Final = {
+    "holds": ("AGREE", "HOLDS"), "fails": ("CONTRADICT", "FAILS"), "cannot-tell": ("CANNOT TELL", "CANNOT TELL"),
 }  # fmt: skip
 """Titles of two calibrations, and of one on another recording."""
 
-UNCHECKED, UNTOLD = "NO CHECK", "CANNOT TELL"
-"""Titles of a calibration that agrees with its own recording, and of one of which a recording tells too little."""
+UNCHECKED: Final = "a calibration fits its own readings, however the sensor has changed: this proves nothing"
 
 TURNED: Final = (
     "their rotations into the body differ by more than chance explains: the sensor was turned in its mounting, or an "
@@ -78,7 +77,8 @@ def of_comparison(
     """
     found = () if fresh is None else fresh.findings
     limits = [advice(finding, spell) for finding in found if finding.severity == "limits"]
-    said = _comparison_verdict(comparison, fresh, own, limits)
+    is_unchecked = bool(own) and comparison.answer == "holds"
+    said = _comparison_verdict(comparison, fresh, limits, is_unchecked=is_unchecked)
     if own:
         limits.insert(0, f"{' and '.join(own)} went into this calibration: check it on a recording made since")
     if comparison.is_turned:
@@ -96,7 +96,7 @@ def of_untold(known: Fit, fit: Fit, strength: Strength, spell: Spelling = in_pyt
         f"{known.noise / known.calibration.ellipsoid.radius:.1%}:"
     )
     reasons = ((finding.severity, advice(finding, spell)) for finding in shown_findings(fit))
-    return Group(page(verdict(UNTOLD, "limited", words, basis)), notes(reasons))
+    return Group(page(verdict(TITLES["cannot-tell"][1], "limited", words, basis)), notes(reasons))
 
 
 def of_evaluation(evaluation: Evaluation) -> RenderableType:
@@ -148,22 +148,21 @@ def _strengths(known: Strength, fresh: Strength) -> Table:
     return table(("corrected with", "strength", "spread"), rows)
 
 
-def _comparison_verdict(comparison: Comparison, fresh: Fit | None, own: Sequence[str], limits: Sequence[str]) -> Table:
-    """What to make of it, and what it rests on."""
+def _comparison_verdict(
+    comparison: Comparison, fresh: Fit | None, limits: Sequence[str], *, is_unchecked: bool
+) -> Table:
+    """The answer, and what it rests on."""
     basis = _square_basis(comparison.heading_difference_deg, comparison.chi_square, comparison.freedom)
     if comparison.omitted_rotation_deg is not None:
         omitted = degrees(comparison.omitted_rotation_deg)
         basis += f"; the rotation into the body of {omitted}, known to one alone, is left out"
     if fresh is not None:
         basis += f"; {counted(fresh.samples, 'reading')}, {fresh.coverage.fraction:.0%} of the sphere covered"
-    is_firm = comparison.is_conclusive and not limits and not own and not comparison.is_turned
-    colour = {"agree": "good" if is_firm else "limited", "differ": "limited", "contradict": "refused"}
-    title, words = AGREEMENT[comparison.verdict][fresh is not None], _words(comparison, is_limited=bool(limits))
-    title = UNTOLD if comparison.verdict == "agree" and not comparison.is_conclusive else title
-    if own and comparison.verdict == "agree":
-        title = UNCHECKED
-        words = "a calibration fits its own readings, however the sensor has changed: this proves nothing"
-    return verdict(title, colour[comparison.verdict], words, basis)
+    answer = "cannot-tell" if is_unchecked else comparison.answer
+    is_firm = not limits and not comparison.is_turned
+    colour = {"holds": "good" if is_firm else "limited", "fails": "refused", "cannot-tell": "limited"}[answer]
+    words = UNCHECKED if is_unchecked else _words(comparison, fresh, is_limited=bool(limits))
+    return verdict(TITLES[answer][fresh is not None], colour, words, basis)
 
 
 def _square_basis(error: HeadingError, square: float | None, freedom: int) -> str:
@@ -175,21 +174,53 @@ def _square_basis(error: HeadingError, square: float | None, freedom: int) -> st
     return f"{level}; χ² {size} for {freedom} degrees of freedom"
 
 
-def _words(comparison: Comparison, *, is_limited: bool) -> str:
+def _words(comparison: Comparison, fresh: Fit | None, *, is_limited: bool) -> str:
+    """The answer in words: the difference, its bound, the target and chance; then what to do."""
+    target = f"target of {comparison.target_deg:g}°"
     if comparison.is_nothing:
         return "the same calibration twice"
-    explained, target = chance_words(comparison.p_value), f"{comparison.target_deg:g}°"
-    worst_deg = comparison.heading_difference_deg.worst
-    if comparison.verdict == "agree":
-        vague = "" if comparison.is_conclusive else f"; but they claim too little to tell {target}: record for longer"
+    if comparison.is_turned_beyond_target:
+        return f"headings of the body differ by more than the {target}:"
+    explained, worst_deg = chance_words(comparison.p_value), comparison.worst_deg
+    if comparison.answer == "fails":
+        return (
+            f"headings {_up_to(worst_deg)} apart, more than the {target} and {explained}: the sensor or what is near "
+            "it has changed, calibrate again"
+        )
+    is_changed = comparison.p_value is not None and comparison.p_value < CHANCE
+    if comparison.answer == "holds":
+        changed = ": good enough for that, and a new calibration will be better" if is_changed else ""
         limits = ", with these limits of the recording:" if is_limited else ""
-        within = f"heading within {angle(worst_deg)}" if worst_deg < ANY_ANGLE_DEG else "headings any angle apart"
-        return f"{within}, {explained}{vague}{limits}"
-    side, advice = {
-        "differ": ("less", "good enough for that, and a new calibration will be better"),
-        "contradict": ("more", "the sensor or what is near it has changed, calibrate again"),
-    }[comparison.verdict]
-    return f"headings {_up_to(worst_deg)} apart, {side} than the target of {target} and {explained}: {advice}"
+        bound = "" if comparison.claimed_bound_deg is None else f", with 95 % within {angle(comparison.largest_deg)}"
+        within = f"headings within {angle(worst_deg)}{bound}"
+        return f"{within} (target {comparison.target_deg:g}°), {explained}{changed}{limits}"
+    changed = ": a new calibration will be better" if is_changed else ""
+    error = _at_most(comparison.claimed_bound_deg or 0.0)
+    found = f"headings {_up_to(worst_deg)} apart, give or take {error} (95 %): within or beyond the {target}"
+    remedy = _remedy(comparison, is_checked=fresh is not None, is_limited=is_limited)
+    return f"{found}; {explained}{changed}. {remedy}"
+
+
+def _remedy(comparison: Comparison, *, is_checked: bool, is_limited: bool) -> str:
+    """What would tell, where the claims are too wide."""
+    claim = _at_most(max(comparison.own_bounds_deg or (0.0,)))
+    if not is_checked:
+        whose, what = f"that of {(comparison.wider_claim or '').upper()}", "calibrate again, from a longer recording"
+    elif comparison.wider_claim == "a":
+        whose, what = "the calibration's", "calibrate again, from a longer recording"
+    else:
+        whose, what = "the recording's", "mend its first limit:" if is_limited else "record for longer"
+    needed = angle(comparison.telling_bound_deg or 0.0)
+    return f"Claims of {needed} together would tell, the wider is {whose} with {claim}: {what}"
+
+
+def _at_most(angle_deg: float) -> str:
+    """Write the largest that an angle can be.
+
+    >>> _at_most(0.66), _at_most(170.0)
+    ('0.66°', 'any angle')
+    """
+    return angle(angle_deg) if angle_deg < ANY_ANGLE_DEG else "any angle"
 
 
 def _up_to(angle_deg: float) -> str:

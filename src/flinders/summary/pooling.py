@@ -143,6 +143,8 @@ def chance_of(chi_square: float, freedom: int, others: float = math.inf) -> floa
     """
     if freedom == 0 or chi_square <= 0.0:
         return 1.0
+    if math.isinf(chi_square):
+        return 0.0
     root = (chi_square / freedom) ** (1.0 / 3.0)
     ours, theirs = 2.0 / (9.0 * freedom), 2.0 / (9.0 * others)
     normal = ((1.0 - theirs) * root - (1.0 - ours)) / math.sqrt(theirs * root * root + ours)

@@ -5,10 +5,10 @@
 >>> from flinders.fitting import calibrate
 >>> tumble = simulate.tumble(seed=1)
 >>> fit = calibrate.fit(tumble.samples)
->>> check(simulate.tumble(seed=2, sensor=tumble.sensor).samples, fit).verdict
+>>> check(simulate.tumble(seed=2, sensor=tumble.sensor).samples, fit).answer
 'holds'
 >>> moved = replace(tumble.sensor, offset=tumble.sensor.offset + [5.0, 0.0, 0.0])
->>> check(simulate.tumble(seed=3, sensor=moved).samples, fit).verdict
+>>> check(simulate.tumble(seed=3, sensor=moved).samples, fit).answer
 'fails'
 """
 
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from flinders.comparison.comparison import Strength, compare, judged_at
 from flinders.comparison.level_plane import compare_turned
@@ -41,9 +41,8 @@ if TYPE_CHECKING:
     from flinders.diagnostics.random_walk import RandomWalk
     from flinders.findings import Finding
     from flinders.fitting.result import Fit
+    from flinders.native.faults import Answer
     from flinders.workflows.recordings import AnyCalibration, AnyReadings
-
-Outcome = Literal["holds", "limited", "fails", "refused"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,26 +63,30 @@ class Check:
     dip_deg: float  #: inclination at which the recording is judged, where it states no site
 
     @property
-    def verdict(self) -> Outcome:
-        """Whether the calibration holds.
+    def answer(self) -> Answer:
+        """Whether the calibration holds, as `Comparison.answer` says.
 
-        ``holds``: a good fit of a recording of its own agrees, and would have shown a difference as large as the
-        target. ``fails``: they contradict each other. ``refused``: the recording cannot be fitted. ``limited``: else.
+        ``cannot-tell`` also where the recording cannot be fitted, and for one that the calibration was made from,
+        unless it fails even there.
         """
         if self.comparison is None:
-            return "refused"
-        if self.comparison.verdict == "contradict":
-            return "fails"
-        agrees = self.comparison.verdict == "agree" and self.comparison.is_conclusive
-        return "holds" if agrees and self.fresh.verdict == "good" and not self.made_from else "limited"
+            return "cannot-tell"
+        return "cannot-tell" if self.made_from and self.comparison.answer == "holds" else self.comparison.answer
+
+    @property
+    def limiting(self) -> Finding | None:
+        """The finding of the fresh fit to mend first for an answer; None if there is one or another claim is wider."""
+        is_fresh = self.comparison is None or self.comparison.wider_claim == "b"
+        limits = (each for each in self.fresh.findings if each.severity != "note")
+        return next(limits, None) if self.answer == "cannot-tell" and is_fresh and not self.made_from else None
 
     def __repr__(self) -> str:
         if self.comparison is None:
             why = "" if self.refusal is None else f", {self.refusal.code}"
-            return f"Check({self.verdict}{why}: the recording cannot be fitted)"
+            return f"Check({self.answer}{why}: the recording cannot be fitted)"
         heading, chance = self.comparison.heading_difference_deg, self.comparison.p_value
         parts = (
-            self.verdict,
+            self.answer,
             f"heading difference {heading.rms:.2g}° rms, {heading.worst:.2g}° worst",
             "no uncertainty stated" if chance is None else f"p = {chance:.2g}",
             f"target {self.target_deg:g}°",
@@ -96,15 +99,20 @@ class Check:
         strength, fresh = self.strength.as_dict(), self.fresh.as_dict()
         if self.comparison is None or self.fresh_strength is None:
             return {
+                "answer": self.answer,
                 # strength of the recording, corrected with the `calibration` and with the `fresh` fit
                 "residual": {"calibration": strength},
                 "fresh": fresh,  # the fit of the recording, as `calibrate --json` has it
                 **self._drift(self.dip_deg),
             }
+        limiting = self.limiting
         result = {
             **self.comparison.as_dict(),
+            "answer": self.answer,
             "residual": {"calibration": strength, "fresh": self.fresh_strength.as_dict()},
             "own_recordings": list(self.made_from),  # those that the calibration was made from: they prove nothing
+            # code of the finding of the fresh fit to mend first for an answer; null where there is one or no finding
+            "limiting_finding": None if limiting is None else limiting.code,
             "fresh": fresh,
             **self._drift(self.comparison.heading_difference_deg.dip_deg),
         }
@@ -151,7 +159,7 @@ def check(
     Returns
     -------
     Check
-        Verdict, comparison and both fits; also where the fresh fit is refused.
+        Answer, comparison and both fits; also where the fresh fit is refused.
 
     Raises
     ------
@@ -168,8 +176,8 @@ def check(
     >>> tumble = simulate.tumble(seed=4)
     >>> later = simulate.tumble(seed=5, sensor=tumble.sensor)
     >>> checked = check(later.samples, calibrate.fit(tumble.samples), follow=True)
-    >>> checked.verdict, checked.comparison.verdict, checked.random_walk.is_proven
-    ('holds', 'agree', False)
+    >>> checked.answer, checked.comparison.p_value > 0.01, checked.random_walk.is_proven
+    ('holds', True, False)
     """
     known, compensator = used_at(fit_for(calibration), at)
     recorded = recording_for(source, known)

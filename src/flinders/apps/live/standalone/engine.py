@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.comparison import comparison
 from flinders.core.calibration_file import PARAMETERS
 from flinders.core.units import EARTH_UT
 from flinders.diagnostics import axis_swap
@@ -24,6 +23,7 @@ from flinders.findings.row import CONDITIONS, resting_on
 from flinders.findings.words import STEPS, Z_ELSEWHERE, Z_OPEN
 from flinders.fitting import advice, diagnosis, refreshing, verdict
 from flinders.heading import path_planning
+from flinders.native.faults import ANSWERS
 from flinders.native.layouts import (
     ADVICE,
     AXIS_CHANGE,
@@ -63,7 +63,6 @@ NUMBERS: Final = {
     "COVERAGE_LIMIT": limit_of("coverage"),
     "OUTLIERS_LIMIT": limit_of("outliers"),
     **_of(verdict, "NOT_BY_CHANCE PLACED SKEWED"),
-    **_of(comparison, "CHANCE"),
     **_of(advice, "WORTH_IT"),
     **_of(diagnosis, "LOOKED_AT"),
     **_of(path_planning, "READINGS_PER_DEG"),
@@ -88,6 +87,7 @@ def data() -> dict[str, Any]:
         "rows": [_row(CATALOGUE[code]) for code in OF_A_FIT],
         "quantities": QUANTITIES_OF_A_FIT,
         "numbers": NUMBERS,
+        "answers": ANSWERS,
         "said": {
             "unmoved": Unmoved.SAID,
             "every-way": Unmoved.EVERY_WAY,

@@ -22,6 +22,7 @@ export interface EngineData {
   rows: Row[]; // in the order of the engine
   quantities: string[];
   numbers: Record<string, number>;
+  answers: ("holds" | "fails" | "cannot-tell")[]; // whether a calibration holds, in the order of the engine
   said: Record<string, string>;
   conditions: string[]; // what a verdict may rest on, by bits
   resting: string[]; // in words, for each set of them

@@ -84,7 +84,7 @@
  * @typedef {Surface & {covariance: ArrayLike<number>, strength: number}} Calibrated
  *
  * How far two calibrations are apart, as `flinders_difference`.
- * @typedef {{worst_deg: number, p_value: number, freedom: number}} Difference
+ * @typedef {{worst_deg: number, sigma_deg: number, bound_deg: number, p_value: number, freedom: number}} Difference
  */
 
 /** An ellipsoid, as readings make it. @typedef {{centre: number[], shape: number[]}} Surface */
@@ -204,6 +204,16 @@ export class Engine {
         this.#write("calibrated", first);
         this.call.flinders_compare(this.at.calibrated, other, dipDeg, this.at.difference);
         return this.#decoded("difference");
+    }
+
+    /**
+     * Whether the difference of two calibrations is within a target.
+     * @param {Difference} apart
+     * @param {number} targetDeg
+     * @returns {number} Place in the answers of the program's data.
+     */
+    answer({ worst_deg, sigma_deg, bound_deg, p_value }, targetDeg) {
+        return this.call.flinders_holds(worst_deg, sigma_deg, bound_deg, p_value, targetDeg);
     }
 
     /**

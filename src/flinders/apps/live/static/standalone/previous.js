@@ -23,10 +23,10 @@ const DEG = 180 / Math.PI;
 const NEWTON_STEPS = 30;
 const ROUND = [1, 1, 1, 0, 0, 0]; // a sphere
 const LEAST_DEG = 0.001; // a smaller difference is not shown as a number
-const OPINIONS = {
-    agree: "it agrees with this one: no more apart than chance explains",
-    differ: "it differs from this one by more than chance, but by less than the target",
-    contradict: "it contradicts this one: something near the sensor has changed",
+const ANSWERS = {
+    holds: "it still holds: headings differ by less than the target, with 95 %",
+    fails: "it no longer holds: headings differ by more than the target, something near the sensor has changed",
+    "cannot-tell": "too little is known yet to tell whether it holds",
 };
 
 /**
@@ -80,10 +80,11 @@ export function compared(previous, fit, data, readings) {
     const strength = calibration.fieldStrengthKnown ? calibration.fieldStrength : 0;
     const first = { centre: calibration.offset, shape, covariance: claimed, strength };
     const second = { centre: fit.surface.centre, shape: fit.surface.shape, covariance: fit.claimed, strength: 0 };
-    const { worst_deg: worst, p_value: chance } = engine.compare(first, second, fit.dipDeg);
-    const opinion = chance >= data.numbers.CHANCE ? "agree" : worst <= fit.targetDeg ? "differ" : "contradict";
+    const apart = engine.compare(first, second, fit.dipDeg);
+    const worst = apart.worst_deg;
+    const answer = data.answers[engine.answer(apart, fit.targetDeg)];
     const difference = worst >= LEAST_DEG ? `${figures(worst)}°` : `less than ${general(LEAST_DEG)}°`;
-    return { name, change_deg: worst, words: `${OPINIONS[opinion]} (${difference} of heading at the worst)` };
+    return { name, change_deg: worst, words: `${ANSWERS[answer]} (${difference} of heading at the worst)` };
 }
 
 /**
