@@ -106,7 +106,7 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
     },
     "Comparisons": {
         "`compare --json`, `check --json`": "comparison.comparison:Comparison",
-        "`rotation`": "comparison.comparison:RotationDifference",
+        "`rotation`": "comparison.rotation_difference:RotationDifference",
         "`check --drift --json`: `drift`": "diagnostics.random_walk:RandomWalk",
         "`check --json`, besides": "workflows.checking:Check",
         "`residual`, and within `apply --json` and `heading --json`": "comparison.comparison:Strength",

@@ -25,6 +25,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 import numpy as np
 
 from flinders.comparison.pairs import EllipsoidPairs, Pairs
+from flinders.comparison.results import printed, with_bound
+from flinders.comparison.rotation_difference import RotationDifference
 from flinders.core.calibration import Calibration
 from flinders.core.units import label
 from flinders.errors import AxesError, UnitError, UsageError
@@ -32,10 +34,10 @@ from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.geometry.plane import IN_PLANE, to_equator
 from flinders.geometry.rotation import rotation_vectors
 from flinders.geometry.sphere import fibonacci
-from flinders.heading.error_propagation import HEADINGS, HeadingError, level_bound_deg
+from flinders.heading.error_propagation import HeadingError, level_bound_deg
 from flinders.native.engine import engine
 from flinders.native.layouts import limit
-from flinders.summary.pooling import chance_of, chi_square_of
+from flinders.summary.pooling import chance_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -51,129 +53,11 @@ DIRECTIONS: Final = fibonacci(400).T
 """(3, 400) unit vectors, over which the direction difference is taken."""
 
 
-SIGMAS_95_OF_3: Final = 2.7955
-"""Standard deviations that the length of three normal numbers is within with a probability of 95 %."""
-
 ONE_SIDED: Final = limit("ONE_SIDED")
 """Standard deviations that a normal error exceeds, on one side, with a probability of 5 %."""
 
 SAME_DEG: Final = 1e-6
 """Rotations nearer than that are the same but for rounding."""
-
-
-def printed(result: object, *names: str) -> dict[str, Any]:
-    """Attributes of a result as JSON has them, by name."""
-    return {name: _plain(getattr(result, name)) for name in names}
-
-
-def with_bound(error: HeadingError | None, bound_deg: float | None) -> dict[str, float] | None:
-    """A claimed heading error as JSON has it, with the bound that no heading exceeds with 95 %."""
-    return None if error is None or bound_deg is None else error.as_dict(bound_95=bound_deg)
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a result holds
-    """A value as JSON has it: arrays and tuples as lists, results as mappings."""
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if hasattr(value, "as_dict"):
-        return value.as_dict()
-    if hasattr(value, "_asdict"):
-        return value._asdict()
-    return [_plain(each) for each in value] if isinstance(value, tuple) else value
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RotationDifference:
-    """How far the rotations from the magnetometer's axes into those of the body are apart, b after a undone.
-
-    Examples
-    --------
-    >>> apart = RotationDifference(np.array([0.0, 0.0, 3.0]), np.eye(3))
-    >>> apart.angle_deg, apart.heading_deg(60.0), round(apart.p_value, 3)
-    (3.0, 3.0, 0.029)
-    """
-
-    vector_deg: Floats  #: (3,): the rotation between both, about the axes of the body
-    covariance: Floats | None = None  #: (3, 3), degrees²: the sum of both; None unless both state theirs
-
-    @classmethod
-    def of(cls, a: Fit, b: Fit) -> Self | None:
-        """Take b's rotation after a's is undone; None unless both know one."""
-        if "symmetric" in (a.calibration.rotation, b.calibration.rotation):
-            return None
-        both = [rotation_covariance(fit) for fit in (a, b)]
-        covariance = None if both[0] is None or both[1] is None else both[0] + both[1]
-        return cls.between(a.calibration, b.calibration, covariance)
-
-    @classmethod
-    def between(cls, a: Calibration, b: Calibration, covariance: Floats | None = None) -> Self:
-        """The same of two calibrations, with a covariance (3, 3) in rad²."""
-        turn = b.rotation_matrix @ a.rotation_matrix.T
-        return cls(
-            np.rad2deg(rotation_vectors(turn)), None if covariance is None else np.rad2deg(np.rad2deg(covariance))
-        )
-
-    @property
-    def angle_deg(self) -> float:
-        """The angle between both."""
-        return math.hypot(*self.vector_deg)
-
-    @property
-    def sigma_deg(self) -> Floats | None:
-        """(3,) 1 σ about each axis of the body."""
-        if self.covariance is None:
-            return None
-        sigma: Floats = np.sqrt(np.diag(self.covariance))
-        return sigma
-
-    @property
-    def angle_sigma_deg(self) -> float | None:
-        """1 σ of that angle: along the axis that it is about, or of any where there is none."""
-        if self.covariance is None:
-            return None
-        if not self.angle_deg > 0.0:
-            return math.sqrt(float(np.trace(self.covariance)) / 3.0)
-        along = self.vector_deg / self.angle_deg
-        return math.sqrt(max(float(along @ self.covariance @ along), 0.0))
-
-    @property
-    def p_value(self) -> float | None:
-        """How often chance alone turns them as far apart; None where not both say how well they know theirs."""
-        return None if self.covariance is None else chance_of(*self.chi_square)
-
-    @property
-    def chi_square(self) -> tuple[float, int]:
-        """Of the rotation against its covariance, and degrees of freedom; none without a covariance."""
-        return (0.0, 0) if self.covariance is None else chi_square_of(self.vector_deg, self.covariance)
-
-    def heading_deg(self, dip_deg: float) -> float:
-        """What it makes of a level vehicle's heading at the worst: a turn about z in full, a tilt by tan I."""
-        x, y, z = (abs(part) for part in self.vector_deg.tolist())
-        return float(z + abs(math.tan(math.radians(dip_deg))) * math.hypot(x, y))
-
-    def heading_sigma_deg(self, dip_deg: float) -> float:
-        """1 σ of what it makes of a level heading, at the worst; NaN without a covariance."""
-        if self.covariance is None:
-            return math.nan
-        headings = np.linspace(0.0, 2.0 * math.pi, HEADINGS, endpoint=False)
-        tilt = math.tan(math.radians(dip_deg))
-        gradient = np.stack([tilt * np.cos(headings), tilt * np.sin(headings), np.ones(HEADINGS)])
-        return math.sqrt(float(np.einsum("ik,ij,jk->k", gradient, self.covariance, gradient).max()))
-
-    def answer_to(self, target_deg: float, dip_deg: float) -> Answer:
-        """Whether headings of the body are within a target, by the rotations alone."""
-        sigma_deg, p_value = self.heading_sigma_deg(dip_deg), self.p_value
-        return engine().answer(
-            self.heading_deg(dip_deg),
-            sigma_deg=sigma_deg,
-            bound_deg=SIGMAS_95_OF_3 * sigma_deg,
-            p_value=math.nan if p_value is None else p_value,
-            target_deg=target_deg,
-        )
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return printed(self, "vector_deg", "sigma_deg", "angle_deg", "p_value")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -483,12 +367,6 @@ def _left_out_deg(a: Fit, b: Fit) -> float | None:
     if len(knowing) != 1:
         return None
     return float(np.rad2deg(np.linalg.norm(rotation_vectors(knowing[0].calibration.rotation_matrix))))
-
-
-def rotation_covariance(fit: Fit) -> Floats | None:
-    """(3, 3) rad², about the axes of the body; None where it is not known."""
-    covariance = None if fit.evidence.aiding is None else fit.evidence.aiding.rotation_covariance
-    return covariance if covariance is not None and np.isfinite(covariance).all() else None
 
 
 def _level(fit: Fit, dip_deg: float) -> Fit:

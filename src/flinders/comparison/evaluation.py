@@ -16,14 +16,9 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from flinders.comparison.comparison import (
-    CHANCE,
-    DIRECTIONS,
-    RotationDifference,
-    printed,
-    rotation_covariance,
-    with_bound,
-)
+from flinders.comparison.comparison import CHANCE, DIRECTIONS
+from flinders.comparison.results import printed, with_bound
+from flinders.comparison.rotation_difference import RotationDifference, rotation_covariance
 from flinders.core.calibration import Calibration
 from flinders.core.units import label
 from flinders.errors import UnitError, UsageError

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flinders.comparison.comparison import printed
+from flinders.comparison.results import printed
 from flinders.fitting.result import Fit
 
 if TYPE_CHECKING:

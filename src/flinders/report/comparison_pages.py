@@ -35,8 +35,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from flinders.arrays import Floats
-    from flinders.comparison.comparison import Comparison, RotationDifference, Strength
+    from flinders.comparison.comparison import Comparison, Strength
     from flinders.comparison.evaluation import Evaluation
+    from flinders.comparison.rotation_difference import RotationDifference
     from flinders.errors import Spelling
     from flinders.estimators import Method
     from flinders.fitting.result import Fit

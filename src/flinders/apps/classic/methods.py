@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.comparison.comparison import compare, printed
+from flinders.comparison.comparison import compare
 from flinders.comparison.cross_validation import BLOCKS, LEAST, NotValidated, cross_validated
+from flinders.comparison.results import printed
 from flinders.core.joining import concatenated
 from flinders.core.keywords import spell_checked
 from flinders.errors import FitError, NeedsSamples, UsageError

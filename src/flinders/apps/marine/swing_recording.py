@@ -17,7 +17,7 @@ import numpy as np
 
 from flinders.apps.marine.deviation import Expected, fit
 from flinders.apps.marine.swing_table import NEED
-from flinders.comparison.comparison import rotation_covariance
+from flinders.comparison.rotation_difference import rotation_covariance
 from flinders.errors import FitError, NoAccelerometer, UsageError, counted
 from flinders.estimators.data import recording_of
 from flinders.geometry.angles import folded, shown_heading

@@ -1,0 +1,31 @@
+"""Results of comparisons as JSON has them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from flinders.heading.error_propagation import HeadingError
+
+
+def printed(result: object, *names: str) -> dict[str, Any]:
+    """Attributes of a result as JSON has them, by name."""
+    return {name: _plain(getattr(result, name)) for name in names}
+
+
+def with_bound(error: HeadingError | None, bound_deg: float | None) -> dict[str, float] | None:
+    """A claimed heading error as JSON has it, with the bound that no heading exceeds with 95 %."""
+    return None if error is None or bound_deg is None else error.as_dict(bound_95=bound_deg)
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a result holds
+    """A value as JSON has it: arrays and tuples as lists, results as mappings."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if hasattr(value, "as_dict"):
+        return value.as_dict()
+    if hasattr(value, "_asdict"):
+        return value._asdict()
+    return [_plain(each) for each in value] if isinstance(value, tuple) else value

@@ -1,0 +1,124 @@
+"""How far the rotations of two calibrations into the body are apart."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+
+from flinders.comparison.results import printed
+from flinders.geometry.rotation import rotation_vectors
+from flinders.heading.error_propagation import HEADINGS
+from flinders.native.engine import engine
+from flinders.summary.pooling import chance_of, chi_square_of
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.core.calibration import Calibration
+    from flinders.fitting.result import Fit
+    from flinders.native.faults import Answer
+
+SIGMAS_95_OF_3: Final = 2.7955
+"""Standard deviations that the length of three normal numbers is within with a probability of 95 %."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RotationDifference:
+    """How far the rotations from the magnetometer's axes into those of the body are apart, b after a undone.
+
+    Examples
+    --------
+    >>> apart = RotationDifference(np.array([0.0, 0.0, 3.0]), np.eye(3))
+    >>> apart.angle_deg, apart.heading_deg(60.0), round(apart.p_value, 3)
+    (3.0, 3.0, 0.029)
+    """
+
+    vector_deg: Floats  #: (3,): the rotation between both, about the axes of the body
+    covariance: Floats | None = None  #: (3, 3), degrees²: the sum of both; None unless both state theirs
+
+    @classmethod
+    def of(cls, a: Fit, b: Fit) -> Self | None:
+        """Take b's rotation after a's is undone; None unless both know one."""
+        if "symmetric" in (a.calibration.rotation, b.calibration.rotation):
+            return None
+        both = [rotation_covariance(fit) for fit in (a, b)]
+        covariance = None if both[0] is None or both[1] is None else both[0] + both[1]
+        return cls.between(a.calibration, b.calibration, covariance)
+
+    @classmethod
+    def between(cls, a: Calibration, b: Calibration, covariance: Floats | None = None) -> Self:
+        """The same of two calibrations, with a covariance (3, 3) in rad²."""
+        turn = b.rotation_matrix @ a.rotation_matrix.T
+        return cls(
+            np.rad2deg(rotation_vectors(turn)), None if covariance is None else np.rad2deg(np.rad2deg(covariance))
+        )
+
+    @property
+    def angle_deg(self) -> float:
+        """The angle between both."""
+        return math.hypot(*self.vector_deg)
+
+    @property
+    def sigma_deg(self) -> Floats | None:
+        """(3,) 1 σ about each axis of the body."""
+        if self.covariance is None:
+            return None
+        sigma: Floats = np.sqrt(np.diag(self.covariance))
+        return sigma
+
+    @property
+    def angle_sigma_deg(self) -> float | None:
+        """1 σ of that angle: along the axis that it is about, or of any where there is none."""
+        if self.covariance is None:
+            return None
+        if not self.angle_deg > 0.0:
+            return math.sqrt(float(np.trace(self.covariance)) / 3.0)
+        along = self.vector_deg / self.angle_deg
+        return math.sqrt(max(float(along @ self.covariance @ along), 0.0))
+
+    @property
+    def p_value(self) -> float | None:
+        """How often chance alone turns them as far apart; None where not both say how well they know theirs."""
+        return None if self.covariance is None else chance_of(*self.chi_square)
+
+    @property
+    def chi_square(self) -> tuple[float, int]:
+        """Of the rotation against its covariance, and degrees of freedom; none without a covariance."""
+        return (0.0, 0) if self.covariance is None else chi_square_of(self.vector_deg, self.covariance)
+
+    def heading_deg(self, dip_deg: float) -> float:
+        """What it makes of a level vehicle's heading at the worst: a turn about z in full, a tilt by tan I."""
+        x, y, z = (abs(part) for part in self.vector_deg.tolist())
+        return float(z + abs(math.tan(math.radians(dip_deg))) * math.hypot(x, y))
+
+    def heading_sigma_deg(self, dip_deg: float) -> float:
+        """1 σ of what it makes of a level heading, at the worst; NaN without a covariance."""
+        if self.covariance is None:
+            return math.nan
+        headings = np.linspace(0.0, 2.0 * math.pi, HEADINGS, endpoint=False)
+        tilt = math.tan(math.radians(dip_deg))
+        gradient = np.stack([tilt * np.cos(headings), tilt * np.sin(headings), np.ones(HEADINGS)])
+        return math.sqrt(float(np.einsum("ik,ij,jk->k", gradient, self.covariance, gradient).max()))
+
+    def answer_to(self, target_deg: float, dip_deg: float) -> Answer:
+        """Whether headings of the body are within a target, by the rotations alone."""
+        sigma_deg, p_value = self.heading_sigma_deg(dip_deg), self.p_value
+        return engine().answer(
+            self.heading_deg(dip_deg),
+            sigma_deg=sigma_deg,
+            bound_deg=SIGMAS_95_OF_3 * sigma_deg,
+            p_value=math.nan if p_value is None else p_value,
+            target_deg=target_deg,
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return printed(self, "vector_deg", "sigma_deg", "angle_deg", "p_value")
+
+
+def rotation_covariance(fit: Fit) -> Floats | None:
+    """(3, 3) rad², about the axes of the body; None where it is not known."""
+    covariance = None if fit.evidence.aiding is None else fit.evidence.aiding.rotation_covariance
+    return covariance if covariance is not None and np.isfinite(covariance).all() else None
