@@ -117,9 +117,11 @@ static void of_attitude(const fl_surface *surface, const flinders_record *record
 }
 #endif
 
-/* How much there was to go by; what a level turn leaves open is said once. */
+/* How much there was to go by; what a level turn leaves open is said once. A gap in the directions leaves parameters open to
+ * the length of the field, not to an attitude: of what it leaves open the covariance and the share of the prior speak. */
 static void of_evidence(const flinders_record *record, real *q)
 {
+    const int is_held = record->plane || record->sources & (FLINDERS_REFRESHED | FLINDERS_AIDED_BY_ATTITUDE);
     const real all = (real)record->used, per_reading = record->correlation_time * record->excess_variance;
     real independent = all;
     if (!isnan(per_reading)) {
@@ -127,7 +129,7 @@ static void of_evidence(const flinders_record *record, real *q)
         independent = smaller(independent, (real)record->fitted_distinct);
     }
     q[FLINDERS_Q_SAMPLES] = where(all > 0, all);
-    q[FLINDERS_Q_HOLE_DEG] = where(!record->plane && !(record->sources & FLINDERS_REFRESHED), record->hole_deg);
+    q[FLINDERS_Q_HOLE_DEG] = where(!is_held, record->hole_deg);
     q[FLINDERS_Q_COVERED] = record->coverage;
     q[FLINDERS_Q_UNOBSERVED] = record->plane ? 0 : (real)record->unobserved;
     q[FLINDERS_Q_PRIOR_SHARE] = where(!record->plane && !record->unobserved, record->prior_influence);
