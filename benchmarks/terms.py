@@ -1,6 +1,6 @@
 """What each aid is worth beside the magnitude of the field: tables as Markdown. MAGYC's simulation: `benchmarks.magyc`.
 
-    python -m benchmarks.terms [--tables sim,aids,nees,level,magnet,drives,attitudes,real,time] [--trials 200] [--seeds 10]
+    python -m benchmarks.terms [--tables sim,aids,nees,level,magnet,drives,attitudes,real,time] [--trials N] [--seeds N]
     python -m benchmarks.terms --tables nees --motions rocked --cases "rate; attitude"
 
 sim     SIM1 and SIM2 of Troni and Whitcomb, a bare sensor; the motions are ours, see `sim`.
