@@ -131,7 +131,8 @@ def fit(
         ``currents`` and ``throttles`` of each motor by itself, or one by one, as ``current1``.
     aiding : str, sequence of str or Instruments
         What else was recorded and shall count: ``rate``, ``dip``, ``tilt``, ``attitude``; or ``auto`` for what earns
-        its place, disturbances included. `Instruments` says what their errors may be. See docs/terms.md.
+        its place, disturbances included. `Instruments` says what their errors may be. What makes the claim larger is
+        left out, and `AidingSensor.reason` says so. See docs/terms.md.
     linearize : bool
         Correct axes that are not linear, where chance hardly explains them and the claim becomes smaller
         (`Calibration.linearization`): C and Python hold such a calibration, other targets do not. For one recording in
