@@ -1,6 +1,6 @@
 """What each aid is worth beside the magnitude of the field: tables as Markdown. MAGYC's simulation: `benchmarks.magyc`.
 
-    python -m benchmarks.terms [--tables sim,aids,nees,level,magnet,drives,real,time] [--trials 200] [--seeds 10]
+    python -m benchmarks.terms [--tables sim,aids,nees,level,magnet,drives,attitudes,real,time] [--trials N] [--seeds N]
     python -m benchmarks.terms --tables nees --motions rocked --cases "rate; attitude"
 
 sim     SIM1 and SIM2 of Troni and Whitcomb, a bare sensor; the motions are ours, see `sim`.
@@ -12,6 +12,7 @@ nees    Squared error over claimed variance for each parameter, mean over trials
 level   S7, a level turn, with the field of the site known: heading error level and tilted.
 magnet  A magnet of up to 100 µT passes: heading error, offset and rotation over the claims of `flinders.fit`.
 drives  Drives of half a minute: level heading error over the claim of `flinders.fit`, without and with an aid.
+attitudes  Drives and flights with attitudes whose errors last, or that are late: verdicts and claims of `flinders.fit`.
 real    Real recordings: see `benchmarks.terms_recordings`.
 time    CPU seconds, and peak memory of a process of its own.
 """
@@ -514,12 +515,17 @@ def short_drive(disturbed: str, number: int) -> tuple[Simulated, Samples]:
     assert recording.samples.rate is not None
     errors = rng.normal(0.0, math.radians(1.0), (1500, 3))
     if disturbed == "lasting":
-        stays = math.exp(-1.0 / (10.0 * 50.0))
-        for before, error in pairwise(errors):
-            error[:] = stays * before + math.sqrt(1.0 - stays**2) * error
+        make_lasting(errors, 10.0 * 50.0)
     walk = np.cumsum(rng.normal(0.0, 5e-4 / math.sqrt(50.0), (1500, 3)), axis=0) if disturbed == "walk" else 0.0
     attitude = of_matrix(recording.attitudes @ simulate.turns(errors))
     return recording, replace(recording.samples, attitude=attitude, rate=recording.samples.rate + walk)
+
+
+def make_lasting(errors: Floats, readings: float) -> None:
+    """Let (N, k) errors of single readings last for so many, as large as they are."""
+    stays = math.exp(-1.0 / readings)
+    for before, error in pairwise(errors):
+        error[:] = stays * before + math.sqrt(1.0 - stays**2) * error
 
 
 def drive_trial(title: str, number: int) -> tuple[float, float, bool, bool]:
@@ -575,7 +581,73 @@ def _rms_and_beyond(ratios: Floats) -> str:
     return f"{_rms(known):.2f} | {np.mean(known > 2.0):.0%}" if len(known) else "– | –"
 
 
-# (g) time
+# (g) attitudes that err
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeErrors:
+    """Of a logged attitude, beside half a degree about each axis at each reading."""
+
+    yaw_deg: float = 0.0  # 1 σ, lasting for half a minute
+    mounting_deg: float = 0.0  # 1 σ about each axis
+    late_readings: int = 0
+
+
+ATTITUDES: Final[Mapping[str, AttitudeErrors]] = {
+    "off by 0.5° at each reading": AttitudeErrors(),
+    "and its yaw by 3° for 30 s": AttitudeErrors(yaw_deg=3.0),
+    "and 0.3 s late": AttitudeErrors(late_readings=3),
+    "and its yaw by 2° for 30 s, 0.2 s late, mounted 3° off": AttitudeErrors(2.0, 3.0, 2),
+}
+ATTITUDE_RATE_HZ: Final = 10.0
+
+
+def erring(motion: str, errors: AttitudeErrors, number: int) -> tuple[Simulated, Samples]:
+    """150 s at 10 Hz, and an attitude with errors."""
+    rng = np.random.default_rng([SEED, 5, number])
+    recording = simulate.tumble(rng, motion=motion, n=1500, rate_hz=ATTITUDE_RATE_HZ)
+    assert recording.attitudes is not None
+    yaw = rng.normal(0.0, math.radians(errors.yaw_deg), (1500, 1))
+    make_lasting(yaw, 30.0 * ATTITUDE_RATE_HZ)
+    mounting = simulate.turns(rng.normal(0.0, math.radians(errors.mounting_deg), (1, 3)))
+    noise = simulate.turns(rng.normal(0.0, math.radians(ATTITUDE_NOISE_DEG), (1500, 3)))
+    late = recording.attitudes[np.maximum(np.arange(1500) - errors.late_readings, 0)]
+    logged = simulate.turns(yaw * [0.0, 0.0, 1.0]) @ late @ mounting @ noise
+    return recording, replace(recording.samples, attitude=of_matrix(logged))
+
+
+def erring_trial(motion: str, title: str, number: int) -> list[tuple[str, float, float, bool, bool]]:
+    """Without the attitude and with it: verdict, claim, level heading error over it, a gap named, attitude used."""
+    recording, samples = erring(motion, ATTITUDES[title], number)
+    found = []
+    for aiding in ((), "attitude"):
+        fit = _judged(samples, aiding)
+        if fit is None:
+            found.append(("refused", math.nan, math.nan, False, False))
+            continue
+        aids = () if fit.evidence.aiding is None else fit.evidence.aiding.sensors
+        is_gap = any(finding.code == "coverage" for finding in fit.findings)
+        claim, is_used = fit.heading_error_deg.worst, any(aid.is_used for aid in aids)
+        found.append((fit.verdict, claim, _heading_ratio(fit, recording), is_gap, is_used))
+    return found
+
+
+def attitudes_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
+    """Yield each motion and kind of errors: verdicts, median claim, rms of the ratios and share of those beyond 2."""
+    numbers = "good, limited, refused | gap named | claim | rms | beyond 2"
+    yield f"| motion | attitude | without: {numbers} | with: {numbers} | used |"
+    yield "|---|---|" + "---:|" * 11
+    for motion, title in product(("drive", "flight"), ATTITUDES):
+        rows = list(pool.map(erring_trial, repeat(motion), repeat(title), range(trials), chunksize=4))
+        cells = []
+        for which in (0, 1):
+            verdicts, claims, ratios, gaps, used = zip(*(row[which] for row in rows), strict=True)
+            counts = ", ".join(str(verdicts.count(verdict)) for verdict in ("good", "limited", "refused"))
+            cells += [counts, str(sum(gaps)), f"{np.nanmedian(claims):.2f}°", _rms_and_beyond(np.array(ratios))]
+        yield f"| {motion} | {title} | {' | '.join(cells)} | {sum(used)} |"
+
+
+# (h) time
 
 
 def timed(seconds: float, rate_hz: float, terms: tuple[str, ...]) -> tuple[int, float, float]:
@@ -614,6 +686,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "level": partial(level_table, pool, options.trials),
             "magnet": partial(magnet_table, pool, options.trials),
             "drives": partial(drives_table, pool, options.trials),
+            "attitudes": partial(attitudes_table, pool, options.trials),
             "real": terms_recordings.tables,
             "time": time_table,
         }
@@ -630,7 +703,7 @@ def _parser() -> argparse.ArgumentParser:
     """Describe the command line."""
     parser = argparse.ArgumentParser("python -m benchmarks.terms", description="What each aid is worth.")
     parser.add_argument("--tables", type=_listed, metavar="NAME,…", help="all by default")
-    parser.add_argument("--trials", type=int, default=200, help="of aids, nees, level, magnet and drives")
+    parser.add_argument("--trials", type=int, default=200, help="of aids, nees, level, magnet, drives and attitudes")
     parser.add_argument("--seeds", type=int, default=10, help="of sim")
     parser.add_argument("--motions", type=_listed, default=MOTIONS, metavar="NAME,…", help="of nees")
     parser.add_argument("--cases", type=_cased, metavar="NAME;…", help=f"of nees: {'; '.join(CASES)}")

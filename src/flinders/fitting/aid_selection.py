@@ -1,11 +1,13 @@
 """Which aiding sensors a fit can use: those whose units and axes are right, and that make the calibration better.
 
 `aided_by` looks at the recording first: the unit of the gyro, the axes of gyro and accelerometer, where an attitude's
-yaw comes from. A sensor that does not speak of this magnetometer is left out and named. With ``auto`` a sensor has to
-earn its place as well, over blocks of the recording that are left out in turn: the ellipsoid with it must fit the
-readings there as well as the one without, and claim less heading error. An accelerometer that does not may still find
-how the magnetometer is turned against it: where the field's angle to the vertical spreads less for that, the rotation
-is taken over, and the ellipsoid stays what the magnetometer says.
+yaw comes from. A sensor that does not speak of this magnetometer is left out and named, and so is one with which a fit
+claims more heading error than with those before it; `flinders.fit` compares the whole with the fit without any.
+
+With ``auto`` a sensor has to earn its place as well, over blocks of the recording that are left out in turn: the
+ellipsoid with it must fit the readings there as well as the one without, and claim less heading error. A vertical that
+does not may still find how the magnetometer is turned against it: where it was asked for, or where the field's angle to
+the vertical spreads less for that, the rotation is taken over, and the ellipsoid stays what the magnetometer says.
 
 An aircraft in coordinated turns feels no sideways pull, and its accelerometer's vertical leans with it: the gyro is
 used, the accelerometer is not.
@@ -47,7 +49,7 @@ from flinders.errors import FitError, figures
 from flinders.estimators.aiding import Aided, refuse_without, solve
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood, start
-from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
+from flinders.fitting.aiding import AUTO, FAR_CLAIM, MORE, ROTATION_ALONE, VERTICALS, Aiding, AidingSensor, claims_more
 from flinders.geometry.plane import heading_errors
 from flinders.geometry.rotation import rotation_vectors
 from flinders.heading.error_propagation import level_error, level_turn
@@ -77,9 +79,6 @@ TURNED: Final = 16.3
 
 FAR_TURN_DEG: Final = 20.0
 """From the axes as they were found: instruments on one body sit no farther apart, and what says so is no vertical."""
-
-FAR_CLAIM: Final = 4.0
-"""Times more heading error claimed with a vertical than without: it leans, or is none."""
 
 
 def aided_by(
@@ -174,7 +173,11 @@ class _Selection:
             return
         replaced = [used for used in self.used if name in UPRIGHT and used in UPRIGHT]
         tried = (*(used for used in self.used if used not in replaced), name)
-        aided = self.solver(tried, rotation=self.rotation, near=self.best)
+        try:
+            aided = self.solver(tried, rotation=self.rotation, near=self.best)
+        except FitError as error:
+            self.reports.append(AidingSensor(name, is_used=False, reason=error.message))
+            return
         self.was_elsewhere = self.was_elsewhere or is_at_another_site(aided, self.site)
         claims = claim_deg(self.best, self.dip_deg), claim_deg(aided, self.dip_deg)
         if (contradiction := _contradiction(self.samples, aided, name) or is_diverged(name, *claims)) is not None:
@@ -184,9 +187,12 @@ class _Selection:
             return
         report = AidingSensor(name, True, change_deg(self.best, aided, self.dip_deg), *claims)
         trial = _AidTrial(self.standing, _Candidate(self.samples, aided, self.rotation))
-        if self.is_auto and (against := trial.against(report)):
-            self.reports.append(self._turned_by(trial, report) or replace(report, is_used=False, reason=against))
+        if against := trial.against(report) if self.is_auto else trial.claims_more(report):
+            turned = self._turned_by(trial, report, against)
+            self.reports.append(turned or replace(report, is_used=False, reason=against))
             return
+        if name in UPRIGHT and not self.is_auto and self.turned is not None:
+            replaced, self.turned = [*replaced, self.turned.aiding[-1]], None
         self._report_replaced(replaced, name)
         self.reports.append(report)
         self.standing, self.used = trial.candidate, tried
@@ -208,9 +214,11 @@ class _Selection:
             return self.best
         return replace(self.best, parameters=replace(self.best.parameters, rotation=self.rotation))
 
-    def _turned_by(self, trial: _AidTrial, report: AidingSensor) -> AidingSensor | None:
-        """Take over the rotation alone, of the first sensor that proves one."""
-        if self.turned is not None or not (words := trial.rotation_words(report)):
+    def _turned_by(self, trial: _AidTrial, report: AidingSensor, against: str) -> AidingSensor | None:
+        """Take over the rotation alone: of the first vertical that proves one, or that was asked for and sees one."""
+        is_asked = not self.is_auto and trial.sees_mounting
+        words = f"{against}; {ROTATION_ALONE}" if is_asked else trial.rotation_words(report)
+        if self.turned is not None or not words:
             return None
         self.turned = trial.aided
         changed = turned_deg(trial.aided.parameters.rotation, self.dip_deg)
@@ -228,7 +236,8 @@ class _Selection:
         best, mistakes = self.best, self.mistakes
         if "rate" in self.used and self.samples.rate is not None:
             mistakes = [*mistakes, *one_axis(self.samples.rate - best.parameters.gyro_bias)]
-        source = best if self.turned is None or best.sees_rotation else self.turned
+        is_seen = best.sees_rotation and self.is_auto
+        source = best if self.turned is None or is_seen else self.turned
         aiding = Aiding.of(source, each=tuple(self.reports), mistakes=tuple(mistakes))
         return replace(aiding, excess_variance=best.excess_variance)
 
@@ -324,10 +333,24 @@ class _AidTrial(NamedTuple):
             return f"readings that it has not seen are {after / before - 1.0:.0%} farther off with it"
         return ""
 
+    def claims_more(self, report: AidingSensor) -> str:
+        """Why a sensor that was asked for is left out beside others: more is left open with it; nothing else.
+
+        A first sensor stays: a fit to the magnitude alone claims too little where residuals are correlated.
+        """
+        if not self.standing.aided.aiding or report.after_deg <= MORE * report.before_deg:
+            return ""
+        return claims_more(report.after_deg, report.before_deg)
+
+    @property
+    def sees_mounting(self) -> bool:
+        """The sensor is a vertical that sees how the magnetometer sits, no farther turned than instruments are."""
+        return self.aided.sees_rotation and self.aided.aiding[-1] in VERTICALS and not self._is_far()
+
     def rotation_words(self, report: AidingSensor) -> str:
         """What its rotation does; nothing where that is not proven, or makes nothing better."""
         covariance = self.aided.rotation_covariance
-        if covariance is None or self.standing.aided.sees_rotation or self.aided.aiding[-1] not in UPRIGHT[:2]:
+        if covariance is None or self.standing.aided.sees_rotation or self.aided.aiding[-1] not in VERTICALS:
             return ""
         angle = rotation_vectors(self.aided.parameters.rotation)
         is_proven = float(angle @ np.linalg.solve(covariance, angle)) >= TURNED
@@ -351,7 +374,7 @@ class _AidTrial(NamedTuple):
 
     def _missed(self, candidate: _Candidate) -> HoldOutMisfit:
         """How far off what was left out is, by the vertical that the sensor brings."""
-        return candidate.hold_out_misfit(next((name for name in self.aided.aiding if name in UPRIGHT[:2]), None))
+        return candidate.hold_out_misfit(next((name for name in self.aided.aiding if name in VERTICALS), None))
 
 
 def _degrees(radians: float) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import UNSET
 
 from flinders.core.calibration_file import aiding_record
-from flinders.errors import UsageError
+from flinders.errors import UsageError, figures
 from flinders.geometry.ellipsoid import symmetric
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, GRAVITY
 from flinders.likelihood.gyro import SCALE_SIGMA
@@ -32,6 +32,17 @@ if TYPE_CHECKING:
 
 AUTO: Final = "auto"
 """What is asked for where each aiding sensor and disturbance is to be used that makes the calibration better."""
+
+MORE: Final = 1.05
+"""Of the heading error claimed without aiding sensors: a fit with them that claims more is worth less than none."""
+
+FAR_CLAIM: Final = 4.0
+"""Times more heading error claimed with a vertical than without: it leans, or is none."""
+
+VERTICALS: Final = ("dip", "tilt")
+"""Aiding sensors that tell the vertical alone: how the magnetometer sits against it is worth having by itself."""
+
+ROTATION_ALONE: Final = "offset and shape stay those without it, and its rotation is used"
 
 LARGEST_BIAS: Final = 2.0
 """m/s²: no accelerometer in use has a larger bias, 1 σ."""
@@ -189,6 +200,34 @@ class Aiding:
             dip_sigma_deg=None if record.dip_sigma_deg is UNSET else record.dip_sigma_deg,
         )
 
+    def left_out(self, with_deg: float, without_deg: float, *, is_refused: bool) -> Self:
+        """The same for the calibration without aiding sensors; of verticals the rotation is used all the same.
+
+        Parameters
+        ----------
+        with_deg, without_deg : float
+            Heading error that is claimed with those that were used, and without any.
+        is_refused : bool
+            The fit with them cannot be trusted, nor its rotation.
+
+        >>> sensors = AidingSensor("attitude", True), AidingSensor("rate", False, reason="turning is unknown")
+        >>> [sensor.reason for sensor in Aiding(sensors).left_out(7.21, 2.2, is_refused=True).sensors]
+        ['with it the heading error is 7.2°, without it 2.2°', 'turning is unknown']
+        """
+        used = [sensor.name for sensor in self.sensors if sensor.is_used]
+        is_turned = not is_refused and with_deg <= FAR_CLAIM * without_deg and bool({*VERTICALS} & {*used})
+        reason = claims_more(with_deg, without_deg, used)
+
+        def said(sensor: AidingSensor) -> AidingSensor:
+            if not sensor.is_used:
+                return sensor
+            if is_turned and sensor.name in VERTICALS:
+                return dataclasses.replace(sensor, reason=f"{reason}; {ROTATION_ALONE}")
+            return dataclasses.replace(sensor, is_used=False, reason=reason, before_deg=without_deg, after_deg=with_deg)
+
+        whole = self if is_turned else type(self)(mistakes=self.mistakes)
+        return dataclasses.replace(whole, sensors=tuple(map(said, self.sensors)), excess_variance=1.0)
+
     def to_record(self) -> AidingRecord | UnsetType:
         """What the calibration file keeps of it."""
         return aiding_record(
@@ -211,6 +250,16 @@ class Aiding:
             **{name: getattr(self, name) for name in ("delay_s", "delay_sigma_s", "dip_deg", "dip_sigma_deg")},
             "excess_variance": self.excess_variance,
         }
+
+
+def claims_more(with_deg: float, without_deg: float, used: Sequence[str] = ()) -> str:
+    """Say that a fit with aiding sensors claims more heading error than the one without.
+
+    >>> claims_more(7.21, 2.2), claims_more(7.21, 2.2, ("rate", "dip"))[:47]
+    ('with it the heading error is 7.2°, without it 2.2°', 'with rate and dip the heading error is 7.2°, wi')
+    """
+    those, them = (" and ".join(used), "them") if len(used) > 1 else ("it", "it")
+    return f"with {those} the heading error is {figures(with_deg)}°, without {them} {figures(without_deg)}°"
 
 
 def _sigma(covariance: Floats | None) -> Floats | None:

@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple, Self, TypeAlias, cast
 
 from flinders.core.axes import Axes
@@ -17,12 +18,12 @@ from flinders.core.keywords import spell_checked
 from flinders.core.samples import Samples, frame_of
 from flinders.core.units import Unit
 from flinders.diagnostics.systematic import nonlinearity_in
-from flinders.errors import UsageError
+from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import Auto
 from flinders.estimators.data import recording_of
 from flinders.fitting.aided_estimate import aided_estimate
-from flinders.fitting.aiding import AUTO, Aiding, AidingSensor, Instruments
+from flinders.fitting.aiding import AUTO, MORE, Aiding, AidingSensor, Instruments
 from flinders.fitting.diagnosis import add_faults, faults_of_axes
 from flinders.fitting.estimated import Estimated, turned_readings
 from flinders.fitting.judgement import accepted, judged, mounted
@@ -130,7 +131,8 @@ def fit(
         ``currents`` and ``throttles`` of each motor by itself, or one by one, as ``current1``.
     aiding : str, sequence of str or Instruments
         What else was recorded and shall count: ``rate``, ``dip``, ``tilt``, ``attitude``; or ``auto`` for what earns
-        its place, disturbances included. `Instruments` says what their errors may be. See docs/terms.md.
+        its place, disturbances included. `Instruments` says what their errors may be. What makes the claim larger is
+        left out, and `AidingSensor.reason` says so. See docs/terms.md.
     linearize : bool
         Correct axes that are not linear, where chance hardly explains them and the claim becomes smaller
         (`Calibration.linearization`): C and Python hold such a calibration, other targets do not. For one recording in
@@ -166,13 +168,56 @@ def fit(
         found = found._replace(disturbed=disturbed)
     if linearize:
         found = _linearized(found, estimator, request, frame.unit)
+    judged_with = partial(_judged, tried=tried, estimator=estimator, request=request, frame=frame, sensor=sensor)
+    result = judged_with(found)
+    if found.is_joint and (alone := _unaided(source, found, estimator, request, frame.unit)) is not None:
+        left_out = _left_out(result, judged_with(alone), found.aiding)
+        result = result if left_out is None else judged_with(alone._replace(aiding=left_out))
+    return accepted(mounted(result, request.alignment_sigma_deg))
+
+
+def _judged(
+    found: Estimated,
+    *,
+    tried: tuple[AidingSensor, ...],
+    estimator: Estimator,
+    request: Request,
+    frame: _Frame,
+    sensor: str | None,
+) -> Fit:
+    """Claim and judge an estimate; `tried`: disturbances that there is something to say of."""
     if found.aiding is not None:
         found = found._replace(aiding=replace(found.aiding, sensors=(*tried, *found.aiding.sensors)))
     widened = _claimed(found, estimator, request)
     calibration = _turned(_calibration(widened.estimate, request, frame, sensor), found.aiding)
     if found.linearized is not None:
         calibration = replace(calibration, linearization=found.linearized.linearization)
-    return accepted(mounted(judged(widened, found, calibration, request), request.alignment_sigma_deg))
+    return judged(widened, found, calibration, request)
+
+
+def _unaided(
+    source: Recording | Summary, aided: Estimated, estimator: Estimator, request: Request, unit: Unit | None
+) -> Estimated | None:
+    """The estimate of the same readings without aiding sensors; None where they give none."""
+    try:
+        alone = _estimated(Readings.of(source), estimator, replace(request, instruments=None), unit)
+    except FitError:
+        return None
+    return alone._replace(disturbed=aided.disturbed)
+
+
+def _left_out(aided: Fit, alone: Fit, aiding: Aiding | None) -> Aiding | None:
+    """What there is to say of aiding sensors that are left out in the end; None where the fit with them stands.
+
+    They are left out where the fit with them is refused and the one without is not, or claims more. A level turn claims
+    too little where the body leans, so that it is the better fit where the other one is refused alone.
+    """
+    with_deg, without_deg = aided.heading_error_deg.worst, alone.heading_error_deg.worst
+    is_refused = aided.verdict == "refused"
+    is_less = not alone.claim.plane and with_deg > MORE * without_deg
+    if aiding is None or alone.verdict == "refused" or not (is_refused or is_less):
+        return None
+    return aiding.left_out(min(with_deg, 180.0), without_deg, is_refused=is_refused)
 
 
 class _Compensated(NamedTuple):

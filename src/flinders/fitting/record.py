@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from flinders.summary.quality import Rail
     from flinders.summary.summary import Statistics
 
-AIDED, AIDED_BY_FIELD = constant("AIDED"), constant("AIDED_BY_FIELD")
+AIDED, AIDED_BY_FIELD, AIDED_BY_ATTITUDE = constant("AIDED"), constant("AIDED_BY_FIELD"), constant("AIDED_BY_ATTITUDE")
 COMPENSATED, REFRESHED = constant("COMPENSATED"), constant("REFRESHED")
 """What helped a fit beside the readings of one magnetometer."""
 
@@ -177,10 +177,11 @@ def sources_of(aiding: Aiding | None, *, is_aided: bool, is_compensated: bool, i
 
     `is_aided`: the surface is that of the magnetometer and other sensors; `is_compensated`: of disturbances.
     """
-    kept = () if aiding is None else (sensor.name for sensor in aiding.sensors if sensor.is_used)
+    kept = set() if aiding is None else {sensor.name for sensor in aiding.sensors if sensor.is_used}
     return (
         AIDED * is_aided
-        | AIDED_BY_FIELD * bool(SEES_THE_FIELD & set(kept))
+        | AIDED_BY_FIELD * bool(SEES_THE_FIELD & kept)
+        | AIDED_BY_ATTITUDE * (is_aided and "attitude" in kept)
         | COMPENSATED * is_compensated
         | REFRESHED * is_refreshed
     )

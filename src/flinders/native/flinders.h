@@ -220,7 +220,8 @@ enum {
     FLINDERS_AIDED = 1,           /* other sensors: readings in one plane tell a surface then */
     FLINDERS_AIDED_BY_FIELD = 2,  /* sensors to which the field of a place with iron looks bent */
     FLINDERS_COMPENSATED = 4,     /* recorded disturbances, which the offset follows */
-    FLINDERS_REFRESHED = 8        /* an earlier calibration, whose soft iron it has */
+    FLINDERS_REFRESHED = 8,       /* an earlier calibration, whose soft iron it has */
+    FLINDERS_AIDED_BY_ATTITUDE = 16 /* an attitude: three equations a reading, whatever directions others cover */
 };
 
 /* Where z points in a level vehicle that made a level turn. */

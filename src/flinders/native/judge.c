@@ -73,6 +73,13 @@ static void expect(const flinders_record *record, flinders_judgement *out)
     flinders_with_structure(record->shape, record->covariance, structure, record->dip_deg, out->covariance);
 }
 
+/* Directions without readings leave nothing open that is not said elsewhere: of a level turn once, of an attitude, which
+ * gives three equations a reading, by the covariance and the share of the prior. */
+static int is_determined(const flinders_record *record)
+{
+    return record->plane || record->sources & (FLINDERS_REFRESHED | FLINDERS_AIDED_BY_ATTITUDE);
+}
+
 /* How readings lie, and how far the surface goes beyond them. */
 static void of_shape(const flinders_record *record, real *q)
 {
@@ -85,8 +92,7 @@ static void of_shape(const flinders_record *record, real *q)
     q[FLINDERS_Q_FLATNESS] = where(!is_known && width > 0, fl_sqrt(larger(record->principal_variances[0], 0)) / width);
     q[FLINDERS_Q_BREADTH] = where(width > 0, fl_sqrt(larger(record->principal_variances[1], 0)) / width);
     q[FLINDERS_Q_FLATNESS_LIMIT] = where(width > 0, flat / width);
-    q[FLINDERS_Q_INFLATION] = where(extent > 0 && !record->plane && !(record->sources & FLINDERS_REFRESHED),
-                                    2 * axes[2] / extent);
+    q[FLINDERS_Q_INFLATION] = where(extent > 0 && !is_determined(record), 2 * axes[2] / extent);
     q[FLINDERS_Q_AXIS_RATIO] = axes[2] / axes[0];
 }
 
@@ -128,7 +134,7 @@ static void of_evidence(const flinders_record *record, real *q)
         independent = smaller(independent, (real)record->fitted_distinct);
     }
     q[FLINDERS_Q_SAMPLES] = where(all > 0, all);
-    q[FLINDERS_Q_HOLE_DEG] = where(!record->plane && !(record->sources & FLINDERS_REFRESHED), record->hole_deg);
+    q[FLINDERS_Q_HOLE_DEG] = where(!is_determined(record), record->hole_deg);
     q[FLINDERS_Q_COVERED] = record->coverage;
     q[FLINDERS_Q_UNOBSERVED] = record->plane ? 0 : (real)record->unobserved;
     q[FLINDERS_Q_PRIOR_SHARE] = where(!record->plane && !record->unobserved, record->prior_influence);
