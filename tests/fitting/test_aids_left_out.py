@@ -39,7 +39,7 @@ def sensors_of(fit: Fit) -> tuple[AidingSensor, ...]:
     return fit.evidence.aiding.sensors
 
 
-@pytest.mark.parametrize(("motion", "yaw_deg"), [("flight", 2.0), ("drive", 4.0)])
+@pytest.mark.parametrize(("motion", "yaw_deg"), [("flight", 4.0), ("drive", 4.0)])
 def test_an_attitude_that_says_less_than_none_is_left_out_and_both_claims_are_said(motion: str, yaw_deg: float) -> None:
     """Of the drive the fit with it would be refused."""
     samples = with_attitude(motion, yaw_deg=yaw_deg)
