@@ -12,27 +12,27 @@ try:
 
     from flinders.cli._commands import ROWS, Commands
     from flinders.cli._program import EXIT_CODES, Program, show_versions
+
+    main = Program(
+        name="flinders",
+        help="Calibrate a three-axis magnetometer, and know what heading error to expect.",
+        epilog="\b\nExample:\n"
+        "  flinders calibrate tumble.csv -o calibration.json\n"
+        "  flinders apply calibration.json raw.csv -o corrected.csv\n"
+        "  flinders check calibration.json tomorrow.csv\n"
+        "\n\b\nExit codes:\n" + "\n".join(f"  {code:>3}  {meaning}" for code, meaning in EXIT_CODES.items()),
+        context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+        commands=Commands(ROWS, table="COMMANDS"),  # type: ignore[arg-type]  # click only reads them
+    )
+    main = click.option(
+        "--version",
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=show_versions,
+        help="Show the version, and those of Python, NumPy, the engine and optional packages.",
+    )(main)
 except (KeyboardInterrupt, RuntimeError) as error:  # a class that is made meanwhile hands it on as a cause
     if not isinstance(error.__cause__ or error, KeyboardInterrupt):
         raise
     sys.exit(130)  # as `Program` ends, which is not there yet
-
-main = Program(
-    name="flinders",
-    help="Calibrate a three-axis magnetometer, and know what heading error to expect.",
-    epilog="\b\nExample:\n"
-    "  flinders calibrate tumble.csv -o calibration.json\n"
-    "  flinders apply calibration.json raw.csv -o corrected.csv\n"
-    "  flinders check calibration.json tomorrow.csv\n"
-    "\n\b\nExit codes:\n" + "\n".join(f"  {code:>3}  {meaning}" for code, meaning in EXIT_CODES.items()),
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    commands=Commands(ROWS, table="COMMANDS"),  # type: ignore[arg-type]  # click only reads them
-)
-main = click.option(
-    "--version",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=show_versions,
-    help="Show the version, and those of Python, NumPy, the engine and optional packages.",
-)(main)

@@ -77,7 +77,12 @@ static void expect(const flinders_record *record, flinders_judgement *out)
  * gives three equations a reading, by the covariance and the share of the prior. */
 static int is_determined(const flinders_record *record)
 {
+#ifdef FLINDERS_SMALL /* a board has neither */
+    (void)record;
+    return 0;
+#else
     return record->plane || record->sources & (FLINDERS_REFRESHED | FLINDERS_AIDED_BY_ATTITUDE);
+#endif
 }
 
 /* How readings lie, and how far the surface goes beyond them. */
@@ -394,7 +399,11 @@ static int conditions_of(const flinders_record *record, const flinders_request *
     const int is_absolute = request->is_microtesla && request->is_strength_known;
     const int matches = is_absolute && fl_abs(times - 1) < SAME_STRENGTH;
     const int is_uniform = agrees || matches || record->sources & FLINDERS_AIDED_BY_FIELD;
+#ifdef FLINDERS_SMALL /* of a board there are no times */
+    const int is_short = 0;
+#else
     const int is_short = record->end - record->start < FEW_SECONDS && !agrees;
+#endif
     const int is_constant = is_short || record->sources & FLINDERS_COMPENSATED;
     if (out->verdict >= FLINDERS_REFUSES) return 0;
     return (record->sources & FLINDERS_REFRESHED ? FLINDERS_IF_SAME_SOFT_IRON : 0) |
