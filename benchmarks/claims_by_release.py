@@ -7,7 +7,7 @@
 and the findings that limit or refuse, of each recording in `benchmarks.recordings.FOLDER` by `auto`. The recordings
 are named there, never copied. A claim shrinks where it is more than a third below the largest one since the last
 reason, so that several small steps need a reason, too. ``--keep`` asks for the reason of each; while a
-reason is missing, ``tests/archive/test_claims_by_release.py`` fails.
+reason is missing, ``tests/test_claims_by_release.py`` fails.
 """
 
 from __future__ import annotations

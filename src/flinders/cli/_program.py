@@ -132,7 +132,7 @@ class Program(Commanded):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command; for what is none, say what does it instead."""
+        """Look up a command; for a name that is none, say what replaces it."""
         if args[0] in OTHERWISE and args[0] not in self.commands and not ctx.resilient_parsing:
             raise click.UsageError(f"No such command '{args[0]}': {OTHERWISE[args[0]]}", ctx)
         return super().resolve_command(ctx, args)

@@ -206,7 +206,7 @@ class Aiding:
         Parameters
         ----------
         with_deg, without_deg : float
-            Heading error that is claimed with those that were used, and without any.
+            Claimed heading error, with the sensors that were used and without any.
         is_refused : bool
             The fit with them cannot be trusted, nor its rotation.
 

@@ -186,7 +186,7 @@ class Body(NamedTuple):
 
     @classmethod
     def of(cls, best: Cut, name: str) -> Body:
-        """Take the rows of a cut; NoMagnetometer where they are too wide."""
+        """Take the rows of a table that was cut out of a text. Raises NoMagnetometer where they are too wide."""
         words = [at for at, value in enumerate(next(iter(best.values.values()))) if value is None]
         sensors = sensor_column(list(best.rows.values()), words)
         rows = {place: cells for place, cells in best.rows.items() if not sensors or sensors.is_of_first(cells)}

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 INT16: Final = (-(2**15), 2**15 - 1)
 SETTING: Final = re.compile(r"\s*set\s+(\w+)\s*=(.*)", re.IGNORECASE)
-"""A line of settings, as command lines of boards print them."""
+"""A line of settings, as the command line of a board prints it."""
 
 Acts: TypeAlias = Literal["recorded", "mapped", "across"]
 """In which axes a target works: those of the recording (mapped afterwards), those of the calibration (mapped before),
