@@ -148,7 +148,8 @@ def models_of(series: Series, bent: Floats) -> list[Models]:
             continue
         ratio_step, memory_step = RATIOS[1] / RATIOS[0], memories[1] / memories[0]
         ratios = np.geomspace(kind.ratio[best] / ratio_step, kind.ratio[best] * ratio_step, 8)
-        finer = np.geomspace(kind.memory[best] / memory_step, kind.memory[best] * memory_step, FINE)
+        longest = min(kind.memory[best] * memory_step, memories[-1])
+        finer = np.geomspace(kind.memory[best] / memory_step, longest, FINE)
         fine = run(series, bent, ratios, finer, is_vector=is_vector)
         share = np.log(ratios[1] / ratios[0]) * np.log(finer[1] / finer[0])
         share /= np.log(ratio_step) * len(RATIOS) * np.log(memory_step) * COARSE

@@ -84,7 +84,7 @@ def ramped(change: float) -> Fit:
 
 
 def crept_a_little() -> Fit:
-    return ramped(0.3)
+    return ramped(0.2)
 
 
 def crept() -> Fit:

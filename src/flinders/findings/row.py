@@ -292,6 +292,10 @@ CAUSES: Final = (
     Cause("field-changed", "refuses", ("heading-error", "noise", *OF_RESIDUALS)),
     Cause("heading-error", "refuses", ("level-plane", "tilt-error", *OF_A_SURFACE)),
     Cause("field-changed", "limits", ("noise", *OF_RESIDUALS)),
+    *(
+        Cause(code, "limits", ("correlated",), unless="few-samples")
+        for code in ("axis-lag", "nonlinear-axis", "structure")
+    ),
     Cause("heading-error", "limits", ()),
     Cause("coverage", "limits", ("prior", "unobservable-parameters")),
     Cause("lasting-noise", "limits", ("few-samples", "correlated")),

@@ -38,8 +38,8 @@ ROWS: Final = (
     CatalogueRow(
         code="field-changed",
         grades=(
-            "note from a quarter of the target on; limits above the target, and where halves of the recording differ "
-            "by three times what they claim; refuses above five times"
+            "note from a quarter of the target on; limits above the target, and above half of it where halves of the "
+            "recording differ by three times what they claim; refuses above five times"
         ),
         number=(
             "change of the offset from the beginning of a recording to its end, degrees at the worst heading; "

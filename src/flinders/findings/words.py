@@ -102,9 +102,23 @@ def remedy(next_step: Row) -> str:
     return movement(next_step)
 
 
-def because(differ_deg: float) -> str:
-    """How much of a heading error comes from calibrations that differ."""
-    return "" if math.isnan(differ_deg) else f", {figures(differ_deg)}° of it because they differ"
+def because(worst_deg: float, differ_deg: float, structure_deg: float, textbook_deg: float, is_covered: float) -> str:
+    """What makes most of a heading error, where that is known.
+
+    >>> because(1.5, math.nan, 1.4, 0.04, is_covered=True), because(1.5, math.nan, 0.0, 0.04, is_covered=True)
+    (', 1.4° of it because residuals depend on the direction', ', 0.040° if residuals were independent')
+    """
+    if not math.isnan(differ_deg):
+        return f", {figures(differ_deg)}° of it because they differ"
+    if 2.0 * structure_deg**2 > worst_deg**2:
+        return f", {figures(structure_deg)}° of it because residuals depend on the direction"
+    is_correlated = is_of_correlation(worst_deg, textbook_deg, is_covered)
+    return f", {figures(textbook_deg)}° if residuals were independent" if is_correlated else ""
+
+
+def is_of_correlation(worst_deg: float, textbook_deg: float, is_covered: float) -> bool:
+    """Whether a heading error is large because residuals are correlated, and not because directions are missing."""
+    return bool(is_covered) and 2.0 * textbook_deg < worst_deg
 
 
 def where_flat(breadth: float, flatness_limit: float) -> str:

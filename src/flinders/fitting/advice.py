@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.findings import words
+from flinders.findings import limit_of, words
 from flinders.findings.words import UPSIDE_DOWN
 from flinders.fitting.result import TILTS
 from flinders.heading.guidance import guide
@@ -41,7 +41,16 @@ def next_step(fit: Fit) -> Step:
         return ("use-ellipse",) if fit.claim.plane else ("use-auto",)
     if fit.evidence.diagnosis.repeats is not None and fit.evidence.diagnosis.repeats.scatter_deg > fit.claim.target_deg:
         return ("use-own-state",)
-    return next_movement(fit)
+    textbook = fit.claim.textbook_heading_error_deg
+    if fit.claim.plane or textbook is None:
+        return next_movement(fit)
+    is_correlated = words.is_of_correlation(fit.heading_error_deg.worst, textbook.worst, is_covered(fit))
+    return ("record-longer",) if is_correlated else next_movement(fit)
+
+
+def is_covered(fit: Fit) -> bool:
+    """Whether no direction is far from the nearest reading."""
+    return fit.coverage.hole_deg <= limit_of("coverage")
 
 
 def next_movement(fit: Fit) -> Step:

@@ -31,7 +31,7 @@ from flinders.findings.catalogue import (
 from flinders.findings.finding import stated
 from flinders.findings.row import CONDITIONS
 from flinders.findings.rules import SEVERITIES, causes_of
-from flinders.fitting.advice import next_movement, next_step, tilted_errors
+from flinders.fitting.advice import is_covered, next_movement, next_step, tilted_errors
 from flinders.fitting.record import record_of_ellipsoid, request_of
 from flinders.fitting.result import Judgement
 from flinders.geometry.plane import order_of
@@ -239,7 +239,7 @@ VALUES: Final[dict[str, Callable[[FitRecord], Any]]] = {
     "swap_count": lambda judged: None if judged.diagnosis.axis_swap is None else len(judged.diagnosis.axis_swap.rows),
     "halves_ratio": lambda judged: None if judged.diagnosis.drift is None else judged.diagnosis.drift.halves_ratio,
     "is_better": lambda judged: improves(judged.fit),
-    "is_covered": lambda judged: judged.fit.coverage.hole_deg <= limit_of("coverage"),
+    "is_covered": lambda judged: is_covered(judged.fit),
     "unmodelled": lambda judged: "" if judged.diagnosis.unmodelled is None else judged.diagnosis.unmodelled.name,
     "outlier_count": lambda judged: sum(run.independent for run in judged.evidence.outliers),
     "outlier_runs": lambda judged: _runs(judged.fit),
@@ -294,6 +294,8 @@ def judged_parts(
         "unit": label(calibration.unit),
         "corrected_length": calibration.field_strength,
         "differ_deg": math.nan,
+        "textbook_deg": math.nan,
+        "is_covered": False,
     }
     yield from Said.by(judgement).findings({**judged_quantities(judgement), **own, **(values or {})}, codes)
 

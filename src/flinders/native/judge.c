@@ -8,6 +8,7 @@ enum { NONE = FLINDERS_NOTHING };
 #define EARTH_STRONGEST ((real)67)
 #define INDEPENDENT_NEEDED ((real)15) /* claims of 15 readings at rest are as wrong as true ones (`benchmarks.claims`); */
 #define CORRELATED_NEEDED ((real)20)  /* how many independent ones correlated readings are worth is itself known roughly */
+#define BEYOND_HALVES ((real)0.5) /* of the target: a drift that is allowed where halves differ by more than they claim */
 #define BEYOND_CLAIM ((real)3)
 #define CHANGED_SHARE ((real)0.25) /* of the target: from there on a change matters */
 #define ALTERNATING ((real)-0.25)  /* correlation of a residual with the next that neither noise nor slow change has */
@@ -210,7 +211,7 @@ static void of_changes(const flinders_record *record, const flinders_request *re
     const real *const moved = record->drift_offset;
     const real apart = larger(CHANGED_SHARE * request->target_deg, BEYOND_CLAIM * record->apart_sigma_deg);
     q[FLINDERS_Q_DRIFT_DEG] = record->drift_deg;
-    q[FLINDERS_Q_DRIFT_ALLOWED_DEG] = or_zero(record->halves_apart) < BEYOND_CLAIM ? request->target_deg : 0;
+    q[FLINDERS_Q_DRIFT_ALLOWED_DEG] = request->target_deg * (or_zero(record->halves_apart) < BEYOND_CLAIM ? 1 : BEYOND_HALVES);
     q[FLINDERS_Q_DRIFT_BY_CHANCE] = record->drift_by_chance;
     q[FLINDERS_Q_DRIFT] = fl_sqrt(moved[0] * moved[0] + moved[1] * moved[1] + moved[2] * moved[2]);
     q[FLINDERS_Q_SWAP_GAIN] = record->swap_gain;

@@ -385,11 +385,14 @@ static int memory_of(const grid *all, const model *one)
     return k;
 }
 
-/* A finer grid about one of its models, a step of it to either side. */
+/* A finer grid about one of its models, a step of it to either side, but for memories beyond the grid: they look the same,
+ * and the noise that goes with them, of which the recording shows nothing, would be larger. */
 static grid about(const grid *all, const model *best)
 {
+    const real longest = all->memory * fl_pow(all->memory_step, COARSE - 1), above = best->memory * all->memory_step;
+    const real steps = (above < longest ? above : longest) * all->memory_step / best->memory;
     const grid fine = {best->ratio / all->ratio_step, fl_pow(all->ratio_step, 2 / (real)(FL_LANES - 1)),
-                       best->memory / all->memory_step, fl_pow(all->memory_step, 2 / (real)(FINE - 1)), FINE};
+                       best->memory / all->memory_step, fl_pow(steps, 1 / (real)(FINE - 1)), FINE};
     return fine;
 }
 

@@ -109,7 +109,7 @@ const VALUES = {
     attitude_limit_deg: ({ attitudeLimitDeg }) => attitudeLimitDeg,
     tilted: tiltedErrors,
     next_movement: nextMovement,
-    next_step: nextMovement,
+    next_step: nextStep,
     corrected_length: ({ strength }) => strength,
     previous: ({ renewed }) => renewed?.name ?? "",
     unit: ({ unit }) => unit,
@@ -127,7 +127,7 @@ const VALUES = {
     swap_row: ({ swap }) => (swap ? swap.rows[0] + 1 : NaN),
     swap_count: ({ swap }) => swap?.rows.length ?? NaN,
     is_better: isBetter,
-    is_covered: ({ record, data: { numbers } }) => Number(record.hole_deg <= numbers.COVERAGE_LIMIT),
+    is_covered: (fit) => Number(isCovered(fit)),
     outlier_count: ({ left }) => outlierRows(left.outliers),
     outlier_runs: ({ left }) => longestRuns(left.outliers),
     outlier_run_count: ({ left }) => left.outliers.length,
@@ -142,7 +142,7 @@ const WORDS = {
     attitudes,
     movement: ({ next_movement: next }, data) => stepWords(next, data),
     remedy: ({ next_step: next }, data) => stepWords(next, data),
-    because: () => "",
+    because,
     length: ({ corrected_length: strength, unit }) => `${figures(strength, 4)} ${unit}`,
     rings: ({ unobserved }) => (unobserved === 1 ? ", as two rings of readings would" : ""),
     where_flat: whereFlat,
@@ -245,6 +245,40 @@ function independentReadings({ independent, samples }) {
     const alike = "the others repeat them, or err alike, as where the field is not the same everywhere";
     const others = independent === samples ? "" : ` (of ${grouped(samples)}: ${alike})`;
     return `${counted(independent, "independent reading")}${others}`;
+}
+
+/**
+ * What would make the heading error smaller, likewise.
+ * @param {Fit} fit
+ * @returns {[string] | [string, number]}
+ */
+function nextStep(fit) {
+    const isOfCorrelation = !fit.plane && isCorrelated(fit.headingError.worst, VALUES.textbook_deg(fit), isCovered(fit));
+    return isOfCorrelation ? ["record-longer"] : nextMovement(fit);
+}
+
+/**
+ * Whether no direction is far from the nearest reading.
+ * @param {Fit} fit
+ */
+function isCovered({ record, data: { numbers } }) {
+    return record.hole_deg <= numbers.COVERAGE_LIMIT;
+}
+
+/**
+ * Whether a heading error is large because residuals are correlated, and not because directions are missing.
+ * @param {number} worst
+ * @param {number} textbook
+ * @param {boolean} isCovered
+ */
+function isCorrelated(worst, textbook, isCovered) {
+    return isCovered && 2 * textbook < worst;
+}
+
+/** @param {Values} values */
+function because({ worst_deg: worst, structure_deg: structure, textbook_deg: textbook, is_covered: isCovered }) {
+    if (2 * structure ** 2 > worst ** 2) return `, ${figures(structure)}° of it because residuals depend on the direction`;
+    return isCorrelated(worst, textbook, Boolean(isCovered)) ? `, ${figures(textbook)}° if residuals were independent` : "";
 }
 
 /** @param {Values} values */
