@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from flinders.workflows.correction import apply as apply
     from flinders.workflows.exporting import export as export
     from flinders.workflows.heading_series import headings as headings
+    from flinders.workflows.online import OnlineCalibration as OnlineCalibration
     from flinders.workflows.recording_contents import contents as contents
     from flinders.workflows.sensors import fit_each as fit_each
 
@@ -81,6 +82,7 @@ _HOMES: Final = {
     "FitError": "errors",
     "FlindersError": "errors",
     "Instruments": "fitting.aiding",
+    "OnlineCalibration": "workflows.online",
     "Samples": "core.samples",
     "Site": "likelihood.site_field",
     "Summary": "summary.summary",

@@ -16,9 +16,10 @@ from flinders.native.directions import Directions
 from flinders.native.faults import Faults
 from flinders.native.fits import Fits
 from flinders.native.judgements import Judgements
+from flinders.native.online import Online
 
 
-class Engine(Fits, Judgements, Faults, Directions):
+class Engine(Fits, Judgements, Faults, Directions, Online):
     """A compiled engine.
 
     Parameters

@@ -336,6 +336,75 @@ typedef struct flinders_route {
     flinders_real after_deg;     /* the same at the end of the path */
 } flinders_route;
 
+#ifndef FLINDERS_SMALL
+/* What a calibration that keeps itself does now. */
+enum {
+    FLINDERS_LEARNING = 0,  /* nothing is known yet */
+    FLINDERS_UNDISTURBED = 1, /* what is read agrees with what is known */
+    FLINDERS_DISTURBED = 2  /* it does not: something passes, or the offset has moved */
+};
+
+/* What happened: bits. */
+enum {
+    FLINDERS_LEARNT = 1,     /* a first calibration */
+    FLINDERS_CONTRADICTED = 2, /* readings no longer agree with what is known */
+    FLINDERS_PASSED = 4,     /* they agree again */
+    FLINDERS_MOVED = 8,      /* they do not, and agree with each other: the offset is another one */
+    FLINDERS_ADOPTED = 16,   /* another calibration is in force */
+    FLINDERS_CLOCK_BACK = 32 /* a time before the last one: its reading is left out */
+};
+
+/* A calibration that keeps itself while its sensor is used: everything that is known of it, in one record that may be saved,
+ * and goes on in another process. Times are in seconds, of any origin. NaN where nothing is known. */
+typedef struct flinders_online {
+    int32_t version;              /* FLINDERS_RECORD_VERSION */
+    int32_t state;                /* FLINDERS_LEARNING ... */
+    int32_t is_locked;            /* 1: nothing is adopted by itself */
+    int32_t is_level;             /* 1: all readings are of a level vehicle, and their ellipse alone is known */
+    int32_t kept;                 /* readings of the evidence */
+    int32_t tested;               /* of these that were compared with what is known */
+    int32_t doubtful;             /* first of those that contradict it, -1: none does */
+    int32_t agreeing;             /* groups of readings in a row that agree with what was known before */
+    int32_t alike;                /* groups in a row that agree with those before them, and not with that */
+    int32_t averaged;             /* readings in the mean of those of one direction */
+    flinders_real target_deg;     /* worst heading error that is good enough */
+    flinders_real dip_deg;        /* inclination of the field, for heading errors */
+    flinders_real now;            /* time of the newest reading */
+    flinders_real known[9];       /* offset and shape, without the evidence, unit ... */
+    flinders_real known_covariance[81];
+    flinders_real known_at;       /* ... at this time */
+    flinders_real latest[9];      /* the same with the evidence */
+    flinders_real latest_covariance[81];
+    flinders_real latest_at;
+    flinders_real in_force[9];    /* what is in use ... */
+    flinders_real adopted_at;     /* ... since */
+    flinders_real replaced[9];    /* what was in use before; NaN: nothing */
+    flinders_real apart[3];       /* by how much the offset may have moved, unit */
+    flinders_real apart_covariance[9];
+    flinders_real noise;          /* of readings about the ellipsoid, unit */
+    flinders_real scatter;        /* of groups of readings that agree with what is known, over what they claim, in variance */
+    flinders_real height;         /* of a level vehicle's readings along z, unit */
+    flinders_real rates[7];       /* probability of each rate at which the offset may walk */
+    flinders_real sum[3];         /* of the readings of one direction, and ... */
+    flinders_real sum_time;       /* ... of their times */
+    flinders_real last[3];        /* the first of them */
+    flinders_real last_at;
+    flinders_real field[2304];    /* (768, 3) evidence, unit: means of readings in one direction */
+    flinders_real time[768];
+} flinders_online;
+
+/* What a calibration that keeps itself claims at a time. NaN where nothing is in force. */
+typedef struct flinders_online_claim {
+    flinders_real rms_deg;        /* heading error of a level vehicle with what is in force, 1 sigma, over all headings */
+    flinders_real worst_deg;      /* at the worst heading */
+    flinders_real bound_deg;      /* that it stays within at all headings with a probability of 95 % */
+    flinders_real latest_deg;     /* worst heading error with what is known latest */
+    flinders_real age_s;          /* how old that is */
+    flinders_real walk;           /* at which the offset walks, unit per root hour */
+    flinders_real covariance[81]; /* of what is in force, unit² */
+} flinders_online_claim;
+#endif
+
 /* Axes that an attitude is named in: of a vehicle (forward, right, down when it is level), or of the sensor. */
 enum { FLINDERS_VEHICLE = 0, FLINDERS_SENSOR = 1, FLINDERS_VEHICLE_POSES = 42, FLINDERS_SENSOR_POSES = 50 };
 
@@ -525,6 +594,30 @@ FLINDERS_API int flinders_compare(const flinders_calibrated *first, const flinde
  * explains. FLINDERS_CANNOT_TELL: neither, as where a number is NaN. Of two that are exact nothing is left to chance. */
 FLINDERS_API int flinders_holds(flinders_real worst_deg, flinders_real sigma_deg, flinders_real bound_deg,
                                  flinders_real p_value, flinders_real target_deg);
+
+#ifndef FLINDERS_SMALL
+/* Bytes of the record of a calibration that keeps itself. Its workspace is that of 768 readings. */
+FLINDERS_API size_t flinders_online_size(void);
+
+/* Begin without any calibration. */
+FLINDERS_API void flinders_online_begin(flinders_online *online);
+
+/* Put a calibration in force that was known at a time: offset and shape (9,) and their covariance (9, 9). */
+FLINDERS_API int flinders_online_know(flinders_online *online, const flinders_real parameters[9],
+                                      const flinders_real covariance[81], flinders_real noise, flinders_real time);
+
+/* Add readings: field (rows, 3), time (rows,) in s. Stops behind a reading by which something happened, bits of `events`;
+ * returns how many were added. */
+FLINDERS_API size_t flinders_online_add(flinders_online *online, const flinders_real *field, const flinders_real *time,
+                                        size_t rows, void *workspace, size_t size, int32_t *events);
+
+/* What is claimed at a time, now or later; FLINDERS_UNDETERMINED where nothing is in force. */
+FLINDERS_API int flinders_online_claim_at(const flinders_online *online, flinders_real time, flinders_online_claim *claim);
+
+/* Put what is known latest in force, or what was before. */
+FLINDERS_API void flinders_online_adopt(flinders_online *online);
+FLINDERS_API void flinders_online_take_back(flinders_online *online);
+#endif
 
 /* Largest angle of readings (rows, 3) from their mean, degrees, by a shape that is known. */
 FLINDERS_API flinders_real flinders_turn_deg(const flinders_real *field, size_t rows, const flinders_real shape[6]);

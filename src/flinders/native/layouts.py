@@ -93,6 +93,12 @@ VERTICAL: Final = layout("flinders_vertical", np.float64)
 HEIGHTS: Final = layout("flinders_heights", np.float64)
 """Layout of the plane of a level turn."""
 
+ONLINE: Final = layout("flinders_online", np.float64)
+"""Layout of a calibration that keeps itself."""
+
+ONLINE_CLAIM: Final = layout("flinders_online_claim", np.float64)
+"""Layout of what it claims at a time."""
+
 UNDETERMINED: Final = 7
 """Status of a record whose readings leave parameters open, and there is no prior."""
 

@@ -53,6 +53,13 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "soft_iron_p_value": (_A, _A, _A, _A),
     "refresh": (_A, _A, _N, _A, _A, _A, _N, _A),
     "turn_deg": (_A, _N, _A),
+    "online_size": (),
+    "online_begin": (_A,),
+    "online_know": (_A, _A, _A, _D, _D),
+    "online_add": (_A, _A, _A, _N, _A, _N, _A),
+    "online_claim_at": (_A, _D, _A),
+    "online_adopt": (_A,),
+    "online_take_back": (_A,),
     "compare": (_A, _A, _D, _A),
     "holds": (_D, _D, _D, _D, _D),
     "drift": (_A, _N, _A, _A, _D, _A, _N, _A),
@@ -109,7 +116,7 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
 
 _RESULTS: Final[dict[str, type]] = {
     "workspace_size": _N, "rests": _N, "record_size": _N, "real_size": _N, "message": ctypes.c_char_p,
-    "judgement_size": _N, "widening_by_few": _D,
+    "judgement_size": _N, "widening_by_few": _D, "online_size": _N, "online_add": _N,
     "list_outliers": _N, "swap_workspace_size": _N, "facing": _D, "soft_iron_p_value": _D, "turn_deg": _D,
 }  # fmt: skip
 """What functions give that give no status."""

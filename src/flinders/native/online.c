@@ -1,0 +1,554 @@
+/* A calibration that keeps itself while its sensor is used.
+ *
+ * The nine parameters are normally distributed. Between readings the offset walks, by w √t, so that the claim grows; w has
+ * one of seven values, each as probable as the steps from one block of evidence to the next make it. Evidence is the means of
+ * readings in one direction, kept in the order of time. A block of it is fitted with what was known before as its prior, by
+ * the fit of every recording, with slow noise of the vector and of the strength; the field's strength is another one in each
+ * block, as places differ. A place bends the field the same way as long as one stays, so that a hundred blocks say no more
+ * than a few: SAME of what a block leaves open stays.
+ *
+ * Each group of readings is first compared with what is known, by the offset that it shows alone. Where they contradict each
+ * other, the difference joins the claim at once. Groups that agree with what was known again show that something passed, and
+ * their evidence is dropped; groups that agree with each other show that the offset has moved.
+ */
+#include "judge.h"
+#include "residuals.h"
+
+#ifndef FLINDERS_SMALL
+
+enum { PARAMETERS = 9, KEPT = 768, FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, RATES = 7, IN_A_ROW = 2 };
+
+#define TURNED ((real)0.06)        /* rad from which on a direction is another one */
+#define MOST_TOGETHER_S ((real)2)  /* that readings of one direction are averaged over */
+#define GAP_S ((real)120)          /* without readings, or turning, after which a block has ended */
+#define BLOCK_S ((real)1200)       /* that a block lasts at most */
+#define HOUR_S ((real)3600)
+#define GROUP_TURN_DEG ((real)25)  /* from the mean of a group, that it is compared from */
+#define ANYWHERE ((real)0.3)       /* of the radius: where an offset may be that nothing is known of */
+#define OTHER_PLACE ((real)0.05)   /* of the field's strength, from block to block */
+#define SAME ((real)0.2)           /* of the variance of a block, that is the place's */
+#define SHAPE_WALK ((real)2e-4)    /* of the radius, by which an entry of the shape walks in an hour */
+#define CONTRADICTS ((real)1e-6)   /* how often chance may make a group that contradicts what is known */
+#define AGREES ((real)0.01)        /* how often chance makes a group that is said to agree again no better */
+#define LARGE ((real)0.004)        /* of the radius: smaller contradictions are none */
+#define LASTS_S ((real)30)         /* that an offset has to stay where it is to have moved */
+#define BETTER ((real)0.8)         /* of the claim in force, from which on another calibration is adopted */
+#define LEARNT ((real)3)           /* targets that a first calibration claims at most */
+#define SCATTER ((real)4)         /* of groups beforehand, in variance */
+#define GROUPS ((real)16)         /* that it is an average over */
+#define FAR ((real)4)             /* times it, that one group counts at most */
+#define LEVEL_S ((real)60)        /* that the first calibration of a level vehicle takes at least */
+#define HELD ((real)1e-4)          /* of the radius, of what readings say nothing of */
+#define TINY_SHARE ((real)1e-12)
+
+/* Rates of the offset's walk, of the radius per root hour, and how probable each is beforehand. */
+static const real RATE[RATES] = {(real)0.0003, (real)0.0006, (real)0.0012, (real)0.0025, (real)0.005, (real)0.01, (real)0.02};
+static const real PROBABLE[RATES] = {(real)0.05, (real)0.1, (real)0.2, (real)0.25, (real)0.2, (real)0.15, (real)0.05};
+
+/* Memory that is lent to fits. */
+typedef struct {
+    void *at;
+    size_t size;
+} lent;
+
+/* Bytes of the record. */
+size_t flinders_online_size(void) { return sizeof(flinders_online); }
+
+/* Mean radius of a shape. */
+static real radius_of(const real parameters[9]) { return (parameters[3] + parameters[4] + parameters[5]) / 3; }
+
+/* Variance by which the offset walks in an hour, a fraction of the radius squared. */
+static real walk_of(const flinders_online *online)
+{
+    real sum = 0;
+    for (int k = 0; k < RATES; k++) sum += online->rates[k] * RATE[k] * RATE[k];
+    return sum;
+}
+
+/* Whether the readings of a level vehicle say nothing of a parameter. */
+static int is_across(int parameter) { return parameter == 2 || parameter == 5 || parameter > 6; }
+
+/* Of a level vehicle, hold what its readings say nothing of. */
+static void hold(const flinders_online *online, const real parameters[9], real covariance[81])
+{
+    const real held = HELD * radius_of(parameters);
+    if (!online->is_level) return;
+    for (int i = 0; i < PARAMETERS; i++)
+        for (int j = 0; j < PARAMETERS; j++)
+            if (is_across(i) || is_across(j)) covariance[9 * i + j] = i == j ? held * held : 0;
+}
+
+/* Of a level vehicle, let what is known be what its ellipse leaves open, given all that lies across it. */
+static void condition(const flinders_online *online, const real parameters[9], real covariance[81])
+{
+    const int across[4] = {2, 5, 7, 8};
+    real inner[16], inverse[16];
+    if (!online->is_level) return;
+    for (int k = 0; k < 16; k++) inner[k] = covariance[9 * across[k / 4] + across[k % 4]];
+    fl_inverse(inner, 4, inverse);
+    real left[81];
+    memcpy(left, covariance, sizeof left);
+    for (int i = 0; i < PARAMETERS; i++)
+        for (int j = 0; j < PARAMETERS; j++)
+            for (int k = 0; k < 16; k++)
+                left[9 * i + j] -= covariance[9 * i + across[k / 4]] * inverse[k] * covariance[9 * across[k % 4] + j];
+    memcpy(covariance, left, sizeof left);
+    hold(online, parameters, covariance);
+}
+
+/* Let time pass over a covariance. */
+static void age(const flinders_online *online, const real parameters[9], real seconds, real covariance[81])
+{
+    const real radius = radius_of(parameters), hours = seconds > 0 ? seconds / HOUR_S : 0;
+    const real offset = walk_of(online) * radius * radius * hours, shape = SHAPE_WALK * SHAPE_WALK * radius * radius * hours;
+    for (int i = 0; i < PARAMETERS; i++) covariance[10 * i] += i < 3 ? offset : i < 6 ? shape : shape / 2;
+    hold(online, parameters, covariance);
+}
+
+/* Let the field have another strength. */
+static void allow_strength(const flinders_online *online, const real parameters[9], real share, real covariance[81])
+{
+    for (int i = 3; i < PARAMETERS; i++)
+        for (int j = 3; j < PARAMETERS; j++) covariance[9 * i + j] += share * share * parameters[i] * parameters[j];
+    hold(online, parameters, covariance);
+}
+
+/* Let the offset be anywhere. */
+static void allow_offset(const flinders_online *online, const real parameters[9], real covariance[81])
+{
+    const real anywhere = ANYWHERE * radius_of(parameters);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < PARAMETERS; j++) covariance[9 * i + j] = covariance[9 * j + i] = i == j ? anywhere * anywhere : 0;
+    hold(online, parameters, covariance);
+}
+
+/* Let readings say less by a factor in variance: with the prior Π and what they say, J = P⁻¹ − Π, the covariance is
+ * P' = (Π + J/f)⁻¹, and the step from the prior's mean P' P⁻¹ / f of what it was. */
+static void weaken(const flinders_options *prior, real factor, flinders_record *record)
+{
+    real inverse[81], information[81], covariance[81], step[9], force[9], moved[9];
+    fl_inverse(record->covariance, PARAMETERS, inverse);
+    for (int i = 0; i < 81; i++)
+        information[i] = prior->information[i] + (inverse[i] - prior->information[i]) / factor;
+    fl_inverse(information, PARAMETERS, covariance);
+    for (int i = 0; i < PARAMETERS; i++)
+        step[i] = (i < 3 ? record->centre[i] : record->shape[i - 3]) - prior->expected[i];
+    fl_multiply(inverse, step, PARAMETERS, PARAMETERS, 1, force);
+    fl_multiply(covariance, force, PARAMETERS, PARAMETERS, 1, moved);
+    for (int i = 0; i < PARAMETERS; i++)
+        *(i < 3 ? record->centre + i : record->shape + i - 3) = prior->expected[i] + moved[i] / factor;
+    memcpy(record->covariance, covariance, sizeof covariance);
+}
+
+/* Fit evidence from one reading on with what is known. Noise is no smaller than it was when the sensor was calibrated. */
+static int fit(const flinders_online *online, size_t first, const real expected[9], const real covariance[81],
+               const lent *memory, flinders_record *record)
+{
+    flinders_options options;
+    flinders_default_options(&options);
+    options.dip_deg = online->dip_deg;
+    options.statistics = options.rests = options.level = 0;
+    options.is_informed = 1;
+    memcpy(options.expected, expected, sizeof options.expected);
+    fl_inverse(covariance, PARAMETERS, options.information);
+    if (flinders_fit(online->field + 3 * first, online->time + first, (size_t)online->kept - first, &options, memory->at,
+                     memory->size, record)) return record->status;
+    const real times = online->noise / record->noise, few = flinders_widening_by_few((real)record->used - PARAMETERS);
+    const real factor = few * (times > 1 ? times * times : 1);
+    if (factor > 1) weaken(&options, factor, record);
+    return FLINDERS_OK;
+}
+
+/* Offset that evidence shows alone from one reading on, with the shape as it is known, and its covariance (3, 3). */
+static int offset_alone(const flinders_online *online, size_t first, const real start[3], const lent *memory,
+                        real offset[3], real covariance[9])
+{
+    flinders_record record;
+    real expected[9], free[81];
+    memcpy(expected, online->latest, sizeof expected);
+    memcpy(expected, start, 3 * sizeof *start);
+    memcpy(free, online->latest_covariance, sizeof free);
+    allow_strength(online, expected, 2 * OTHER_PLACE, free);
+    allow_offset(online, expected, free);
+    if (fit(online, first, expected, free, memory, &record)) return 1;
+    for (int i = 0; i < 3; i++) offset[i] = record.centre[i];
+    for (int i = 0; i < 9; i++) covariance[i] = record.covariance[9 * (i / 3) + i % 3];
+    return 0;
+}
+
+/* How often chance makes a difference d of a covariance that is a sum of two, and of groups that scatter so much more. */
+static real chance_of(const real d[3], const real one[9], const real other[9], real scatter, real *ratio)
+{
+    real sum[9], square;
+    for (int i = 0; i < 9; i++) sum[i] = one[i] + other[i];
+    const int freedom = fl_chi_square(d, sum, 3, &square);
+    if (ratio) *ratio = freedom ? square / (real)freedom : 0;
+    return freedom ? fl_chance_of(square / scatter, (real)freedom, 0) : 1;
+}
+
+/* Covariance (3, 3) of the offset, as it is known latest, at a time. */
+static void offset_covariance(const flinders_online *online, real time, real out[9])
+{
+    real aged[81];
+    memcpy(aged, online->latest_covariance, sizeof aged);
+    age(online, online->latest, time - online->latest_at, aged);
+    for (int i = 0; i < 9; i++) out[i] = aged[9 * (i / 3) + i % 3];
+}
+
+/* What is known latest is what evidence makes of what was known before. */
+static void learn(flinders_online *online, const lent *memory)
+{
+    flinders_record record;
+    real prior[81], free[81];
+    const real last = online->time[online->kept - 1];
+    memcpy(prior, online->known_covariance, sizeof prior);
+    age(online, online->known, last - online->known_at, prior);
+    memcpy(free, prior, sizeof free);
+    allow_strength(online, online->known, OTHER_PLACE, free);
+    if (fit(online, 0, online->known, free, memory, &record)) return;
+    memcpy(online->latest, record.centre, sizeof record.centre);
+    memcpy(online->latest + 3, record.shape, sizeof record.shape);
+    memcpy(online->latest_covariance, record.covariance, sizeof record.covariance);
+    online->latest_at = last;
+}
+
+/* Drop evidence before one reading. */
+static void drop_before(flinders_online *online, int first)
+{
+    const size_t left = (size_t)(online->kept - first);
+    memmove(online->field, online->field + 3 * first, 3 * left * sizeof(real));
+    memmove(online->time, online->time + first, left * sizeof(real));
+    online->kept -= first;
+    online->tested = online->tested > first ? online->tested - first : 0;
+    online->doubtful = online->doubtful < 0 ? -1 : online->doubtful > first ? online->doubtful - first : 0;
+}
+
+/* Keep the share of what a block leaves open that is the place's: of a direction in which the covariance is e times what
+ * it was before, the block alone leaves e / (1 − e). */
+static void keep_open(const real before[81], real covariance[81])
+{
+    real values[PARAMETERS], vectors[81], turned[81], half[81], shares[PARAMETERS];
+    const int k = fl_principal(before, PARAMETERS, values, vectors);
+    for (int i = 0; i < PARAMETERS; i++)
+        for (int j = 0; j < k; j++) vectors[k * i + j] /= fl_sqrt(values[j]);
+    fl_multiply(covariance, vectors, PARAMETERS, PARAMETERS, k, half);
+    for (int i = 0; i < k; i++)
+        for (int j = 0; j < k; j++) {
+            turned[k * i + j] = 0;
+            for (int l = 0; l < PARAMETERS; l++) turned[k * i + j] += vectors[k * l + i] * half[k * l + j];
+        }
+    fl_eigen(turned, k, shares);
+    fl_multiply(before, vectors, PARAMETERS, PARAMETERS, k, half);
+    fl_multiply(half, turned, PARAMETERS, k, k, vectors); /* in columns: covariance = Σ share v vᵀ */
+    for (int l = 0; l < k; l++) {
+        const real left = shares[l] < 1 - TINY_SHARE ? SAME * shares[l] / (1 - shares[l]) : 1;
+        const real least = left < 1 ? left : 1, more = least > shares[l] ? least - shares[l] : 0;
+        for (int i = 0; i < PARAMETERS; i++)
+            for (int j = 0; j < PARAMETERS; j++) covariance[9 * i + j] += more * vectors[k * i + l] * vectors[k * j + l];
+    }
+}
+
+/* What a block says of the rate at which the offset walks. */
+static void weigh_rates(flinders_online *online, const real d[3], const real covariance[9], real hours)
+{
+    const real radius = radius_of(online->known);
+    real sum = 0, densities[RATES], best = -FL_HUGE;
+    for (int k = 0; k < RATES; k++) {
+        real factor[9], x[3];
+        memcpy(factor, covariance, sizeof factor), memcpy(x, d, sizeof x);
+        for (int i = 0; i < 3; i++) factor[4 * i] += RATE[k] * RATE[k] * radius * radius * hours;
+        if (fl_cholesky(factor, 3)) return;
+        fl_forward(factor, 3, x);
+        densities[k] = -(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) / 2 - fl_log(factor[0] * factor[4] * factor[8]);
+        best = densities[k] > best ? densities[k] : best;
+    }
+    for (int k = 0; k < RATES; k++) sum += online->rates[k] *= fl_exp(densities[k] - best);
+    for (int k = 0; k < RATES; k++) online->rates[k] /= sum;
+}
+
+/* End a block: what is known latest is what is known, and its evidence is gone. */
+static void close_block(flinders_online *online, const lent *memory)
+{
+    real prior[81], offset[3], covariance[9], d[3];
+    const real seconds = online->latest_at - online->known_at;
+    if (!online->kept || !(online->latest_at > online->known_at)) {
+        drop_before(online, online->kept);
+        return;
+    }
+    if (!offset_alone(online, 0, online->known, memory, offset, covariance)) {
+        for (int i = 0; i < 3; i++) d[i] = offset[i] - online->known[i];
+        for (int i = 0; i < 9; i++) covariance[i] += online->known_covariance[9 * (i / 3) + i % 3];
+        weigh_rates(online, d, covariance, seconds / HOUR_S);
+    }
+    memcpy(prior, online->known_covariance, sizeof prior);
+    age(online, online->known, seconds, prior);
+    memcpy(online->known, online->latest, sizeof online->known);
+    keep_open(prior, online->latest_covariance);
+    memcpy(online->known_covariance, online->latest_covariance, sizeof online->known_covariance);
+    online->known_at = online->latest_at;
+    drop_before(online, online->kept);
+}
+
+/* Put what is known latest in force. */
+void flinders_online_adopt(flinders_online *online)
+{
+    if (online->state == FLINDERS_LEARNING) return;
+    memcpy(online->replaced, online->in_force, sizeof online->replaced);
+    memcpy(online->in_force, online->latest, sizeof online->in_force);
+    online->adopted_at = online->now;
+}
+
+/* Put what was in force before in force again. */
+void flinders_online_take_back(flinders_online *online)
+{
+    real current[9];
+    if (isnan(online->replaced[3])) return;
+    memcpy(current, online->in_force, sizeof current);
+    memcpy(online->in_force, online->replaced, sizeof online->in_force);
+    memcpy(online->replaced, current, sizeof online->replaced);
+    online->adopted_at = online->now;
+}
+
+/* Adopt what is known latest where that is clearly better than what is in force. */
+static int32_t adopt_better(flinders_online *online)
+{
+    flinders_online_claim claim;
+    if (online->is_locked || online->state != FLINDERS_UNDISTURBED) return 0;
+    if (flinders_online_claim_at(online, online->now, &claim)) return 0;
+    if (!(claim.latest_deg < BETTER * claim.worst_deg)) return 0;
+    flinders_online_adopt(online);
+    return FLINDERS_ADOPTED;
+}
+
+/* Nothing contradicts what is known. */
+static void clear_doubt(flinders_online *online)
+{
+    online->doubtful = -1;
+    online->agreeing = online->alike = 0;
+    for (int i = 0; i < 3; i++) online->apart[i] = 0;
+    memset(online->apart_covariance, 0, sizeof online->apart_covariance);
+}
+
+/* The offset is another one: that which doubtful evidence shows, with the shape as it was. */
+static int32_t move(flinders_online *online, const real offset[3], const real covariance[9])
+{
+    memcpy(online->latest, offset, 3 * sizeof *offset);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < PARAMETERS; j++)
+            online->latest_covariance[9 * i + j] = online->latest_covariance[9 * j + i] = j < 3 ? covariance[3 * i + j] : 0;
+    online->latest_at = online->known_at = online->time[online->kept - 1];
+    memcpy(online->known, online->latest, sizeof online->known);
+    memcpy(online->known_covariance, online->latest_covariance, sizeof online->known_covariance);
+    clear_doubt(online);
+    drop_before(online, online->kept);
+    online->state = FLINDERS_UNDISTURBED;
+    return FLINDERS_MOVED | adopt_better(online);
+}
+
+/* Readings from one on agree with what is known, or contradict it. */
+static int32_t doubt(flinders_online *online, int first, const lent *memory)
+{
+    real offset[3], covariance[9], known[9], d[3], other[3];
+    const real now = online->time[online->kept - 1], radius = radius_of(online->latest);
+    if (offset_alone(online, (size_t)first, online->latest, memory, offset, covariance)) return 0;
+    offset_covariance(online, now, known);
+    for (int i = 0; i < 3; i++) d[i] = offset[i] - online->latest[i];
+    real ratio;
+    const real chance = chance_of(d, covariance, known, online->scatter, &ratio), size = fl_sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    if (online->state == FLINDERS_UNDISTURBED) {
+        if (!(chance < CONTRADICTS && size > LARGE * radius)) {
+            online->scatter += ((ratio < FAR * online->scatter ? ratio : FAR * online->scatter) - online->scatter) / GROUPS;
+            online->scatter = online->scatter > 1 ? online->scatter : 1;
+            return 0;
+        }
+        online->state = FLINDERS_DISTURBED, online->doubtful = first;
+        memcpy(online->apart, d, sizeof d);
+        memcpy(online->apart_covariance, covariance, sizeof covariance);
+        return FLINDERS_CONTRADICTED;
+    }
+    for (int i = 0; i < 3; i++) other[i] = d[i] - online->apart[i];
+    const int agrees = chance > AGREES, is_alike = chance_of(other, covariance, online->apart_covariance, online->scatter, NULL) > AGREES;
+    if (agrees && is_alike) return 0; /* it tells nothing */
+    online->agreeing = agrees ? online->agreeing + 1 : 0, online->alike = is_alike ? online->alike + 1 : 0;
+    if (online->agreeing == IN_A_ROW) {
+        clear_doubt(online);
+        drop_before(online, online->kept); /* what passed, and the evidence of this block with it */
+        online->state = FLINDERS_UNDISTURBED;
+        return FLINDERS_PASSED;
+    }
+    if (agrees) return 0;
+    if (!is_alike) online->doubtful = first; /* what there was before is another offset again */
+    if (offset_alone(online, (size_t)online->doubtful, offset, memory, offset, covariance)) return 0;
+    for (int i = 0; i < 3; i++) online->apart[i] = offset[i] - online->latest[i];
+    memcpy(online->apart_covariance, covariance, sizeof covariance);
+    if (online->alike < IN_A_ROW || now - online->time[online->doubtful] < LASTS_S) return 0;
+    return move(online, offset, covariance);
+}
+
+/* Compare the readings that were not compared yet, where they are enough, and learn of them. */
+static int32_t look(flinders_online *online, const lent *memory)
+{
+    const int first = online->tested, count = online->kept - first;
+    if (count < GROUP) return 0;
+    if (count < LARGE_GROUP &&
+        !(flinders_turn_deg(online->field + 3 * first, (size_t)count, online->latest + 3) > GROUP_TURN_DEG)) return 0;
+    const int32_t events = doubt(online, first, memory);
+    online->tested = online->kept;
+    if (online->state != FLINDERS_UNDISTURBED || !online->kept) return events;
+    learn(online, memory);
+    return events | adopt_better(online);
+}
+
+/* Find a first calibration. */
+static int32_t begin_to_know(flinders_online *online, const lent *memory)
+{
+    flinders_options options;
+    flinders_record record;
+    flinders_request request;
+    flinders_judgement judgement;
+    if (online->kept < FEWEST || online->kept % STEP) return 0;
+    flinders_default_options(&options);
+    flinders_default_request(&request);
+    options.dip_deg = online->dip_deg, options.rests = 0;
+    request.target_deg = online->target_deg;
+    if (flinders_fit(online->field, online->time, (size_t)online->kept, &options, memory->at, memory->size, &record) ||
+        flinders_judge(&record, &request, &judgement)) return 0;
+    if (judgement.verdict >= FLINDERS_REFUSES || !(judgement.worst_deg < LEARNT * online->target_deg)) return 0;
+    real parameters[9];
+    if (record.plane && online->time[online->kept - 1] - online->time[0] < LEVEL_S) return 0;
+    online->is_level = record.plane != 0, online->height = record.mean[2];
+    memcpy(parameters, record.centre, sizeof record.centre);
+    memcpy(parameters + 3, record.shape, sizeof record.shape);
+    flinders_online_know(online, parameters, judgement.covariance, record.noise, online->time[online->kept - 1]);
+    return FLINDERS_LEARNT | FLINDERS_ADOPTED;
+}
+
+/* Angle between the directions of two readings, by what is known. */
+static real turned_by(const flinders_online *online, const real a[3], const real b[3])
+{
+    real d[3], square = 0;
+    real radius = online->state == FLINDERS_LEARNING ? 0 : radius_of(online->latest);
+    for (int axis = 0; axis < 3; axis++) d[axis] = a[axis] - b[axis], square += d[axis] * d[axis];
+    if (!(radius > 0)) radius = fl_sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+    return fl_sqrt(square) / (radius > FL_TINY ? radius : FL_TINY);
+}
+
+/* Put the mean of the readings of one direction into the evidence. */
+static int32_t keep(flinders_online *online, const lent *memory)
+{
+    if (!online->averaged) return 0;
+    if (online->kept == KEPT) {
+        if (online->state == FLINDERS_UNDISTURBED) close_block(online, memory);
+        else drop_before(online, KEPT / 2);
+    }
+    for (int axis = 0; axis < 3; axis++) online->field[3 * online->kept + axis] = online->sum[axis] / (real)online->averaged;
+    if (online->is_level) online->field[3 * online->kept + 2] = online->height;
+    online->time[online->kept++] = online->sum_time / (real)online->averaged;
+    for (int axis = 0; axis < 3; axis++) online->sum[axis] = 0;
+    online->sum_time = 0, online->averaged = 0;
+    return online->state == FLINDERS_LEARNING ? begin_to_know(online, memory) : look(online, memory);
+}
+
+/* End what has lasted for too long, or has ended. */
+static void end_block(flinders_online *online, real time, const lent *memory)
+{
+    if (!online->kept || online->state != FLINDERS_UNDISTURBED) return;
+    if (time - online->time[online->kept - 1] > GAP_S || time - online->time[0] > BLOCK_S) close_block(online, memory);
+}
+
+/* Add one reading. */
+static int32_t add(flinders_online *online, const real x[3], real time, const lent *memory)
+{
+    int32_t events = 0;
+    if (time < online->now) return FLINDERS_CLOCK_BACK;
+    const int is_first = !(online->last_at <= time);
+    const int is_turned = is_first || turned_by(online, x, online->last) > TURNED;
+    if (is_turned || time - online->last_at > MOST_TOGETHER_S) {
+        if (online->averaged > 0 && (is_turned || online->averaged > 0)) events = keep(online, memory);
+        end_block(online, time, memory);
+    }
+    online->now = time;
+    if (is_turned) {
+        memcpy(online->last, x, 3 * sizeof *x);
+        online->last_at = time;
+    } else if (time - online->last_at > MOST_TOGETHER_S) return events; /* it stands still: this direction is there */
+    for (int axis = 0; axis < 3; axis++) online->sum[axis] += x[axis];
+    online->sum_time += time, online->averaged++;
+    return events;
+}
+
+/* Begin without any calibration. */
+void flinders_online_begin(flinders_online *online)
+{
+    memset(online, 0, sizeof *online);
+    online->version = FLINDERS_RECORD_VERSION;
+    online->target_deg = 1, online->dip_deg = 60;
+    online->now = -FL_HUGE, online->last_at = FL_NOT_A_NUMBER;
+    online->known_at = online->latest_at = online->adopted_at = online->noise = FL_NOT_A_NUMBER;
+    for (int i = 0; i < PARAMETERS; i++)
+        online->known[i] = online->latest[i] = online->in_force[i] = online->replaced[i] = FL_NOT_A_NUMBER;
+    memcpy(online->rates, PROBABLE, sizeof online->rates);
+    online->scatter = SCATTER;
+    clear_doubt(online);
+}
+
+/* Put a calibration in force. */
+int flinders_online_know(flinders_online *online, const real parameters[9], const real covariance[81], real noise, real time)
+{
+    fl_surface surface;
+    if (fl_surface_of(parameters, parameters + 3, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
+    memcpy(online->known, parameters, sizeof online->known);
+    memcpy(online->known_covariance, covariance, sizeof online->known_covariance);
+    memcpy(online->latest, parameters, sizeof online->latest);
+    condition(online, parameters, online->known_covariance);
+    memcpy(online->latest_covariance, online->known_covariance, sizeof online->latest_covariance);
+    memcpy(online->in_force, parameters, sizeof online->in_force);
+    online->known_at = online->latest_at = online->adopted_at = time;
+    online->noise = noise, online->state = FLINDERS_UNDISTURBED;
+    clear_doubt(online);
+    drop_before(online, online->kept);
+    return FLINDERS_OK;
+}
+
+/* Add readings. */
+size_t flinders_online_add(flinders_online *online, const real *field, const real *time, size_t rows, void *workspace,
+                           size_t size, int32_t *events)
+{
+    const lent memory = {workspace, size};
+    *events = 0;
+    for (size_t row = 0; row < rows; row++) {
+        const real *const x = field + 3 * row;
+        if (!(isfinite(x[0]) && isfinite(x[1]) && isfinite(x[2]) && isfinite(time[row]))) continue;
+        *events = add(online, x, time[row], &memory);
+        if (*events) return row + 1;
+    }
+    return rows;
+}
+
+/* What is claimed at a time. */
+int flinders_online_claim_at(const flinders_online *online, real time, flinders_online_claim *claim)
+{
+    fl_surface surface;
+    fl_bound shared;
+    real rms;
+    claim->rms_deg = claim->worst_deg = claim->bound_deg = claim->latest_deg = claim->age_s = claim->walk = FL_NOT_A_NUMBER;
+    for (int i = 0; i < 81; i++) claim->covariance[i] = FL_NOT_A_NUMBER;
+    if (online->state == FLINDERS_LEARNING || fl_surface_of(online->in_force, online->in_force + 3, &surface))
+        return FLINDERS_UNDETERMINED;
+    real *const covariance = claim->covariance;
+    memcpy(covariance, online->latest_covariance, sizeof claim->covariance);
+    age(online, online->latest, time - online->latest_at, covariance);
+    for (int i = 0; i < 9; i++)
+        covariance[9 * (i / 3) + i % 3] += online->apart[i / 3] * online->apart[i % 3] + online->apart_covariance[i];
+    fl_level_errors(&surface, covariance, online->dip_deg, &rms, &claim->latest_deg);
+    for (int i = 0; i < PARAMETERS; i++)
+        for (int j = 0; j < PARAMETERS; j++)
+            covariance[9 * i + j] += (online->in_force[i] - online->latest[i]) * (online->in_force[j] - online->latest[j]);
+    fl_level_errors(&surface, covariance, online->dip_deg, &claim->rms_deg, &claim->worst_deg);
+    fl_bound_begin(&shared);
+    claim->bound_deg = fl_heading_bound(&surface, covariance, online->dip_deg, NULL, &shared);
+    claim->age_s = time - online->latest_at;
+    claim->walk = fl_sqrt(walk_of(online)) * radius_of(online->latest);
+    return FLINDERS_OK;
+}
+#endif
