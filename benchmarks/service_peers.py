@@ -435,7 +435,7 @@ class Ours:
 
     def add(self, chunk: Chunk) -> tuple[Report, ...]:
         """Readings with their stamps."""
-        return tuple(Report(one.time, one.code) for one in self._online.add(chunk.field, time=chunk.time))
+        return tuple(Report(one.time_s, one.code) for one in self._online.add(chunk.field, time=chunk.time))
 
     def correction(self, time: float) -> Correction | None:
         """The calibration in force and the state of that moment."""
