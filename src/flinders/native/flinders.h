@@ -366,6 +366,8 @@ typedef struct flinders_online {
     int32_t doubtful;             /* first of those that contradict it, -1: none does */
     int32_t agreeing;             /* groups of readings in a row that agree with what was known before */
     int32_t alike;                /* groups in a row that agree with those before them, and not with that */
+    int32_t groups;               /* since something contradicts it */
+    int32_t is_lone;              /* 1: one reading alone contradicts what is known */
     int32_t averaged;             /* readings in the mean of those of one direction */
     flinders_real target_deg;     /* worst heading error that is good enough */
     flinders_real dip_deg;        /* inclination of the field, for heading errors */

@@ -16,7 +16,7 @@
 
 #ifndef FLINDERS_SMALL
 
-enum { PARAMETERS = 9, KEPT = 768, FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, RATES = 7, IN_A_ROW = 2 };
+enum { PARAMETERS = 9, KEPT = 768, FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, RATES = 7, IN_A_ROW = 2, MOST_GROUPS = 24 };
 
 #define TURNED ((real)0.06)        /* rad from which on a direction is another one */
 #define MOST_TOGETHER_S ((real)2)  /* that readings of one direction are averaged over */
@@ -37,6 +37,7 @@ enum { PARAMETERS = 9, KEPT = 768, FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GRO
 #define BETTER ((real)0.8)         /* of the claim in force, from which on another calibration is adopted */
 #define LEARNT ((real)3)           /* targets that a first calibration claims at most */
 #define SCATTER ((real)4)         /* of groups beforehand, in variance */
+#define MOST_SCATTER ((real)9)
 #define PASSED ((real)1.5)        /* times as large it is thought where something has passed: such is usual here */
 #define GROUPS ((real)16)         /* that it is an average over */
 #define FAR ((real)4)             /* times it, that one group counts at most */
@@ -54,6 +55,8 @@ enum { PARAMETERS = 9, KEPT = 768, FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GRO
 #define AT_ONCE_S ((real)1)        /* in which it moves */
 #define CALM ((real)0.3)           /* of a jump, that the readings before and after it differ by at most */
 #define STEPS ((real)64)           /* that their mean square is an average over */
+#define FAR_ALONE ((real)6)        /* times as far as places differ, that the strength in one reading is off */
+#define NEAR_AGAIN ((real)3)       /* the same of one that is not */
 #define TINY_SHARE ((real)1e-12)
 
 /* Rates of the offset's walk, of the radius per root hour, and how probable each is beforehand. */
@@ -340,7 +343,7 @@ static int32_t adopt_better(flinders_online *online)
 static void clear_doubt(flinders_online *online)
 {
     online->doubtful = -1;
-    online->agreeing = online->alike = 0;
+    online->agreeing = online->alike = online->is_lone = online->groups = 0;
     for (int i = 0; i < 3; i++) online->apart[i] = 0;
     memset(online->apart_covariance, 0, sizeof online->apart_covariance);
 }
@@ -392,19 +395,43 @@ static void part(flinders_online *online, int first, const lent *memory, real of
     memcpy(online->apart_covariance, covariance, 9 * sizeof *covariance);
 }
 
-/* By how much the field's strength differs in a group: the mean length of its readings. */
-static real length_off(const flinders_online *online, int first)
+/* By how much the field's strength differs in readings from one on: their mean length; and the mean of their directions. */
+static real length_off(const flinders_online *online, int first, real direction[3])
 {
     fl_surface surface;
     real sum = 0;
+    for (int axis = 0; axis < 3; axis++) direction[axis] = 0;
     if (fl_surface_of(online->latest, online->latest + 3, &surface)) return 0;
     for (int row = first; row < online->kept; row++) {
         real off[3], u[3];
         for (int axis = 0; axis < 3; axis++) off[axis] = online->field[3 * row + axis] - surface.centre[axis];
         fl_sym3_apply(surface.inverse, off, u);
-        sum += fl_sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]) - 1;
+        const real length = fl_sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
+        for (int axis = 0; axis < 3; axis++) direction[axis] += u[axis] / length / (real)(online->kept - first);
+        sum += length - 1;
     }
     return sum / (real)(online->kept - first);
+}
+
+/* Look at the newest reading alone, as of a body that lies still: where its length is far off, something passes or the offset
+ * has moved, and where the next one's is not, it has passed. */
+static int32_t look_at_one(flinders_online *online, int is_still)
+{
+    real u[3];
+    const real radius = radius_of(online->latest), off = length_off(online, online->kept - 1, u), size = fl_abs(off);
+    const real usual = fl_sqrt(online->place * online->place + online->noise * online->noise / (radius * radius));
+    if (!is_still) return 0;
+    if (online->is_lone && size < NEAR_AGAIN * usual) {
+        clear_doubt(online);
+        drop_before(online, online->kept);
+        online->state = FLINDERS_UNDISTURBED;
+        return FLINDERS_PASSED;
+    }
+    if (online->state != FLINDERS_UNDISTURBED || !(size > FAR_ALONE * usual && size > 2 * LARGE)) return 0;
+    online->state = FLINDERS_DISTURBED, online->is_lone = 1, online->doubtful = online->kept - 1;
+    for (int i = 0; i < 3; i++) online->apart[i] = off * radius * u[i];
+    for (int i = 0; i < 3; i++) online->apart_covariance[4 * i] = off * off * radius * radius;
+    return FLINDERS_CONTRADICTED;
 }
 
 /* Let an average over groups follow one of them. */
@@ -413,6 +440,23 @@ static void follow(real *average, real square, real least)
     const real most = FAR * *average;
     *average += ((square < most ? square : most) - *average) / GROUPS;
     *average = *average > least ? *average : least;
+}
+
+/* After many groups that neither agree with what is known nor with each other, what they contradict is as uncertain as they
+ * make it, and they are learnt from. */
+static int32_t give_in(flinders_online *online)
+{
+    if (++online->groups < MOST_GROUPS) return 0;
+    for (int i = 0; i < 9; i++) {
+        const int at = 9 * (i / 3) + i % 3;
+        const real unknown = online->apart[i / 3] * online->apart[i % 3] + online->apart_covariance[i];
+        online->known_covariance[at] += unknown, online->latest_covariance[at] += unknown;
+    }
+    clear_doubt(online);
+    drop_before(online, online->kept);
+    online->scatter = online->scatter * PASSED < MOST_SCATTER ? online->scatter * PASSED : MOST_SCATTER;
+    online->state = FLINDERS_UNDISTURBED;
+    return FLINDERS_PASSED;
 }
 
 /* Readings from one on agree with what is known, or contradict it. */
@@ -428,7 +472,8 @@ static int32_t doubt(flinders_online *online, int first, const lent *memory)
     if (online->state == FLINDERS_UNDISTURBED) {
         if (!(chance < CONTRADICTS && size > LARGE * radius)) {
             real variance = online->place * online->place;
-            const real off = length_off(online, first);
+            real u[3];
+            const real off = length_off(online, first, u);
             follow(&online->scatter, ratio, 1);
             follow(&variance, off * off, LEAST_PLACE * LEAST_PLACE);
             online->place = fl_sqrt(variance);
@@ -439,21 +484,23 @@ static int32_t doubt(flinders_online *online, int first, const lent *memory)
         return FLINDERS_CONTRADICTED;
     }
     for (int i = 0; i < 3; i++) other[i] = d[i] - online->apart[i];
+    online->is_lone = 0;
+    const int is_told = chance_of(online->apart, online->apart_covariance, known, online->scatter, NULL) < AGREES;
     const int agrees = chance > AGREES, is_alike = chance_of(other, covariance, online->apart_covariance, online->scatter, NULL) > AGREES;
-    if (agrees && is_alike) return 0; /* it tells nothing */
+    if (is_told && agrees && is_alike) return give_in(online); /* it tells nothing */
     online->agreeing = agrees ? online->agreeing + 1 : 0, online->alike = is_alike ? online->alike + 1 : 0;
     if (agrees) follow(&online->scatter, ratio, 1);
     if (online->agreeing == IN_A_ROW) {
-        online->scatter *= PASSED;
+        online->scatter = online->scatter * PASSED < MOST_SCATTER ? online->scatter * PASSED : MOST_SCATTER;
         clear_doubt(online);
         drop_before(online, online->kept); /* what passed, and the evidence of this block with it */
         online->state = FLINDERS_UNDISTURBED;
         return FLINDERS_PASSED;
     }
-    if (agrees) return 0;
+    if (agrees) return give_in(online);
     if (!is_alike) online->doubtful = first; /* what there was before is another offset again */
     part(online, online->doubtful, memory, offset, covariance);
-    if (online->alike < IN_A_ROW || now - online->time[online->doubtful] < LASTS_S) return 0;
+    if (online->alike < IN_A_ROW || now - online->time[online->doubtful] < LASTS_S) return give_in(online);
     return move(online, offset, covariance);
 }
 
@@ -506,7 +553,7 @@ static real turned_by(const flinders_online *online, const real a[3], const real
 }
 
 /* Put the mean of the readings of one direction into the evidence. */
-static int32_t keep(flinders_online *online, const lent *memory)
+static int32_t keep(flinders_online *online, int is_still, const lent *memory)
 {
     if (!online->averaged) return 0;
     if (online->kept == KEPT) {
@@ -518,7 +565,9 @@ static int32_t keep(flinders_online *online, const lent *memory)
     online->time[online->kept++] = online->sum_time / (real)online->averaged;
     for (int axis = 0; axis < 3; axis++) online->sum[axis] = 0;
     online->sum_time = 0, online->averaged = 0;
-    return online->state == FLINDERS_LEARNING ? begin_to_know(online, memory) : look(online, memory);
+    if (online->state == FLINDERS_LEARNING) return begin_to_know(online, memory);
+    const int32_t events = look_at_one(online, is_still);
+    return events ? events : look(online, memory);
 }
 
 /* End what has lasted for too long, or has ended. */
@@ -572,7 +621,7 @@ static int32_t add(flinders_online *online, const real x[3], real time, const le
     const int is_first = !(online->last_at <= time);
     const int is_turned = is_first || turned_by(online, x, online->last) > TURNED;
     if (is_turned || time - online->last_at > MOST_TOGETHER_S) {
-        if (online->averaged > 0 && (is_turned || online->averaged > 0)) events = keep(online, memory);
+        if (online->averaged > 0) events = keep(online, !is_turned, memory);
         end_block(online, time, memory);
     }
     if (online->now > -FL_HUGE && online->state != FLINDERS_LEARNING) {
