@@ -268,7 +268,7 @@ def flown(rng: Generator, seconds: Floats, yaw: float) -> tuple[Floats, Floats]:
     count = int(seconds[-1] / 5.0) + 2
     turns = np.where(rng.random(count) < 0.5, rng.uniform(-2.5, 2.5, count), 0.0)
     airborne: Floats = np.clip(np.minimum(seconds, seconds[-1] - seconds) / 4.0, 0.0, 1.0)
-    turned = yaw + keyed(seconds, np.full(count, 5.0), turns[:, None])[:, 0]
+    turned: Floats = yaw + keyed(seconds, np.full(count, 5.0), turns[:, None])[:, 0]
     return np.stack([turned, airborne * tilt[:, 0], airborne * tilt[:, 1]], axis=1), airborne
 
 
@@ -276,7 +276,8 @@ def swung(rng: Generator, seconds: Floats, yaw: Floats) -> Floats:
     """(n, 3) yaw, pitch, roll of an arm that swings at a walk."""
     swing = np.sin(2.0 * np.pi * 0.9 * seconds + rng.uniform(0.0, 6.0))
     loose = 0.15 * course(rng, seconds, 1.0, 20.0)
-    return np.stack([yaw + 0.2 * swing, -0.9 + 0.45 * swing, 1.2 + 0.2 * swing], axis=1) + loose
+    angles: Floats = np.stack([yaw + 0.2 * swing, -0.9 + 0.45 * swing, 1.2 + 0.2 * swing], axis=1) + loose
+    return angles
 
 
 def wrist(diary: Diary) -> None:

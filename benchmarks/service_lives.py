@@ -26,14 +26,13 @@ True
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from benchmarks.adversary import sensor, stream
-from benchmarks.service_bodies import BODIES, FIRST_S, HOUR, course, down_of, rates_of, seen
+from benchmarks.service_bodies import BODIES, DAY, FIRST_S, HOUR, course, down_of, rates_of, seen
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -116,11 +115,7 @@ class Life:
     iron: Floats  #: (3, 3)
     offsets: Offsets
     events: tuple[Event, ...]  #: in the order of their beginning
-
-    @property
-    def end_s(self) -> float:
-        """Length of the life."""
-        return float(self.seconds[-1])
+    end_s: float  #: length of the life, which may end in a gap
 
     def offset_at(self, seconds: Floats) -> Floats:
         """(n, 3) true offsets at (n,) moments, readings or not."""
@@ -156,10 +151,10 @@ def live(name: str, seed: int, *, days: float = 1.0, kinds: Collection[str] = KI
         np.concatenate([getattr(spell, of) for spell in spells])
         for of in ("seconds", "angles", "place", "load", "near")
     )
-    events = [*gaps_of(spells), *magnets_of(spells)]
+    events = [*gaps_of(spells, days * DAY), *magnets_of(spells)]
     if "steel" in kinds:
         events += steel(stream(seed, f"steel of {name}"), body, seconds, place)
-    offsets, steps = offsets_of(seed, name, seconds[-1], kinds, [event for event in events if event.kind == "gap"])
+    offsets, steps = offsets_of(seed, name, days * DAY, kinds, [event for event in events if event.kind == "gap"])
     for step in steps:
         if step.kind == "magnetised":
             rng = stream(seed, f"magnet {step.begin} of {name}")
@@ -180,13 +175,13 @@ def live(name: str, seed: int, *, days: float = 1.0, kinds: Collection[str] = KI
     down = down_of(angles) + 0.02 * rng.standard_normal(rate.shape)
     time, faults = stamped(stream(seed, f"clock of {name}"), seconds) if "clock" in kinds else (START_S + seconds, [])
     every = tuple(sorted([*events, *steps, *faults], key=lambda event: event.begin))
-    return Life(name, seed, seconds, time, field, rate, down, turning, iron, offsets, every)
+    return Life(name, seed, seconds, time, field, rate, down, turning, iron, offsets, every, days * DAY)
 
 
-def gaps_of(spells: list[Spell]) -> list[Event]:
-    """Pauses of a minute and more between readings."""
-    pairs = itertools.pairwise(spells)
-    edges = [(float(one.seconds[-1]), float(other.seconds[0])) for one, other in pairs]
+def gaps_of(spells: list[Spell], end_s: float) -> list[Event]:
+    """Pauses of a minute and more between readings, and after the last."""
+    begins = [float(spell.seconds[0]) for spell in spells[1:]]
+    edges = zip([float(spell.seconds[-1]) for spell in spells], [*begins, end_s], strict=True)
     return [Event(begin, end, "gap", end - begin) for begin, end in edges if end - begin > 60.0]
 
 
@@ -231,20 +226,23 @@ def offsets_of(
         slow += np.cumsum(sigma * np.sqrt(GRID_S / HOUR) * rng.standard_normal(slow.shape), axis=0)
     if "temperature" in kinds:
         rng = stream(seed, f"temperature of {name}")
-        day = np.sin(2.0 * np.pi * (grid / (24.0 * HOUR) + rng.random()))
+        day = np.sin(2.0 * np.pi * (grid / (DAY) + rng.random()))
         kelvin = 6.0 * day + 2.0 * course(rng, grid, HOUR, 6.0 * HOUR, columns=1)[:, 0]
         slow += kelvin[:, None] * rng.uniform(0.02, 0.2) * unit(rng)
     steps: list[Event] = []
     moves, fading = [], []
     rng = stream(seed, f"steps of {name}")
     swapped = [gap.begin + 0.5 * gap.size for gap in gaps if rng.random() < body.swapped]
-    moments = [*rng.uniform(FIRST_S, end_s, rng.poisson(body.steps_per_day * end_s / (24.0 * HOUR))), *swapped]
+    moments = [
+        *rng.uniform(FIRST_S, end_s, rng.poisson(body.steps_per_day * end_s / (DAY))),
+        *swapped,
+    ]
     for moment in moments if "steps" in kinds else ():
         steps.append(Event(float(moment), float(moment), "step", float(np.exp(rng.uniform(np.log(0.5), np.log(20.0))))))
         moves.append(steps[-1].size * unit(rng))
         fading.append(0.0)
     rng = stream(seed, f"magnetised of {name}")
-    for moment in rng.uniform(FIRST_S, end_s, rng.poisson(0.5 * end_s / (24.0 * HOUR))):
+    for moment in rng.uniform(FIRST_S, end_s, rng.poisson(0.5 * end_s / (DAY))):
         if "magnetised" in kinds:
             size = float(np.exp(rng.uniform(np.log(2.0), np.log(20.0))))
             steps.append(Event(float(moment), float(moment), "magnetised", size))
@@ -263,7 +261,7 @@ def unit(rng: Generator) -> Floats:
 
 def stamped(rng: Generator, seconds: Floats) -> tuple[Floats, list[Event]]:
     """(n,) stamps of a clock with faults, and these."""
-    per_day = max(1.0, 3.0 * seconds[-1] / (24.0 * HOUR))
+    per_day = max(1.0, 3.0 * seconds[-1] / (DAY))
     back = [-1.0] * rng.poisson(per_day)
     ahead = np.exp(rng.uniform(np.log(2.0), np.log(600.0), rng.poisson(per_day / 2.0)))
     time = START_S + seconds

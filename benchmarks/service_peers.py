@@ -1,8 +1,8 @@
 """Estimators that go on while a vehicle works, as other projects have them, and the adapter of Flinders' own.
 
 Each takes readings as they come and gives the correction ``matrix @ (reading - offset)`` when asked, with a claim
-where it has one. `once` is what most products do; `px4` and `kalman` begin with the same fit, since their projects
-calibrate the vehicle first. The others learn from the raw readings, as their projects do.
+where it has one. `once` is what most products do; `refit`, `px4` and `kalman` begin with the same fit, since their
+projects calibrate the vehicle first. The others learn from the raw readings, as their projects do.
 """
 
 from __future__ import annotations
@@ -71,6 +71,16 @@ class Estimator(Protocol):
         """What it says at a stamp, at or after the last reading's; None where nothing is in force."""
 
 
+def fitted(time: Floats, field: Floats) -> Fit | None:
+    """The fit of some readings, refused or not; None where there is none."""
+    try:
+        return flinders.fit(flinders.Samples.of(field, unit="uT", time=time), target_deg=TARGET_DEG)
+    except Refused as refused:
+        return refused.fit
+    except FlindersError:
+        return None
+
+
 class Once:
     """One fit of the first three minutes, never again; its claim grows as an offset that walks by `walk` µT/√h.
 
@@ -89,14 +99,7 @@ class Once:
             if chunk.time[-1] - self._held[0].time[0] > FIRST_S:
                 time, field = (np.concatenate([getattr(one, of) for one in self._held]) for of in ("time", "field"))
                 within = time - time[0] < FIRST_S
-                samples = flinders.Samples.of(field[within], unit="uT", time=time[within])
-                try:
-                    self.fit = flinders.fit(samples, target_deg=TARGET_DEG)
-                except Refused as refused:
-                    self.fit = refused.fit
-                except FlindersError:
-                    pass
-                self._begun, self._held = float(time[within][-1]), self._held[:0]
+                self.fit, self._begun, self._held = fitted(time[within], field[within]), float(time[within][-1]), []
         return ()
 
     def correction(self, time: float) -> Correction | None:
@@ -106,6 +109,34 @@ class Once:
         grown = math.degrees(self._walk * math.sqrt(max(time - self._begun, 0.0) / HOUR) / LEVEL_UT)
         claim = math.hypot(self.fit.heading_error_deg.worst, grown)
         return Correction(self.fit.calibration.matrix, self.fit.calibration.offset, claim)
+
+
+class Refit(Once):
+    """`Once`, then a fit of the last half hour of readings while the gyro says more than 6° a second, each ten minutes.
+
+    One that is good takes the place of the last. No project's settings: what `flinders.fit` gives without more.
+    """
+
+    LASTS_S, EACH_S = 0.5 * HOUR, 600.0
+
+    def __init__(self, walk: float = 0.2) -> None:
+        super().__init__(walk)
+        self._time, self._field, self._tried = np.empty(0), np.empty((0, 3)), -math.inf
+
+    def add(self, chunk: Chunk) -> tuple[Report, ...]:
+        """Hold what turns, and fit it."""
+        super().add(chunk)
+        turns, now = turning(chunk), float(chunk.time[-1])
+        self._time = np.concatenate([self._time, chunk.time[turns]])
+        self._field = np.concatenate([self._field, chunk.field[turns]])
+        if abs(now - self._tried) > self.EACH_S:
+            self._tried = now
+            recent = np.abs(now - self._time) < self.LASTS_S
+            self._time, self._field = self._time[recent], self._field[recent]
+            fit = fitted(self._time, self._field) if self.fit is not None else None
+            if fit is not None and fit.verdict == "good":
+                self.fit, self._begun = fit, now
+        return ()
 
 
 class Pypilot:
@@ -467,6 +498,7 @@ class Ours:
 ESTIMATORS: Final[dict[str, Callable[[], Estimator]]] = {
     "ours": Ours,
     "once": Once,
+    "refit": Refit,
     "pypilot": Pypilot,
     "px4": Observer,
     "betaflight": Betaflight,
