@@ -114,7 +114,8 @@ class Once:
 class Refit(Once):
     """`Once`, then a fit of the last half hour of readings while the gyro says more than 6° a second, each ten minutes.
 
-    One that is good takes the place of the last. No project's settings: what `flinders.fit` gives without more.
+    One that is not refused and claims less than what is in force takes its place. No project's settings: what
+    `flinders.fit` gives without more.
     """
 
     LASTS_S, EACH_S = 0.5 * HOUR, 600.0
@@ -134,7 +135,10 @@ class Refit(Once):
             recent = np.abs(now - self._time) < self.LASTS_S
             self._time, self._field = self._time[recent], self._field[recent]
             fit = fitted(self._time, self._field) if self.fit is not None else None
-            if fit is not None and fit.verdict == "good":
+            held = self.correction(now)
+            if fit is None or held is None or held.claim_deg is None or fit.verdict == "refused":
+                return ()
+            if fit.heading_error_deg.worst < held.claim_deg:
                 self.fit, self._begun = fit, now
         return ()
 
