@@ -16,8 +16,8 @@ passes or a magnet is near; after a step, until an hour after the first reading 
 after; else calm. The moments while steel passes are in no other row.
 
 After a step the estimator is asked after 0, 5, 10, 20 … 1280 s of turning, until the next step; *covered* is the first
-of two in a row at which the error is within the bound, *back* at which it is below 2° or 1.5 times what it was. A false
-report has `moved` in its code and no step in the hour before.
+of two in a row at which the error is within the bound, *back* at which it is below 2° or 1.5 times what it was; never,
+where it is not so in the turning that there is. A false report has `moved` in its code and no step in the hour before.
 
 ``--events`` leaves out the other kinds of events; ``--alone`` tables each kind alone. ``--detail`` adds a row for each
 estimator, body and kind of moment.
@@ -171,7 +171,8 @@ def scored(life: Life, name: str, make: Callable[[], Estimator]) -> Score:
     after = np.reshape(unsettled(life), (-1, 2))
     moved = np.array([at for at, code in reports if "moved" in code])
     is_after = (moved[:, None] >= after[:, 0]) & (moved[:, None] < after[:, 1])
-    steps = [stepped(life, number, answers, bool(is_after[:, number].any())) for number in range(len(after))]
+    followed = {answer.moment.step for answer in answers} - {-1}
+    steps = [stepped(life, number, answers, bool(is_after[:, number].any())) for number in sorted(followed)]
     grid = np.arange(0.0, life.end_s, 60.0)[:, None]
     calm = float(np.mean(~((grid >= after[:, 0]) & (grid < after[:, 1])).any(axis=1))) * life.end_s / HOUR
     false = int(np.sum(~is_after.any(axis=1)))
@@ -312,12 +313,14 @@ def step_cells(scores: Sequence[Score]) -> str:
         return "0 | – | – | – | – | –"
     has_claims = any(math.isfinite(answer.bound) for score in scores for answer in score.answers)
     covered, back = ([getattr(step, of) for step in steps] for of in ("covered", "back"))
-    of_bound = (
-        [share([one == 0.0 for one in covered]), f"{np.median(covered):.0f} s", share(list(np.isinf(covered)))]
-        if has_claims
-        else ["–", "–", "–"]
-    )
-    return " | ".join([str(len(steps)), *of_bound, f"{np.median(back):.0f} s", share(list(np.isinf(back)))])
+    of_bound = [share([one == 0.0 for one in covered]), *delays(covered)] if has_claims else ["–", "–", "–"]
+    return " | ".join([str(len(steps)), *of_bound, *delays(back)])
+
+
+def delays(seconds: Sequence[float]) -> tuple[str, str]:
+    """Median of delays, and the share that is infinite."""
+    median = float(np.median(seconds))
+    return f"{median:.0f} s" if math.isfinite(median) else "never", share([math.isinf(one) for one in seconds])
 
 
 def report_cells(scores: Sequence[Score]) -> str:
