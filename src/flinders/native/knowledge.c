@@ -1,0 +1,246 @@
+/* What a calibration that keeps itself knows: nine parameters, normally distributed, which time makes less certain and
+ * evidence more.
+ *
+ * Between readings the offset walks, by w √t, so that the claim grows; w has one of seven values, each as probable as the steps
+ * from one block of evidence to the next make it. While nothing is read, the offset may also move at once, as often as it did.
+ * A block is fitted with what was known before as its prior, by the fit of every recording, with slow noise of the vector and
+ * of the strength; the field's strength is another one in each block, as places differ. A place bends the field the same way
+ * as long as one stays, so that a hundred blocks say no more than a few.
+ */
+#include "online.h"
+
+#ifndef FLINDERS_SMALL
+
+#define HOUR_S ((real)3600)
+#define SAME ((real)0.2)           /* of the variance of a block, that is the place's */
+#define SHAPE_WALK ((real)2e-4)    /* of the radius, by which an entry of the shape walks in an hour */
+#define HELD ((real)1e-4)          /* of the radius, of what readings say nothing of */
+#define REMEMBERED ((real)0.9)     /* of what blocks said of the walk, from one to the next */
+#define DAY_S ((real)86400)
+#define UNSEEN_S ((real)60)        /* without readings, in which the offset may move and nobody sees it */
+#define MOVES_BEFORE ((real)0.5)   /* moves a day that are thought of beforehand, ... */
+#define MOVES_DAY ((real)1)        /* ... as if counted for so many days, ... */
+#define MOVED ((real)0.1)          /* ... of the radius, root mean square */
+#define TINY_SHARE ((real)1e-12)
+
+/* Rates of the offset's walk, of the radius per root hour, and how probable each is beforehand. */
+static const real RATE[FL_RATES] = {(real)0.0003, (real)0.0006, (real)0.0012, (real)0.0025, (real)0.005, (real)0.01, (real)0.02};
+const real fl_probable_rates[FL_RATES] = {(real)0.05, (real)0.1, (real)0.2, (real)0.25, (real)0.2, (real)0.15, (real)0.05};
+
+/* Mean radius of a shape. */
+real fl_mean_radius(const real parameters[9]) { return (parameters[3] + parameters[4] + parameters[5]) / 3; }
+
+/* Variance by which the offset walks in an hour, a fraction of the radius squared. */
+real fl_walk_variance(const flinders_online *online)
+{
+    real sum = 0;
+    for (int k = 0; k < FL_RATES; k++) sum += online->rates[k] * RATE[k] * RATE[k];
+    return sum;
+}
+
+/* Whether the readings of a level vehicle say nothing of a parameter. */
+static int is_across(int parameter) { return parameter == 2 || parameter == 5 || parameter > 6; }
+
+/* Of a level vehicle, hold what its readings say nothing of. */
+static void hold(const flinders_online *online, const real parameters[9], real covariance[81])
+{
+    const real held = HELD * fl_mean_radius(parameters);
+    if (!online->is_level) return;
+    for (int i = 0; i < FL_PARAMETERS; i++)
+        for (int j = 0; j < FL_PARAMETERS; j++)
+            if (is_across(i) || is_across(j)) covariance[9 * i + j] = i == j ? held * held : 0;
+}
+
+/* Of a level vehicle, let what is known be what its ellipse leaves open, given all that lies across it. */
+void fl_condition_on_height(const flinders_online *online, const real parameters[9], real covariance[81])
+{
+    const int across[4] = {2, 5, 7, 8};
+    real inner[16], inverse[16];
+    if (!online->is_level) return;
+    for (int k = 0; k < 16; k++) inner[k] = covariance[9 * across[k / 4] + across[k % 4]];
+    fl_inverse(inner, 4, inverse);
+    real left[81];
+    memcpy(left, covariance, sizeof left);
+    for (int i = 0; i < FL_PARAMETERS; i++)
+        for (int j = 0; j < FL_PARAMETERS; j++)
+            for (int k = 0; k < 16; k++)
+                left[9 * i + j] -= covariance[9 * i + across[k / 4]] * inverse[k] * covariance[9 * across[k % 4] + j];
+    memcpy(covariance, left, sizeof left);
+    hold(online, parameters, covariance);
+}
+
+/* Let time pass over a covariance. */
+void fl_age(const flinders_online *online, const real parameters[9], real seconds, real covariance[81])
+{
+    const real radius = fl_mean_radius(parameters), hours = seconds > 0 ? seconds / HOUR_S : 0;
+    const real offset = fl_walk_variance(online) * radius * radius * hours, shape = SHAPE_WALK * SHAPE_WALK * radius * radius * hours;
+    for (int i = 0; i < FL_PARAMETERS; i++) covariance[10 * i] += i < 3 ? offset : i < 6 ? shape : shape / 2;
+    hold(online, parameters, covariance);
+}
+
+/* Let the field have another strength. */
+static void allow_strength(const flinders_online *online, const real parameters[9], real share, real covariance[81])
+{
+    for (int i = 3; i < FL_PARAMETERS; i++)
+        for (int j = 3; j < FL_PARAMETERS; j++) covariance[9 * i + j] += share * share * parameters[i] * parameters[j];
+    hold(online, parameters, covariance);
+}
+
+/* Let the offset be anywhere within a distance, 1 sigma. */
+static void allow_offset(const flinders_online *online, const real parameters[9], real anywhere, real covariance[81])
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < FL_PARAMETERS; j++) covariance[9 * i + j] = covariance[9 * j + i] = i == j ? anywhere * anywhere : 0;
+    hold(online, parameters, covariance);
+}
+
+/* Let readings say less by a factor in variance: with the prior Π and what they say, J = P⁻¹ − Π, the covariance is
+ * P' = (Π + J/f)⁻¹, and the step from the prior's mean P' P⁻¹ / f of what it was. */
+static void weaken(const flinders_options *prior, real factor, flinders_record *record)
+{
+    real inverse[81], information[81], covariance[81], step[9], force[9], moved[9];
+    fl_inverse(record->covariance, FL_PARAMETERS, inverse);
+    for (int i = 0; i < 81; i++)
+        information[i] = prior->information[i] + (inverse[i] - prior->information[i]) / factor;
+    fl_inverse(information, FL_PARAMETERS, covariance);
+    for (int i = 0; i < FL_PARAMETERS; i++)
+        step[i] = (i < 3 ? record->centre[i] : record->shape[i - 3]) - prior->expected[i];
+    fl_multiply(inverse, step, FL_PARAMETERS, FL_PARAMETERS, 1, force);
+    fl_multiply(covariance, force, FL_PARAMETERS, FL_PARAMETERS, 1, moved);
+    for (int i = 0; i < FL_PARAMETERS; i++)
+        *(i < 3 ? record->centre + i : record->shape + i - 3) = prior->expected[i] + moved[i] / factor;
+    memcpy(record->covariance, covariance, sizeof covariance);
+}
+
+/* Fit evidence from one reading on with what is known, where groups scatter so much more than they claim. Noise is no smaller than it was when the sensor was calibrated. */
+static int fit(const flinders_online *online, size_t first, const real expected[9], const real covariance[81],
+               real scatter, const fl_lent *memory, flinders_record *record)
+{
+    flinders_options options;
+    flinders_default_options(&options);
+    options.dip_deg = online->dip_deg;
+    options.statistics = options.rests = options.level = 0;
+    options.is_informed = 1;
+    memcpy(options.expected, expected, sizeof options.expected);
+    fl_inverse(covariance, FL_PARAMETERS, options.information);
+    if (flinders_fit(online->field + 3 * first, online->time + first, (size_t)online->kept - first, &options, memory->at,
+                     memory->size, record)) return record->status;
+    const real times = online->noise / record->noise, few = flinders_widening_by_few((real)record->used - FL_PARAMETERS);
+    const real factor = scatter * few * (times > 1 ? times * times : 1);
+    if (factor > 1) weaken(&options, factor, record);
+    return FLINDERS_OK;
+}
+
+/* Offset that evidence shows alone from one reading on, with the shape as it is known, and its covariance (3, 3); it is
+ * somewhere about a start. */
+int fl_offset_alone(const flinders_online *online, size_t first, const real start[3], real anywhere,
+                    const fl_lent *memory, real offset[3], real covariance[9])
+{
+    flinders_record record;
+    real expected[9], free[81];
+    memcpy(expected, online->latest, sizeof expected);
+    memcpy(expected, start, 3 * sizeof *start);
+    memcpy(free, online->latest_covariance, sizeof free);
+    allow_strength(online, expected, online->place, free);
+    allow_offset(online, expected, anywhere, free);
+    if (fit(online, first, expected, free, 1, memory, &record)) return 1;
+    for (int i = 0; i < 3; i++) offset[i] = record.centre[i];
+    for (int i = 0; i < 9; i++) covariance[i] = record.covariance[9 * (i / 3) + i % 3];
+    return 0;
+}
+
+/* How often chance makes a difference d of a covariance that is a sum of two, and of groups that scatter so much more. */
+real fl_chance_of_offsets(const real d[3], const real one[9], const real other[9], real scatter, real *ratio)
+{
+    real sum[9], square;
+    for (int i = 0; i < 9; i++) sum[i] = one[i] + other[i];
+    const int freedom = fl_chi_square(d, sum, 3, &square);
+    if (ratio) *ratio = freedom ? square / (real)freedom : 0;
+    return freedom ? fl_chance_of(square / scatter, (real)freedom, 0) : 1;
+}
+
+/* Covariance (3, 3) of the offset, as it is known latest, at a time. */
+void fl_offset_covariance(const flinders_online *online, real time, real out[9])
+{
+    real aged[81];
+    memcpy(aged, online->latest_covariance, sizeof aged);
+    fl_age(online, online->latest, time - online->latest_at, aged);
+    for (int i = 0; i < 9; i++) out[i] = aged[9 * (i / 3) + i % 3];
+}
+
+/* What is known latest is what evidence makes of what was known before. */
+void fl_learn(flinders_online *online, const fl_lent *memory)
+{
+    flinders_record record;
+    real prior[81], free[81];
+    const real last = online->time[online->kept - 1];
+    memcpy(prior, online->known_covariance, sizeof prior);
+    fl_age(online, online->known, last - online->known_at, prior);
+    memcpy(free, prior, sizeof free);
+    allow_strength(online, online->known, online->place, free);
+    if (fit(online, 0, online->known, free, online->scatter, memory, &record)) return;
+    memcpy(online->latest, record.centre, sizeof record.centre);
+    memcpy(online->latest + 3, record.shape, sizeof record.shape);
+    memcpy(online->latest_covariance, record.covariance, sizeof record.covariance);
+    online->latest_at = last;
+}
+
+/* Keep the share of what a block leaves open that is the place's: of a direction in which the covariance is e times what
+ * it was before, the block alone leaves e / (1 − e). */
+void fl_keep_open(const real before[81], real covariance[81])
+{
+    real values[FL_PARAMETERS], vectors[81], turned[81], half[81], shares[FL_PARAMETERS];
+    const int k = fl_principal(before, FL_PARAMETERS, values, vectors);
+    for (int i = 0; i < FL_PARAMETERS; i++)
+        for (int j = 0; j < k; j++) vectors[k * i + j] /= fl_sqrt(values[j]);
+    fl_multiply(covariance, vectors, FL_PARAMETERS, FL_PARAMETERS, k, half);
+    for (int i = 0; i < k; i++)
+        for (int j = 0; j < k; j++) {
+            turned[k * i + j] = 0;
+            for (int l = 0; l < FL_PARAMETERS; l++) turned[k * i + j] += vectors[k * l + i] * half[k * l + j];
+        }
+    fl_eigen(turned, k, shares);
+    fl_multiply(before, vectors, FL_PARAMETERS, FL_PARAMETERS, k, half);
+    fl_multiply(half, turned, FL_PARAMETERS, k, k, vectors); /* in columns: covariance = Σ share v vᵀ */
+    for (int l = 0; l < k; l++) {
+        const real left = shares[l] < 1 - TINY_SHARE ? SAME * shares[l] / (1 - shares[l]) : 1;
+        const real least = left < 1 ? left : 1, more = least > shares[l] ? least - shares[l] : 0;
+        for (int i = 0; i < FL_PARAMETERS; i++)
+            for (int j = 0; j < FL_PARAMETERS; j++) covariance[9 * i + j] += more * vectors[k * i + l] * vectors[k * j + l];
+    }
+}
+
+/* What a block says of the rate at which the offset walks. */
+void fl_weigh_rates(flinders_online *online, const real d[3], const real covariance[9], real seconds)
+{
+    const real radius = fl_mean_radius(online->known);
+    real sum = 0, densities[FL_RATES], best = -FL_HUGE;
+    for (int k = 0; k < FL_RATES; k++) {
+        real factor[9], x[3];
+        memcpy(factor, covariance, sizeof factor), memcpy(x, d, sizeof x);
+        for (int i = 0; i < 3; i++) factor[4 * i] += RATE[k] * RATE[k] * radius * radius * seconds / HOUR_S;
+        if (fl_cholesky(factor, 3)) return;
+        fl_forward(factor, 3, x);
+        densities[k] = -(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) / 2 - fl_log(factor[0] * factor[4] * factor[8]);
+        best = densities[k] > best ? densities[k] : best;
+    }
+    for (int k = 0; k < FL_RATES; k++)
+        sum += online->rates[k] = fl_pow(online->rates[k] / fl_probable_rates[k], REMEMBERED) * fl_probable_rates[k] * fl_exp(densities[k] - best);
+    for (int k = 0; k < FL_RATES; k++) online->rates[k] /= sum;
+}
+
+/* The offset has moved, by so much squared. */
+void fl_count_move(flinders_online *online, real square)
+{
+    online->moves += 1, online->moves_square += square;
+}
+
+/* Variance of the offset along an axis by moves that nobody has seen, while nothing was read for some time. */
+real fl_unseen_moves(const flinders_online *online, real seconds)
+{
+    const real radius = fl_mean_radius(online->latest), days = (MOVES_DAY * DAY_S + online->watched) / DAY_S;
+    const real rate = (MOVES_DAY * MOVES_BEFORE + online->moves) / days;
+    const real square = (MOVED * MOVED * radius * radius + online->moves_square) / (1 + online->moves);
+    return seconds > UNSEEN_S ? rate * seconds / DAY_S * square / 3 : 0;
+}
+#endif
