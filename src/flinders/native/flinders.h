@@ -366,12 +366,14 @@ typedef struct flinders_online {
     int32_t doubtful;             /* first of those that contradict it, -1: none does */
     int32_t agreeing;             /* groups of readings in a row that agree with what was known before */
     int32_t alike;                /* groups in a row that agree with those before them, and not with that */
+    int32_t suspects;             /* groups in a row that chance hardly ever makes */
     int32_t groups;               /* since something contradicts it */
     int32_t is_lone;              /* 1: one reading alone contradicts what is known */
     int32_t averaged;             /* readings in the mean of those of one direction */
     flinders_real target_deg;     /* worst heading error that is good enough */
     flinders_real dip_deg;        /* inclination of the field, for heading errors */
-    flinders_real now;            /* time of the newest reading */
+    flinders_real began;          /* time of the first reading, ... */
+    flinders_real now;            /* ... and of the newest one */
     flinders_real known[9];       /* offset and shape, without the evidence, unit ... */
     flinders_real known_covariance[81];
     flinders_real known_at;       /* ... at this time */
@@ -383,11 +385,13 @@ typedef struct flinders_online {
     flinders_real replaced[9];    /* what was in use before; NaN: nothing */
     flinders_real apart[3];       /* by how much the offset may have moved, unit */
     flinders_real apart_covariance[9];
+    flinders_real disturbed_at;   /* since when something contradicts it */
     flinders_real moved[3];       /* by how much it has moved last, and may move back, unit ... */
     flinders_real moved_at;       /* ... and when */
     flinders_real noise;          /* of readings about the ellipsoid, unit */
     flinders_real place;          /* by which the strength of the field differs from group to group, 1 sigma, a fraction */
     flinders_real scatter;        /* of groups of readings that agree with what is known, over what they claim, in variance */
+    flinders_real suspect_ratio;  /* of the newest of these */
     flinders_real height;         /* of a level vehicle's readings along z, unit, ... */
     flinders_real height_sigma;   /* ... and how far they scatter, 1 sigma */
     flinders_real moves;          /* how often the offset has moved, ... */

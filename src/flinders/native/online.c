@@ -10,7 +10,7 @@
 
 #ifndef FLINDERS_SMALL
 
-enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_GROUPS = 24 };
+enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_GROUPS = 24, SUSPECTS = 3 };
 
 #define TURNED ((real)0.06)        /* rad from which on a direction is another one */
 #define MOST_TOGETHER_S ((real)2)  /* that readings of one direction are averaged over */
@@ -33,10 +33,12 @@ enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_
 #define GROUPS ((real)16)         /* that it is an average over */
 #define FAR ((real)4)             /* times it, that one group counts at most */
 #define LEVEL_S ((real)60)        /* that the first calibration of a level vehicle takes at least */
+#define UNRESOLVED_S ((real)600)   /* after which what contradicts is learnt from, whatever it is */
+#define SUSPECT ((real)1e-3)       /* how often chance may make one of three groups in a row that contradict it together */
 #define EITHER ((real)0.3)         /* how probable it is that what contradicts has come to stay: the bound of 95 % holds in both cases */
 #define BACK ((real)0.3)           /* how probable it is that what has moved moves back */
 #define BACK_S ((real)900)         /* in which it becomes e times less probable that what has moved moves back */
-#define JUMP ((real)8)             /* times the usual step from one reading to the next, that an offset moves by */
+#define JUMP ((real)6)             /* times the usual step from one reading to the next, that an offset moves by */
 #define AT_ONCE_S ((real)1)        /* in which it moves */
 #define CALM ((real)0.3)           /* of a jump, that the readings before and after it differ by at most */
 #define STEPS ((real)64)           /* that their mean square is an average over */
@@ -117,7 +119,7 @@ static int32_t adopt_better(flinders_online *online)
 static void clear_doubt(flinders_online *online)
 {
     online->doubtful = -1;
-    online->agreeing = online->alike = online->is_lone = online->groups = 0;
+    online->agreeing = online->alike = online->is_lone = online->groups = online->suspects = 0;
     for (int i = 0; i < 3; i++) online->apart[i] = 0;
     memset(online->apart_covariance, 0, sizeof online->apart_covariance);
 }
@@ -195,7 +197,7 @@ static int32_t look_at_one(flinders_online *online, int is_still)
         return FLINDERS_PASSED;
     }
     if (online->state != FLINDERS_UNDISTURBED || !(size > FAR_ALONE * usual && size > 2 * LARGE)) return 0;
-    online->state = FLINDERS_DISTURBED, online->is_lone = 1, online->doubtful = online->kept - 1;
+    online->state = FLINDERS_DISTURBED, online->disturbed_at = online->now, online->is_lone = 1, online->doubtful = online->kept - 1;
     for (int i = 0; i < 3; i++) online->apart[i] = off * radius * u[i];
     for (int i = 0; i < 3; i++) online->apart_covariance[4 * i] = off * off * radius * radius;
     return FLINDERS_CONTRADICTED;
@@ -213,7 +215,7 @@ static void follow(real *average, real square, real least)
  * make it, and they are learnt from. */
 static int32_t give_in(flinders_online *online)
 {
-    if (++online->groups < MOST_GROUPS) return 0;
+    if (++online->groups < MOST_GROUPS || online->now - online->disturbed_at < UNRESOLVED_S) return 0;
     for (int i = 0; i < 9; i++) {
         const int at = 9 * (i / 3) + i % 3;
         const real unknown = online->apart[i / 3] * online->apart[i % 3] + online->apart_covariance[i];
@@ -224,6 +226,22 @@ static int32_t give_in(flinders_online *online)
     online->scatter = online->scatter * PASSED < MOST_SCATTER ? online->scatter * PASSED : MOST_SCATTER;
     online->state = FLINDERS_UNDISTURBED;
     return FLINDERS_PASSED;
+}
+
+/* Take a group for usual here. One that chance hardly ever makes is so where the next one is not. */
+static void get_used_to(flinders_online *online, int first, real ratio)
+{
+    real u[3], variance = online->place * online->place;
+    const real off = length_off(online, first, u);
+    if (online->suspects) {
+        online->suspect_ratio = ratio;
+        return;
+    }
+    if (online->suspect_ratio > 0) follow(&online->scatter, online->suspect_ratio, 1);
+    online->suspect_ratio = 0;
+    follow(&online->scatter, ratio, 1);
+    follow(&variance, off * off, LEAST_PLACE * LEAST_PLACE);
+    online->place = fl_sqrt(variance);
 }
 
 /* Readings from one on agree with what is known, or contradict it. */
@@ -238,16 +256,13 @@ static int32_t doubt(flinders_online *online, int first, const fl_lent *memory)
     const real chance = fl_chance_of_offsets(d, covariance, known, online->scatter, &ratio), size = fl_sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
     if (size > 2 * ANYWHERE * radius) return 0; /* a short arc lies on more circles than one */
     if (online->state == FLINDERS_UNDISTURBED) {
-        if (!(chance < CONTRADICTS && size > LARGE * radius)) {
-            real variance = online->place * online->place;
-            real u[3];
-            const real off = length_off(online, first, u);
-            follow(&online->scatter, ratio, 1);
-            follow(&variance, off * off, LEAST_PLACE * LEAST_PLACE);
-            online->place = fl_sqrt(variance);
+        const int is_large = size > LARGE * radius;
+        online->suspects = chance < SUSPECT && is_large ? online->suspects + 1 : 0;
+        if (!(chance < CONTRADICTS && is_large) && online->suspects < SUSPECTS) {
+            get_used_to(online, first, ratio);
             return 0;
         }
-        online->state = FLINDERS_DISTURBED, online->doubtful = first;
+        online->state = FLINDERS_DISTURBED, online->disturbed_at = online->now, online->doubtful = first;
         part(online, first, memory, offset, covariance);
         return FLINDERS_CONTRADICTED;
     }
@@ -337,7 +352,7 @@ static int32_t begin_to_know(flinders_online *online, const fl_lent *memory)
         flinders_judge(&record, &request, &judgement)) return 0;
     if (judgement.verdict >= FLINDERS_REFUSES || !(judgement.worst_deg < LEARNT * online->target_deg)) return 0;
     real parameters[9];
-    if (record.plane && online->time[online->kept - 1] - online->time[0] < LEVEL_S) return 0;
+    if (record.plane && online->now - online->began < LEVEL_S) return 0;
     online->is_level = record.plane != 0, online->height = record.mean[2];
     online->height_sigma = height_sigma_of(online, record.mean[2]);
     memcpy(parameters, record.centre, sizeof record.centre);
@@ -450,6 +465,7 @@ static int32_t add(flinders_online *online, const real x[3], real time, const fl
         for (int i = 0; i < 3; i++) online->known_covariance[10 * i] += unseen, online->latest_covariance[10 * i] += unseen;
         online->watched += seconds;
     }
+    if (isnan(online->began)) online->began = time;
     online->now = time;
     events |= jump(online, x, time, memory);
     if (is_turned) {
@@ -468,7 +484,7 @@ void flinders_online_begin(flinders_online *online)
     online->version = FLINDERS_RECORD_VERSION;
     online->target_deg = 1, online->dip_deg = 60;
     online->now = -FL_HUGE, online->last_at = FL_NOT_A_NUMBER;
-    online->known_at = online->latest_at = online->adopted_at = online->noise = online->moved_at = FL_NOT_A_NUMBER;
+    online->began = online->known_at = online->latest_at = online->adopted_at = online->noise = online->moved_at = online->disturbed_at = FL_NOT_A_NUMBER;
     for (int k = 0; k < 4; k++) online->newest_at[k] = FL_NOT_A_NUMBER;
     for (int i = 0; i < FL_PARAMETERS; i++)
         online->known[i] = online->latest[i] = online->in_force[i] = online->replaced[i] = FL_NOT_A_NUMBER;

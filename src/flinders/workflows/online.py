@@ -42,6 +42,7 @@ from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import HeadingError
 from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE, blank
+from flinders.native.online import EVIDENCE
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -206,20 +207,17 @@ class OnlineCalibration:
         while row < len(samples):
             added, bits = engine().online_add(self._record, samples.field[row:], samples.time[row:])
             row += added
-            found += self._events(bits)
+            found += self._events(bits, [*self._history[-1:], *found][-1] if self._history or found else None)
         self._note(found)
         return tuple(found)
 
-    def _events(self, bits: int) -> list[OnlineEvent]:
+    def _events(self, bits: int, before: OnlineEvent | None) -> list[OnlineEvent]:
         """What happened, by the engine's bits; a clock that goes back is said once."""
         state = self.state
         codes = [code for bit, code in CODES.items() if bits & bit]
-        is_back = self._history and self._history[-1].code == "clock-back"
-        return [
-            OnlineEvent(state.time_s, code, state.heading_error_deg)
-            for code in codes
-            if code != "clock-back" or not is_back
-        ]
+        if codes == ["clock-back"] and before is not None and before.code == "clock-back":
+            return []
+        return [OnlineEvent(state.time_s, code, state.heading_error_deg) for code in codes]
 
     def _note(self, found: list[OnlineEvent]) -> None:
         self._history = [*self._history, *found][-HISTORY:]
@@ -385,9 +383,11 @@ class OnlineCalibration:
         ]
         record = blank(ONLINE)
         for name in ONLINE.names or ():
-            record[name] = _numbers(content["record"][name])
-        if record["version"] != online._record["version"]:
-            raise ValueError(f"it was written by version {int(record['version'])} of this record")
+            values = np.array(_numbers(content["record"][name]))
+            if values.shape != record[name].shape:
+                raise ValueError(f"{name} has {values.size} numbers, and not {record[name].size}")
+            record[name] = values
+        _refuse_record(record, version=int(online._record["version"]))
         online._record = record
         return online
 
@@ -409,6 +409,16 @@ def _refuse(start: Fit) -> None:
     )  # fmt: skip
     if why:
         raise UsageError(f"{start.name} {why}: begin with a calibration of the magnetometer alone, or with none")
+
+
+def _refuse_record(record: Records, *, version: int) -> None:
+    """Raise ValueError for a record that this engine has not written: its counts are places in memory."""
+    if record["version"] != version:
+        raise ValueError(f"it was written by version {int(record['version'])} of this record")
+    kept, tested, doubtful = (int(record[name]) for name in ("kept", "tested", "doubtful"))
+    is_sound = 0 <= tested <= kept <= EVIDENCE and -1 <= doubtful <= kept and record["averaged"] >= 0
+    if not (is_sound and 0 <= record["state"] < len(DOING)):
+        raise ValueError("its counts are none")
 
 
 def _finite(content: Any) -> Any:  # noqa: ANN401 - JSON

@@ -1,0 +1,246 @@
+"""A calibration that keeps itself: its laws, what it says of a truth, its file."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import flinders
+from flinders import simulate
+from flinders.errors import DocumentError, UsageError
+from flinders.native.engine import engine
+from flinders.native.layouts import ONLINE
+from flinders.workflows.online import OnlineCalibration
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from flinders.arrays import Floats
+
+DAY_S = 86400.0
+STEP = np.array([3.0, -4.0, 2.0])
+
+
+def tumbled(seed: int, *, seconds: float = 60.0, sensor_seed: int = 1) -> tuple[Floats, Floats, simulate.Sensor]:
+    """Readings of a sensor that a hand tumbles, their times, and the sensor."""
+    sensor = simulate.tumble(seed=sensor_seed).sensor
+    made = simulate.tumble(seed=seed, n=round(50 * seconds), sensor=sensor).samples
+    assert made.time is not None
+    return made.field, made.time, sensor
+
+
+def worst_deg(online: OnlineCalibration, sensor: simulate.Sensor, offset: Floats) -> float:
+    """True error of the heading of a level vehicle at the worst heading, its mean removed."""
+    assert online.calibration is not None
+    turn, dip = np.radians(np.arange(0.0, 360.0, 5.0)), math.radians(60.0)
+    level = np.stack(
+        [math.cos(dip) * np.cos(turn), -math.cos(dip) * np.sin(turn), np.full_like(turn, math.sin(dip))], 1
+    )
+    corrected = online.calibration.apply(50.0 * level @ sensor.matrix.T + offset)
+    off = np.angle(np.exp(1j * (np.arctan2(-corrected[:, 1], corrected[:, 0]) - turn)))
+    return float(np.degrees(np.abs(np.angle(np.exp(1j * (off - np.angle(np.exp(1j * off).mean()))))).max()))
+
+
+def learnt(seed: int = 1) -> tuple[OnlineCalibration, simulate.Sensor]:
+    """One that a minute of tumbling has made."""
+    field, time, sensor = tumbled(seed)
+    online = OnlineCalibration()
+    online.add(field, time=time)
+    return online, sensor
+
+
+def test_the_record_has_the_engines_size() -> None:
+    assert engine()._library.flinders_online_size() == ONLINE.itemsize  # noqa: SLF001 - the layout is read from the header
+
+
+def test_a_tumble_is_learnt_and_true() -> None:
+    field, time, sensor = tumbled(1)
+    online = OnlineCalibration()
+    assert online.state.doing == "learning"
+    assert online.calibration is None
+    codes = [event.code for event in online.add(field, time=time)]
+    assert codes[:2] == ["learnt", "adopted"]
+    assert set(codes[2:]) <= {"adopted"}
+    assert online.state.verdict == "good"
+    assert worst_deg(online, sensor, sensor.offset) < 2.0 * online.state.heading_error_deg
+    assert online.fit is not None
+    assert online.fit.verdict == "good"
+    assert online.fit.heading_error_deg.worst == online.state.heading_error_deg
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.lists(st.integers(1, 900), min_size=1, max_size=12))
+def test_how_readings_are_cut_changes_nothing(cuts: list[int]) -> None:
+    field, time, _ = tumbled(2, seconds=40.0)
+    whole, parts = OnlineCalibration(), OnlineCalibration()
+    events = whole.add(field, time=time)
+    found, row = [], 0
+    for cut in [*cuts, len(field)]:
+        found += parts.add(field[row : row + cut], time=time[row : row + cut])
+        row += cut
+    assert tuple(found) == events
+    assert parts._record.tobytes() == whole._record.tobytes()  # noqa: SLF001 - every number of it
+
+
+def test_what_is_saved_goes_on(tmp_path: Path) -> None:
+    field, time, _ = tumbled(3)
+    online = OnlineCalibration()
+    online.add(field[:1234], time=time[:1234])
+    online.save(tmp_path / "state.json")
+    again = OnlineCalibration.load(tmp_path / "state.json")
+    assert again.state == online.state
+    assert again.history == online.history
+    assert again.add(field[1234:], time=time[1234:]) == online.add(field[1234:], time=time[1234:])
+    assert again.fit is not None
+    assert online.fit is not None
+    np.testing.assert_array_equal(again.fit.claim.covariance, online.fit.claim.covariance)
+
+
+def test_the_claim_grows_while_nothing_is_learnt() -> None:
+    online, _ = learnt()
+    now = online.state.time_s
+    claims = [online.at(now + ahead).heading_error_deg for ahead in (0.0, 60.0, 3600.0, DAY_S, 30 * DAY_S)]
+    assert claims == sorted(claims)
+    assert claims[-1] > 10 * claims[0]
+    until = online.good_until_s
+    assert online.at(until).heading_error_deg <= 1.0 < online.at(until + 2.0).heading_error_deg
+
+
+def test_an_offset_that_moves_is_followed() -> None:
+    online, sensor = learnt()
+    now, before = online.state.time_s, worst_deg(online, sensor, sensor.offset)
+    field, time, _ = tumbled(5)
+    codes = [event.code for event in online.add(field + STEP, time=time + now + 60.0)]
+    assert {"contradicted", "moved"} & set(codes)
+    assert "adopted" in codes
+    assert worst_deg(online, sensor, sensor.offset + STEP) < max(1.0, 3.0 * before)
+    assert online.state.doing == "undisturbed"
+
+
+def test_an_offset_that_moves_is_in_the_claim_within_seconds() -> None:
+    online, sensor = learnt()
+    now = online.state.time_s
+    field, time, _ = tumbled(5, seconds=8.0)
+    online.add(field + STEP, time=time + now + 60.0)
+    assert worst_deg(online, sensor, sensor.offset + STEP) < online.state.bound_deg
+
+
+def test_a_jump_between_two_readings_is_followed_at_once() -> None:
+    field, time, sensor = tumbled(1, seconds=80.0)
+    still = np.repeat(field[-1:], 500, axis=0) + np.random.default_rng(1).normal(scale=0.3, size=(500, 3))
+    still[250:] += STEP
+    online = OnlineCalibration()
+    online.add(field, time=time)
+    codes = [event.code for event in online.add(still, time=time[-1] + 0.02 * np.arange(1, 501))]
+    assert "moved" in codes
+    assert worst_deg(online, sensor, sensor.offset + STEP) < online.state.bound_deg
+
+
+def test_something_that_passes_leaves_the_calibration_as_it_was() -> None:
+    online, sensor = learnt()
+    now = online.state.time_s
+    field, time, _ = tumbled(6, seconds=120.0)
+    peak = 30.0 * np.exp(-(((time - 20.0) / 4.0) ** 2))[:, np.newaxis] * [0.6, 0.0, 0.8]
+    codes = [event.code for event in online.add(field + peak, time=time + now + 1.0)]
+    assert "contradicted" in codes
+    assert "passed" in codes
+    assert "moved" not in codes
+    assert worst_deg(online, sensor, sensor.offset) < online.state.bound_deg
+
+
+def test_a_level_turn_is_learnt_as_one() -> None:
+    turn = simulate.tumble(seed=4, n=6000, motion="level").samples
+    assert turn.time is not None
+    online = OnlineCalibration()
+    online.add(turn.field, time=turn.time)
+    assert online.state.doing != "learning"
+    assert online._record["is_level"]  # noqa: SLF001
+
+
+def test_it_begins_with_a_fit() -> None:
+    tumble = simulate.tumble(seed=1)
+    fit = flinders.fit(tumble.samples)
+    online = OnlineCalibration(fit)
+    online.add(tumble.samples.field[:1], time=[5 * DAY_S])
+    assert online.state.heading_error_deg == pytest.approx(fit.heading_error_deg.worst, rel=0.05)
+    assert OnlineCalibration(fit, at=0.0).at(5 * DAY_S).heading_error_deg > 5 * fit.heading_error_deg.worst
+
+
+def test_a_fit_that_cannot_go_on_is_refused() -> None:
+    plain = flinders.Fit.of(flinders.Calibration.identity(field_strength=50.0))
+    with pytest.raises(UsageError, match="states no uncertainty"):
+        OnlineCalibration(plain)
+    with pytest.raises(UsageError, match="target is -1"):
+        OnlineCalibration(target_deg=-1.0)
+    with pytest.raises(UsageError, match="dip is 90"):
+        OnlineCalibration(dip_deg=90.0)
+
+
+def test_while_it_is_locked_nothing_is_adopted_and_the_claim_is_of_what_is_in_force() -> None:
+    online, sensor = learnt()
+    was = online.calibration
+    online.is_locked = True
+    field, time, _ = tumbled(5)
+    online.add(field + STEP, time=time + online.state.time_s + 60.0)
+    assert online.calibration is not None
+    assert was is not None
+    assert online.calibration.isclose(was)
+    assert worst_deg(online, sensor, sensor.offset + STEP) < online.state.bound_deg
+    online.adopt()
+    assert worst_deg(online, sensor, sensor.offset + STEP) < 1.0
+    online.take_back()
+    assert online.calibration.isclose(was)
+    assert [event.code for event in online.history[-2:]] == ["adopted", "taken-back"]
+
+
+def test_nothing_to_adopt_or_take_back() -> None:
+    with pytest.raises(UsageError, match="nothing was learnt yet"):
+        OnlineCalibration().adopt()
+    field, time, _ = tumbled(1, seconds=8.0)
+    online = OnlineCalibration(flinders.fit(simulate.tumble(seed=1).samples), at=0.0)
+    online.add(field[:5], time=time[:5])
+    with pytest.raises(UsageError, match="nothing to take back"):
+        online.take_back()
+
+
+def test_bad_readings_and_clocks_are_passed_over() -> None:
+    field, time, _ = tumbled(1)
+    online = OnlineCalibration()
+    online.add(field, time=time)
+    before = online._record.tobytes()  # noqa: SLF001
+    online.add([[np.nan, 1.0, 2.0], [np.inf, 0.0, 0.0]], time=[time[-1] + 1.0, time[-1] + 2.0])
+    assert online._record.tobytes() == before  # noqa: SLF001
+    codes = [event.code for event in online.add(field[:100], time=time[:100])]
+    assert codes == ["clock-back"]
+    assert online.state.time_s == time[-1]
+    assert online.add(np.empty((0, 3)), time=np.empty(0)) == ()
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        lambda content: "no JSON",
+        lambda content: json.dumps({**content, "format": "another"}),
+        lambda content: json.dumps({**content, "record": {}}),
+        lambda content: json.dumps({**content, "record": {**content["record"], "version": 99}}),
+        lambda content: json.dumps({**content, "record": {**content["record"], "kept": 10**6}}),
+        lambda content: json.dumps({**content, "record": {**content["record"], "state": 7}}),
+        lambda content: json.dumps({**content, "record": {**content["record"], "field": [1.0]}}),
+        lambda content: json.dumps({**content, "history": [{"code": "learnt"}]}),
+        lambda content: json.dumps([1, 2]),
+        lambda content: json.dumps(content)[:2000],
+    ],
+)
+def test_a_file_that_is_no_state_is_refused(tmp_path: Path, broken: object) -> None:
+    online, _ = learnt()
+    online.save(tmp_path / "state.json")
+    content = json.loads((tmp_path / "state.json").read_text())
+    (tmp_path / "state.json").write_text(broken(content))  # type: ignore[operator]
+    with pytest.raises(DocumentError, match="state of an online calibration"):
+        OnlineCalibration.load(tmp_path / "state.json")
