@@ -45,11 +45,11 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, Self
 
 import numpy as np
 
-from flinders.apps.live.transcript import RecordingStatistics, Taken, Transcript, escaped
 from flinders.core.files import locked, reason, refuse_existing
 from flinders.core.units import MICROTESLA
 from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInput, counted
 from flinders.links.feeds import FeedEvent
+from flinders.links.transcript import RecordingStatistics, Taken, Transcript, escaped
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
