@@ -1,0 +1,378 @@
+"""What a calibration that goes on while a vehicle works says, and whether it is true, over whole lives. Markdown.
+
+    python -m benchmarks.service [--days 1] [--lives 2] [--bodies robot …] [--events walk …] [--estimators once …]
+                                 [--alone] [--detail] [--processes 2]
+
+Lives are those of `benchmarks.service_lives`, estimators those of `benchmarks.service_peers`. Each estimator is asked
+at random moments of a life, one each five minutes and 200 at least, also where no readings come, and once while each
+piece of steel passes. *Error* is the true worst heading error of a level vehicle at a dip of 60°, its mean over the turn
+removed, with the soft iron and the offset of that moment.
+
+*In force* is the share of moments at which there is a correction, and all other columns are of these. *Within* is the
+share whose error is within the bound of 95 %. *Error ÷ claim* is a median, and of true claims 0.6 to 0.8, since a claim
+is one σ at the worst heading. Moments are, the first that fits: while steel passes or a magnet is near; within an hour
+after a step; within a gap or half an hour after; else calm. The moments while steel passes are not in other rows.
+
+After a step the estimator is asked after 0, 5, 10, 20 … 1280 s of turning, until the next step; *covered* is the first
+of two in a row at which the error is within the bound, *back* at which it is below 2° or 1.5 times what it was. A false
+report has `moved` in its code and comes when no step was within the hour before.
+
+``--events`` leaves out the other kinds of events; ``--alone`` tables each kind alone. ``--detail`` adds a row for each
+estimator, body and kind of moment.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time as clock
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from benchmarks.adversary import headings, level_field, stream
+from benchmarks.service_bodies import BODIES, FIRST_S, HOUR
+from benchmarks.service_lives import KINDS, STRENGTH_UT, live
+from benchmarks.service_peers import ESTIMATORS, available
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator, Sequence
+
+    from benchmarks.service_lives import Event, Life
+    from benchmarks.service_peers import Correction, Estimator
+
+EACH_S, FEWEST = 300.0, 200
+"""Seconds of life between two moments, and moments of a life at least."""
+STEP_S, GAP_S = HOUR, 0.5 * HOUR
+"""How long a moment counts as after a step, and after a gap."""
+TURNED_S: Final = (0.0, *(5.0 * 2.0**power for power in range(9)))
+"""Seconds of turning after a step."""
+MOMENTS: Final = ("calm", "step", "gap", "steel")
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """When an estimator is asked, and why: `step` and `turned` where it follows one."""
+
+    seconds: float
+    kind: str
+    is_random: bool = True
+    step: int = -1
+    turned: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A moment, and what an estimator said; NaN where it said nothing. Degrees."""
+
+    moment: Moment
+    error: float
+    claim: float
+    bound: float
+
+    @property
+    def is_within(self) -> bool:
+        """The truth is within the bound."""
+        return self.error <= self.bound
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A step of the offset: its size, µT, and the seconds of turning until the bound holds and the error is back."""
+
+    size: float
+    covered: float
+    back: float
+    is_reported: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """An estimator on a life."""
+
+    body: str
+    estimator: str
+    answers: tuple[Answer, ...]
+    steps: tuple[Step, ...]
+    calm_hours: float  #: of life without a step in the hour before
+    false_reports: int
+    codes: tuple[str, ...]
+    seconds: float  #: of the processor
+    readings: int
+
+
+def moments_of(life: Life) -> list[Moment]:
+    """When estimators are asked, ascending."""
+    rng = stream(life.seed, "moments")
+    count = max(FEWEST, round(life.end_s / EACH_S))
+    found = [Moment(at, kind_of(life, at)) for at in rng.uniform(FIRST_S, life.end_s, count).tolist()]
+    for event in life.of_kind("steel"):
+        found.append(Moment(float(rng.uniform(event.begin, event.end)), "steel", is_random=False))
+    steps = steps_of(life)
+    for number, step in enumerate(steps):
+        end = steps[number + 1].begin if number + 1 < len(steps) else life.end_s
+        begun = float(np.interp(step.begin, life.seconds, life.turning))
+        for turned in TURNED_S:
+            row = int(np.searchsorted(life.turning, begun + turned))
+            at = max(float(life.seconds[min(row, len(life.seconds) - 1)]), step.begin + 1.0)
+            if row < len(life.seconds) and at < end:
+                found.append(Moment(at, "step", is_random=False, step=number, turned=turned))
+    return sorted(found, key=lambda moment: moment.seconds)
+
+
+def steps_of(life: Life) -> tuple[Event, ...]:
+    """Moments at which the offset moved."""
+    return life.of_kind("step", "magnetised")
+
+
+def kind_of(life: Life, at: float) -> str:
+    """Kind of a moment: one of `MOMENTS`."""
+    if any(event.begin <= at <= event.end for event in life.of_kind("steel")):
+        return "steel"
+    if any(0.0 <= at - event.begin < STEP_S for event in steps_of(life)):
+        return "step"
+    if any(event.begin <= at < event.end + GAP_S for event in life.of_kind("gap")):
+        return "gap"
+    return "calm"
+
+
+def scored(life: Life, name: str, make: Callable[[], Estimator]) -> Score:
+    """Hand a life over to an estimator, and ask it."""
+    began = clock.process_time()
+    moments, estimator = moments_of(life), make()
+    said: list[Correction | None] = []
+    reports: list[tuple[float, str]] = []
+    stops = np.array([moment.seconds for moment in moments])
+    stamps, seen = life.clock_at(stops), 0
+    for number, chunk in life.chunks(stops):
+        if chunk is None:
+            said.append(estimator.correction(float(stamps[number])))
+        else:
+            seen += len(chunk.time)
+            reports += [(float(life.seconds[seen - 1]), report.code) for report in estimator.add(chunk)]
+    answers = tuple(
+        Answer(moment, error_deg(life, moment.seconds, one), *claims_of(one))
+        for moment, one in zip(moments, said, strict=True)
+    )
+    begins = np.array([step.begin for step in steps_of(life)])
+    moved = np.array([at for at, code in reports if "moved" in code])
+    since = moved[:, None] - begins
+    steps = [
+        stepped(life, number, answers, bool(np.any((since[:, number] >= 0.0) & (since[:, number] < STEP_S))))
+        for number in range(len(begins))
+    ]
+    grid = np.arange(0.0, life.end_s, 60.0)[:, None] - begins
+    calm = float(np.mean(~((grid >= 0.0) & (grid < STEP_S)).any(axis=1))) * life.end_s / HOUR
+    false = int(np.sum(~((since >= 0.0) & (since < STEP_S)).any(axis=1)))
+    codes = tuple(code for _, code in reports)
+    return Score(
+        life.body, name, answers, tuple(steps), calm, false, codes, clock.process_time() - began, len(life.seconds)
+    )
+
+
+def claims_of(said: Correction | None) -> tuple[float, float]:
+    """Claim and bound, NaN where there is none."""
+    if said is None or said.claim_deg is None or said.bound is None:
+        return math.nan, math.nan
+    return said.claim_deg, said.bound
+
+
+def error_deg(life: Life, at: float, said: Correction | None) -> float:
+    """True worst heading error at a moment of life, degrees."""
+    if said is None:
+        return math.nan
+    readings = STRENGTH_UT * level_field() @ life.iron + life.offset_at(np.array([at]))
+    return float(np.abs(headings((readings - said.offset) @ said.matrix.T)).max())
+
+
+def stepped(life: Life, number: int, answers: Sequence[Answer], is_reported: bool) -> Step:
+    """What followed a step."""
+    step = steps_of(life)[number]
+    before = [answer.error for answer in answers if answer.moment.seconds < step.begin]
+    was = before[-1] if before else math.nan
+    after = [answer for answer in answers if answer.moment.step == number]
+    good = max(2.0, 1.5 * was) if math.isfinite(was) else 2.0
+    covered = first_of_two(after, [answer.is_within for answer in after])
+    return Step(step.size, covered, first_of_two(after, [answer.error <= good for answer in after]), is_reported)
+
+
+def first_of_two(after: Sequence[Answer], holds: Sequence[bool]) -> float:
+    """Seconds of turning at the first of two moments in a row at which something holds; infinite where none is."""
+    for place, answer in enumerate(after):
+        if all(holds[place : place + 2]):
+            return answer.moment.turned
+    return math.inf
+
+
+def tried(case: tuple[str, int], *, days: float, kinds: Collection[str], names: Sequence[str]) -> list[Score]:
+    """All estimators on one life."""
+    life = live(case[0], case[1], days=days, kinds=kinds)
+    return [scored(life, name, ESTIMATORS[name]) for name in names]
+
+
+def share(values: Sequence[bool]) -> str:
+    """A share in percent; a dash of none."""
+    return f"{np.mean(values):.0%}" if len(values) else "–"
+
+
+def middle(values: Sequence[float], digits: int = 2) -> str:
+    """Median of the finite values."""
+    finite = [value for value in values if math.isfinite(value)]
+    return f"{np.median(finite):.{digits}f}" if finite else "–"
+
+
+HEAD: Final = "moments | in force | within | error ÷ claim | claim ≤ 1° | error, mean | median | 95 % |"
+
+
+def cells(answers: Sequence[Answer]) -> str:
+    """The columns of `HEAD`."""
+    told = [answer for answer in answers if math.isfinite(answer.error)]
+    claimed = [answer for answer in told if math.isfinite(answer.claim)]
+    ratios = [answer.error / answer.claim for answer in claimed if answer.claim > 0.0]
+    errors = np.array([answer.error for answer in told])
+    sizes = (f"{errors.mean():.2f}° | {np.median(errors):.2f}° | {np.quantile(errors, 0.95):.1f}°",) if told else ()
+    return " | ".join(
+        [
+            str(len(answers)),
+            share([math.isfinite(answer.error) for answer in answers]),
+            share([answer.is_within for answer in claimed]),
+            middle(ratios),
+            share([answer.claim <= 1.0 for answer in claimed]),
+            *(sizes or ("– | – | –",)),
+        ]
+    )
+
+
+def chosen(scores: Sequence[Score], kind: str = "") -> list[Answer]:
+    """Answers at random moments of a kind, or of all but steel; those of steel with the additional moments."""
+    answers = [answer for score in scores for answer in score.answers]
+    if kind == "steel":
+        return [answer for answer in answers if answer.moment.kind == "steel"]
+    random = [answer for answer in answers if answer.moment.is_random and answer.moment.kind != "steel"]
+    return [answer for answer in random if kind in ("", answer.moment.kind)]
+
+
+def tables(scores: Sequence[Score], names: Sequence[str], bodies: Sequence[str], *, detail: bool) -> Iterator[str]:
+    """All tables."""
+    by = {name: [score for score in scores if score.estimator == name] for name in names}
+    yield from ("Each body, all moments without steel:", "", f"| estimator | body | {HEAD}", RULE)
+    for name, body in product(names, bodies):
+        yield f"| {name} | {body} | {cells(chosen([score for score in by[name] if score.body == body]))} |"
+    yield from ("", "Each kind of moment, all bodies:", "", f"| estimator | moments | {HEAD}", RULE)
+    for name, kind in product(names, MOMENTS):
+        yield f"| {name} | {kind} | {cells(chosen(by[name], kind))} |"
+    if detail:
+        yield from ("", "Both:", "", f"| estimator | body, moments | {HEAD}", RULE)
+        for name, body, kind in product(names, bodies, MOMENTS):
+            of = [score for score in by[name] if score.body == body]
+            yield f"| {name} | {body}, {kind} | {cells(chosen(of, kind))} |"
+    yield from ("", "Mean error:", "", f"| estimator | {' | '.join(bodies)} |", "|---|" + "---:|" * len(bodies))
+    for name in names:
+        means = [mean_error([score for score in by[name] if score.body == body]) for body in bodies]
+        yield f"| {name} | {' | '.join(means)} |"
+    yield from ("", "Steps of the offset, seconds of turning:", "", STEPS)
+    for name in names:
+        yield f"| {name} | {step_cells(by[name])} |"
+    yield from ("", "Reports, and cost:", "", REPORTS)
+    for name in names:
+        yield f"| {name} | {report_cells(by[name])} |"
+
+
+RULE: Final = "|---|---|" + "---:|" * 8
+STEPS: Final = (
+    "| estimator | steps | covered at once | covered, median | never covered | back, median | never back |\n"
+    "|---|" + "---:|" * 6
+)
+REPORTS: Final = (
+    "| estimator | steps ≥ 3 µT reported | false “moved” an hour | codes | µs a reading |\n|---|---:|---:|---|---:|"
+)
+
+
+def mean_error(scores: Sequence[Score]) -> str:
+    """Mean error at the random moments, and how often there is none."""
+    errors = [answer.error for answer in chosen(scores) if math.isfinite(answer.error)]
+    return f"{np.mean(errors):.2f}°" if errors else "–"
+
+
+def step_cells(scores: Sequence[Score]) -> str:
+    """What followed the steps."""
+    steps = [step for score in scores for step in score.steps]
+    if not steps:
+        return "0 | – | – | – | – | –"
+    has_claims = any(math.isfinite(answer.bound) for score in scores for answer in score.answers)
+    covered, back = ([getattr(step, of) for step in steps] for of in ("covered", "back"))
+    of_bound = (
+        [share([one == 0.0 for one in covered]), f"{np.median(covered):.0f} s", share(list(np.isinf(covered)))]
+        if has_claims
+        else ["–", "–", "–"]
+    )
+    return " | ".join([str(len(steps)), *of_bound, f"{np.median(back):.0f} s", share(list(np.isinf(back)))])
+
+
+def report_cells(scores: Sequence[Score]) -> str:
+    """What was reported, and the time that it took."""
+    large = [step.is_reported for score in scores for step in score.steps if step.size >= 3.0]
+    codes = [code for score in scores for code in score.codes]
+    counts = ", ".join(f"{code} {codes.count(code)}" for code in sorted(set(codes)))
+    hours = sum(score.calm_hours for score in scores)
+    false = sum(score.false_reports for score in scores)
+    cost = 1e6 * sum(score.seconds for score in scores) / sum(score.readings for score in scores)
+    says = bool(codes)
+    return f"{share(large) if says else '–'} | {false / hours:.3f} | {counts or '–'} | {cost:.1f} |"[:-2]
+
+
+def run(
+    bodies: Sequence[str], lives: int, processes: int, *, days: float, kinds: Collection[str], names: Sequence[str]
+) -> list[Score]:
+    """All lives, each in a process."""
+    cases = list(product(bodies, range(lives)))
+    with ProcessPoolExecutor(processes) as pool:
+        each = pool.map(partial(tried, days=days, kinds=tuple(kinds), names=tuple(names)), cases)
+        return [score for scores in each for score in scores]
+
+
+def alone(
+    bodies: Sequence[str], lives: int, processes: int, *, days: float, kinds: Sequence[str], names: Sequence[str]
+) -> Iterator[str]:
+    """A row for each kind of event and estimator: no other kind happens."""
+    yield from (f"| events | estimator | {HEAD}", RULE)
+    for kind in ("none", *kinds):
+        some = run(bodies, lives, processes, days=days, kinds=[kind] if kind in KINDS else [], names=names)
+        for name in names:
+            of = [score for score in some if score.estimator == name]
+            yield f"| {kind} | {name} | {cells(chosen(of))} |"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--days", type=float, default=1.0, help="of each life")
+    parser.add_argument("--lives", type=int, default=2, help="of each body")
+    parser.add_argument("--bodies", nargs="+", default=list(BODIES), choices=BODIES, metavar="BODY")
+    parser.add_argument("--events", nargs="*", default=list(KINDS), choices=KINDS, metavar="KIND")
+    parser.add_argument("--estimators", nargs="+", default=list(ESTIMATORS), choices=ESTIMATORS, metavar="NAME")
+    parser.add_argument("--alone", action="store_true", help="each kind of event alone")
+    parser.add_argument("--detail", action="store_true", help="a row for each estimator, body and kind of moment")
+    parser.add_argument("--processes", type=int, default=2)
+    options = parser.parse_args(arguments)
+    names = [name for name in options.estimators if name in available()]
+    for name in options.estimators:
+        if name not in names:
+            print(f"{name} is left out: this version of flinders has no OnlineCalibration.\n")
+    how = {"days": options.days, "kinds": options.events, "names": names}
+    if options.alone:
+        for line in alone(options.bodies, options.lives, options.processes, **how):
+            print(line, flush=True)
+        return
+    scores = run(options.bodies, options.lives, options.processes, **how)
+    for line in tables(scores, names, options.bodies, detail=options.detail):
+        print(line)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
