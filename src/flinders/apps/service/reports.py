@@ -72,7 +72,7 @@ class Report:
         """What to expect of the heading."""
         error, bound, until = self.heading_error_deg, self.bound_deg, self.good_until_s
         if error is None or bound is None or not math.isfinite(error):
-            return ""
+            return "" if self.kind == "source" else "no calibration yet"
         claim = f"heading error {figures(error)}°, 95 % within {figures(bound)}°"
         if self.verdict != "good" or until is None or math.isnan(until):
             return f"{claim}, target {self.target_deg:g}°"

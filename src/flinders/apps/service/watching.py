@@ -27,7 +27,7 @@ import numpy as np
 
 from flinders.apps.service.clocks import duration
 from flinders.apps.service.kept import Kept
-from flinders.apps.service.reports import Report, date_of, words_of
+from flinders.apps.service.reports import Report, date_of, moment, words_of
 from flinders.apps.service.sources import raw_readings, raw_unit
 from flinders.core.files import write_text
 from flinders.links.feeds import FeedEvent
@@ -122,7 +122,8 @@ class Watch:
         self._begun = calibration if isinstance(calibration, Begun) else Begun()
         self._online = calibration if isinstance(calibration, OnlineCalibration) else None
         self._is_locked, self._tell, self._say, self._stopped, self._clock = is_locked, tell, say, stopped, clock
-        self._unit = unit_of(calibration or self._begun)
+        self._unit, since = unit_of(calibration or self._begun), since_of(calibration or self._begun)
+        self._since = -math.inf if since is None else since  # readings until then were taken before
         if self._online is not None:
             self._online.is_locked = is_locked
         self._field, self._time = np.empty((0, 3)), np.empty(0)
@@ -155,9 +156,11 @@ class Watch:
             self._write()
             with contextlib.suppress(OSError):
                 self._source.close()
+        report = self.report()
+        self._tell(report)
         if (failure := self.failure) is not None:
             raise failure
-        return self.report()
+        return report
 
     @property
     def readings(self) -> int:
@@ -240,6 +243,16 @@ class Watch:
             self._online = self._begun.calibration(self._unit)
             self._online.is_locked = self._is_locked
         assert self._unit is not None
+        assert samples.time is not None
+        is_new = samples.time > self._since
+        if not is_new.all():
+            if "known" not in self._advised:
+                self._advised.add("known")
+                self._tell_of_source("known", f"readings until {moment(self._since)} were taken before: left out")
+            samples = samples[is_new]
+        if not len(samples):
+            return
+        self._since = -math.inf
         readings = raw_readings(samples, self._unit)
         assert samples.time is not None
         self._field = np.concatenate([self._field, readings])
