@@ -91,13 +91,14 @@ class WatchedSource(program.Group):
         """Open what is named; readings that name no unit are in that of the calibration."""
         from flinders.apps.service import sources
         from flinders.apps.service.watching import since_of, unit_of
+        from flinders.core.units import Unit
         from flinders.links.feeds import feed_kind
         from flinders.links.transports import StandardInput, opened_lines, opened_link
 
-        reading = {name: value for name, value in self.lines.as_dict().items() if value is not None}
+        reading: dict[str, Any] = {name: value for name, value in self.lines.as_dict().items() if value is not None}
         unit, since = unit_of(calibration), since_of(calibration)
         if unit is not None and self.lines.unit is None:
-            reading["unit"] = unit.name
+            reading |= {"unit": unit.name} if unit == Unit.of(unit.name) else {"unit": unit.name, "scale": unit.scale}
         if self.replay is not None:
             return self._replayed(unit)
         if self.files:
