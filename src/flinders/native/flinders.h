@@ -366,6 +366,8 @@ typedef struct flinders_online {
     int32_t doubtful;             /* first of those that contradict it, -1: none does */
     int32_t agreeing;             /* groups of readings in a row that agree with what was known before */
     int32_t alike;                /* groups in a row that agree with those before them, and not with that */
+    int32_t groups;               /* since something contradicts it */
+    int32_t is_lone;              /* 1: one reading alone contradicts what is known */
     int32_t averaged;             /* readings in the mean of those of one direction */
     flinders_real target_deg;     /* worst heading error that is good enough */
     flinders_real dip_deg;        /* inclination of the field, for heading errors */
@@ -381,14 +383,23 @@ typedef struct flinders_online {
     flinders_real replaced[9];    /* what was in use before; NaN: nothing */
     flinders_real apart[3];       /* by how much the offset may have moved, unit */
     flinders_real apart_covariance[9];
+    flinders_real moved[3];       /* by how much it has moved last, and may move back, unit ... */
+    flinders_real moved_at;       /* ... and when */
     flinders_real noise;          /* of readings about the ellipsoid, unit */
+    flinders_real place;          /* by which the strength of the field differs from group to group, 1 sigma, a fraction */
     flinders_real scatter;        /* of groups of readings that agree with what is known, over what they claim, in variance */
     flinders_real height;         /* of a level vehicle's readings along z, unit */
+    flinders_real moves;          /* how often the offset has moved, ... */
+    flinders_real moves_square;   /* ... the sum of the squares, unit², ... */
+    flinders_real watched;        /* ... and in how many seconds */
     flinders_real rates[7];       /* probability of each rate at which the offset may walk */
     flinders_real sum[3];         /* of the readings of one direction, and ... */
     flinders_real sum_time;       /* ... of their times */
     flinders_real last[3];        /* the first of them */
     flinders_real last_at;
+    flinders_real newest[12];     /* (4, 3) newest readings, unit, ... */
+    flinders_real newest_at[4];   /* ... and their times */
+    flinders_real step;           /* from one reading to the next, unit, mean square */
     flinders_real field[2304];    /* (768, 3) evidence, unit: means of readings in one direction */
     flinders_real time[768];
 } flinders_online;

@@ -16,7 +16,7 @@
 
 #ifndef FLINDERS_SMALL
 
-enum { PARAMETERS = 9, KEPT = 768, FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, RATES = 7, IN_A_ROW = 2 };
+enum { PARAMETERS = 9, KEPT = 768, FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, RATES = 7, IN_A_ROW = 2, MOST_GROUPS = 24 };
 
 #define TURNED ((real)0.06)        /* rad from which on a direction is another one */
 #define MOST_TOGETHER_S ((real)2)  /* that readings of one direction are averaged over */
@@ -24,8 +24,10 @@ enum { PARAMETERS = 9, KEPT = 768, FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GRO
 #define BLOCK_S ((real)1200)       /* that a block lasts at most */
 #define HOUR_S ((real)3600)
 #define GROUP_TURN_DEG ((real)25)  /* from the mean of a group, that it is compared from */
+#define AS_FAR ((real)2)           /* times as far as a moved offset is seen to have moved, it may have where nothing is seen */
 #define ANYWHERE ((real)0.3)       /* of the radius: where an offset may be that nothing is known of */
-#define OTHER_PLACE ((real)0.05)   /* of the field's strength, from block to block */
+#define PLACE ((real)0.02)         /* of the field's strength, from place to place, beforehand */
+#define LEAST_PLACE ((real)0.003)  /* of it, that places differ at the least */
 #define SAME ((real)0.2)           /* of the variance of a block, that is the place's */
 #define SHAPE_WALK ((real)2e-4)    /* of the radius, by which an entry of the shape walks in an hour */
 #define CONTRADICTS ((real)1e-6)   /* how often chance may make a group that contradicts what is known */
@@ -35,10 +37,26 @@ enum { PARAMETERS = 9, KEPT = 768, FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GRO
 #define BETTER ((real)0.8)         /* of the claim in force, from which on another calibration is adopted */
 #define LEARNT ((real)3)           /* targets that a first calibration claims at most */
 #define SCATTER ((real)4)         /* of groups beforehand, in variance */
+#define MOST_SCATTER ((real)9)
+#define PASSED ((real)1.5)        /* times as large it is thought where something has passed: such is usual here */
 #define GROUPS ((real)16)         /* that it is an average over */
 #define FAR ((real)4)             /* times it, that one group counts at most */
 #define LEVEL_S ((real)60)        /* that the first calibration of a level vehicle takes at least */
 #define HELD ((real)1e-4)          /* of the radius, of what readings say nothing of */
+#define REMEMBERED ((real)0.9)     /* of what blocks said of the walk, from one to the next */
+#define DAY_S ((real)86400)
+#define UNSEEN_S ((real)60)        /* without readings, in which the offset may move and nobody sees it */
+#define MOVES_BEFORE ((real)0.5)   /* moves a day that are thought of beforehand, ... */
+#define MOVES_DAY ((real)1)        /* ... as if counted for so many days, ... */
+#define MOVED ((real)0.1)          /* ... of the radius, root mean square */
+#define BACK ((real)0.3)           /* how probable it is that what has moved moves back */
+#define BACK_S ((real)900)         /* in which it becomes e times less probable that what has moved moves back */
+#define JUMP ((real)8)             /* times the usual step from one reading to the next, that an offset moves by */
+#define AT_ONCE_S ((real)1)        /* in which it moves */
+#define CALM ((real)0.3)           /* of a jump, that the readings before and after it differ by at most */
+#define STEPS ((real)64)           /* that their mean square is an average over */
+#define FAR_ALONE ((real)6)        /* times as far as places differ, that the strength in one reading is off */
+#define NEAR_AGAIN ((real)3)       /* the same of one that is not */
 #define TINY_SHARE ((real)1e-12)
 
 /* Rates of the offset's walk, of the radius per root hour, and how probable each is beforehand. */
@@ -113,10 +131,9 @@ static void allow_strength(const flinders_online *online, const real parameters[
     hold(online, parameters, covariance);
 }
 
-/* Let the offset be anywhere. */
-static void allow_offset(const flinders_online *online, const real parameters[9], real covariance[81])
+/* Let the offset be anywhere within a distance, 1 sigma. */
+static void allow_offset(const flinders_online *online, const real parameters[9], real anywhere, real covariance[81])
 {
-    const real anywhere = ANYWHERE * radius_of(parameters);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < PARAMETERS; j++) covariance[9 * i + j] = covariance[9 * j + i] = i == j ? anywhere * anywhere : 0;
     hold(online, parameters, covariance);
@@ -140,9 +157,9 @@ static void weaken(const flinders_options *prior, real factor, flinders_record *
     memcpy(record->covariance, covariance, sizeof covariance);
 }
 
-/* Fit evidence from one reading on with what is known. Noise is no smaller than it was when the sensor was calibrated. */
+/* Fit evidence from one reading on with what is known, where groups scatter so much more than they claim. Noise is no smaller than it was when the sensor was calibrated. */
 static int fit(const flinders_online *online, size_t first, const real expected[9], const real covariance[81],
-               const lent *memory, flinders_record *record)
+               real scatter, const lent *memory, flinders_record *record)
 {
     flinders_options options;
     flinders_default_options(&options);
@@ -154,23 +171,24 @@ static int fit(const flinders_online *online, size_t first, const real expected[
     if (flinders_fit(online->field + 3 * first, online->time + first, (size_t)online->kept - first, &options, memory->at,
                      memory->size, record)) return record->status;
     const real times = online->noise / record->noise, few = flinders_widening_by_few((real)record->used - PARAMETERS);
-    const real factor = few * (times > 1 ? times * times : 1);
+    const real factor = scatter * few * (times > 1 ? times * times : 1);
     if (factor > 1) weaken(&options, factor, record);
     return FLINDERS_OK;
 }
 
-/* Offset that evidence shows alone from one reading on, with the shape as it is known, and its covariance (3, 3). */
-static int offset_alone(const flinders_online *online, size_t first, const real start[3], const lent *memory,
-                        real offset[3], real covariance[9])
+/* Offset that evidence shows alone from one reading on, with the shape as it is known, and its covariance (3, 3); it is
+ * somewhere about a start. */
+static int offset_alone(const flinders_online *online, size_t first, const real start[3], real anywhere,
+                        const lent *memory, real offset[3], real covariance[9])
 {
     flinders_record record;
     real expected[9], free[81];
     memcpy(expected, online->latest, sizeof expected);
     memcpy(expected, start, 3 * sizeof *start);
     memcpy(free, online->latest_covariance, sizeof free);
-    allow_strength(online, expected, 2 * OTHER_PLACE, free);
-    allow_offset(online, expected, free);
-    if (fit(online, first, expected, free, memory, &record)) return 1;
+    allow_strength(online, expected, online->place, free);
+    allow_offset(online, expected, anywhere, free);
+    if (fit(online, first, expected, free, 1, memory, &record)) return 1;
     for (int i = 0; i < 3; i++) offset[i] = record.centre[i];
     for (int i = 0; i < 9; i++) covariance[i] = record.covariance[9 * (i / 3) + i % 3];
     return 0;
@@ -204,8 +222,8 @@ static void learn(flinders_online *online, const lent *memory)
     memcpy(prior, online->known_covariance, sizeof prior);
     age(online, online->known, last - online->known_at, prior);
     memcpy(free, prior, sizeof free);
-    allow_strength(online, online->known, OTHER_PLACE, free);
-    if (fit(online, 0, online->known, free, memory, &record)) return;
+    allow_strength(online, online->known, online->place, free);
+    if (fit(online, 0, online->known, free, online->scatter, memory, &record)) return;
     memcpy(online->latest, record.centre, sizeof record.centre);
     memcpy(online->latest + 3, record.shape, sizeof record.shape);
     memcpy(online->latest_covariance, record.covariance, sizeof record.covariance);
@@ -262,7 +280,8 @@ static void weigh_rates(flinders_online *online, const real d[3], const real cov
         densities[k] = -(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) / 2 - fl_log(factor[0] * factor[4] * factor[8]);
         best = densities[k] > best ? densities[k] : best;
     }
-    for (int k = 0; k < RATES; k++) sum += online->rates[k] *= fl_exp(densities[k] - best);
+    for (int k = 0; k < RATES; k++)
+        sum += online->rates[k] = fl_pow(online->rates[k] / PROBABLE[k], REMEMBERED) * PROBABLE[k] * fl_exp(densities[k] - best);
     for (int k = 0; k < RATES; k++) online->rates[k] /= sum;
 }
 
@@ -275,7 +294,7 @@ static void close_block(flinders_online *online, const lent *memory)
         drop_before(online, online->kept);
         return;
     }
-    if (!offset_alone(online, 0, online->known, memory, offset, covariance)) {
+    if (!offset_alone(online, 0, online->known, ANYWHERE * radius_of(online->known), memory, offset, covariance)) {
         for (int i = 0; i < 3; i++) d[i] = offset[i] - online->known[i];
         for (int i = 0; i < 9; i++) covariance[i] += online->known_covariance[9 * (i / 3) + i % 3];
         weigh_rates(online, d, covariance, seconds / HOUR_S);
@@ -324,18 +343,37 @@ static int32_t adopt_better(flinders_online *online)
 static void clear_doubt(flinders_online *online)
 {
     online->doubtful = -1;
-    online->agreeing = online->alike = 0;
+    online->agreeing = online->alike = online->is_lone = online->groups = 0;
     for (int i = 0; i < 3; i++) online->apart[i] = 0;
     memset(online->apart_covariance, 0, sizeof online->apart_covariance);
+}
+
+/* The offset has moved, by so much squared. */
+static void count_move(flinders_online *online, real square)
+{
+    online->moves += 1, online->moves_square += square;
+}
+
+/* Variance of the offset along an axis by moves that nobody has seen, while nothing was read for some time. */
+static real unseen_moves(const flinders_online *online, real seconds)
+{
+    const real radius = radius_of(online->latest), days = (MOVES_DAY * DAY_S + online->watched) / DAY_S;
+    const real rate = (MOVES_DAY * MOVES_BEFORE + online->moves) / days;
+    const real square = (MOVED * MOVED * radius * radius + online->moves_square) / (1 + online->moves);
+    return seconds > UNSEEN_S ? rate * seconds / DAY_S * square / 3 : 0;
 }
 
 /* The offset is another one: that which doubtful evidence shows, with the shape as it was. */
 static int32_t move(flinders_online *online, const real offset[3], const real covariance[9])
 {
+    for (int i = 0; i < 3; i++) online->moved[i] = online->apart[i];
+    online->moved_at = online->now;
     memcpy(online->latest, offset, 3 * sizeof *offset);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < PARAMETERS; j++)
             online->latest_covariance[9 * i + j] = online->latest_covariance[9 * j + i] = j < 3 ? covariance[3 * i + j] : 0;
+    count_move(online, online->apart[0] * online->apart[0] + online->apart[1] * online->apart[1] +
+                           online->apart[2] * online->apart[2]);
     online->latest_at = online->known_at = online->time[online->kept - 1];
     memcpy(online->known, online->latest, sizeof online->known);
     memcpy(online->known_covariance, online->latest_covariance, sizeof online->known_covariance);
@@ -345,43 +383,124 @@ static int32_t move(flinders_online *online, const real offset[3], const real co
     return FLINDERS_MOVED | adopt_better(online);
 }
 
+/* By how much the offset that evidence shows from one reading on is another one, and the covariance of that. Where the
+ * evidence tells nothing of it, it has moved about as far as where it does. */
+static void part(flinders_online *online, int first, const lent *memory, real offset[3], real covariance[9])
+{
+    real d[3];
+    for (int i = 0; i < 3; i++) d[i] = offset[i] - online->latest[i];
+    const real size = fl_sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    offset_alone(online, (size_t)first, online->latest, AS_FAR * size, memory, offset, covariance);
+    for (int i = 0; i < 3; i++) online->apart[i] = offset[i] - online->latest[i];
+    memcpy(online->apart_covariance, covariance, 9 * sizeof *covariance);
+}
+
+/* By how much the field's strength differs in readings from one on: their mean length; and the mean of their directions. */
+static real length_off(const flinders_online *online, int first, real direction[3])
+{
+    fl_surface surface;
+    real sum = 0;
+    for (int axis = 0; axis < 3; axis++) direction[axis] = 0;
+    if (fl_surface_of(online->latest, online->latest + 3, &surface)) return 0;
+    for (int row = first; row < online->kept; row++) {
+        real off[3], u[3];
+        for (int axis = 0; axis < 3; axis++) off[axis] = online->field[3 * row + axis] - surface.centre[axis];
+        fl_sym3_apply(surface.inverse, off, u);
+        const real length = fl_sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
+        for (int axis = 0; axis < 3; axis++) direction[axis] += u[axis] / length / (real)(online->kept - first);
+        sum += length - 1;
+    }
+    return sum / (real)(online->kept - first);
+}
+
+/* Look at the newest reading alone, as of a body that lies still: where its length is far off, something passes or the offset
+ * has moved, and where the next one's is not, it has passed. */
+static int32_t look_at_one(flinders_online *online, int is_still)
+{
+    real u[3];
+    const real radius = radius_of(online->latest), off = length_off(online, online->kept - 1, u), size = fl_abs(off);
+    const real usual = fl_sqrt(online->place * online->place + online->noise * online->noise / (radius * radius));
+    if (!is_still) return 0;
+    if (online->is_lone && size < NEAR_AGAIN * usual) {
+        clear_doubt(online);
+        drop_before(online, online->kept);
+        online->state = FLINDERS_UNDISTURBED;
+        return FLINDERS_PASSED;
+    }
+    if (online->state != FLINDERS_UNDISTURBED || !(size > FAR_ALONE * usual && size > 2 * LARGE)) return 0;
+    online->state = FLINDERS_DISTURBED, online->is_lone = 1, online->doubtful = online->kept - 1;
+    for (int i = 0; i < 3; i++) online->apart[i] = off * radius * u[i];
+    for (int i = 0; i < 3; i++) online->apart_covariance[4 * i] = off * off * radius * radius;
+    return FLINDERS_CONTRADICTED;
+}
+
+/* Let an average over groups follow one of them. */
+static void follow(real *average, real square, real least)
+{
+    const real most = FAR * *average;
+    *average += ((square < most ? square : most) - *average) / GROUPS;
+    *average = *average > least ? *average : least;
+}
+
+/* After many groups that neither agree with what is known nor with each other, what they contradict is as uncertain as they
+ * make it, and they are learnt from. */
+static int32_t give_in(flinders_online *online)
+{
+    if (++online->groups < MOST_GROUPS) return 0;
+    for (int i = 0; i < 9; i++) {
+        const int at = 9 * (i / 3) + i % 3;
+        const real unknown = online->apart[i / 3] * online->apart[i % 3] + online->apart_covariance[i];
+        online->known_covariance[at] += unknown, online->latest_covariance[at] += unknown;
+    }
+    clear_doubt(online);
+    drop_before(online, online->kept);
+    online->scatter = online->scatter * PASSED < MOST_SCATTER ? online->scatter * PASSED : MOST_SCATTER;
+    online->state = FLINDERS_UNDISTURBED;
+    return FLINDERS_PASSED;
+}
+
 /* Readings from one on agree with what is known, or contradict it. */
 static int32_t doubt(flinders_online *online, int first, const lent *memory)
 {
     real offset[3], covariance[9], known[9], d[3], other[3];
     const real now = online->time[online->kept - 1], radius = radius_of(online->latest);
-    if (offset_alone(online, (size_t)first, online->latest, memory, offset, covariance)) return 0;
+    if (offset_alone(online, (size_t)first, online->latest, ANYWHERE * radius, memory, offset, covariance)) return 0;
     offset_covariance(online, now, known);
     for (int i = 0; i < 3; i++) d[i] = offset[i] - online->latest[i];
     real ratio;
     const real chance = chance_of(d, covariance, known, online->scatter, &ratio), size = fl_sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
     if (online->state == FLINDERS_UNDISTURBED) {
         if (!(chance < CONTRADICTS && size > LARGE * radius)) {
-            online->scatter += ((ratio < FAR * online->scatter ? ratio : FAR * online->scatter) - online->scatter) / GROUPS;
-            online->scatter = online->scatter > 1 ? online->scatter : 1;
+            real variance = online->place * online->place;
+            real u[3];
+            const real off = length_off(online, first, u);
+            follow(&online->scatter, ratio, 1);
+            follow(&variance, off * off, LEAST_PLACE * LEAST_PLACE);
+            online->place = fl_sqrt(variance);
             return 0;
         }
         online->state = FLINDERS_DISTURBED, online->doubtful = first;
-        memcpy(online->apart, d, sizeof d);
-        memcpy(online->apart_covariance, covariance, sizeof covariance);
+        part(online, first, memory, offset, covariance);
         return FLINDERS_CONTRADICTED;
     }
     for (int i = 0; i < 3; i++) other[i] = d[i] - online->apart[i];
+    online->is_lone = 0;
+    const int is_told = chance_of(online->apart, online->apart_covariance, known, online->scatter, NULL) < AGREES;
     const int agrees = chance > AGREES, is_alike = chance_of(other, covariance, online->apart_covariance, online->scatter, NULL) > AGREES;
-    if (agrees && is_alike) return 0; /* it tells nothing */
+    if (is_told && agrees && is_alike) return give_in(online); /* it tells nothing */
     online->agreeing = agrees ? online->agreeing + 1 : 0, online->alike = is_alike ? online->alike + 1 : 0;
+    if (agrees) follow(&online->scatter, ratio, 1);
     if (online->agreeing == IN_A_ROW) {
+        online->scatter = online->scatter * PASSED < MOST_SCATTER ? online->scatter * PASSED : MOST_SCATTER;
         clear_doubt(online);
         drop_before(online, online->kept); /* what passed, and the evidence of this block with it */
         online->state = FLINDERS_UNDISTURBED;
         return FLINDERS_PASSED;
     }
-    if (agrees) return 0;
+    if (agrees) return give_in(online);
     if (!is_alike) online->doubtful = first; /* what there was before is another offset again */
-    if (offset_alone(online, (size_t)online->doubtful, offset, memory, offset, covariance)) return 0;
-    for (int i = 0; i < 3; i++) online->apart[i] = offset[i] - online->latest[i];
-    memcpy(online->apart_covariance, covariance, sizeof covariance);
-    if (online->alike < IN_A_ROW || now - online->time[online->doubtful] < LASTS_S) return 0;
+    part(online, online->doubtful, memory, offset, covariance);
+    if (online->alike < IN_A_ROW || now - online->time[online->doubtful] < LASTS_S) return give_in(online);
     return move(online, offset, covariance);
 }
 
@@ -434,7 +553,7 @@ static real turned_by(const flinders_online *online, const real a[3], const real
 }
 
 /* Put the mean of the readings of one direction into the evidence. */
-static int32_t keep(flinders_online *online, const lent *memory)
+static int32_t keep(flinders_online *online, int is_still, const lent *memory)
 {
     if (!online->averaged) return 0;
     if (online->kept == KEPT) {
@@ -446,7 +565,9 @@ static int32_t keep(flinders_online *online, const lent *memory)
     online->time[online->kept++] = online->sum_time / (real)online->averaged;
     for (int axis = 0; axis < 3; axis++) online->sum[axis] = 0;
     online->sum_time = 0, online->averaged = 0;
-    return online->state == FLINDERS_LEARNING ? begin_to_know(online, memory) : look(online, memory);
+    if (online->state == FLINDERS_LEARNING) return begin_to_know(online, memory);
+    const int32_t events = look_at_one(online, is_still);
+    return events ? events : look(online, memory);
 }
 
 /* End what has lasted for too long, or has ended. */
@@ -454,6 +575,42 @@ static void end_block(flinders_online *online, real time, const lent *memory)
 {
     if (!online->kept || online->state != FLINDERS_UNDISTURBED) return;
     if (time - online->time[online->kept - 1] > GAP_S || time - online->time[0] > BLOCK_S) close_block(online, memory);
+}
+
+/* Move the offset where it has moved at once: of the four newest readings the first two are alike, and the last two are, much
+ * more than the two halves. Nothing passes so fast, and nobody turns; what moves back is seen again. */
+static int32_t jump(flinders_online *online, const real x[3], real time, const lent *memory)
+{
+    real *const at = online->newest_at, steps[3] = {0}, d[3];
+    memmove(online->newest, online->newest + 3, 9 * sizeof(real)), memmove(at, at + 1, 3 * sizeof(real));
+    memcpy(online->newest + 9, x, 3 * sizeof *x), at[3] = time;
+    if (!(at[3] - at[0] < AT_ONCE_S)) return 0;
+    for (int k = 0; k < 3; k++)
+        for (int axis = 0; axis < 3; axis++) {
+            const real step = online->newest[3 * k + 3 + axis] - online->newest[3 * k + axis];
+            steps[k] += step * step;
+        }
+    const real usual = online->step, least = LARGE * radius_of(online->latest);
+    online->step += ((steps[0] < FAR * usual ? steps[0] : FAR * usual) - usual) / STEPS;
+    if (!(online->step > 0)) online->step = steps[0];
+    if (online->state == FLINDERS_LEARNING || !(steps[1] > JUMP * JUMP * usual && steps[1] > 4 * least * least) ||
+        !(steps[0] < CALM * CALM * steps[1] && steps[2] < CALM * CALM * steps[1])) return 0;
+    for (int axis = 0; axis < 3; axis++)
+        d[axis] = (online->newest[6 + axis] + online->newest[9 + axis] - online->newest[axis] - online->newest[3 + axis]) / 2;
+    if (online->kept && online->state == FLINDERS_UNDISTURBED) close_block(online, memory);
+    for (int i = 0; i < 3; i++) {
+        online->latest[i] += d[i], online->known[i] += d[i];
+        for (int j = 0; j < 3; j++) {
+            const real unknown = (i == j ? usual + CALM * CALM * CALM * steps[1] : 0);
+            online->latest_covariance[9 * i + j] += unknown, online->known_covariance[9 * i + j] += unknown;
+        }
+    }
+    count_move(online, steps[1]);
+    clear_doubt(online);
+    drop_before(online, online->kept);
+    online->state = FLINDERS_UNDISTURBED, online->averaged = 0, online->sum_time = 0;
+    for (int axis = 0; axis < 3; axis++) online->sum[axis] = 0;
+    return FLINDERS_MOVED | adopt_better(online);
 }
 
 /* Add one reading. */
@@ -464,10 +621,16 @@ static int32_t add(flinders_online *online, const real x[3], real time, const le
     const int is_first = !(online->last_at <= time);
     const int is_turned = is_first || turned_by(online, x, online->last) > TURNED;
     if (is_turned || time - online->last_at > MOST_TOGETHER_S) {
-        if (online->averaged > 0 && (is_turned || online->averaged > 0)) events = keep(online, memory);
+        if (online->averaged > 0) events = keep(online, !is_turned, memory);
         end_block(online, time, memory);
     }
+    if (online->now > -FL_HUGE && online->state != FLINDERS_LEARNING) {
+        const real seconds = time - online->now, unseen = unseen_moves(online, seconds);
+        for (int i = 0; i < 3; i++) online->known_covariance[10 * i] += unseen, online->latest_covariance[10 * i] += unseen;
+        online->watched += seconds;
+    }
     online->now = time;
+    events |= jump(online, x, time, memory);
     if (is_turned) {
         memcpy(online->last, x, 3 * sizeof *x);
         online->last_at = time;
@@ -484,11 +647,12 @@ void flinders_online_begin(flinders_online *online)
     online->version = FLINDERS_RECORD_VERSION;
     online->target_deg = 1, online->dip_deg = 60;
     online->now = -FL_HUGE, online->last_at = FL_NOT_A_NUMBER;
-    online->known_at = online->latest_at = online->adopted_at = online->noise = FL_NOT_A_NUMBER;
+    online->known_at = online->latest_at = online->adopted_at = online->noise = online->moved_at = FL_NOT_A_NUMBER;
+    for (int k = 0; k < 4; k++) online->newest_at[k] = FL_NOT_A_NUMBER;
     for (int i = 0; i < PARAMETERS; i++)
         online->known[i] = online->latest[i] = online->in_force[i] = online->replaced[i] = FL_NOT_A_NUMBER;
     memcpy(online->rates, PROBABLE, sizeof online->rates);
-    online->scatter = SCATTER;
+    online->scatter = SCATTER, online->place = PLACE;
     clear_doubt(online);
 }
 
@@ -536,10 +700,14 @@ int flinders_online_claim_at(const flinders_online *online, real time, flinders_
     if (online->state == FLINDERS_LEARNING || fl_surface_of(online->in_force, online->in_force + 3, &surface))
         return FLINDERS_UNDETERMINED;
     real *const covariance = claim->covariance;
+    const real unseen = unseen_moves(online, time - online->now);
+    const real back = online->moved_at <= time ? BACK * fl_exp(-(time - online->moved_at) / BACK_S) : 0;
     memcpy(covariance, online->latest_covariance, sizeof claim->covariance);
     age(online, online->latest, time - online->latest_at, covariance);
+    for (int i = 0; i < 3; i++) covariance[10 * i] += unseen;
     for (int i = 0; i < 9; i++)
-        covariance[9 * (i / 3) + i % 3] += online->apart[i / 3] * online->apart[i % 3] + online->apart_covariance[i];
+        covariance[9 * (i / 3) + i % 3] += online->apart[i / 3] * online->apart[i % 3] + online->apart_covariance[i] +
+                                           back * online->moved[i / 3] * online->moved[i % 3];
     fl_level_errors(&surface, covariance, online->dip_deg, &rms, &claim->latest_deg);
     for (int i = 0; i < PARAMETERS; i++)
         for (int j = 0; j < PARAMETERS; j++)
