@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from tests.feeding import free_port
 from tests.program import flinders_
+from tests.trials import nightly
 from tests.waiting import wait_until
 
 from flinders import Fit, OnlineCalibration, Samples
@@ -216,7 +217,7 @@ def test_what_was_killed_goes_on_from_the_last_save() -> None:
 
 
 @POSIX
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, nightly(signal.SIGINT)])
 def test_a_signal_saves_and_ends(number: int) -> None:
     watch = program("-", "--state", "compass.state", "--status", "status.json", "--every", "10")
     assert watch.stdin is not None
@@ -328,11 +329,10 @@ class Px4(threading.Thread):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
             link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
             for number, (x, y, z) in enumerate((0.01 * DRIVE[1]).tolist()):
+                gravity, turn, air = (0, 0, -9.8), (0, 0, 0), (0, 0, 0, 20)
                 messages = [
                     dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3),
-                    dialect.MAVLink_highres_imu_message(
-                        20_000 * number, 0, 0, -9.8, 0, 0, 0, x, y, z, 0, 0, 0, 20, 0x1FF
-                    ),
+                    dialect.MAVLink_highres_imu_message(20_000 * number, *gravity, *turn, x, y, z, *air, 0x1FF),
                 ]
                 with suppress(ConnectionError):
                     wire.sendto(b"".join(message.pack(link) for message in messages), ("127.0.0.1", self._port))
@@ -341,6 +341,7 @@ class Px4(threading.Thread):
 
 
 @POSIX
+@pytest.mark.nightly
 def test_a_vehicle_is_watched_over_mavlink() -> None:
     pytest.importorskip("pymavlink")
     port = free_port()
