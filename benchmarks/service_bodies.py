@@ -1,7 +1,7 @@
 """Days of five bodies: how a robot, a boat, a drone, a wrist and a phone turn, and through which fields they go.
 
 Each day is a list of spells; a body that lies still for long gives a reading each ten seconds. A life begins with the
-turn that its maker asks for, `Body.first_s` long: a robot spins on the spot, a boat goes in circles, the others are
+turn that its maker asks for, `FIRST_S` long: a robot spins on the spot, a boat goes in circles, the others are
 tumbled by hand. Yaw, pitch and roll turn north, east, down into forward, right, down.
 """
 
@@ -243,36 +243,41 @@ def boat(diary: Diary) -> None:
 
 
 def drone(diary: Diary) -> None:
-    """Flights of 4 to 10 min, tilted by up to 25°, six a day; on the ground before and after, then off."""
+    """Flights of 4 to 10 min, tilted by up to 25°: one to three in a row, with the ground between, then off."""
     rng = diary.rng
     diary.put(seconds := diary.times(FIRST_S, 50.0), tumbled(rng, seconds))
     while diary.now < diary.end_s:
         ground, stands = rng.standard_normal(3) * rng.uniform(0.5, 5.0), np.array([rng.uniform(-3.0, 3.0), 0.03, -0.02])
-        diary.off(rng.uniform(0.5, 2.0) * HOUR if diary.hour < 9.0 else (24.0 - diary.hour) * HOUR, stands, ground)
-        seconds = diary.times(30.0, 25.0)  # carried to its place
-        carried = course(rng, seconds, 3.0, 20.0) * [1.5, 0.3, 0.3]
-        diary.put(seconds, carried)
-        diary.lie(rng.uniform(30.0, 180.0), stands, place=ground, load=0.05)
-        seconds = diary.times(rng.uniform(240.0, 600.0), 50.0)
-        if not len(seconds):
-            return
-        tilt = np.clip(np.radians(8.0) * course(rng, seconds, 1.5, 15.0, columns=2), -0.44, 0.44)
-        count = int(seconds[-1] / 5.0) + 2
-        turns = np.where(rng.random(count) < 0.5, rng.uniform(-2.5, 2.5, count), 0.0)
-        yaw = stands[0] + keyed(seconds, np.full(count, 5.0), turns[:, None])[:, 0]
-        airborne = np.clip(np.minimum(seconds, seconds[-1] - seconds) / 4.0, 0.0, 1.0)
-        height, throttle = 8.0 * airborne, 0.5 + 0.15 * course(rng, seconds, 1.0, 20.0, columns=1)[:, 0]
-        place = np.exp(-height)[:, None] * ground
-        angles = np.stack([yaw, airborne * tilt[:, 0], airborne * tilt[:, 1]], axis=1)
-        diary.put(seconds, angles, place=place, load=airborne * np.clip(throttle, 0.2, 1.0))
-        diary.lie(rng.uniform(30.0, 120.0), np.array([yaw[-1], 0.02, 0.03]), place=ground, load=0.05)
+        diary.off(rng.uniform(0.5, 2.5) * HOUR if diary.hour < 9.0 else (24.0 - diary.hour) * HOUR, stands, ground)
+        diary.put(seconds := diary.times(30.0, 25.0), course(rng, seconds, 3.0, 20.0) * [1.5, 0.3, 0.3])  # carried
+        for _ in range(rng.integers(1, 4)):
+            diary.lie(rng.uniform(30.0, 400.0), stands, place=ground, load=0.05)
+            seconds = diary.times(rng.uniform(240.0, 600.0), 50.0)
+            if len(seconds):
+                angles, airborne = flown(rng, seconds, stands[0])
+                throttle = 0.5 + 0.15 * course(rng, seconds, 1.0, 20.0, columns=1)[:, 0]
+                place = np.exp(-8.0 * airborne)[:, None] * ground  # it climbs to 8 m, and the steel of the ground fades
+                diary.put(seconds, angles, place=place, load=airborne * np.clip(throttle, 0.2, 1.0))
+                stands = np.array([angles[-1, 0], 0.02, 0.03])
+        diary.lie(rng.uniform(30.0, 120.0), stands, place=ground, load=0.05)
+
+
+def flown(rng: Generator, seconds: Floats, yaw: float) -> tuple[Floats, Floats]:
+    """(n, 3) yaw, pitch, roll of a flight, and (n,) how far it is up, 0 to 1."""
+    tilt = np.clip(np.radians(8.0) * course(rng, seconds, 1.5, 15.0, columns=2), -0.44, 0.44)
+    count = int(seconds[-1] / 5.0) + 2
+    turns = np.where(rng.random(count) < 0.5, rng.uniform(-2.5, 2.5, count), 0.0)
+    airborne: Floats = np.clip(np.minimum(seconds, seconds[-1] - seconds) / 4.0, 0.0, 1.0)
+    turned: Floats = yaw + keyed(seconds, np.full(count, 5.0), turns[:, None])[:, 0]
+    return np.stack([turned, airborne * tilt[:, 0], airborne * tilt[:, 1]], axis=1), airborne
 
 
 def swung(rng: Generator, seconds: Floats, yaw: Floats) -> Floats:
     """(n, 3) yaw, pitch, roll of an arm that swings at a walk."""
     swing = np.sin(2.0 * np.pi * 0.9 * seconds + rng.uniform(0.0, 6.0))
     loose = 0.15 * course(rng, seconds, 1.0, 20.0)
-    return np.stack([yaw + 0.2 * swing, -0.9 + 0.45 * swing, 1.2 + 0.2 * swing], axis=1) + loose
+    angles: Floats = np.stack([yaw + 0.2 * swing, -0.9 + 0.45 * swing, 1.2 + 0.2 * swing], axis=1) + loose
+    return angles
 
 
 def wrist(diary: Diary) -> None:
@@ -354,7 +359,6 @@ class Body:
     steel_per_hour: float
     steps_per_day: float
     swapped: float  #: probability of a step in a gap: another battery
-    first_s: float = FIRST_S
 
     def spells(self, rng: Generator, days: float, kinds: Collection[str]) -> list[Spell]:
         """What it does for some days."""
@@ -364,9 +368,9 @@ class Body:
 
 
 BODIES: Final[dict[str, Body]] = {
-    "robot": Body(robot, True, 0.4, 2.0, 2.0, 2.0, 0.3),
-    "boat": Body(boat, True, 0.2, 1.5, 0.5, 2.0, 0.2),
-    "drone": Body(drone, False, 0.3, 5.0, 2.0, 0.5, 0.3),
-    "wrist": Body(wrist, False, 0.3, 0.0, 3.0, 2.0, 0.2),
-    "phone": Body(phone, False, 0.4, 1.0, 1.0, 3.0, 0.0),
+    "robot": Body(robot, True, 0.4, 2.0, 2.0, 1.0, 0.3),
+    "boat": Body(boat, True, 0.2, 1.5, 0.5, 0.7, 0.2),
+    "drone": Body(drone, False, 0.3, 5.0, 2.0, 0.3, 0.3),
+    "wrist": Body(wrist, False, 0.3, 0.0, 3.0, 1.0, 0.2),
+    "phone": Body(phone, False, 0.4, 1.0, 1.0, 1.5, 0.0),
 }

@@ -6,7 +6,7 @@ to it, each kind of which can be left out:
 walk          the offset of each axis walks at random, 0.02 to 0.5 µT/√h (the unit's own)
 temperature   days and hours of ± 8 K, with an offset of up to 0.2 µT/K
 steps         the offset moves by 0.5 to 20 µT at random moments: a battery exchanged, a part moved
-magnetised    a magnet passes and leaves 2 to 20 µT, half of which fades in hours
+magnetised    a magnet passes in 4 s and leaves 2 to 20 µT, half of which fades in hours
 steel         steel passes for 2 to 30 s with a peak of 3 to 60 µT; a phone lies on a magnet for minutes
 rooms         the field varies with the place by 5 to 20 % indoors; steel near a dock, a berth, the ground, in a car
 currents      the body's own current makes a field along one wire, in proportion to its load
@@ -26,14 +26,13 @@ True
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from benchmarks.adversary import sensor, stream
-from benchmarks.service_bodies import BODIES, HOUR, course, down_of, rates_of, seen
+from benchmarks.service_bodies import BODIES, DAY, FIRST_S, HOUR, course, down_of, rates_of, seen
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -116,11 +115,7 @@ class Life:
     iron: Floats  #: (3, 3)
     offsets: Offsets
     events: tuple[Event, ...]  #: in the order of their beginning
-
-    @property
-    def end_s(self) -> float:
-        """Length of the life."""
-        return float(self.seconds[-1])
+    end_s: float  #: length of the life, which may end in a gap
 
     def offset_at(self, seconds: Floats) -> Floats:
         """(n, 3) true offsets at (n,) moments, readings or not."""
@@ -156,13 +151,17 @@ def live(name: str, seed: int, *, days: float = 1.0, kinds: Collection[str] = KI
         np.concatenate([getattr(spell, of) for spell in spells])
         for of in ("seconds", "angles", "place", "load", "near")
     )
-    events = [*gaps_of(spells), *magnets_of(spells)]
+    events = [*gaps_of(spells, days * DAY), *magnets_of(spells)]
     if "steel" in kinds:
-        events += steel(stream(seed, "steel"), body, seconds, place)
-    offsets, steps = offsets_of(seed, body, seconds[-1], kinds, [event for event in events if event.kind == "gap"])
-    of = sensor(stream(seed, "sensor"))
+        events += steel(stream(seed, f"steel of {name}"), body, seconds, place)
+    offsets, steps = offsets_of(seed, name, days * DAY, kinds, [event for event in events if event.kind == "gap"])
+    for step in steps:
+        if step.kind == "magnetised":
+            rng = stream(seed, f"magnet {step.begin} of {name}")
+            events.append(passing(rng, seconds, place, step.begin, 4.0, rng.uniform(50.0, 300.0)))
+    of = sensor(stream(seed, f"sensor of {name}"))
     iron = np.eye(3) + body.iron * (of.iron - np.eye(3))
-    rng = stream(seed, "noise")
+    rng = stream(seed, f"noise of {name}")
     field = seen(angles, NORTH_DOWN + place) @ iron + offsets.at(seconds) + near
     if "currents" in kinds:
         wire = rng.standard_normal(3)
@@ -174,15 +173,15 @@ def live(name: str, seed: int, *, days: float = 1.0, kinds: Collection[str] = KI
     turning = np.cumsum(np.where(turns, np.minimum(np.diff(seconds, prepend=seconds[0]), 1.0), 0.0))
     rate = rate + GYRO_BIAS * rng.standard_normal(3) + GYRO_NOISE * rng.standard_normal(rate.shape)
     down = down_of(angles) + 0.02 * rng.standard_normal(rate.shape)
-    time, faults = stamped(stream(seed, "clock"), seconds) if "clock" in kinds else (START_S + seconds, [])
+    time, faults = stamped(stream(seed, f"clock of {name}"), seconds) if "clock" in kinds else (START_S + seconds, [])
     every = tuple(sorted([*events, *steps, *faults], key=lambda event: event.begin))
-    return Life(name, seed, seconds, time, field, rate, down, turning, iron, offsets, every)
+    return Life(name, seed, seconds, time, field, rate, down, turning, iron, offsets, every, days * DAY)
 
 
-def gaps_of(spells: list[Spell]) -> list[Event]:
-    """Pauses of a minute and more between readings."""
-    pairs = itertools.pairwise(spells)
-    edges = [(float(one.seconds[-1]), float(other.seconds[0])) for one, other in pairs]
+def gaps_of(spells: list[Spell], end_s: float) -> list[Event]:
+    """Pauses of a minute and more between readings, and after the last."""
+    begins = [float(spell.seconds[0]) for spell in spells[1:]]
+    edges = zip([float(spell.seconds[-1]) for spell in spells], [*begins, end_s], strict=True)
     return [Event(begin, end, "gap", end - begin) for begin, end in edges if end - begin > 60.0]
 
 
@@ -200,42 +199,50 @@ def steel(rng: Generator, body: Body, seconds: Floats, place: Floats) -> list[Ev
     events = []
     for _ in range(rng.poisson(body.steel_per_hour * hours)):
         middle, lasts = float(seconds[rng.integers(len(seconds))]), rng.uniform(2.0, 30.0)
-        peak, direction = np.exp(rng.uniform(np.log(3.0), np.log(60.0))), rng.standard_normal(3)
-        if middle < body.first_s + lasts:
-            continue
-        rows = slice(*np.searchsorted(seconds, [middle - lasts / 2.0, middle + lasts / 2.0]))
-        profile = (1.0 + (6.0 * (seconds[rows] - middle) / lasts) ** 2) ** -1.5 - 10.0**-1.5
-        place[rows] += peak * profile[:, None] * direction / np.linalg.norm(direction)
-        events.append(Event(middle - lasts / 2.0, middle + lasts / 2.0, "steel", float(peak)))
+        passed = passing(rng, seconds, place, middle, lasts, float(np.exp(rng.uniform(np.log(3.0), np.log(60.0)))))
+        events += [passed] if passed.begin > FIRST_S else []
     return events
 
 
+def passing(rng: Generator, seconds: Floats, place: Floats, middle: float, lasts: float, peak: float) -> Event:
+    """Add a dipole on a straight way, unless it comes while the maker's turn is made."""
+    event, direction = Event(middle - lasts / 2.0, middle + lasts / 2.0, "steel", peak), unit(rng)
+    if event.begin > FIRST_S:
+        rows = slice(*np.searchsorted(seconds, [event.begin, event.end]))
+        profile = (1.0 + (6.0 * (seconds[rows] - middle) / lasts) ** 2) ** -1.5 - 10.0**-1.5
+        place[rows] += peak * profile[:, None] * direction
+    return event
+
+
 def offsets_of(
-    seed: int, body: Body, end_s: float, kinds: Collection[str], gaps: list[Event]
+    seed: int, name: str, end_s: float, kinds: Collection[str], gaps: list[Event]
 ) -> tuple[Offsets, list[Event]]:
     """The offset over a life, and its steps."""
-    grid = np.arange(0.0, end_s + 2.0 * GRID_S, GRID_S)
-    slow = np.tile(sensor(stream(seed, "sensor")).offset, (len(grid), 1))
+    body, grid = BODIES[name], np.arange(0.0, end_s + 2.0 * GRID_S, GRID_S)
+    slow = np.tile(sensor(stream(seed, f"sensor of {name}")).offset, (len(grid), 1))
     if "walk" in kinds:
-        rng = stream(seed, "walk")
+        rng = stream(seed, f"walk of {name}")
         sigma = np.exp(rng.uniform(np.log(0.02), np.log(0.5), 3))
         slow += np.cumsum(sigma * np.sqrt(GRID_S / HOUR) * rng.standard_normal(slow.shape), axis=0)
     if "temperature" in kinds:
-        rng = stream(seed, "temperature")
-        day = np.sin(2.0 * np.pi * (grid / (24.0 * HOUR) + rng.random()))
+        rng = stream(seed, f"temperature of {name}")
+        day = np.sin(2.0 * np.pi * (grid / (DAY) + rng.random()))
         kelvin = 6.0 * day + 2.0 * course(rng, grid, HOUR, 6.0 * HOUR, columns=1)[:, 0]
         slow += kelvin[:, None] * rng.uniform(0.02, 0.2) * unit(rng)
     steps: list[Event] = []
     moves, fading = [], []
-    rng = stream(seed, "steps")
+    rng = stream(seed, f"steps of {name}")
     swapped = [gap.begin + 0.5 * gap.size for gap in gaps if rng.random() < body.swapped]
-    moments = [*rng.uniform(body.first_s, end_s, rng.poisson(body.steps_per_day * end_s / (24.0 * HOUR))), *swapped]
+    moments = [
+        *rng.uniform(FIRST_S, end_s, rng.poisson(body.steps_per_day * end_s / (DAY))),
+        *swapped,
+    ]
     for moment in moments if "steps" in kinds else ():
         steps.append(Event(float(moment), float(moment), "step", float(np.exp(rng.uniform(np.log(0.5), np.log(20.0))))))
         moves.append(steps[-1].size * unit(rng))
         fading.append(0.0)
-    rng = stream(seed, "magnetised")
-    for moment in rng.uniform(body.first_s, end_s, rng.poisson(0.5 * end_s / (24.0 * HOUR))):
+    rng = stream(seed, f"magnetised of {name}")
+    for moment in rng.uniform(FIRST_S, end_s, rng.poisson(0.5 * end_s / (DAY))):
         if "magnetised" in kinds:
             size = float(np.exp(rng.uniform(np.log(2.0), np.log(20.0))))
             steps.append(Event(float(moment), float(moment), "magnetised", size))
@@ -254,7 +261,7 @@ def unit(rng: Generator) -> Floats:
 
 def stamped(rng: Generator, seconds: Floats) -> tuple[Floats, list[Event]]:
     """(n,) stamps of a clock with faults, and these."""
-    per_day = max(1.0, 3.0 * seconds[-1] / (24.0 * HOUR))
+    per_day = max(1.0, 3.0 * seconds[-1] / (DAY))
     back = [-1.0] * rng.poisson(per_day)
     ahead = np.exp(rng.uniform(np.log(2.0), np.log(600.0), rng.poisson(per_day / 2.0)))
     time = START_S + seconds

@@ -1,8 +1,8 @@
 """Estimators that go on while a vehicle works, as other projects have them, and the adapter of Flinders' own.
 
 Each takes readings as they come and gives the correction ``matrix @ (reading - offset)`` when asked, with a claim
-where it has one. `once` is what most products do; `px4` and `kalman` begin with the same fit, since their projects
-calibrate the vehicle first. The others learn from the raw readings, as their projects do.
+where it has one. `once` is what most products do; `refit`, `px4` and `kalman` begin with the same fit, since their
+projects calibrate the vehicle first. The others learn from the raw readings, as their projects do.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from numpy.typing import NDArray
 
     from benchmarks.service_lives import Chunk
     from flinders.arrays import Floats
@@ -69,6 +71,16 @@ class Estimator(Protocol):
         """What it says at a stamp, at or after the last reading's; None where nothing is in force."""
 
 
+def fitted(time: Floats, field: Floats) -> Fit | None:
+    """The fit of some readings, refused or not; None where there is none."""
+    try:
+        return flinders.fit(flinders.Samples.of(field, unit="uT", time=time), target_deg=TARGET_DEG)
+    except Refused as refused:
+        return refused.fit
+    except FlindersError:
+        return None
+
+
 class Once:
     """One fit of the first three minutes, never again; its claim grows as an offset that walks by `walk` µT/√h.
 
@@ -87,14 +99,7 @@ class Once:
             if chunk.time[-1] - self._held[0].time[0] > FIRST_S:
                 time, field = (np.concatenate([getattr(one, of) for one in self._held]) for of in ("time", "field"))
                 within = time - time[0] < FIRST_S
-                samples = flinders.Samples.of(field[within], unit="uT", time=time[within])
-                try:
-                    self.fit = flinders.fit(samples, target_deg=TARGET_DEG)
-                except Refused as refused:
-                    self.fit = refused.fit
-                except FlindersError:
-                    pass
-                self._begun, self._held = float(time[within][-1]), self._held[:0]
+                self.fit, self._begun, self._held = fitted(time[within], field[within]), float(time[within][-1]), []
         return ()
 
     def correction(self, time: float) -> Correction | None:
@@ -104,6 +109,38 @@ class Once:
         grown = math.degrees(self._walk * math.sqrt(max(time - self._begun, 0.0) / HOUR) / LEVEL_UT)
         claim = math.hypot(self.fit.heading_error_deg.worst, grown)
         return Correction(self.fit.calibration.matrix, self.fit.calibration.offset, claim)
+
+
+class Refit(Once):
+    """`Once`, then a fit of the last half hour of readings while the gyro says more than 6° a second, each ten minutes.
+
+    One that is not refused and claims less than what is in force takes its place. No project's settings: what
+    `flinders.fit` gives without more.
+    """
+
+    LASTS_S, EACH_S = 0.5 * HOUR, 600.0
+
+    def __init__(self, walk: float = 0.2) -> None:
+        super().__init__(walk)
+        self._time, self._field, self._tried = np.empty(0), np.empty((0, 3)), -math.inf
+
+    def add(self, chunk: Chunk) -> tuple[Report, ...]:
+        """Hold what turns, and fit it."""
+        super().add(chunk)
+        turns, now = turning(chunk), float(chunk.time[-1])
+        self._time = np.concatenate([self._time, chunk.time[turns]])
+        self._field = np.concatenate([self._field, chunk.field[turns]])
+        if abs(now - self._tried) > self.EACH_S:
+            self._tried = now
+            recent = np.abs(now - self._time) < self.LASTS_S
+            self._time, self._field = self._time[recent], self._field[recent]
+            fit = fitted(self._time, self._field) if self.fit is not None else None
+            held = self.correction(now)
+            if fit is None or held is None or held.claim_deg is None or fit.verdict == "refused":
+                return ()
+            if fit.heading_error_deg.worst < held.claim_deg:
+                self.fit, self._begun = fit, now
+        return ()
 
 
 class Pypilot:
@@ -210,11 +247,11 @@ class Observer:
     ``b⁺ = b + g Δt (-ω × (x - p))`` with ``p = x⁻ - ω × (x⁻ - b) Δt`` and g = 18 (MBE_LEARN_GAIN). It starts anew from
     zero where Δt is above 0.2 s or below 1 ms. An offset is valid once it is above 4 µT (0.04 G) and one axis
     turns twenty times faster, in rad/s, than the offset moves across it, in G/s, 0.02 G/s at the least. The last valid
-    one is subtracted. No claim.
+    one is subtracted. The Δt of the gain is 20 ms, at which PX4 runs it, whatever the rate of the readings. No claim.
 
     PX4 Autopilot, ``MagBiasEstimator.cpp``, ``params.c`` (MBE_LEARN_GAIN 18), ``FieldSensorBiasEstimator.hpp``; after
-    Troni and Whitcomb (2013). PX4 runs it before take-off only; here it runs always. That its consumer subtracts a valid
-    offset was not seen in a source.
+    Troni and Whitcomb (2013). PX4 runs it before take-off only; here it runs always. That its consumer subtracts a
+    valid offset was not seen in a source.
     """
 
     GAIN, SMALLEST_UT = 18.0, 4.0
@@ -247,7 +284,7 @@ class Observer:
         x, y, z = x - u, y - v, z - w
         a, b, c = (now - self._last).tolist()
         a, b, c = a + step * (q * z - r * y), b + step * (r * x - p * z), c + step * (p * y - q * x)
-        gain = self.GAIN * step
+        gain = self.GAIN * 0.02
         move = (-gain * (q * c - r * b), -gain * (r * a - p * c), -gain * (p * b - q * a))
         self._bias = self._bias + move
         size = math.hypot(*self._bias.tolist())
@@ -268,14 +305,21 @@ class Observer:
         return Correction(first.matrix, first.offset + np.linalg.solve(scale * first.matrix, self._valid))
 
 
+def turning(chunk: Chunk) -> NDArray[np.bool_]:
+    """(n,) whether the gyro says more than 6° a second: a recursion that forgets while nothing turns runs away."""
+    turns: NDArray[np.bool_] = np.linalg.norm(chunk.rate, axis=1) > 0.1
+    return turns
+
+
 class Betaflight:
     """Recursive least squares of a sphere with adaptive forgetting, as Betaflight estimates the offset.
 
     ``1 = φᵀθ``, φ = (|m|², m); b = -θ₁₋₃ / 2 θ₀; λ⁺ = λmin + (1 - λmin) (λ / (λ + φᵀPφ))², λmin = 0.95, P(0) = 100.
 
     Betaflight, ``sensors/compass.c``: `compassBiasEstimatorApply`, `LAMBDA_MIN`, `P0`; in counts of the sensor, here
-    0.1 µT; P in place of its factors U D Uᵀ. Betaflight runs it while a pilot turns the craft; here it runs always, and
-    at ten readings a second at most, the slowest at which its authors call it usable. No soft iron, no claim.
+    0.1 µT; P in place of its factors U D Uᵀ. Betaflight runs it while a pilot turns the craft; here it runs always
+    where the gyro says more than 6° a second, and at ten readings a second at most, the slowest that its authors call
+    usable. No soft iron, no claim.
     """
 
     FORGET, START = 0.95, 100.0
@@ -289,8 +333,8 @@ class Betaflight:
         """One step for each reading."""
         counts = 10.0 * chunk.field
         rows = np.hstack([(counts**2).sum(axis=1, keepdims=True), counts])
-        for time, row in zip(chunk.time.tolist(), rows, strict=True):
-            if abs(time - self._taken) < 0.09:
+        for time, row, turns in zip(chunk.time.tolist(), rows, turning(chunk).tolist(), strict=True):
+            if abs(time - self._taken) < 0.09 or not turns:
                 continue
             self._taken = time
             pull = self._spread @ row
@@ -311,9 +355,9 @@ class Betaflight:
 class Forgetting:
     """Least squares of a general ellipsoid with exponential forgetting: a memory of 10,000 readings.
 
-    The sums of `benchmarks.emulations.forgetting`, fitted each half minute; the last ellipsoid that was closed and
-    whose field is 22 to 67 µT counts. No project's settings; L. Ljung, "System Identification" (2nd ed. 1999), 11.2.
-    No claim.
+    The sums of `benchmarks.emulations.forgetting`, of readings while the gyro says more than 6° a second, fitted each
+    half minute; the last ellipsoid that was closed and whose field is 22 to 67 µT counts. No project's settings;
+    L. Ljung, "System Identification" (2nd ed. 1999), 11.2. No claim.
     """
 
     MEMORY: Final = 10_000.0
@@ -324,8 +368,9 @@ class Forgetting:
 
     def add(self, chunk: Chunk) -> tuple[Report, ...]:
         """Fade the sums, add to them, and fit each half minute."""
-        ages = np.arange(len(chunk.field))[::-1] / self.MEMORY
-        self._sums = self._sums * math.exp(-len(ages) / self.MEMORY) + Moments.of(chunk.field, weight=np.exp(-ages))
+        field = chunk.field[turning(chunk)]
+        ages = np.arange(len(field))[::-1] / self.MEMORY
+        self._sums = self._sums * math.exp(-len(ages) / self.MEMORY) + Moments.of(field, weight=np.exp(-ages))
         if abs(chunk.time[-1] - self._tried) > 30.0:
             self._tried = float(chunk.time[-1])
             try:
@@ -350,17 +395,20 @@ class Kalman:
     section III.B, whose parameters do not walk. Its numbers are PX4's for the offset in EKF2: noise 5 µT
     (EKF2_MAG_NOISE), walk 0.01 µT/s in steps of 10 ms, which is 0.06 µT/√h (EKF2_MAG_B_NOISE), a gate of three σ
     (EKF2_MAG_GATE), at most 15 readings a second (EKF2_MAG_RATE; from ``params_magnetometer.yaml``; that the noise is
-    one of steps of 10 ms is from memory). D walks by 10⁻⁴/√h. It starts from the first fit, with σ of 5 µT and 2 %.
-    F is 50 µT. The claim is that of its covariance. Blocks of a chunk are linearised at once.
+    one of steps of 10 ms is from memory). D walks by 10⁻⁴/√h. It starts from the first fit, with σ of 5 µT and 2 %, and
+    does so again where an entry of D is above 0.2: level turns alone have a second solution, I + D = 0 and |b| = F.
+    F is 50 µT. The claim is that of its covariance. Ten readings are linearised at once.
     """
 
-    NOISE_UT, WALK_UT, SHAPE_WALK, GATE = 5.0, 0.06, 1e-4, 3.0
+    NOISE_UT, WALK_UT, SHAPE_WALK, GATE, LARGEST = 5.0, 0.06, 1e-4, 3.0, 0.2
 
     def __init__(self) -> None:
         self._first = Once()
-        self._state = np.zeros(9)
-        self._spread = np.diag([25.0] * 3 + [4e-4] * 6)
         self._time: float | None = None
+        self._start()
+
+    def _start(self) -> None:
+        self._state, self._spread = np.zeros(9), np.diag([25.0] * 3 + [4e-4] * 6)
 
     def add(self, chunk: Chunk) -> tuple[Report, ...]:
         """Predict and update, ten readings at a time."""
@@ -403,6 +451,8 @@ class Kalman:
             self._state = self._state + gain @ innovation
             left = self._spread - gain @ slopes @ self._spread
             self._spread = (left + left.T) / 2.0
+            if np.abs(self._state[3:]).max() > self.LARGEST:
+                self._start()
 
     def correction(self, time: float) -> Correction | None:
         """The state, and the heading error of its covariance."""
@@ -439,7 +489,8 @@ class Ours:
 
     def correction(self, time: float) -> Correction | None:
         """The calibration in force and the state of that moment."""
-        calibration, state = self._online.calibration, self._online.at(time)
+        calibration = self._online.calibration
+        state = (self._online if hasattr(self._online, "at") else self._online.state).at(time)
         if calibration is None:
             return None
         claim, bound = float(state.heading_error_deg), float(state.bound_deg)
@@ -451,6 +502,7 @@ class Ours:
 ESTIMATORS: Final[dict[str, Callable[[], Estimator]]] = {
     "ours": Ours,
     "once": Once,
+    "refit": Refit,
     "pypilot": Pypilot,
     "px4": Observer,
     "betaflight": Betaflight,

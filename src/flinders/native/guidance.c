@@ -3,6 +3,8 @@
 
 enum { CELLS = 100 };
 
+#define HOPELESS_DEG ((real)90) /* a largest error from which on nothing is known of some direction */
+#define USELESS ((real)0.999)   /* of the largest error: what no single direction makes smaller */
 #define BATCH_SHARE ((real)0.01)  /* of the readings so far: what each of a hundred cells holds where all are alike */
 #define FULL_DIGITS ((real)1e-12) /* of the largest variance: smaller ones are those of parameters that a method holds */
 #define STEEPEST_DEG 89
@@ -143,7 +145,22 @@ real fl_sharp(real variance, real largest)
     return square * square;
 }
 
-/* Compare batches of readings in each cell, of this variance, and fill in the best. */
+#ifndef FLINDERS_SMALL
+/* Where readings are least foreseen. */
+static void least_foreseen(const fl_surface *surface, const real covariance[81], real direction[3])
+{
+    real centres[CELLS][3], jacobian[9], lever[9], most = 0;
+    fl_sphere_centres(centres);
+    for (int cell = 0; cell < CELLS; cell++) {
+        fl_jacobian(surface, centres[cell], jacobian);
+        const real variance = fl_lever(covariance, jacobian, 0, lever);
+        if (variance > most) most = variance, memcpy(direction, centres[cell], sizeof centres[cell]);
+    }
+}
+#endif
+
+/* Compare batches of readings in each cell, of this variance, and fill in the best; where no single one lowers the largest
+ * error, that where readings are least foreseen. */
 static void choose(const fl_surface *surface, const real covariance[81], const fl_wanted *wanted, real variance,
                    flinders_advice *advice)
 {
@@ -173,6 +190,10 @@ static void choose(const fl_surface *surface, const real covariance[81], const f
         advice->after_deg = FL_TO_DEG * fl_sqrt(largest);
         advice->worst_deg = most > FL_TINY ? FL_TO_DEG * fl_sqrt(most) : 0;
     }
+#ifndef FLINDERS_SMALL /* a board has no room for what is that far from a calibration */
+    if (advice->worst_deg > HOPELESS_DEG && advice->after_deg > USELESS * advice->worst_deg)
+        least_foreseen(surface, covariance, advice->direction);
+#endif
 }
 
 /* Advise a direction. */
