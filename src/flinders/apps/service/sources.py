@@ -76,6 +76,11 @@ class Source:
         """The time without a reading; None of recordings, where nothing is known of it."""
         return self._clock.now
 
+    @property
+    def not_understood(self) -> int:
+        """Lines that should have been readings."""
+        return 0 if self.statistics is None else self.statistics.unknown - self.statistics.accompanying
+
     def next(self, timeout: float) -> Received:
         """As `Feed.next`; times are those of the clock."""
         received = self._feed.next(timeout)
@@ -134,7 +139,7 @@ def of_recordings(recordings: Sequence[Recording], starts: Sequence[float] = ())
     dated = list(zip(recordings, starts or [0.0] * len(recordings), strict=True))
     if all(start >= FROM_1970_S for _, start in dated):
         dated.sort(key=lambda each: each[1] + _first(each[0]))
-    return Source(_Recordings(dated), RecordedClock())
+    return _Replayed(_Recordings(dated), [recording for recording, _ in dated])
 
 
 def _first(recording: Recording) -> float:
@@ -164,6 +169,19 @@ class _Recordings:
 
     def close(self) -> None:
         self._blocks = iter(())
+
+
+class _Replayed(Source):
+    """Recordings, which know what they left out."""
+
+    def __init__(self, feed: Feed, recordings: Sequence[Recording]) -> None:
+        super().__init__(feed, RecordedClock())
+        self._recordings = recordings
+
+    @property
+    def not_understood(self) -> int:
+        skipped = (entry for recording in self._recordings for entry in getattr(recording, "skipped", ()))
+        return sum(entry.rows for entry in skipped if entry.is_loss)
 
 
 class _Piped(Source):

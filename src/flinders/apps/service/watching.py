@@ -177,7 +177,7 @@ class Watch:
     ) -> Report:
         """What is known at a time, by default now."""
         now = self._now() if now is None else now
-        online, lines = self._online, self._source.statistics
+        online = self._online
         state = self._state_at(now)
         until = math.nan if online is None else online.good_until_s
         return Report(
@@ -200,7 +200,7 @@ class Watch:
             is_locked=self._is_locked,
             readings=self._readings,
             events=dict(self._events),
-            not_understood=0 if lines is None else lines.unknown - lines.accompanying,
+            not_understood=self._source.not_understood,
             disconnections=self._disconnections,
             is_connected=self._is_connected and not self._is_quiet,
             source=self._source.name,

@@ -12,7 +12,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli import _program as program
-from flinders.cli._inputs import clock_start, load
+from flinders.cli._inputs import clock_start, load, say_read
 from flinders.cli._output import plain, say
 from flinders.cli._signals import stopping
 from flinders.errors import UnreadableInput, UsageError
@@ -100,7 +100,7 @@ class WatchedSource(program.Group):
         if unit is not None and self.lines.unit is None:
             reading |= {"unit": unit.name} if unit == Unit.of(unit.name) else {"unit": unit.name, "scale": unit.scale}
         if self.replay is not None:
-            return self._replayed(unit)
+            return self._replayed(stack, unit)
         if self.files:
             return sources.of_pipe(StandardInput(), since, **reading)
         if self.mavlink is not None:
@@ -111,18 +111,21 @@ class WatchedSource(program.Group):
         stack.enter_context(contextlib.closing(wire))
         return sources.of_wire(wire, since, **reading)
 
-    def _replayed(self, unit: Unit | None) -> Source:
+    def _replayed(self, stack: contextlib.ExitStack, unit: Unit | None) -> Source:
         """Recordings, one after the other."""
         from flinders.apps.service.sources import of_recordings
+        from flinders.estimators.data import CountedRecording
         from flinders.readers import TableRecording, TextRecording, open_recording
 
         reading = {name: value for name, value in self.lines.as_dict().items() if value is not None}
         recordings = [open_recording(path, **reading) for path in (str(self.replay), *self.files)]
         for recording in recordings:
-            say(str(recording))
             if unit is not None and self.lines.unit is None and isinstance(recording, TextRecording | TableRecording):
                 recording.unit = recording.unit if recording.states_unit else unit
-        return of_recordings(recordings, [clock_start(recording) for recording in recordings])
+        parts = [CountedRecording(recording) for recording in recordings]
+        for part in reversed(parts):
+            stack.callback(say_read, part)
+        return of_recordings(parts, [clock_start(recording) for recording in recordings])
 
 
 class Watch(program.Group):
