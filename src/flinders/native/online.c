@@ -49,6 +49,7 @@ enum { PARAMETERS = 9, KEPT = 768, FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GRO
 #define MOVES_BEFORE ((real)0.5)   /* moves a day that are thought of beforehand, ... */
 #define MOVES_DAY ((real)1)        /* ... as if counted for so many days, ... */
 #define MOVED ((real)0.1)          /* ... of the radius, root mean square */
+#define EITHER ((real)0.3)         /* how probable it is that what contradicts has come to stay: the bound of 95 % holds in both cases */
 #define BACK ((real)0.3)           /* how probable it is that what has moved moves back */
 #define BACK_S ((real)900)         /* in which it becomes e times less probable that what has moved moves back */
 #define JUMP ((real)8)             /* times the usual step from one reading to the next, that an offset moves by */
@@ -57,6 +58,8 @@ enum { PARAMETERS = 9, KEPT = 768, FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GRO
 #define STEPS ((real)64)           /* that their mean square is an average over */
 #define FAR_ALONE ((real)6)        /* times as far as places differ, that the strength in one reading is off */
 #define NEAR_AGAIN ((real)3)       /* the same of one that is not */
+#define HEELED ((real)2.5)         /* times the scatter of the height, that readings of a level vehicle are within */
+#define LEAN ((real)0.5)           /* of how far a level vehicle tilts, that follows its heading, as heel does, and looks like an offset */
 #define TINY_SHARE ((real)1e-12)
 
 /* Rates of the offset's walk, of the radius per root hour, and how probable each is beforehand. */
@@ -395,6 +398,14 @@ static void part(flinders_online *online, int first, const lent *memory, real of
     memcpy(online->apart_covariance, covariance, 9 * sizeof *covariance);
 }
 
+/* Whether it is known by how much the offset has moved, in all directions. */
+static int is_determined(const flinders_online *online)
+{
+    real size = 0, unknown = 0;
+    for (int i = 0; i < 3; i++) size += online->apart[i] * online->apart[i], unknown += online->apart_covariance[4 * i];
+    return unknown * online->scatter < size / 2;
+}
+
 /* By how much the field's strength differs in readings from one on: their mean length; and the mean of their directions. */
 static real length_off(const flinders_online *online, int first, real direction[3])
 {
@@ -469,6 +480,7 @@ static int32_t doubt(flinders_online *online, int first, const lent *memory)
     for (int i = 0; i < 3; i++) d[i] = offset[i] - online->latest[i];
     real ratio;
     const real chance = chance_of(d, covariance, known, online->scatter, &ratio), size = fl_sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    if (size > 2 * ANYWHERE * radius) return 0; /* a short arc lies on more circles than one */
     if (online->state == FLINDERS_UNDISTURBED) {
         if (!(chance < CONTRADICTS && size > LARGE * radius)) {
             real variance = online->place * online->place;
@@ -500,7 +512,8 @@ static int32_t doubt(flinders_online *online, int first, const lent *memory)
     if (agrees) return give_in(online);
     if (!is_alike) online->doubtful = first; /* what there was before is another offset again */
     part(online, online->doubtful, memory, offset, covariance);
-    if (online->alike < IN_A_ROW || now - online->time[online->doubtful] < LASTS_S) return give_in(online);
+    if (online->alike < IN_A_ROW || now - online->time[online->doubtful] < LASTS_S || !is_determined(online))
+        return give_in(online);
     return move(online, offset, covariance);
 }
 
@@ -509,13 +522,43 @@ static int32_t look(flinders_online *online, const lent *memory)
 {
     const int first = online->tested, count = online->kept - first;
     if (count < GROUP) return 0;
-    if (count < LARGE_GROUP &&
-        !(flinders_turn_deg(online->field + 3 * first, (size_t)count, online->latest + 3) > GROUP_TURN_DEG)) return 0;
+    const int is_turned = flinders_turn_deg(online->field + 3 * first, (size_t)count, online->latest + 3) > GROUP_TURN_DEG;
+    if (count < LARGE_GROUP && !is_turned) return 0;
+    if (online->is_level && !is_turned) { /* straight on: heel and slope look like an offset */
+        online->kept = first;
+        return 0;
+    }
     const int32_t events = doubt(online, first, memory);
     online->tested = online->kept;
     if (online->state != FLINDERS_UNDISTURBED || !online->kept) return events;
     learn(online, memory);
     return events | adopt_better(online);
+}
+
+/* How far readings scatter along z. */
+static real height_sigma_of(const flinders_online *online, real mean)
+{
+    real sum = 0;
+    for (int row = 0; row < online->kept; row++)
+        sum += (online->field[3 * row + 2] - mean) * (online->field[3 * row + 2] - mean) / (real)online->kept;
+    return fl_sqrt(sum);
+}
+
+/* Whether the newest readings were made straight on: they lie close together beside all that there are. */
+static int is_straight(const flinders_online *online)
+{
+    real lowest[3], highest[3], extent = 0;
+    if (online->kept < 2 * LARGE_GROUP) return 0;
+    for (int row = 0; row < online->kept; row++)
+        for (int axis = 0; axis < 3; axis++) {
+            const real x = online->field[3 * row + axis];
+            lowest[axis] = row && lowest[axis] < x ? lowest[axis] : x;
+            highest[axis] = row && highest[axis] > x ? highest[axis] : x;
+        }
+    for (int axis = 0; axis < 3; axis++)
+        extent = highest[axis] - lowest[axis] > extent ? highest[axis] - lowest[axis] : extent;
+    const real shape[6] = {extent / 2, extent / 2, extent / 2, 0, 0, 0};
+    return !(flinders_turn_deg(online->field + 3 * (online->kept - LARGE_GROUP), LARGE_GROUP, shape) > GROUP_TURN_DEG);
 }
 
 /* Find a first calibration. */
@@ -526,6 +569,10 @@ static int32_t begin_to_know(flinders_online *online, const lent *memory)
     flinders_request request;
     flinders_judgement judgement;
     if (online->kept < FEWEST || online->kept % STEP) return 0;
+    if (is_straight(online)) {
+        online->kept -= LARGE_GROUP;
+        return 0;
+    }
     flinders_default_options(&options);
     flinders_default_request(&request);
     options.dip_deg = online->dip_deg, options.rests = 0;
@@ -536,6 +583,7 @@ static int32_t begin_to_know(flinders_online *online, const lent *memory)
     real parameters[9];
     if (record.plane && online->time[online->kept - 1] - online->time[0] < LEVEL_S) return 0;
     online->is_level = record.plane != 0, online->height = record.mean[2];
+    online->height_sigma = height_sigma_of(online, record.mean[2]);
     memcpy(parameters, record.centre, sizeof record.centre);
     memcpy(parameters + 3, record.shape, sizeof record.shape);
     flinders_online_know(online, parameters, judgement.covariance, record.noise, online->time[online->kept - 1]);
@@ -552,19 +600,36 @@ static real turned_by(const flinders_online *online, const real a[3], const real
     return fl_sqrt(square) / (radius > FL_TINY ? radius : FL_TINY);
 }
 
+/* Begin with the readings of another direction. */
+static void forget_direction(flinders_online *online)
+{
+    for (int axis = 0; axis < 3; axis++) online->sum[axis] = 0;
+    online->sum_time = 0, online->averaged = 0;
+}
+
+/* Whether a level vehicle is not level now, as a boat that heels: its readings are not at the height of the others. */
+static int is_heeled(const flinders_online *online)
+{
+    const real off = fl_abs(online->sum[2] / (real)online->averaged - online->height);
+    return off > HEELED * online->height_sigma && off > 2 * LARGE * radius_of(online->latest);
+}
+
 /* Put the mean of the readings of one direction into the evidence. */
 static int32_t keep(flinders_online *online, int is_still, const lent *memory)
 {
     if (!online->averaged) return 0;
+    if (online->is_level && is_heeled(online)) {
+        forget_direction(online);
+        return 0;
+    }
     if (online->kept == KEPT) {
         if (online->state == FLINDERS_UNDISTURBED) close_block(online, memory);
         else drop_before(online, KEPT / 2);
     }
     for (int axis = 0; axis < 3; axis++) online->field[3 * online->kept + axis] = online->sum[axis] / (real)online->averaged;
-    if (online->is_level) online->field[3 * online->kept + 2] = online->height;
+    if (online->is_level) online->field[3 * online->kept + 2] = online->height; /* laid flat */
     online->time[online->kept++] = online->sum_time / (real)online->averaged;
-    for (int axis = 0; axis < 3; axis++) online->sum[axis] = 0;
-    online->sum_time = 0, online->averaged = 0;
+    forget_direction(online);
     if (online->state == FLINDERS_LEARNING) return begin_to_know(online, memory);
     const int32_t events = look_at_one(online, is_still);
     return events ? events : look(online, memory);
@@ -608,8 +673,8 @@ static int32_t jump(flinders_online *online, const real x[3], real time, const l
     count_move(online, steps[1]);
     clear_doubt(online);
     drop_before(online, online->kept);
-    online->state = FLINDERS_UNDISTURBED, online->averaged = 0, online->sum_time = 0;
-    for (int axis = 0; axis < 3; axis++) online->sum[axis] = 0;
+    online->state = FLINDERS_UNDISTURBED;
+    forget_direction(online);
     return FLINDERS_MOVED | adopt_better(online);
 }
 
@@ -704,9 +769,10 @@ int flinders_online_claim_at(const flinders_online *online, real time, flinders_
     const real back = online->moved_at <= time ? BACK * fl_exp(-(time - online->moved_at) / BACK_S) : 0;
     memcpy(covariance, online->latest_covariance, sizeof claim->covariance);
     age(online, online->latest, time - online->latest_at, covariance);
-    for (int i = 0; i < 3; i++) covariance[10 * i] += unseen;
+    const real lean = online->is_level ? LEAN * online->height_sigma * fl_abs(fl_sin(online->dip_deg / FL_TO_DEG) / fl_cos(online->dip_deg / FL_TO_DEG)) : 0;
+    for (int i = 0; i < 3; i++) covariance[10 * i] += unseen + (i < 2 ? lean * lean : 0);
     for (int i = 0; i < 9; i++)
-        covariance[9 * (i / 3) + i % 3] += online->apart[i / 3] * online->apart[i % 3] + online->apart_covariance[i] +
+        covariance[9 * (i / 3) + i % 3] += EITHER * online->apart[i / 3] * online->apart[i % 3] + online->apart_covariance[i] +
                                            back * online->moved[i / 3] * online->moved[i % 3];
     fl_level_errors(&surface, covariance, online->dip_deg, &rms, &claim->latest_deg);
     for (int i = 0; i < PARAMETERS; i++)
