@@ -241,7 +241,7 @@ def read_live(content: bytes, _: Path, kind: str) -> None:
     if kind == "live-mavlink":
         _read_mavlink(content)
         return
-    from flinders.apps.live.transcript import Transcript
+    from flinders.links.transcript import Transcript
 
     transcript, step = Transcript("the board"), max(len(content) // 20, 1)
     for number, start in enumerate(range(0, len(content), step)):
@@ -286,11 +286,11 @@ def _client(folder: str) -> TestClient:
     from flinders import simulate
     from flinders.apps.live.access import Gate
     from flinders.apps.live.hub import Hub
-    from flinders.apps.live.recorder import RecordedFeed, ToFile
     from flinders.apps.live.server import application
     from flinders.apps.live.session_file import Supply
     from flinders.core.axes import Axes
     from flinders.links.feeds import Replay
+    from flinders.links.recorder import RecordedFeed, ToFile
 
     path = Path(folder) / "session.csv"
     sink = ToFile(path, force=True)
@@ -438,7 +438,7 @@ def _kind(words: str) -> str:
 def preload() -> None:
     """Import what readers need before children are made of this process."""
     for name in ("h5py", "pyarrow.parquet", "pyarrow.ipc", "pyarrow.compute", "pyulog", "rosbags.highlevel",
-                 "pymavlink.dialects.v20.common", "flinders.apps.live.transcript",
+                 "pymavlink.dialects.v20.common", "flinders.links.transcript",
                  "flinders.apps.vehicles.mavlink"):  # fmt: skip
         with contextlib.suppress(ImportError):
             __import__(name)

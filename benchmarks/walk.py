@@ -146,7 +146,7 @@ def a_line(_: Path) -> None:
     """From a line of a serial port to the frame that pages are sent: all but the port, the recorder and the socket."""
     from flinders.apps.live.buffer import ReadingBuffer, Timeline, rows_of
     from flinders.apps.live.messages import readings_frame
-    from flinders.apps.live.transcript import Transcript
+    from flinders.links.transcript import Transcript
 
     transcript, timeline, buffer = Transcript("the board"), Timeline(), ReadingBuffer.empty()
     for number, (x, y, z) in enumerate(_tumble().field.tolist()):

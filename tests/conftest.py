@@ -28,7 +28,7 @@ LONGEST = (
     "test_page", "test_cli", "test_standalone", "test_fleet", "test_text_reader", "test_live_program",
     "test_report_command", "test_recorder", "test_disturbances", "test_page_engine", "test_together", "test_record",
     "test_foreign_files", "test_ros", "test_send_mavlink", "test_report", "test_dates", "test_readers",
-    "test_feeds", "test_disturbance_findings", "test_page_lines", "test_drift", "test_heading_command",
+    "test_watch", "test_feeds", "test_disturbance_findings", "test_page_lines", "test_drift", "test_heading_command",
     "test_live_server", "test_firmware", "test_one_judge", "test_aided", "test_several_magnetometers",
     "test_real_recordings",
 )  # fmt: skip

@@ -134,7 +134,8 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
     "Recordings, targets, links": {
         "`info --json`": "workflows.recording_contents:Contents",
         "`sensors`, each": "workflows.recording_contents:RecordedSensor",
-        "`record --json`": "apps.live.transcript:RecordingStatistics",
+        "`record --json`": "links.transcript:RecordingStatistics",
+        "`watch --json`, `watch --status`": "apps.service.reports:Report",
         "`live --json`": "apps.live.cli.live:_as_dict",
         "`send --mavlink --json`": "apps.vehicles.mavlink_parameters:ParameterPlan",
         "`send --port --json`": "targets.motioncal:MotionCalPacket",

@@ -53,6 +53,10 @@ USES: Final = {
         "columns = dict.fromkeys(('compass', 'magnetic'), 45.0 * numpy.arange(8)); "
         "assert flinders.swing(flinders.marine.SwingTable('', columns, ())).verdict == 'good'"
     ),
+    "service": (
+        "from flinders.apps.service import sources, watching; "
+        "assert watching.Watch(sources.of_recordings([tumble])).run().verdict == 'good'"
+    ),
     "survey": "assert flinders.fit_survey(flinders.survey.survey_shots(seed=3, shots=24).shots).verdict",
     "vehicles": "assert 'COMPASS_OFS_X' in flinders.export(fit, 'ardupilot').text",
 }
@@ -180,9 +184,9 @@ OWN: Final[dict[str, Collection[str]]] = {
 
 def test_a_package_is_imported_as_an_attribute_and_by_its_full_name() -> None:
     """Type checkers follow both; a second name of the module would be found by neither them nor editors."""
-    from flinders import board, classic, fleet, live, marine, survey, vehicles
+    from flinders import board, classic, fleet, live, marine, service, survey, vehicles
 
-    packages = (board, classic, fleet, live, marine, survey, vehicles)
+    packages = (board, classic, fleet, live, marine, service, survey, vehicles)
     assert [each.__name__ for each in packages] == [f"flinders.apps.{app}" for app in apps()]
     assert find_spec("flinders.marine") is None
 

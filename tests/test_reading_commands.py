@@ -20,6 +20,7 @@ READING: Final = {
     "swing": "swing calibration.json print.txt --level",
     "tolles-lawson": "tolles-lawson print.txt",
     "two-axis": "two-axis print.txt",
+    "watch": "watch --replay print.txt",
 }
 TUMBLE: Final = simulate.tumble(seed=5, n=600, motion="uniform")
 
@@ -40,7 +41,8 @@ def test_every_command_says_how_many_readings_there_were_and_quotes_the_first_ot
     monkeypatch.chdir(tmp_path)
     matrix, offset = TUMBLE.sensor.correction
     Calibration(matrix, offset, 50.0, raw=Unit.of("uT")).save("calibration.json")
-    lines = [f"X: {x:.2f} Y: {y:.2f} Z: {z:.2f} uT" for x, y, z in TUMBLE.samples.field]
+    rows = enumerate(TUMBLE.samples.field)
+    lines = [f"t: {0.02 * row:.2f} X: {x:.2f} Y: {y:.2f} Z: {z:.2f} uT" for row, (x, y, z) in rows]
     (tmp_path / "print.txt").write_text("\n".join(["LIS3MDL test", "LIS3MDL found", *lines, "low battery", ""]))
     told = [line for line in flinders_(*words.split()).err.splitlines() if line.startswith("print.txt: ")]
     assert sum("600 readings, 3 other lines (line 1: 'LIS3MDL test')" in line for line in told) == 1

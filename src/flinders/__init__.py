@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from flinders.apps import fleet as fleet
     from flinders.apps import live as live
     from flinders.apps import marine as marine
+    from flinders.apps import service as service
     from flinders.apps import survey as survey
     from flinders.apps import vehicles as vehicles
     from flinders.apps.classic.methods import compare_methods as compare_methods

@@ -18,7 +18,6 @@ from tests.page_session import PageSession
 
 from flinders import fit, simulate
 from flinders.apps.live.buffer import rows_of
-from flinders.apps.live.recorder import RecordedFeed, Resumed, ToFile
 from flinders.apps.live.simulated import ROCKED_S, SAID, SimulatedFeed
 from flinders.apps.vehicles.mavlink import ARDUPILOT, PX4, Vehicle
 from flinders.apps.vehicles.targets.ardupilot import ArduPilotParameters as Parameters
@@ -26,6 +25,7 @@ from flinders.apps.vehicles.telemetry import Telemetry
 from flinders.core.samples import Samples
 from flinders.errors import OutputError, UsageError
 from flinders.links.feeds import AT_ONCE, FeedEvent, Replay
+from flinders.links.recorder import RecordedFeed, Resumed, ToFile
 from flinders.links.transports import Udp
 from flinders.readers import open_recording, read
 

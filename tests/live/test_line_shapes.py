@@ -20,8 +20,8 @@ from tests.waiting import wait_until
 
 import flinders
 from flinders import simulate
-from flinders.apps.live.recorder import Recorder, ToFile
 from flinders.core.samples import Samples
+from flinders.links.recorder import Recorder, ToFile
 from flinders.links.transports import Serial
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import pytest
 from tests.waiting import wait_until
 
-from flinders.apps.live.recorder import AGAIN_S, Patient, Recorder, ToFile
 from flinders.errors import OutputError
 from flinders.links.feeds import FeedEvent, FeedThread
+from flinders.links.recorder import AGAIN_S, Patient, Recorder, ToFile
 from flinders.links.transports import Udp
 
 if TYPE_CHECKING:

@@ -44,7 +44,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="programs are fo
 NURSERY = """
 import os, sys
 sys.dont_write_bytecode = True  # a module that is imported while the disk is full would be cut short for all who follow
-import flinders.apps.live.server, flinders.apps.live.recorder, flinders.apps.live.simulated, flinders.apps.live.finished
+import flinders.apps.live.server, flinders.links.recorder, flinders.apps.live.simulated, flinders.apps.live.finished
 from flinders.cli import main
 for line in sys.stdin:
     out, err, *words = line.rstrip("\\n").split("\\x1f")

@@ -35,7 +35,6 @@ from flinders.apps.live.access import HEADERS, Gate, Tokens, cookie_name, listen
 from flinders.apps.live.buffer import ReadingBuffer
 from flinders.apps.live.hub import FRAME_ROWS, MAX_FINISHED, MAX_LOGS, UPLOAD_BYTES, Hub, Page
 from flinders.apps.live.messages import LONGEST, MAGIC, MAX_SPANS, Edits, Notice, Previous, encode, parse
-from flinders.apps.live.recorder import RecordedFeed, ToFile
 from flinders.apps.live.server import STATIC, application
 from flinders.apps.live.session_file import Log, Supply, default_path, edits_in, line_of, read_edits
 from flinders.apps.live.standalone.package import live_data
@@ -48,6 +47,7 @@ from flinders.fitting.result import Fit
 from flinders.likelihood.site_field import Site
 from flinders.links import motioncal
 from flinders.links.feeds import Replay
+from flinders.links.recorder import RecordedFeed, ToFile
 from flinders.links.transports import Scripted
 from flinders.native import build
 from flinders.targets import registry

@@ -23,8 +23,8 @@ from tests.trials import daily
 
 import flinders
 from flinders.apps.live.standalone import lines
-from flinders.apps.live.transcript import Transcript
 from flinders.errors import FlindersError
+from flinders.links.transcript import Transcript
 from flinders.readers._names import meaning
 
 if TYPE_CHECKING:

@@ -20,10 +20,10 @@ from click.testing import CliRunner
 from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 
 from flinders import simulate
-from flinders.apps.live.recorder import Recorder, ToFile
-from flinders.apps.live.transcript import RecordingStatistics, escaped, settle
 from flinders.cli import main
 from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInput
+from flinders.links.recorder import Recorder, ToFile
+from flinders.links.transcript import RecordingStatistics, escaped, settle
 from flinders.links.transports import Gone, Quiet, Scripted, Serial, Tcp, Udp
 from flinders.readers import read
 

@@ -17,11 +17,11 @@ from click.testing import CliRunner
 from tests.feeding import asked
 
 from flinders import simulate
-from flinders.apps.live.recorder import Recorder, Resumed, ToFile
-from flinders.apps.live.transcript import LONGEST, Transcript
 from flinders.cli import main
 from flinders.errors import OutputError
 from flinders.links.feeds import FeedEvent
+from flinders.links.recorder import Recorder, Resumed, ToFile
+from flinders.links.transcript import LONGEST, Transcript
 from flinders.links.transports import Gone, Quiet, Scripted
 from flinders.readers import read
 
@@ -288,7 +288,7 @@ def test_a_full_disk_leaves_no_half_line() -> None:
     """Under a limit on the size of a file: the last row that fits is whole, and nothing of the next is there."""
     code = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))\n"
-        "from flinders.apps.live.recorder import ToFile\n"
+        "from flinders.links.recorder import ToFile\n"
         "with ToFile('out.csv') as sink:\n"
         "    for n in range(1000): sink.write(f'{n},217,4,-586\\n')\n"
     )

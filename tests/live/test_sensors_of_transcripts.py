@@ -11,8 +11,8 @@ from tests.readers.test_lines_between import BESIDE, FIELD, VALUES, printed, rea
 from tests.readers.test_sensor_words import FIELD as OTHER_FIELD
 from tests.readers.test_sensor_words import TEXTS
 
-from flinders.apps.live.transcript import Transcript
 from flinders.errors import NoMagnetometer
+from flinders.links.transcript import Transcript
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,7 +11,7 @@ from tests.javascript import run
 
 import flinders
 from flinders.apps.live.standalone import lines
-from flinders.apps.live.transcript import Transcript
+from flinders.links.transcript import Transcript
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,8 +12,8 @@ import pytest
 from tests.readers.test_printed_lines import FIELD, GRAVITY, axes, read, words
 
 import flinders
-from flinders.apps.live.transcript import Transcript, escaped
 from flinders.errors import InputError, NoMagnetometer
+from flinders.links.transcript import Transcript, escaped
 from flinders.readers import TextRecording
 
 if TYPE_CHECKING:

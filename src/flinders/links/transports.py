@@ -1,4 +1,4 @@
-r"""Where bytes come from: a serial port, UDP, TCP, or a list of them for tests.
+r"""Where bytes come from: a serial port, UDP, TCP, standard input, or a list of them for tests.
 
 >>> board = Scripted([b"Raw:0,0,8192,0,0,0,217,4,-586\r\n", Gone(), b"Raw:"])
 >>> board.read(0.1)
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import select
 import socket
 import struct
@@ -283,6 +284,49 @@ class Tcp:
     def close(self) -> None:
         """As `ByteSource.close`."""
         self._socket.close()
+
+
+class StandardInput:
+    """What another program writes into a pipe, or what a file holds.
+
+    Attributes
+    ----------
+    is_done : bool
+        The other program has ended, or the end of the file is reached: nothing more will come.
+    """
+
+    name = "standard input"
+    is_framed = False
+
+    def __init__(self) -> None:
+        if sys.__stdin__ is None:
+            raise LinkError(f"{self.name} is closed: pipe readings into it")
+        self._file = sys.__stdin__.fileno()
+        self.is_done = False
+
+    def read(self, timeout: float) -> bytes:
+        """As `ByteSource.read`; on Windows it waits for as long as it takes."""
+        if self.is_done:
+            time.sleep(timeout)
+            return b""
+        try:
+            if sys.platform != "win32" and not select.select([self._file], [], [], timeout)[0]:
+                return b""
+            content = os.read(self._file, CHUNK)
+        except OSError as error:
+            self.is_done = True
+            raise LinkError(f"{self.name} cannot be read: {reason(error)}") from None
+        self.is_done = not content
+        return content
+
+    def write(self, content: bytes) -> None:
+        """Nothing: nobody listens at the other end."""
+
+    def reopen(self) -> None:
+        """Nothing to do: what has ended has ended."""
+
+    def close(self) -> None:
+        """Nothing to do: it belongs to the program."""
 
 
 @dataclass(frozen=True, slots=True)

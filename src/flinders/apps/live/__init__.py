@@ -2,8 +2,8 @@
 
 For whoever holds a board or a phone, and for programs with a display of their own.
 
-- `recorder`: writes what arrives to a file, as the text that `transcript` makes of it, and hands on readings
-- `hub`: holds them in a `buffer` and passes them to pages; `messages` is their format; `simulated`: a feed of its own
+- `hub`: holds readings of a feed, such as that of `flinders.links.recorder`, in a `buffer` and passes them to pages
+- `messages`: their format; `simulated`: a feed of its own
 - `server`: routes; `access`: who may look; `transfers`: uploads and downloads
 - `session_file`: a recording with what a person did; `finished`: the calibration of all that it holds
 - `guided`: a session for programs with a display of their own

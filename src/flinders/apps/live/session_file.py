@@ -25,13 +25,13 @@ import numpy as np
 
 from flinders.apps.live.buffer import ReadingBuffer, Timeline, rows_of
 from flinders.apps.live.messages import Edits, encode, parse
-from flinders.apps.live.recorder import Patient, Resumed, ToFile
 from flinders.core.axes import Axes
 from flinders.core.files import reason
 from flinders.core.samples import Wrapped, frame_of
 from flinders.core.units import MICROTESLA, Unit
 from flinders.errors import OutputError, UsageError, counted
 from flinders.likelihood.site_field import recorded_site
+from flinders.links.recorder import Patient, Resumed, ToFile
 from flinders.readers import open_recording
 
 if TYPE_CHECKING:
@@ -39,10 +39,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from flinders.apps.live.messages import Kind, Span
-    from flinders.apps.live.recorder import Sink
     from flinders.core.samples import Recording, Samples
     from flinders.likelihood.site_field import Site
     from flinders.links.feeds import Feed
+    from flinders.links.recorder import Sink
     from flinders.links.transports import ByteSource
 
 FOLDER: Final = "flinders-sessions"

@@ -91,9 +91,9 @@ class LiveSource(program.Group):
 
     def opened(self, stack: contextlib.ExitStack, resume: str | None = None) -> Source:
         """Open what is named; a port where one is plugged in; else the simulation, or the session to resume alone."""
-        from flinders.apps.live.recorder import RecordedFeed, Recorder
         from flinders.apps.live.session_file import Source
         from flinders.links.feeds import NoSensor, Replay, feed_kind
+        from flinders.links.recorder import RecordedFeed, Recorder
         from flinders.links.transports import opened_lines, opened_link
         from flinders.readers import open_recording
 

@@ -16,7 +16,7 @@ from flinders.errors import UsageError, counted
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from flinders.apps.live.transcript import RecordingStatistics
+    from flinders.links.transcript import RecordingStatistics
 
 
 class Wire(program.Group):
@@ -93,7 +93,7 @@ def command(options: Record) -> None:
     describes any other. A line that is not understood is kept as a comment. A crash loses at most a second; a
     port that goes away is waited for.
     """
-    from flinders.apps.live.recorder import Recorder, Resumed, ToFile, ToStandardOutput
+    from flinders.links.recorder import Recorder, Resumed, ToFile, ToStandardOutput
     from flinders.links.transports import opened_lines
 
     options.check()

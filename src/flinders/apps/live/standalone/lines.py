@@ -15,8 +15,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.apps.live import transcript
 from flinders.core import silence, units
+from flinders.links import transcript
 from flinders.readers import (
     _cells,
     _choice,

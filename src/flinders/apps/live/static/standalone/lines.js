@@ -1,7 +1,7 @@
 /**
  * What boards print and what text logs hold, as readings.
  *
- * The first lines decide how all are read, as in `flinders.apps.live.transcript` and `flinders.readers.text`, whose rows are in
+ * The first lines decide how all are read, as in `flinders.links.transcript` and `flinders.readers.text`, whose rows are in
  * `page.json` under `lines`.
  */
 

@@ -23,7 +23,7 @@ t_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps,mag_x_uT,mag_
 array([ 21.7,   0.4, -58.6])
 
 A recorder is also a `Feed`: `next` records what has come and hands it on, as readings and events. It writes to a sink:
-a file that lasts, one that survives a full disk too (`Patient`), or what follows in a pipe.
+a file that lasts, one that survives a full disk too (`Patient`), what follows in a pipe, or nowhere.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, Self
 
 import numpy as np
 
-from flinders.apps.live.transcript import RecordingStatistics, Taken, Transcript, escaped
 from flinders.core.files import locked, reason, refuse_existing
 from flinders.core.units import MICROTESLA
 from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInput, counted
 from flinders.links.feeds import FeedEvent
+from flinders.links.transcript import RecordingStatistics, Taken, Transcript, escaped
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -74,7 +74,8 @@ class Recorder:
     Parameters
     ----------
     source : ByteSource
-    sink : Sink
+    sink : Sink, optional
+        Without it nothing is written, and readings and events are handed on.
     seconds, readings : float and int, optional
         When `run` stops, and after how many rows nothing more is taken.
     resumed : Resumed, optional
@@ -95,7 +96,7 @@ class Recorder:
     def __init__(
         self,
         source: ByteSource,
-        sink: Sink,
+        sink: Sink | None = None,
         *,
         seconds: float | None = None,
         readings: int | None = None,
@@ -107,7 +108,8 @@ class Recorder:
         **reading: Any,
     ) -> None:
         self.name = source.name
-        self._source, self._sink, self._clock = source, sink, clock
+        self._source, self._sink, self._clock = source, sink or Nowhere(), clock
+        self._saved = "; what was recorded is saved" if sink else ""
         self._seconds, self._stopped, self._say, self._watch = seconds, stopped, say, watch
         before: dict[str, Any] = {} if resumed is None else {"header": resumed.header, "rows": resumed.rows}
         self._transcript = Transcript(source.name, is_framed=source.is_framed, most=readings, **before, **reading)
@@ -124,6 +126,11 @@ class Recorder:
     def statistics(self) -> RecordingStatistics:
         """What has been recorded so far."""
         return self._transcript.statistics
+
+    @property
+    def clock_start(self) -> float | None:
+        """As `Transcript.clock_start`."""
+        return self._transcript.clock_start
 
     def next(self, timeout: float = WAIT_S) -> Received:
         """As `Feed.next`; `OutputError` where what has come cannot be written: what came before is saved."""
@@ -204,7 +211,7 @@ class Recorder:
             self._record(self._transcript.lost(self._now()))
             self._sink.sync()
             self._retry = (self._clock() + FIRST_RETRY_S, FIRST_RETRY_S)
-            self._waiting.append(FeedEvent("gone", self._now(), f"{error.message}; what was recorded is saved"))
+            self._waiting.append(FeedEvent("gone", self._now(), f"{error.message}{self._saved}"))
             return
         if content and self._title:
             self._sink.write(self._title)
@@ -595,6 +602,18 @@ class ToStandardOutput:
 
     def sync(self) -> None:
         """Nothing to do."""
+
+
+class Nowhere:
+    """A sink for readings that are used and not kept."""
+
+    name, why = "nowhere", ""
+
+    def write(self, text: str) -> None:
+        """As `Sink.write`."""
+
+    def sync(self) -> None:
+        """As `Sink.sync`."""
 
 
 class RecordedFeed:

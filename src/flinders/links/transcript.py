@@ -323,6 +323,18 @@ class Transcript:
         """It has as many rows as were asked for."""
         return self._most is not None and self.statistics.readings >= self._most
 
+    @property
+    def clock_start(self) -> float | None:
+        """Seconds from 1970 at which the times of readings start to count, 0 where they count from something else.
+
+        None where they are times of arrival, or nothing was recognised yet.
+        """
+        form = self.statistics.form
+        if form is None or self._read is None or not form.is_timed:
+            return None
+        time = self._read[0].columns.time
+        return None if time is None else float(time.start * time.factor)
+
     def take(self, content: bytes, at: float) -> Taken:
         """Take what came at this second; call it with nothing, too, so that waiting lines are written in time."""
         self.statistics.seconds = at

@@ -1,0 +1,293 @@
+"""``flinders watch``: a calibration that keeps itself while a vehicle works."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from flinders.cli import _options as option
+from flinders.cli import _program as program
+from flinders.cli._inputs import clock_start, load, say_read
+from flinders.cli._output import plain, say
+from flinders.cli._signals import stopping
+from flinders.errors import UnreadableInput, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.apps.service.reports import Report
+    from flinders.apps.service.sources import Source
+    from flinders.apps.service.watching import Begun, Files
+    from flinders.core.units import Unit
+    from flinders.workflows.online import OnlineCalibration
+
+
+class LineOptions(option.ColumnsOptions):
+    """How lines and recordings are read."""
+
+    unit: str | None = program.same_as(option.UnitsOptions, "unit")
+
+
+class WatchedSource(program.Group):
+    """Where readings come from."""
+
+    files: tuple[str, ...] = program.argument("[-|LOG...]", required=False, nargs=-1)
+    port: str | None = program.member("--serial", metavar="PORT", help="A serial port: /dev/ttyACM0, COM3.")
+    baud: int = option.baud()
+    udp: int | None = option.udp()
+    tcp: str | None = option.tcp()
+    mavlink: str | None = program.member(
+        "--mavlink", metavar="LINK", help="A vehicle: udp:HOST:PORT, tcp:HOST:PORT or a serial port."
+    )
+    compass: int = program.member(
+        "--compass", type=click.IntRange(1, 3), default=1, show_default=True, help="Which of the vehicle's."
+    )
+    replay: str | None = program.member(
+        "--replay", metavar="LOG", help="Recordings, as fast as they are read; several after one another."
+    )
+    lines: LineOptions = program.group(LineOptions)
+
+    def check(self) -> None:
+        """See that one source is named.
+
+        Raises `UsageError`.
+        """
+        sources = {
+            "--serial": self.port, "--udp": self.udp, "--tcp": self.tcp, "--mavlink": self.mavlink,
+            "--replay": self.replay,
+        }  # fmt: skip
+        named = [name for name, value in sources.items() if value is not None]
+        if len(named) > 1:
+            raise UsageError(f"{' and '.join(named)} name several sensors: watch each with a command of its own")
+        if self.files and self.replay is None and (named or self.files != ("-",)):
+            word = self.files[0]
+            source = "--serial" if word.startswith(("/dev/", "COM")) else "--replay"
+            raise UsageError(
+                f"unexpected argument {word}: name one source, as in flinders watch {source} {word}; - is standard "
+                "input"
+            )
+        if not named and not self.files:
+            from flinders.links.transports import ports_in_words
+
+            raise UsageError(
+                f"nothing to watch: name a --serial port ({ports_in_words()}), --udp PORT, --tcp HOST:PORT, "
+                "--mavlink LINK, --replay LOG, or - for standard input"
+            )
+        if self.compass != 1 and self.mavlink is None:
+            raise UsageError("--compass goes with --mavlink: leave it out")
+        if self.mavlink is not None and (wrong := self.lines.typed()):
+            raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: --mavlink knows its unit")
+        if self.lines.unit:
+            from flinders.core.units import Unit
+
+            Unit.of(self.lines.unit)
+
+    def opened(self, stack: contextlib.ExitStack, calibration: OnlineCalibration | Begun) -> Source:
+        """Open what is named; readings that name no unit are in that of the calibration."""
+        from flinders.apps.service import sources
+        from flinders.apps.service.watching import since_of, unit_of
+        from flinders.core.units import Unit
+        from flinders.links.feeds import feed_kind
+        from flinders.links.transports import StandardInput, opened_lines, opened_link
+
+        reading: dict[str, Any] = {name: value for name, value in self.lines.as_dict().items() if value is not None}
+        unit, since = unit_of(calibration), since_of(calibration)
+        if unit is not None and self.lines.unit is None:
+            reading |= {"unit": unit.name} if unit == Unit.of(unit.name) else {"unit": unit.name, "scale": unit.scale}
+        if self.replay is not None:
+            return self._replayed(stack, unit)
+        if self.files:
+            return sources.of_pipe(StandardInput(), since, **reading)
+        if self.mavlink is not None:
+            feed_of = feed_kind("mavlink")
+            link = stack.enter_context(contextlib.closing(opened_link(self.mavlink, self.baud, what="--mavlink")))
+            return sources.of_feed(feed_of(link, self.compass), since)
+        wire = opened_lines(port=self.port, baud=self.baud, udp=self.udp, tcp=self.tcp)
+        stack.enter_context(contextlib.closing(wire))
+        return sources.of_wire(wire, since, **reading)
+
+    def _replayed(self, stack: contextlib.ExitStack, unit: Unit | None) -> Source:
+        """Recordings, one after the other."""
+        from flinders.apps.service.sources import of_recordings
+        from flinders.estimators.data import CountedRecording
+        from flinders.readers import TableRecording, TextRecording, open_recording
+
+        reading = {name: value for name, value in self.lines.as_dict().items() if value is not None}
+        recordings = [open_recording(path, **reading) for path in (str(self.replay), *self.files)]
+        for recording in recordings:
+            if unit is not None and self.lines.unit is None and isinstance(recording, TextRecording | TableRecording):
+                recording.unit = recording.unit if recording.states_unit else unit
+        parts = [CountedRecording(recording) for recording in recordings]
+        for part in reversed(parts):
+            stack.callback(say_read, part)
+        return of_recordings(parts, [clock_start(recording) for recording in recordings])
+
+
+class Watch(program.Group):
+    """A source, how the calibration begins, and what is written."""
+
+    source: WatchedSource = program.group(WatchedSource)
+    calibration: str | None = program.member(
+        "--calibration", metavar="CALIBRATION", help="Begin with a calibration file [default: the readings make one]."
+    )
+    axes: str = program.same_as(option.AxesOptions, "axes")
+    target_deg: float = option.target()
+    dip_deg: float | None = option.dip("Inclination of the field at the site [default: 60].")
+    lock: bool = program.flag("--lock", "Keep the calibration in force, whatever is learnt.", heading=program.METHOD)
+    state: str | None = program.member(
+        "--state", metavar="FILE", help="Go on with this file where it is there, and keep it.", heading=program.OUTPUT
+    )
+    every: float = program.member(
+        "--every", type=program.positive, default=60.0, show_default=True, metavar="S",
+        help="Write files, and with --json the state, after so many seconds.", heading=program.OUTPUT,
+    )  # fmt: skip
+    adopted: str | None = program.member(
+        "--adopted", metavar="FILE|FOLDER", help="Write each calibration that comes into force.",
+        heading=program.OUTPUT,
+    )  # fmt: skip
+    status: str | None = program.member(
+        "--status", metavar="FILE", help="Keep a file with the state as JSON.", heading=program.OUTPUT
+    )
+    prometheus: str | None = program.member(
+        "--prometheus", metavar="FILE", help="Keep a file for Prometheus's node exporter.", heading=program.OUTPUT
+    )
+    as_json: bool = program.flag(
+        "--json", "Print each event, and the state at times, as a line of JSON.", heading=program.OUTPUT
+    )
+
+    def check(self) -> None:
+        """See that one source is named, and that files can be written.
+
+        Raises `UsageError`; `OutputError` where a file cannot be written.
+        """
+        from flinders.cli._output import refuse_to_overwrite
+        from flinders.core.files import refuse_existing
+
+        self.source.check()
+        read = [*self.source.files, *filter(None, (self.source.replay, self.calibration))]
+        files = {
+            "--state": self.state, "--status": self.status, "--prometheus": self.prometheus,
+            "--adopted": None if self.adopted is None or Path(self.adopted).is_dir() else self.adopted,
+        }  # fmt: skip
+        seen: dict[str, str] = {}
+        for name, path in files.items():
+            if path is None:
+                continue
+            if path == "-":
+                raise UsageError(f"{name} is a file that is replaced: give its name; --json prints")
+            if other := seen.get(os.path.realpath(path)):
+                raise UsageError(f"{path} is named for {other} and for {name}: give them two names")
+            seen[os.path.realpath(path)] = name
+            refuse_to_overwrite(path, read)
+            refuse_existing(path, force=True)
+
+    def began(self) -> OnlineCalibration | Begun:
+        """The calibration of the state file where that is there, else how it begins."""
+        from flinders.apps.service.watching import Begun
+        from flinders.core.axes import Axes
+        from flinders.workflows.online import OnlineCalibration
+
+        Axes.of(self.axes)
+        if self.state is not None and Path(self.state).exists():
+            online = OnlineCalibration.load(self.state)
+            self._refuse_others(online.state.target_deg)
+            say(f"{self.state}: goes on{', and --calibration is not used' if self.calibration else ''}")
+            return online
+        if self.calibration is None:
+            return Begun(None, self.axes, self.target_deg, self.dip_deg)
+        if program.is_typed("axes"):
+            raise UsageError("--axes are those of --calibration: leave one of them out")
+        start = load("watch --calibration", self.calibration)
+        begun = Begun(start, target_deg=self.target_deg, dip_deg=self.dip_deg)
+        begun.calibration(start.calibration.raw)  # what cannot go on is said before anything is opened
+        return begun
+
+    def _refuse_others(self, target_deg: float) -> None:
+        """Refuse options that a state has otherwise."""
+        if program.is_typed("target_deg") and self.target_deg != target_deg:
+            raise UsageError(
+                f"--target is {self.target_deg:g}°, and {self.state} was begun with {target_deg:g}°: leave it out, or "
+                "name another state file to begin anew"
+            )
+
+    @property
+    def files(self) -> Files:
+        """What is written."""
+        from flinders.apps.service.watching import Files
+
+        return Files(self.state, self.adopted, self.status, self.prometheus)
+
+
+@program.command_of(
+    "watch",
+    Watch,
+    common=("port", "udp", "tcp", "mavlink", "replay", "state", "as_json"),
+    headings={"Source": ("baud", "compass"), "Begin": ("calibration",)},
+    epilog="""\b
+Example:
+  flinders watch --serial /dev/ttyACM0 --state compass.state
+  flinders watch --udp 50100 --unit mG --state compass.state --prometheus compass.prom
+  flinders watch --mavlink udp:0.0.0.0:14550 --adopted calibration.json
+  flinders watch --replay monday.csv tuesday.csv --json
+
+\b
+Exit codes:
+  0  ended by Ctrl-C or a signal, or read to the end
+  5  no port, or no reading came
+  6  the state, or the calibration that came into force, cannot be written
+""",
+)
+def command(options: Watch) -> None:
+    """Keep the calibration of a sensor while its vehicle works, for as long as it runs.
+
+    Readings of ordinary use are enough: the first calibration is found as soon as they allow one, and improved
+    whenever the vehicle turns. The heading error to expect now is known at any time, also while nothing is learnt.
+    What passes, such as iron beside the road, is told from an offset that has moved.
+    """
+    from flinders.apps.service.watching import Watch as Watching
+
+    options.check()
+    calibration = options.began()
+    with contextlib.ExitStack() as stack:
+        source = options.source.opened(stack, calibration)
+        stopped = stack.enter_context(stopping(patient=False))
+        say(f"watching {source.name}{'' if options.source.replay else '; Ctrl-C ends it'}")
+        watching = Watching(
+            source,
+            calibration,
+            files=options.files,
+            every=options.every,
+            is_locked=options.lock,
+            tell=_json if options.as_json else _told(),
+            say=say,
+            stopped=stopped,
+        )
+        report = watching.run()
+    if not report.readings and not stopped():
+        raise UnreadableInput(f"no reading came from {report.source}: name its columns with --columns, and its --unit")
+    say(f"{report.readings:,} readings; {report.line()}")
+
+
+def _json(report: Report) -> None:
+    """A line for programs."""
+    click.echo(json.dumps(plain(report.as_dict())))
+
+
+def _told() -> Callable[[Report], None]:
+    """What prints a line where something changes; not that what was learnt just now is in force."""
+    last: list[Any] = [None, None]
+
+    def tell(report: Report) -> None:
+        is_same = report.event == "adopted" and last in ([report.time_s, "learnt"], [report.time_s, "moved"])
+        last[:] = [report.time_s, report.event]
+        if report.kind == "source":
+            say(report.line())
+        elif report.kind == "event" and not is_same:
+            click.echo(report.line())
+
+    return tell

@@ -1,0 +1,140 @@
+"""One time for readings that come for months: it never goes back, whatever clocks do.
+
+>>> machine = MachineClock(wall=lambda: 1.7e9, steady=lambda: 5.0)
+>>> machine.of(np.array([10.0, 10.02])).tolist()                           # a board counts from its own start
+[1699999999.98, 1700000000.0]
+>>> recorded = RecordedClock()
+>>> recorded.of(np.array([10.0, 10.5])).tolist(), recorded.of(np.array([0.0, 0.5])).tolist()       # it was reset
+([10.0, 10.5], [10.5, 11.0])
+>>> recorded.remarks()
+['the clock of the readings went back by 10.5 s: they are counted on from where it was']
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.arrays import Floats
+
+APART_S: Final = 2.0  # Seconds between the clock of the readings and this machine's, from which on the latter counts
+BACK_S: Final = 1.0  # Seconds back from which on a clock was reset; readings that are late by less are left out
+FROM_1970_S: Final = 1e8  # Seconds from which on a time counts from 1970
+
+
+def duration(seconds: float) -> str:
+    """Say how long something is.
+
+    >>> duration(10.5), duration(5400), duration(864000)
+    ('10.5 s', '1.5 h', '10 days')
+    """
+    if seconds < 600:
+        return f"{seconds:.3g} s"
+    return f"{seconds / 3600:.3g} h" if seconds < 172800 else f"{seconds / 86400:,.0f} days"
+
+
+class MachineClock:
+    """Readings as they arrive, in seconds from 1970 by the clock of this machine.
+
+    Steps between readings are those of the sensor's own clock, as long as it goes as the machine's. A machine's clock
+    that is set back is not followed, one that is set forward is: one without a battery starts in the past.
+
+    Parameters
+    ----------
+    since : float, optional
+        Time that the calibration has reached before; this clock begins no earlier.
+    wall, steady : callable
+        Seconds from 1970; and ascending ones.
+    """
+
+    def __init__(
+        self,
+        since: float | None = None,
+        *,
+        wall: Callable[[], float] = time.time,
+        steady: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._wall, self._steady = wall, steady
+        self._remarks: list[str] = []
+        self._is_behind = False
+        begun = wall()
+        if since is not None and since > begun + APART_S:
+            words = f"this machine's clock is {duration(since - begun)} before the state: time goes on from there"
+            self._remarks.append(words)
+            self._is_behind = True
+        self._ahead = max(begun, since or begun) - steady()
+        self._last = -math.inf if since is None else since
+        self._shift: float | None = None
+
+    @property
+    def now(self) -> float:
+        """Seconds from 1970."""
+        wall, now = self._wall(), self._steady() + self._ahead
+        if wall > now + APART_S:
+            self._remarks.append(f"this machine's clock was set forward by {duration(wall - now)}")
+            self._ahead += wall - now
+            return wall
+        if wall < now - APART_S and not self._is_behind:
+            words = f"this machine's clock was set back by {duration(now - wall)}: time goes on as before"
+            self._remarks.append(words)
+        self._is_behind = wall < now - APART_S
+        return now
+
+    def of(self, times: Floats) -> Floats:
+        """(N,) times of the sensor, or of arrival by another clock, as seconds from 1970; N is not 0."""
+        now, newest = self.now, float(times[-1])
+        if self._shift is None or abs(newest + self._shift - now) > APART_S:
+            self._shift = now - newest
+        moved = np.minimum(np.maximum.accumulate(np.maximum(times + self._shift, self._last)), now + APART_S)
+        self._last = float(moved[-1])
+        return moved
+
+    def remarks(self) -> list[str]:
+        """What has happened to the clock since this was last asked."""
+        found, self._remarks = self._remarks, []
+        return found
+
+
+class RecordedClock:
+    """Readings by their own times; those of a clock that was reset are counted on.
+
+    Parameters
+    ----------
+    since : float, optional
+        Time that the calibration has reached before: readings whose times do not count from 1970 go on from there.
+    """
+
+    now = None  # Nothing is known of the time between readings
+
+    def __init__(self, since: float | None = None) -> None:
+        self._since, self._last = since, math.nan
+        self._shift = 0.0
+        self._remarks: list[str] = []
+
+    def of(self, times: Floats) -> Floats:
+        """(N,) times as one that goes on; N is not 0."""
+        if math.isnan(self._last):
+            first = float(times[0])
+            if self._since is not None and first < min(self._since, FROM_1970_S):
+                self._shift = self._since - first
+            self._last = first + self._shift
+        steps = np.diff(times + self._shift, prepend=self._last)
+        back = np.where(steps < -BACK_S, -steps, 0.0)
+        if back.any():
+            words = f"the clock of the readings went back by {duration(float(back.max()))}: they are counted on from"
+            self._remarks.append(f"{words} where it was")
+        moved: Floats = times + self._shift + np.cumsum(back)
+        self._shift += float(back.sum())
+        self._last = float(moved[-1])
+        return moved
+
+    def remarks(self) -> list[str]:
+        """What has happened to the clock since this was last asked."""
+        found, self._remarks = self._remarks, []
+        return found

@@ -1,0 +1,412 @@
+"""Learns from a source for as long as it lasts, and writes what is known: events at once, the state at times.
+
+Readings are taken in by whole seconds of their own time, so that a recording that is replayed gives the lines that were
+given live.
+
+>>> from flinders import simulate
+>>> from flinders.apps.service.sources import of_recordings
+>>> watch = Watch(of_recordings([simulate.tumble(seed=1).samples]), tell=lambda report: print(report.line()))
+>>> watch.run().verdict
+4.8 s  a first calibration was found  heading error 0.92°, ...
+'good'
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import time
+from collections import Counter
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import msgspec
+import numpy as np
+
+from flinders.apps.service.clocks import duration
+from flinders.apps.service.kept import Kept
+from flinders.apps.service.reports import Report, date_of, moment, words_of
+from flinders.apps.service.sources import raw_readings, raw_unit
+from flinders.core.files import write_text
+from flinders.links.feeds import FeedEvent
+from flinders.workflows.online import OnlineCalibration
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.apps.service.reports import Kind
+    from flinders.apps.service.sources import Source
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.core.units import Unit
+    from flinders.errors import OutputError
+    from flinders.fitting.result import Fit
+    from flinders.workflows.online import OnlineEvent, OnlineState
+
+WAIT_S: Final = 0.1  # Longest wait for readings: how soon the end is noticed
+EVERY_S: Final = 60.0
+TOGETHER: Final = 8192  # Readings of one second at most that are taken in together
+LATE_S: Final = 2.0  # Seconds after which readings of a second that has not ended are taken in
+QUIET_S: Final = 10.0  # Seconds without a reading that are said
+
+
+@dataclass(frozen=True, slots=True)
+class Begun:
+    """How a calibration begins where it is not one that goes on.
+
+    ``start``, ``axes``, ``target_deg`` and ``dip_deg`` are as `OnlineCalibration` takes them; its unit is that of the
+    first reading.
+    """
+
+    start: Fit | None = None
+    axes: str = "x,y,z"
+    target_deg: float = 1.0
+    dip_deg: float | None = None
+
+    def calibration(self, unit: Unit) -> OnlineCalibration:
+        """Begin, with readings in a unit."""
+        return OnlineCalibration(
+            self.start, unit=unit.name, axes=self.axes, target_deg=self.target_deg, dip_deg=self.dip_deg
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Files:
+    """What is written, each where it is named."""
+
+    state: str | None = None  # what `OnlineCalibration.load` goes on with
+    adopted: str | None = None  # calibration file, or folder of them
+    status: str | None = None  # JSON
+    prometheus: str | None = None  # text for the node exporter
+
+
+class Watch:
+    """A calibration that keeps itself on the readings of a source.
+
+    Parameters
+    ----------
+    source : Source
+    calibration : OnlineCalibration or Begun
+        That goes on, or is begun with the first reading.
+    files : Files
+    every : float, s
+        Of the readings' time, after which files are written and the state is told.
+    is_locked : bool
+        The calibration in force stays.
+    tell : callable
+        Told what happens, and the state at times.
+    say : callable
+        Told what a person should know, a sentence each.
+    stopped : callable
+        Says whether to end.
+    clock : callable
+        Seconds, ascending.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        calibration: OnlineCalibration | Begun | None = None,
+        *,
+        files: Files | None = None,
+        every: float = EVERY_S,
+        is_locked: bool = False,
+        tell: Callable[[Report], object] = lambda _: None,
+        say: Callable[[str], object] = lambda _: None,
+        stopped: Callable[[], bool] = lambda: False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._source, self._files, self._every = source, files or Files(), every
+        self._begun = calibration if isinstance(calibration, Begun) else Begun()
+        self._online = calibration if isinstance(calibration, OnlineCalibration) else None
+        self._is_locked, self._tell, self._say, self._stopped, self._clock = is_locked, tell, say, stopped, clock
+        self._unit, since = unit_of(calibration or self._begun), since_of(calibration or self._begun)
+        self._since = -math.inf if since is None else since  # readings until then were taken before
+        if self._online is not None:
+            self._online.is_locked = is_locked
+        self._field, self._time = np.empty((0, 3)), np.empty(0)
+        self._heard = clock()
+        self._due = math.nan
+        self._verdict = "refused" if self._online is None else self._online.state.verdict
+        self._readings, self._disconnections = 0, 0
+        self._events: Counter[str] = Counter()
+        self._is_connected, self._is_over, self._is_quiet = True, False, False
+        self._advised: set[str] = set()
+        self._adopted: tuple[Fit, float] | None = None
+        named = (self._files.state, self._files.adopted, self._files.status, self._files.prometheus)
+        self._state, self._calibration, self._status, self._metrics = (Kept(name or "", say) for name in named)
+
+    def run(self) -> Report:
+        """Go on until the source ends, or it is told to stop; what is known is written then, whatever ends it.
+
+        Raises
+        ------
+        OutputError
+            Where the state cannot be written at the end.
+        FlindersError
+            What the source raises.
+        """
+        try:
+            while not self._is_over and not self._stopped():
+                self._take(self._source.next(WAIT_S))
+            self._flush()
+        finally:
+            self._write()
+            with contextlib.suppress(OSError):
+                self._source.close()
+        report = self.report()
+        self._tell(report)
+        if (failure := self.failure) is not None:
+            raise failure
+        return report
+
+    @property
+    def readings(self) -> int:
+        """Readings that were taken."""
+        return self._readings
+
+    @property
+    def failure(self) -> OutputError | None:
+        """Why what is to last is not on the disk."""
+        return self._state.failure or self._calibration.failure
+
+    def report(
+        self, kind: Kind = "state", event: str | None = None, words: str | None = None, *, now: float | None = None
+    ) -> Report:
+        """What is known at a time, by default now."""
+        now = self._now() if now is None else now
+        online = self._online
+        state = self._state_at(now)
+        until = math.nan if online is None else online.good_until_s
+        return Report(
+            kind,
+            event,
+            words,
+            time_s=now,
+            time=date_of(now),
+            doing="learning" if state is None else state.doing,
+            verdict="refused" if state is None else state.verdict,
+            heading_error_deg=None if state is None else state.heading_error_deg,
+            bound_deg=None if state is None else state.bound_deg,
+            latest_deg=None if state is None else state.latest_deg,
+            age_s=None if state is None else state.age_s,
+            walk=None if state is None else state.walk,
+            unit=None if self._unit is None else self._unit.name,
+            target_deg=self._begun.target_deg if state is None else state.target_deg,
+            good_until_s=until,
+            good_until=date_of(until),
+            is_locked=self._is_locked,
+            readings=self._readings,
+            events=dict(self._events),
+            not_understood=self._source.not_understood,
+            disconnections=self._disconnections,
+            is_connected=self._is_connected and not self._is_quiet,
+            source=self._source.name,
+        )
+
+    @property
+    def _newest(self) -> float:
+        """Time of the newest reading that was taken in; NaN where there is none."""
+        return math.nan if self._online is None else self._online.state.time_s
+
+    def _now(self) -> float:
+        """Time of the newest reading, or now where the source knows that."""
+        times = [each for each in (self._newest, self._source.now) if each is not None and math.isfinite(each)]
+        return max(times, default=math.nan)
+
+    def _state_at(self, now: float) -> OnlineState | None:
+        online = self._online
+        if online is None:
+            return None
+        return online.at(now) if math.isfinite(now) else online.state
+
+    def _take(self, received: Samples | FeedEvent | None) -> None:
+        for words in self._source.remarks():
+            self._tell_of_source("clock", words)
+        if isinstance(received, FeedEvent):
+            self._happened(received)
+        elif received is not None:
+            self._heard = self._clock()
+            if self._is_quiet:
+                self._is_quiet = False
+                self._tell_of_source("readings", "readings come again")
+            self._learn(received)
+        elif self._source.now is not None:
+            self._wait()
+
+    def _learn(self, samples: Samples) -> None:
+        """Take readings in, by whole seconds."""
+        if self._online is None:
+            self._unit = self._unit or raw_unit(samples)
+            self._online = self._begun.calibration(self._unit)
+            self._online.is_locked = self._is_locked
+        assert self._unit is not None
+        assert samples.time is not None
+        is_new = samples.time > self._since
+        if not is_new.all():
+            if "known" not in self._advised:
+                self._advised.add("known")
+                self._tell_of_source("known", f"readings until {moment(self._since)} were taken before: left out")
+            samples = samples[is_new]
+        if not len(samples):
+            return
+        self._since = -math.inf
+        readings = raw_readings(samples, self._unit)
+        assert samples.time is not None
+        self._field = np.concatenate([self._field, readings])
+        self._time = np.concatenate([self._time, samples.time])
+        seconds = np.floor(self._time)
+        ends = (np.flatnonzero(np.diff(seconds)) + 1).tolist()
+        if len(self._time) - (ends[-1] if ends else 0) > TOGETHER:
+            ends.append(len(self._time))
+        self._learn_to(ends)
+
+    def _learn_to(self, ends: list[int]) -> None:
+        """Take in what waits, in pieces that end there."""
+        for start, end in zip([0, *ends], ends, strict=False):
+            self._learn_piece(self._field[start:end], self._time[start:end])
+        if ends:
+            self._field, self._time = self._field[ends[-1] :], self._time[ends[-1] :]
+
+    def _flush(self) -> None:
+        """Take in what waits."""
+        if len(self._time):
+            self._learn_to([len(self._time)])
+
+    def _learn_piece(self, readings: Floats, times: Floats) -> None:
+        assert self._online is not None
+        happened = self._online.add(readings, time=times)
+        self._readings += len(times)
+        self._note(happened)
+        self._tick(float(times[-1]))
+
+    def _note(self, happened: tuple[OnlineEvent, ...]) -> None:
+        """Tell what happened; a verdict that changed without it is told, too."""
+        assert self._online is not None
+        for event in happened:
+            self._events[event.code] += 1
+            if event.code == "adopted":
+                self._adopt(event.time_s)
+            report = self.report("event", event.code, words_of(event.code), now=self._newest)
+            error = event.heading_error_deg
+            self._tell(replace(report, time_s=event.time_s, time=date_of(event.time_s), heading_error_deg=error))
+        self._tell_of_verdict(self._newest, is_told=bool(happened))
+
+    def _tell_of_verdict(self, now: float, *, is_told: bool = False) -> None:
+        """Tell that the verdict has changed, as time passes."""
+        state = self._state_at(now)
+        verdict = "refused" if state is None else state.verdict
+        if verdict != self._verdict and not is_told:
+            self._events[verdict] += 1
+            self._tell(self.report("event", verdict, words_of(verdict), now=now))
+        self._verdict = verdict
+
+    def _wait(self) -> None:
+        """Nothing came: take in what waits, and let time pass."""
+        quiet = self._clock() - self._heard
+        if quiet > LATE_S:
+            self._flush()
+        if quiet > QUIET_S and not self._is_quiet and self._is_connected and self._readings:
+            self._is_quiet = True
+            self._tell_of_source("silent", f"no reading for {duration(QUIET_S)}: see that the sensor is on and prints")
+        now = self._now()
+        if math.isfinite(now) and quiet > LATE_S:
+            self._tell_of_verdict(now)
+            self._tick(now)
+
+    def _tick(self, now: float) -> None:
+        """Write, and tell the state, where it is time."""
+        if not now < self._due:
+            if not math.isnan(self._due):
+                self._write()
+                self._tell(self.report(now=now))
+            self._due = now + self._every - math.fmod(now, self._every)
+
+    def _adopt(self, time_s: float) -> None:
+        """Keep the calibration that was adopted, and write it where that is asked for."""
+        assert self._online is not None
+        fit = self._online.fit
+        if fit is not None and self._files.adopted is not None:
+            self._adopted = fit, time_s
+            self._write_adopted()
+
+    def _write_adopted(self) -> None:
+        """Write the calibration that was adopted, unless it is."""
+        path = self._files.adopted
+        if path is None or self._adopted is None:
+            return
+        fit, time_s = self._adopted
+        file = Path(path) / _name_at(time_s) if Path(path).is_dir() else Path(path)
+        if self._calibration.write(lambda: fit.save(file, force=True)):
+            self._adopted = None
+
+    def _write(self) -> None:
+        """Write all files."""
+        online, files = self._online, self._files
+        if (path := files.state) is not None and online is not None:
+            self._state.write(lambda: online.save(path))
+        self._write_adopted()
+        if files.status is None and files.prometheus is None:
+            return
+        report = self.report()
+        if (status := files.status) is not None:
+            text = msgspec.json.format(msgspec.json.encode(report.as_dict()), indent=2).decode()
+            self._status.write(lambda: write_text(text + "\n", status, force=True))
+        if (metrics := files.prometheus) is not None:
+            self._metrics.write(lambda: write_text(report.prometheus(), metrics, force=True))
+
+    def _happened(self, event: FeedEvent) -> None:
+        """Something happened to the source."""
+        match event.kind:
+            case "ended":
+                self._is_over = True
+                return
+            case "gone":
+                self._is_connected = False
+                self._disconnections += 1
+                self._flush()
+            case "back":
+                self._is_connected = True
+            case "garbage" | "unclear" | "no-answer" | "lost":
+                if event.kind in self._advised:
+                    return
+                self._advised.add(event.kind)
+        self._tell_of_source(event.kind, self._words_of(event))
+
+    def _words_of(self, event: FeedEvent) -> str:
+        """What happened to the source; nothing is recorded here."""
+        lines = self._source.statistics
+        match event.kind:
+            case "gone":
+                return f"{event.words}. Waiting for it to come back"
+            case "garbage":
+                return "lines come that are not like the first ones: they are left out and counted"
+            case "unclear":
+                header = "" if lines is None or lines.form is None else f", three of {lines.form.header}"
+                return f"which numbers are the magnetometer's is not clear: name its columns{header}, and its unit"
+        return event.words
+
+    def _tell_of_source(self, event: str, words: str) -> None:
+        self._tell(self.report("source", event, words))
+
+
+def unit_of(calibration: OnlineCalibration | Begun) -> Unit | None:
+    """The unit that a calibration takes readings in; None where the first reading decides."""
+    if isinstance(calibration, OnlineCalibration):
+        return calibration._raw  # it has no public name yet
+    return None if calibration.start is None else calibration.start.calibration.raw
+
+
+def since_of(calibration: OnlineCalibration | Begun) -> float | None:
+    """Time that a calibration which goes on has reached; None where it has not begun."""
+    reached = calibration.state.time_s if isinstance(calibration, OnlineCalibration) else math.nan
+    return reached if math.isfinite(reached) else None
+
+
+def _name_at(time_s: float) -> str:
+    """Name of a calibration file by the time at which it was adopted."""
+    if date_of(time_s) is None:
+        return f"calibration-{time_s:.2f}s.json"
+    return f"calibration-{datetime.fromtimestamp(time_s, UTC):%Y%m%dT%H%M%SZ}.json"
