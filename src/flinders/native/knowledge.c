@@ -12,7 +12,6 @@
 #ifndef FLINDERS_SMALL
 
 #define HOUR_S ((real)3600)
-#define SAME ((real)0.2)           /* of the variance of a block, that is the place's */
 #define SHAPE_WALK ((real)2e-4)    /* of the radius, by which an entry of the shape walks in an hour */
 #define HELD ((real)1e-4)          /* of the radius, of what readings say nothing of */
 #define REMEMBERED ((real)0.9)     /* of what blocks said of the walk, from one to the next */
@@ -178,7 +177,7 @@ void fl_learn(flinders_online *online, const fl_lent *memory)
     fl_age(online, online->known, last - online->known_at, prior);
     memcpy(free, prior, sizeof free);
     allow_strength(online, online->known, online->place, free);
-    if (fit(online, 0, online->known, free, online->scatter, memory, &record)) return;
+    if (fit(online, 0, online->known, free, online->scatter > 1 ? online->scatter : 1, memory, &record)) return;
     memcpy(online->latest, record.centre, sizeof record.centre);
     memcpy(online->latest + 3, record.shape, sizeof record.shape);
     memcpy(online->latest_covariance, record.covariance, sizeof record.covariance);
@@ -187,7 +186,7 @@ void fl_learn(flinders_online *online, const fl_lent *memory)
 
 /* Keep the share of what a block leaves open that is the place's: of a direction in which the covariance is e times what
  * it was before, the block alone leaves e / (1 − e). */
-void fl_keep_open(const real before[81], real covariance[81])
+void fl_keep_open(const real before[81], real same, real covariance[81])
 {
     real values[FL_PARAMETERS], vectors[81], turned[81], half[81], shares[FL_PARAMETERS];
     const int k = fl_principal(before, FL_PARAMETERS, values, vectors);
@@ -203,7 +202,7 @@ void fl_keep_open(const real before[81], real covariance[81])
     fl_multiply(before, vectors, FL_PARAMETERS, FL_PARAMETERS, k, half);
     fl_multiply(half, turned, FL_PARAMETERS, k, k, vectors); /* in columns: covariance = Σ share v vᵀ */
     for (int l = 0; l < k; l++) {
-        const real left = shares[l] < 1 - TINY_SHARE ? SAME * shares[l] / (1 - shares[l]) : 1;
+        const real left = shares[l] < 1 - TINY_SHARE ? same * shares[l] / (1 - shares[l]) : 1;
         const real least = left < 1 ? left : 1, more = least > shares[l] ? least - shares[l] : 0;
         for (int i = 0; i < FL_PARAMETERS; i++)
             for (int j = 0; j < FL_PARAMETERS; j++) covariance[9 * i + j] += more * vectors[k * i + l] * vectors[k * j + l];

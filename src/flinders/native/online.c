@@ -29,12 +29,15 @@ enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_
 #define LEARNT ((real)3)           /* targets that a first calibration claims at most */
 #define SCATTER ((real)4)         /* of groups beforehand, in variance */
 #define MOST_SCATTER ((real)9)
+#define LEAST_SCATTER ((real)0.2) /* few readings claim too little, as noise that lasts is assumed of them */
 #define PASSED ((real)1.5)        /* times as large it is thought where something has passed: such is usual here */
 #define GROUPS ((real)16)         /* that it is an average over */
 #define FAR ((real)4)             /* times it, that one group counts at most */
 #define LEVEL_S ((real)60)        /* that the first calibration of a level vehicle takes at least */
 #define UNRESOLVED_S ((real)600)   /* after which what contradicts is learnt from, whatever it is */
 #define SUSPECT ((real)1e-3)       /* how often chance may make one of three groups in a row that contradict it together */
+#define SAME ((real)0.2)           /* of the variance of a block, that is the place's, and not less after many of them */
+#define SAME_LEVEL ((real)0.7)     /* the same of a level vehicle, which goes where it went before */
 #define EITHER ((real)0.3)         /* how probable it is that what contradicts has come to stay: the bound of 95 % holds in both cases */
 #define BACK ((real)0.3)           /* how probable it is that what has moved moves back */
 #define BACK_S ((real)900)         /* in which it becomes e times less probable that what has moved moves back */
@@ -45,7 +48,7 @@ enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_
 #define FAR_ALONE ((real)6)        /* times as far as places differ, that the strength in one reading is off */
 #define NEAR_AGAIN ((real)3)       /* the same of one that is not */
 #define HEELED ((real)2.5)         /* times the scatter of the height, that readings of a level vehicle are within */
-#define LEAN ((real)0.5)           /* of how far a level vehicle tilts, that follows its heading, as heel does, and looks like an offset */
+#define LEAN ((real)0.8)           /* of how far a level vehicle tilts, that follows its heading, as heel does, and looks like an offset */
 
 /* Bytes of the record. */
 size_t flinders_online_size(void) { return sizeof(flinders_online); }
@@ -78,7 +81,7 @@ static void close_block(flinders_online *online, const fl_lent *memory)
     memcpy(prior, online->known_covariance, sizeof prior);
     fl_age(online, online->known, seconds, prior);
     memcpy(online->known, online->latest, sizeof online->known);
-    fl_keep_open(prior, online->latest_covariance);
+    fl_keep_open(prior, online->is_level ? SAME_LEVEL : SAME, online->latest_covariance);
     memcpy(online->known_covariance, online->latest_covariance, sizeof online->known_covariance);
     online->known_at = online->latest_at;
     drop_before(online, online->kept);
@@ -237,9 +240,9 @@ static void get_used_to(flinders_online *online, int first, real ratio)
         online->suspect_ratio = ratio;
         return;
     }
-    if (online->suspect_ratio > 0) follow(&online->scatter, online->suspect_ratio, 1);
+    if (online->suspect_ratio > 0) follow(&online->scatter, online->suspect_ratio, LEAST_SCATTER);
     online->suspect_ratio = 0;
-    follow(&online->scatter, ratio, 1);
+    follow(&online->scatter, ratio, LEAST_SCATTER);
     follow(&variance, off * off, LEAST_PLACE * LEAST_PLACE);
     online->place = fl_sqrt(variance);
 }
@@ -266,13 +269,14 @@ static int32_t doubt(flinders_online *online, int first, const fl_lent *memory)
         part(online, first, memory, offset, covariance);
         return FLINDERS_CONTRADICTED;
     }
+    const real scatter = online->scatter > 1 ? online->scatter : 1, again = fl_chance_of_offsets(d, covariance, known, scatter, NULL);
     for (int i = 0; i < 3; i++) other[i] = d[i] - online->apart[i];
     online->is_lone = 0;
-    const int is_told = fl_chance_of_offsets(online->apart, online->apart_covariance, known, online->scatter, NULL) < AGREES;
-    const int agrees = chance > AGREES, is_alike = fl_chance_of_offsets(other, covariance, online->apart_covariance, online->scatter, NULL) > AGREES;
+    const int is_told = fl_chance_of_offsets(online->apart, online->apart_covariance, known, scatter, NULL) < AGREES;
+    const int agrees = again > AGREES, is_alike = fl_chance_of_offsets(other, covariance, online->apart_covariance, scatter, NULL) > AGREES;
     if (is_told && agrees && is_alike) return give_in(online); /* it tells nothing */
     online->agreeing = agrees ? online->agreeing + 1 : 0, online->alike = is_alike ? online->alike + 1 : 0;
-    if (agrees) follow(&online->scatter, ratio, 1);
+    if (agrees) follow(&online->scatter, ratio, LEAST_SCATTER);
     if (online->agreeing == IN_A_ROW) {
         online->scatter = online->scatter * PASSED < MOST_SCATTER ? online->scatter * PASSED : MOST_SCATTER;
         clear_doubt(online);
@@ -453,7 +457,10 @@ static int32_t jump(flinders_online *online, const real x[3], real time, const f
 static int32_t add(flinders_online *online, const real x[3], real time, const fl_lent *memory)
 {
     int32_t events = 0;
-    if (time < online->now) return FLINDERS_CLOCK_BACK;
+    if (time < online->now) {
+        for (int k = 0; k < 4; k++) online->newest_at[k] = FL_NOT_A_NUMBER; /* what is left out is no jump */
+        return FLINDERS_CLOCK_BACK;
+    }
     const int is_first = !(online->last_at <= time);
     const int is_turned = is_first || turned_by(online, x, online->last) > TURNED;
     if (is_turned || time - online->last_at > MOST_TOGETHER_S) {
