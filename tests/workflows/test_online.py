@@ -16,7 +16,7 @@ from flinders import simulate
 from flinders.errors import DocumentError, UsageError
 from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE
-from flinders.workflows.online import OnlineCalibration
+from flinders.workflows.online import OnlineCalibration, OnlineEvent
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -56,7 +56,7 @@ def learnt(seed: int = 1) -> tuple[OnlineCalibration, simulate.Sensor]:
 
 
 def test_the_record_has_the_engines_size() -> None:
-    assert engine()._library.flinders_online_size() == ONLINE.itemsize  # noqa: SLF001 - the layout is read from the header
+    assert engine()._library.flinders_online_size() == ONLINE.itemsize
 
 
 def test_a_tumble_is_learnt_and_true() -> None:
@@ -80,12 +80,13 @@ def test_how_readings_are_cut_changes_nothing(cuts: list[int]) -> None:
     field, time, _ = tumbled(2, seconds=40.0)
     whole, parts = OnlineCalibration(), OnlineCalibration()
     events = whole.add(field, time=time)
-    found, row = [], 0
+    found: list[OnlineEvent] = []
+    row = 0
     for cut in [*cuts, len(field)]:
         found += parts.add(field[row : row + cut], time=time[row : row + cut])
         row += cut
     assert tuple(found) == events
-    assert parts._record.tobytes() == whole._record.tobytes()  # noqa: SLF001 - every number of it
+    assert parts._record.tobytes() == whole._record.tobytes()
 
 
 def test_what_is_saved_goes_on(tmp_path: Path) -> None:
@@ -160,7 +161,7 @@ def test_a_level_turn_is_learnt_as_one() -> None:
     online = OnlineCalibration()
     online.add(turn.field, time=turn.time)
     assert online.state.doing != "learning"
-    assert online._record["is_level"]  # noqa: SLF001
+    assert online._record["is_level"]
 
 
 def test_it_begins_with_a_fit() -> None:
@@ -213,9 +214,9 @@ def test_bad_readings_and_clocks_are_passed_over() -> None:
     field, time, _ = tumbled(1)
     online = OnlineCalibration()
     online.add(field, time=time)
-    before = online._record.tobytes()  # noqa: SLF001
+    before = online._record.tobytes()
     online.add([[np.nan, 1.0, 2.0], [np.inf, 0.0, 0.0]], time=[time[-1] + 1.0, time[-1] + 2.0])
-    assert online._record.tobytes() == before  # noqa: SLF001
+    assert online._record.tobytes() == before
     codes = [event.code for event in online.add(field[:100], time=time[:100])]
     assert codes == ["clock-back"]
     assert online.state.time_s == time[-1]
@@ -225,7 +226,7 @@ def test_bad_readings_and_clocks_are_passed_over() -> None:
 @pytest.mark.parametrize(
     "broken",
     [
-        lambda content: "no JSON",
+        lambda _: "no JSON",
         lambda content: json.dumps({**content, "format": "another"}),
         lambda content: json.dumps({**content, "record": {}}),
         lambda content: json.dumps({**content, "record": {**content["record"], "version": 99}}),
@@ -233,7 +234,7 @@ def test_bad_readings_and_clocks_are_passed_over() -> None:
         lambda content: json.dumps({**content, "record": {**content["record"], "state": 7}}),
         lambda content: json.dumps({**content, "record": {**content["record"], "field": [1.0]}}),
         lambda content: json.dumps({**content, "history": [{"code": "learnt"}]}),
-        lambda content: json.dumps([1, 2]),
+        lambda _: json.dumps([1, 2]),
         lambda content: json.dumps(content)[:2000],
     ],
 )

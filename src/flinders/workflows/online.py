@@ -128,7 +128,7 @@ class OnlineCalibration:
         from all directions, or of a level turn, make one.
     at : float, s, optional
         When that was known, in the clock of the readings; by default their first time.
-    unit, axes : str
+    unit, axes : str, Unit and Axes
         Of the readings, as `flinders.read` takes them; of `start` where that is given.
     target_deg, dip_deg : float
         As for `flinders.fit`.
@@ -145,21 +145,21 @@ class OnlineCalibration:
         start: Fit | None = None,
         *,
         at: float | None = None,
-        unit: str = "uT",
-        axes: str = "x,y,z",
+        unit: str | Unit = "uT",
+        axes: str | Axes = "x,y,z",
         target_deg: float = 1.0,
         dip_deg: float | None = None,
     ) -> None:
-        if not target_deg > 0.0:
-            raise UsageError(f"target is {target_deg:g}°: need a positive angle")
         if dip_deg is not None and not abs(dip_deg) <= 89.0:
             raise UsageError(f"dip is {dip_deg:g}°: need -89 to 89")
-        self._raw = Unit.of(unit) if start is None else start.calibration.raw
-        self._axes = Axes.of(axes) if start is None else start.calibration.axes
+        given = unit if isinstance(unit, Unit) else Unit.of(unit)
+        self._raw = given if start is None else start.calibration.raw
+        mapped = axes if isinstance(axes, Axes) else Axes.of(axes)
+        self._axes = mapped if start is None else start.calibration.axes
         self._start, self._sensor, self._strength = start, None, None
         self._is_dip_assumed, self._history = dip_deg is None, list[OnlineEvent]()
         self._record = engine().online()
-        self._record["target_deg"] = target_deg
+        self.target_deg = target_deg
         self._record["dip_deg"] = ASSUMED_DIP_DEG if dip_deg is None else dip_deg
         if start is not None:
             _refuse(start)
@@ -168,6 +168,27 @@ class OnlineCalibration:
             self._strength = calibration.field_strength if calibration.field_strength_known else None
             if at is not None:
                 self._know(start, at)
+
+    @property
+    def unit(self) -> Unit:
+        """Of the readings."""
+        return self._raw
+
+    @property
+    def axes(self) -> Axes:
+        """How the axes of the readings are turned."""
+        return self._axes
+
+    @property
+    def target_deg(self) -> float:
+        """Worst heading error that is good enough; `UsageError` for one that is not positive."""
+        return float(self._record["target_deg"])
+
+    @target_deg.setter
+    def target_deg(self, target_deg: float) -> None:
+        if not target_deg > 0.0:
+            raise UsageError(f"target is {target_deg:g}°: need a positive angle")
+        self._record["target_deg"] = target_deg
 
     @property
     def is_locked(self) -> bool:
@@ -245,7 +266,7 @@ class OnlineCalibration:
             latest_deg=float(claim["latest_deg"]),
             age_s=float(claim["age_s"]),
             walk=float(claim["walk"]),
-            target_deg=float(self._record["target_deg"]),
+            target_deg=self.target_deg,
         )
 
     @property
@@ -254,7 +275,7 @@ class OnlineCalibration:
 
         Infinite beyond ten years; NaN where it is not within the target now.
         """
-        now, target = self.state.time_s, float(self._record["target_deg"])
+        now, target = self.state.time_s, self.target_deg
         if not self.state.heading_error_deg <= target:
             return math.nan
         if self.at(now + LONGEST_S).heading_error_deg <= target:
@@ -289,7 +310,7 @@ class OnlineCalibration:
             heading_error_deg=error,
             dip_deg=dip,
             dip_assumed=self._is_dip_assumed,
-            target_deg=float(self._record["target_deg"]),
+            target_deg=self.target_deg,
         )
         findings = linked(
             judged_parts(
@@ -402,6 +423,7 @@ def _refuse(start: Fit) -> None:
     why = (
         "is refused" if start.verdict == "refused"
         else "states no uncertainty" if not start.claim.states_uncertainty
+        else "is of a level turn, which is learnt anew" if start.claim.plane is not None
         else "follows disturbances" if calibration.disturbances
         else "is linearized" if calibration.linearization is not None
         else "has a mounting that an aid found" if calibration.rotation != "symmetric"

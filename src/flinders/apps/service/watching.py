@@ -68,7 +68,7 @@ class Begun:
     def calibration(self, unit: Unit) -> OnlineCalibration:
         """Begin, with readings in a unit."""
         return OnlineCalibration(
-            self.start, unit=unit.name, axes=self.axes, target_deg=self.target_deg, dip_deg=self.dip_deg
+            self.start, unit=unit, axes=self.axes, target_deg=self.target_deg, dip_deg=self.dip_deg
         )
 
 
@@ -395,7 +395,7 @@ class Watch:
 def unit_of(calibration: OnlineCalibration | Begun) -> Unit | None:
     """The unit that a calibration takes readings in; None where the first reading decides."""
     if isinstance(calibration, OnlineCalibration):
-        return calibration._raw  # it has no public name yet
+        return calibration.unit
     return None if calibration.start is None else calibration.start.calibration.raw
 
 
