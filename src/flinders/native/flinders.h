@@ -392,7 +392,8 @@ typedef struct flinders_online {
     flinders_real place;          /* by which the strength of the field differs from group to group, 1 sigma, a fraction */
     flinders_real scatter;        /* of groups of readings that agree with what is known, over what they claim, in variance */
     flinders_real suspect_ratio;  /* of the newest of these */
-    flinders_real height;         /* of a level vehicle's readings along z, unit, ... */
+    flinders_real height;         /* of a level vehicle's readings along z when it was calibrated, unit, ... */
+    flinders_real height_now;     /* ... as far as that has moved since, ... */
     flinders_real height_sigma;   /* ... and how far they scatter, 1 sigma */
     flinders_real moves;          /* how often the offset has moved, ... */
     flinders_real moves_square;   /* ... the sum of the squares, unit², ... */

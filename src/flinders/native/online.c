@@ -48,6 +48,7 @@ enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_
 #define FAR_ALONE ((real)6)        /* times as far as places differ, that the strength in one reading is off */
 #define NEAR_AGAIN ((real)3)       /* the same of one that is not */
 #define HEELED ((real)2.5)         /* times the scatter of the height, that readings of a level vehicle are within */
+#define HEIGHTS ((real)128)        /* readings that this height is an average over */
 #define LEAN ((real)0.8)           /* of how far a level vehicle tilts, that follows its heading, as heel does, and looks like an offset */
 
 /* Bytes of the record. */
@@ -357,7 +358,7 @@ static int32_t begin_to_know(flinders_online *online, const fl_lent *memory)
     if (judgement.verdict >= FLINDERS_REFUSES || !(judgement.worst_deg < LEARNT * online->target_deg)) return 0;
     real parameters[9];
     if (record.plane && online->now - online->began < LEVEL_S) return 0;
-    online->is_level = record.plane != 0, online->height = record.mean[2];
+    online->is_level = record.plane != 0, online->height = online->height_now = record.mean[2];
     online->height_sigma = height_sigma_of(online, record.mean[2]);
     memcpy(parameters, record.centre, sizeof record.centre);
     memcpy(parameters + 3, record.shape, sizeof record.shape);
@@ -382,11 +383,14 @@ static void forget_direction(flinders_online *online)
     online->sum_time = 0, online->averaged = 0;
 }
 
-/* Whether a level vehicle is not level now, as a boat that heels: its readings are not at the height of the others. */
-static int is_heeled(const flinders_online *online)
+/* Whether a level vehicle is not level now, as a boat that heels: its readings are not at the height of the others, which moves
+ * with the offset. */
+static int is_heeled(flinders_online *online)
 {
-    const real off = fl_abs(online->sum[2] / (real)online->averaged - online->height);
-    return off > HEELED * online->height_sigma && off > 2 * LARGE * fl_mean_radius(online->latest);
+    const real usual = HEELED * online->height_sigma, least = 2 * LARGE * fl_mean_radius(online->latest);
+    const real off = online->sum[2] / (real)online->averaged - online->height_now, most = usual > least ? usual : least;
+    online->height_now += (off > most ? most : off < -most ? -most : off) / HEIGHTS;
+    return fl_abs(off) > most;
 }
 
 /* Put the mean of the readings of one direction into the evidence. */
@@ -440,6 +444,7 @@ static int32_t jump(flinders_online *online, const real x[3], real time, const f
     if (online->kept && online->state == FLINDERS_UNDISTURBED) close_block(online, memory);
     for (int i = 0; i < 3; i++) {
         online->latest[i] += d[i], online->known[i] += d[i];
+        if (i == 2) online->height_now += d[i];
         for (int j = 0; j < 3; j++) {
             const real unknown = (i == j ? usual + CALM * CALM * CALM * steps[1] : 0);
             online->latest_covariance[9 * i + j] += unknown, online->known_covariance[9 * i + j] += unknown;
