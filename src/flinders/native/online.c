@@ -37,7 +37,7 @@ enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_
 #define UNRESOLVED_S ((real)600)   /* after which what contradicts is learnt from, whatever it is */
 #define SUSPECT ((real)1e-3)       /* how often chance may make one of three groups in a row that contradict it together */
 #define SAME ((real)0.2)           /* of the variance of a block, that is the place's, and not less after many of them */
-#define SAME_LEVEL ((real)0.7)     /* the same of a level vehicle, which goes where it went before */
+#define SAME_TURN ((real)0.3)      /* of what a level vehicle learns of a turn, that is the place's, to which it comes again */
 #define EITHER ((real)0.3)         /* how probable it is that what contradicts has come to stay: the bound of 95 % holds in both cases */
 #define BACK ((real)0.3)           /* how probable it is that what has moved moves back */
 #define BACK_S ((real)900)         /* in which it becomes e times less probable that what has moved moves back */
@@ -82,7 +82,7 @@ static void close_block(flinders_online *online, const fl_lent *memory)
     memcpy(prior, online->known_covariance, sizeof prior);
     fl_age(online, online->known, seconds, prior);
     memcpy(online->known, online->latest, sizeof online->known);
-    fl_keep_open(prior, online->is_level ? SAME_LEVEL : SAME, online->latest_covariance);
+    fl_keep_open(prior, SAME, online->latest_covariance);
     memcpy(online->known_covariance, online->latest_covariance, sizeof online->known_covariance);
     online->known_at = online->latest_at;
     drop_before(online, online->kept);
@@ -232,6 +232,32 @@ static int32_t give_in(flinders_online *online)
     return FLINDERS_PASSED;
 }
 
+/* Learn of a group of a level vehicle: the offset that it shows alone, at its own place. What is between turns, a field that
+ * varies along the way, is not looked at. */
+static void learn_of_turn(flinders_online *online, const real d[3], const real alone[9])
+{
+    const real scatter = online->scatter > 1 ? online->scatter : 1, now = online->time[online->kept - 1];
+    real *const known = online->latest_covariance;
+    real sum[4], inverse[4], gain[4], before[4];
+    fl_weigh_rates(online, d, alone, now - online->known_at);
+    fl_age(online, online->latest, now - online->latest_at, known);
+    for (int i = 0; i < 4; i++) before[i] = known[9 * (i / 2) + i % 2], sum[i] = before[i] + scatter * alone[3 * (i / 2) + i % 2];
+    const real det = sum[0] * sum[3] - sum[1] * sum[2];
+    inverse[0] = sum[3] / det, inverse[3] = sum[0] / det, inverse[1] = -sum[1] / det, inverse[2] = -sum[2] / det;
+    fl_multiply(before, inverse, 2, 2, 2, gain);
+    for (int i = 0; i < 2; i++) {
+        online->latest[i] += gain[2 * i] * d[0] + gain[2 * i + 1] * d[1];
+        for (int j = 0; j < 2; j++) {
+            const real less = gain[2 * i] * before[j] + gain[2 * i + 1] * before[2 + j];
+            known[9 * i + j] = before[2 * i + j] - less + SAME_TURN * gain[3 * i] * scatter * (i == j ? alone[4 * i] : 0);
+        }
+    }
+    online->latest_at = online->known_at = now;
+    memcpy(online->known, online->latest, sizeof online->known);
+    memcpy(online->known_covariance, known, sizeof online->known_covariance);
+    drop_before(online, online->kept);
+}
+
 /* Take a group for usual here. One that chance hardly ever makes is so where the next one is not. */
 static void get_used_to(flinders_online *online, int first, real ratio)
 {
@@ -264,6 +290,7 @@ static int32_t doubt(flinders_online *online, int first, const fl_lent *memory)
         online->suspects = chance < SUSPECT && is_large ? online->suspects + 1 : 0;
         if (!(chance < CONTRADICTS && is_large) && online->suspects < SUSPECTS) {
             get_used_to(online, first, ratio);
+            if (online->is_level) learn_of_turn(online, d, covariance);
             return 0;
         }
         online->state = FLINDERS_DISTURBED, online->disturbed_at = online->now, online->doubtful = first;
@@ -306,8 +333,7 @@ static int32_t look(flinders_online *online, const fl_lent *memory)
     }
     const int32_t events = doubt(online, first, memory);
     online->tested = online->kept;
-    if (online->state != FLINDERS_UNDISTURBED || !online->kept) return events;
-    fl_learn(online, memory);
+    if (online->kept && online->state == FLINDERS_UNDISTURBED) fl_learn(online, memory);
     return events | adopt_better(online);
 }
 
