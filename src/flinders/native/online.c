@@ -36,7 +36,7 @@ enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_
 #define LEVEL_S ((real)60)        /* that the first calibration of a level vehicle takes at least */
 #define UNRESOLVED_S ((real)600)   /* after which what contradicts is learnt from, whatever it is */
 #define SUSPECT ((real)1e-3)       /* how often chance may make one of three groups in a row that contradict it together */
-#define SAME ((real)0.2)           /* of the variance of a block, that is the place's, and not less after many of them */
+#define SAME ((real)0.4)           /* of the variance of a block, that is the place's, and not less after many of them */
 #define SAME_TURN ((real)0.3)      /* of what a level vehicle learns of a turn, that is the place's, to which it comes again */
 #define EITHER ((real)0.3)         /* how probable it is that what contradicts has come to stay: the bound of 95 % holds in both cases */
 #define BACK ((real)0.3)           /* how probable it is that what has moved moves back */
