@@ -40,7 +40,7 @@ import numpy as np
 from benchmarks.adversary import headings, level_field, stream
 from benchmarks.service_bodies import BODIES, FIRST_S, HOUR
 from benchmarks.service_lives import KINDS, STRENGTH_UT, live
-from benchmarks.service_peers import ESTIMATORS, available
+from benchmarks.service_peers import ESTIMATORS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -371,17 +371,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--detail", action="store_true", help="a row for each estimator, body and kind of moment")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args(arguments)
-    names = [name for name in options.estimators if name in available()]
-    for name in options.estimators:
-        if name not in names:
-            print(f"{name} is left out: this version of flinders has no OnlineCalibration.\n")
-    how = {"days": options.days, "kinds": options.events, "names": names}
+    how = {"days": options.days, "kinds": options.events, "names": options.estimators}
     if options.alone:
         for line in alone(options.bodies, options.lives, options.processes, **how):
             print(line, flush=True)
         return
     scores = run(options.bodies, options.lives, options.processes, **how)
-    for line in tables(scores, names, options.bodies, detail=options.detail):
+    for line in tables(scores, options.estimators, options.bodies, detail=options.detail):
         print(line)
 
 

@@ -481,7 +481,7 @@ class Ours:
     """`flinders.OnlineCalibration` with a target of 1°."""
 
     def __init__(self) -> None:
-        self._online = getattr(flinders, "OnlineCalibration")(unit="uT", target_deg=TARGET_DEG)  # noqa: B009 – it may be missing
+        self._online = flinders.OnlineCalibration(unit="uT", target_deg=TARGET_DEG)
 
     def add(self, chunk: Chunk) -> tuple[Report, ...]:
         """Readings with their stamps."""
@@ -490,7 +490,7 @@ class Ours:
     def correction(self, time: float) -> Correction | None:
         """The calibration in force and the state of that moment."""
         calibration = self._online.calibration
-        state = (self._online if hasattr(self._online, "at") else self._online.state).at(time)
+        state = self._online.at(time)
         if calibration is None:
             return None
         claim, bound = float(state.heading_error_deg), float(state.bound_deg)
@@ -509,8 +509,3 @@ ESTIMATORS: Final[dict[str, Callable[[], Estimator]]] = {
     "forgetting": Forgetting,
     "kalman": Kalman,
 }
-
-
-def available() -> list[str]:
-    """Names of those that can run here."""
-    return [name for name in ESTIMATORS if name != "ours" or hasattr(flinders, "OnlineCalibration")]

@@ -12,9 +12,10 @@ import pytest
 from benchmarks import service
 from benchmarks.service_bodies import BODIES, DAY, Rooms, down_of, rates_of, seen
 from benchmarks.service_lives import KINDS, START_S, STRENGTH_UT, live, offsets_of
-from benchmarks.service_peers import ESTIMATORS, Correction, Ours, Report, available, worst_deg
+from benchmarks.service_peers import ESTIMATORS, Correction, Ours, Report, worst_deg
 
 import flinders
+from flinders.workflows.online import OnlineEvent
 
 if TYPE_CHECKING:
     from benchmarks.service_lives import Chunk, Life
@@ -220,10 +221,7 @@ def test_tables_have_a_row_for_each_estimator() -> None:
     assert widths == {11}
 
 
-def test_ours_is_left_out_until_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr(flinders, "OnlineCalibration", raising=False)
-    assert ("ours" in available()) == hasattr(flinders, "OnlineCalibration")
-
+def test_ours_is_asked_as_others_are(monkeypatch: pytest.MonkeyPatch) -> None:
     class Stated:
         heading_error_deg, bound_deg = 0.5, 1.2
 
@@ -233,9 +231,9 @@ def test_ours_is_left_out_until_there_is_one(monkeypatch: pytest.MonkeyPatch) ->
         def __init__(self, **settings: Any) -> None:
             assert settings == {"unit": "uT", "target_deg": 1.0}
 
-        def add(self, field: Floats, *, time: Floats) -> tuple[Report, ...]:
+        def add(self, field: Floats, *, time: Floats) -> tuple[OnlineEvent, ...]:
             assert field.shape == (len(time), 3)
-            return (Report(float(time[-1]), "offset-moved"),)
+            return (OnlineEvent(float(time[-1]), "moved", 0.5),)
 
         def at(self, time: float) -> Stated:
             assert time > START_S
@@ -244,4 +242,4 @@ def test_ours_is_left_out_until_there_is_one(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(flinders, "OnlineCalibration", Online, raising=False)
     score = service.scored(live("drone", 1, days=0.02, kinds=()), "ours", Ours)
     assert {answer.bound for answer in score.answers} == {1.2}
-    assert set(score.codes) == {"offset-moved"}
+    assert set(score.codes) == {"moved"}

@@ -208,9 +208,9 @@ def after_contradiction(apart_beyond_claim_deg: float) -> str:
     return "the heading error allows for it"
 
 
-def halves(halves_ratio: float, drift_allowed_deg: float) -> str:
+def halves(halves_ratio: float, drift_deg: float, drift_allowed_deg: float, target_deg: float) -> str:
     """How far the halves of a recording are apart, where that limits the fit."""
-    if math.isnan(halves_ratio) or drift_allowed_deg:
+    if math.isnan(halves_ratio) or not drift_allowed_deg < min(drift_deg, target_deg):
         return ""
     return f" (its halves differ by {halves_ratio:.1f} times what they claim)"
 
