@@ -130,6 +130,8 @@ class OnlineCalibration:
         When that was known, in the clock of the readings; by default their first time.
     unit, axes : str, Unit and Axes
         Of the readings, as `flinders.read` takes them; of `start` where that is given.
+    frame : str
+        What their axes are: ``sensor`` or ``vehicle``, as of `Calibration`; of `start` where that is given.
     target_deg, dip_deg : float
         As for `flinders.fit`.
 
@@ -147,6 +149,7 @@ class OnlineCalibration:
         at: float | None = None,
         unit: str | Unit = "uT",
         axes: str | Axes = "x,y,z",
+        frame: str = "sensor",
         target_deg: float = 1.0,
         dip_deg: float | None = None,
     ) -> None:
@@ -156,6 +159,7 @@ class OnlineCalibration:
         self._raw = given if start is None else start.calibration.raw
         mapped = axes if isinstance(axes, Axes) else Axes.of(axes)
         self._axes = mapped if start is None else start.calibration.axes
+        self._frame = frame if start is None else start.calibration.frame
         self._start, self._sensor, self._strength = start, None, None
         self._is_dip_assumed, self._history = dip_deg is None, list[OnlineEvent]()
         self._record = engine().online()
@@ -301,6 +305,7 @@ class OnlineCalibration:
             raw=self._raw,
             axes=self._axes,
             sensor=self._sensor,
+            frame=self._frame,
         )
         dip = float(self._record["dip_deg"])
         error = HeadingError(float(claimed["rms_deg"]), float(claimed["worst_deg"]), dip)
@@ -366,6 +371,7 @@ class OnlineCalibration:
             "inside": self._raw.inside,
             "field_strength": self._strength,
             "axes": str(self._axes),
+            "frame": self._frame,
             "sensor": self._sensor,
             "dip_assumed": self._is_dip_assumed,
             "history": [asdict(event) for event in self._history],
@@ -392,7 +398,7 @@ class OnlineCalibration:
     def _of(cls, content: dict[str, Any]) -> Self:
         if content["format"] != FORMAT:
             raise ValueError(f"its format is {content['format']!r}")
-        online = cls(axes=content["axes"])
+        online = cls(axes=content["axes"], frame=content["frame"])
         online._raw, online._strength = (
             Unit(content["unit"], content["scale"], content["inside"]),
             content["field_strength"],
