@@ -27,13 +27,13 @@ enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_
 #define LASTS_S ((real)30)         /* that an offset has to stay where it is to have moved */
 #define BETTER ((real)0.8)         /* of the claim in force, from which on another calibration is adopted */
 #define LEARNT ((real)3)           /* targets that a first calibration claims at most */
-#define SCATTER ((real)4)         /* of groups beforehand, in variance */
+#define SCATTER ((real)4)          /* of groups beforehand, in variance */
 #define MOST_SCATTER ((real)9)
-#define LEAST_SCATTER ((real)0.2) /* few readings claim too little, as noise that lasts is assumed of them */
-#define PASSED ((real)1.5)        /* times as large it is thought where something has passed: such is usual here */
-#define GROUPS ((real)16)         /* that it is an average over */
-#define FAR ((real)4)             /* times it, that one group counts at most */
-#define LEVEL_S ((real)60)        /* that the first calibration of a level vehicle takes at least */
+#define LEAST_SCATTER ((real)0.2)  /* few readings claim too little, as noise that lasts is assumed of them */
+#define PASSED ((real)1.5)         /* times as large it is thought where something has passed: such is usual here */
+#define GROUPS ((real)16)          /* that it is an average over */
+#define FAR ((real)4)              /* times it, that one group counts at most */
+#define LEVEL_S ((real)60)         /* that the first calibration of a level vehicle takes at least */
 #define UNRESOLVED_S ((real)600)   /* after which what contradicts is learnt from, whatever it is */
 #define SUSPECT ((real)1e-3)       /* how often chance may make one of three groups in a row that contradict it together */
 #define SAME ((real)0.4)           /* of the variance of a block, that is the place's, and not less after many of them */
@@ -215,6 +215,16 @@ static void follow(real *average, real square, real least)
     *average = *average > least ? *average : least;
 }
 
+/* What passed has passed: its evidence is dropped, and that of this block with it. */
+static int32_t pass(flinders_online *online)
+{
+    online->scatter = online->scatter * PASSED < MOST_SCATTER ? online->scatter * PASSED : MOST_SCATTER;
+    clear_doubt(online);
+    drop_before(online, online->kept);
+    online->state = FLINDERS_UNDISTURBED;
+    return FLINDERS_PASSED;
+}
+
 /* After many groups that neither agree with what is known nor with each other, what they contradict is as uncertain as they
  * make it, and they are learnt from. */
 static int32_t give_in(flinders_online *online)
@@ -225,11 +235,7 @@ static int32_t give_in(flinders_online *online)
         const real unknown = online->apart[i / 3] * online->apart[i % 3] + online->apart_covariance[i];
         online->known_covariance[at] += unknown, online->latest_covariance[at] += unknown;
     }
-    clear_doubt(online);
-    drop_before(online, online->kept);
-    online->scatter = online->scatter * PASSED < MOST_SCATTER ? online->scatter * PASSED : MOST_SCATTER;
-    online->state = FLINDERS_UNDISTURBED;
-    return FLINDERS_PASSED;
+    return pass(online);
 }
 
 /* Learn of a group of a level vehicle: the offset that it shows alone, at its own place. What is between turns, a field that
@@ -274,50 +280,66 @@ static void get_used_to(flinders_online *online, int first, real ratio)
     online->place = fl_sqrt(variance);
 }
 
-/* Readings from one on agree with what is known, or contradict it. */
-static int32_t doubt(flinders_online *online, int first, const fl_lent *memory)
+/* The offset that a group of readings shows alone, and how it differs from what is known. */
+typedef struct {
+    int first;                     /* of its readings */
+    real offset[3], covariance[9]; /* of these alone */
+    real d[3], size;               /* from what is known */
+    real known[9];                 /* covariance of that */
+    real ratio;                    /* of the square of d over what both claim, for each axis */
+    real chance;                   /* how often chance makes as much, of groups that scatter as they do */
+} shown;
+
+/* A group while nothing contradicts what is known: it does, or it is usual here. */
+static int32_t compare_undisturbed(flinders_online *online, shown *group, const fl_lent *memory)
 {
-    real offset[3], covariance[9], known[9], d[3], other[3];
-    const real now = online->time[online->kept - 1], radius = fl_mean_radius(online->latest);
-    if (fl_offset_alone(online, (size_t)first, online->latest, ANYWHERE * radius, memory, offset, covariance)) return 0;
-    fl_offset_covariance(online, now, known);
-    for (int i = 0; i < 3; i++) d[i] = offset[i] - online->latest[i];
-    real ratio;
-    const real chance = fl_chance_of_offsets(d, covariance, known, online->scatter, &ratio), size = fl_sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-    if (size > 2 * ANYWHERE * radius) return 0; /* a short arc lies on more circles than one */
-    if (online->state == FLINDERS_UNDISTURBED) {
-        const int is_large = size > LARGE * radius;
-        online->suspects = chance < SUSPECT && is_large ? online->suspects + 1 : 0;
-        if (!(chance < CONTRADICTS && is_large) && online->suspects < SUSPECTS) {
-            get_used_to(online, first, ratio);
-            if (online->is_level) learn_of_turn(online, d, covariance);
-            return 0;
-        }
-        online->state = FLINDERS_DISTURBED, online->disturbed_at = online->now, online->doubtful = first;
-        part(online, first, memory, offset, covariance);
-        return FLINDERS_CONTRADICTED;
+    const int is_large = group->size > LARGE * fl_mean_radius(online->latest);
+    online->suspects = group->chance < SUSPECT && is_large ? online->suspects + 1 : 0;
+    if (!(group->chance < CONTRADICTS && is_large) && online->suspects < SUSPECTS) {
+        get_used_to(online, group->first, group->ratio);
+        if (online->is_level) learn_of_turn(online, group->d, group->covariance);
+        return 0;
     }
-    const real scatter = online->scatter > 1 ? online->scatter : 1, again = fl_chance_of_offsets(d, covariance, known, scatter, NULL);
-    for (int i = 0; i < 3; i++) other[i] = d[i] - online->apart[i];
+    online->state = FLINDERS_DISTURBED, online->disturbed_at = online->now, online->doubtful = group->first;
+    part(online, group->first, memory, group->offset, group->covariance);
+    return FLINDERS_CONTRADICTED;
+}
+
+/* A group while something does: it agrees with what was known, or with the groups before it, or with neither. */
+static int32_t compare_disturbed(flinders_online *online, shown *group, const fl_lent *memory)
+{
+    const real scatter = online->scatter > 1 ? online->scatter : 1;
+    real other[3];
+    for (int i = 0; i < 3; i++) other[i] = group->d[i] - online->apart[i];
+    const int is_told = fl_chance_of_offsets(online->apart, online->apart_covariance, group->known, scatter, NULL) < AGREES;
+    const int agrees = fl_chance_of_offsets(group->d, group->covariance, group->known, scatter, NULL) > AGREES;
+    const int is_alike = fl_chance_of_offsets(other, group->covariance, online->apart_covariance, scatter, NULL) > AGREES;
     online->is_lone = 0;
-    const int is_told = fl_chance_of_offsets(online->apart, online->apart_covariance, known, scatter, NULL) < AGREES;
-    const int agrees = again > AGREES, is_alike = fl_chance_of_offsets(other, covariance, online->apart_covariance, scatter, NULL) > AGREES;
     if (is_told && agrees && is_alike) return give_in(online); /* it tells nothing */
     online->agreeing = agrees ? online->agreeing + 1 : 0, online->alike = is_alike ? online->alike + 1 : 0;
-    if (agrees) follow(&online->scatter, ratio, LEAST_SCATTER);
-    if (online->agreeing == IN_A_ROW) {
-        online->scatter = online->scatter * PASSED < MOST_SCATTER ? online->scatter * PASSED : MOST_SCATTER;
-        clear_doubt(online);
-        drop_before(online, online->kept); /* what passed, and the evidence of this block with it */
-        online->state = FLINDERS_UNDISTURBED;
-        return FLINDERS_PASSED;
-    }
+    if (agrees) follow(&online->scatter, group->ratio, LEAST_SCATTER);
+    if (online->agreeing == IN_A_ROW) return pass(online);
     if (agrees) return give_in(online);
-    if (!is_alike) online->doubtful = first; /* what there was before is another offset again */
-    part(online, online->doubtful, memory, offset, covariance);
-    if (online->alike < IN_A_ROW || now - online->time[online->doubtful] < LASTS_S || !is_determined(online))
-        return give_in(online);
-    return move(online, offset, covariance);
+    if (!is_alike) online->doubtful = group->first; /* what there was before is another offset again */
+    part(online, online->doubtful, memory, group->offset, group->covariance);
+    const int has_lasted = online->time[online->kept - 1] - online->time[online->doubtful] >= LASTS_S;
+    if (online->alike < IN_A_ROW || !has_lasted || !is_determined(online)) return give_in(online);
+    return move(online, group->offset, group->covariance);
+}
+
+/* Compare readings from one on with what is known. */
+static int32_t compare(flinders_online *online, int first, const fl_lent *memory)
+{
+    const real anywhere = ANYWHERE * fl_mean_radius(online->latest);
+    shown group = {.first = first};
+    if (fl_offset_alone(online, (size_t)first, online->latest, anywhere, memory, group.offset, group.covariance)) return 0;
+    fl_offset_covariance(online, online->time[online->kept - 1], group.known);
+    for (int i = 0; i < 3; i++) group.d[i] = group.offset[i] - online->latest[i];
+    group.size = fl_sqrt(group.d[0] * group.d[0] + group.d[1] * group.d[1] + group.d[2] * group.d[2]);
+    group.chance = fl_chance_of_offsets(group.d, group.covariance, group.known, online->scatter, &group.ratio);
+    if (group.size > 2 * anywhere) return 0; /* a short arc lies on more circles than one */
+    return online->state == FLINDERS_UNDISTURBED ? compare_undisturbed(online, &group, memory)
+                                                 : compare_disturbed(online, &group, memory);
 }
 
 /* Compare the readings that were not compared yet, where they are enough, and learn of them. */
@@ -331,7 +353,7 @@ static int32_t look(flinders_online *online, const fl_lent *memory)
         online->kept = first;
         return 0;
     }
-    const int32_t events = doubt(online, first, memory);
+    const int32_t events = compare(online, first, memory);
     online->tested = online->kept;
     if (online->kept && online->state == FLINDERS_UNDISTURBED) fl_learn(online, memory);
     return events | adopt_better(online);
