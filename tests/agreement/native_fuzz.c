@@ -524,6 +524,51 @@ static void lead(void)
     REQUIRE(flinders_pose((int32_t)below(4), INT32_MIN + (int32_t)below(9), down) == -1);
 }
 
+/* Let a calibration keep itself, of readings and a clock of any kind. */
+static void keep_calibrating(void)
+{
+    const size_t size = flinders_workspace_size(768);
+    flinders_online *online = need(sizeof *online);
+    void *workspace = need(size);
+    flinders_real now = uniform() < 0.9 ? 0 : anything(), pace = (flinders_real)pow(10, 6 * uniform() - 3);
+    flinders_online_begin(online);
+    online->is_locked = uniform() < 0.1;
+    for (size_t blocks = 1 + below(4); blocks > 0; blocks--) {
+        const size_t rows = 1 + below(uniform() < 0.02 ? 1000 : 150);
+        flinders_real *field = need(3 * rows * sizeof *field), *time = need(rows * sizeof *time);
+        fill(field, rows);
+        for (size_t row = 0; row < rows; row++) {
+            now += uniform() < 0.01 ? anything() : pace * (flinders_real)uniform();
+            time[row] = now;
+            if (!isfinite(now)) now = 0;
+        }
+        for (size_t row = 0; row < rows;) {
+            int32_t events;
+            const size_t added = flinders_online_add(online, field + 3 * row, time + row, rows - row, workspace, size, &events);
+            REQUIRE(added > 0 && added <= rows - row && (events || added == rows - row));
+            REQUIRE(online->kept >= 0 && online->kept <= 768 && online->tested >= 0 && online->tested <= online->kept);
+            REQUIRE(online->doubtful >= -1 && online->doubtful <= online->kept);
+            REQUIRE(online->state >= 0 && online->state <= 2);
+            row += added;
+        }
+        flinders_online_claim claim;
+        const int status = flinders_online_claim_at(online, uniform() < 0.9 ? now : anything(), &claim);
+        REQUIRE(status == FLINDERS_OK || isnan(claim.worst_deg));
+        REQUIRE(!(claim.worst_deg < 0) && !(claim.latest_deg < 0) && !(claim.walk < 0));
+        if (uniform() < 0.2) flinders_online_adopt(online);
+        if (uniform() < 0.2) flinders_online_take_back(online);
+        if (uniform() < 0.1) {
+            flinders_real covariance[81], parameters[9] = {1, 2, 3, 50, 50, 50, 0, 0, 0};
+            for (int i = 0; i < 81; i++) covariance[i] = i % 10 ? 0 : (flinders_real)uniform();
+            if (uniform() < 0.3) fill_with_anything(covariance, 81);
+            if (uniform() < 0.3) fill_with_anything(parameters, 9);
+            flinders_online_know(online, parameters, covariance, uniform() < 0.5 ? 1 : anything(), now);
+        }
+        free(field), free(time);
+    }
+    free(online), free(workspace);
+}
+
 int main(int count, char **arguments)
 {
     const long calls = count > 1 ? atol(arguments[1]) : 1000;
@@ -536,7 +581,8 @@ int main(int count, char **arguments)
         else if (kind < 0.8) fitted += sum();
         else if (kind < 0.88) judge();
         else if (kind < 0.94) ask();
-        else lead();
+        else if (kind < 0.985) lead();
+        else keep_calibrating();
     }
     printf("%ld calls, %ld fitted\n", calls, fitted);
     return 0;
