@@ -619,7 +619,8 @@ FLINDERS_API size_t flinders_online_size(void);
 /* Begin without any calibration. */
 FLINDERS_API void flinders_online_begin(flinders_online *online);
 
-/* Put a calibration in force that was known at a time: offset and shape (9,) and their covariance (9, 9). */
+/* Put a calibration in force that was known at a time: offset and shape (9,) and their covariance (9, 9). FLINDERS_BAD_OPTION for
+ * a covariance or a time that is none. */
 FLINDERS_API int flinders_online_know(flinders_online *online, const flinders_real parameters[9],
                                       const flinders_real covariance[81], flinders_real noise, flinders_real time);
 

@@ -170,6 +170,7 @@ void fl_offset_covariance(const flinders_online *online, real time, real out[9])
 /* What is known latest is what evidence makes of what was known before. */
 void fl_learn(flinders_online *online, const fl_lent *memory)
 {
+    fl_surface surface;
     flinders_record record;
     real prior[81], free[81];
     const real last = online->time[online->kept - 1];
@@ -178,6 +179,7 @@ void fl_learn(flinders_online *online, const fl_lent *memory)
     memcpy(free, prior, sizeof free);
     allow_strength(online, online->known, online->place, free);
     if (fit(online, 0, online->known, free, online->scatter > 1 ? online->scatter : 1, memory, &record)) return;
+    if (fl_surface_of(record.centre, record.shape, &surface)) return;
     memcpy(online->latest, record.centre, sizeof record.centre);
     memcpy(online->latest + 3, record.shape, sizeof record.shape);
     memcpy(online->latest_covariance, record.covariance, sizeof record.covariance);

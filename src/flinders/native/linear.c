@@ -333,7 +333,8 @@ static real pivot_of(const real *values, size_t n, size_t k)
     return some[k * SOME / n];
 }
 
-/* The k-th smallest of a list without NaN, which is put into another order: none before it is larger. */
+/* The k-th smallest of a list, which is put into another order: none before it is larger. NaN where the list has one that is
+ * met. */
 real fl_select(real *values, size_t n, size_t k)
 {
     enum { FEW = 24 };
@@ -348,7 +349,7 @@ real fl_select(real *values, size_t n, size_t k)
         }
         if (front == 0) {
             front = partition(from, left, pivot, 1);
-            if (wanted < front) return pivot;
+            if (wanted < front || front == 0) return pivot;
         }
         from += front, left -= front, wanted -= front;
     }

@@ -558,6 +558,9 @@ int flinders_online_know(flinders_online *online, const real parameters[9], cons
 {
     fl_surface surface;
     if (fl_surface_of(parameters, parameters + 3, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
+    for (int i = 0; i < 81; i++)
+        if (!isfinite(covariance[i]) || (i % 10 == 0 && covariance[i] < 0)) return FLINDERS_BAD_OPTION;
+    if (!isfinite(time)) return FLINDERS_BAD_OPTION;
     memcpy(online->known, parameters, sizeof online->known);
     memcpy(online->known_covariance, covariance, sizeof online->known_covariance);
     memcpy(online->latest, parameters, sizeof online->latest);
