@@ -17,9 +17,9 @@
 #define REMEMBERED ((real)0.9)     /* of what blocks said of the walk, from one to the next */
 #define DAY_S ((real)86400)
 #define UNSEEN_S ((real)60)        /* without readings, in which the offset may move and nobody sees it */
-#define MOVES_BEFORE ((real)0.5)   /* moves a day that are thought of beforehand, ... */
-#define MOVES_DAY ((real)1)        /* ... as if counted for so many days, ... */
-#define MOVED ((real)0.1)          /* ... of the radius, root mean square */
+#define MOVES_BEFORE ((real)0.5)   /* moves a day before any was counted */
+#define MOVES_DAY ((real)1)        /* days that this counts for */
+#define MOVED ((real)0.1)          /* size of a move beforehand, of the radius, root mean square */
 #define TINY_SHARE ((real)1e-12)
 
 /* Rates of the offset's walk, of the radius per root hour, and how probable each is beforehand. */

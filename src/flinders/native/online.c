@@ -24,26 +24,26 @@ enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_
 #define CONTRADICTS ((real)1e-6)   /* how often chance may make a group that contradicts what is known */
 #define AGREES ((real)0.01)        /* how often chance makes a group that is said to agree again no better */
 #define LARGE ((real)0.004)        /* of the radius: smaller contradictions are none */
-#define LASTS_S ((real)30)         /* that an offset has to stay where it is to have moved */
+#define LASTS_S ((real)30)         /* s that groups have to agree on another offset before it counts as moved */
 #define BETTER ((real)0.8)         /* of the claim in force, from which on another calibration is adopted */
 #define LEARNT ((real)3)           /* targets that a first calibration claims at most */
-#define SCATTER ((real)4)          /* of groups beforehand, in variance */
+#define SCATTER ((real)4)          /* of groups beforehand: variance over what they claim */
 #define MOST_SCATTER ((real)9)
 #define LEAST_SCATTER ((real)0.2)  /* few readings claim too little, as noise that lasts is assumed of them */
-#define PASSED ((real)1.5)         /* times as large it is thought where something has passed: such is usual here */
-#define GROUPS ((real)16)          /* that it is an average over */
-#define FAR ((real)4)              /* times it, that one group counts at most */
+#define PASSED ((real)1.5)         /* factor for the scatter after something has passed: such things are usual here */
+#define GROUPS ((real)16)          /* groups that the scatter is averaged over */
+#define FAR ((real)4)              /* times the average: one group counts as no more */
 #define LEVEL_S ((real)60)         /* that the first calibration of a level vehicle takes at least */
 #define UNRESOLVED_S ((real)600)   /* after which what contradicts is learnt from, whatever it is */
 #define SUSPECT ((real)1e-3)       /* how often chance may make one of three groups in a row that contradict it together */
 #define SAME ((real)0.4)           /* of the variance of a block, that is the place's, and not less after many of them */
 #define SAME_TURN ((real)0.3)      /* of what a level vehicle learns of a turn, that is the place's, to which it comes again */
-#define EITHER ((real)0.3)         /* how probable it is that what contradicts has come to stay: the bound of 95 % holds in both cases */
+#define EITHER ((real)0.3)         /* probability that a contradiction has come to stay; the bound of 95 % then holds either way */
 #define BACK ((real)0.3)           /* how probable it is that what has moved moves back */
 #define BACK_S ((real)900)         /* in which it becomes e times less probable that what has moved moves back */
-#define JUMP ((real)6)             /* times the usual step from one reading to the next, that an offset moves by */
-#define AT_ONCE_S ((real)1)        /* in which it moves */
-#define CALM ((real)0.3)           /* of a jump, that the readings before and after it differ by at most */
+#define JUMP ((real)6)             /* a jump is larger than so many usual steps from one reading to the next */
+#define AT_ONCE_S ((real)1)        /* s that the four newest readings may take for a jump to be looked for */
+#define CALM ((real)0.3)           /* of a jump: most that the readings before it, and those after it, differ by */
 #define STEPS ((real)64)           /* that their mean square is an average over */
 #define FAR_ALONE ((real)6)        /* times as far as places differ, that the strength in one reading is off */
 #define NEAR_AGAIN ((real)3)       /* the same of one that is not */
