@@ -18,7 +18,9 @@ void flinders_default_options(flinders_options *options)
     options->kernels = 0;
     options->statistics = 1;
     options->bias_correction = 1;
-#ifndef FLINDERS_SMALL
+#ifdef FLINDERS_SMALL
+    options->known = NULL;
+#else
     options->is_informed = 0;
     memset(options->expected, 0, sizeof options->expected);
     memset(options->information, 0, sizeof options->information);
@@ -148,13 +150,20 @@ void fl_place_fit(const fl_fit *fit, flinders_record *record)
 static int fit_majority(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
                         int asks, const fl_room *room, fl_fit *fit, flinders_record *record)
 {
-    fl_fit most;
-    const int status = fl_robust(kernels, view, options, start, room, &most, record);
-    if (status == FLINDERS_OK && (options->robust == 2 || asks != FL_SUSPECTS || most.noise <= QUIETER * fit->noise)) {
-        *fit = most;
+    const fl_surface of_all = fit->surface;
+    const real noise = fit->noise;
+#ifdef FLINDERS_SMALL /* no room for two: that of all readings is made again */
+    fl_fit *const most = fit;
+#else
+    fl_fit other, *const most = &other;
+#endif
+    const int status = fl_robust(kernels, view, options, start, room, most, record);
+    if (status == FLINDERS_OK && (options->robust == 2 || asks != FL_SUSPECTS || most->noise <= QUIETER * noise)) {
+        *fit = *most;
         return FLINDERS_OK;
     }
     fl_forget_outliers(view, record);
+    if (most == fit) fl_polish(kernels, view, options, &of_all, FL_STEPS, room->some, fit);
     fit->has_distances = 0;
     return status == FLINDERS_OK ? FLINDERS_NOT_AN_ELLIPSOID : status;
 }

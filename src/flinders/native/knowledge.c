@@ -9,8 +9,6 @@
  */
 #include "online.h"
 
-#ifndef FLINDERS_SMALL
-
 #define HOUR_S ((real)3600)
 #define SHAPE_WALK ((real)2e-4)    /* of the radius, by which an entry of the shape walks in an hour */
 #define HELD ((real)1e-4)          /* of the radius, of what readings say nothing of */
@@ -95,51 +93,93 @@ static void allow_offset(const flinders_online *online, const real parameters[9]
 
 /* Let readings say less by a factor in variance: with the prior Π and what they say, J = P⁻¹ − Π, the covariance is
  * P' = (Π + J/f)⁻¹, and the step from the prior's mean P' P⁻¹ / f of what it was. */
-static void weaken(const flinders_options *prior, real factor, flinders_record *record)
+FL_APART static void weaken(const real expected[9], const real prior[81], real factor, flinders_record *record)
 {
     real inverse[81], information[81], covariance[81], step[9], force[9], moved[9];
     fl_inverse(record->covariance, FL_PARAMETERS, inverse);
-    for (int i = 0; i < 81; i++)
-        information[i] = prior->information[i] + (inverse[i] - prior->information[i]) / factor;
+    for (int i = 0; i < 81; i++) information[i] = prior[i] + (inverse[i] - prior[i]) / factor;
     fl_inverse(information, FL_PARAMETERS, covariance);
-    for (int i = 0; i < FL_PARAMETERS; i++)
-        step[i] = (i < 3 ? record->centre[i] : record->shape[i - 3]) - prior->expected[i];
+    for (int i = 0; i < 3; i++) step[i] = record->centre[i] - expected[i];
+    for (int i = 3; i < FL_PARAMETERS; i++) step[i] = record->shape[i - 3] - expected[i];
     fl_multiply(inverse, step, FL_PARAMETERS, FL_PARAMETERS, 1, force);
     fl_multiply(covariance, force, FL_PARAMETERS, FL_PARAMETERS, 1, moved);
     for (int i = 0; i < FL_PARAMETERS; i++)
-        *(i < 3 ? record->centre + i : record->shape + i - 3) = prior->expected[i] + moved[i] / factor;
+        *(i < 3 ? record->centre + i : record->shape + i - 3) = expected[i] + moved[i] / factor;
     memcpy(record->covariance, covariance, sizeof covariance);
 }
 
-/* Fit evidence from one reading on with what is known, where groups scatter so much more than they claim. Noise is no smaller than it was when the sensor was calibrated. */
+#ifdef FLINDERS_SMALL
+/* Fit evidence as a board fits: what lasts in its residuals widens the covariance by a factor. Of the record, places that
+ * this does not name stay as they are. */
+FL_APART static int fit_evidence(const fl_view *evidence, const struct fl_known *known, const fl_lent *memory,
+                                 flinders_record *record)
+{
+    fl_view view = *evidence;
+    flinders_options options;
+    fl_surface start;
+    fl_fit found;
+    real *const work = memory->at;
+    unsigned char *const flags = (unsigned char *)(work + 2 * view.rows);
+    const fl_room room = {.order = memory->at, .scratch = work, .distances = work + view.rows, .rejected = flags,
+                          .far = flags + view.rows, .passed = flags + 2 * view.rows};
+    if (memory->size < view.rows * (2 * sizeof(real) + 3)) return FLINDERS_NO_WORKSPACE;
+    flinders_default_options(&options);
+    options.statistics = 0, options.known = known;
+    record->is_robust = 0, record->rejected = 0;
+    memset(record->principal_variances, 0, sizeof record->principal_variances);
+    if (fl_start_about(&view, known->expected, &start)) return FLINDERS_NOT_AN_ELLIPSOID;
+    const int status = fl_fit_from(fl_kernels_chosen(0), &view, &options, &start, &start, &room, &found, record);
+    if (status != FLINDERS_OK) return status;
+    fl_kernels_chosen(0)->distances(&view, &found.surface, work);
+    const real wider = fl_widening_by_time((real)found.used, fl_time_of_distances(work, fl_view_count(&view)));
+    for (int i = 0; i < 81; i++) record->covariance[i] = wider * found.covariance[i];
+    fl_place(&found.surface, record);
+    record->noise = found.noise, record->used = (int64_t)found.used;
+    return FLINDERS_OK;
+}
+#endif
+
+/* Fit evidence from one reading on with what is known, where groups scatter so much more than they claim. Noise is no smaller
+ * than it was when the sensor was calibrated. The covariance may be a place in the record. */
 static int fit(const flinders_online *online, size_t first, const real expected[9], const real covariance[81],
                real scatter, const fl_lent *memory, flinders_record *record)
 {
+    const real *const field = online->field + 3 * first;
+    const size_t rows = (size_t)online->kept - first;
+#ifdef FLINDERS_SMALL
+    real *const information = record->textbook;
+    const struct fl_known known = {expected, information, fl_add_known};
+    const fl_view evidence = {field, rows, NULL, 1};
+    fl_inverse(covariance, FL_PARAMETERS, information);
+    const int status = fit_evidence(&evidence, &known, memory, record);
+#else
     flinders_options options;
+    real *const information = options.information;
     flinders_default_options(&options);
     options.dip_deg = online->dip_deg;
     options.statistics = options.rests = options.level = 0;
     options.is_informed = 1;
     memcpy(options.expected, expected, sizeof options.expected);
-    fl_inverse(covariance, FL_PARAMETERS, options.information);
-    if (flinders_fit(online->field + 3 * first, online->time + first, (size_t)online->kept - first, &options, memory->at,
-                     memory->size, record)) return record->status;
+    fl_inverse(covariance, FL_PARAMETERS, information);
+    const int status = flinders_fit(field, online->time + first, rows, &options, memory->at, memory->size, record);
+#endif
+    if (status != FLINDERS_OK) return status;
     const real times = online->noise / record->noise, few = flinders_widening_by_few((real)record->used - FL_PARAMETERS);
     const real factor = scatter * few * (times > 1 ? times * times : 1);
-    if (factor > 1) weaken(&options, factor, record);
+    if (factor > 1) weaken(expected, information, factor, record);
     return FLINDERS_OK;
 }
 
 /* Offset that evidence shows alone from one reading on, with the shape as it is known, and its covariance (3, 3); it is
  * somewhere about a start. */
-int fl_offset_alone(const flinders_online *online, size_t first, const real start[3], real anywhere,
+FL_APART int fl_offset_alone(const flinders_online *online, size_t first, const real start[3], real anywhere,
                     const fl_lent *memory, real offset[3], real covariance[9])
 {
     flinders_record record;
-    real expected[9], free[81];
+    real expected[9], *const free = record.textbook; /* until it is filled */
     memcpy(expected, online->latest, sizeof expected);
     memcpy(expected, start, 3 * sizeof *start);
-    memcpy(free, online->latest_covariance, sizeof free);
+    memcpy(free, online->latest_covariance, sizeof online->latest_covariance);
     allow_strength(online, expected, online->place, free);
     allow_offset(online, expected, anywhere, free);
     if (fit(online, first, expected, free, 1, memory, &record)) return 1;
@@ -168,15 +208,14 @@ void fl_offset_covariance(const flinders_online *online, real time, real out[9])
 }
 
 /* What is known latest is what evidence makes of what was known before. */
-void fl_learn(flinders_online *online, const fl_lent *memory)
+FL_APART void fl_learn(flinders_online *online, const fl_lent *memory)
 {
     fl_surface surface;
     flinders_record record;
-    real prior[81], free[81];
+    real *const free = record.textbook; /* until it is filled */
     const real last = online->time[online->kept - 1];
-    memcpy(prior, online->known_covariance, sizeof prior);
-    fl_age(online, online->known, last - online->known_at, prior);
-    memcpy(free, prior, sizeof free);
+    memcpy(free, online->known_covariance, sizeof online->known_covariance);
+    fl_age(online, online->known, last - online->known_at, free);
     allow_strength(online, online->known, online->place, free);
     if (fit(online, 0, online->known, free, online->scatter > 1 ? online->scatter : 1, memory, &record)) return;
     if (fl_surface_of(record.centre, record.shape, &surface)) return;
@@ -244,4 +283,3 @@ real fl_unseen_moves(const flinders_online *online, real seconds)
     const real square = (MOVED * MOVED * radius * radius + online->moves_square) / (1 + online->moves);
     return seconds > UNSEEN_S ? rate * seconds / DAY_S * square / 3 : 0;
 }
-#endif

@@ -5,9 +5,7 @@
 #include "judge.h"
 #include "residuals.h"
 
-#ifndef FLINDERS_SMALL
-
-enum { FL_PARAMETERS = 9, FL_EVIDENCE = 768 /* readings */, FL_RATES = 7 };
+enum { FL_PARAMETERS = 9, FL_EVIDENCE = FLINDERS_EVIDENCE, FL_RATES = 7 };
 
 /* Memory that is lent to fits. */
 typedef struct {
@@ -31,5 +29,4 @@ void fl_weigh_rates(flinders_online *online, const real d[3], const real covaria
 void fl_count_move(flinders_online *online, real square);
 real fl_unseen_moves(const flinders_online *online, real seconds);
 
-#endif
 #endif

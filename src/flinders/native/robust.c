@@ -95,7 +95,7 @@ static int coefficients_at(const real x[3], int is_flat, real row[9])
 
 /* Quadric through points in the least-squares sense, pulled a little towards the sphere; through points laid flat one whose
  * equator is their conic. */
-static int quadric_of(const real *points, const uint32_t *chosen, int count, int is_flat, real quadric[10])
+FL_APART static int quadric_of(const real *points, const uint32_t *chosen, int count, int is_flat, real quadric[10])
 {
     real normal[81] = {0}, right[9] = {0}, row[9], trace = 0;
     int n = 0;
@@ -122,7 +122,7 @@ static int quadric_of(const real *points, const uint32_t *chosen, int count, int
 
 /* The readings of a view, or `most` of them at random, in units of their median distance from their median; counts
  * them, 0 where all are alike. */
-static size_t standardised(const fl_view *view, size_t n, size_t most, fl_random *random, const fl_room *room,
+FL_APART static size_t standardised(const fl_view *view, size_t n, size_t most, fl_random *random, const fl_room *room,
                            real *local, real middle[3], real *scale)
 {
     const size_t chosen = n < most ? n : most;
@@ -151,7 +151,7 @@ static size_t standardised(const fl_view *view, size_t n, size_t most, fl_random
 }
 
 /* Choose so many of n at random, at most twelve: those of the smallest of n random numbers. */
-static void draw_points(fl_random *random, size_t n, uint32_t count, uint32_t chosen[POINTS])
+FL_APART static void draw_points(fl_random *random, size_t n, uint32_t count, uint32_t chosen[POINTS])
 {
     uint64_t smallest[POINTS + 1];
     uint32_t places[POINTS + 1];
@@ -185,7 +185,12 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
                         size_t scored, const fl_room *room, fl_surface *surface)
 {
     static const real ORIGIN[3] = {0, 0, 0};
-    real local[3 * SCORED], middle[3], scale, distances[SCORED], best = FL_HUGE, quadric[10], axes[3];
+#ifdef FLINDERS_SMALL
+    real *const distances = room->scratch; /* which nobody needs here */
+#else
+    real distances[SCORED];
+#endif
+    real local[3 * SCORED], middle[3], scale, best = FL_HUGE, quadric[10], axes[3];
     uint32_t order[POINTS];
     fl_surface tried, winner;
     if (!is_flat && n < POINTS) return 1;
@@ -387,6 +392,7 @@ static int fit_about(const fl_kernels *kernels, const samples *of, const flinder
     return fit_near(kernels, &of->every, options, dense, room, fit);
 }
 
+#ifndef FLINDERS_SMALL /* a board has no room for another fit beside one, and claims nothing of it */
 /* Whether the runs that a fit rejects say more of some combination of parameters than the readings that it keeps. */
 static int outweigh(const fl_kernels *kernels, const fl_view *every, const flinders_options *options, const fl_fit *fit,
                     int dense, const fl_room *room)
@@ -422,6 +428,7 @@ static void scatter_of_others(const fl_kernels *kernels, const samples *of, cons
     }
     fit_about(kernels, of, options, first, room, &other, record);
 }
+#endif
 
 /* The robust fit from a start, or NULL for that through a few readings; the view then leaves out what was rejected. Where
  * that outweighs what is left, draws of other subsets show whether the majority is one by chance. */
@@ -440,8 +447,10 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
     else if (subset_start(kernels, &of.spread, n, 0, &random, DRAWS, SCORED, room, &first)) return FLINDERS_NOT_AN_ELLIPSOID;
     const int status = fit_about(kernels, &of, options, &first, room, fit, record);
     if (status != FLINDERS_OK) return status;
+#ifndef FLINDERS_SMALL
     if (!start && outweigh(kernels, &of.every, options, fit, record->dense, room))
         scatter_of_others(kernels, &of, options, &first, &random, room, fit, record);
+#endif
     view->rejected = room->rejected;
     record->is_robust = 1;
     for (size_t i = 0; i < rows; i++) record->rejected += room->rejected[i];

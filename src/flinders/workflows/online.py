@@ -60,8 +60,6 @@ HISTORY: Final = 1000
 """Events that are kept."""
 BEFORE_ANY: Final = -1e99
 """Time of no reading."""
-LONGEST_S: Final = 10 * 365.25 * 86400.0
-"""Ahead of which nothing is said."""
 
 Doing = Literal["learning", "undisturbed", "disturbed"]
 Code = Literal["learnt", "contradicted", "passed", "moved", "adopted", "clock-back", "taken-back"]
@@ -279,16 +277,7 @@ class OnlineCalibration:
 
         Infinite beyond ten years; NaN where it is not within the target now.
         """
-        now, target = self.state.time_s, self.target_deg
-        if not self.state.heading_error_deg <= target:
-            return math.nan
-        if self.at(now + LONGEST_S).heading_error_deg <= target:
-            return math.inf
-        low, high = 0.0, LONGEST_S
-        while high - low > 1.0:
-            middle = (low + high) / 2.0
-            low, high = (middle, high) if self.at(now + middle).heading_error_deg <= target else (low, middle)
-        return now + low
+        return self.state.time_s + engine().online_good_s(self._record)
 
     @property
     def fit(self) -> Fit | None:

@@ -5,14 +5,7 @@
 
 enum { READINGS = FLINDERS_BOARD_READINGS, CELLS = 100, FEWEST = 12 };
 
-#define MOST_FREEDOM ((real)1.3) /* that correlated residuals take from a covariance */
-#define MOVED ((real)0.1)       /* of the extent: cells are counted anew about a centre that is as far off */
-
-#ifdef __GNUC__
-#define APART __attribute__((noinline)) static /* its locals are not on the stack of its caller */
-#else
-#define APART static
-#endif
+#define MOVED ((real)0.1) /* of the extent: cells are counted anew about a centre that is as far off */
 
 /* Begin. */
 void flinders_board_begin(flinders_board *board)
@@ -137,7 +130,7 @@ real flinders_board_seen(const flinders_board *board)
 }
 
 /* The largest gap between directions of readings that are not rejected, degrees from its middle. */
-APART real hole_deg(const flinders_board *board, const real centres[CELLS][3], const unsigned char *rejected)
+FL_APART static real hole_deg(const flinders_board *board, const real centres[CELLS][3], const unsigned char *rejected)
 {
     real nearest[CELLS], farthest = 1, direction[3];
     for (int cell = 0; cell < CELLS; cell++) nearest[cell] = -1;
@@ -162,23 +155,6 @@ static real upright_of(const flinders_board *board, const real centres[CELLS][3]
     return sum;
 }
 
-/* Readings that say as much as an independent one: from the autocovariance of the residuals, in their order. */
-APART real correlation_time(flinders_board *board, const fl_view *view, const fl_surface *surface)
-{
-    real autocovariance[FL_LAGS];
-    size_t begins[2] = {0, fl_view_count(view)};
-    fl_residuals residuals = {.n = begins[1], .stretches = 1, .begins = begins, .distances = board->work};
-    fl_kernels_chosen(1)->distances(view, surface, board->work);
-    return fl_time_of(autocovariance, fl_autocovariance(&residuals, autocovariance));
-}
-
-/* Factor by which correlated residuals widen a covariance, those that the parameters take up with them. */
-static real widening(real used, real time)
-{
-    const real independent = used / time, fewer = independent / (independent - 9 > 1 ? independent - 9 : 1);
-    return time > 1 ? time * (fewer < MOST_FREEDOM ? fewer : MOST_FREEDOM) : 1;
-}
-
 /* The level heading that advice is given for. */
 static flinders_goal goal_of(const flinders_board *board, real dip_deg)
 {
@@ -189,7 +165,7 @@ static flinders_goal goal_of(const flinders_board *board, real dip_deg)
 }
 
 /* Where the next readings would tell most; a reading is worth as much as the covariance is wider than for independent ones. */
-APART void advise(flinders_board *board, const flinders_record *record, real variance)
+FL_APART static void advise(flinders_board *board, const flinders_record *record, real variance)
 {
     const flinders_goal goal = goal_of(board, record->dip_deg);
     flinders_belief belief = {.variance = variance, .readings = (real)record->used};
@@ -215,10 +191,12 @@ static void place(flinders_board *board, const flinders_record *record, const fl
 
 /* Widen the covariance of a record for correlated residuals, and fill in what the engine does without its statistics; what
  * a board does not know is not known to the judge. */
-APART void complete(flinders_board *board, const fl_view *view, const fl_surface *surface, const real centres[CELLS][3],
+FL_APART static void complete(flinders_board *board, const fl_view *view, const fl_surface *surface, const real centres[CELLS][3],
                     flinders_record *record)
 {
-    const real time = correlation_time(board, view, surface), wider = widening((real)record->used, time);
+    fl_kernels_chosen(1)->distances(view, surface, board->work);
+    const real time = fl_time_of_distances(board->work, fl_view_count(view));
+    const real wider = fl_widening_by_time((real)record->used, time);
     for (int i = 0; i < 81; i++) record->covariance[i] = wider * record->textbook[i];
     record->correlation_time = time, record->excess_variance = 1;
     record->fitted_distinct = record->fitted; /* none that equals the one before it is stored */
@@ -231,7 +209,7 @@ APART void complete(flinders_board *board, const fl_view *view, const fl_surface
 }
 
 /* Judge a fit. */
-APART void judge(flinders_board *board, flinders_record *record)
+FL_APART static void judge(flinders_board *board, flinders_record *record)
 {
     flinders_answer *const answer = &board->answer;
     flinders_request request;
@@ -248,7 +226,7 @@ APART void judge(flinders_board *board, flinders_record *record)
 }
 
 /* Widen the covariance of a fit, and judge it; returns the variance of a further reading. */
-APART real describe(flinders_board *board, const fl_view *view, const fl_surface *surface, flinders_record *record)
+FL_APART static real describe(flinders_board *board, const fl_view *view, const fl_surface *surface, flinders_record *record)
 {
     real centres[CELLS][3];
     place(board, record, surface);
