@@ -645,6 +645,9 @@ FLINDERS_API int flinders_online_claim_at(const flinders_online *online, flinder
  * beyond ten years, NaN where it is not within it now. */
 FLINDERS_API flinders_real flinders_online_good_s(const flinders_online *online);
 
+/* Count times from an origin that is later by so many seconds: single precision tells milliseconds within hours alone. */
+FLINDERS_API void flinders_online_shift(flinders_online *online, flinders_real seconds);
+
 /* Put what is known latest in force, or what was before. */
 FLINDERS_API void flinders_online_adopt(flinders_online *online);
 FLINDERS_API void flinders_online_take_back(flinders_online *online);

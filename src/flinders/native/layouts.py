@@ -34,7 +34,7 @@ def layout(name: str, real: type[np.floating]) -> np.dtype[np.void]:
 
 
 def _size(count: str) -> tuple[int, ...]:
-    """Shape of a member: a product of numbers, or of names that a header gives one; empty of a member that is one number."""
+    """Shape of a member: a product of numbers, or of names that a header gives one; empty of a single number."""
     return (math.prod(map(_number, count.split(" * "))),) if count else ()
 
 

@@ -674,3 +674,14 @@ real flinders_online_good_s(const flinders_online *online)
     }
     return low;
 }
+
+/* Count times from a later origin. */
+void flinders_online_shift(flinders_online *online, real seconds)
+{
+    real *const times[] = {&online->began, &online->now, &online->known_at, &online->latest_at, &online->adopted_at,
+                           &online->disturbed_at, &online->moved_at, &online->last_at};
+    for (size_t i = 0; i < sizeof times / sizeof *times; i++) *times[i] -= seconds;
+    for (int k = 0; k < 4; k++) online->newest_at[k] -= seconds;
+    for (int row = 0; row < online->kept; row++) online->time[row] -= seconds;
+    online->sum_time -= (real)online->averaged * seconds;
+}

@@ -1,7 +1,6 @@
 /* A calibration that grows with each reading, in a few kilobytes: readings spread over the sphere, and the engine's fit of
  * them. */
-#include "flinders_board.h"
-#include "residuals.h"
+#include "answer.h"
 
 enum { READINGS = FLINDERS_BOARD_READINGS, CELLS = 100, FEWEST = 12 };
 
@@ -177,14 +176,19 @@ FL_APART static void advise(flinders_board *board, const flinders_record *record
     board->answer.after_deg = advice.after_deg;
 }
 
+/* Put a calibration into an answer. */
+void fl_answer_of(const fl_surface *surface, real noise, flinders_answer *answer)
+{
+    static const unsigned char ENTRY[9] = {0, 3, 4, 3, 1, 5, 4, 5, 2};
+    memcpy(answer->offset, surface->centre, sizeof answer->offset);
+    for (int i = 0; i < 9; i++) answer->matrix[i] = surface->inverse[ENTRY[i]] * surface->radius;
+    answer->field = surface->radius, answer->noise = noise;
+}
+
 /* Put the calibration of a record into the answer. */
 static void place(flinders_board *board, const flinders_record *record, const fl_surface *surface)
 {
-    static const unsigned char ENTRY[9] = {0, 3, 4, 3, 1, 5, 4, 5, 2};
-    flinders_answer *const answer = &board->answer;
-    memcpy(answer->offset, record->centre, sizeof answer->offset);
-    for (int i = 0; i < 9; i++) answer->matrix[i] = surface->inverse[ENTRY[i]] * record->radius;
-    answer->field = record->radius, answer->noise = record->noise;
+    fl_answer_of(surface, record->noise, &board->answer);
     memcpy(board->centre, surface->centre, sizeof board->centre);
     memcpy(board->inverse, surface->inverse, sizeof board->inverse);
 }
@@ -221,6 +225,8 @@ FL_APART static void judge(flinders_board *board, flinders_record *record)
     answer->heading_rms_deg = judgement.rms_deg, answer->heading_worst_deg = judgement.worst_deg;
     answer->verdict = judgement.verdict > FLINDERS_NOTE ? judgement.verdict : FLINDERS_NOTE;
     memcpy(answer->findings, judgement.severities, sizeof answer->findings);
+    for (int i = 0, k = 0; i < 9; i++) /* for a calibration that goes on: flinders_service_begin */
+        for (int j = 0; j <= i; j++) board->work[k++] = judgement.covariance[9 * i + j];
     for (int i = 0; i < FLINDERS_RULES_OF_A_FIT; i++)
         answer->is_checked[i] = (uint8_t)flinders_is_checked(i, judgement.quantities);
 }
