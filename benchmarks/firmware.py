@@ -14,9 +14,11 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import shutil
 import subprocess
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -36,6 +38,10 @@ from flinders.heading.error_propagation import level_gradients
 from flinders.native.build import EXACT, STRICT, system_compiler
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
     from flinders import Fit
     from flinders.arrays import Floats
 
@@ -43,7 +49,8 @@ HARNESS: Final = Path(__file__).parent / "firmware_board"
 READINGS: Final = 300
 SEVERITIES: Final = ("", "note", "limits", "refuses")
 CROSS: Final = "arm-none-eabi-gcc"
-LINKED: Final = ("-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections", "-lm")
+SECTIONS: Final = ("-ffunction-sections", "-fdata-sections")
+LINKED: Final = ("-Wl,--gc-sections", "-lm")
 QEMU: Final = ("-nographic", "-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native")
 COUNTING: Final = ("-icount", "shift=0")
 TIMEOUT_S: Final = 300.0
@@ -76,28 +83,47 @@ def missing_tools() -> str:
     return " and ".join(name for name in (CROSS, "qemu-system-arm") if shutil.which(name) is None)
 
 
-def build(target: Target, folder: Path, *, optimise: str = "-Os") -> Path:
-    """Compile the package with its harness, warnings as errors; the program."""
+def compiled(target: Target, folder: Path, *, optimise: str = "-Os") -> list[Path]:
+    """Compile the package once, warnings as errors; the objects."""
     if not (folder / "package").exists():
         package.write(folder / "package")
-    program = folder / f"{target.name.replace(' ', '-').replace(',', '')}{optimise}"
+    objects = folder / f"objects-{_named(target, optimise)}"
+    sources = sorted((folder / "package" / "src").glob("*.c"))
+    made = [objects / f"{source.stem}.o" for source in sources]
+    if objects.exists():
+        return made
+    objects.mkdir()
+    flags = [*STRICT, "-Werror", "-Wdouble-promotion", optimise, *EXACT, *target.options, *SECTIONS]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        commands = [
+            [*_compiler(target), *flags, "-c", str(source), "-o", str(object_)]
+            for source, object_ in zip(sources, made, strict=True)
+        ]
+        list(pool.map(lambda command: subprocess.run(command, check=True, capture_output=True, text=True), commands))
+    return made
+
+
+def build(
+    target: Target, folder: Path, *, optimise: str = "-Os", harness: str = "main", options: Sequence[str] = ()
+) -> Path:
+    """Link the package with a harness; the program."""
+    objects = compiled(target, folder, optimise=optimise)
+    program = folder / f"{harness}-{_named(target, optimise)}{''.join(options)}"
     linker = ("-nostartfiles", "--specs=nosys.specs", "-T", str(HARNESS / "mps2.ld")) if target.machine else ()
-    compiler = [CROSS] if target.machine else system_compiler() or ["cc"]
-    sources = [*sorted(map(str, (folder / "package" / "src").glob("*.c"))), str(HARNESS / "main.c")]
-    wanted = ("-Werror", "-Wdouble-promotion", optimise, *EXACT, *target.options, *linker)
-    command = [
-        *compiler,
-        *STRICT,
-        *wanted,
-        *sources,
-        "-I",
-        str(folder / "package" / "src"),
-        *LINKED,
-        "-o",
-        str(program),
-    ]
+    wanted = (*STRICT, "-Werror", "-Wdouble-promotion", optimise, *EXACT, *target.options, *SECTIONS, *linker)
+    sources = [str(HARNESS / f"{harness}.c"), *map(str, objects)]
+    include = ["-I", str(folder / "package" / "src")]
+    command = [*_compiler(target), *wanted, *options, *sources, *include, *LINKED, "-o", str(program)]
     subprocess.run(command, check=True, capture_output=True, text=True)
     return program
+
+
+def _named(target: Target, optimise: str) -> str:
+    return f"{target.name.replace(' ', '-').replace(',', '')}{optimise}"
+
+
+def _compiler(target: Target) -> Sequence[str]:
+    return [CROSS] if target.machine else system_compiler() or ["cc"]
 
 
 def sizes(program: Path) -> dict[str, int]:
@@ -109,18 +135,9 @@ def sizes(program: Path) -> dict[str, int]:
 
 def layout(real: str) -> np.dtype[np.void]:
     """What the harness writes."""
-    answer = np.dtype(
-        [
-            ("status", "<i4"), ("verdict", "<i4"), ("findings", "u1", (len(OF_A_FIT),)),
-            ("is_checked", "u1", (len(OF_A_FIT),)), ("offset", real, (3,)), ("matrix", real, (3, 3)), ("field", real),
-            ("noise", real), ("heading_rms_deg", real), ("heading_worst_deg", real), ("turn", real, (3,)),
-            ("after_deg", real),
-        ],
-        align=True,
-    )  # fmt: skip
     return np.dtype(
         [
-            ("answer", answer), ("count", "<i4"), ("state", "<i4"), ("readings", real, (READINGS, 3)),
+            ("answer", answer_layout(real)), ("count", "<i4"), ("state", "<i4"), ("readings", real, (READINGS, 3)),
             ("per_reading", "<i4"), ("per_solve", "<i4"), ("stack", "<i4"),
         ],
         align=True,
@@ -132,13 +149,71 @@ def run(
 ) -> Any:  # noqa: ANN401 - a row of `layout`
     """Run the harness over (N, 3) readings."""
     numbers = np.concatenate([[dip_deg, target_deg, float(unit)], np.ravel(field)]).astype(target.real)
-    command = [str(program)]
-    if target.machine:
-        command = ["qemu-system-arm", "-M", target.machine, "-kernel", str(program), *QEMU, *COUNTING]
     with tempfile.TemporaryDirectory() as folder:
         numbers.tofile(Path(folder, "readings.bin"))
-        subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=TIMEOUT_S)
+        subprocess.run(_command(target, program), cwd=folder, check=True, capture_output=True, timeout=TIMEOUT_S)
         return np.fromfile(Path(folder, "answer.bin"), layout(target.real))[0]
+
+
+STORED: Final = np.dtype(
+    [
+        ("version", "<u4"), ("sequence", "<u4"), ("clock_s", "<u4"), ("is_level", "<i4"), ("in_force", "<f4", (9,)),
+        ("latest", "<f4", (9,)), ("covariance", "<f4", (45,)), ("latest_s", "<f4"), ("moved_s", "<f4"),
+        ("worst_deg", "<f4"), ("target_deg", "<f4"), ("dip_deg", "<f4"), ("noise", "<f4"), ("place", "<f4"),
+        ("scatter", "<f4"), ("rates", "<f4", (7,)), ("moves", "<f4"), ("moves_square", "<f4"), ("watched", "<f4"),
+        ("moved", "<f4", (3,)), ("height", "<f4"), ("height_now", "<f4"), ("height_sigma", "<f4"), ("checksum", "<u4"),
+    ]
+)  # fmt: skip
+"""What a calibration that goes on stores."""
+STEPS: Final = ("reading", "begin", "power", "sleep", "ask")
+"""What the harness of a calibration that goes on does."""
+
+
+def answer_layout(real: str) -> np.dtype[np.void]:
+    """An answer of a board."""
+    return np.dtype(
+        [
+            ("status", "<i4"), ("verdict", "<i4"), ("findings", "u1", (len(OF_A_FIT),)),
+            ("is_checked", "u1", (len(OF_A_FIT),)), ("offset", real, (3,)), ("matrix", real, (3, 3)), ("field", real),
+            ("noise", real), ("heading_rms_deg", real), ("heading_worst_deg", real), ("turn", real, (3,)),
+            ("after_deg", real),
+        ],
+        align=True,
+    )  # fmt: skip
+
+
+def steps_of(
+    target: Target, what: str, *, ms: ArrayLike = 0, clock_s: ArrayLike = 0, field: ArrayLike = (0.0, 0.0, 0.0)
+) -> Any:  # noqa: ANN401 - rows of steps
+    """Steps of one kind: at times of the board's clock, and of one that goes on without power."""
+    kind = np.dtype([("what", "<i4"), ("ms", "<u4"), ("clock_s", "<u4"), ("field", target.real, (3,))], align=True)
+    count = max(len(np.atleast_1d(ms)), len(np.atleast_2d(field)))
+    rows = np.zeros(count, kind)
+    rows["what"], rows["ms"], rows["clock_s"], rows["field"] = STEPS.index(what), ms, clock_s, field
+    return rows
+
+
+def go_on(target: Target, program: Path, steps: Sequence[Any], eeprom: Any = None) -> tuple[Any, Any]:  # noqa: ANN401
+    """Run the harness of a calibration that goes on; what is known after each event, and what that took."""
+    answer = answer_layout(target.real)
+    known = [("in_force", answer), ("good_s", target.real), ("adopted_s", target.real), ("learnt_s", target.real)]
+    known += [("moved_s", target.real), ("moved_by", target.real), ("is_disturbed", "<i4")]
+    counts = [("what", "<i4"), ("ms", "<u4"), ("events", "<i4"), ("stores", "<i4")]
+    row = np.dtype([*counts, ("answer", np.dtype(known, align=True))], align=True)
+    costs = [("state", "<i4"), ("stack", "<i4"), ("per_reading", "<i4"), ("most", "<i4"), ("eeprom", STORED, (2,))]
+    with tempfile.TemporaryDirectory() as folder:
+        places = np.zeros(2, STORED) if eeprom is None else eeprom
+        Path(folder, "steps.bin").write_bytes(places.tobytes() + b"".join(rows.tobytes() for rows in steps))
+        subprocess.run(_command(target, program), cwd=folder, check=True, capture_output=True, timeout=TIMEOUT_S)
+        cost = np.fromfile(Path(folder, "cost.bin"), np.dtype(costs))[0]
+        return np.fromfile(Path(folder, "answers.bin"), row), cost
+
+
+def _command(target: Target, program: Path) -> list[str]:
+    """What runs a program."""
+    if not target.machine:
+        return [str(program)]
+    return ["qemu-system-arm", "-M", target.machine, "-kernel", str(program), *QEMU, *COUNTING]
 
 
 def verdict_of(fit: Fit, answer: Any) -> int:  # noqa: ANN401 - a row of `layout`

@@ -80,7 +80,7 @@ enum { FL_LOOKED = 12 * 1024, FL_COLUMNS = 18, FL_STEPS = 50,
        FL_AMPLITUDES = 128 };
 
 #ifdef FLINDERS_SMALL /* for a stack of few kilobytes: up to 512 readings, and the nine parameters alone */
-enum { FL_BLOCK = 8, FL_LANES = 1, FL_WIDEST = 9, FL_SOME = 512, FL_ENOUGH = 512 };
+enum { FL_BLOCK = 4, FL_LANES = 1, FL_WIDEST = 9, FL_SOME = 512, FL_ENOUGH = 512 };
 #else
 enum { FL_BLOCK = 64, FL_LANES = 8, FL_WIDEST = 15,
        FL_SOME = 5000,     /* readings of a longer recording that it is looked at by */

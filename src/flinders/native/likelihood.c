@@ -226,16 +226,23 @@ FL_APART static int solve_scaled(const real matrix[81], const real gradient[9], 
 }
 
 /* Solve the equations of readings and prior, with `less` subtracted from the gradient of the readings. */
-FL_APART static void solve(const problem *task, fl_posterior *at, const real *less, real step[9])
+FL_APART static void solve_with(const problem *task, const fl_posterior *at, const fl_support *support, const real *less,
+                                real step[9])
 {
     real matrix[81], gradient[9];
     for (int i = 0; i < 81; i++) matrix[i] = at->matrix[i] / at->variance;
     for (int i = 0; i < 9; i++) gradient[i] = at->gradient[i] / at->variance - (less ? less[i] : 0);
-    if (!at->sound) fl_support_keep(support_at(task, at), matrix, gradient);
+    if (support) fl_support_keep(support, matrix, gradient);
     add_kept_prior(task, at, matrix, gradient);
     if (!solve_scaled(matrix, gradient, step)) return;
     fl_inverse(matrix, 9, matrix);
     fl_multiply(matrix, gradient, 9, 9, 1, step);
+}
+
+/* The same in the directions that readings observe. */
+static void solve(const problem *task, fl_posterior *at, const real *less, real step[9])
+{
+    solve_with(task, at, at->sound ? NULL : support_at(task, at), less, step);
 }
 
 /* Take the longest of a step, its half, its quarter ... that leaves the fit no worse; zero where none does. Where the
@@ -298,14 +305,21 @@ FL_APART static int settle(const problem *task, int most_steps, fl_posterior *no
 }
 
 /* Covariance for independent residuals, without directions that are not observed. */
-FL_APART static void covariance_at(const problem *task, fl_posterior *at, real covariance[81])
+FL_APART static void covariance_with(const problem *task, const fl_posterior *at, const fl_support *support,
+                                     real covariance[81])
 {
     real information[81], weighed[81], gradient[9] = {0};
     for (int i = 0; i < 81; i++) information[i] = weighed[i] = at->matrix[i] / at->variance;
-    if (task->options->bias_correction) fl_support_information(support_at(task, at), weighed, information);
-    else fl_support_keep(support_at(task, at), information, gradient);
+    if (task->options->bias_correction) fl_support_information(support, weighed, information);
+    else fl_support_keep(support, information, gradient);
     add_kept_prior(task, at, information, gradient);
     fl_inverse(information, 9, covariance);
+}
+
+/* The same of the directions that readings observe. */
+static void covariance_at(const problem *task, fl_posterior *at, real covariance[81])
+{
+    covariance_with(task, at, support_at(task, at), covariance);
 }
 
 /* Whether what a step leaves out, of second order in it, is small next to the uncertainty. */

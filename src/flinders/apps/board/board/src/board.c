@@ -34,7 +34,7 @@ static void direction_of(const flinders_board *board, const real reading[3], rea
     for (int axis = 0; axis < 3; axis++) direction[axis] /= length > FL_SHORT ? length : FL_SHORT;
 }
 
-/* The cell of the sphere that each of up to eight readings lies in. */
+/* The cell of the sphere that each of up to a block of readings lies in. */
 static void cells_of(const flinders_board *board, const real *readings, int n, uint8_t *out)
 {
     real direction[3], axes[3][FL_BLOCK];

@@ -204,9 +204,9 @@ static int take(flinders_service *service, const flinders_stored *record, real o
         parameters[i] = record->latest[i];
         for (int j = 0; j <= i; j++) covariance[9 * i + j] = covariance[9 * j + i] = record->covariance[k++];
     }
-    if (flinders_online_know(online, parameters, covariance, record->noise, -off - record->latest_s)) return 1;
+    if (flinders_online_know(online, parameters, covariance, record->noise, -off - (real)record->latest_s)) return 1;
     for (int i = 0; i < 9; i++) online->in_force[i] = record->in_force[i];
-    online->now = -off, online->moved_at = -off - record->moved_s;
+    online->now = -off, online->moved_at = -off - (real)record->moved_s;
     online->target_deg = record->target_deg, online->dip_deg = record->dip_deg;
     online->place = record->place, online->scatter = record->scatter;
     for (int k = 0; k < FL_RATES; k++) online->rates[k] = record->rates[k];
@@ -229,8 +229,8 @@ int flinders_service_restore(flinders_service *service, const flinders_stored *r
     service->origin_ms = ms, service->sequence = record->sequence;
     service->watched = service->online.watched, service->watched_at = service->online.now;
     service->moved_at = service->online.moved_at;
-    service->moved_by = fl_sqrt(record->moved[0] * record->moved[0] + record->moved[1] * record->moved[1] +
-                                record->moved[2] * record->moved[2]);
+    const real *const moved = service->online.moved;
+    service->moved_by = fl_sqrt(moved[0] * moved[0] + moved[1] * moved[1] + moved[2] * moved[2]);
     remember(service, -off, record->worst_deg);
     return 1;
 }
