@@ -40,10 +40,12 @@ from flinders.native.build import EXACT, STRICT, system_compiler
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from flinders import Fit
     from flinders.arrays import Floats
+
+    Rows = NDArray[np.void]
 
 HARNESS: Final = Path(__file__).parent / "firmware_board"
 READINGS: Final = 300
@@ -76,6 +78,10 @@ M0: Final = Target("Cortex-M0", ("-mcpu=cortex-m0", "-mthumb"), "mps2-an385")
 M4: Final = Target("Cortex-M4F", ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"), "mps2-an386")
 M7: Final = Target("Cortex-M7F", ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16"), "mps2-an500")
 BOARDS: Final = (M0, M4, M7)
+RAM_IN_SERVICE: Final = 10 * 1024
+"""Bytes that a calibration that goes on needs, with the stack and the C library's data."""
+IN_SERVICE: Final = ("-DSTORED", "--specs=nano.specs", f"-Wl,--defsym=RAM={RAM_IN_SERVICE}")
+"""For a program that begins with what was stored, and has no calibrator."""
 
 
 def missing_tools() -> str:
@@ -127,10 +133,12 @@ def _compiler(target: Target) -> Sequence[str]:
 
 
 def sizes(program: Path) -> dict[str, int]:
-    """Bytes of code and constants in flash."""
-    done = subprocess.run(["arm-none-eabi-size", str(program)], check=True, capture_output=True, text=True)
-    text, data = done.stdout.splitlines()[1].split()[:2]
-    return {"flash": int(text) + int(data)}
+    """Bytes of code and constants in flash, and of data in RAM, as they are linked; an EEPROM is neither."""
+    done = subprocess.run(["arm-none-eabi-size", "-A", str(program)], check=True, capture_output=True, text=True)
+    rows = [line.split() for line in done.stdout.splitlines() if line.startswith(".")]
+    of = {name: int(size) for name, size, _ in rows}
+    data = of.get(".data", 0)
+    return {"flash": of[".text"] + of.get(".ARM.exidx", 0) + data, "ram": data + of.get(".bss", 0)}
 
 
 def layout(real: str) -> np.dtype[np.void]:
@@ -184,7 +192,7 @@ def answer_layout(real: str) -> np.dtype[np.void]:
 
 def steps_of(
     target: Target, what: str, *, ms: ArrayLike = 0, clock_s: ArrayLike = 0, field: ArrayLike = (0.0, 0.0, 0.0)
-) -> Any:  # noqa: ANN401 - rows of steps
+) -> Rows:
     """Steps of one kind: at times of the board's clock, and of one that goes on without power."""
     kind = np.dtype([("what", "<i4"), ("ms", "<u4"), ("clock_s", "<u4"), ("field", target.real, (3,))], align=True)
     count = max(len(np.atleast_1d(ms)), len(np.atleast_2d(field)))
@@ -193,7 +201,7 @@ def steps_of(
     return rows
 
 
-def go_on(target: Target, program: Path, steps: Sequence[Any], eeprom: Any = None) -> tuple[Any, Any]:  # noqa: ANN401
+def go_on(target: Target, program: Path, steps: Sequence[Rows], eeprom: Rows | None = None) -> tuple[Rows, np.void]:
     """Run the harness of a calibration that goes on; what is known after each event, and what that took."""
     answer = answer_layout(target.real)
     known = [("in_force", answer), ("good_s", target.real), ("adopted_s", target.real), ("learnt_s", target.real)]
