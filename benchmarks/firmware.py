@@ -306,6 +306,29 @@ def costs(folder: Path, seed: int = 1) -> list[dict[str, Any]]:
     return rows
 
 
+def used(target: Target, *, begins: bool) -> list[Rows]:
+    """Steps of a sensor that a hand turns for two minutes, read ten times a second, half a minute after it began."""
+    sensor = simulate.tumble(seed=1).sensor
+    first, later = (simulate.tumble(seed=seed, n=n, sensor=sensor).samples.field for seed, n in ((1, 300), (2, 1200)))
+    begin = steps_of(target, "reading", ms=100 * np.arange(300), field=first), steps_of(target, "begin", ms=30_000)
+    begin = begin if begins else (steps_of(target, "power", ms=30_000),)
+    return [*begin, steps_of(target, "reading", ms=30_000 + 100 * np.arange(1200), field=later)]
+
+
+def costs_of_going_on(folder: Path) -> list[dict[str, Any]]:
+    """Sizes and instructions of a program that begins with what was stored, and its flash with a calibrator."""
+    here = build(HOST, folder, harness="service")
+    eeprom = go_on(HOST, here, used(HOST, begins=True))[1]["eeprom"]
+    rows = []
+    for target in BOARDS:
+        program = build(target, folder, harness="service", options=IN_SERVICE)
+        cost = go_on(target, program, used(target, begins=False), eeprom)[1]
+        numbers = {name: int(cost[name]) for name in ("state", "stack", "per_reading", "most")}
+        both = sizes(build(target, folder, harness="service"))["flash"]
+        rows.append({"target": target.name, **sizes(program), "both": both, **numbers})
+    return rows
+
+
 def print_costs(folder: Path) -> None:
     """Print what the firmware costs, or which tools are missing."""
     missing = missing_tools()
@@ -316,6 +339,11 @@ def print_costs(folder: Path) -> None:
     for row in costs(folder):
         sized = f"{row['flash']:7,} {row['state']:6,} {row['stack']:6,}"
         print(f"{row['target']:12} {sized} {row['per_reading']:12,} {row['per_solve']:12,}")
+    print("\nGoing on, without the calibrator; flash with it")
+    print(f"{'':12} {'flash':>7} {'both':>7} {'RAM':>6} {'state':>6} {'stack':>6} {'per reading':>12} {'at most':>12}")
+    for row in costs_of_going_on(folder):
+        sized = f"{row['flash']:7,} {row['both']:7,} {row['ram']:6,} {row['state']:6,} {row['stack']:6,}"
+        print(f"{row['target']:12} {sized} {row['per_reading']:12,} {row['most']:12,}")
 
 
 def print_accuracy(folder: Path) -> None:
