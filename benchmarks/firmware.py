@@ -310,8 +310,11 @@ def used(target: Target, *, begins: bool) -> list[Rows]:
     """Steps of a sensor that a hand turns for two minutes, read ten times a second, half a minute after it began."""
     sensor = simulate.tumble(seed=1).sensor
     first, later = (simulate.tumble(seed=seed, n=n, sensor=sensor).samples.field for seed, n in ((1, 300), (2, 1200)))
-    begin = steps_of(target, "reading", ms=100 * np.arange(300), field=first), steps_of(target, "begin", ms=30_000)
-    begin = begin if begins else (steps_of(target, "power", ms=30_000),)
+    calibrated = [
+        steps_of(target, "reading", ms=100 * np.arange(300), field=first),
+        steps_of(target, "begin", ms=30_000),
+    ]
+    begin = calibrated if begins else [steps_of(target, "power", ms=30_000)]
     return [*begin, steps_of(target, "reading", ms=30_000 + 100 * np.arange(1200), field=later)]
 
 

@@ -54,7 +54,7 @@ class Board:
         self._board, self._service = ctypes.create_string_buffer(LARGEST), ctypes.create_string_buffer(LARGEST)
         self._is_on, self._solved = False, -np.inf
         library().flinders_board_begin(self._board)
-        np.frombuffer(self._board, "<f4", 2)[:] = DIP_DEG, TARGET_DEG
+        np.frombuffer(memoryview(self._board), "<f4", 2)[:] = DIP_DEG, TARGET_DEG
 
     def add(self, chunk: Chunk) -> tuple[Report, ...]:
         """Each reading with the milliseconds of the board's clock."""
@@ -74,7 +74,7 @@ class Board:
             return
         self._solved = time
         library().flinders_board_solve(self._board)
-        if np.frombuffer(self._board, ANSWER, 1, BEFORE_ANSWER)[0]["verdict"] == GOOD:
+        if np.frombuffer(memoryview(self._board), ANSWER, 1, BEFORE_ANSWER)[0]["verdict"] == GOOD:
             self._is_on = library().flinders_service_begin(self._service, self._board, _ms(time)) == 0
 
     def correction(self, time: float) -> Correction | None:
@@ -83,7 +83,7 @@ class Board:
             return None
         answer = ctypes.create_string_buffer(LARGEST)
         library().flinders_service_answer_at(self._service, _ms(time), answer)
-        known = np.frombuffer(answer, ANSWER, 1)[0]
+        known = np.frombuffer(memoryview(answer), ANSWER, 1)[0]
         claim = float(known["heading_worst_deg"])
         if not np.isfinite(claim):
             return None
