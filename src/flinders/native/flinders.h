@@ -338,12 +338,14 @@ typedef struct flinders_route {
     flinders_real after_deg;     /* the same at the end of the path */
 } flinders_route;
 
-/* Readings of the evidence of a calibration that keeps itself; on a board 80 or more, of 27 bytes each in single precision,
- * those of its workspace included. */
+/* Readings of the evidence of a calibration that keeps itself; on a board 80 to 512, of 27 bytes each in single precision, those
+ * of its workspace included. */
 #ifndef FLINDERS_SMALL
 #define FLINDERS_EVIDENCE 768
 #elif !defined(FLINDERS_EVIDENCE)
 #define FLINDERS_EVIDENCE 96
+#elif FLINDERS_EVIDENCE < 80 || FLINDERS_EVIDENCE > 512
+#error "FLINDERS_EVIDENCE: 80 to 512"
 #endif
 
 /* What a calibration that keeps itself does now. */

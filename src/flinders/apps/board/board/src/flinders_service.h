@@ -17,8 +17,8 @@
  *     }
  *
  * All that it needs is in `flinders_service`, the workspace included: with FLINDERS_EVIDENCE 96, the default, 3.8 kB in single
- * precision, and 6.3 kB of stack. More readings of evidence claim less; a program that never calls these functions is linked
- * without them.
+ * precision; it takes less than 6 kB of stack. More readings of evidence claim less. A program that never calls these functions
+ * is linked without them.
  */
 #ifndef FLINDERS_SERVICE_H
 #define FLINDERS_SERVICE_H
