@@ -242,6 +242,21 @@ def test_a_state_goes_on_where_it_ended() -> None:
     assert result["heading_error_deg"] == whole["heading_error_deg"]
 
 
+def test_a_state_of_another_release_goes_on_and_that_is_told() -> None:
+    samples = Samples.of(DRIVE[1][:5000], unit="uT", time=BEGUN_S + DRIVE[0][:5000])
+    Watch(of_recordings([samples]), files=Files("compass.state")).run()
+    content = json.loads(Path("compass.state").read_text())
+    content["record"] |= {"version": 99}
+    Path("compass.state").write_text(json.dumps(content))
+    ended = flinders_("watch", "--replay", "drive.csv", "--state", "compass.state", "--json")
+    assert ended.code == 0, ended.err
+    assert "compass.state: goes on; it is of another release, whose evidence is left out" in ended.err
+    first, *_ = lines = lines_of(ended.out)
+    assert (first["event"], first["verdict"]) == ("other-release", "good")
+    assert lines[-1]["events"]["other-release"] == 1
+    assert json.loads(Path("compass.state").read_text())["record"]["version"] != 99
+
+
 def test_a_calibration_file_begins_and_may_be_locked() -> None:
     time, field = BEGUN_S + DRIVE[0], DRIVE[1]
     Path("before.csv").write_text(table(time[:6000], field[:6000]))

@@ -229,7 +229,13 @@ def test_bad_readings_and_clocks_are_passed_over() -> None:
         lambda _: "no JSON",
         lambda content: json.dumps({**content, "format": "another"}),
         lambda content: json.dumps({**content, "record": {}}),
-        lambda content: json.dumps({**content, "record": {**content["record"], "version": 99}}),
+        lambda content: json.dumps({**content, "record": {"version": 99, "state": 1, "dip_deg": 60.0}}),
+        lambda content: json.dumps({**content, "record": {**content["record"], "version": 99, "noise": "nan"}}),
+        lambda content: json.dumps({**content, "record": {**content["record"], "version": 99, "latest": [1.0] * 9}}),
+        lambda content: json.dumps({**content, "record": {**content["record"], "version": 99, "target_deg": -1.0}}),
+        lambda content: json.dumps(
+            {**content, "record": {**content["record"], "version": 99, "latest_covariance": [-1.0] * 81}}
+        ),
         lambda content: json.dumps({**content, "record": {**content["record"], "kept": 10**6}}),
         lambda content: json.dumps({**content, "record": {**content["record"], "state": 7}}),
         lambda content: json.dumps({**content, "record": {**content["record"], "field": [1.0]}}),
@@ -245,3 +251,59 @@ def test_a_file_that_is_no_state_is_refused(tmp_path: Path, broken: object) -> N
     (tmp_path / "state.json").write_text(broken(content))  # type: ignore[operator]
     with pytest.raises(DocumentError, match="state of an online calibration"):
         OnlineCalibration.load(tmp_path / "state.json")
+
+
+def of_another_release(path: Path, **changed: object) -> None:
+    """Make a state one of another release: numbers changed, or left out where they are None."""
+    content = json.loads(path.read_text())
+    record = {name: value for name, value in {**content["record"], **changed}.items() if value is not None}
+    path.write_text(json.dumps({**content, "record": record}))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"version": 99, "added": [1.0, 2.0]},
+        {"scatter": None, "newest_at": None},
+        {"version": 0, "field": [0.0] * 30, "time": [0.0] * 10, "kept": 99, "rates": [0.5, 0.5], "place": -1.0},
+    ],
+)
+def test_the_state_of_another_release_goes_on_without_its_evidence(tmp_path: Path, changed: dict[str, object]) -> None:
+    online, sensor = learnt()
+    online.is_locked, online.target_deg = True, 0.7
+    online.save(tmp_path / "state.json")
+    of_another_release(tmp_path / "state.json", **changed)
+    again = OnlineCalibration.load(tmp_path / "state.json")
+    assert again.is_converted
+    assert [event.code for event in again.history] == [*(event.code for event in online.history), "other-release"]
+    assert (again.is_locked, again.target_deg, again.state.time_s) == (True, 0.7, online.state.time_s)
+    assert again.calibration is not None
+    assert online.calibration is not None
+    assert again.calibration.isclose(online.calibration)
+    assert again.state.heading_error_deg == pytest.approx(online.state.heading_error_deg, rel=1e-3)
+    again.is_locked = False
+    field, time, _ = tumbled(5)
+    again.add(field, time=time + online.state.time_s + 600.0)
+    assert worst_deg(again, sensor, sensor.offset) < again.state.bound_deg
+    again.save(tmp_path / "state.json")
+    assert not OnlineCalibration.load(tmp_path / "state.json").is_converted
+
+
+def test_what_contradicted_a_state_of_another_release_stays_in_its_claim(tmp_path: Path) -> None:
+    online, sensor = learnt()
+    field, time, _ = tumbled(5, seconds=8.0)
+    online.add(field + 2.0 * STEP, time=time + online.state.time_s + 60.0)
+    assert online.state.doing == "disturbed"
+    online.save(tmp_path / "state.json")
+    of_another_release(tmp_path / "state.json", version=99)
+    again = OnlineCalibration.load(tmp_path / "state.json")
+    assert again.state.doing == "undisturbed"
+    assert worst_deg(again, sensor, sensor.offset + 2.0 * STEP) < again.state.bound_deg
+    assert again.state.heading_error_deg > 0.9 * online.state.heading_error_deg
+
+
+def test_a_state_of_another_release_that_knows_nothing_keeps_its_settings(tmp_path: Path) -> None:
+    OnlineCalibration(target_deg=0.3, axes="x,-y,-z").save(tmp_path / "state.json")
+    of_another_release(tmp_path / "state.json", version=99)
+    again = OnlineCalibration.load(tmp_path / "state.json")
+    assert (again.state.doing, again.target_deg, str(again.axes)) == ("learning", 0.3, "x,-y,-z")

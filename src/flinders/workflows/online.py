@@ -43,6 +43,7 @@ from flinders.heading.error_propagation import HeadingError
 from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE, blank
 from flinders.native.online import EVIDENCE
+from flinders.workflows._online_releases import converted, is_of_this_release
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -64,7 +65,7 @@ LONGEST_S: Final = 10 * 365.25 * 86400.0
 """Ahead of which nothing is said."""
 
 Doing = Literal["learning", "undisturbed", "disturbed"]
-Code = Literal["learnt", "contradicted", "passed", "moved", "adopted", "clock-back", "taken-back"]
+Code = Literal["learnt", "contradicted", "passed", "moved", "adopted", "clock-back", "taken-back", "other-release"]
 
 DOING: Final[tuple[Doing, ...]] = ("learning", "undisturbed", "disturbed")
 """By the engine's numbers."""
@@ -81,6 +82,7 @@ WORDS: Final[dict[Code, str]] = {
     "adopted": "another calibration is in force",
     "clock-back": "the clock went back: readings are left out until it is where it was",
     "taken-back": "the calibration from before is in force again",
+    "other-release": "the state of another release goes on without its evidence",
 }
 """What each event means."""
 
@@ -162,6 +164,7 @@ class OnlineCalibration:
         self._frame = frame if start is None else start.calibration.frame
         self._start, self._sensor, self._strength = start, None, None
         self._is_dip_assumed, self._history = dip_deg is None, list[OnlineEvent]()
+        self._is_converted = False
         self._record = engine().online()
         self.target_deg = target_deg
         self._record["dip_deg"] = ASSUMED_DIP_DEG if dip_deg is None else dip_deg
@@ -340,6 +343,11 @@ class OnlineCalibration:
         """What happened, the newest last; the last thousand events."""
         return tuple(self._history)
 
+    @property
+    def is_converted(self) -> bool:
+        """Whether `load` read the state of another release; its evidence was left out."""
+        return self._is_converted
+
     def adopt(self) -> None:
         """Put the newest calibration in force, also while it is locked; `UsageError` where there is none."""
         self._require()
@@ -383,13 +391,16 @@ class OnlineCalibration:
     def load(cls, path: str | os.PathLike[str]) -> Self:
         """Read what `save` wrote; the same numbers, to the bit.
 
+        The state of another release goes on with what it knows, but for its evidence: an event says so, and
+        `is_converted`.
+
         Raises `DocumentError` for a file that is none.
         """
         text = read_bytes(path, largest=LARGEST, what="the state of an online calibration", refused=DocumentError)
         try:
             content = msgspec.json.decode(text)
             return cls._of(content)
-        except (msgspec.DecodeError, KeyError, TypeError, ValueError, IndexError) as error:
+        except (msgspec.DecodeError, AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
             raise DocumentError(
                 f"{os.fspath(path)}: is no state of an online calibration ({error}): give the file that `save` wrote"
             ) from None
@@ -398,24 +409,22 @@ class OnlineCalibration:
     def _of(cls, content: dict[str, Any]) -> Self:
         if content["format"] != FORMAT:
             raise ValueError(f"its format is {content['format']!r}")
-        online = cls(axes=content["axes"], frame=content["frame"])
-        online._raw, online._strength = (
-            Unit(content["unit"], content["scale"], content["inside"]),
-            content["field_strength"],
-        )
-        online._sensor, online._is_dip_assumed = content["sensor"], bool(content["dip_assumed"])
+        online = cls(axes=content["axes"], frame=content.get("frame", "sensor"))
+        online._raw = Unit(content["unit"], content["scale"], content["inside"])
+        online._strength, online._sensor = content.get("field_strength"), content.get("sensor")
+        online._is_dip_assumed = bool(content.get("dip_assumed", True))
         online._history = [
             OnlineEvent(**{**event, "heading_error_deg": _number(event["heading_error_deg"])})
-            for event in content["history"]
+            for event in content.get("history", [])
+            if event["code"] in WORDS  # another release has others
         ]
-        record = blank(ONLINE)
-        for name in ONLINE.names or ():
-            values = np.array(_numbers(content["record"][name]))
-            if values.shape != record[name].shape:
-                raise ValueError(f"{name} has {values.size} numbers, and not {record[name].size}")
-            record[name] = values
-        _refuse_record(record, version=int(online._record["version"]))
-        online._record = record
+        saved = {name: _numbers(values) for name, values in content["record"].items()}
+        online._is_converted = not is_of_this_release(saved, int(online._record["version"]))
+        if online._is_converted:
+            online._record = converted(saved)
+            online._note([OnlineEvent(online.state.time_s, "other-release", online.state.heading_error_deg)])
+        else:
+            online._record = _record_of(saved)
         return online
 
     def __repr__(self) -> str:
@@ -439,14 +448,22 @@ def _refuse(start: Fit) -> None:
         raise UsageError(f"{start.name} {why}: begin with a calibration of the magnetometer alone, or with none")
 
 
-def _refuse_record(record: Records, *, version: int) -> None:
-    """Raise ValueError for a record that this engine has not written: its counts are places in memory."""
-    if record["version"] != version:
-        raise ValueError(f"it was written by version {int(record['version'])} of this record")
+def _record_of(saved: dict[str, Any]) -> Records:
+    """A record of its numbers by name; ValueError for one that this engine has not written.
+
+    Its counts are places in memory.
+    """
+    record = blank(ONLINE)
+    for name in ONLINE.names or ():
+        values = np.array(saved[name])
+        if values.shape != record[name].shape:
+            raise ValueError(f"{name} has {values.size} numbers, and not {record[name].size}")
+        record[name] = values
     kept, tested, doubtful = (int(record[name]) for name in ("kept", "tested", "doubtful"))
     is_sound = 0 <= tested <= kept <= EVIDENCE and -1 <= doubtful <= kept and record["averaged"] >= 0
     if not (is_sound and 0 <= record["state"] < len(DOING)):
         raise ValueError("its counts are none")
+    return record
 
 
 def _finite(content: Any) -> Any:  # noqa: ANN401 - JSON

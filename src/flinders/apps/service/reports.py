@@ -25,7 +25,7 @@ VERDICTS: Final[dict[Verdict, str]] = {
     "refused": "the heading error is beyond five times the target",
 }
 """What a verdict means that changed without an event of the calibration."""
-EVENTS: Final = (*CODES.values(), "good", "limited", "refused")
+EVENTS: Final = (*CODES.values(), "other-release", "good", "limited", "refused")
 """What is counted."""
 
 

@@ -149,6 +149,8 @@ class Watch:
             What the source raises.
         """
         try:
+            if self._online is not None and self._online.is_converted:
+                self._note(self._online.history[-1:])
             while not self._is_over and not self._stopped():
                 self._take(self._source.next(WAIT_S))
             self._flush()

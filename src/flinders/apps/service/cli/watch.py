@@ -196,7 +196,8 @@ class Watch(program.Group):
         if self.state is not None and Path(self.state).exists():
             online = OnlineCalibration.load(self.state)
             self._refuse_others(online.state.target_deg)
-            say(f"{self.state}: goes on{', and --calibration is not used' if self.calibration else ''}")
+            words = "; it is of another release, whose evidence is left out" if online.is_converted else ""
+            say(f"{self.state}: goes on{', and --calibration is not used' if self.calibration else ''}{words}")
             return online
         if self.calibration is None:
             return Begun(None, self.axes, self.target_deg, self.dip_deg)
