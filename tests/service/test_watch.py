@@ -257,6 +257,22 @@ def test_a_state_of_another_release_goes_on_and_that_is_told() -> None:
     assert json.loads(Path("compass.state").read_text())["record"]["version"] != 99
 
 
+@POSIX
+def test_one_program_keeps_a_state_until_it_ends_in_whatever_way() -> None:
+    watch = program("-", "--state", "compass.state", "--status", "status.json", "--every", "1")
+    assert watch.stdin is not None
+    watch.stdin.write(Path("drive.csv").read_text()[:20_000])
+    watch.stdin.flush()
+    wait_until(Path("compass.state.lock").exists)
+    wait_until(lambda: Path("compass.state.lock").read_text() != "")
+    again = flinders_("watch", "--replay", "drive.csv", "--state", "compass.state")
+    assert again.code == 6
+    assert f"compass.state: another program keeps this file (process {watch.pid} on" in " ".join(again.err.split())
+    watch.kill()
+    watch.communicate()
+    assert flinders_("watch", "--replay", "drive.csv", "--state", "compass.state").code == 0
+
+
 def test_a_calibration_file_begins_and_may_be_locked() -> None:
     time, field = BEGUN_S + DRIVE[0], DRIVE[1]
     Path("before.csv").write_text(table(time[:6000], field[:6000]))

@@ -240,7 +240,7 @@ Example:
 Exit codes:
   0  ended by Ctrl-C or a signal, or read to the end
   5  no port, or no reading came
-  6  the state, or the calibration that came into force, cannot be written
+  6  the state, or the calibration that came into force, cannot be written, or another program keeps that state
 """,
 )
 def command(options: Watch) -> None:
@@ -251,10 +251,13 @@ def command(options: Watch) -> None:
     What passes, such as iron beside the road, is told from an offset that has moved.
     """
     from flinders.apps.service.watching import Watch as Watching
+    from flinders.core.files import exclusive
 
     options.check()
-    calibration = options.began()
     with contextlib.ExitStack() as stack:
+        if options.state is not None:
+            stack.enter_context(exclusive(options.state))
+        calibration = options.began()
         source = options.source.opened(stack, calibration)
         stopped = stack.enter_context(stopping(patient=False))
         say(f"watching {source.name}{'' if options.source.replay else '; Ctrl-C ends it'}")
