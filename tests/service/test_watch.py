@@ -177,6 +177,23 @@ def test_recordings_without_a_date_follow_one_another() -> None:
     assert lines[-1]["verdict"] == "good"
 
 
+def test_a_recording_in_axes_of_the_vehicle_gives_calibrations_for_them() -> None:
+    time, field = DRIVE[0][:2000], DRIVE[1][:2000]
+    rows = np.column_stack([1e6 * time, 10.0 * field]).round().astype(int).tolist()
+    lines = ["loopIteration,time (us),magADC[0],magADC[1],magADC[2]", *(f"1,{','.join(map(str, row))}" for row in rows)]
+    Path("blackbox.csv").write_text("\n".join(lines) + "\n")
+    words = ("--state", "compass.state", "--adopted", "adopted.json", "--axes", "x,-y,-z")
+    assert flinders_("watch", "--replay", "blackbox.csv", *words).code == 0
+    calibration = Fit.load("adopted.json").calibration
+    assert (calibration.frame, str(calibration.axes)) == ("vehicle", "x,-y,-z")
+    Path("counts.csv").write_text(table(time, field, "time_s,mag_x_counts,mag_y_counts,mag_z_counts"))
+    flinders_("watch", "--replay", "counts.csv", "--adopted", "sensor.json")
+    said = "blackbox.csv is in axes of the vehicle, the calibration is for readings in axes of the sensor"
+    for others in (("counts.csv", "blackbox.csv"), ("blackbox.csv", "--calibration", "sensor.json")):
+        refused = flinders_("watch", "--replay", *others)
+        assert (refused.code, said in " ".join(refused.err.split())) == (2, True), refused.err
+
+
 def test_a_pipe_gives_what_the_file_gives() -> None:
     piped = program("-", "--json")
     out, err = piped.communicate(Path("drive.csv").read_text(), timeout=120)

@@ -17,6 +17,7 @@ from flinders.errors import DocumentError, UsageError
 from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE
 from flinders.workflows.online import OnlineCalibration, OnlineEvent
+from flinders.workflows.timeline import MOST_POINTS, OnlinePoint, Timeline
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -86,6 +87,7 @@ def test_how_readings_are_cut_changes_nothing(cuts: list[int]) -> None:
         found += parts.add(field[row : row + cut], time=time[row : row + cut])
         row += cut
     assert tuple(found) == events
+    assert repr(parts.timeline) == repr(whole.timeline)
     assert parts._record.tobytes() == whole._record.tobytes()
 
 
@@ -97,10 +99,46 @@ def test_what_is_saved_goes_on(tmp_path: Path) -> None:
     again = OnlineCalibration.load(tmp_path / "state.json")
     assert again.state == online.state
     assert again.history == online.history
+    assert repr(again.timeline) == repr(online.timeline)
     assert again.add(field[1234:], time=time[1234:]) == online.add(field[1234:], time=time[1234:])
     assert again.fit is not None
     assert online.fit is not None
     np.testing.assert_array_equal(again.fit.claim.covariance, online.fit.claim.covariance)
+    assert repr(again.timeline) == repr(online.timeline)
+
+
+def test_the_timeline_tells_what_was_known_at_events_and_every_minute() -> None:
+    online, sensor = learnt()
+    field, time, _ = tumbled(5, seconds=400.0)
+    night = 8 * 3600.0
+    online.add(field + STEP, time=time + night)
+    points = online.timeline
+    assert [code for point in points for code in point.events] == [event.code for event in online.history]
+    times = np.array([point.time_s for point in points])
+    assert (np.diff(times) > 0.0).all()
+    read = times[[point.is_read for point in points] & (times > night)]
+    assert np.diff(read).max() < 60.1
+    grown = [point.heading_error_deg for point in points if not point.is_read]
+    assert len(grown) == 7
+    assert grown == sorted(grown)
+    assert points[-1].doing == "undisturbed"
+    off = np.abs(np.array(points[-1].offset) - sensor.offset - STEP)
+    assert (off < 4.0 * np.array(points[-1].offset_sigma)).all()
+
+
+def test_a_timeline_is_bounded_and_fine_where_it_is_recent() -> None:
+    timeline = Timeline()
+    for minute in range(12_000):
+        timeline.put(OnlinePoint(60.0 * minute, "undisturbed", events=("adopted",) if minute % 1000 == 3 else ()))
+        assert len(timeline.points) <= MOST_POINTS
+    times = np.array([point.time_s for point in timeline.points])
+    assert times[0] == 0.0
+    assert (np.diff(times[times > times[-1] - 1800.0]) == 60.0).all()
+    assert np.diff(times).max() < 3600.0
+    assert sum(len(point.events) for point in timeline.points) == 12
+    for part in range(3 * MOST_POINTS):  # events faster than any point
+        timeline.put(OnlinePoint(720_000.0 + 1e-3 * part, "undisturbed", events=("adopted",)))
+        assert len(timeline.points) <= MOST_POINTS
 
 
 def test_the_claim_grows_while_nothing_is_learnt() -> None:
@@ -240,6 +278,9 @@ def test_bad_readings_and_clocks_are_passed_over() -> None:
         lambda content: json.dumps({**content, "record": {**content["record"], "state": 7}}),
         lambda content: json.dumps({**content, "record": {**content["record"], "field": [1.0]}}),
         lambda content: json.dumps({**content, "history": [{"code": "learnt"}]}),
+        lambda content: json.dumps(
+            {**content, "timeline": {**content["timeline"], "points": [[0.0, "away", *[1.0] * 9]]}}
+        ),
         lambda _: json.dumps([1, 2]),
         lambda content: json.dumps(content)[:2000],
     ],

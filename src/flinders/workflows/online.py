@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import msgspec
 import numpy as np
@@ -44,6 +44,7 @@ from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE, blank
 from flinders.native.online import EVIDENCE
 from flinders.workflows._online_releases import converted, is_of_this_release
+from flinders.workflows.timeline import Code, Doing, OnlinePoint, Timeline
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -63,9 +64,10 @@ BEFORE_ANY: Final = -1e99
 """Time of no reading."""
 LONGEST_S: Final = 10 * 365.25 * 86400.0
 """Ahead of which nothing is said."""
-
-Doing = Literal["learning", "undisturbed", "disturbed"]
-Code = Literal["learnt", "contradicted", "passed", "moved", "adopted", "clock-back", "taken-back", "other-release"]
+GAP_S: Final = 600.0
+"""Without readings, from which on the timeline tells how the claim grew."""
+GAP_POINTS: Final = 8
+"""Of the timeline, in such a gap."""
 
 DOING: Final[tuple[Doing, ...]] = ("learning", "undisturbed", "disturbed")
 """By the engine's numbers."""
@@ -165,6 +167,7 @@ class OnlineCalibration:
         self._start, self._sensor, self._strength = start, None, None
         self._is_dip_assumed, self._history = dip_deg is None, list[OnlineEvent]()
         self._is_converted = False
+        self._timeline = Timeline()
         self._record = engine().online()
         self.target_deg = target_deg
         self._record["dip_deg"] = ASSUMED_DIP_DEG if dip_deg is None else dip_deg
@@ -185,6 +188,11 @@ class OnlineCalibration:
     def axes(self) -> Axes:
         """How the axes of the readings are turned."""
         return self._axes
+
+    @property
+    def frame(self) -> str:
+        """What the axes of the readings are: ``sensor`` or ``vehicle``."""
+        return self._frame
 
     @property
     def target_deg(self) -> float:
@@ -231,16 +239,53 @@ class OnlineCalibration:
         if self._start is not None and len(samples):
             self._know(self._start, float(samples.time[0]))
         found: list[OnlineEvent] = []
+        is_usable = np.isfinite(samples.field).all(axis=1) & np.isfinite(samples.time)
+        reached = np.maximum.accumulate(np.where(is_usable, samples.time, -np.inf))
         row = 0
         while row < len(samples):
-            added, bits = engine().online_add(self._record, samples.field[row:], samples.time[row:])
+            due = int(np.searchsorted(reached, self._timeline.due_s))
+            if due <= row:
+                self._put_gap(float(reached[row]))
+            until = max(due, row + 1)
+            added, bits = engine().online_add(self._record, samples.field[row:until], samples.time[row:until])
             row += added
-            found += self._events(bits, [*self._history[-1:], *found][-1] if self._history or found else None)
+            events = self._events(bits, [*self._history[-1:], *found][-1] if self._history or found else None)
+            found += events
+            self._put([event.code for event in events])
         self._note(found)
         return tuple(found)
 
+    def _put(self, codes: list[Code]) -> None:
+        """Put what is known now into the timeline, if something happened or a point is due."""
+        now = float(self._record["now"])
+        if codes or now >= self._timeline.due_s:
+            self._timeline.put(self._point(now, codes))
+
+    def _put_gap(self, until: float) -> None:
+        """Put how the claim grew between the newest reading and the next one, if they are far apart."""
+        now = float(self._record["now"])
+        if now > BEFORE_ANY and until - now > GAP_S:
+            self._timeline.put(self._point(now))
+            for part in range(1, GAP_POINTS):  # it grows with the root of time
+                self._timeline.put(self._point(now + (until - now) * (part / GAP_POINTS) ** 2, is_read=False))
+
+    def _point(self, time_s: float, codes: list[Code] | None = None, *, is_read: bool = True) -> OnlinePoint:
+        doing, events = DOING[int(self._record["state"])], tuple(codes or ())
+        if not self._record["state"]:
+            return OnlinePoint(time_s, doing, is_read=is_read, events=events)
+        claim = engine().online_claim(self._record, time_s)
+        latest = self._record["latest"][:3]
+        apart = self._record["in_force"][:3] - latest  # part of what is claimed with the calibration in force
+        variances = np.maximum(claim["covariance"].reshape(9, 9).diagonal()[:3] - apart**2, 0.0)
+        return OnlinePoint(
+            time_s, doing, float(claim["worst_deg"]), float(claim["bound_deg"]), tuple(latest.tolist()),
+            tuple(np.sqrt(variances).tolist()), is_read, events,
+        )  # fmt: skip
+
     def _events(self, bits: int, before: OnlineEvent | None) -> list[OnlineEvent]:
         """What happened, by the engine's bits; a clock that goes back is said once."""
+        if not bits:
+            return []
         state = self.state
         codes = [code for bit, code in CODES.items() if bits & bit]
         if codes == ["clock-back"] and before is not None and before.code == "clock-back":
@@ -348,11 +393,21 @@ class OnlineCalibration:
         """Whether `load` read the state of another release; its evidence was left out."""
         return self._is_converted
 
+    @property
+    def timeline(self) -> tuple[OnlinePoint, ...]:
+        """What was known over time, the newest last: at each event, and every minute; earlier ones are thinned.
+
+        At most a thousand points. The times of the readings alone decide which: live or replayed, cut or saved and
+        read again, it is the same.
+        """
+        return tuple(self._timeline.points)
+
     def adopt(self) -> None:
         """Put the newest calibration in force, also while it is locked; `UsageError` where there is none."""
         self._require()
         engine().online_adopt(self._record)
         self._note([OnlineEvent(self.state.time_s, "adopted", self.state.heading_error_deg)])
+        self._put(["adopted"])
 
     def take_back(self) -> None:
         """Put the calibration in force again that was in force before; `UsageError` where there is none."""
@@ -361,6 +416,7 @@ class OnlineCalibration:
             raise UsageError("no calibration was in force before: there is nothing to take back")
         engine().online_take_back(self._record)
         self._note([OnlineEvent(self.state.time_s, "taken-back", self.state.heading_error_deg)])
+        self._put(["taken-back"])
 
     def _require(self) -> None:
         if not self._record["state"]:
@@ -383,6 +439,7 @@ class OnlineCalibration:
             "sensor": self._sensor,
             "dip_assumed": self._is_dip_assumed,
             "history": [asdict(event) for event in self._history],
+            "timeline": self._timeline.as_dict(),
             "record": record,
         }
         write_text(msgspec.json.encode(_finite(content)).decode() + "\n", path, force=True)
@@ -420,11 +477,13 @@ class OnlineCalibration:
         ]
         saved = {name: _numbers(values) for name, values in content["record"].items()}
         online._is_converted = not is_of_this_release(saved, int(online._record["version"]))
+        online._record = converted(saved) if online._is_converted else _record_of(saved)
+        if "timeline" in content:
+            online._timeline = Timeline.of(content["timeline"])
         if online._is_converted:
-            online._record = converted(saved)
             online._note([OnlineEvent(online.state.time_s, "other-release", online.state.heading_error_deg)])
-        else:
-            online._record = _record_of(saved)
+            if online._record["now"] > BEFORE_ANY:
+                online._put(["other-release"])
         return online
 
     def __repr__(self) -> str:

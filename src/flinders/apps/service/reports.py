@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from flinders.findings.row import Verdict
-    from flinders.workflows.online import Doing
+    from flinders.workflows.timeline import Doing
 
 Kind: TypeAlias = Literal["state", "event", "source"]
 LATEST_S: Final = 2.5e11  # Seconds from 1970 that a date can have

@@ -56,8 +56,8 @@ QUIET_S: Final = 10.0  # Seconds without a reading that are said
 class Begun:
     """How a calibration begins where it is not one that goes on.
 
-    ``start``, ``axes``, ``target_deg`` and ``dip_deg`` are as `OnlineCalibration` takes them; its unit is that of the
-    first reading.
+    ``start``, ``axes``, ``target_deg`` and ``dip_deg`` are as `OnlineCalibration` takes them; its unit and frame are
+    those of the first reading.
     """
 
     start: Fit | None = None
@@ -65,10 +65,10 @@ class Begun:
     target_deg: float = 1.0
     dip_deg: float | None = None
 
-    def calibration(self, unit: Unit) -> OnlineCalibration:
-        """Begin, with readings in a unit."""
+    def calibration(self, unit: Unit, frame: str = "sensor") -> OnlineCalibration:
+        """Begin, with readings in a unit and in axes of the sensor or the vehicle."""
         return OnlineCalibration(
-            self.start, unit=unit, axes=self.axes, target_deg=self.target_deg, dip_deg=self.dip_deg
+            self.start, unit=unit, axes=self.axes, frame=frame, target_deg=self.target_deg, dip_deg=self.dip_deg
         )
 
 
@@ -242,7 +242,7 @@ class Watch:
         """Take readings in, by whole seconds."""
         if self._online is None:
             self._unit = self._unit or raw_unit(samples)
-            self._online = self._begun.calibration(self._unit)
+            self._online = self._begun.calibration(self._unit, samples.frame)
             self._online.is_locked = self._is_locked
         assert self._unit is not None
         assert samples.time is not None
@@ -399,6 +399,13 @@ def unit_of(calibration: OnlineCalibration | Begun) -> Unit | None:
     if isinstance(calibration, OnlineCalibration):
         return calibration.unit
     return None if calibration.start is None else calibration.start.calibration.raw
+
+
+def frame_in(calibration: OnlineCalibration | Begun) -> str | None:
+    """What axes a calibration takes readings in: ``sensor`` or ``vehicle``; None where the first reading decides."""
+    if isinstance(calibration, OnlineCalibration):
+        return calibration.frame if calibration.state.doing != "learning" else None
+    return None if calibration.start is None else calibration.start.calibration.frame
 
 
 def since_of(calibration: OnlineCalibration | Begun) -> float | None:

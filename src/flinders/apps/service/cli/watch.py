@@ -90,7 +90,7 @@ class WatchedSource(program.Group):
     def opened(self, stack: contextlib.ExitStack, calibration: OnlineCalibration | Begun) -> Source:
         """Open what is named; readings that name no unit are in that of the calibration."""
         from flinders.apps.service import sources
-        from flinders.apps.service.watching import since_of, unit_of
+        from flinders.apps.service.watching import frame_in, since_of, unit_of
         from flinders.core.units import Unit
         from flinders.links.feeds import feed_kind
         from flinders.links.transports import StandardInput, opened_lines, opened_link
@@ -100,7 +100,7 @@ class WatchedSource(program.Group):
         if unit is not None and self.lines.unit is None:
             reading |= {"unit": unit.name} if unit == Unit.of(unit.name) else {"unit": unit.name, "scale": unit.scale}
         if self.replay is not None:
-            return self._replayed(stack, unit)
+            return self._replayed(stack, unit, frame_in(calibration))
         if self.files:
             return sources.of_pipe(StandardInput(), since, **reading)
         if self.mavlink is not None:
@@ -111,17 +111,20 @@ class WatchedSource(program.Group):
         stack.enter_context(contextlib.closing(wire))
         return sources.of_wire(wire, since, **reading)
 
-    def _replayed(self, stack: contextlib.ExitStack, unit: Unit | None) -> Source:
+    def _replayed(self, stack: contextlib.ExitStack, unit: Unit | None, frame: str | None) -> Source:
         """Recordings, one after the other."""
         from flinders.apps.service.sources import of_recordings
+        from flinders.core.samples import frame_of
         from flinders.estimators.data import CountedRecording
         from flinders.readers import TableRecording, TextRecording, open_recording
+        from flinders.workflows.recordings import refuse_other_frame
 
         reading = {name: value for name, value in self.lines.as_dict().items() if value is not None}
         recordings = [open_recording(path, **reading) for path in (str(self.replay), *self.files)]
         for recording in recordings:
             if unit is not None and self.lines.unit is None and isinstance(recording, TextRecording | TableRecording):
                 recording.unit = recording.unit if recording.states_unit else unit
+            refuse_other_frame(frame or frame_of(recordings[0]), recording)
         parts = [CountedRecording(recording) for recording in recordings]
         for part in reversed(parts):
             stack.callback(say_read, part)
