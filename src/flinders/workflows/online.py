@@ -111,7 +111,7 @@ class OnlineState:
     bound_deg: float  #: that no heading exceeds with 95 %
     latest_deg: float  #: heading error with the newest calibration, which may not be in force
     age_s: float  #: since readings last told something of it
-    walk: float  #: by which the offset moves in an hour, 1 σ, in the unit of the readings
+    walk: float  #: by which the offset moves in an hour, 1 σ, in µT, or counts where no scale is known
     target_deg: float
 
     @property

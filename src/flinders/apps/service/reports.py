@@ -45,7 +45,7 @@ class Report:
     latest_deg: float | None  # heading error with the newest calibration, which may not be in force
     age_s: float | None  # since readings last told something of the calibration
     walk: float | None  # by which the offset moves in an hour, 1 σ, in `unit`
-    unit: str | None  # of the readings; None before the first
+    unit: str | None  # of `walk`: `uT`, or `counts` where no scale is known; None before the first reading
     target_deg: float  # heading error that is good enough
     good_until_s: (
         float | None

@@ -195,7 +195,7 @@ class Watch:
             latest_deg=None if state is None else state.latest_deg,
             age_s=None if state is None else state.age_s,
             walk=None if state is None else state.walk,
-            unit=None if self._unit is None else self._unit.name,
+            unit=None if self._unit is None else self._unit.inside,
             target_deg=self._begun.target_deg if state is None else state.target_deg,
             good_until_s=until,
             good_until=date_of(until),
