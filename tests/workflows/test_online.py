@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.worlds import walked_days
 
 import flinders
 from flinders import simulate
@@ -18,6 +19,7 @@ from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE
 from flinders.workflows.online import OnlineCalibration, OnlineEvent
 from flinders.workflows.timeline import MOST_POINTS, OnlinePoint, Timeline
+from flinders.workflows.walk import Walk
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -54,6 +56,17 @@ def learnt(seed: int = 1) -> tuple[OnlineCalibration, simulate.Sensor]:
     online = OnlineCalibration()
     online.add(field, time=time)
     return online, sensor
+
+
+STATES: Final[dict[str, str]] = {}
+
+
+def a_state(folder: Path) -> str:
+    """The file of one that a minute of tumbling has made; it is made once."""
+    if not STATES:
+        learnt()[0].save(folder / "made.json")
+        STATES["learnt"] = (folder / "made.json").read_text()
+    return STATES["learnt"]
 
 
 def test_the_record_has_the_engines_size() -> None:
@@ -211,6 +224,35 @@ def test_it_begins_with_a_fit() -> None:
     assert OnlineCalibration(fit, at=0.0).at(5 * DAY_S).heading_error_deg > 5 * fit.heading_error_deg.worst
 
 
+def test_a_unit_that_is_known_to_walk_slowly_claims_less_after_a_day() -> None:
+    field, time, _ = tumbled(1, seconds=20.0)
+    claims = []
+    for walk in (None, 0.02, Walk(0.02, 0.018, 0.022), 1.0):
+        online = OnlineCalibration(walk=walk)
+        online.add(field, time=time)
+        claims.append([online.at(time[-1] + seconds).heading_error_deg for seconds in (0.0, DAY_S)])
+    now, day = np.array(claims).T
+    assert np.ptp(now) < 0.02 * now[0]
+    assert day[2] <= day[1] < 0.85 * day[0]
+    assert day[3] > 1.2 * day[0]
+    with pytest.raises(UsageError, match="walk is 0"):
+        OnlineCalibration(walk=0.0)
+    begun = OnlineCalibration(flinders.fit(simulate.tumble(seed=1).samples), at=0.0, walk=0.02)
+    assert begun.at(0.0).walk < 0.1
+
+
+def test_a_walk_that_is_known_wrongly_is_corrected_and_its_claim_stays_true() -> None:
+    time, field, begins, offsets = walked_days(2, days=1.5, walk=0.6)
+    online, off = OnlineCalibration(walk=0.2), []
+    for begin, end, offset in zip(begins.tolist(), [*begins[1:].tolist(), math.inf], offsets, strict=True):
+        state = online.at(begin)
+        off.append((np.array(state.offset) - offset) / state.offset_sigma)
+        rows = (time >= begin) & (time < end)
+        online.add(field[rows], time=time[rows])
+    assert np.sqrt(np.nanmean(np.square(off))) < 1.3
+    assert 0.4 < online.state.walk < 0.8
+
+
 def test_a_fit_that_cannot_go_on_is_refused() -> None:
     plain = flinders.Fit.of(flinders.Calibration.identity(field_strength=50.0))
     with pytest.raises(UsageError, match="states no uncertainty"):
@@ -286,10 +328,7 @@ def test_bad_readings_and_clocks_are_passed_over() -> None:
     ],
 )
 def test_a_file_that_is_no_state_is_refused(tmp_path: Path, broken: object) -> None:
-    online, _ = learnt()
-    online.save(tmp_path / "state.json")
-    content = json.loads((tmp_path / "state.json").read_text())
-    (tmp_path / "state.json").write_text(broken(content))  # type: ignore[operator]
+    (tmp_path / "state.json").write_text(broken(json.loads(a_state(tmp_path))))  # type: ignore[operator]
     with pytest.raises(DocumentError, match="state of an online calibration"):
         OnlineCalibration.load(tmp_path / "state.json")
 
@@ -310,7 +349,9 @@ def of_another_release(path: Path, **changed: object) -> None:
     ],
 )
 def test_the_state_of_another_release_goes_on_without_its_evidence(tmp_path: Path, changed: dict[str, object]) -> None:
-    online, sensor = learnt()
+    sensor = tumbled(1, seconds=1.0)[2]
+    (tmp_path / "state.json").write_text(a_state(tmp_path))
+    online = OnlineCalibration.load(tmp_path / "state.json")
     online.is_locked, online.target_deg = True, 0.7
     online.save(tmp_path / "state.json")
     of_another_release(tmp_path / "state.json", **changed)
@@ -323,7 +364,7 @@ def test_the_state_of_another_release_goes_on_without_its_evidence(tmp_path: Pat
     assert again.calibration.isclose(online.calibration)
     assert again.state.heading_error_deg == pytest.approx(online.state.heading_error_deg, rel=1e-3)
     again.is_locked = False
-    field, time, _ = tumbled(5)
+    field, time, _ = tumbled(5, seconds=20.0)
     again.add(field, time=time + online.state.time_s + 600.0)
     assert worst_deg(again, sensor, sensor.offset) < again.state.bound_deg
     again.save(tmp_path / "state.json")

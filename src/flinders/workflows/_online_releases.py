@@ -33,7 +33,10 @@ if TYPE_CHECKING:
 SETTINGS: Final = ("target_deg", "dip_deg", "is_locked")
 TIMES: Final = ("began", "now", "adopted_at", "moved_at")
 LEARNT: Final = ("height", "height_now", "moved")
-SIZES: Final = ("place", "scatter", "height_sigma", "moves", "moves_square", "watched", "rates")
+SIZES: Final = (
+    "place", "scatter", "height_sigma", "moves", "moves_square", "watched", "rates", "probable_rates", "expected_walk",
+    "expected_walk_sigma",
+)  # fmt: skip
 """What was learnt of the sensor and its places, which is not negative."""
 ROUNDING: Final = 1e-9  # Of the largest eigenvalue of a covariance, by which others may be negative
 
@@ -64,8 +67,9 @@ def converted(saved: Mapping[str, Any]) -> Records:
     for name in (*TIMES, *LEARNT, *SIZES):
         _take(record, saved, name)
     record["now"] = max(float(record["now"]), at)
-    if not _are_probabilities(record["rates"]):
-        record["rates"] = engine().online()["rates"]
+    for name in ("rates", "probable_rates"):
+        if not _are_probabilities(record[name]):
+            record[name] = engine().online()[name]
     for name in ("in_force", "replaced"):
         if (known := _found(saved, name, 9)) is not None and _is_surface(known):
             record[name] = known
@@ -111,7 +115,7 @@ def _number(saved: Mapping[str, Any], name: str) -> int:
 
 
 def _are_probabilities(values: Floats) -> bool:
-    return bool(abs(values.sum() - 1.0) < ROUNDING)
+    return bool(values.min() > 0.0 and abs(values.sum() - 1.0) < ROUNDING)
 
 
 def _is_surface(parameters: Floats) -> bool:

@@ -44,7 +44,8 @@ from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE, blank
 from flinders.native.online import EVIDENCE
 from flinders.workflows._online_releases import converted, is_of_this_release
-from flinders.workflows.timeline import Code, Doing, OnlinePoint, Timeline
+from flinders.workflows.timeline import UNKNOWN, Code, Doing, OnlinePoint, Timeline
+from flinders.workflows.walk import Walk
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -113,6 +114,10 @@ class OnlineState:
     age_s: float  #: since readings last told something of it
     walk: float  #: by which the offset moves in an hour, 1 σ, in µT, or counts where no scale is known
     target_deg: float
+    #: newest estimate, in force or not, as `Calibration.offset`: µT or counts
+    offset: tuple[float, float, float] = UNKNOWN
+    offset_sigma: tuple[float, float, float] = UNKNOWN  #: 1 σ of each of its components
+    radius: float = math.nan  #: mean length of readings about it, in the same unit
 
     @property
     def verdict(self) -> Verdict:
@@ -138,11 +143,15 @@ class OnlineCalibration:
         What their axes are: ``sensor`` or ``vehicle``, as of `Calibration`; of `start` where that is given.
     target_deg, dip_deg : float
         As for `flinders.fit`.
+    walk : float or Walk, optional
+        How fast the offset of this unit walks, by an earlier life of it: by so much in an hour, 1 σ, in µT or counts.
+        A number is taken as known within a factor of two; a `Walk`, as of `flinders.OffsetHistory`, says how well it
+        is known. By default units of all kinds are thought of. Either is corrected by what is read.
 
     Raises
     ------
     UsageError
-        For a target or dip out of range, or a calibration that cannot go on: one that is refused, states no
+        For a target, dip or walk out of range, or a calibration that cannot go on: one that is refused, states no
         uncertainty, or has more than an offset and a matrix.
     """
 
@@ -156,6 +165,7 @@ class OnlineCalibration:
         frame: str = "sensor",
         target_deg: float = 1.0,
         dip_deg: float | None = None,
+        walk: float | Walk | None = None,
     ) -> None:
         if dip_deg is not None and not abs(dip_deg) <= 89.0:
             raise UsageError(f"dip is {dip_deg:g}°: need -89 to 89")
@@ -171,6 +181,9 @@ class OnlineCalibration:
         self._record = engine().online()
         self.target_deg = target_deg
         self._record["dip_deg"] = ASSUMED_DIP_DEG if dip_deg is None else dip_deg
+        if walk is not None:
+            known = walk if isinstance(walk, Walk) else Walk.known(walk)
+            engine().online_expect_walk(self._record, known.rate, known.log_sigma)
         if start is not None:
             _refuse(start)
             calibration = start.calibration
@@ -193,6 +206,11 @@ class OnlineCalibration:
     def frame(self) -> str:
         """What the axes of the readings are: ``sensor`` or ``vehicle``."""
         return self._frame
+
+    @property
+    def dip_deg(self) -> float:
+        """Inclination of the field at which headings are judged."""
+        return float(self._record["dip_deg"])
 
     @property
     def target_deg(self) -> float:
@@ -274,13 +292,16 @@ class OnlineCalibration:
         if not self._record["state"]:
             return OnlinePoint(time_s, doing, is_read=is_read, events=events)
         claim = engine().online_claim(self._record, time_s)
+        return OnlinePoint(
+            time_s, doing, float(claim["worst_deg"]), float(claim["bound_deg"]), *self._offset(claim), is_read, events
+        )
+
+    def _offset(self, claim: Records) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """The newest estimate of the offset, and 1 σ of its components, of what is claimed at a time."""
         latest = self._record["latest"][:3]
         apart = self._record["in_force"][:3] - latest  # part of what is claimed with the calibration in force
         variances = np.maximum(claim["covariance"].reshape(9, 9).diagonal()[:3] - apart**2, 0.0)
-        return OnlinePoint(
-            time_s, doing, float(claim["worst_deg"]), float(claim["bound_deg"]), tuple(latest.tolist()),
-            tuple(np.sqrt(variances).tolist()), is_read, events,
-        )  # fmt: skip
+        return tuple(latest.tolist()), tuple(np.sqrt(variances).tolist())
 
     def _events(self, bits: int, before: OnlineEvent | None) -> list[OnlineEvent]:
         """What happened, by the engine's bits; a clock that goes back is said once."""
@@ -310,6 +331,7 @@ class OnlineCalibration:
     def at(self, time_s: float) -> OnlineState:
         """What would be known at a time if nothing were learnt until then."""
         claim = engine().online_claim(self._record, time_s)
+        offset, offset_sigma = self._offset(claim) if self._record["state"] else (UNKNOWN, UNKNOWN)
         return OnlineState(
             time_s,
             DOING[int(self._record["state"])],
@@ -319,6 +341,9 @@ class OnlineCalibration:
             age_s=float(claim["age_s"]),
             walk=float(claim["walk"]),
             target_deg=self.target_deg,
+            offset=offset,
+            offset_sigma=offset_sigma,
+            radius=float(self._record["latest"][3:6].mean()),
         )
 
     @property

@@ -138,6 +138,13 @@ class Watch(program.Group):
     calibration: str | None = program.member(
         "--calibration", metavar="CALIBRATION", help="Begin with a calibration file [default: the readings make one]."
     )
+    walk: float | None = program.member(
+        "--walk", type=program.positive, metavar="RATE",
+        help="How far the offset of this unit walks in an hour, 1 σ, in µT or counts, known within a factor of two.",
+    )  # fmt: skip
+    history: str | None = program.member(
+        "--history", metavar="HISTORY", help="Take how the offset of this unit walks from an earlier state of it."
+    )
     axes: str = program.same_as(option.AxesOptions, "axes")
     target_deg: float = option.target()
     dip_deg: float | None = option.dip("Inclination of the field at the site [default: 60].")
@@ -172,7 +179,9 @@ class Watch(program.Group):
         from flinders.core.files import refuse_existing
 
         self.source.check()
-        read = [*self.source.files, *filter(None, (self.source.replay, self.calibration))]
+        if self.walk is not None and self.history is not None:
+            raise UsageError("--walk and --history say the same: leave one of them out")
+        read = [*self.source.files, *filter(None, (self.source.replay, self.calibration, self.history))]
         files = {
             "--state": self.state, "--status": self.status, "--prometheus": self.prometheus,
             "--adopted": None if self.adopted is None or Path(self.adopted).is_dir() else self.adopted,
@@ -199,17 +208,39 @@ class Watch(program.Group):
         if self.state is not None and Path(self.state).exists():
             online = OnlineCalibration.load(self.state)
             self._refuse_others(online.state.target_deg)
-            words = "; it is of another release, whose evidence is left out" if online.is_converted else ""
-            say(f"{self.state}: goes on{', and --calibration is not used' if self.calibration else ''}{words}")
+            begins = {"--calibration": self.calibration, "--walk": self.walk, "--history": self.history}
+            unused = " and ".join(name for name, value in begins.items() if value is not None)
+            words = f", and {unused} is not used" if unused else ""
+            words += "; it is of another release, whose evidence is left out" if online.is_converted else ""
+            say(f"{self.state}: goes on{words}")
             return online
+        walk = self.known_walk()
         if self.calibration is None:
-            return Begun(None, self.axes, self.target_deg, self.dip_deg)
+            return Begun(None, self.axes, self.target_deg, self.dip_deg, **walk)
         if program.is_typed("axes"):
             raise UsageError("--axes are those of --calibration: leave one of them out")
         start = load("watch --calibration", self.calibration)
-        begun = Begun(start, target_deg=self.target_deg, dip_deg=self.dip_deg)
+        begun = Begun(start, target_deg=self.target_deg, dip_deg=self.dip_deg, **walk)
         begun.calibration(start.calibration.raw)  # what cannot go on is said before anything is opened
         return begun
+
+    def known_walk(self) -> dict[str, Any]:
+        """How the offset of this unit walks, as far as that is known; `UsageError` of a short history."""
+        from flinders.core.units import label
+        from flinders.workflows.offset_history import OffsetHistory
+        from flinders.workflows.walk import MIN_STEPS
+
+        if self.history is None:
+            return {"walk": self.walk}
+        history = OffsetHistory.read(self.history)
+        if (walk := history.walk) is None:
+            found = len(history.estimates.time_s)
+            raise UsageError(
+                f"{self.history} tells no walk: it has {found} estimates of the offset that are two hours apart, and "
+                f"{MIN_STEPS + 1} are needed: give a longer one, or --walk"
+            )
+        say(f"{self.history}: the offset of this unit walks {walk}, in {label(history.unit)}")
+        return {"walk": walk, "walk_unit": history.unit}
 
     def _refuse_others(self, target_deg: float) -> None:
         """Refuse options that a state has otherwise."""
@@ -231,7 +262,7 @@ class Watch(program.Group):
     "watch",
     Watch,
     common=("port", "udp", "tcp", "mavlink", "replay", "state", "as_json"),
-    headings={"Source": ("baud", "compass"), "Begin": ("calibration",)},
+    headings={"Source": ("baud", "compass"), "Begin": ("calibration", "walk", "history")},
     epilog="""\b
 Example:
   flinders watch --serial /dev/ttyACM0 --state compass.state
