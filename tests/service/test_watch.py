@@ -23,13 +23,15 @@ from tests.feeding import free_port
 from tests.program import flinders_
 from tests.trials import nightly
 from tests.waiting import wait_until
+from tests.worlds import walked_days
 
 from flinders import Fit, OnlineCalibration, Samples
 from flinders.apps.service.sources import Source, of_recordings, of_wire
-from flinders.apps.service.watching import Files, Watch
+from flinders.apps.service.watching import Begun, Files, Watch
 from flinders.errors import OutputError
 from flinders.links.feeds import FeedEvent
 from flinders.links.transports import Scripted
+from flinders.workflows.walk import Walk
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -303,6 +305,46 @@ def test_a_calibration_file_begins_and_may_be_locked() -> None:
     assert locked[-1]["is_locked"] is True
     assert locked[-1]["verdict"] == "refused"  # the offset moved, and the calibration in force did not
     assert locked[-1]["latest_deg"] < 1.0
+
+
+def test_an_earlier_history_tells_how_the_offset_walks(monkeypatch: pytest.MonkeyPatch) -> None:
+    time, field, _, _ = walked_days(1, days=1.5, walk=0.1)
+    Path("adopted").mkdir()
+    Path("short.csv").write_text(table(DRIVE[0][:800], DRIVE[1][:800]))
+    told: list[Report] = []
+    samples = Samples.of(field, unit="uT", time=BEGUN_S + time)
+    Watch(of_recordings([samples]), files=Files("old.state", "adopted"), every=600.0, tell=told.append).run()
+    Path("lines").write_text("".join(f"{json.dumps(report.as_dict())}\n" for report in told))
+    known: list[Walk | float | None] = []
+    monkeypatch.setattr(Begun, "calibration", _noting(known, Begun.calibration))
+    for history in ("old.state", "adopted", "lines"):
+        ended = flinders_("watch", "--replay", "short.csv", "--history", history)
+        assert f"{history}: the offset of this unit walks 0." in ended.said
+    assert flinders_("watch", "--replay", "short.csv", "--walk", "0.1", "--state", "new.state").code == 0
+    *walks, number = known
+    assert number == 0.1
+    for walk in walks:
+        assert isinstance(walk, Walk)
+        assert walk.low / 1.5 < 0.1 < 1.5 * walk.high
+    again = flinders_("watch", "--replay", "short.csv", "--history", "old.state", "--state", "new.state")
+    assert "new.state: goes on, and --history is not used" in again.said
+    short = flinders_("watch", "--replay", "short.csv", "--history", "new.state")
+    assert (short.code, "new.state tells no walk: it has" in short.said) == (2, True)
+    Path("counts.csv").write_text(
+        table(DRIVE[0][:800], DRIVE[1][:800], "time_s,mag_x_counts,mag_y_counts,mag_z_counts")
+    )
+    other = flinders_("watch", "--replay", "counts.csv", "--history", "old.state")
+    assert (other.code, "the walk is in uT, readings are in counts" in other.said) == (2, True)
+    both = flinders_("watch", "--replay", "short.csv", "--history", "old.state", "--walk", "1")
+    assert (both.code, "--walk and --history say the same" in both.said) == (2, True)
+
+
+def _noting(known: list[Walk | float | None], begin: Any) -> Any:  # noqa: ANN401 - a method
+    def calibration(begun: Begun, *unit: Any) -> OnlineCalibration:
+        known.append(begun.walk)
+        return begin(begun, *unit)  # type: ignore[no-any-return]
+
+    return calibration
 
 
 # what goes wrong
