@@ -56,7 +56,7 @@ def alone(record: Records) -> tuple[np.ndarray, np.ndarray]:
     known: dict[str, Any] = {"is_informed": 1, "expected": expected, "information": prior.ravel()}
     options = {"dip_deg": float(record["dip_deg"]), "statistics": 0, "rests": 0, "level": 0}
     found = engine().fit(field, time=record["time"][:kept], **options, **known)
-    few = engine()._library.flinders_widening_by_few(float(found["used"]) - 9.0)
+    few = engine().widening_by_few(float(found["used"]) - 9.0)
     factor = max(few * max(float(record["noise"] / found["noise"]), 1.0) ** 2, 1.0)
     inverse = np.linalg.inv(found["covariance"].reshape(9, 9))
     covariance = np.linalg.inv(prior + (inverse - prior) / factor)

@@ -25,6 +25,7 @@ import numpy as np
 from flinders.core.files import reason
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.errors import DocumentError
+from flinders.estimators.data import LARGEST, SMALLEST
 from flinders.fitting.result import Fit
 from flinders.workflows.online import FORMAT, OnlineCalibration
 from flinders.workflows.walk import walk_of
@@ -65,7 +66,7 @@ class OffsetHistory:
     @classmethod
     def of(cls, online: OnlineCalibration, *, name: str = "calibration") -> Self:
         """What a calibration that goes on has known over time."""
-        points = [point for point in online.timeline if point.is_read and point.doing != "learning"]
+        points = [point for point in online.timeline if point.is_read and np.isfinite(point.offset).all()]
         state = online.state
         return cls(
             name,
@@ -135,15 +136,17 @@ class OffsetHistory:
                 rows.extend((line.time_s, *line.offset, *line.offset_sigma))
                 moved += [line.time_s] if line.event == "moved" else []
                 last = line
-        if last is None:
+        if last is None or last.radius is None:
             raise DocumentError(f"{path}: no line has an offset: no calibration was found yet")
         table = np.frombuffer(rows).reshape(-1, 7)
+        if last.radius < SMALLEST or np.abs(table).max() > LARGEST:
+            raise DocumentError(f"{path}: has numbers that no magnetometer gives: give what --json printed")
         table = table[np.argsort(table[:, 0], kind="stable")]
         return cls(
             name,
             *(table[:, 0], table[:, 1:4], table[:, 4:]),
             unit=last.unit or "counts",
-            radius=last.radius or np.nan,
+            radius=last.radius,
             dip_deg=ASSUMED_DIP_DEG,
             moved_s=tuple(moved),
             heading_error_deg=last.heading_error_deg or np.nan,
