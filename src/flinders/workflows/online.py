@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import msgspec
 import numpy as np
@@ -43,6 +43,9 @@ from flinders.heading.error_propagation import HeadingError
 from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE, blank
 from flinders.native.online import EVIDENCE
+from flinders.workflows._online_releases import converted, is_of_this_release
+from flinders.workflows.timeline import UNKNOWN, Code, Doing, OnlinePoint, Timeline
+from flinders.workflows.walk import Walk
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -62,9 +65,10 @@ BEFORE_ANY: Final = -1e99
 """Time of no reading."""
 LONGEST_S: Final = 10 * 365.25 * 86400.0
 """Ahead of which nothing is said."""
-
-Doing = Literal["learning", "undisturbed", "disturbed"]
-Code = Literal["learnt", "contradicted", "passed", "moved", "adopted", "clock-back", "taken-back"]
+GAP_S: Final = 600.0
+"""Without readings, from which on the timeline tells how the claim grew."""
+GAP_POINTS: Final = 8
+"""Of the timeline, in such a gap."""
 
 DOING: Final[tuple[Doing, ...]] = ("learning", "undisturbed", "disturbed")
 """By the engine's numbers."""
@@ -81,6 +85,7 @@ WORDS: Final[dict[Code, str]] = {
     "adopted": "another calibration is in force",
     "clock-back": "the clock went back: readings are left out until it is where it was",
     "taken-back": "the calibration from before is in force again",
+    "other-release": "the state of another release goes on without its evidence",
 }
 """What each event means."""
 
@@ -107,8 +112,12 @@ class OnlineState:
     bound_deg: float  #: that no heading exceeds with 95 %
     latest_deg: float  #: heading error with the newest calibration, which may not be in force
     age_s: float  #: since readings last told something of it
-    walk: float  #: by which the offset moves in an hour, 1 σ, in the unit of the readings
+    walk: float  #: by which the offset moves in an hour, 1 σ, in µT, or counts where no scale is known
     target_deg: float
+    #: newest estimate, in force or not, as `Calibration.offset`: µT or counts
+    offset: tuple[float, float, float] = UNKNOWN
+    offset_sigma: tuple[float, float, float] = UNKNOWN  #: 1 σ of each of its components
+    radius: float = math.nan  #: mean length of readings about it, in the same unit
 
     @property
     def verdict(self) -> Verdict:
@@ -134,11 +143,15 @@ class OnlineCalibration:
         What their axes are: ``sensor`` or ``vehicle``, as of `Calibration`; of `start` where that is given.
     target_deg, dip_deg : float
         As for `flinders.fit`.
+    walk : float or Walk, optional
+        How fast the offset of this unit walks, by an earlier life of it: by so much in an hour, 1 σ, in µT or counts.
+        A number is taken as known within a factor of two; a `Walk`, as of `flinders.OffsetHistory`, says how well it
+        is known. By default units of all kinds are thought of. Either is corrected by what is read.
 
     Raises
     ------
     UsageError
-        For a target or dip out of range, or a calibration that cannot go on: one that is refused, states no
+        For a target, dip or walk out of range, or a calibration that cannot go on: one that is refused, states no
         uncertainty, or has more than an offset and a matrix.
     """
 
@@ -152,6 +165,7 @@ class OnlineCalibration:
         frame: str = "sensor",
         target_deg: float = 1.0,
         dip_deg: float | None = None,
+        walk: float | Walk | None = None,
     ) -> None:
         if dip_deg is not None and not abs(dip_deg) <= 89.0:
             raise UsageError(f"dip is {dip_deg:g}°: need -89 to 89")
@@ -162,9 +176,14 @@ class OnlineCalibration:
         self._frame = frame if start is None else start.calibration.frame
         self._start, self._sensor, self._strength = start, None, None
         self._is_dip_assumed, self._history = dip_deg is None, list[OnlineEvent]()
+        self._is_converted = False
+        self._timeline = Timeline()
         self._record = engine().online()
         self.target_deg = target_deg
         self._record["dip_deg"] = ASSUMED_DIP_DEG if dip_deg is None else dip_deg
+        if walk is not None:
+            known = walk if isinstance(walk, Walk) else Walk.known(walk)
+            engine().online_expect_walk(self._record, known.rate, known.log_sigma)
         if start is not None:
             _refuse(start)
             calibration = start.calibration
@@ -182,6 +201,16 @@ class OnlineCalibration:
     def axes(self) -> Axes:
         """How the axes of the readings are turned."""
         return self._axes
+
+    @property
+    def frame(self) -> str:
+        """What the axes of the readings are: ``sensor`` or ``vehicle``."""
+        return self._frame
+
+    @property
+    def dip_deg(self) -> float:
+        """Inclination of the field at which headings are judged."""
+        return float(self._record["dip_deg"])
 
     @property
     def target_deg(self) -> float:
@@ -228,16 +257,56 @@ class OnlineCalibration:
         if self._start is not None and len(samples):
             self._know(self._start, float(samples.time[0]))
         found: list[OnlineEvent] = []
+        is_usable = np.isfinite(samples.field).all(axis=1) & np.isfinite(samples.time)
+        reached = np.maximum.accumulate(np.where(is_usable, samples.time, -np.inf))
         row = 0
         while row < len(samples):
-            added, bits = engine().online_add(self._record, samples.field[row:], samples.time[row:])
+            due = int(np.searchsorted(reached, self._timeline.due_s))
+            if due <= row:
+                self._put_gap(float(reached[row]))
+            until = max(due, row + 1)
+            added, bits = engine().online_add(self._record, samples.field[row:until], samples.time[row:until])
             row += added
-            found += self._events(bits, [*self._history[-1:], *found][-1] if self._history or found else None)
+            events = self._events(bits, [*self._history[-1:], *found][-1] if self._history or found else None)
+            found += events
+            self._put([event.code for event in events])
         self._note(found)
         return tuple(found)
 
+    def _put(self, codes: list[Code]) -> None:
+        """Put what is known now into the timeline, if something happened or a point is due."""
+        now = float(self._record["now"])
+        if codes or now >= self._timeline.due_s:
+            self._timeline.put(self._point(now, codes))
+
+    def _put_gap(self, until: float) -> None:
+        """Put how the claim grew between the newest reading and the next one, if they are far apart."""
+        now = float(self._record["now"])
+        if now > BEFORE_ANY and until - now > GAP_S:
+            self._timeline.put(self._point(now))
+            for part in range(1, GAP_POINTS):  # it grows with the root of time
+                self._timeline.put(self._point(now + (until - now) * (part / GAP_POINTS) ** 2, is_read=False))
+
+    def _point(self, time_s: float, codes: list[Code] | None = None, *, is_read: bool = True) -> OnlinePoint:
+        doing, events = DOING[int(self._record["state"])], tuple(codes or ())
+        if not self._record["state"]:
+            return OnlinePoint(time_s, doing, is_read=is_read, events=events)
+        claim = engine().online_claim(self._record, time_s)
+        return OnlinePoint(
+            time_s, doing, float(claim["worst_deg"]), float(claim["bound_deg"]), *self._offset(claim), is_read, events
+        )
+
+    def _offset(self, claim: Records) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """The newest estimate of the offset, and 1 σ of its components, of what is claimed at a time."""
+        latest = self._record["latest"][:3]
+        apart = self._record["in_force"][:3] - latest  # part of what is claimed with the calibration in force
+        variances = np.maximum(claim["covariance"].reshape(9, 9).diagonal()[:3] - apart**2, 0.0)
+        return tuple(latest.tolist()), tuple(np.sqrt(variances).tolist())
+
     def _events(self, bits: int, before: OnlineEvent | None) -> list[OnlineEvent]:
         """What happened, by the engine's bits; a clock that goes back is said once."""
+        if not bits:
+            return []
         state = self.state
         codes = [code for bit, code in CODES.items() if bits & bit]
         if codes == ["clock-back"] and before is not None and before.code == "clock-back":
@@ -262,6 +331,7 @@ class OnlineCalibration:
     def at(self, time_s: float) -> OnlineState:
         """What would be known at a time if nothing were learnt until then."""
         claim = engine().online_claim(self._record, time_s)
+        offset, offset_sigma = self._offset(claim) if self._record["state"] else (UNKNOWN, UNKNOWN)
         return OnlineState(
             time_s,
             DOING[int(self._record["state"])],
@@ -271,6 +341,9 @@ class OnlineCalibration:
             age_s=float(claim["age_s"]),
             walk=float(claim["walk"]),
             target_deg=self.target_deg,
+            offset=offset,
+            offset_sigma=offset_sigma,
+            radius=float(self._record["latest"][3:6].mean()),
         )
 
     @property
@@ -340,11 +413,26 @@ class OnlineCalibration:
         """What happened, the newest last; the last thousand events."""
         return tuple(self._history)
 
+    @property
+    def is_converted(self) -> bool:
+        """Whether `load` read the state of another release; its evidence was left out."""
+        return self._is_converted
+
+    @property
+    def timeline(self) -> tuple[OnlinePoint, ...]:
+        """What was known over time, the newest last: at each event, and every minute; earlier ones are thinned.
+
+        At most a thousand points. The times of the readings alone decide which: live or replayed, cut or saved and
+        read again, it is the same.
+        """
+        return tuple(self._timeline.points)
+
     def adopt(self) -> None:
         """Put the newest calibration in force, also while it is locked; `UsageError` where there is none."""
         self._require()
         engine().online_adopt(self._record)
         self._note([OnlineEvent(self.state.time_s, "adopted", self.state.heading_error_deg)])
+        self._put(["adopted"])
 
     def take_back(self) -> None:
         """Put the calibration in force again that was in force before; `UsageError` where there is none."""
@@ -353,6 +441,7 @@ class OnlineCalibration:
             raise UsageError("no calibration was in force before: there is nothing to take back")
         engine().online_take_back(self._record)
         self._note([OnlineEvent(self.state.time_s, "taken-back", self.state.heading_error_deg)])
+        self._put(["taken-back"])
 
     def _require(self) -> None:
         if not self._record["state"]:
@@ -375,6 +464,7 @@ class OnlineCalibration:
             "sensor": self._sensor,
             "dip_assumed": self._is_dip_assumed,
             "history": [asdict(event) for event in self._history],
+            "timeline": self._timeline.as_dict(),
             "record": record,
         }
         write_text(msgspec.json.encode(_finite(content)).decode() + "\n", path, force=True)
@@ -383,13 +473,16 @@ class OnlineCalibration:
     def load(cls, path: str | os.PathLike[str]) -> Self:
         """Read what `save` wrote; the same numbers, to the bit.
 
+        The state of another release goes on with what it knows, but for its evidence: an event says so, and
+        `is_converted`.
+
         Raises `DocumentError` for a file that is none.
         """
         text = read_bytes(path, largest=LARGEST, what="the state of an online calibration", refused=DocumentError)
         try:
             content = msgspec.json.decode(text)
             return cls._of(content)
-        except (msgspec.DecodeError, KeyError, TypeError, ValueError, IndexError) as error:
+        except (msgspec.DecodeError, AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
             raise DocumentError(
                 f"{os.fspath(path)}: is no state of an online calibration ({error}): give the file that `save` wrote"
             ) from None
@@ -398,24 +491,24 @@ class OnlineCalibration:
     def _of(cls, content: dict[str, Any]) -> Self:
         if content["format"] != FORMAT:
             raise ValueError(f"its format is {content['format']!r}")
-        online = cls(axes=content["axes"], frame=content["frame"])
-        online._raw, online._strength = (
-            Unit(content["unit"], content["scale"], content["inside"]),
-            content["field_strength"],
-        )
-        online._sensor, online._is_dip_assumed = content["sensor"], bool(content["dip_assumed"])
+        online = cls(axes=content["axes"], frame=content.get("frame", "sensor"))
+        online._raw = Unit(content["unit"], content["scale"], content["inside"])
+        online._strength, online._sensor = content.get("field_strength"), content.get("sensor")
+        online._is_dip_assumed = bool(content.get("dip_assumed", True))
         online._history = [
             OnlineEvent(**{**event, "heading_error_deg": _number(event["heading_error_deg"])})
-            for event in content["history"]
+            for event in content.get("history", [])
+            if event["code"] in WORDS  # another release has others
         ]
-        record = blank(ONLINE)
-        for name in ONLINE.names or ():
-            values = np.array(_numbers(content["record"][name]))
-            if values.shape != record[name].shape:
-                raise ValueError(f"{name} has {values.size} numbers, and not {record[name].size}")
-            record[name] = values
-        _refuse_record(record, version=int(online._record["version"]))
-        online._record = record
+        saved = {name: _numbers(values) for name, values in content["record"].items()}
+        online._is_converted = not is_of_this_release(saved, int(online._record["version"]))
+        online._record = converted(saved) if online._is_converted else _record_of(saved)
+        if "timeline" in content:
+            online._timeline = Timeline.of(content["timeline"])
+        if online._is_converted:
+            online._note([OnlineEvent(online.state.time_s, "other-release", online.state.heading_error_deg)])
+            if online._record["now"] > BEFORE_ANY:
+                online._put(["other-release"])
         return online
 
     def __repr__(self) -> str:
@@ -439,14 +532,22 @@ def _refuse(start: Fit) -> None:
         raise UsageError(f"{start.name} {why}: begin with a calibration of the magnetometer alone, or with none")
 
 
-def _refuse_record(record: Records, *, version: int) -> None:
-    """Raise ValueError for a record that this engine has not written: its counts are places in memory."""
-    if record["version"] != version:
-        raise ValueError(f"it was written by version {int(record['version'])} of this record")
+def _record_of(saved: dict[str, Any]) -> Records:
+    """A record of its numbers by name; ValueError for one that this engine has not written.
+
+    Its counts are places in memory.
+    """
+    record = blank(ONLINE)
+    for name in ONLINE.names or ():
+        values = np.array(saved[name])
+        if values.shape != record[name].shape:
+            raise ValueError(f"{name} has {values.size} numbers, and not {record[name].size}")
+        record[name] = values
     kept, tested, doubtful = (int(record[name]) for name in ("kept", "tested", "doubtful"))
     is_sound = 0 <= tested <= kept <= EVIDENCE and -1 <= doubtful <= kept and record["averaged"] >= 0
     if not (is_sound and 0 <= record["state"] < len(DOING)):
         raise ValueError("its counts are none")
+    return record
 
 
 def _finite(content: Any) -> Any:  # noqa: ANN401 - JSON

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from flinders.findings.row import Verdict
-    from flinders.workflows.online import Doing
+    from flinders.workflows.timeline import Doing
 
 Kind: TypeAlias = Literal["state", "event", "source"]
 LATEST_S: Final = 2.5e11  # Seconds from 1970 that a date can have
@@ -25,7 +25,7 @@ VERDICTS: Final[dict[Verdict, str]] = {
     "refused": "the heading error is beyond five times the target",
 }
 """What a verdict means that changed without an event of the calibration."""
-EVENTS: Final = (*CODES.values(), "good", "limited", "refused")
+EVENTS: Final = (*CODES.values(), "other-release", "good", "limited", "refused")
 """What is counted."""
 
 
@@ -45,7 +45,11 @@ class Report:
     latest_deg: float | None  # heading error with the newest calibration, which may not be in force
     age_s: float | None  # since readings last told something of the calibration
     walk: float | None  # by which the offset moves in an hour, 1 σ, in `unit`
-    unit: str | None  # of the readings; None before the first
+    offset: tuple[float, float, float] | None  # newest estimate, in force or not, in `unit`; None without one
+    offset_sigma: tuple[float, float, float] | None  # 1 σ of its components, in `unit`
+    radius: float | None  # mean length of readings about the offset, in `unit`
+    # of `walk`, `offset` and `radius`: `uT`, or `counts` where no scale is known; None before the first reading
+    unit: str | None
     target_deg: float  # heading error that is good enough
     good_until_s: (
         float | None
@@ -128,6 +132,8 @@ def words_of(code: str) -> str:
 
 
 def _known(value: Any) -> Any:  # noqa: ANN401 - JSON
+    if isinstance(value, tuple):
+        return list(value) if all(map(math.isfinite, value)) else None
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
