@@ -209,7 +209,7 @@ class Watch:
     @property
     def _newest(self) -> float:
         """Time of the newest reading that was taken in; NaN where there is none."""
-        return math.nan if self._online is None else self._online.state.time_s
+        return math.nan if self._online is None else self._online.time_s
 
     def _now(self) -> float:
         """Time of the newest reading, or now where the source knows that."""
@@ -401,7 +401,7 @@ def unit_of(calibration: OnlineCalibration | Begun) -> Unit | None:
 
 def since_of(calibration: OnlineCalibration | Begun) -> float | None:
     """Time that a calibration which goes on has reached; None where it has not begun."""
-    reached = calibration.state.time_s if isinstance(calibration, OnlineCalibration) else math.nan
+    reached = calibration.time_s if isinstance(calibration, OnlineCalibration) else math.nan
     return reached if math.isfinite(reached) else None
 
 
