@@ -321,7 +321,7 @@ def test_bad_readings_and_clocks_are_passed_over() -> None:
         lambda content: json.dumps({**content, "record": {**content["record"], "field": [1.0]}}),
         lambda content: json.dumps({**content, "history": [{"code": "learnt"}]}),
         lambda content: json.dumps(
-            {**content, "timeline": {**content["timeline"], "points": [[0.0, "away", *[1.0] * 9]]}}
+            {**content, "timeline": {**content["timeline"], "points": [[0.0, "away", True, [], *[1.0] * 8]]}}
         ),
         lambda _: json.dumps([1, 2]),
         lambda content: json.dumps(content)[:2000],

@@ -48,6 +48,8 @@ from flinders.workflows.timeline import UNKNOWN, Code, Doing, OnlinePoint, Timel
 from flinders.workflows.walk import Walk
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
@@ -281,11 +283,16 @@ class OnlineCalibration:
 
     def _put_gap(self, until: float) -> None:
         """Put how the claim grew between the newest reading and the next one, if they are far apart."""
-        now = float(self._record["now"])
-        if now > BEFORE_ANY and until - now > GAP_S:
-            self._timeline.put(self._point(now))
-            for part in range(1, GAP_POINTS):  # it grows with the root of time
-                self._timeline.put(self._point(now + (until - now) * (part / GAP_POINTS) ** 2, is_read=False))
+        for point in self._gap(until):
+            self._timeline.put(point)
+
+    def _gap(self, until: float) -> Iterator[OnlinePoint]:
+        """The newest reading, and then how the claim grows with the root of time; nothing of a short while."""
+        now = self.time_s
+        if until - now > GAP_S:
+            yield self._point(now)
+            for part in range(1, GAP_POINTS):
+                yield self._point(now + (until - now) * (part / GAP_POINTS) ** 2, is_read=False)
 
     def _point(self, time_s: float, codes: list[Code] | None = None, *, is_read: bool = True) -> OnlinePoint:
         doing, events = DOING[int(self._record["state"])], tuple(codes or ())
@@ -323,10 +330,15 @@ class OnlineCalibration:
         self._start = None
 
     @property
+    def time_s(self) -> float:
+        """Time of the newest reading; NaN before the first."""
+        now = float(self._record["now"])
+        return now if now > BEFORE_ANY else math.nan
+
+    @property
     def state(self) -> OnlineState:
         """What is known at the newest reading."""
-        now = float(self._record["now"])
-        return self.at(now if now > BEFORE_ANY else math.nan)
+        return self.at(self.time_s)
 
     def at(self, time_s: float) -> OnlineState:
         """What would be known at a time if nothing were learnt until then."""
@@ -427,6 +439,12 @@ class OnlineCalibration:
         """
         return tuple(self._timeline.points)
 
+    def timeline_until(self, time_s: float) -> tuple[OnlinePoint, ...]:
+        """`timeline`, and what would be known until a time after it if nothing were learnt."""
+        later = [*self._gap(time_s), *([self._point(time_s, is_read=False)] if time_s > self.time_s else [])]
+        newest = -math.inf if not self.timeline else self.timeline[-1].time_s
+        return (*self.timeline, *(point for point in later if point.time_s > newest))
+
     def adopt(self) -> None:
         """Put the newest calibration in force, also while it is locked; `UsageError` where there is none."""
         self._require()
@@ -452,7 +470,6 @@ class OnlineCalibration:
 
         Raises `OutputError` where it cannot be written.
         """
-        record = {name: self._record[name].tolist() for name in ONLINE.names or ()}
         content = {
             "format": FORMAT,
             "unit": self._raw.name,
@@ -463,11 +480,11 @@ class OnlineCalibration:
             "frame": self._frame,
             "sensor": self._sensor,
             "dip_assumed": self._is_dip_assumed,
-            "history": [asdict(event) for event in self._history],
+            "history": [_finite(asdict(event)) for event in self._history],
             "timeline": self._timeline.as_dict(),
-            "record": record,
+            "record": {name: _listed(self._record[name]) for name in ONLINE.names or ()},
         }
-        write_text(msgspec.json.encode(_finite(content)).decode() + "\n", path, force=True)
+        write_text(msgspec.json.encode(content).decode() + "\n", path, force=True)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
@@ -548,6 +565,11 @@ def _record_of(saved: dict[str, Any]) -> Records:
     if not (is_sound and 0 <= record["state"] < len(DOING)):
         raise ValueError("its counts are none")
     return record
+
+
+def _listed(values: Records) -> Any:  # noqa: ANN401 - JSON
+    """Numbers for JSON; words for those that it has not."""
+    return values.tolist() if np.isfinite(values).all() else _finite(values.tolist())
 
 
 def _finite(content: Any) -> Any:  # noqa: ANN401 - JSON

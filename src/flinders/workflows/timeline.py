@@ -70,7 +70,7 @@ class Timeline:
         if self.points and self.points[-1].time_s == point.time_s:
             point = replace(point, events=self.points.pop().events + point.events)
         self.points.append(point)
-        self.due_s = (math.floor(point.time_s / EVERY_S) + 1.0) * EVERY_S
+        self.due_s = _due_s(point.time_s)
         if len(self.points) > MOST_POINTS:
             self._thin()
 
@@ -91,32 +91,40 @@ class Timeline:
         self.points = kept[-LEFT_POINTS:]
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready but for numbers that are not finite: a row of numbers and words for each point."""
+        """JSON-ready: for each point a row of numbers and words; NaN is null, as JSON has none."""
         rows = [
             [
-                point.time_s, point.doing, point.heading_error_deg, point.bound_deg, *point.offset,
-                *point.offset_sigma, point.is_read, *point.events,
+                point.time_s, point.doing, point.is_read, point.events,
+                *(
+                    number if math.isfinite(number) else None
+                    for number in (point.heading_error_deg, point.bound_deg, *point.offset, *point.offset_sigma)
+                ),
             ]
             for point in self.points
         ]  # fmt: skip
-        return {"interval_s": self._interval_s, "due_s": self.due_s, "points": rows}
+        return {"interval_s": self._interval_s, "points": rows}
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Self:
         """Read what `as_dict` gave; ValueError, TypeError or KeyError for anything else."""
         timeline = cls()
-        timeline._interval_s, timeline.due_s = float(content["interval_s"]), float(content["due_s"])
+        timeline._interval_s = float(content["interval_s"])
         timeline.points = [_point(*row) for row in content["points"]]
+        timeline.due_s = _due_s(timeline.points[-1].time_s) if timeline.points else timeline.due_s
         if len(timeline.points) > MOST_POINTS or not timeline._interval_s >= EVERY_S:
             raise ValueError("its timeline is none")
         return timeline
 
 
-def _point(time_s: float, doing: Doing, error: float, bound: float, *rest: Any) -> OnlinePoint:
-    numbers = tuple(float(value) for value in rest[:6])
-    events = tuple(code for code in rest[7:] if code in get_args(Code))  # another release has others
-    if doing not in get_args(Doing) or len(numbers) != 6:
+def _due_s(time_s: float) -> float:
+    """When the point after one is due."""
+    return (math.floor(time_s / EVERY_S) + 1.0) * EVERY_S
+
+
+def _point(time_s: float, doing: Doing, is_read: bool, events: list[Code], *rest: float | None) -> OnlinePoint:
+    """A row of a file as a point, without what other releases call events; ValueError for one that is none."""
+    if doing not in get_args(Doing):
         raise ValueError("a point of its timeline is none")
-    x, y, z, of_x, of_y, of_z = numbers
-    known = float(time_s), doing, float(error), float(bound)
-    return OnlinePoint(*known, (x, y, z), (of_x, of_y, of_z), bool(rest[6]), events)
+    error, bound, x, y, z, of_x, of_y, of_z = (math.nan if number is None else float(number) for number in rest)
+    codes = tuple(code for code in events if code in get_args(Code))
+    return OnlinePoint(float(time_s), doing, error, bound, (x, y, z), (of_x, of_y, of_z), bool(is_read), codes)

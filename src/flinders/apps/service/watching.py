@@ -16,7 +16,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -52,6 +52,8 @@ EVERY_S: Final = 60.0
 TOGETHER: Final = 8192  # Readings of one second at most that are taken in together
 LATE_S: Final = 2.0  # Seconds after which readings of a second that has not ended are taken in
 QUIET_S: Final = 10.0  # Seconds without a reading that are said
+PAGE_S: Final = 2.0  # Seconds between two pages at least: a recording has many events in one
+TOLD: Final = 30  # Events of the source, and verdicts that changed, that the page has
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +97,7 @@ class Files:
     adopted: str | None = None  # calibration file, or folder of them
     status: str | None = None  # JSON
     prometheus: str | None = None  # text for the node exporter
+    page: str | None = None  # HTML
 
 
 class Watch:
@@ -150,8 +153,13 @@ class Watch:
         self._is_connected, self._is_over, self._is_quiet = True, False, False
         self._advised: set[str] = set()
         self._adopted: tuple[Fit, float] | None = None
-        named = (self._files.state, self._files.adopted, self._files.status, self._files.prometheus)
-        self._state, self._calibration, self._status, self._metrics = (Kept(name or "", say) for name in named)
+        self._told: deque[Report] = deque(maxlen=TOLD)
+        self._page_at, self._is_page_due = -math.inf, True
+        written = self._files
+        named = (written.state, written.adopted, written.status, written.prometheus, written.page)
+        self._state, self._calibration, self._status, self._metrics, self._page = (
+            Kept(name or "", say) for name in named
+        )
 
     def run(self) -> Report:
         """Go on until the source ends, or it is told to stop; what is known is written then, whatever ends it.
@@ -168,9 +176,11 @@ class Watch:
                 self._note(self._online.history[-1:])
             while not self._is_over and not self._stopped():
                 self._take(self._source.next(WAIT_S))
+                self._show()
             self._flush()
         finally:
             self._write()
+            self._show(is_last=True)
             with contextlib.suppress(OSError):
                 self._source.close()
         report = self.report()
@@ -229,7 +239,7 @@ class Watch:
     @property
     def _newest(self) -> float:
         """Time of the newest reading that was taken in; NaN where there is none."""
-        return math.nan if self._online is None else self._online.state.time_s
+        return math.nan if self._online is None else self._online.time_s
 
     def _now(self) -> float:
         """Time of the newest reading, or now where the source knows that."""
@@ -311,6 +321,7 @@ class Watch:
                 self._adopt(event.time_s)
             report = self.report("event", event.code, words_of(event.code), now=self._newest)
             error = event.heading_error_deg
+            self._is_page_due = True
             self._tell(replace(report, time_s=event.time_s, time=date_of(event.time_s), heading_error_deg=error))
         self._tell_of_verdict(self._newest, is_told=bool(happened))
 
@@ -320,7 +331,7 @@ class Watch:
         verdict = "refused" if state is None else state.verdict
         if verdict != self._verdict and not is_told:
             self._events[verdict] += 1
-            self._tell(self.report("event", verdict, words_of(verdict), now=now))
+            self._tell_and_keep(self.report("event", verdict, words_of(verdict), now=now))
         self._verdict = verdict
 
     def _wait(self) -> None:
@@ -362,9 +373,28 @@ class Watch:
         if self._calibration.write(lambda: fit.save(file, force=True)):
             self._adopted = None
 
+    def _show(self, *, is_last: bool = False) -> None:
+        """Write the page where something is new; the last one is not loaded again."""
+        path = self._files.page
+        if path is None or not (is_last or (self._is_page_due and self._clock() - self._page_at >= PAGE_S)):
+            return
+        self._page_at, self._is_page_due = self._clock(), False
+        from flinders.apps.service.watch_page import page
+
+        kept = (self._state, self._calibration, self._status, self._metrics)
+        text = page(
+            self.report(),
+            self._online,
+            told=list(self._told),
+            troubles=[file.failure.message for file in kept if file.failure is not None],
+            every=None if is_last else self._every,
+        )
+        self._page.write(lambda: write_text(text, path, force=True))
+
     def _write(self) -> None:
-        """Write all files."""
+        """Write all files but the page, which is due."""
         online, files = self._online, self._files
+        self._is_page_due = True
         if (path := files.state) is not None and online is not None:
             self._state.write(lambda: online.save(path))
         self._write_adopted()
@@ -409,7 +439,13 @@ class Watch:
         return event.words
 
     def _tell_of_source(self, event: str, words: str) -> None:
-        self._tell(self.report("source", event, words))
+        self._tell_and_keep(self.report("source", event, words))
+
+    def _tell_and_keep(self, report: Report) -> None:
+        """Tell what no history of the calibration has, and keep it for the page."""
+        self._told.append(report)
+        self._is_page_due = True
+        self._tell(report)
 
 
 def unit_of(calibration: OnlineCalibration | Begun) -> Unit | None:
@@ -428,5 +464,5 @@ def frame_in(calibration: OnlineCalibration | Begun) -> str | None:
 
 def since_of(calibration: OnlineCalibration | Begun) -> float | None:
     """Time that a calibration which goes on has reached; None where it has not begun."""
-    reached = calibration.state.time_s if isinstance(calibration, OnlineCalibration) else math.nan
+    reached = calibration.time_s if isinstance(calibration, OnlineCalibration) else math.nan
     return reached if math.isfinite(reached) else None

@@ -166,6 +166,10 @@ class Watch(program.Group):
     prometheus: str | None = program.member(
         "--prometheus", metavar="FILE", help="Keep a file for Prometheus's node exporter.", heading=program.OUTPUT
     )
+    page: str | None = program.member(
+        "--page", metavar="FILE.html", help="Keep a page that shows the state, its course and events.",
+        heading=program.OUTPUT,
+    )  # fmt: skip
     as_json: bool = program.flag(
         "--json", "Print each event, and the state at times, as a line of JSON.", heading=program.OUTPUT
     )
@@ -183,7 +187,7 @@ class Watch(program.Group):
             raise UsageError("--walk and --history say the same: leave one of them out")
         read = [*self.source.files, *filter(None, (self.source.replay, self.calibration, self.history))]
         files = {
-            "--state": self.state, "--status": self.status, "--prometheus": self.prometheus,
+            "--state": self.state, "--status": self.status, "--prometheus": self.prometheus, "--page": self.page,
             "--adopted": None if self.adopted is None or Path(self.adopted).is_dir() else self.adopted,
         }  # fmt: skip
         seen: dict[str, str] = {}
@@ -255,7 +259,7 @@ class Watch(program.Group):
         """What is written."""
         from flinders.apps.service.watching import Files
 
-        return Files(self.state, self.adopted, self.status, self.prometheus)
+        return Files(self.state, self.adopted, self.status, self.prometheus, self.page)
 
 
 @program.command_of(
@@ -266,7 +270,7 @@ class Watch(program.Group):
     epilog="""\b
 Example:
   flinders watch --serial /dev/ttyACM0 --state compass.state
-  flinders watch --udp 50100 --unit mG --state compass.state --prometheus compass.prom
+  flinders watch --udp 50100 --unit mG --state compass.state --prometheus compass.prom --page compass.html
   flinders watch --mavlink udp:0.0.0.0:14550 --adopted calibration.json
   flinders watch --replay monday.csv tuesday.csv --json
 
