@@ -17,7 +17,7 @@ from flinders import simulate
 from flinders.errors import DocumentError, UsageError
 from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE
-from flinders.workflows.online import OnlineCalibration, OnlineEvent
+from flinders.workflows.online import OnlineCalibration
 from flinders.workflows.timeline import MOST_POINTS, OnlinePoint, Timeline
 from flinders.workflows.walk import Walk
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from flinders.arrays import Floats
+    from flinders.workflows.online_events import OnlineEvent
 
 DAY_S = 86400.0
 STEP = np.array([3.0, -4.0, 2.0])
@@ -389,3 +390,28 @@ def test_a_state_of_another_release_that_knows_nothing_keeps_its_settings(tmp_pa
     of_another_release(tmp_path / "state.json", version=99)
     again = OnlineCalibration.load(tmp_path / "state.json")
     assert (again.state.doing, again.target_deg, str(again.axes)) == ("learning", 0.3, "x,-y,-z")
+
+
+def test_a_calibration_goes_on_following_a_current_that_is_recorded(tmp_path: Path) -> None:
+    field, time, sensor = tumbled(3, seconds=60.0)
+    current, wire = 8.0 * (1.0 + np.sin(time / 5.0)), np.array([0.3, -0.2, 0.1])
+    flown = field + current[:, None] * wire
+    start = flinders.fit(flinders.Samples.of(flown, unit="uT", time=time, current=current), disturbances=("current",))
+    online, later = OnlineCalibration(start), time + 100.0
+    events = online.add(flown[:1000], time=later[:1000], current=current[:1000])
+    online.save(tmp_path / "state.json")
+    online = OnlineCalibration.load(tmp_path / "state.json")
+    events += online.add(flown[1000:], time=later[1000:], current=current[1000:])
+    assert online.disturbances == ("current",)
+    assert {event.code for event in events} <= {"adopted"}
+    fit = online.fit
+    assert fit is not None
+    assert np.allclose(fit.calibration.disturbances[0].per_unit, wire, atol=0.02)
+    corrected, truth = (
+        fit.calibration.apply(flown, current=current),
+        (field - sensor.offset) @ np.linalg.inv(sensor.matrix).T,
+    )
+    apart = corrected / np.linalg.norm(corrected, axis=1)[:, None] - truth / np.linalg.norm(truth, axis=1)[:, None]
+    assert np.degrees(np.median(np.linalg.norm(apart, axis=1))) < 0.3
+    with pytest.raises(UsageError, match="current, which was not given"):
+        online.add(flown[:5], time=later[:5] + 100.0)

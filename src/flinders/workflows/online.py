@@ -19,44 +19,41 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import msgspec
 import numpy as np
 
+from flinders.arrays import vectors
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
+from flinders.core.disturbance import Disturbance, effect, named
 from flinders.core.files import read_bytes, write_text
 from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import DocumentError, UsageError
-from flinders.findings.catalogue import OF_CALIBRATION
-from flinders.findings.rules import limit_of, linked
-from flinders.fitting.claim import Claim
-from flinders.fitting.evidence import Evidence
-from flinders.fitting.result import Fit, Judgement, Provenance
-from flinders.fitting.verdict import judged_parts
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.heading.error_propagation import HeadingError
 from flinders.native.engine import engine
-from flinders.native.layouts import ONLINE, blank
-from flinders.native.online import EVIDENCE
+from flinders.native.layouts import ONLINE
+from flinders.workflows._online_files import finite, listed, numbers, record_of
+from flinders.workflows._online_fit import fit_of
 from flinders.workflows._online_releases import converted, is_of_this_release
-from flinders.workflows.timeline import UNKNOWN, Code, Doing, OnlinePoint, Timeline
+from flinders.workflows.online_events import CODES, DOING, WORDS, OnlineEvent, OnlineState
+from flinders.workflows.timeline import UNKNOWN, OnlinePoint, Timeline
 from flinders.workflows.walk import Walk
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
-    from flinders.findings.row import Verdict
+    from flinders.fitting.result import Fit
     from flinders.native.layouts import Records
+    from flinders.workflows.timeline import Code
 
-METHOD: Final = "online"
 SOURCE: Final = "the readings"
 FORMAT: Final = "flinders online calibration"
 LARGEST: Final = 4_000_000
@@ -71,62 +68,6 @@ GAP_S: Final = 600.0
 """Without readings, from which on the timeline tells how the claim grew."""
 GAP_POINTS: Final = 8
 """Of the timeline, in such a gap."""
-
-DOING: Final[tuple[Doing, ...]] = ("learning", "undisturbed", "disturbed")
-"""By the engine's numbers."""
-CODES: Final[dict[int, Code]] = {
-    1: "learnt", 2: "contradicted", 4: "passed", 8: "moved", 16: "adopted", 32: "clock-back"
-}  # fmt: skip
-"""What happened, by the engine's bits."""
-
-WORDS: Final[dict[Code, str]] = {
-    "learnt": "a first calibration was found",
-    "contradicted": "readings no longer agree with the calibration: something passes, or its offset has moved",
-    "passed": "readings agree again: something passed",
-    "moved": "the offset has moved, and was learnt anew",
-    "adopted": "another calibration is in force",
-    "clock-back": "the clock went back: readings are left out until it is where it was",
-    "taken-back": "the calibration from before is in force again",
-    "other-release": "the state of another release goes on without its evidence",
-}
-"""What each event means."""
-
-
-@dataclass(frozen=True, slots=True)
-class OnlineEvent:
-    """Something that happened."""
-
-    time_s: float  #: of the reading at which it was seen
-    code: Code
-    heading_error_deg: float  #: that is claimed after it, worst heading, 1 σ; NaN where nothing is in force
-
-    def __str__(self) -> str:
-        return WORDS[self.code]
-
-
-@dataclass(frozen=True, slots=True)
-class OnlineState:
-    """What is known at a time. Numbers are NaN where no calibration is in force."""
-
-    time_s: float
-    doing: Doing  #: ``learning`` without a calibration; ``disturbed`` where readings contradict it
-    heading_error_deg: float  #: to expect of a level vehicle with the calibration in force, worst heading, 1 σ
-    bound_deg: float  #: that no heading exceeds with 95 %
-    latest_deg: float  #: heading error with the newest calibration, which may not be in force
-    age_s: float  #: since readings last told something of it
-    walk: float  #: by which the offset moves in an hour, 1 σ, in µT, or counts where no scale is known
-    target_deg: float
-    #: newest estimate, in force or not, as `Calibration.offset`: µT or counts
-    offset: tuple[float, float, float] = UNKNOWN
-    offset_sigma: tuple[float, float, float] = UNKNOWN  #: 1 σ of each of its components
-    radius: float = math.nan  #: mean length of readings about it, in the same unit
-
-    @property
-    def verdict(self) -> Verdict:
-        """``good`` within the target, ``refused`` beyond five times the target or without a calibration."""
-        if not self.heading_error_deg <= limit_of("heading-error", "refuses") * self.target_deg:
-            return "refused"
-        return "good" if self.heading_error_deg <= self.target_deg else "limited"
 
 
 class OnlineCalibration:
@@ -154,7 +95,7 @@ class OnlineCalibration:
     ------
     UsageError
         For a target, dip or walk out of range, or a calibration that cannot go on: one that is refused, states no
-        uncertainty, or has more than an offset and a matrix.
+        uncertainty, is linearized, or follows a disturbance with a lag.
     """
 
     def __init__(
@@ -177,6 +118,7 @@ class OnlineCalibration:
         self._axes = mapped if start is None else start.calibration.axes
         self._frame = frame if start is None else start.calibration.frame
         self._start, self._sensor, self._strength = start, None, None
+        self._disturbances, self._reference = tuple[Disturbance, ...](), vectors(np.zeros(3))
         self._is_dip_assumed, self._history = dip_deg is None, list[OnlineEvent]()
         self._is_converted = False
         self._timeline = Timeline()
@@ -190,6 +132,7 @@ class OnlineCalibration:
             _refuse(start)
             calibration = start.calibration
             self._sensor = calibration.sensor
+            self._disturbances, self._reference = calibration.disturbances, calibration.offset
             self._strength = calibration.field_strength if calibration.field_strength_known else None
             if at is not None:
                 self._know(start, at)
@@ -234,7 +177,12 @@ class OnlineCalibration:
     def is_locked(self, is_locked: bool) -> None:
         self._record["is_locked"] = is_locked
 
-    def add(self, readings: ArrayLike, *, time: ArrayLike) -> tuple[OnlineEvent, ...]:
+    @property
+    def disturbances(self) -> tuple[str, ...]:
+        """Names of what the calibration follows, whose values `add` needs: ``current``, ``temperature`` and so on."""
+        return tuple(disturbance.name for disturbance in self._disturbances)
+
+    def add(self, readings: ArrayLike, *, time: ArrayLike, **disturbances: ArrayLike | None) -> tuple[OnlineEvent, ...]:
         """Take readings in.
 
         Parameters
@@ -243,6 +191,9 @@ class OnlineCalibration:
             In the sensor's own axes, in the order of time.
         time : (N,) float, s
             Of any clock.
+        **disturbances : (N,) or (N, M), optional
+            Values of the `disturbances`, named as for `Calibration.apply`. What they do to readings is as `start` says;
+            readings without a value are left out.
 
         Returns
         -------
@@ -253,8 +204,12 @@ class OnlineCalibration:
         ------
         ArrayError
             For another shape.
+        UsageError
+            Where values of a disturbance are not given.
         """
         samples = Samples.of(readings, unit=self._raw, axes=self._axes, time=np.atleast_1d(time), source=SOURCE)
+        if self._disturbances:
+            samples = replace(samples, field=self._undisturbed(samples.field, disturbances))
         assert samples.time is not None
         if self._start is not None and len(samples):
             self._know(self._start, float(samples.time[0]))
@@ -274,6 +229,12 @@ class OnlineCalibration:
             self._put([event.code for event in events])
         self._note(found)
         return tuple(found)
+
+    def _undisturbed(self, field: Floats, values: Mapping[str, ArrayLike | None]) -> Floats:
+        """Readings as they would be at the references of the disturbances."""
+        shift, gain = effect(self._disturbances, named(**values))
+        quiet: Floats = self._reference + (field - self._reference - shift) / gain[..., np.newaxis]
+        return quiet
 
     def _put(self, codes: list[Code]) -> None:
         """Put what is known now into the timeline, if something happened or a point is due."""
@@ -379,10 +340,9 @@ class OnlineCalibration:
     def fit(self) -> Fit | None:
         """The calibration in force with its claim, to be saved and exported as every fit; None where there is none."""
         claim = engine().online_claim(self._record, float(self._record["now"]))
-        return None if not self._record["state"] else self._fit(self._record["in_force"], claim)
-
-    def _fit(self, parameters: Floats, claimed: Records) -> Fit:
-        ellipsoid = Ellipsoid.of_parameters(np.array(parameters))
+        if not self._record["state"]:
+            return None
+        ellipsoid = Ellipsoid.of_parameters(self._record["in_force"].copy())
         calibration = Calibration.from_ellipsoid(
             ellipsoid.centre,
             ellipsoid.shape,
@@ -392,27 +352,14 @@ class OnlineCalibration:
             sensor=self._sensor,
             frame=self._frame,
         )
-        dip = float(self._record["dip_deg"])
-        error = HeadingError(float(claimed["rms_deg"]), float(claimed["worst_deg"]), dip)
-        claim = Claim(
-            calibration,
-            np.array(claimed["covariance"]).reshape(9, 9),
-            heading_error_deg=error,
-            dip_deg=dip,
-            dip_assumed=self._is_dip_assumed,
+        return fit_of(
+            replace(calibration, disturbances=self._disturbances),
+            claim,
+            noise=float(self._record["noise"]),
+            dip_deg=self.dip_deg,
+            is_dip_assumed=self._is_dip_assumed,
             target_deg=self.target_deg,
         )
-        findings = linked(
-            judged_parts(
-                calibration,
-                ("heading-error", *OF_CALIBRATION),
-                target_deg=claim.target_deg,
-                values={"next_step": ("record-longer",)},
-                level_worst_deg=error.worst,
-            )
-        )
-        evidence = Evidence(method=METHOD, noise=float(self._record["noise"]))
-        return Fit(calibration, evidence, claim, Judgement(findings), Provenance(METHOD))
 
     @property
     def calibration(self) -> Calibration | None:
@@ -480,9 +427,11 @@ class OnlineCalibration:
             "frame": self._frame,
             "sensor": self._sensor,
             "dip_assumed": self._is_dip_assumed,
-            "history": [_finite(asdict(event)) for event in self._history],
+            "disturbances": [asdict(one) | {"per_unit": one.per_unit.tolist()} for one in self._disturbances],
+            "reference": self._reference.tolist(),
+            "history": [finite(asdict(event)) for event in self._history],
             "timeline": self._timeline.as_dict(),
-            "record": {name: _listed(self._record[name]) for name in ONLINE.names or ()},
+            "record": {name: listed(self._record[name]) for name in ONLINE.names or ()},
         }
         write_text(msgspec.json.encode(content).decode() + "\n", path, force=True)
 
@@ -499,7 +448,7 @@ class OnlineCalibration:
         try:
             content = msgspec.json.decode(text)
             return cls._of(content)
-        except (msgspec.DecodeError, AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
+        except (msgspec.DecodeError, UsageError, AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
             raise DocumentError(
                 f"{os.fspath(path)}: is no state of an online calibration ({error}): give the file that `save` wrote"
             ) from None
@@ -512,14 +461,16 @@ class OnlineCalibration:
         online._raw = Unit(content["unit"], content["scale"], content["inside"])
         online._strength, online._sensor = content.get("field_strength"), content.get("sensor")
         online._is_dip_assumed = bool(content.get("dip_assumed", True))
+        online._disturbances = tuple(Disturbance(**one) for one in content.get("disturbances", ()))
+        online._reference = vectors(content.get("reference", (0.0, 0.0, 0.0)), "the offset of its disturbances")
         online._history = [
-            OnlineEvent(**{**event, "heading_error_deg": _number(event["heading_error_deg"])})
+            OnlineEvent(**{**event, "heading_error_deg": float(event["heading_error_deg"])})
             for event in content.get("history", [])
             if event["code"] in WORDS  # another release has others
         ]
-        saved = {name: _numbers(values) for name, values in content["record"].items()}
+        saved = {name: numbers(values) for name, values in content["record"].items()}
         online._is_converted = not is_of_this_release(saved, int(online._record["version"]))
-        online._record = converted(saved) if online._is_converted else _record_of(saved)
+        online._record = converted(saved) if online._is_converted else record_of(saved)
         if "timeline" in content:
             online._timeline = Timeline.of(content["timeline"])
         if online._is_converted:
@@ -540,56 +491,10 @@ def _refuse(start: Fit) -> None:
         "is refused" if start.verdict == "refused"
         else "states no uncertainty" if not start.claim.states_uncertainty
         else "is of a level turn, which is learnt anew" if start.claim.plane is not None
-        else "follows disturbances" if calibration.disturbances
+        else "follows a disturbance with a lag" if any(one.lag_s for one in calibration.disturbances)
         else "is linearized" if calibration.linearization is not None
         else "has a mounting that an aid found" if calibration.rotation != "symmetric"
         else ""
     )  # fmt: skip
     if why:
         raise UsageError(f"{start.name} {why}: begin with a calibration of the magnetometer alone, or with none")
-
-
-def _record_of(saved: dict[str, Any]) -> Records:
-    """A record of its numbers by name; ValueError for one that this engine has not written.
-
-    Its counts are places in memory.
-    """
-    record = blank(ONLINE)
-    for name in ONLINE.names or ():
-        values = np.array(saved[name])
-        if values.shape != record[name].shape:
-            raise ValueError(f"{name} has {values.size} numbers, and not {record[name].size}")
-        record[name] = values
-    kept, tested, doubtful = (int(record[name]) for name in ("kept", "tested", "doubtful"))
-    is_sound = 0 <= tested <= kept <= EVIDENCE and -1 <= doubtful <= kept and record["averaged"] >= 0
-    if not (is_sound and 0 <= record["state"] < len(DOING)):
-        raise ValueError("its counts are none")
-    return record
-
-
-def _listed(values: Records) -> Any:  # noqa: ANN401 - JSON
-    """Numbers for JSON; words for those that it has not."""
-    return values.tolist() if np.isfinite(values).all() else _finite(values.tolist())
-
-
-def _finite(content: Any) -> Any:  # noqa: ANN401 - JSON
-    """JSON has no NaN and no infinity: words in their place."""
-    if isinstance(content, dict):
-        return {name: _finite(value) for name, value in content.items()}
-    if isinstance(content, list):
-        return [_finite(value) for value in content]
-    return str(content) if isinstance(content, float) and not math.isfinite(content) else content
-
-
-def _number(value: float | str) -> float:
-    return float(value)
-
-
-def _numbers(values: Any) -> Any:  # noqa: ANN401 - a number or a list of them
-    return (
-        [_numbers(value) for value in values]
-        if isinstance(values, list)
-        else _number(values)
-        if isinstance(values, str)
-        else values
-    )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 from flinders.apps.service.clocks import FROM_1970_S
 from flinders.errors import figures
-from flinders.workflows.online import CODES, DOING, WORDS
+from flinders.workflows.online_events import CODES, DOING, WORDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from flinders.core.units import Unit
     from flinders.errors import OutputError
     from flinders.fitting.result import Fit
-    from flinders.workflows.online import OnlineEvent, OnlineState
+    from flinders.workflows.online_events import OnlineEvent, OnlineState
     from flinders.workflows.walk import Walk
 
 WAIT_S: Final = 0.1  # Longest wait for readings: how soon the end is noticed
