@@ -326,6 +326,27 @@ class OnlineCalibration:
         )
 
     @property
+    def is_level(self) -> bool:
+        """Whether it is of a vehicle that stays level: nothing is known of the axis across."""
+        return bool(self._record["is_level"])
+
+    def error_with_deg(self, calibration: Calibration, time_s: float | None = None) -> float:
+        """Heading error to expect with another calibration of the same readings, worst heading, 1 σ.
+
+        Parameters
+        ----------
+        calibration : Calibration
+            An offset and a symmetric matrix; which strength of the field it has makes no difference.
+        time_s : float, optional
+            By default at the newest reading.
+        """
+        record = self._record.copy()
+        parameters, latest = calibration.ellipsoid.parameters.copy(), Ellipsoid.of_parameters(self._record["latest"])
+        parameters[3:] *= latest.radius / calibration.ellipsoid.radius
+        record["in_force"] = parameters
+        return float(engine().online_claim(record, self.time_s if time_s is None else time_s)["worst_deg"])
+
+    @property
     def good_until_s(self) -> float:
         """Time at which the heading error reaches the target if nothing is learnt until then.
 
