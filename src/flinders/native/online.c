@@ -168,6 +168,15 @@ static int is_determined(const flinders_online *online)
     return unknown * online->scatter < size / 2;
 }
 
+/* A reading of the evidence, corrected by a surface; returns its length, 1 in the field that it was calibrated in. */
+static real corrected(const flinders_online *online, const fl_surface *surface, int row, real u[3])
+{
+    real off[3];
+    for (int axis = 0; axis < 3; axis++) off[axis] = online->field[3 * row + axis] - surface->centre[axis];
+    fl_sym3_apply(surface->inverse, off, u);
+    return fl_sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
+}
+
 /* By how much the field's strength differs in readings from one on: their mean length; and the mean of their directions. */
 static real length_off(const flinders_online *online, int first, real direction[3])
 {
@@ -176,14 +185,37 @@ static real length_off(const flinders_online *online, int first, real direction[
     for (int axis = 0; axis < 3; axis++) direction[axis] = 0;
     if (fl_surface_of(online->latest, online->latest + 3, &surface)) return 0;
     for (int row = first; row < online->kept; row++) {
-        real off[3], u[3];
-        for (int axis = 0; axis < 3; axis++) off[axis] = online->field[3 * row + axis] - surface.centre[axis];
-        fl_sym3_apply(surface.inverse, off, u);
-        const real length = fl_sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]);
+        real u[3];
+        const real length = corrected(online, &surface, row, u);
         for (int axis = 0; axis < 3; axis++) direction[axis] += u[axis] / length / (real)(online->kept - first);
         sum += length - 1;
     }
     return sum / (real)(online->kept - first);
+}
+
+/* Variance of the lengths of readings from one on, corrected with an offset. */
+static real length_variance(const flinders_online *online, int first, const real offset[3])
+{
+    fl_surface surface;
+    real mean = 0, square = 0;
+    const real n = (real)(online->kept - first);
+    if (fl_surface_of(offset, online->latest + 3, &surface)) return 0;
+    for (int row = first; row < online->kept; row++) {
+        real u[3];
+        const real off = corrected(online, &surface, row, u) - 1;
+        mean += off / n, square += off * off / n;
+    }
+    return square - mean * mean;
+}
+
+/* How often chance makes the lengths of readings from one on so much more alike with another offset than with the one that is
+ * known. A short arc lies on two spheres: where it lies on that of what is known, too, the other one says nothing. */
+static real chance_of_lengths(const flinders_online *online, int first, const real offset[3], real scatter)
+{
+    const real noise = online->noise / fl_mean_radius(online->latest), about = length_variance(online, first, offset);
+    const real usual = noise * noise + online->place * online->place, left = about > usual ? about : usual;
+    const real gain = (real)(online->kept - first) * (length_variance(online, first, online->latest) - about) / left;
+    return gain > 0 ? fl_chance_of(gain / scatter, 3, 0) : 1;
 }
 
 /* Look at the newest reading alone, as of a body that lies still: where its length is far off, something passes or the offset
@@ -261,7 +293,6 @@ static void learn_of_turn(flinders_online *online, const real d[3], const real a
     online->latest_at = online->known_at = now;
     memcpy(online->known, online->latest, sizeof online->known);
     memcpy(online->known_covariance, known, sizeof online->known_covariance);
-    drop_before(online, online->kept);
 }
 
 /* Take a group for usual here. One that chance hardly ever makes is so where the next one is not. */
@@ -312,15 +343,17 @@ static int32_t compare_disturbed(flinders_online *online, shown *group, const fl
     real other[3];
     for (int i = 0; i < 3; i++) other[i] = group->d[i] - online->apart[i];
     const int is_told = fl_chance_of_offsets(online->apart, online->apart_covariance, group->known, scatter, NULL) < AGREES;
-    const int agrees = fl_chance_of_offsets(group->d, group->covariance, group->known, scatter, NULL) > AGREES;
+    const int agrees = fl_chance_of_offsets(group->d, group->covariance, group->known, scatter, NULL) > AGREES &&
+                       chance_of_lengths(online, group->first, group->offset, scatter) > AGREES;
     const int is_alike = fl_chance_of_offsets(other, group->covariance, online->apart_covariance, scatter, NULL) > AGREES;
     online->is_lone = 0;
     if (is_told && agrees && is_alike) return give_in(online); /* it tells nothing */
+    const int is_restarted = !is_alike && !online->alike; /* what there was before is another offset again */
     online->agreeing = agrees ? online->agreeing + 1 : 0, online->alike = is_alike ? online->alike + 1 : 0;
     if (agrees) follow(&online->scatter, group->ratio, LEAST_SCATTER);
     if (online->agreeing == IN_A_ROW) return pass(online);
     if (agrees) return give_in(online);
-    if (!is_alike) online->doubtful = group->first; /* what there was before is another offset again */
+    if (is_restarted) online->doubtful = group->first;
     part(online, online->doubtful, memory, group->offset, group->covariance);
     const int has_lasted = online->time[online->kept - 1] - online->time[online->doubtful] >= LASTS_S;
     if (online->alike < IN_A_ROW || !has_lasted || !is_determined(online)) return give_in(online);
@@ -338,6 +371,11 @@ static int32_t compare(flinders_online *online, int first, const fl_lent *memory
     group.size = fl_sqrt(group.d[0] * group.d[0] + group.d[1] * group.d[1] + group.d[2] * group.d[2]);
     group.chance = fl_chance_of_offsets(group.d, group.covariance, group.known, online->scatter, &group.ratio);
     if (group.size > 2 * anywhere) return 0; /* a short arc lies on more circles than one */
+    if (group.chance < SUSPECT) {
+        const real by_lengths = chance_of_lengths(online, first, group.offset, online->scatter > 1 ? online->scatter : 1);
+        if (by_lengths > SUSPECT) return 0;
+        group.chance = by_lengths > group.chance ? by_lengths : group.chance;
+    }
     return online->state == FLINDERS_UNDISTURBED ? compare_undisturbed(online, &group, memory)
                                                  : compare_disturbed(online, &group, memory);
 }
@@ -355,7 +393,8 @@ static int32_t look(flinders_online *online, const fl_lent *memory)
     }
     const int32_t events = compare(online, first, memory);
     online->tested = online->kept;
-    if (online->kept && online->state == FLINDERS_UNDISTURBED) fl_learn(online, memory);
+    if (online->state == FLINDERS_UNDISTURBED && online->is_level) drop_before(online, online->kept);
+    else if (online->state == FLINDERS_UNDISTURBED && online->kept) fl_learn(online, memory);
     return events | adopt_better(online);
 }
 
