@@ -1,4 +1,4 @@
-"""The calibration in force of one that keeps itself, with what is claimed of it, as a fit."""
+"""Fits that a calibration which keeps itself begins with, and the one in force as a fit."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.errors import UsageError
 from flinders.findings.catalogue import OF_CALIBRATION
 from flinders.findings.rules import linked
 from flinders.fitting.claim import Claim
@@ -50,3 +51,19 @@ def fit_of(
         )
     )
     return Fit(calibration, Evidence(method=METHOD, noise=noise), claim, Judgement(findings), Provenance(METHOD))
+
+
+def refuse(start: Fit) -> None:
+    """Raise UsageError for a calibration that cannot go on."""
+    calibration = start.calibration
+    why = (
+        "is refused" if start.verdict == "refused"
+        else "states no uncertainty" if not start.claim.states_uncertainty
+        else "is of a level turn, which is learnt anew" if start.claim.plane is not None
+        else "follows a disturbance with a lag" if any(one.lag_s for one in calibration.disturbances)
+        else "is linearized" if calibration.linearization is not None
+        else "has a mounting that an aid found" if calibration.rotation != "symmetric"
+        else ""
+    )  # fmt: skip
+    if why:
+        raise UsageError(f"{start.name} {why}: begin with a calibration of the magnetometer alone, or with none")

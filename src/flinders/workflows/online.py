@@ -38,7 +38,7 @@ from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE
 from flinders.workflows._online_files import finite, listed, numbers, record_of
-from flinders.workflows._online_fit import fit_of
+from flinders.workflows._online_fit import fit_of, refuse
 from flinders.workflows._online_releases import converted, is_of_this_release
 from flinders.workflows.online_events import CODES, DOING, WORDS, OnlineEvent, OnlineState
 from flinders.workflows.timeline import UNKNOWN, OnlinePoint, Timeline
@@ -129,7 +129,7 @@ class OnlineCalibration:
             known = walk if isinstance(walk, Walk) else Walk.known(walk)
             engine().online_expect_walk(self._record, known.rate, known.log_sigma)
         if start is not None:
-            _refuse(start)
+            refuse(start)
             calibration = start.calibration
             self._sensor = calibration.sensor
             self._disturbances, self._reference = calibration.disturbances, calibration.offset
@@ -256,13 +256,9 @@ class OnlineCalibration:
                 yield self._point(now + (until - now) * (part / GAP_POINTS) ** 2, is_read=False)
 
     def _point(self, time_s: float, codes: list[Code] | None = None, *, is_read: bool = True) -> OnlinePoint:
-        doing, events = DOING[int(self._record["state"])], tuple(codes or ())
-        if not self._record["state"]:
-            return OnlinePoint(time_s, doing, is_read=is_read, events=events)
-        claim = engine().online_claim(self._record, time_s)
-        return OnlinePoint(
-            time_s, doing, float(claim["worst_deg"]), float(claim["bound_deg"]), *self._offset(claim), is_read, events
-        )
+        known = self.at(time_s)
+        errors, offset = (known.heading_error_deg, known.bound_deg), (known.offset, known.offset_sigma)
+        return OnlinePoint(time_s, known.doing, *errors, *offset, is_read, tuple(codes or ()))
 
     def _offset(self, claim: Records) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
         """The newest estimate of the offset, and 1 σ of its components, of what is claimed at a time."""
@@ -320,6 +316,27 @@ class OnlineCalibration:
         )
 
     @property
+    def is_level(self) -> bool:
+        """Whether it is of a vehicle that stays level: nothing is known of the axis across."""
+        return bool(self._record["is_level"])
+
+    def error_with_deg(self, calibration: Calibration, time_s: float | None = None) -> float:
+        """Heading error to expect with another calibration of the same readings, worst heading, 1 σ.
+
+        Parameters
+        ----------
+        calibration : Calibration
+            An offset and a symmetric matrix; which strength of the field it has makes no difference.
+        time_s : float, optional
+            By default at the newest reading.
+        """
+        record = self._record.copy()
+        parameters, latest = calibration.ellipsoid.parameters.copy(), Ellipsoid.of_parameters(self._record["latest"])
+        parameters[3:] *= latest.radius / calibration.ellipsoid.radius
+        record["in_force"] = parameters
+        return float(engine().online_claim(record, self.time_s if time_s is None else time_s)["worst_deg"])
+
+    @property
     def good_until_s(self) -> float:
         """Time at which the heading error reaches the target if nothing is learnt until then.
 
@@ -339,7 +356,6 @@ class OnlineCalibration:
     @property
     def fit(self) -> Fit | None:
         """The calibration in force with its claim, to be saved and exported as every fit; None where there is none."""
-        claim = engine().online_claim(self._record, float(self._record["now"]))
         if not self._record["state"]:
             return None
         ellipsoid = Ellipsoid.of_parameters(self._record["in_force"].copy())
@@ -354,7 +370,7 @@ class OnlineCalibration:
         )
         return fit_of(
             replace(calibration, disturbances=self._disturbances),
-            claim,
+            engine().online_claim(self._record, self.time_s),
             noise=float(self._record["noise"]),
             dip_deg=self.dip_deg,
             is_dip_assumed=self._is_dip_assumed,
@@ -482,19 +498,3 @@ class OnlineCalibration:
     def __repr__(self) -> str:
         state = self.state
         return f"OnlineCalibration({state.doing}, {state.verdict}, heading error {state.heading_error_deg:.2g}°)"
-
-
-def _refuse(start: Fit) -> None:
-    """Refuse a calibration that cannot go on."""
-    calibration = start.calibration
-    why = (
-        "is refused" if start.verdict == "refused"
-        else "states no uncertainty" if not start.claim.states_uncertainty
-        else "is of a level turn, which is learnt anew" if start.claim.plane is not None
-        else "follows a disturbance with a lag" if any(one.lag_s for one in calibration.disturbances)
-        else "is linearized" if calibration.linearization is not None
-        else "has a mounting that an aid found" if calibration.rotation != "symmetric"
-        else ""
-    )  # fmt: skip
-    if why:
-        raise UsageError(f"{start.name} {why}: begin with a calibration of the magnetometer alone, or with none")

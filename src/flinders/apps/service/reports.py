@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from flinders.findings.row import Verdict
     from flinders.workflows.timeline import Doing
 
-Kind: TypeAlias = Literal["state", "event", "source"]
+Kind: TypeAlias = Literal["state", "event", "source", "send"]
 LATEST_S: Final = 2.5e11  # Seconds from 1970 that a date can have
 VERDICTS: Final[dict[Verdict, str]] = {
     "good": "the heading error is within the target",
@@ -25,7 +25,7 @@ VERDICTS: Final[dict[Verdict, str]] = {
     "refused": "the heading error is beyond five times the target",
 }
 """What a verdict means that changed without an event of the calibration."""
-EVENTS: Final = (*CODES.values(), "other-release", "good", "limited", "refused")
+EVENTS: Final = (*CODES.values(), "other-release", "good", "limited", "refused", "sent", "not-sent")
 """What is counted."""
 
 
@@ -33,7 +33,7 @@ EVENTS: Final = (*CODES.values(), "other-release", "good", "limited", "refused")
 class Report:
     """What is known at a time."""
 
-    kind: Kind  # why it is told: time has passed, something happened to either
+    kind: Kind  # why it is told: time has passed, something happened to the calibration or the source, it was sent
     event: str | None  # what happened; of the source as in `Recording`; None where time has passed
     words: str | None  # the same, for people
     time_s: float  # s: by the clock of the readings, from 1970 where that is known

@@ -22,6 +22,7 @@ from flinders.apps.service.clocks import FROM_1970_S, MachineClock, RecordedCloc
 from flinders.core.units import Unit
 from flinders.errors import UnitError, UnreadableInput
 from flinders.links.feeds import FeedEvent
+from flinders.links.recipients import Recipient
 from flinders.links.recorder import Recorder
 
 if TYPE_CHECKING:
@@ -75,6 +76,11 @@ class Source:
     def now(self) -> float | None:
         """The time without a reading; None of recordings, where nothing is known of it."""
         return self._clock.now
+
+    @property
+    def recipient(self) -> Recipient | None:
+        """What takes a calibration of the readings; None where nothing does."""
+        return self._feed if isinstance(self._feed, Recipient) else None
 
     @property
     def not_understood(self) -> int:

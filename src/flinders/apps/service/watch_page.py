@@ -90,6 +90,7 @@ def page(
     *,
     told: Sequence[Report] = (),
     troubles: Sequence[str] = (),
+    not_sent: str = "",
     every: float | None = None,
     written: datetime | None = None,
 ) -> str:
@@ -105,6 +106,8 @@ def page(
         Verdicts that changed and events of the source, since the program was started.
     troubles : sequence of str
         What cannot be written now, a sentence each.
+    not_sent : str
+        Why the last calibration that was to be sent was not.
     every : float, s, optional
         After which the page is written again; None of one that is not.
     written : datetime, optional
@@ -118,7 +121,7 @@ def page(
         "what": "Heading error now",
         "outcome": {"verdict": report.verdict, "title": _title(report), "sentence": _sentence(report)},
         "numbers": _numbers(report, online),
-        "notes": _notes(report, troubles, is_last=every is None),
+        "notes": _notes(report, troubles, not_sent, is_last=every is None),
         "spans": spans,
         "shown_span": _usual(spans),
         "charts": [(name, *_charts(points, seconds, report, name)) for name, _, seconds in spans],
@@ -199,7 +202,7 @@ def _clock(seconds: float, words: str) -> tuple[str, str]:
     return f"{date:%H:%M}", f"{date:%a} {date.day} {date:%b %Y} UTC; {words}"
 
 
-def _notes(report: Report, troubles: Sequence[str], *, is_last: bool) -> list[Note]:
+def _notes(report: Report, troubles: Sequence[str], not_sent: str, *, is_last: bool) -> list[Note]:
     """What there is to know: state, source, and what else asks for somebody."""
     means, advice = STATES[report.doing]
     severity: Severity = "limits" if report.doing == "disturbed" else "note"
@@ -213,6 +216,7 @@ def _notes(report: Report, troubles: Sequence[str], *, is_last: bool) -> list[No
         latest = _number(report.latest_deg)
         other = "" if math.isnan(latest) else f" With the newest one the heading error would be {degrees(latest)}."
         notes.append(Note("note", "Locked", f"The calibration in force stays, whatever is learnt.{other}"))
+    notes += [Note("limits", "Not sent", as_sentence(not_sent))] if not_sent else []
     return [*notes, *(Note("limits", "Not written", as_sentence(words)) for words in troubles)]
 
 

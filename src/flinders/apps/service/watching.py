@@ -37,6 +37,7 @@ from flinders.workflows.online import OnlineCalibration
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from flinders.apps.service.handover import Handover
     from flinders.apps.service.reports import Kind
     from flinders.apps.service.sources import Source
     from flinders.arrays import Floats
@@ -113,6 +114,8 @@ class Watch:
         Of the readings' time, after which files are written and the state is told.
     is_locked : bool
         The calibration in force stays.
+    handover : Handover, optional
+        Sends calibrations that come into force.
     tell : callable
         Told what happens, and the state at times.
     say : callable
@@ -131,6 +134,7 @@ class Watch:
         files: Files | None = None,
         every: float = EVERY_S,
         is_locked: bool = False,
+        handover: Handover | None = None,
         tell: Callable[[Report], object] = lambda _: None,
         say: Callable[[str], object] = lambda _: None,
         stopped: Callable[[], bool] = lambda: False,
@@ -153,6 +157,7 @@ class Watch:
         self._is_connected, self._is_over, self._is_quiet = True, False, False
         self._advised: set[str] = set()
         self._adopted: tuple[Fit, float] | None = None
+        self._handover = handover
         self._told: deque[Report] = deque(maxlen=TOLD)
         self._page_at, self._is_page_due = -math.inf, True
         written = self._files
@@ -176,6 +181,7 @@ class Watch:
                 self._note(self._online.history[-1:])
             while not self._is_over and not self._stopped():
                 self._take(self._source.next(WAIT_S))
+                self._hand_over()
                 self._show()
             self._flush()
         finally:
@@ -373,6 +379,17 @@ class Watch:
         if self._calibration.write(lambda: fit.save(file, force=True)):
             self._adopted = None
 
+    def _hand_over(self) -> None:
+        """Send the calibration in force where it is time, and tell what came of it."""
+        if self._handover is None or self._online is None:
+            return
+        happened = self._handover.look(self._online, self._now())
+        if happened is None:
+            return
+        event, words = happened
+        self._events[event] += event != "waits"
+        self._tell_and_keep(self.report("send", event, words))
+
     def _show(self, *, is_last: bool = False) -> None:
         """Write the page where something is new; the last one is not loaded again."""
         path = self._files.page
@@ -387,6 +404,7 @@ class Watch:
             self._online,
             told=list(self._told),
             troubles=[file.failure.message for file in kept if file.failure is not None],
+            not_sent="" if self._handover is None else self._handover.failure,
             every=None if is_last else self._every,
         )
         self._page.write(lambda: write_text(text, path, force=True))

@@ -20,6 +20,7 @@ from flinders.errors import UnreadableInput, UsageError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from flinders.apps.service.handover import Handover
     from flinders.apps.service.reports import Report
     from flinders.apps.service.sources import Source
     from flinders.apps.service.watching import Begun, Files
@@ -170,6 +171,14 @@ class Watch(program.Group):
         "--page", metavar="FILE.html", help="Keep a page that shows the state, its course and events.",
         heading=program.OUTPUT,
     )  # fmt: skip
+    send: str | None = program.member(
+        "--send", metavar="FOLDER", heading=program.OUTPUT,
+        help="Send calibrations to the vehicle of --mavlink while it is disarmed; what it held goes into the folder.",
+    )  # fmt: skip
+    send_interval_s: float = program.member(
+        "--send-interval", type=program.positive, default=3600.0, show_default=True, metavar="S",
+        help="From one sending to the next, at the least.", heading=program.OUTPUT,
+    )  # fmt: skip
     as_json: bool = program.flag(
         "--json", "Print each event, and the state at times, as a line of JSON.", heading=program.OUTPUT
     )
@@ -183,6 +192,7 @@ class Watch(program.Group):
         from flinders.core.files import refuse_existing
 
         self.source.check()
+        self._check_sending()
         if self.walk is not None and self.history is not None:
             raise UsageError("--walk and --history say the same: leave one of them out")
         read = [*self.source.files, *filter(None, (self.source.replay, self.calibration, self.history))]
@@ -201,6 +211,28 @@ class Watch(program.Group):
             seen[os.path.realpath(path)] = name
             refuse_to_overwrite(path, read)
             refuse_existing(path, force=True)
+
+    def _check_sending(self) -> None:
+        """See that a source takes calibrations, and that there is a place for what it held before."""
+        if self.send is None:
+            if program.is_typed("send_interval_s"):
+                raise UsageError("--send-interval goes with --send: leave it out")
+            return
+        if self.source.mavlink is None:
+            raise UsageError(
+                "--send goes with --mavlink: a board on a wire does not tell what it held before, so that this could "
+                "not be put back; write calibrations with --adopted, and send one with flinders send"
+            )
+        if not Path(self.send).is_dir():
+            raise UsageError(f"--send {self.send}: need a folder that exists, for what the vehicle held before")
+
+    def handover(self, source: Source, stopped: Callable[[], bool]) -> Handover | None:
+        """What sends calibrations; None where that is not asked for."""
+        if self.send is None or source.recipient is None:
+            return None
+        from flinders.apps.service.handover import Handover
+
+        return Handover(source.recipient, self.send, interval_s=self.send_interval_s, stopped=stopped, say=say)
 
     def began(self) -> OnlineCalibration | Begun:
         """The calibration of the state file where that is there, else how it begins."""
@@ -305,6 +337,7 @@ def command(options: Watch) -> None:
             files=options.files,
             every=options.every,
             is_locked=options.lock,
+            handover=options.handover(source, stopped),
             tell=_json if options.as_json else _told(),
             say=say,
             stopped=stopped,
@@ -327,9 +360,9 @@ def _told() -> Callable[[Report], None]:
     def tell(report: Report) -> None:
         is_same = report.event == "adopted" and last in ([report.time_s, "learnt"], [report.time_s, "moved"])
         last[:] = [report.time_s, report.event]
-        if report.kind == "source":
+        if report.kind == "source" or report.event == "waits":
             say(report.line())
-        elif report.kind == "event" and not is_same:
+        elif report.kind == "send" or (report.kind == "event" and not is_same):
             click.echo(report.line())
 
     return tell
