@@ -71,8 +71,8 @@ def test_a_folder_of_histories_is_one_of_units(kept: tuple[Path, np.ndarray, np.
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ('{"kind": "state"}\n', "line 1 is none of `flinders watch --json`"),
-        ("time,x,y,z\n1,2,3,4\n", "line 1 is none of"),
+        ('{"kind": "state"}\n', "line 1 is none that `flinders watch` prints"),
+        ("time,x,y,z\n1,2,3,4\n", "line 1 is none that"),
         ("", "no line has an offset"),
         ('{"format":"flinders online calibration"}', "is no state of an online calibration"),
     ],

@@ -105,7 +105,7 @@ class OffsetHistory:
         times = {path: time for path in folder.iterdir() if (time := adopted_s(path.name)) is not None}
         if not times:
             raise DocumentError(
-                f"{folder}: holds no calibration-TIME.json: give a folder that `flinders watch --adopted` wrote"
+                f"{folder}: holds no calibration-TIME.json: give a folder of calibrations that `flinders watch` adopted"
             )
         paths = sorted(times, key=times.__getitem__)
         fits = [Fit.load(path) for path in paths]
@@ -140,7 +140,9 @@ class OffsetHistory:
             raise DocumentError(f"{path}: no line has an offset: no calibration was found yet")
         table = np.frombuffer(rows).reshape(-1, 7)
         if last.radius < SMALLEST or np.abs(table).max() > LARGEST:
-            raise DocumentError(f"{path}: has numbers that no magnetometer gives: give what --json printed")
+            raise DocumentError(
+                f"{path}: has numbers that no magnetometer gives: give the lines of JSON as they were printed"
+            )
         table = table[np.argsort(table[:, 0], kind="stable")]
         return cls(
             name,
@@ -201,7 +203,7 @@ def _within(path: Path) -> Iterable[Path]:
     except OSError as error:
         raise DocumentError(f"{path}: cannot be read: {reason(error)}") from None
     if not found:
-        raise DocumentError(f"{path}: holds nothing that `flinders watch` wrote: give states, or a folder of --adopted")
+        raise DocumentError(f"{path}: holds nothing that `flinders watch` wrote: give states, or adopted calibrations")
     return found
 
 
@@ -269,6 +271,6 @@ def _reports(lines: Iterable[bytes], path: Path) -> Iterator[_Line]:
             if number > 1 and not line.endswith(b"\n"):
                 return
             raise DocumentError(
-                f"{path}: line {number} is none of `flinders watch --json`: give a state of `flinders watch --state`, "
-                "a folder of --adopted, or what --json printed"
+                f"{path}: line {number} is none that `flinders watch` prints as JSON: give its state, a folder of the "
+                "calibrations that it adopted, or what it printed"
             ) from None
