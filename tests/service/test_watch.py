@@ -70,7 +70,7 @@ def driven(seconds: float, *, seed: int = 1, moved_s: float = math.inf) -> tuple
 
 
 def table(time: Floats, field: Floats, header: str = "time_s,mag_x_uT,mag_y_uT,mag_z_uT") -> str:
-    rows = (f"{at:.3f},{x:.3f},{y:.3f},{z:.3f}\n" for at, (x, y, z) in zip(time, field.tolist(), strict=True))
+    rows = (",".join(f"{value:.3f}" for value in row) + "\n" for row in np.column_stack([time, field]).tolist())
     return f"{header}\n{''.join(rows)}"
 
 
@@ -305,6 +305,27 @@ def test_a_calibration_file_begins_and_may_be_locked() -> None:
     assert locked[-1]["is_locked"] is True
     assert locked[-1]["verdict"] == "refused"  # the offset moved, and the calibration in force did not
     assert locked[-1]["latest_deg"] < 1.0
+
+
+def test_a_current_that_the_calibration_follows_is_taken_from_the_recording() -> None:
+    time, field = BEGUN_S + DRIVE[0][:4000], DRIVE[1][:4000]
+    current = 8.0 * (1.0 + np.sin(time / 5.0))
+    flown = np.column_stack([field + current[:, None] * [0.3, -0.2, 0.1], current])
+    columns = "time_s,mag_x_uT,mag_y_uT,mag_z_uT"
+    Path("flown.csv").write_text(table(time, flown, f"{columns},current_a"))
+    Path("later.csv").write_text(table(time + 600.0, flown, f"{columns},current_a"))
+    Path("blind.csv").write_text(table(time + 600.0, flown[:, :3], columns))
+    flinders_("calibrate", "flown.csv", "--with", "current", "--output", "start.json")
+    words = ("--calibration", "start.json", "--adopted", "kept.json", "--json")
+    events = {line["event"] for line in lines_of(flinders_("watch", "--replay", "later.csv", *words).out)}
+    assert not events & {"contradicted", "moved", "learnt"}
+    if Path("kept.json").exists():
+        assert "current" in json.loads(Path("kept.json").read_text())["correction"]["disturbances"]
+    refused = flinders_("watch", "--replay", "blind.csv", *words)
+    assert (refused.code, "follows current, which blind.csv does not record" in " ".join(refused.err.split())) == (
+        2,
+        True,
+    )
 
 
 def test_an_earlier_history_tells_how_the_offset_walks(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,7 @@ import numpy as np
 from flinders.apps.service.clocks import duration
 from flinders.apps.service.kept import Kept
 from flinders.apps.service.reports import Report, date_of, moment, words_of
-from flinders.apps.service.sources import raw_readings, raw_unit
+from flinders.apps.service.sources import driving_of, raw_readings, raw_unit
 from flinders.core.files import write_text
 from flinders.errors import UnitError
 from flinders.links.feeds import FeedEvent
@@ -149,6 +149,7 @@ class Watch:
         if self._online is not None:
             self._online.is_locked = is_locked
         self._field, self._time = np.empty((0, 3)), np.empty(0)
+        self._driving: dict[str, Floats] = {}
         self._heard = clock()
         self._due = math.nan
         self._verdict = "refused" if self._online is None else self._online.state.verdict
@@ -293,6 +294,10 @@ class Watch:
         assert samples.time is not None
         self._field = np.concatenate([self._field, readings])
         self._time = np.concatenate([self._time, samples.time])
+        self._driving = {
+            name: np.concatenate([self._driving.get(name, np.empty(0)), driving_of(samples, name)])
+            for name in self._online.disturbances
+        }
         seconds = np.floor(self._time)
         ends = (np.flatnonzero(np.diff(seconds)) + 1).tolist()
         if len(self._time) - (ends[-1] if ends else 0) > TOGETHER:
@@ -302,18 +307,20 @@ class Watch:
     def _learn_to(self, ends: list[int]) -> None:
         """Take in what waits, in pieces that end there."""
         for start, end in zip([0, *ends], ends, strict=False):
-            self._learn_piece(self._field[start:end], self._time[start:end])
+            self._learn_piece(slice(start, end))
         if ends:
             self._field, self._time = self._field[ends[-1] :], self._time[ends[-1] :]
+            self._driving = {name: values[ends[-1] :] for name, values in self._driving.items()}
 
     def _flush(self) -> None:
         """Take in what waits."""
         if len(self._time):
             self._learn_to([len(self._time)])
 
-    def _learn_piece(self, readings: Floats, times: Floats) -> None:
+    def _learn_piece(self, rows: slice) -> None:
         assert self._online is not None
-        happened = self._online.add(readings, time=times)
+        times, driving = self._time[rows], {name: values[rows] for name, values in self._driving.items()}
+        happened = self._online.add(self._field[rows], time=times, **driving)
         self._readings += len(times)
         self._note(happened)
         self._tick(float(times[-1]))
