@@ -556,6 +556,8 @@ static void keep_calibrating(void)
         const int status = flinders_online_claim_at(online, uniform() < 0.9 ? now : anything(), &claim);
         REQUIRE(status == FLINDERS_OK || isnan(claim.worst_deg));
         REQUIRE(!(claim.worst_deg < 0) && !(claim.latest_deg < 0) && !(claim.walk < 0));
+        REQUIRE(!(flinders_online_good_s(online) < 0));
+        if (uniform() < 0.1) flinders_online_shift(online, uniform() < 0.9 ? 4096 : anything());
         if (uniform() < 0.2) flinders_online_adopt(online);
         if (uniform() < 0.2) flinders_online_take_back(online);
         if (uniform() < 0.1) {

@@ -64,6 +64,10 @@ class Online(Library):
         self._library.flinders_online_claim_at(online, time, claim)
         return claim
 
+    def online_good_s(self, online: Records) -> float:
+        """Seconds for which the claim stays within the target; NaN where it is not, infinite beyond ten years."""
+        return float(self._library.flinders_online_good_s(online))
+
     def online_adopt(self, online: Records) -> None:
         """Put what is known latest in force."""
         self._library.flinders_online_adopt(online)

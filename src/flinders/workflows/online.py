@@ -62,8 +62,6 @@ HISTORY: Final = 1000
 """Events that are kept."""
 BEFORE_ANY: Final = -1e99
 """Time of no reading."""
-LONGEST_S: Final = 10 * 365.25 * 86400.0
-"""Ahead of which nothing is said."""
 GAP_S: Final = 600.0
 """Without readings, from which on the timeline tells how the claim grew."""
 GAP_POINTS: Final = 8
@@ -342,16 +340,7 @@ class OnlineCalibration:
 
         Infinite beyond ten years; NaN where it is not within the target now.
         """
-        now, target = self.state.time_s, self.target_deg
-        if not self.state.heading_error_deg <= target:
-            return math.nan
-        if self.at(now + LONGEST_S).heading_error_deg <= target:
-            return math.inf
-        low, high = 0.0, LONGEST_S
-        while high - low > 1.0:
-            middle = (low + high) / 2.0
-            low, high = (middle, high) if self.at(now + middle).heading_error_deg <= target else (low, middle)
-        return now + low
+        return self.state.time_s + engine().online_good_s(self._record)
 
     @property
     def fit(self) -> Fit | None:
