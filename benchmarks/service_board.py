@@ -21,7 +21,7 @@ from benchmarks import firmware, service
 from benchmarks.service_peers import DIP_DEG, ESTIMATORS, TARGET_DEG, Correction, Report
 from flinders.apps.board import package
 from flinders.native.build import EXACT, system_compiler
-from flinders.workflows.online import CODES
+from flinders.workflows.online_events import CODES
 
 if TYPE_CHECKING:
     from benchmarks.service_lives import Chunk

@@ -82,7 +82,7 @@ SHOTS: Final = (
 )
 REPORTS: Final = {
     "report-light": ("light", 1300), "report-dark": ("dark", 1300), "fleet-light": ("light", 1320),
-    "drift-dark": ("dark", 1320),
+    "drift-dark": ("dark", 1320), "watch-light": ("light", 1310), "watch-dark": ("dark", 1310),
 }  # fmt: skip
 """Reports: how they are looked at, and how much of them, in pixels."""
 STANDALONE: Final = ("page-start-light", "page-columns-light")
@@ -233,8 +233,10 @@ def report(browser: Browser, name: str, folder: Path) -> Path:
     place = folder / name
     place.mkdir()
     path = place / "report.html"
-    words = {"report": _calibrate, "fleet": _fleet, "drift": _drift}[name.partition("-")[0]](place)
-    subprocess.run([sys.executable, "-m", "flinders", *words, "--report", str(path)], check=False, capture_output=True)
+    kind = name.partition("-")[0]
+    words = {"report": _calibrate, "fleet": _fleet, "drift": _drift, "watch": _watch}[kind](place)
+    option = "--page" if kind == "watch" else "--report"
+    subprocess.run([sys.executable, "-m", "flinders", *words, option, str(path)], check=False, capture_output=True)
     scheme, height = REPORTS[name]
     options: dict[str, Any] = {"color_scheme": scheme, "viewport": {"width": 1100, "height": height}}
     context = browser.new_context(reduced_motion="reduce", **options)
@@ -277,6 +279,13 @@ def _drift(folder: Path) -> list[str]:
     rows, _ = simulated(Fleet(units=UNITS, step_deg=3.0), np.random.default_rng(4))
     parquet.write_table(rows.to_arrow(), folder / "calibrations.parquet")
     return ["drift", str(folder / "calibrations.parquet")]
+
+
+def _watch(folder: Path) -> list[str]:
+    """A week of a boat whose calibration keeps itself."""
+    week = str(folder / "week.csv")
+    subprocess.run([sys.executable, "-m", "flinders", "simulate", "boat", "-o", week], check=True, capture_output=True)
+    return ["watch", "--replay", week]
 
 
 def _saved(page: Page, name: str) -> Path:

@@ -58,6 +58,8 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`field`": "simulate.truth:FieldRecord",
         "`recording`": "simulate.truth:RecordingRecord",
         "`simulate aircraft --json`": "apps.survey.simulate_aircraft:Flight",
+        "`simulate boat --json`": "apps.service.simulate_boat:BoatLife",
+        "each of its `events`": "apps.service.simulate_boat:BoatEvent",
         "`simulate two-axis --json`": "apps.classic.recovery:Recovery",
         "`polar`, each a list": "apps.classic.simulate_two_axis:Polar",
     },
@@ -76,6 +78,8 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`steps`, each": "apps.fleet.overview:UnitStep",
         "`batches`, each": "apps.fleet.overview:BatchDrift",
         "`undated`": "apps.fleet.overview:Undated",
+        "of histories: columns of `drift --out`, `listed` of `drift --json`": "apps.fleet.walks:UnitWalk",
+        "of histories: `drift --json`": "apps.fleet.walks:FleetWalk",
         "`change_deg`": "apps.fleet.overview:Histogram",
     },
     "Fits": {

@@ -533,6 +533,7 @@ static void keep_calibrating(void)
     flinders_real now = uniform() < 0.9 ? 0 : anything(), pace = (flinders_real)pow(10, 6 * uniform() - 3);
     flinders_online_begin(online);
     online->is_locked = uniform() < 0.1;
+    if (uniform() < 0.3) flinders_online_expect_walk(online, anything(), anything());
     for (size_t blocks = 1 + below(4); blocks > 0; blocks--) {
         const size_t rows = 1 + below(uniform() < 0.02 ? 1000 : 150);
         flinders_real *field = need(3 * rows * sizeof *field), *time = need(rows * sizeof *time);

@@ -287,7 +287,8 @@ def test_one_file_has_one_recorder() -> None:
 def test_a_full_disk_leaves_no_half_line() -> None:
     """Under a limit on the size of a file: the last row that fits is whole, and nothing of the next is there."""
     code = (
-        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))\n"
+        "import resource, sys; sys.dont_write_bytecode = True\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))\n"
         "from flinders.links.recorder import ToFile\n"
         "with ToFile('out.csv') as sink:\n"
         "    for n in range(1000): sink.write(f'{n},217,4,-586\\n')\n"

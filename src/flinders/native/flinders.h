@@ -48,6 +48,7 @@ typedef double flinders_real;
 #endif
 
 #define FLINDERS_RECORD_VERSION 1
+#define FLINDERS_ONLINE_VERSION 2
 
 /* What a function returns. */
 enum {
@@ -368,7 +369,7 @@ enum {
 /* A calibration that keeps itself while its sensor is used: everything that is known of it, in one record that may be saved,
  * and goes on in another process. Times are in seconds, of any origin. NaN where nothing is known. */
 typedef struct flinders_online {
-    int32_t version;              /* FLINDERS_RECORD_VERSION */
+    int32_t version;              /* FLINDERS_ONLINE_VERSION */
     int32_t state;                /* FLINDERS_LEARNING ... */
     int32_t is_locked;            /* 1: nothing is adopted by itself */
     int32_t is_level;             /* 1: all readings are of a level vehicle, and their ellipse alone is known */
@@ -409,7 +410,10 @@ typedef struct flinders_online {
     flinders_real moves;          /* how often the offset has moved, ... */
     flinders_real moves_square;   /* ... the sum of the squares, unit², ... */
     flinders_real watched;        /* ... and in how many seconds */
-    flinders_real rates[7];       /* probability of each rate at which the offset may walk */
+    flinders_real rates[7];       /* probability of each rate at which the offset may walk, ... */
+    flinders_real probable_rates[7]; /* ... and beforehand, which that falls back to */
+    flinders_real expected_walk;  /* rate that is known of the unit beforehand, unit per root hour; NaN: none is */
+    flinders_real expected_walk_sigma; /* 1 sigma of its natural logarithm */
     flinders_real sum[3];         /* of the readings of one direction, and ... */
     flinders_real sum_time;       /* ... of their times */
     flinders_real last[3];        /* the first of them */
@@ -634,6 +638,10 @@ FLINDERS_API void flinders_online_begin(flinders_online *online);
  * a covariance or a time that is none. */
 FLINDERS_API int flinders_online_know(flinders_online *online, const flinders_real parameters[9],
                                       const flinders_real covariance[81], flinders_real noise, flinders_real time);
+
+/* The rate at which the offset walks is known of this unit: unit per root hour, and 1 sigma of its natural logarithm.
+ * FLINDERS_BAD_OPTION where either is not positive. */
+FLINDERS_API int flinders_online_expect_walk(flinders_online *online, flinders_real walk, flinders_real log_sigma);
 
 /* Add readings: field (rows, 3), time (rows,) in s. Stops behind a reading by which something happened, bits of `events`;
  * returns how many were added. */

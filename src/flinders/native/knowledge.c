@@ -19,6 +19,8 @@
 #define MOVES_DAY ((real)1)        /* days that this counts for */
 #define MOVED ((real)0.1)          /* size of a move beforehand, of the radius, root mean square */
 #define TINY_SHARE ((real)1e-12)
+#define BETWEEN_RATES ((real)0.2)  /* of a rate's logarithm, 1 sigma, that seven rates leave open */
+#define RATE_FREEDOM ((real)3)     /* of Student's distribution of a rate that is known: it may be quite another one */
 
 /* Rates of the offset's walk, of the radius per root hour, and how probable each is beforehand. */
 static const real RATE[FL_RATES] = {(real)0.0003, (real)0.0006, (real)0.0012, (real)0.0025, (real)0.005, (real)0.01, (real)0.02};
@@ -260,6 +262,21 @@ void fl_keep_open(const real before[81], real same, real covariance[81])
     }
 }
 
+/* Begin with the rate that is known of the unit, if one is: its logarithm has Student's distribution. */
+void fl_expect_walk(flinders_online *online)
+{
+    const real radius = fl_mean_radius(online->latest);
+    const real variance = online->expected_walk_sigma * online->expected_walk_sigma + BETWEEN_RATES * BETWEEN_RATES;
+    real probable[FL_RATES], sum = 0;
+    if (!(online->expected_walk > 0 && radius > 0)) return;
+    for (int k = 0; k < FL_RATES; k++) {
+        const real off = fl_log(RATE[k] * radius / online->expected_walk), share = 1 + off * off / variance / RATE_FREEDOM;
+        sum += probable[k] = 1 / (share * share); /* to the power of (RATE_FREEDOM + 1) / 2 */
+    }
+    if (!(sum > FL_TINY)) return;
+    for (int k = 0; k < FL_RATES; k++) online->rates[k] = online->probable_rates[k] = probable[k] / sum;
+}
+
 /* What a block says of the rate at which the offset walks. */
 void fl_weigh_rates(flinders_online *online, const real d[3], const real covariance[9], real seconds)
 {
@@ -275,7 +292,7 @@ void fl_weigh_rates(flinders_online *online, const real d[3], const real covaria
         best = densities[k] > best ? densities[k] : best;
     }
     for (int k = 0; k < FL_RATES; k++)
-        sum += online->rates[k] = fl_pow(online->rates[k] / fl_probable_rates[k], REMEMBERED) * fl_probable_rates[k] * fl_exp(densities[k] - best);
+        sum += online->rates[k] = fl_pow(online->rates[k] / online->probable_rates[k], REMEMBERED) * online->probable_rates[k] * fl_exp(densities[k] - best);
     for (int k = 0; k < FL_RATES; k++) online->rates[k] /= sum;
 }
 

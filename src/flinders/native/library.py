@@ -56,6 +56,7 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "online_size": (),
     "online_begin": (_A,),
     "online_know": (_A, _A, _A, _D, _D),
+    "online_expect_walk": (_A, _D, _D),
     "online_add": (_A, _A, _A, _N, _A, _N, _A),
     "online_claim_at": (_A, _D, _A),
     "online_good_s": (_A,),

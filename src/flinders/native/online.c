@@ -617,7 +617,7 @@ static int32_t add(flinders_online *online, const real x[3], real time, const fl
 void flinders_online_begin(flinders_online *online)
 {
     memset(online, 0, sizeof *online);
-    online->version = FLINDERS_RECORD_VERSION;
+    online->version = FLINDERS_ONLINE_VERSION;
     online->target_deg = 1, online->dip_deg = 60;
     online->now = -FL_HUGE, online->last_at = FL_NOT_A_NUMBER;
     online->began = online->known_at = online->latest_at = online->adopted_at = online->noise = online->moved_at = online->disturbed_at = FL_NOT_A_NUMBER;
@@ -625,6 +625,8 @@ void flinders_online_begin(flinders_online *online)
     for (int i = 0; i < FL_PARAMETERS; i++)
         online->known[i] = online->latest[i] = online->in_force[i] = online->replaced[i] = FL_NOT_A_NUMBER;
     memcpy(online->rates, fl_probable_rates, sizeof online->rates);
+    memcpy(online->probable_rates, fl_probable_rates, sizeof online->probable_rates);
+    online->expected_walk = online->expected_walk_sigma = FL_NOT_A_NUMBER;
     online->scatter = SCATTER, online->place = PLACE;
     clear_doubt(online);
 }
@@ -645,8 +647,18 @@ int flinders_online_know(flinders_online *online, const real parameters[9], cons
     memcpy(online->in_force, parameters, sizeof online->in_force);
     online->known_at = online->latest_at = online->adopted_at = time;
     online->noise = noise, online->state = FLINDERS_UNDISTURBED;
+    fl_expect_walk(online);
     clear_doubt(online);
     drop_before(online, online->kept);
+    return FLINDERS_OK;
+}
+
+/* The rate at which the offset walks is known. */
+int flinders_online_expect_walk(flinders_online *online, real walk, real log_sigma)
+{
+    if (!(walk > 0 && isfinite(walk) && log_sigma > 0 && isfinite(log_sigma))) return FLINDERS_BAD_OPTION;
+    online->expected_walk = walk, online->expected_walk_sigma = log_sigma;
+    if (online->state != FLINDERS_LEARNING) fl_expect_walk(online);
     return FLINDERS_OK;
 }
 

@@ -3,3 +3,4 @@
 WIRE = "Sensors on a wire"
 
 COMMANDS = {"watch": (WIRE, "cli.watch", "Keep a calibration while a vehicle works.")}
+SIMULATIONS = {"boat": ("Commands", "cli.simulate", "A boat for some days, to see a calibration keep itself.")}

@@ -20,8 +20,9 @@ import numpy as np
 
 from flinders.apps.service.clocks import FROM_1970_S, MachineClock, RecordedClock
 from flinders.core.units import Unit
-from flinders.errors import UnitError, UnreadableInput
+from flinders.errors import UnitError, UnreadableInput, UsageError
 from flinders.links.feeds import FeedEvent
+from flinders.links.recipients import Recipient
 from flinders.links.recorder import Recorder
 
 if TYPE_CHECKING:
@@ -75,6 +76,11 @@ class Source:
     def now(self) -> float | None:
         """The time without a reading; None of recordings, where nothing is known of it."""
         return self._clock.now
+
+    @property
+    def recipient(self) -> Recipient | None:
+        """What takes a calibration of the readings; None where nothing does."""
+        return self._feed if isinstance(self._feed, Recipient) else None
 
     @property
     def not_understood(self) -> int:
@@ -235,3 +241,14 @@ def raw_readings(samples: Samples, unit: Unit) -> Floats:
             "to another kind of recording"
         )
     return samples.field if unit.scale == 1.0 else samples.field / unit.scale
+
+
+def driving_of(samples: Samples, name: str) -> Floats:
+    """(N,) values of a disturbance that the calibration follows; `UsageError` where a source has none."""
+    values = samples.driving(name)
+    if values is None:
+        raise UsageError(
+            f"the calibration follows {name}, which {samples.source} does not record: record it, or begin with a "
+            "calibration without it"
+        )
+    return values

@@ -16,9 +16,8 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -28,14 +27,17 @@ import numpy as np
 from flinders.apps.service.clocks import duration
 from flinders.apps.service.kept import Kept
 from flinders.apps.service.reports import Report, date_of, moment, words_of
-from flinders.apps.service.sources import raw_readings, raw_unit
+from flinders.apps.service.sources import driving_of, raw_readings, raw_unit
 from flinders.core.files import write_text
+from flinders.errors import UnitError
 from flinders.links.feeds import FeedEvent
+from flinders.workflows.offset_history import adopted_name
 from flinders.workflows.online import OnlineCalibration
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from flinders.apps.service.handover import Handover
     from flinders.apps.service.reports import Kind
     from flinders.apps.service.sources import Source
     from flinders.arrays import Floats
@@ -43,32 +45,48 @@ if TYPE_CHECKING:
     from flinders.core.units import Unit
     from flinders.errors import OutputError
     from flinders.fitting.result import Fit
-    from flinders.workflows.online import OnlineEvent, OnlineState
+    from flinders.workflows.online_events import OnlineEvent, OnlineState
+    from flinders.workflows.walk import Walk
 
 WAIT_S: Final = 0.1  # Longest wait for readings: how soon the end is noticed
 EVERY_S: Final = 60.0
 TOGETHER: Final = 8192  # Readings of one second at most that are taken in together
 LATE_S: Final = 2.0  # Seconds after which readings of a second that has not ended are taken in
 QUIET_S: Final = 10.0  # Seconds without a reading that are said
+PAGE_S: Final = 2.0  # Seconds between two pages at least: a recording has many events in one
+TOLD: Final = 30  # Events of the source, and verdicts that changed, that the page has
 
 
 @dataclass(frozen=True, slots=True)
 class Begun:
     """How a calibration begins where it is not one that goes on.
 
-    ``start``, ``axes``, ``target_deg`` and ``dip_deg`` are as `OnlineCalibration` takes them; its unit is that of the
-    first reading.
+    ``start``, ``axes``, ``target_deg``, ``dip_deg`` and ``walk`` are as `OnlineCalibration` takes them, the walk in
+    ``walk_unit``, if that is known; its unit and frame are those of the first reading.
     """
 
     start: Fit | None = None
     axes: str = "x,y,z"
     target_deg: float = 1.0
     dip_deg: float | None = None
+    walk: Walk | float | None = None
+    walk_unit: str | None = None
 
-    def calibration(self, unit: Unit) -> OnlineCalibration:
-        """Begin, with readings in a unit."""
+    def calibration(self, unit: Unit, frame: str = "sensor") -> OnlineCalibration:
+        """Begin, with readings in a unit and in axes of the sensor or the vehicle.
+
+        Raises `UnitError` where the walk is in another unit.
+        """
+        if self.walk_unit not in (None, unit.inside):
+            raise UnitError(f"the walk is in {self.walk_unit}, readings are in {unit.name}: they are of another sensor")
         return OnlineCalibration(
-            self.start, unit=unit, axes=self.axes, target_deg=self.target_deg, dip_deg=self.dip_deg
+            self.start,
+            unit=unit,
+            axes=self.axes,
+            frame=frame,
+            target_deg=self.target_deg,
+            dip_deg=self.dip_deg,
+            walk=self.walk,
         )
 
 
@@ -80,6 +98,7 @@ class Files:
     adopted: str | None = None  # calibration file, or folder of them
     status: str | None = None  # JSON
     prometheus: str | None = None  # text for the node exporter
+    page: str | None = None  # HTML
 
 
 class Watch:
@@ -95,6 +114,8 @@ class Watch:
         Of the readings' time, after which files are written and the state is told.
     is_locked : bool
         The calibration in force stays.
+    handover : Handover, optional
+        Sends calibrations that come into force.
     tell : callable
         Told what happens, and the state at times.
     say : callable
@@ -113,6 +134,7 @@ class Watch:
         files: Files | None = None,
         every: float = EVERY_S,
         is_locked: bool = False,
+        handover: Handover | None = None,
         tell: Callable[[Report], object] = lambda _: None,
         say: Callable[[str], object] = lambda _: None,
         stopped: Callable[[], bool] = lambda: False,
@@ -127,6 +149,7 @@ class Watch:
         if self._online is not None:
             self._online.is_locked = is_locked
         self._field, self._time = np.empty((0, 3)), np.empty(0)
+        self._driving: dict[str, Floats] = {}
         self._heard = clock()
         self._due = math.nan
         self._verdict = "refused" if self._online is None else self._online.state.verdict
@@ -135,8 +158,14 @@ class Watch:
         self._is_connected, self._is_over, self._is_quiet = True, False, False
         self._advised: set[str] = set()
         self._adopted: tuple[Fit, float] | None = None
-        named = (self._files.state, self._files.adopted, self._files.status, self._files.prometheus)
-        self._state, self._calibration, self._status, self._metrics = (Kept(name or "", say) for name in named)
+        self._handover = handover
+        self._told: deque[Report] = deque(maxlen=TOLD)
+        self._page_at, self._is_page_due = -math.inf, True
+        written = self._files
+        named = (written.state, written.adopted, written.status, written.prometheus, written.page)
+        self._state, self._calibration, self._status, self._metrics, self._page = (
+            Kept(name or "", say) for name in named
+        )
 
     def run(self) -> Report:
         """Go on until the source ends, or it is told to stop; what is known is written then, whatever ends it.
@@ -149,11 +178,16 @@ class Watch:
             What the source raises.
         """
         try:
+            if self._online is not None and self._online.is_converted:
+                self._note(self._online.history[-1:])
             while not self._is_over and not self._stopped():
                 self._take(self._source.next(WAIT_S))
+                self._hand_over()
+                self._show()
             self._flush()
         finally:
             self._write()
+            self._show(is_last=True)
             with contextlib.suppress(OSError):
                 self._source.close()
         report = self.report()
@@ -193,7 +227,10 @@ class Watch:
             latest_deg=None if state is None else state.latest_deg,
             age_s=None if state is None else state.age_s,
             walk=None if state is None else state.walk,
-            unit=None if self._unit is None else self._unit.name,
+            offset=None if state is None else state.offset,
+            offset_sigma=None if state is None else state.offset_sigma,
+            radius=None if state is None else state.radius,
+            unit=None if self._unit is None else self._unit.inside,
             target_deg=self._begun.target_deg if state is None else state.target_deg,
             good_until_s=until,
             good_until=date_of(until),
@@ -209,7 +246,7 @@ class Watch:
     @property
     def _newest(self) -> float:
         """Time of the newest reading that was taken in; NaN where there is none."""
-        return math.nan if self._online is None else self._online.state.time_s
+        return math.nan if self._online is None else self._online.time_s
 
     def _now(self) -> float:
         """Time of the newest reading, or now where the source knows that."""
@@ -240,7 +277,7 @@ class Watch:
         """Take readings in, by whole seconds."""
         if self._online is None:
             self._unit = self._unit or raw_unit(samples)
-            self._online = self._begun.calibration(self._unit)
+            self._online = self._begun.calibration(self._unit, samples.frame)
             self._online.is_locked = self._is_locked
         assert self._unit is not None
         assert samples.time is not None
@@ -257,6 +294,10 @@ class Watch:
         assert samples.time is not None
         self._field = np.concatenate([self._field, readings])
         self._time = np.concatenate([self._time, samples.time])
+        self._driving = {
+            name: np.concatenate([self._driving.get(name, np.empty(0)), driving_of(samples, name)])
+            for name in self._online.disturbances
+        }
         seconds = np.floor(self._time)
         ends = (np.flatnonzero(np.diff(seconds)) + 1).tolist()
         if len(self._time) - (ends[-1] if ends else 0) > TOGETHER:
@@ -266,18 +307,20 @@ class Watch:
     def _learn_to(self, ends: list[int]) -> None:
         """Take in what waits, in pieces that end there."""
         for start, end in zip([0, *ends], ends, strict=False):
-            self._learn_piece(self._field[start:end], self._time[start:end])
+            self._learn_piece(slice(start, end))
         if ends:
             self._field, self._time = self._field[ends[-1] :], self._time[ends[-1] :]
+            self._driving = {name: values[ends[-1] :] for name, values in self._driving.items()}
 
     def _flush(self) -> None:
         """Take in what waits."""
         if len(self._time):
             self._learn_to([len(self._time)])
 
-    def _learn_piece(self, readings: Floats, times: Floats) -> None:
+    def _learn_piece(self, rows: slice) -> None:
         assert self._online is not None
-        happened = self._online.add(readings, time=times)
+        times, driving = self._time[rows], {name: values[rows] for name, values in self._driving.items()}
+        happened = self._online.add(self._field[rows], time=times, **driving)
         self._readings += len(times)
         self._note(happened)
         self._tick(float(times[-1]))
@@ -291,6 +334,7 @@ class Watch:
                 self._adopt(event.time_s)
             report = self.report("event", event.code, words_of(event.code), now=self._newest)
             error = event.heading_error_deg
+            self._is_page_due = True
             self._tell(replace(report, time_s=event.time_s, time=date_of(event.time_s), heading_error_deg=error))
         self._tell_of_verdict(self._newest, is_told=bool(happened))
 
@@ -300,7 +344,7 @@ class Watch:
         verdict = "refused" if state is None else state.verdict
         if verdict != self._verdict and not is_told:
             self._events[verdict] += 1
-            self._tell(self.report("event", verdict, words_of(verdict), now=now))
+            self._tell_and_keep(self.report("event", verdict, words_of(verdict), now=now))
         self._verdict = verdict
 
     def _wait(self) -> None:
@@ -338,13 +382,44 @@ class Watch:
         if path is None or self._adopted is None:
             return
         fit, time_s = self._adopted
-        file = Path(path) / _name_at(time_s) if Path(path).is_dir() else Path(path)
+        file = Path(path) / adopted_name(time_s) if Path(path).is_dir() else Path(path)
         if self._calibration.write(lambda: fit.save(file, force=True)):
             self._adopted = None
 
+    def _hand_over(self) -> None:
+        """Send the calibration in force where it is time, and tell what came of it."""
+        if self._handover is None or self._online is None:
+            return
+        happened = self._handover.look(self._online, self._now())
+        if happened is None:
+            return
+        event, words = happened
+        self._events[event] += event != "waits"
+        self._tell_and_keep(self.report("send", event, words))
+
+    def _show(self, *, is_last: bool = False) -> None:
+        """Write the page where something is new; the last one is not loaded again."""
+        path = self._files.page
+        if path is None or not (is_last or (self._is_page_due and self._clock() - self._page_at >= PAGE_S)):
+            return
+        self._page_at, self._is_page_due = self._clock(), False
+        from flinders.apps.service.watch_page import page
+
+        kept = (self._state, self._calibration, self._status, self._metrics)
+        text = page(
+            self.report(),
+            self._online,
+            told=list(self._told),
+            troubles=[file.failure.message for file in kept if file.failure is not None],
+            not_sent="" if self._handover is None else self._handover.failure,
+            every=None if is_last else self._every,
+        )
+        self._page.write(lambda: write_text(text, path, force=True))
+
     def _write(self) -> None:
-        """Write all files."""
+        """Write all files but the page, which is due."""
         online, files = self._online, self._files
+        self._is_page_due = True
         if (path := files.state) is not None and online is not None:
             self._state.write(lambda: online.save(path))
         self._write_adopted()
@@ -389,7 +464,13 @@ class Watch:
         return event.words
 
     def _tell_of_source(self, event: str, words: str) -> None:
-        self._tell(self.report("source", event, words))
+        self._tell_and_keep(self.report("source", event, words))
+
+    def _tell_and_keep(self, report: Report) -> None:
+        """Tell what no history of the calibration has, and keep it for the page."""
+        self._told.append(report)
+        self._is_page_due = True
+        self._tell(report)
 
 
 def unit_of(calibration: OnlineCalibration | Begun) -> Unit | None:
@@ -399,14 +480,14 @@ def unit_of(calibration: OnlineCalibration | Begun) -> Unit | None:
     return None if calibration.start is None else calibration.start.calibration.raw
 
 
+def frame_in(calibration: OnlineCalibration | Begun) -> str | None:
+    """What axes a calibration takes readings in: ``sensor`` or ``vehicle``; None where the first reading decides."""
+    if isinstance(calibration, OnlineCalibration):
+        return calibration.frame if calibration.state.doing != "learning" else None
+    return None if calibration.start is None else calibration.start.calibration.frame
+
+
 def since_of(calibration: OnlineCalibration | Begun) -> float | None:
     """Time that a calibration which goes on has reached; None where it has not begun."""
-    reached = calibration.state.time_s if isinstance(calibration, OnlineCalibration) else math.nan
+    reached = calibration.time_s if isinstance(calibration, OnlineCalibration) else math.nan
     return reached if math.isfinite(reached) else None
-
-
-def _name_at(time_s: float) -> str:
-    """Name of a calibration file by the time at which it was adopted."""
-    if date_of(time_s) is None:
-        return f"calibration-{time_s:.2f}s.json"
-    return f"calibration-{datetime.fromtimestamp(time_s, UTC):%Y%m%dT%H%M%SZ}.json"

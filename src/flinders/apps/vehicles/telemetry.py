@@ -1,15 +1,17 @@
-"""A compass of a vehicle as the vehicle sends it to a ground station: a feed of readings."""
+"""A compass of a vehicle as the vehicle sends it to a ground station: a feed of readings, which takes a calibration."""
 
 from __future__ import annotations
 
 import contextlib
 import time
 from collections import deque
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from flinders.apps.vehicles.mavlink import ARDUPILOT, Vehicle
+from flinders.apps.vehicles.mavlink_parameters import TARGETS, ParameterPlan
 from flinders.apps.vehicles.readers.tlog import (
     COMPASS_MESSAGES,
     HIGHRES_IMU,
@@ -20,11 +22,15 @@ from flinders.apps.vehicles.readers.tlog import (
 )
 from flinders.apps.vehicles.targets.ardupilot import COMPASSES, ArduPilotParameters, names
 from flinders.core.samples import Samples
-from flinders.errors import ArrayError, LinkError, UsageError
+from flinders.errors import ArrayError, LinkError, NotSent, UsageError
 from flinders.links.feeds import FeedEvent
+from flinders.targets import find
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from flinders.arrays import Floats
+    from flinders.core.calibration import Calibration
     from flinders.links.feeds import Received
     from flinders.links.transports import ByteSource
 
@@ -36,10 +42,11 @@ REPORTED: Final = ("OFS_X", "OFS_Y", "OFS_Z", "DIA_X", "DIA_Y", "DIA_Z", "ODI_X"
 LOOK_S: Final = 1.0  # Seconds that a better message is waited for
 GRAVITY: Final = 9.80665
 BACK_S: Final = 0.5  # Seconds that a lost vehicle is waited for at a time
+MOTOR_TRIES: Final = 2  # Questions for COMPASS_MOT, which not every vehicle has
 
 
 class Telemetry:
-    """A compass of a vehicle, as the vehicle sends it to a ground station: a `Feed`.
+    """A compass of a vehicle, as the vehicle sends it to a ground station: a `Feed`, and a `Recipient`.
 
     RAW_IMU and SCALED_IMU hold the first compass, SCALED_IMU2 and SCALED_IMU3 the second and the third, in whole mG.
     **ArduPilot sends corrected readings in all of them**: the calibration in force is asked for and removed.
@@ -65,7 +72,8 @@ class Telemetry:
         self._kinds: dict[int, float] = {}
         self._kind: int | None = None
         self._last: tuple[float, ...] = ()
-        self._is_gone = self._is_over = self._is_advised = False
+        self._is_gone = self._is_over = self._is_advised = self._is_unsure = False
+        self._device: int | None = None
         self._waiting: deque[FeedEvent] = deque([FeedEvent("connected", 0.0, f"{self.name}: {self._fetch()}")])
         self._ask()
 
@@ -93,6 +101,58 @@ class Telemetry:
         """As `Feed.close`."""
         self._is_over = True
         self._vehicle.source.close()
+
+    @property
+    def refusal(self) -> str:
+        """As `Recipient.refusal`."""
+        return "it is not heard" if self._is_gone else "it is armed" if self._vehicle.armed else ""
+
+    def on_board(self, field_strength: float) -> Calibration | None:
+        """As `Recipient.on_board`; a mounting is none of it."""
+        return None if self._parameters is None else self._parameters.to_calibration(field_strength)
+
+    def transfer(self, calibration: Calibration) -> VehicleTransfer:
+        """As `Recipient.transfer`.
+
+        Raises
+        ------
+        NotSent
+            Where what the vehicle corrects its readings with is not known or was changed meanwhile, and as
+            `ParameterPlan.of`.
+        NotExportable, UnitError, LinkError
+            As `ParameterPlan.of`.
+        """
+        before = self._parameters
+        if before is None:
+            raise NotSent(
+                f"{self.name} sends readings that are corrected with values that it does not tell: what is learnt of "
+                "them cannot replace these; calibrate from a log of it, and use flinders send"
+            )
+        self._fetch()
+        if self._parameters is None or self._parameters.rows() != before.rows():
+            raise NotSent(f"the parameters of {self.name} were changed by somebody else, nothing was sent")
+        if self._has_motors():
+            raise NotSent(
+                f"{self.name} compensates for motors (COMPASS_MOT), which belongs to the matrix on board: set "
+                "COMPASS_MOTCT to 0, or send by hand and run CompassMot again"
+            )
+        plan = ParameterPlan.of(self._vehicle, calibration, compass=self._compass, device_id=self._device)
+        self._device = plan.device_id
+        return VehicleTransfer(plan, find(TARGETS[self._vehicle.autopilot]).suffix, self._look_again)
+
+    def _has_motors(self) -> bool:
+        by = self._vehicle.get("COMPASS_MOTCT", tries=MOTOR_TRIES)
+        if by is None or not by.value:
+            return False
+        axes = (self._vehicle.get(*names("MOT", self._compass, f"_{axis}"), tries=MOTOR_TRIES) for axis in "XYZ")
+        return any(one is not None and one.value for one in axes)
+
+    def _look_again(self) -> None:
+        """Fetch what is on board after it may have changed; where the link is lost, as soon as it is back."""
+        self._is_unsure = True
+        with contextlib.suppress(LinkError):
+            self._fetch()
+            self._is_unsure = False
 
     def _now(self) -> float:
         return time.monotonic() - self._start
@@ -142,6 +202,8 @@ class Telemetry:
         if not self._vehicle.come_back(min(timeout, BACK_S)):
             return None
         self._is_gone = False
+        if self._is_unsure:
+            self._look_again()
         self._ask()
         return FeedEvent("back", self._now(), f"{self.name} is back")
 
@@ -189,6 +251,33 @@ class Telemetry:
                 FeedEvent("garbage", self._now(), f"{error.message}; readings are taken as they are sent")
             )
             return field
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleTransfer:
+    """A plan of parameters, after which readings are corrected otherwise: a `Transfer`."""
+
+    plan: ParameterPlan
+    suffix: str
+    look_again: Callable[[], None]  #: fetches what is on board
+
+    @property
+    def is_done(self) -> bool:
+        """As `Transfer.is_done`."""
+        return not self.plan.pending
+
+    def backup(self) -> str:
+        """As `Transfer.backup`."""
+        return self.plan.backup()
+
+    def carry_out(self, *, stopped: Callable[[], bool], say: Callable[[str], None]) -> str:
+        """As `Transfer.carry_out`; raises as `ParameterPlan.carry_out`."""
+        try:
+            self.plan.carry_out(stopped=stopped, say=say)
+        finally:
+            self.look_again()
+        plan = self.plan
+        return f"{plan.vehicle.name}: compass {plan.compass} holds it, all {len(plan.changes)} values read back"
 
 
 def _ranked(autopilot: int, compass: int) -> tuple[int, ...]:

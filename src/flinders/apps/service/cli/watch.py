@@ -20,6 +20,7 @@ from flinders.errors import UnreadableInput, UsageError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from flinders.apps.service.handover import Handover
     from flinders.apps.service.reports import Report
     from flinders.apps.service.sources import Source
     from flinders.apps.service.watching import Begun, Files
@@ -90,7 +91,7 @@ class WatchedSource(program.Group):
     def opened(self, stack: contextlib.ExitStack, calibration: OnlineCalibration | Begun) -> Source:
         """Open what is named; readings that name no unit are in that of the calibration."""
         from flinders.apps.service import sources
-        from flinders.apps.service.watching import since_of, unit_of
+        from flinders.apps.service.watching import frame_in, since_of, unit_of
         from flinders.core.units import Unit
         from flinders.links.feeds import feed_kind
         from flinders.links.transports import StandardInput, opened_lines, opened_link
@@ -100,7 +101,7 @@ class WatchedSource(program.Group):
         if unit is not None and self.lines.unit is None:
             reading |= {"unit": unit.name} if unit == Unit.of(unit.name) else {"unit": unit.name, "scale": unit.scale}
         if self.replay is not None:
-            return self._replayed(stack, unit)
+            return self._replayed(stack, unit, frame_in(calibration))
         if self.files:
             return sources.of_pipe(StandardInput(), since, **reading)
         if self.mavlink is not None:
@@ -111,17 +112,20 @@ class WatchedSource(program.Group):
         stack.enter_context(contextlib.closing(wire))
         return sources.of_wire(wire, since, **reading)
 
-    def _replayed(self, stack: contextlib.ExitStack, unit: Unit | None) -> Source:
+    def _replayed(self, stack: contextlib.ExitStack, unit: Unit | None, frame: str | None) -> Source:
         """Recordings, one after the other."""
         from flinders.apps.service.sources import of_recordings
+        from flinders.core.samples import frame_of
         from flinders.estimators.data import CountedRecording
         from flinders.readers import TableRecording, TextRecording, open_recording
+        from flinders.workflows.recordings import refuse_other_frame
 
         reading = {name: value for name, value in self.lines.as_dict().items() if value is not None}
         recordings = [open_recording(path, **reading) for path in (str(self.replay), *self.files)]
         for recording in recordings:
             if unit is not None and self.lines.unit is None and isinstance(recording, TextRecording | TableRecording):
                 recording.unit = recording.unit if recording.states_unit else unit
+            refuse_other_frame(frame or frame_of(recordings[0]), recording)
         parts = [CountedRecording(recording) for recording in recordings]
         for part in reversed(parts):
             stack.callback(say_read, part)
@@ -134,6 +138,13 @@ class Watch(program.Group):
     source: WatchedSource = program.group(WatchedSource)
     calibration: str | None = program.member(
         "--calibration", metavar="CALIBRATION", help="Begin with a calibration file [default: the readings make one]."
+    )
+    walk: float | None = program.member(
+        "--walk", type=program.positive, metavar="RATE",
+        help="How far the offset of this unit walks in an hour, 1 σ, in µT or counts, known within a factor of two.",
+    )  # fmt: skip
+    history: str | None = program.member(
+        "--history", metavar="HISTORY", help="Take how the offset of this unit walks from an earlier state of it."
     )
     axes: str = program.same_as(option.AxesOptions, "axes")
     target_deg: float = option.target()
@@ -156,6 +167,18 @@ class Watch(program.Group):
     prometheus: str | None = program.member(
         "--prometheus", metavar="FILE", help="Keep a file for Prometheus's node exporter.", heading=program.OUTPUT
     )
+    page: str | None = program.member(
+        "--page", metavar="FILE.html", help="Keep a page that shows the state, its course and events.",
+        heading=program.OUTPUT,
+    )  # fmt: skip
+    send: str | None = program.member(
+        "--send", metavar="FOLDER", heading=program.OUTPUT,
+        help="Send calibrations to the vehicle of --mavlink while it is disarmed; what it held goes into the folder.",
+    )  # fmt: skip
+    send_interval_s: float = program.member(
+        "--send-interval", type=program.positive, default=3600.0, show_default=True, metavar="S",
+        help="From one sending to the next, at the least.", heading=program.OUTPUT,
+    )  # fmt: skip
     as_json: bool = program.flag(
         "--json", "Print each event, and the state at times, as a line of JSON.", heading=program.OUTPUT
     )
@@ -169,9 +192,12 @@ class Watch(program.Group):
         from flinders.core.files import refuse_existing
 
         self.source.check()
-        read = [*self.source.files, *filter(None, (self.source.replay, self.calibration))]
+        self._check_sending()
+        if self.walk is not None and self.history is not None:
+            raise UsageError("--walk and --history say the same: leave one of them out")
+        read = [*self.source.files, *filter(None, (self.source.replay, self.calibration, self.history))]
         files = {
-            "--state": self.state, "--status": self.status, "--prometheus": self.prometheus,
+            "--state": self.state, "--status": self.status, "--prometheus": self.prometheus, "--page": self.page,
             "--adopted": None if self.adopted is None or Path(self.adopted).is_dir() else self.adopted,
         }  # fmt: skip
         seen: dict[str, str] = {}
@@ -186,6 +212,28 @@ class Watch(program.Group):
             refuse_to_overwrite(path, read)
             refuse_existing(path, force=True)
 
+    def _check_sending(self) -> None:
+        """See that a source takes calibrations, and that there is a place for what it held before."""
+        if self.send is None:
+            if program.is_typed("send_interval_s"):
+                raise UsageError("--send-interval goes with --send: leave it out")
+            return
+        if self.source.mavlink is None:
+            raise UsageError(
+                "--send goes with --mavlink: a board on a wire does not tell what it held before, so that this could "
+                "not be put back; write calibrations with --adopted, and send one with flinders send"
+            )
+        if not Path(self.send).is_dir():
+            raise UsageError(f"--send {self.send}: need a folder that exists, for what the vehicle held before")
+
+    def handover(self, source: Source, stopped: Callable[[], bool]) -> Handover | None:
+        """What sends calibrations; None where that is not asked for."""
+        if self.send is None or source.recipient is None:
+            return None
+        from flinders.apps.service.handover import Handover
+
+        return Handover(source.recipient, self.send, interval_s=self.send_interval_s, stopped=stopped, say=say)
+
     def began(self) -> OnlineCalibration | Begun:
         """The calibration of the state file where that is there, else how it begins."""
         from flinders.apps.service.watching import Begun
@@ -196,16 +244,39 @@ class Watch(program.Group):
         if self.state is not None and Path(self.state).exists():
             online = OnlineCalibration.load(self.state)
             self._refuse_others(online.state.target_deg)
-            say(f"{self.state}: goes on{', and --calibration is not used' if self.calibration else ''}")
+            begins = {"--calibration": self.calibration, "--walk": self.walk, "--history": self.history}
+            unused = " and ".join(name for name, value in begins.items() if value is not None)
+            words = f", and {unused} is not used" if unused else ""
+            words += "; it is of another release, whose evidence is left out" if online.is_converted else ""
+            say(f"{self.state}: goes on{words}")
             return online
+        walk = self.known_walk()
         if self.calibration is None:
-            return Begun(None, self.axes, self.target_deg, self.dip_deg)
+            return Begun(None, self.axes, self.target_deg, self.dip_deg, **walk)
         if program.is_typed("axes"):
             raise UsageError("--axes are those of --calibration: leave one of them out")
         start = load("watch --calibration", self.calibration)
-        begun = Begun(start, target_deg=self.target_deg, dip_deg=self.dip_deg)
+        begun = Begun(start, target_deg=self.target_deg, dip_deg=self.dip_deg, **walk)
         begun.calibration(start.calibration.raw)  # what cannot go on is said before anything is opened
         return begun
+
+    def known_walk(self) -> dict[str, Any]:
+        """How the offset of this unit walks, as far as that is known; `UsageError` of a short history."""
+        from flinders.core.units import label
+        from flinders.workflows.offset_history import OffsetHistory
+        from flinders.workflows.walk import MIN_STEPS
+
+        if self.history is None:
+            return {"walk": self.walk}
+        history = OffsetHistory.read(self.history)
+        if (walk := history.walk) is None:
+            found = len(history.estimates.time_s)
+            raise UsageError(
+                f"{self.history} tells no walk: it has {found} estimates of the offset that are two hours apart, and "
+                f"{MIN_STEPS + 1} are needed: give a longer one, or --walk"
+            )
+        say(f"{self.history}: the offset of this unit walks {walk}, in {label(history.unit)}")
+        return {"walk": walk, "walk_unit": history.unit}
 
     def _refuse_others(self, target_deg: float) -> None:
         """Refuse options that a state has otherwise."""
@@ -220,18 +291,18 @@ class Watch(program.Group):
         """What is written."""
         from flinders.apps.service.watching import Files
 
-        return Files(self.state, self.adopted, self.status, self.prometheus)
+        return Files(self.state, self.adopted, self.status, self.prometheus, self.page)
 
 
 @program.command_of(
     "watch",
     Watch,
     common=("port", "udp", "tcp", "mavlink", "replay", "state", "as_json"),
-    headings={"Source": ("baud", "compass"), "Begin": ("calibration",)},
+    headings={"Source": ("baud", "compass"), "Begin": ("calibration", "walk", "history")},
     epilog="""\b
 Example:
   flinders watch --serial /dev/ttyACM0 --state compass.state
-  flinders watch --udp 50100 --unit mG --state compass.state --prometheus compass.prom
+  flinders watch --udp 50100 --unit mG --state compass.state --prometheus compass.prom --page compass.html
   flinders watch --mavlink udp:0.0.0.0:14550 --adopted calibration.json
   flinders watch --replay monday.csv tuesday.csv --json
 
@@ -239,7 +310,7 @@ Example:
 Exit codes:
   0  ended by Ctrl-C or a signal, or read to the end
   5  no port, or no reading came
-  6  the state, or the calibration that came into force, cannot be written
+  6  the state, or the calibration that came into force, cannot be written, or another program keeps that state
 """,
 )
 def command(options: Watch) -> None:
@@ -250,10 +321,13 @@ def command(options: Watch) -> None:
     What passes, such as iron beside the road, is told from an offset that has moved.
     """
     from flinders.apps.service.watching import Watch as Watching
+    from flinders.core.files import exclusive
 
     options.check()
-    calibration = options.began()
     with contextlib.ExitStack() as stack:
+        if options.state is not None:
+            stack.enter_context(exclusive(options.state))
+        calibration = options.began()
         source = options.source.opened(stack, calibration)
         stopped = stack.enter_context(stopping(patient=False))
         say(f"watching {source.name}{'' if options.source.replay else '; Ctrl-C ends it'}")
@@ -263,6 +337,7 @@ def command(options: Watch) -> None:
             files=options.files,
             every=options.every,
             is_locked=options.lock,
+            handover=options.handover(source, stopped),
             tell=_json if options.as_json else _told(),
             say=say,
             stopped=stopped,
@@ -285,9 +360,9 @@ def _told() -> Callable[[Report], None]:
     def tell(report: Report) -> None:
         is_same = report.event == "adopted" and last in ([report.time_s, "learnt"], [report.time_s, "moved"])
         last[:] = [report.time_s, report.event]
-        if report.kind == "source":
+        if report.kind == "source" or report.event == "waits":
             say(report.line())
-        elif report.kind == "event" and not is_same:
+        elif report.kind == "send" or (report.kind == "event" and not is_same):
             click.echo(report.line())
 
     return tell
