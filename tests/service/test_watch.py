@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import pytest
 from tests.feeding import free_port
+from tests.flight_log import dataflash
 from tests.program import flinders_
 from tests.trials import nightly
 from tests.waiting import wait_until
@@ -177,6 +178,20 @@ def test_recordings_without_a_date_follow_one_another() -> None:
     assert back == ["the clock of the readings went back by 250 s: they are counted on from where it was"]
     assert lines[-1]["readings"] == 12_000
     assert lines[-1]["verdict"] == "good"
+
+
+def test_logs_of_a_vehicle_have_the_dates_of_its_satellites() -> None:
+    time, field = DRIVE
+    Path("b.bin").write_bytes(b"".join(dataflash(field[time < 120.0][::2])))
+    Path("a.bin").write_bytes(b"".join(dataflash(field[time < 60.0][::2], week=2401)))
+    whole = lines_of(flinders_("watch", "--replay", "a.bin", "b.bin", "--json").out)[-1]
+    for log in ("b.bin", "a.bin"):
+        parts = lines_of(flinders_("watch", "--replay", log, "--state", "drone.state", "--json").out)
+        assert "known" not in {line["event"] for line in parts}
+        assert parts[-1]["readings"] == {"b.bin": 1200, "a.bin": 600}[log]
+    for key in ("time", "heading_error_deg", "walk"):
+        assert parts[-1][key] == whole[key], key
+    assert whole["time"].startswith("2026-01-15T12:00:")
 
 
 def test_a_recording_in_axes_of_the_vehicle_gives_calibrations_for_them() -> None:
