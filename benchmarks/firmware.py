@@ -14,9 +14,11 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import shutil
 import subprocess
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -36,14 +38,21 @@ from flinders.heading.error_propagation import level_gradients
 from flinders.native.build import EXACT, STRICT, system_compiler
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
     from flinders import Fit
     from flinders.arrays import Floats
+
+    Rows = NDArray[np.void]
 
 HARNESS: Final = Path(__file__).parent / "firmware_board"
 READINGS: Final = 300
 SEVERITIES: Final = ("", "note", "limits", "refuses")
 CROSS: Final = "arm-none-eabi-gcc"
-LINKED: Final = ("-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections", "-lm")
+SECTIONS: Final = ("-ffunction-sections", "-fdata-sections")
+LINKED: Final = ("-Wl,--gc-sections", "-lm")
 QEMU: Final = ("-nographic", "-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native")
 COUNTING: Final = ("-icount", "shift=0")
 TIMEOUT_S: Final = 300.0
@@ -69,6 +78,10 @@ M0: Final = Target("Cortex-M0", ("-mcpu=cortex-m0", "-mthumb"), "mps2-an385")
 M4: Final = Target("Cortex-M4F", ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"), "mps2-an386")
 M7: Final = Target("Cortex-M7F", ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16"), "mps2-an500")
 BOARDS: Final = (M0, M4, M7)
+RAM_IN_SERVICE: Final = 10 * 1024
+"""Bytes that a calibration that goes on needs, with the stack and the C library's data."""
+IN_SERVICE: Final = ("-DSTORED", "--specs=nano.specs", f"-Wl,--defsym=RAM={RAM_IN_SERVICE}")
+"""For a program that begins with what was stored, and has no calibrator."""
 
 
 def missing_tools() -> str:
@@ -76,51 +89,63 @@ def missing_tools() -> str:
     return " and ".join(name for name in (CROSS, "qemu-system-arm") if shutil.which(name) is None)
 
 
-def build(target: Target, folder: Path, *, optimise: str = "-Os") -> Path:
-    """Compile the package with its harness, warnings as errors; the program."""
+def compiled(target: Target, folder: Path, *, optimise: str = "-Os") -> list[Path]:
+    """Compile the package once, warnings as errors; the objects."""
     if not (folder / "package").exists():
         package.write(folder / "package")
-    program = folder / f"{target.name.replace(' ', '-').replace(',', '')}{optimise}"
+    objects = folder / f"objects-{_named(target, optimise)}"
+    sources = sorted((folder / "package" / "src").glob("*.c"))
+    made = [objects / f"{source.stem}.o" for source in sources]
+    if objects.exists():
+        return made
+    objects.mkdir()
+    flags = [*STRICT, "-Werror", "-Wdouble-promotion", optimise, *EXACT, *target.options, *SECTIONS]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        commands = [
+            [*_compiler(target), *flags, "-c", str(source), "-o", str(object_)]
+            for source, object_ in zip(sources, made, strict=True)
+        ]
+        list(pool.map(lambda command: subprocess.run(command, check=True, capture_output=True, text=True), commands))
+    return made
+
+
+def build(
+    target: Target, folder: Path, *, optimise: str = "-Os", harness: str = "main", options: Sequence[str] = ()
+) -> Path:
+    """Link the package with a harness; the program."""
+    objects = compiled(target, folder, optimise=optimise)
+    program = folder / f"{harness}-{_named(target, optimise)}{''.join(options)}"
     linker = ("-nostartfiles", "--specs=nosys.specs", "-T", str(HARNESS / "mps2.ld")) if target.machine else ()
-    compiler = [CROSS] if target.machine else system_compiler() or ["cc"]
-    sources = [*sorted(map(str, (folder / "package" / "src").glob("*.c"))), str(HARNESS / "main.c")]
-    wanted = ("-Werror", "-Wdouble-promotion", optimise, *EXACT, *target.options, *linker)
-    command = [
-        *compiler,
-        *STRICT,
-        *wanted,
-        *sources,
-        "-I",
-        str(folder / "package" / "src"),
-        *LINKED,
-        "-o",
-        str(program),
-    ]
+    wanted = (*STRICT, "-Werror", "-Wdouble-promotion", optimise, *EXACT, *target.options, *SECTIONS, *linker)
+    sources = [str(HARNESS / f"{harness}.c"), *map(str, objects)]
+    include = ["-I", str(folder / "package" / "src")]
+    command = [*_compiler(target), *wanted, *options, *sources, *include, *LINKED, "-o", str(program)]
     subprocess.run(command, check=True, capture_output=True, text=True)
     return program
 
 
+def _named(target: Target, optimise: str) -> str:
+    return f"{target.name.replace(' ', '-').replace(',', '')}{optimise}"
+
+
+def _compiler(target: Target) -> Sequence[str]:
+    return [CROSS] if target.machine else system_compiler() or ["cc"]
+
+
 def sizes(program: Path) -> dict[str, int]:
-    """Bytes of code and constants in flash."""
-    done = subprocess.run(["arm-none-eabi-size", str(program)], check=True, capture_output=True, text=True)
-    text, data = done.stdout.splitlines()[1].split()[:2]
-    return {"flash": int(text) + int(data)}
+    """Bytes of code and constants in flash, and of data in RAM, as they are linked; an EEPROM is neither."""
+    done = subprocess.run(["arm-none-eabi-size", "-A", str(program)], check=True, capture_output=True, text=True)
+    rows = [line.split() for line in done.stdout.splitlines() if line.startswith(".")]
+    of = {name: int(size) for name, size, _ in rows}
+    data = of.get(".data", 0)
+    return {"flash": of[".text"] + of.get(".ARM.exidx", 0) + data, "ram": data + of.get(".bss", 0)}
 
 
 def layout(real: str) -> np.dtype[np.void]:
     """What the harness writes."""
-    answer = np.dtype(
-        [
-            ("status", "<i4"), ("verdict", "<i4"), ("findings", "u1", (len(OF_A_FIT),)),
-            ("is_checked", "u1", (len(OF_A_FIT),)), ("offset", real, (3,)), ("matrix", real, (3, 3)), ("field", real),
-            ("noise", real), ("heading_rms_deg", real), ("heading_worst_deg", real), ("turn", real, (3,)),
-            ("after_deg", real),
-        ],
-        align=True,
-    )  # fmt: skip
     return np.dtype(
         [
-            ("answer", answer), ("count", "<i4"), ("state", "<i4"), ("readings", real, (READINGS, 3)),
+            ("answer", answer_layout(real)), ("count", "<i4"), ("state", "<i4"), ("readings", real, (READINGS, 3)),
             ("per_reading", "<i4"), ("per_solve", "<i4"), ("stack", "<i4"),
         ],
         align=True,
@@ -132,13 +157,71 @@ def run(
 ) -> Any:  # noqa: ANN401 - a row of `layout`
     """Run the harness over (N, 3) readings."""
     numbers = np.concatenate([[dip_deg, target_deg, float(unit)], np.ravel(field)]).astype(target.real)
-    command = [str(program)]
-    if target.machine:
-        command = ["qemu-system-arm", "-M", target.machine, "-kernel", str(program), *QEMU, *COUNTING]
     with tempfile.TemporaryDirectory() as folder:
         numbers.tofile(Path(folder, "readings.bin"))
-        subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=TIMEOUT_S)
+        subprocess.run(_command(target, program), cwd=folder, check=True, capture_output=True, timeout=TIMEOUT_S)
         return np.fromfile(Path(folder, "answer.bin"), layout(target.real))[0]
+
+
+STORED: Final = np.dtype(
+    [
+        ("version", "<u4"), ("sequence", "<u4"), ("clock_s", "<u4"), ("is_level", "<i4"), ("in_force", "<f4", (9,)),
+        ("latest", "<f4", (9,)), ("covariance", "<f4", (45,)), ("latest_s", "<f4"), ("moved_s", "<f4"),
+        ("worst_deg", "<f4"), ("target_deg", "<f4"), ("dip_deg", "<f4"), ("noise", "<f4"), ("place", "<f4"),
+        ("scatter", "<f4"), ("rates", "<f4", (7,)), ("moves", "<f4"), ("moves_square", "<f4"), ("watched", "<f4"),
+        ("moved", "<f4", (3,)), ("height", "<f4"), ("height_now", "<f4"), ("height_sigma", "<f4"), ("checksum", "<u4"),
+    ]
+)  # fmt: skip
+"""What a calibration that goes on stores."""
+STEPS: Final = ("reading", "begin", "power", "sleep", "ask")
+"""What the harness of a calibration that goes on does."""
+
+
+def answer_layout(real: str) -> np.dtype[np.void]:
+    """An answer of a board."""
+    return np.dtype(
+        [
+            ("status", "<i4"), ("verdict", "<i4"), ("findings", "u1", (len(OF_A_FIT),)),
+            ("is_checked", "u1", (len(OF_A_FIT),)), ("offset", real, (3,)), ("matrix", real, (3, 3)), ("field", real),
+            ("noise", real), ("heading_rms_deg", real), ("heading_worst_deg", real), ("turn", real, (3,)),
+            ("after_deg", real),
+        ],
+        align=True,
+    )  # fmt: skip
+
+
+def steps_of(
+    target: Target, what: str, *, ms: ArrayLike = 0, clock_s: ArrayLike = 0, field: ArrayLike = (0.0, 0.0, 0.0)
+) -> Rows:
+    """Steps of one kind: at times of the board's clock, and of one that goes on without power."""
+    kind = np.dtype([("what", "<i4"), ("ms", "<u4"), ("clock_s", "<u4"), ("field", target.real, (3,))], align=True)
+    count = max(len(np.atleast_1d(ms)), len(np.atleast_2d(field)))
+    rows = np.zeros(count, kind)
+    rows["what"], rows["ms"], rows["clock_s"], rows["field"] = STEPS.index(what), ms, clock_s, field
+    return rows
+
+
+def go_on(target: Target, program: Path, steps: Sequence[Rows], eeprom: Rows | None = None) -> tuple[Rows, np.void]:
+    """Run the harness of a calibration that goes on; what is known after each event, and what that took."""
+    answer = answer_layout(target.real)
+    known = [("in_force", answer), ("good_s", target.real), ("adopted_s", target.real), ("learnt_s", target.real)]
+    known += [("moved_s", target.real), ("moved_by", target.real), ("is_disturbed", "<i4")]
+    counts = [("what", "<i4"), ("ms", "<u4"), ("events", "<i4"), ("stores", "<i4")]
+    row = np.dtype([*counts, ("answer", np.dtype(known, align=True))], align=True)
+    costs = [("state", "<i4"), ("stack", "<i4"), ("per_reading", "<i4"), ("most", "<i4"), ("eeprom", STORED, (2,))]
+    with tempfile.TemporaryDirectory() as folder:
+        places = np.zeros(2, STORED) if eeprom is None else eeprom
+        Path(folder, "steps.bin").write_bytes(places.tobytes() + b"".join(rows.tobytes() for rows in steps))
+        subprocess.run(_command(target, program), cwd=folder, check=True, capture_output=True, timeout=TIMEOUT_S)
+        cost = np.fromfile(Path(folder, "cost.bin"), np.dtype(costs))[0]
+        return np.fromfile(Path(folder, "answers.bin"), row), cost
+
+
+def _command(target: Target, program: Path) -> list[str]:
+    """What runs a program."""
+    if not target.machine:
+        return [str(program)]
+    return ["qemu-system-arm", "-M", target.machine, "-kernel", str(program), *QEMU, *COUNTING]
 
 
 def verdict_of(fit: Fit, answer: Any) -> int:  # noqa: ANN401 - a row of `layout`
@@ -223,6 +306,32 @@ def costs(folder: Path, seed: int = 1) -> list[dict[str, Any]]:
     return rows
 
 
+def used(target: Target, *, begins: bool) -> list[Rows]:
+    """Steps of a sensor that a hand turns for two minutes, read ten times a second, half a minute after it began."""
+    sensor = simulate.tumble(seed=1).sensor
+    first, later = (simulate.tumble(seed=seed, n=n, sensor=sensor).samples.field for seed, n in ((1, 300), (2, 1200)))
+    calibrated = [
+        steps_of(target, "reading", ms=100 * np.arange(300), field=first),
+        steps_of(target, "begin", ms=30_000),
+    ]
+    begin = calibrated if begins else [steps_of(target, "power", ms=30_000)]
+    return [*begin, steps_of(target, "reading", ms=30_000 + 100 * np.arange(1200), field=later)]
+
+
+def costs_of_going_on(folder: Path) -> list[dict[str, Any]]:
+    """Sizes and instructions of a program that begins with what was stored, and its flash with a calibrator."""
+    here = build(HOST, folder, harness="service")
+    eeprom = go_on(HOST, here, used(HOST, begins=True))[1]["eeprom"]
+    rows = []
+    for target in BOARDS:
+        program = build(target, folder, harness="service", options=IN_SERVICE)
+        cost = go_on(target, program, used(target, begins=False), eeprom)[1]
+        numbers = {name: int(cost[name]) for name in ("state", "stack", "per_reading", "most")}
+        both = sizes(build(target, folder, harness="service"))["flash"]
+        rows.append({"target": target.name, **sizes(program), "both": both, **numbers})
+    return rows
+
+
 def print_costs(folder: Path) -> None:
     """Print what the firmware costs, or which tools are missing."""
     missing = missing_tools()
@@ -233,6 +342,11 @@ def print_costs(folder: Path) -> None:
     for row in costs(folder):
         sized = f"{row['flash']:7,} {row['state']:6,} {row['stack']:6,}"
         print(f"{row['target']:12} {sized} {row['per_reading']:12,} {row['per_solve']:12,}")
+    print("\nGoing on, without the calibrator; flash with it")
+    print(f"{'':12} {'flash':>7} {'both':>7} {'RAM':>6} {'state':>6} {'stack':>6} {'per reading':>12} {'at most':>12}")
+    for row in costs_of_going_on(folder):
+        sized = f"{row['flash']:7,} {row['both']:7,} {row['ram']:6,} {row['state']:6,} {row['stack']:6,}"
+        print(f"{row['target']:12} {sized} {row['per_reading']:12,} {row['most']:12,}")
 
 
 def print_accuracy(folder: Path) -> None:

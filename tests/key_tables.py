@@ -78,6 +78,8 @@ PAGE: Final[Mapping[str, Mapping[str, str]]] = {
         "`steps`, each": "apps.fleet.overview:UnitStep",
         "`batches`, each": "apps.fleet.overview:BatchDrift",
         "`undated`": "apps.fleet.overview:Undated",
+        "of histories: columns of `drift --out`, `listed` of `drift --json`": "apps.fleet.walks:UnitWalk",
+        "of histories: `drift --json`": "apps.fleet.walks:FleetWalk",
         "`change_deg`": "apps.fleet.overview:Histogram",
     },
     "Fits": {

@@ -15,7 +15,7 @@ from benchmarks.service_lives import KINDS, START_S, STRENGTH_UT, live, offsets_
 from benchmarks.service_peers import ESTIMATORS, Correction, Ours, Report, worst_deg
 
 import flinders
-from flinders.workflows.online import OnlineEvent
+from flinders.workflows.online_events import OnlineEvent
 
 if TYPE_CHECKING:
     from benchmarks.service_lives import Chunk, Life

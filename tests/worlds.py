@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from benchmarks.service_bodies import seen, tumbled
 
 import flinders
 from flinders import simulate
@@ -202,6 +203,29 @@ def carried_about(seed: int, *, varies: float, turns: float, rows: int = 900, no
     sensor = Sensor(np.eye(3) + rng.normal(scale=0.05, size=(3, 3)), rng.normal(scale=12.0, size=3), noise)
     field = sensor.read(np.einsum("nji,nj->ni", attitudes, world), rng)
     return Samples.of(field, unit="uT", time=np.arange(rows) / 50.0)
+
+
+def walked_days(
+    seed: int, *, days: float, walk: float, every_s: tuple[float, float] = (1800.0, 3600.0), rate_hz: float = 4.0
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Days of a sensor that is tumbled for half a minute now and then, whose offset walks by µT per root hour.
+
+    Gives times (N,) s and readings (N, 3) µT; beginnings (k,) s of tumbles, and the offset (k, 3) then.
+    """
+    rng = np.random.default_rng(seed)
+    begins, now = list[float](), 0.0
+    while now < days * 86400.0:
+        begins.append(now)
+        now += float(rng.uniform(*every_s))
+    steps = rng.normal(0.0, walk, (len(begins), 3)) * np.sqrt(np.diff(begins, prepend=0.0) / 3600.0)[:, np.newaxis]
+    offsets = HARD_IRON / 10.0 + np.cumsum(steps, axis=0)
+    times, fields = [], []
+    for number, (begin, offset) in enumerate(zip(begins, offsets, strict=True)):
+        seconds = np.arange(0.0, 30.0 if number else 120.0, 1.0 / rate_hz)
+        field = seen(tumbled(rng, seconds), np.array([25.0, 0.0, 43.3])) + offset
+        times.append(begin + seconds)
+        fields.append(field + rng.normal(0.0, 0.3, field.shape))
+    return np.concatenate(times), np.concatenate(fields), np.array(begins), offsets
 
 
 def true_parameters(truth: Simulated) -> Floats:

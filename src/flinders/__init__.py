@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from flinders.workflows.correction import apply as apply
     from flinders.workflows.exporting import export as export
     from flinders.workflows.heading_series import headings as headings
+    from flinders.workflows.offset_history import OffsetHistory as OffsetHistory
     from flinders.workflows.online import OnlineCalibration as OnlineCalibration
     from flinders.workflows.recording_contents import contents as contents
     from flinders.workflows.sensors import fit_each as fit_each
@@ -83,6 +84,7 @@ _HOMES: Final = {
     "FitError": "errors",
     "FlindersError": "errors",
     "Instruments": "fitting.aiding",
+    "OffsetHistory": "workflows.offset_history",
     "OnlineCalibration": "workflows.online",
     "Samples": "core.samples",
     "Site": "likelihood.site_field",

@@ -533,6 +533,7 @@ static void keep_calibrating(void)
     flinders_real now = uniform() < 0.9 ? 0 : anything(), pace = (flinders_real)pow(10, 6 * uniform() - 3);
     flinders_online_begin(online);
     online->is_locked = uniform() < 0.1;
+    if (uniform() < 0.3) flinders_online_expect_walk(online, anything(), anything());
     for (size_t blocks = 1 + below(4); blocks > 0; blocks--) {
         const size_t rows = 1 + below(uniform() < 0.02 ? 1000 : 150);
         flinders_real *field = need(3 * rows * sizeof *field), *time = need(rows * sizeof *time);
@@ -555,6 +556,8 @@ static void keep_calibrating(void)
         const int status = flinders_online_claim_at(online, uniform() < 0.9 ? now : anything(), &claim);
         REQUIRE(status == FLINDERS_OK || isnan(claim.worst_deg));
         REQUIRE(!(claim.worst_deg < 0) && !(claim.latest_deg < 0) && !(claim.walk < 0));
+        REQUIRE(!(flinders_online_good_s(online) < 0));
+        if (uniform() < 0.1) flinders_online_shift(online, uniform() < 0.9 ? 4096 : anything());
         if (uniform() < 0.2) flinders_online_adopt(online);
         if (uniform() < 0.2) flinders_online_take_back(online);
         if (uniform() < 0.1) {

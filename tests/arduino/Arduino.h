@@ -69,6 +69,8 @@ struct Memory {
     return byte == EOF ? 0xFF : (uint8_t)byte;
   }
   void write(int at, uint8_t byte) {
+    fseek(file(), 0, SEEK_END);
+    while (ftell(file()) < at) fputc(0xFF, file()); // erased
     fseek(file(), at, SEEK_SET);
     fputc(byte, file());
     fflush(file());

@@ -13,7 +13,7 @@ from flinders import Calibration, OnlineCalibration
 from flinders.apps.service.handover import LOOK_S, Handover
 from flinders.errors import NotConfirmed, NotSent
 from flinders.links.recipients import Recipient
-from flinders.workflows.online import DOING
+from flinders.workflows.online_events import DOING
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -23,13 +23,15 @@ from tests.feeding import free_port
 from tests.program import flinders_
 from tests.trials import nightly
 from tests.waiting import wait_until
+from tests.worlds import walked_days
 
 from flinders import Fit, OnlineCalibration, Samples
 from flinders.apps.service.sources import Source, of_recordings, of_wire
-from flinders.apps.service.watching import Files, Watch
+from flinders.apps.service.watching import Begun, Files, Watch
 from flinders.errors import OutputError
 from flinders.links.feeds import FeedEvent
 from flinders.links.transports import Scripted
+from flinders.workflows.walk import Walk
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -68,7 +70,7 @@ def driven(seconds: float, *, seed: int = 1, moved_s: float = math.inf) -> tuple
 
 
 def table(time: Floats, field: Floats, header: str = "time_s,mag_x_uT,mag_y_uT,mag_z_uT") -> str:
-    rows = (f"{at:.3f},{x:.3f},{y:.3f},{z:.3f}\n" for at, (x, y, z) in zip(time, field.tolist(), strict=True))
+    rows = (",".join(f"{value:.3f}" for value in row) + "\n" for row in np.column_stack([time, field]).tolist())
     return f"{header}\n{''.join(rows)}"
 
 
@@ -177,6 +179,23 @@ def test_recordings_without_a_date_follow_one_another() -> None:
     assert lines[-1]["verdict"] == "good"
 
 
+def test_a_recording_in_axes_of_the_vehicle_gives_calibrations_for_them() -> None:
+    time, field = DRIVE[0][:2000], DRIVE[1][:2000]
+    rows = np.column_stack([1e6 * time, 10.0 * field]).round().astype(int).tolist()
+    lines = ["loopIteration,time (us),magADC[0],magADC[1],magADC[2]", *(f"1,{','.join(map(str, row))}" for row in rows)]
+    Path("blackbox.csv").write_text("\n".join(lines) + "\n")
+    words = ("--state", "compass.state", "--adopted", "adopted.json", "--axes", "x,-y,-z")
+    assert flinders_("watch", "--replay", "blackbox.csv", *words).code == 0
+    calibration = Fit.load("adopted.json").calibration
+    assert (calibration.frame, str(calibration.axes)) == ("vehicle", "x,-y,-z")
+    Path("counts.csv").write_text(table(time, field, "time_s,mag_x_counts,mag_y_counts,mag_z_counts"))
+    flinders_("watch", "--replay", "counts.csv", "--adopted", "sensor.json")
+    said = "blackbox.csv is in axes of the vehicle, the calibration is for readings in axes of the sensor"
+    for others in (("counts.csv", "blackbox.csv"), ("blackbox.csv", "--calibration", "sensor.json")):
+        refused = flinders_("watch", "--replay", *others)
+        assert (refused.code, said in " ".join(refused.err.split())) == (2, True), refused.err
+
+
 def test_a_pipe_gives_what_the_file_gives() -> None:
     piped = program("-", "--json")
     out, err = piped.communicate(Path("drive.csv").read_text(), timeout=120)
@@ -242,6 +261,37 @@ def test_a_state_goes_on_where_it_ended() -> None:
     assert result["heading_error_deg"] == whole["heading_error_deg"]
 
 
+def test_a_state_of_another_release_goes_on_and_that_is_told() -> None:
+    samples = Samples.of(DRIVE[1][:5000], unit="uT", time=BEGUN_S + DRIVE[0][:5000])
+    Watch(of_recordings([samples]), files=Files("compass.state")).run()
+    content = json.loads(Path("compass.state").read_text())
+    content["record"] |= {"version": 99}
+    Path("compass.state").write_text(json.dumps(content))
+    ended = flinders_("watch", "--replay", "drive.csv", "--state", "compass.state", "--json")
+    assert ended.code == 0, ended.err
+    assert "compass.state: goes on; it is of another release, whose evidence is left out" in ended.err
+    first, *_ = lines = lines_of(ended.out)
+    assert (first["event"], first["verdict"]) == ("other-release", "good")
+    assert lines[-1]["events"]["other-release"] == 1
+    assert json.loads(Path("compass.state").read_text())["record"]["version"] != 99
+
+
+@POSIX
+def test_one_program_keeps_a_state_until_it_ends_in_whatever_way() -> None:
+    watch = program("-", "--state", "compass.state", "--status", "status.json", "--every", "1")
+    assert watch.stdin is not None
+    watch.stdin.write(Path("drive.csv").read_text()[:20_000])
+    watch.stdin.flush()
+    wait_until(Path("compass.state.lock").exists)
+    wait_until(lambda: Path("compass.state.lock").read_text() != "")
+    again = flinders_("watch", "--replay", "drive.csv", "--state", "compass.state")
+    assert again.code == 6
+    assert f"compass.state: another program keeps this file (process {watch.pid} on" in " ".join(again.err.split())
+    watch.kill()
+    watch.communicate()
+    assert flinders_("watch", "--replay", "drive.csv", "--state", "compass.state").code == 0
+
+
 def test_a_calibration_file_begins_and_may_be_locked() -> None:
     time, field = BEGUN_S + DRIVE[0], DRIVE[1]
     Path("before.csv").write_text(table(time[:6000], field[:6000]))
@@ -255,6 +305,67 @@ def test_a_calibration_file_begins_and_may_be_locked() -> None:
     assert locked[-1]["is_locked"] is True
     assert locked[-1]["verdict"] == "refused"  # the offset moved, and the calibration in force did not
     assert locked[-1]["latest_deg"] < 1.0
+
+
+def test_a_current_that_the_calibration_follows_is_taken_from_the_recording() -> None:
+    time, field = BEGUN_S + DRIVE[0][:4000], DRIVE[1][:4000]
+    current = 8.0 * (1.0 + np.sin(time / 5.0))
+    flown = np.column_stack([field + current[:, None] * [0.3, -0.2, 0.1], current])
+    columns = "time_s,mag_x_uT,mag_y_uT,mag_z_uT"
+    Path("flown.csv").write_text(table(time, flown, f"{columns},current_a"))
+    Path("later.csv").write_text(table(time + 600.0, flown, f"{columns},current_a"))
+    Path("blind.csv").write_text(table(time + 600.0, flown[:, :3], columns))
+    flinders_("calibrate", "flown.csv", "--with", "current", "--output", "start.json")
+    words = ("--calibration", "start.json", "--adopted", "kept.json", "--json")
+    events = {line["event"] for line in lines_of(flinders_("watch", "--replay", "later.csv", *words).out)}
+    assert not events & {"contradicted", "moved", "learnt"}
+    if Path("kept.json").exists():
+        assert "current" in json.loads(Path("kept.json").read_text())["correction"]["disturbances"]
+    refused = flinders_("watch", "--replay", "blind.csv", *words)
+    assert (refused.code, "follows current, which blind.csv does not record" in " ".join(refused.err.split())) == (
+        2,
+        True,
+    )
+
+
+def test_an_earlier_history_tells_how_the_offset_walks(monkeypatch: pytest.MonkeyPatch) -> None:
+    time, field, _, _ = walked_days(1, days=1.5, walk=0.1)
+    Path("adopted").mkdir()
+    Path("short.csv").write_text(table(DRIVE[0][:800], DRIVE[1][:800]))
+    told: list[Report] = []
+    samples = Samples.of(field, unit="uT", time=BEGUN_S + time)
+    Watch(of_recordings([samples]), files=Files("old.state", "adopted"), every=600.0, tell=told.append).run()
+    Path("lines").write_text("".join(f"{json.dumps(report.as_dict())}\n" for report in told))
+    known: list[Walk | float | None] = []
+    monkeypatch.setattr(Begun, "calibration", _noting(known, Begun.calibration))
+    for history in ("old.state", "adopted", "lines"):
+        ended = flinders_("watch", "--replay", "short.csv", "--history", history)
+        assert f"{history}: the offset of this unit walks 0." in ended.said
+    assert flinders_("watch", "--replay", "short.csv", "--walk", "0.1", "--state", "new.state").code == 0
+    *walks, number = known
+    assert number == 0.1
+    for walk in walks:
+        assert isinstance(walk, Walk)
+        assert walk.low / 1.5 < 0.1 < 1.5 * walk.high
+    again = flinders_("watch", "--replay", "short.csv", "--history", "old.state", "--state", "new.state")
+    assert "new.state: goes on, and --history is not used" in again.said
+    short = flinders_("watch", "--replay", "short.csv", "--history", "new.state")
+    assert (short.code, "new.state tells no walk: it has" in short.said) == (2, True)
+    Path("counts.csv").write_text(
+        table(DRIVE[0][:800], DRIVE[1][:800], "time_s,mag_x_counts,mag_y_counts,mag_z_counts")
+    )
+    other = flinders_("watch", "--replay", "counts.csv", "--history", "old.state")
+    assert (other.code, "the walk is in uT, readings are in counts" in other.said) == (2, True)
+    both = flinders_("watch", "--replay", "short.csv", "--history", "old.state", "--walk", "1")
+    assert (both.code, "--walk and --history say the same" in both.said) == (2, True)
+
+
+def _noting(known: list[Walk | float | None], begin: Any) -> Any:  # noqa: ANN401 - a method
+    def calibration(begun: Begun, *unit: Any) -> OnlineCalibration:
+        known.append(begun.walk)
+        return begin(begun, *unit)  # type: ignore[no-any-return]
+
+    return calibration
 
 
 # what goes wrong

@@ -4,25 +4,28 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.worlds import walked_days
 
 import flinders
 from flinders import simulate
 from flinders.errors import DocumentError, UsageError
 from flinders.native.engine import engine
 from flinders.native.layouts import ONLINE
-from flinders.workflows.online import OnlineCalibration, OnlineEvent
+from flinders.workflows.online import OnlineCalibration
 from flinders.workflows.timeline import MOST_POINTS, OnlinePoint, Timeline
+from flinders.workflows.walk import Walk
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from flinders.arrays import Floats
+    from flinders.workflows.online_events import OnlineEvent
 
 DAY_S = 86400.0
 STEP = np.array([3.0, -4.0, 2.0])
@@ -54,6 +57,17 @@ def learnt(seed: int = 1) -> tuple[OnlineCalibration, simulate.Sensor]:
     online = OnlineCalibration()
     online.add(field, time=time)
     return online, sensor
+
+
+STATES: Final[dict[str, str]] = {}
+
+
+def a_state(folder: Path) -> str:
+    """The file of one that a minute of tumbling has made; it is made once."""
+    if not STATES:
+        learnt()[0].save(folder / "made.json")
+        STATES["learnt"] = (folder / "made.json").read_text()
+    return STATES["learnt"]
 
 
 def test_the_record_has_the_engines_size() -> None:
@@ -211,6 +225,35 @@ def test_it_begins_with_a_fit() -> None:
     assert OnlineCalibration(fit, at=0.0).at(5 * DAY_S).heading_error_deg > 5 * fit.heading_error_deg.worst
 
 
+def test_a_unit_that_is_known_to_walk_slowly_claims_less_after_a_day() -> None:
+    field, time, _ = tumbled(1, seconds=20.0)
+    claims = []
+    for walk in (None, 0.02, Walk(0.02, 0.018, 0.022), 1.0):
+        online = OnlineCalibration(walk=walk)
+        online.add(field, time=time)
+        claims.append([online.at(time[-1] + seconds).heading_error_deg for seconds in (0.0, DAY_S)])
+    now, day = np.array(claims).T
+    assert np.ptp(now) < 0.02 * now[0]
+    assert day[2] <= day[1] < 0.85 * day[0]
+    assert day[3] > 1.2 * day[0]
+    with pytest.raises(UsageError, match="walk is 0"):
+        OnlineCalibration(walk=0.0)
+    begun = OnlineCalibration(flinders.fit(simulate.tumble(seed=1).samples), at=0.0, walk=0.02)
+    assert begun.at(0.0).walk < 0.1
+
+
+def test_a_walk_that_is_known_wrongly_is_corrected_and_its_claim_stays_true() -> None:
+    time, field, begins, offsets = walked_days(2, days=1.5, walk=0.6)
+    online, off = OnlineCalibration(walk=0.2), []
+    for begin, end, offset in zip(begins.tolist(), [*begins[1:].tolist(), math.inf], offsets, strict=True):
+        state = online.at(begin)
+        off.append((np.array(state.offset) - offset) / state.offset_sigma)
+        rows = (time >= begin) & (time < end)
+        online.add(field[rows], time=time[rows])
+    assert np.sqrt(np.nanmean(np.square(off))) < 1.3
+    assert 0.3 < online.state.walk < 0.9
+
+
 def test_a_fit_that_cannot_go_on_is_refused() -> None:
     plain = flinders.Fit.of(flinders.Calibration.identity(field_strength=50.0))
     with pytest.raises(UsageError, match="states no uncertainty"):
@@ -267,7 +310,13 @@ def test_bad_readings_and_clocks_are_passed_over() -> None:
         lambda _: "no JSON",
         lambda content: json.dumps({**content, "format": "another"}),
         lambda content: json.dumps({**content, "record": {}}),
-        lambda content: json.dumps({**content, "record": {**content["record"], "version": 99}}),
+        lambda content: json.dumps({**content, "record": {"version": 99, "state": 1, "dip_deg": 60.0}}),
+        lambda content: json.dumps({**content, "record": {**content["record"], "version": 99, "noise": "nan"}}),
+        lambda content: json.dumps({**content, "record": {**content["record"], "version": 99, "latest": [1.0] * 9}}),
+        lambda content: json.dumps({**content, "record": {**content["record"], "version": 99, "target_deg": -1.0}}),
+        lambda content: json.dumps(
+            {**content, "record": {**content["record"], "version": 99, "latest_covariance": [-1.0] * 81}}
+        ),
         lambda content: json.dumps({**content, "record": {**content["record"], "kept": 10**6}}),
         lambda content: json.dumps({**content, "record": {**content["record"], "state": 7}}),
         lambda content: json.dumps({**content, "record": {**content["record"], "field": [1.0]}}),
@@ -280,9 +329,89 @@ def test_bad_readings_and_clocks_are_passed_over() -> None:
     ],
 )
 def test_a_file_that_is_no_state_is_refused(tmp_path: Path, broken: object) -> None:
-    online, _ = learnt()
-    online.save(tmp_path / "state.json")
-    content = json.loads((tmp_path / "state.json").read_text())
-    (tmp_path / "state.json").write_text(broken(content))  # type: ignore[operator]
+    (tmp_path / "state.json").write_text(broken(json.loads(a_state(tmp_path))))  # type: ignore[operator]
     with pytest.raises(DocumentError, match="state of an online calibration"):
         OnlineCalibration.load(tmp_path / "state.json")
+
+
+def of_another_release(path: Path, **changed: object) -> None:
+    """Make a state one of another release: numbers changed, or left out where they are None."""
+    content = json.loads(path.read_text())
+    record = {name: value for name, value in {**content["record"], **changed}.items() if value is not None}
+    path.write_text(json.dumps({**content, "record": record}))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"version": 99, "added": [1.0, 2.0]},
+        {"scatter": None, "newest_at": None},
+        {"version": 0, "field": [0.0] * 30, "time": [0.0] * 10, "kept": 99, "rates": [0.5, 0.5], "place": -1.0},
+    ],
+)
+def test_the_state_of_another_release_goes_on_without_its_evidence(tmp_path: Path, changed: dict[str, object]) -> None:
+    sensor = tumbled(1, seconds=1.0)[2]
+    (tmp_path / "state.json").write_text(a_state(tmp_path))
+    online = OnlineCalibration.load(tmp_path / "state.json")
+    online.is_locked, online.target_deg = True, 0.7
+    online.save(tmp_path / "state.json")
+    of_another_release(tmp_path / "state.json", **changed)
+    again = OnlineCalibration.load(tmp_path / "state.json")
+    assert again.is_converted
+    assert [event.code for event in again.history] == [*(event.code for event in online.history), "other-release"]
+    assert (again.is_locked, again.target_deg, again.state.time_s) == (True, 0.7, online.state.time_s)
+    assert again.calibration is not None
+    assert online.calibration is not None
+    assert again.calibration.isclose(online.calibration)
+    assert again.state.heading_error_deg == pytest.approx(online.state.heading_error_deg, rel=1e-3)
+    again.is_locked = False
+    field, time, _ = tumbled(5, seconds=20.0)
+    again.add(field, time=time + online.state.time_s + 600.0)
+    assert worst_deg(again, sensor, sensor.offset) < again.state.bound_deg
+    again.save(tmp_path / "state.json")
+    assert not OnlineCalibration.load(tmp_path / "state.json").is_converted
+
+
+def test_what_contradicted_a_state_of_another_release_stays_in_its_claim(tmp_path: Path) -> None:
+    online, sensor = learnt()
+    field, time, _ = tumbled(5, seconds=8.0)
+    online.add(field + 2.0 * STEP, time=time + online.state.time_s + 60.0)
+    assert online.state.doing == "disturbed"
+    online.save(tmp_path / "state.json")
+    of_another_release(tmp_path / "state.json", version=99)
+    again = OnlineCalibration.load(tmp_path / "state.json")
+    assert again.state.doing == "undisturbed"
+    assert worst_deg(again, sensor, sensor.offset + 2.0 * STEP) < again.state.bound_deg
+    assert again.state.heading_error_deg > 0.9 * online.state.heading_error_deg
+
+
+def test_a_state_of_another_release_that_knows_nothing_keeps_its_settings(tmp_path: Path) -> None:
+    OnlineCalibration(target_deg=0.3, axes="x,-y,-z").save(tmp_path / "state.json")
+    of_another_release(tmp_path / "state.json", version=99)
+    again = OnlineCalibration.load(tmp_path / "state.json")
+    assert (again.state.doing, again.target_deg, str(again.axes)) == ("learning", 0.3, "x,-y,-z")
+
+
+def test_a_calibration_goes_on_following_a_current_that_is_recorded(tmp_path: Path) -> None:
+    field, time, sensor = tumbled(3, seconds=60.0)
+    current, wire = 8.0 * (1.0 + np.sin(time / 5.0)), np.array([0.3, -0.2, 0.1])
+    flown = field + current[:, None] * wire
+    start = flinders.fit(flinders.Samples.of(flown, unit="uT", time=time, current=current), disturbances=("current",))
+    online, later = OnlineCalibration(start), time + 100.0
+    events = online.add(flown[:1000], time=later[:1000], current=current[:1000])
+    online.save(tmp_path / "state.json")
+    online = OnlineCalibration.load(tmp_path / "state.json")
+    events += online.add(flown[1000:], time=later[1000:], current=current[1000:])
+    assert online.disturbances == ("current",)
+    assert {event.code for event in events} <= {"adopted"}
+    fit = online.fit
+    assert fit is not None
+    assert np.allclose(fit.calibration.disturbances[0].per_unit, wire, atol=0.02)
+    corrected, truth = (
+        fit.calibration.apply(flown, current=current),
+        (field - sensor.offset) @ np.linalg.inv(sensor.matrix).T,
+    )
+    apart = corrected / np.linalg.norm(corrected, axis=1)[:, None] - truth / np.linalg.norm(truth, axis=1)[:, None]
+    assert np.degrees(np.median(np.linalg.norm(apart, axis=1))) < 0.3
+    with pytest.raises(UsageError, match="current, which was not given"):
+        online.add(flown[:5], time=later[:5] + 100.0)

@@ -21,7 +21,9 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import platform
 import stat
+import sys
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
 
@@ -52,6 +54,8 @@ LARGE, MOST_RATIO = 16 << 20, 250
 """Bytes from which on the ratio counts, and the ratio: a table of digits packs to a fifth, zeros to a thousandth."""
 MOST_PIECE: Final = 1 << 30
 """Bytes that one packed piece may have, unpacked: a chunk of a bag has a few million."""
+LONGEST_OWNER: Final = 200  # Bytes that say which program has locked a file
+LOCKED_BYTE: Final = 1 << 20
 
 
 def reason(error: OSError | ValueError) -> str:
@@ -182,6 +186,46 @@ def locked(descriptor: int) -> bool:
     except OSError:
         return True
     return True
+
+
+@contextlib.contextmanager
+def exclusive(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Keep a file that is replaced whole for this program, by a lock on ``PATH.lock`` beside it, which stays there.
+
+    The system unlocks it when a program ends, also by ``kill -9``. Systems and file systems without locks keep nobody
+    out.
+
+    Raises `OutputError` where another program keeps the file, or nothing can be written beside it.
+    """
+    target = Path(os.path.realpath(path))
+    with _refusals(path):
+        descriptor = os.open(target.with_name(f"{target.name}.lock"), os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        if not _locked_far(descriptor):
+            owner = os.read(descriptor, LONGEST_OWNER).decode(errors="replace").strip() or "it has not said which"
+            raise OutputError(f"{path}: another program keeps this file ({owner}): stop that one, or name another file")
+        with contextlib.suppress(OSError):  # a full disk
+            os.ftruncate(descriptor, 0)
+            os.write(descriptor, f"process {os.getpid()} on {platform.node()}\n".encode())
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _locked_far(descriptor: int) -> bool:
+    """As `locked`; of Windows, which lets nobody read what is locked, a byte behind the end of the file."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        os.lseek(descriptor, LOCKED_BYTE, os.SEEK_SET)
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except OSError:
+            return False
+        finally:
+            os.lseek(descriptor, 0, os.SEEK_SET)
+        return True
+    return locked(descriptor)
 
 
 def refuse_existing(path: str | os.PathLike[str], *, force: bool = False) -> None:

@@ -9,7 +9,7 @@ compiles, since every start of the program passes here.
 that needs no program (`flinders.apps.live.standalone`), which imports nothing and exports what flinders.h declares.
 
 >>> [source.name for source in sources()][:3]
-['attitude.c', 'axes.c', 'bound.c']
+['about.c', 'attitude.c', 'axes.c']
 >>> PLATFORMS["macosx_11_0_arm64"].zig
 'aarch64-macos.11.0'
 """

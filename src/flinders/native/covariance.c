@@ -173,20 +173,20 @@ void fl_support_information(const fl_support *support, const real *matrix, real 
         }
 }
 
-/* Inverse of a symmetric matrix without the directions that rounding leaves open. */
+/* Inverse of a symmetric matrix without the directions that rounding leaves open; both may be the same. */
 void fl_inverse(const real *matrix, int n, real *inverse)
 {
-    real scale[FL_WIDEST], vectors[FL_WIDEST * FL_WIDEST] = {0}, factor[FL_WIDEST * FL_WIDEST], values[FL_WIDEST];
+    real scale[FL_WIDEST], vectors[FL_WIDEST * FL_WIDEST] = {0}, values[FL_WIDEST];
     real largest = 0;
     for (int i = 0; i < n; i++) largest = matrix[i * n + i] > largest ? matrix[i * n + i] : largest;
     const real least = FL_ROUNDING * largest > FL_TINY ? FL_ROUNDING * largest : FL_TINY;
     for (int i = 0; i < n; i++) scale[i] = fl_sqrt(matrix[i * n + i] > least ? matrix[i * n + i] : least);
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) vectors[i * n + j] = matrix[i * n + j] / (scale[i] * scale[j]);
-    if (!fl_cholesky_regular(vectors, n, factor)) {
-        fl_cholesky_inverse(factor, n, inverse);
+    if (!fl_cholesky_regular(vectors, n, inverse)) {
+        fl_cholesky_inverse(inverse, n, vectors);
         for (int i = 0; i < n; i++)
-            for (int j = 0; j < n; j++) inverse[i * n + j] /= scale[i] * scale[j];
+            for (int j = 0; j < n; j++) inverse[i * n + j] = vectors[i * n + j] / (scale[i] * scale[j]);
         return;
     }
     fl_eigen(vectors, n, values);

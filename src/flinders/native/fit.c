@@ -18,7 +18,9 @@ void flinders_default_options(flinders_options *options)
     options->kernels = 0;
     options->statistics = 1;
     options->bias_correction = 1;
-#ifndef FLINDERS_SMALL
+#ifdef FLINDERS_SMALL
+    options->known = NULL;
+#else
     options->is_informed = 0;
     memset(options->expected, 0, sizeof options->expected);
     memset(options->information, 0, sizeof options->information);
@@ -146,32 +148,39 @@ void fl_place_fit(const fl_fit *fit, flinders_record *record)
 /* Fit the majority alone, from a start of its own or NULL. Nonzero where none is found or, if it has to prove itself, it is
  * not clearly quieter than all readings: none is rejected then. */
 static int fit_majority(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
-                        int asks, const fl_room *room, fl_fit *fit, flinders_record *record)
+                        int asks, const fl_room *room, fl_fit *fit, fl_majority *majority)
 {
-    fl_fit most;
-    const int status = fl_robust(kernels, view, options, start, room, &most, record);
-    if (status == FLINDERS_OK && (options->robust == 2 || asks != FL_SUSPECTS || most.noise <= QUIETER * fit->noise)) {
-        *fit = most;
+    const fl_surface of_all = fit->surface;
+    const real noise = fit->noise;
+#ifdef FLINDERS_SMALL /* no room for two: that of all readings is made again */
+    fl_fit *const most = fit;
+#else
+    fl_fit other, *const most = &other;
+#endif
+    const int status = fl_robust(kernels, view, options, start, room, most, majority);
+    if (status == FLINDERS_OK && (options->robust == 2 || asks != FL_SUSPECTS || most->noise <= QUIETER * noise)) {
+        *fit = *most;
         return FLINDERS_OK;
     }
-    fl_forget_outliers(view, record);
+    fl_forget_outliers(view, majority);
+    if (most == fit) fl_polish(kernels, view, options, &of_all, FL_STEPS, room->some, fit);
     fit->has_distances = 0;
     return status == FLINDERS_OK ? FLINDERS_NOT_AN_ELLIPSOID : status;
 }
 
 /* Fit all readings from a start, then the majority alone where that is asked for, or residuals ask and there is one. The
  * majority has a start of its own, or NULL for that through a few readings. */
-int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
-                    const fl_surface *start_of_majority, const fl_room *room, fl_fit *fit, flinders_record *record)
+int fl_fit_majority(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
+                    const fl_surface *start_of_majority, const fl_room *room, fl_fit *fit, fl_majority *majority)
 {
     const int may_ask = options->robust && view->rows >= 12;
     const int looks_early = may_ask && !start_of_majority;
-    const int few = record->principal_variances[0] > THICK * record->principal_variances[2] ? FEW_STEPS : MORE_STEPS;
+    const int few = majority->few;
     int status = fl_polish(kernels, view, options, start, looks_early ? few : FL_STEPS, room->some, fit);
     fit->has_distances = 0;
     int asks = may_ask && status == FLINDERS_OK ? fl_asks_for_robust(kernels, view, fit, room) : 0;
     if (looks_early && status == FLINDERS_OK && fit->steps == few) { /* it goes on from where it stands */
-        if (asks == 1 && !fit_majority(kernels, view, options, NULL, asks, room, fit, record)) return FLINDERS_OK;
+        if (asks == 1 && !fit_majority(kernels, view, options, NULL, asks, room, fit, majority)) return FLINDERS_OK;
         const fl_surface so_far = fit->surface;
         status = fl_polish(kernels, view, options, &so_far, FL_STEPS - few, room->some, fit);
         fit->steps += few;
@@ -179,8 +188,25 @@ int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options
         asks = status == FLINDERS_OK ? fl_asks_for_robust(kernels, view, fit, room) : 0;
     }
     if (!asks && options->robust < 2) return status;
-    const int found = fit_majority(kernels, view, options, start_of_majority, asks, room, fit, record);
+    const int found = fit_majority(kernels, view, options, start_of_majority, asks, room, fit, majority);
     return options->robust == 2 ? found : status;
+}
+
+/* The same, of a record whose sums there are. */
+int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
+                const fl_surface *start_of_majority, const fl_room *room, fl_fit *fit, flinders_record *record)
+{
+    const int few = record->principal_variances[0] > THICK * record->principal_variances[2] ? FEW_STEPS : MORE_STEPS;
+    fl_majority majority = {.few = few, .beyond = record->rejected_beyond, .dense = record->dense,
+                            .is_robust = record->is_robust, .rejected = record->rejected};
+    memcpy(majority.centre, record->majority_centre, sizeof majority.centre);
+    memcpy(majority.shape, record->majority_shape, sizeof majority.shape);
+    const int status = fl_fit_majority(kernels, view, options, start, start_of_majority, room, fit, &majority);
+    memcpy(record->majority_centre, majority.centre, sizeof majority.centre);
+    memcpy(record->majority_shape, majority.shape, sizeof majority.shape);
+    record->rejected_beyond = majority.beyond, record->dense = majority.dense;
+    record->is_robust = majority.is_robust, record->rejected = majority.rejected;
+    return status;
 }
 
 /* Make one reading of each rest: the view, and times and ends of a room, are those of the readings then. */

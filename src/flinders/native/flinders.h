@@ -48,6 +48,7 @@ typedef double flinders_real;
 #endif
 
 #define FLINDERS_RECORD_VERSION 1
+#define FLINDERS_ONLINE_VERSION 2
 
 /* What a function returns. */
 enum {
@@ -89,6 +90,8 @@ typedef struct flinders_options {
     int32_t is_informed;     /* 1: the nine parameters are normally distributed beforehand, and `prior` does not count (0) */
     flinders_real expected[9]; /* mean of that distribution, unit ... */
     flinders_real information[81]; /* ... and the inverse of its covariance, 1 / unit²; zeros where nothing is known */
+#else
+    const struct fl_known *known; /* the same for the library itself (NULL) */
 #endif
 } flinders_options;
 
@@ -336,7 +339,16 @@ typedef struct flinders_route {
     flinders_real after_deg;     /* the same at the end of the path */
 } flinders_route;
 
+/* Readings of the evidence of a calibration that keeps itself; on a board 80 to 512, of 27 bytes each in single precision, those
+ * of its workspace included. */
 #ifndef FLINDERS_SMALL
+#define FLINDERS_EVIDENCE 768
+#elif !defined(FLINDERS_EVIDENCE)
+#define FLINDERS_EVIDENCE 96
+#elif FLINDERS_EVIDENCE < 80 || FLINDERS_EVIDENCE > 512
+#error "FLINDERS_EVIDENCE: 80 to 512"
+#endif
+
 /* What a calibration that keeps itself does now. */
 enum {
     FLINDERS_LEARNING = 0,  /* nothing is known yet */
@@ -357,7 +369,7 @@ enum {
 /* A calibration that keeps itself while its sensor is used: everything that is known of it, in one record that may be saved,
  * and goes on in another process. Times are in seconds, of any origin. NaN where nothing is known. */
 typedef struct flinders_online {
-    int32_t version;              /* FLINDERS_RECORD_VERSION */
+    int32_t version;              /* FLINDERS_ONLINE_VERSION */
     int32_t state;                /* FLINDERS_LEARNING ... */
     int32_t is_locked;            /* 1: nothing is adopted by itself */
     int32_t is_level;             /* 1: all readings are of a level vehicle, and their ellipse alone is known */
@@ -398,7 +410,10 @@ typedef struct flinders_online {
     flinders_real moves;          /* how often the offset has moved, ... */
     flinders_real moves_square;   /* ... the sum of the squares, unit², ... */
     flinders_real watched;        /* ... and in how many seconds */
-    flinders_real rates[7];       /* probability of each rate at which the offset may walk */
+    flinders_real rates[7];       /* probability of each rate at which the offset may walk, ... */
+    flinders_real probable_rates[7]; /* ... and beforehand, which that falls back to */
+    flinders_real expected_walk;  /* rate that is known of the unit beforehand, unit per root hour; NaN: none is */
+    flinders_real expected_walk_sigma; /* 1 sigma of its natural logarithm */
     flinders_real sum[3];         /* of the readings of one direction, and ... */
     flinders_real sum_time;       /* ... of their times */
     flinders_real last[3];        /* the first of them */
@@ -406,21 +421,20 @@ typedef struct flinders_online {
     flinders_real newest[12];     /* (4, 3) newest readings, unit, ... */
     flinders_real newest_at[4];   /* ... and their times */
     flinders_real step;           /* from one reading to the next, unit, mean square */
-    flinders_real field[2304];    /* (768, 3) evidence, unit: means of readings in one direction */
-    flinders_real time[768];
+    flinders_real field[3 * FLINDERS_EVIDENCE]; /* evidence, unit: means of readings in one direction */
+    flinders_real time[FLINDERS_EVIDENCE];
 } flinders_online;
 
 /* What a calibration that keeps itself claims at a time. NaN where nothing is in force. */
 typedef struct flinders_online_claim {
     flinders_real rms_deg;        /* heading error of a level vehicle with what is in force, 1 sigma, over all headings */
     flinders_real worst_deg;      /* at the worst heading */
-    flinders_real bound_deg;      /* that it stays within at all headings with a probability of 95 % */
+    flinders_real bound_deg;      /* that it stays within at all headings with a probability of 95 %; not on a board */
     flinders_real latest_deg;     /* worst heading error with what is known latest */
     flinders_real age_s;          /* how old that is */
     flinders_real walk;           /* at which the offset walks, unit per root hour */
     flinders_real covariance[81]; /* of what is in force, unit² */
 } flinders_online_claim;
-#endif
 
 /* Axes that an attitude is named in: of a vehicle (forward, right, down when it is level), or of the sensor. */
 enum { FLINDERS_VEHICLE = 0, FLINDERS_SENSOR = 1, FLINDERS_VEHICLE_POSES = 42, FLINDERS_SENSOR_POSES = 50 };
@@ -612,17 +626,22 @@ FLINDERS_API int flinders_compare(const flinders_calibrated *first, const flinde
 FLINDERS_API int flinders_holds(flinders_real worst_deg, flinders_real sigma_deg, flinders_real bound_deg,
                                  flinders_real p_value, flinders_real target_deg);
 
-#ifndef FLINDERS_SMALL
-/* Bytes of the record of a calibration that keeps itself. Its workspace is that of 768 readings. */
+/* Bytes of the record of a calibration that keeps itself. Its workspace is that of FLINDERS_EVIDENCE readings, on a board
+ * FLINDERS_ONLINE_WORKSPACE bytes. */
 FLINDERS_API size_t flinders_online_size(void);
+#define FLINDERS_ONLINE_WORKSPACE (FLINDERS_EVIDENCE * (2 * sizeof(flinders_real) + 3))
 
-/* Begin without any calibration. */
+/* Begin without any calibration. On a board one has to be put in force: none is learnt from nothing. */
 FLINDERS_API void flinders_online_begin(flinders_online *online);
 
 /* Put a calibration in force that was known at a time: offset and shape (9,) and their covariance (9, 9). FLINDERS_BAD_OPTION for
  * a covariance or a time that is none. */
 FLINDERS_API int flinders_online_know(flinders_online *online, const flinders_real parameters[9],
                                       const flinders_real covariance[81], flinders_real noise, flinders_real time);
+
+/* The rate at which the offset walks is known of this unit: unit per root hour, and 1 sigma of its natural logarithm.
+ * FLINDERS_BAD_OPTION where either is not positive. */
+FLINDERS_API int flinders_online_expect_walk(flinders_online *online, flinders_real walk, flinders_real log_sigma);
 
 /* Add readings: field (rows, 3), time (rows,) in s. Stops behind a reading by which something happened, bits of `events`;
  * returns how many were added. */
@@ -632,10 +651,16 @@ FLINDERS_API size_t flinders_online_add(flinders_online *online, const flinders_
 /* What is claimed at a time, now or later; FLINDERS_UNDETERMINED where nothing is in force. */
 FLINDERS_API int flinders_online_claim_at(const flinders_online *online, flinders_real time, flinders_online_claim *claim);
 
+/* Seconds from the newest reading on for which the worst heading error is within the target if nothing is learnt: infinite
+ * beyond ten years, NaN where it is not within it now. */
+FLINDERS_API flinders_real flinders_online_good_s(const flinders_online *online);
+
+/* Count times from an origin that is later by so many seconds: single precision tells milliseconds within hours alone. */
+FLINDERS_API void flinders_online_shift(flinders_online *online, flinders_real seconds);
+
 /* Put what is known latest in force, or what was before. */
 FLINDERS_API void flinders_online_adopt(flinders_online *online);
 FLINDERS_API void flinders_online_take_back(flinders_online *online);
-#endif
 
 /* Largest angle of readings (rows, 3) from their mean, degrees, by a shape that is known. */
 FLINDERS_API flinders_real flinders_turn_deg(const flinders_real *field, size_t rows, const flinders_real shape[6]);

@@ -23,6 +23,7 @@ typedef flinders_real real;
 #define fl_pow powf
 #define fl_cbrt cbrtf
 #define fl_floor floorf
+#define fl_erfc erfcf
 #define fl_frexp frexpf
 #define fl_ldexp ldexpf
 #define FL_TINY FLT_MIN
@@ -43,6 +44,7 @@ typedef flinders_real real;
 #define fl_pow pow
 #define fl_cbrt cbrt
 #define fl_floor floor
+#define fl_erfc erfc
 #define fl_frexp frexp
 #define fl_ldexp ldexp
 #define FL_TINY DBL_MIN
@@ -52,10 +54,16 @@ typedef flinders_real real;
 #define FL_NOT_A_NUMBER nan("")
 #endif
 
-#ifdef FLINDERS_SMALL /* a board knows nothing beforehand */
-#define fl_is_informed(options) 0
+#ifdef FLINDERS_SMALL
+#define fl_is_informed(options) ((options)->known != NULL)
 #else
 #define fl_is_informed(options) ((options)->is_informed)
+#endif
+
+#if defined(FLINDERS_SMALL) && defined(__GNUC__)
+#define FL_APART __attribute__((noinline)) /* its locals are not on the stack of its caller */
+#else
+#define FL_APART
 #endif
 
 #define FL_PI ((real)3.14159265358979323846)
@@ -72,7 +80,7 @@ enum { FL_LOOKED = 12 * 1024, FL_COLUMNS = 18, FL_STEPS = 50,
        FL_AMPLITUDES = 128 };
 
 #ifdef FLINDERS_SMALL /* for a stack of few kilobytes: up to 512 readings, and the nine parameters alone */
-enum { FL_BLOCK = 8, FL_LANES = 1, FL_WIDEST = 10, FL_SOME = 512, FL_ENOUGH = 512 };
+enum { FL_BLOCK = 4, FL_LANES = 1, FL_WIDEST = 9, FL_SOME = 512, FL_ENOUGH = 512 };
 #else
 enum { FL_BLOCK = 64, FL_LANES = 8, FL_WIDEST = 15,
        FL_SOME = 5000,     /* readings of a longer recording that it is looked at by */
@@ -102,6 +110,16 @@ typedef struct {
     real *counts; /* (n,) readings of each */
     real *steps;  /* (n,) time from the one before; FL_HUGE where it has nothing in common with it */
 } fl_series;
+
+#ifdef FLINDERS_SMALL
+/* The nine parameters are normally distributed beforehand. What adds that to a fit comes along, so that a program whose
+ * calibration does not go on is linked without it. */
+struct fl_known {
+    const real *expected, *information; /* (9,) and (9, 9), as in flinders_options of a host */
+    void (*add)(const real expected[9], const real information[81], const fl_surface *surface, real matrix[81],
+                real gradient[9], real *cost);
+};
+#endif
 
 /* Sums over all readings of a view; each exists once for the baseline and once for AVX2, with equal digits. */
 typedef struct {
@@ -166,7 +184,7 @@ int fl_surface_of_quadric(const real quadric[10], const real origin[3], real sca
 int fl_consistent(const flinders_sums *sums, real tolerance, fl_surface *surface, real *noise);
 int fl_start(const flinders_sums *sums, fl_surface *surface, real *noise);
 
-/* refresh.c */
+/* about.c */
 int fl_start_about(const fl_view *view, const real expected[9], fl_surface *surface);
 
 /* covariance.c */
@@ -201,7 +219,10 @@ typedef struct {
     fl_surface surface;
     real matrix[81], gradient[9], cost; /* of the readings, in their unit */
     size_t count;
-    real prior_matrix[81], prior_gradient[9], prior_cost;
+#ifndef FLINDERS_SMALL
+    real prior_matrix[81], prior_gradient[9];
+#endif
+    real prior_cost;
     real noise, variance;
     fl_support support;
     int has_support, sound;
@@ -227,13 +248,17 @@ typedef struct {
     int has_distances; /* 1 if those of a room are the distances of all readings from the surface */
     real median_distance; /* of them, without regard to their sign, where there are no more than FL_SOME; else 0 */
     int is_doubtful; /* of a robust fit: 1 if some of the readings that it rejects may be noise; fl_room.far has the others */
+#ifndef FLINDERS_SMALL
     real others[81]; /* of a robust fit: scatter of other majorities about it; 0 where the majority is beyond doubt */
     fl_slow slow;
+#endif
     fl_posterior posterior;
 } fl_fit;
 
 int fl_polish(const fl_kernels *kernels, const fl_view *view, const flinders_options *options, const fl_surface *start,
               int most_steps, real *copy, fl_fit *fit);
+void fl_add_known(const real expected[9], const real information[81], const fl_surface *surface, real matrix[81],
+                  real gradient[9], real *cost);
 
 /* heading.c, for guidance */
 void fl_upright(const real down[3], real turn[9]);

@@ -9,8 +9,6 @@
  */
 #include "online.h"
 
-#ifndef FLINDERS_SMALL
-
 #define HOUR_S ((real)3600)
 #define SHAPE_WALK ((real)2e-4)    /* of the radius, by which an entry of the shape walks in an hour */
 #define HELD ((real)1e-4)          /* of the radius, of what readings say nothing of */
@@ -21,6 +19,8 @@
 #define MOVES_DAY ((real)1)        /* days that this counts for */
 #define MOVED ((real)0.1)          /* size of a move beforehand, of the radius, root mean square */
 #define TINY_SHARE ((real)1e-12)
+#define BETWEEN_RATES ((real)0.2)  /* of a rate's logarithm, 1 sigma, that seven rates leave open */
+#define RATE_FREEDOM ((real)3)     /* of Student's distribution of a rate that is known: it may be quite another one */
 
 /* Rates of the offset's walk, of the radius per root hour, and how probable each is beforehand. */
 static const real RATE[FL_RATES] = {(real)0.0003, (real)0.0006, (real)0.0012, (real)0.0025, (real)0.005, (real)0.01, (real)0.02};
@@ -93,58 +93,113 @@ static void allow_offset(const flinders_online *online, const real parameters[9]
     hold(online, parameters, covariance);
 }
 
+/* What evidence makes of what is known. */
+typedef struct {
+    real parameters[9], covariance[81];
+    real noise, used;      /* unit, readings */
+    real information[81];  /* of what was known before */
+} found;
+
 /* Let readings say less by a factor in variance: with the prior Π and what they say, J = P⁻¹ − Π, the covariance is
  * P' = (Π + J/f)⁻¹, and the step from the prior's mean P' P⁻¹ / f of what it was. */
-static void weaken(const flinders_options *prior, real factor, flinders_record *record)
+FL_APART static void weaken(const real expected[9], real factor, found *out)
 {
-    real inverse[81], information[81], covariance[81], step[9], force[9], moved[9];
-    fl_inverse(record->covariance, FL_PARAMETERS, inverse);
-    for (int i = 0; i < 81; i++)
-        information[i] = prior->information[i] + (inverse[i] - prior->information[i]) / factor;
-    fl_inverse(information, FL_PARAMETERS, covariance);
-    for (int i = 0; i < FL_PARAMETERS; i++)
-        step[i] = (i < 3 ? record->centre[i] : record->shape[i - 3]) - prior->expected[i];
+    real inverse[81], covariance[81], step[9], force[9], moved[9];
+    fl_inverse(out->covariance, FL_PARAMETERS, inverse);
+    for (int i = 0; i < 81; i++) covariance[i] = out->information[i] + (inverse[i] - out->information[i]) / factor;
+    fl_inverse(covariance, FL_PARAMETERS, covariance);
+    for (int i = 0; i < FL_PARAMETERS; i++) step[i] = out->parameters[i] - expected[i];
     fl_multiply(inverse, step, FL_PARAMETERS, FL_PARAMETERS, 1, force);
     fl_multiply(covariance, force, FL_PARAMETERS, FL_PARAMETERS, 1, moved);
-    for (int i = 0; i < FL_PARAMETERS; i++)
-        *(i < 3 ? record->centre + i : record->shape + i - 3) = prior->expected[i] + moved[i] / factor;
-    memcpy(record->covariance, covariance, sizeof covariance);
+    for (int i = 0; i < FL_PARAMETERS; i++) out->parameters[i] = expected[i] + moved[i] / factor;
+    memcpy(out->covariance, covariance, sizeof covariance);
 }
 
-/* Fit evidence from one reading on with what is known, where groups scatter so much more than they claim. Noise is no smaller than it was when the sensor was calibrated. */
-static int fit(const flinders_online *online, size_t first, const real expected[9], const real covariance[81],
-               real scatter, const fl_lent *memory, flinders_record *record)
+#ifdef FLINDERS_SMALL
+/* Fit evidence as a board fits: what lasts in its residuals widens the covariance by a factor. */
+FL_APART static int fit_evidence(const fl_view *evidence, real dip_deg, const real expected[9], const fl_lent *memory, found *out)
+{
+    const struct fl_known known = {expected, out->information, fl_add_known};
+    const fl_kernels *const kernels = fl_kernels_chosen(0);
+    fl_view view = *evidence;
+    fl_majority majority = {0};
+    flinders_options options;
+    fl_surface start;
+    fl_fit fit;
+    real *const work = memory->at;
+    unsigned char *const flags = (unsigned char *)(work + 2 * view.rows);
+    const fl_room room = {.order = memory->at, .scratch = work, .distances = work + view.rows, .rejected = flags,
+                          .far = flags + view.rows, .passed = flags + 2 * view.rows};
+    if (memory->size < view.rows * (2 * sizeof(real) + 3)) return FLINDERS_NO_WORKSPACE;
+    flinders_default_options(&options);
+    options.statistics = 0, options.dip_deg = dip_deg, options.known = &known;
+    if (fl_start_about(&view, expected, &start)) return FLINDERS_NOT_AN_ELLIPSOID;
+    const int status = fl_fit_majority(kernels, &view, &options, &start, &start, &room, &fit, &majority);
+    if (status != FLINDERS_OK) return status;
+    kernels->distances(&view, &fit.surface, work);
+    const real wider = fl_widening_by_time((real)fit.used, fl_time_of_distances(work, fl_view_count(&view)));
+    for (int i = 0; i < 81; i++) out->covariance[i] = wider * fit.covariance[i];
+    memcpy(out->parameters, fit.surface.centre, sizeof fit.surface.centre);
+    memcpy(out->parameters + 3, fit.surface.shape, sizeof fit.surface.shape);
+    out->noise = fit.noise, out->used = (real)fit.used;
+    return FLINDERS_OK;
+}
+#else
+/* Fit evidence with everything that is known of residuals. */
+static int fit_evidence(const fl_view *evidence, const real *time, real dip_deg, const real expected[9], const fl_lent *memory,
+                        found *out)
 {
     flinders_options options;
+    flinders_record record;
     flinders_default_options(&options);
-    options.dip_deg = online->dip_deg;
+    options.dip_deg = dip_deg;
     options.statistics = options.rests = options.level = 0;
     options.is_informed = 1;
     memcpy(options.expected, expected, sizeof options.expected);
-    fl_inverse(covariance, FL_PARAMETERS, options.information);
-    if (flinders_fit(online->field + 3 * first, online->time + first, (size_t)online->kept - first, &options, memory->at,
-                     memory->size, record)) return record->status;
-    const real times = online->noise / record->noise, few = flinders_widening_by_few((real)record->used - FL_PARAMETERS);
+    memcpy(options.information, out->information, sizeof options.information);
+    if (flinders_fit(evidence->field, time, evidence->rows, &options, memory->at, memory->size, &record)) return record.status;
+    memcpy(out->parameters, record.centre, sizeof record.centre);
+    memcpy(out->parameters + 3, record.shape, sizeof record.shape);
+    memcpy(out->covariance, record.covariance, sizeof out->covariance);
+    out->noise = record.noise, out->used = (real)record.used;
+    return FLINDERS_OK;
+}
+#endif
+
+/* Fit evidence from one reading on with what is known, where groups scatter so much more than they claim. Noise is no smaller
+ * than it was when the sensor was calibrated. The covariance of what is known may be the place of its inverse. */
+static int fit(const flinders_online *online, size_t first, const real expected[9], const real covariance[81],
+               real scatter, const fl_lent *memory, found *out)
+{
+    const fl_view evidence = {online->field + 3 * first, (size_t)online->kept - first, NULL, 1};
+    fl_inverse(covariance, FL_PARAMETERS, out->information);
+#ifdef FLINDERS_SMALL
+    const int status = fit_evidence(&evidence, online->dip_deg, expected, memory, out);
+#else
+    const int status = fit_evidence(&evidence, online->time + first, online->dip_deg, expected, memory, out);
+#endif
+    if (status != FLINDERS_OK) return status;
+    const real times = online->noise / out->noise, few = flinders_widening_by_few(out->used - FL_PARAMETERS);
     const real factor = scatter * few * (times > 1 ? times * times : 1);
-    if (factor > 1) weaken(&options, factor, record);
+    if (factor > 1) weaken(expected, factor, out);
     return FLINDERS_OK;
 }
 
 /* Offset that evidence shows alone from one reading on, with the shape as it is known, and its covariance (3, 3); it is
  * somewhere about a start. */
-int fl_offset_alone(const flinders_online *online, size_t first, const real start[3], real anywhere,
-                    const fl_lent *memory, real offset[3], real covariance[9])
+FL_APART int fl_offset_alone(const flinders_online *online, size_t first, const real start[3], real anywhere,
+                             const fl_lent *memory, real offset[3], real covariance[9])
 {
-    flinders_record record;
-    real expected[9], free[81];
+    found alone;
+    real expected[9], *const free = alone.information;
     memcpy(expected, online->latest, sizeof expected);
     memcpy(expected, start, 3 * sizeof *start);
-    memcpy(free, online->latest_covariance, sizeof free);
+    memcpy(free, online->latest_covariance, sizeof alone.information);
     allow_strength(online, expected, online->place, free);
     allow_offset(online, expected, anywhere, free);
-    if (fit(online, first, expected, free, 1, memory, &record)) return 1;
-    for (int i = 0; i < 3; i++) offset[i] = record.centre[i];
-    for (int i = 0; i < 9; i++) covariance[i] = record.covariance[9 * (i / 3) + i % 3];
+    if (fit(online, first, expected, free, 1, memory, &alone)) return 1;
+    for (int i = 0; i < 3; i++) offset[i] = alone.parameters[i];
+    for (int i = 0; i < 9; i++) covariance[i] = alone.covariance[9 * (i / 3) + i % 3];
     return 0;
 }
 
@@ -168,21 +223,19 @@ void fl_offset_covariance(const flinders_online *online, real time, real out[9])
 }
 
 /* What is known latest is what evidence makes of what was known before. */
-void fl_learn(flinders_online *online, const fl_lent *memory)
+FL_APART void fl_learn(flinders_online *online, const fl_lent *memory)
 {
     fl_surface surface;
-    flinders_record record;
-    real prior[81], free[81];
+    found latest;
+    real *const free = latest.information;
     const real last = online->time[online->kept - 1];
-    memcpy(prior, online->known_covariance, sizeof prior);
-    fl_age(online, online->known, last - online->known_at, prior);
-    memcpy(free, prior, sizeof free);
+    memcpy(free, online->known_covariance, sizeof latest.information);
+    fl_age(online, online->known, last - online->known_at, free);
     allow_strength(online, online->known, online->place, free);
-    if (fit(online, 0, online->known, free, online->scatter > 1 ? online->scatter : 1, memory, &record)) return;
-    if (fl_surface_of(record.centre, record.shape, &surface)) return;
-    memcpy(online->latest, record.centre, sizeof record.centre);
-    memcpy(online->latest + 3, record.shape, sizeof record.shape);
-    memcpy(online->latest_covariance, record.covariance, sizeof record.covariance);
+    if (fit(online, 0, online->known, free, online->scatter > 1 ? online->scatter : 1, memory, &latest)) return;
+    if (fl_surface_of(latest.parameters, latest.parameters + 3, &surface)) return;
+    memcpy(online->latest, latest.parameters, sizeof online->latest);
+    memcpy(online->latest_covariance, latest.covariance, sizeof online->latest_covariance);
     online->latest_at = last;
 }
 
@@ -211,6 +264,21 @@ void fl_keep_open(const real before[81], real same, real covariance[81])
     }
 }
 
+/* Begin with the rate that is known of the unit, if one is: its logarithm has Student's distribution. */
+void fl_expect_walk(flinders_online *online)
+{
+    const real radius = fl_mean_radius(online->latest);
+    const real variance = online->expected_walk_sigma * online->expected_walk_sigma + BETWEEN_RATES * BETWEEN_RATES;
+    real probable[FL_RATES], sum = 0;
+    if (!(online->expected_walk > 0 && radius > 0)) return;
+    for (int k = 0; k < FL_RATES; k++) {
+        const real off = fl_log(RATE[k] * radius / online->expected_walk), share = 1 + off * off / variance / RATE_FREEDOM;
+        sum += probable[k] = 1 / (share * share); /* to the power of (RATE_FREEDOM + 1) / 2 */
+    }
+    if (!(sum > FL_TINY)) return;
+    for (int k = 0; k < FL_RATES; k++) online->rates[k] = online->probable_rates[k] = probable[k] / sum;
+}
+
 /* What a block says of the rate at which the offset walks. */
 void fl_weigh_rates(flinders_online *online, const real d[3], const real covariance[9], real seconds)
 {
@@ -226,7 +294,7 @@ void fl_weigh_rates(flinders_online *online, const real d[3], const real covaria
         best = densities[k] > best ? densities[k] : best;
     }
     for (int k = 0; k < FL_RATES; k++)
-        sum += online->rates[k] = fl_pow(online->rates[k] / fl_probable_rates[k], REMEMBERED) * fl_probable_rates[k] * fl_exp(densities[k] - best);
+        sum += online->rates[k] = fl_pow(online->rates[k] / online->probable_rates[k], REMEMBERED) * online->probable_rates[k] * fl_exp(densities[k] - best);
     for (int k = 0; k < FL_RATES; k++) online->rates[k] /= sum;
 }
 
@@ -244,4 +312,3 @@ real fl_unseen_moves(const flinders_online *online, real seconds)
     const real square = (MOVED * MOVED * radius * radius + online->moves_square) / (1 + online->moves);
     return seconds > UNSEEN_S ? rate * seconds / DAY_S * square / 3 : 0;
 }
-#endif

@@ -9,6 +9,7 @@ the same for one recording and for many.
 
 from __future__ import annotations
 
+import math
 import re
 from functools import cache
 from typing import TYPE_CHECKING, Final
@@ -28,17 +29,23 @@ def layout(name: str, real: type[np.floating]) -> np.dtype[np.void]:
     text = (HERE / "flinders.h").read_text(encoding="utf-8")
     body = re.sub(r"/\*.*?\*/", "", text.split(f"typedef struct {name} {{")[1].split("}")[0], flags=re.DOTALL)
     kinds = {"uint8_t": np.uint8, "int32_t": np.int32, "int64_t": np.int64, "flinders_real": real}
-    members = re.findall(r"(\w+)\s+(\w+)(?:\[(\w+)\])?;", body)
+    members = re.findall(r"(\w+)\s+(\w+)(?:\[([\w *]+)\])?;", body)
     return np.dtype([(field, kinds[kind], _size(count)) for kind, field, count in members], align=True)
 
 
 def _size(count: str) -> tuple[int, ...]:
-    """Shape of a member: a number, or a name that flinders_rules.h gives one; empty of a member that is one number."""
-    if not count or count.isdecimal():
-        return (int(count),) if count else ()
-    found = re.search(rf"#define {count} (\d+)", (HERE / "flinders_rules.h").read_text(encoding="utf-8"))
+    """Shape of a member: a product of numbers, or of names that a header gives one; empty of a single number."""
+    return (math.prod(map(_number, count.split(" * "))),) if count else ()
+
+
+def _number(word: str) -> int:
+    """A number, or that of a name; of those that depend on the processor the first, which is a computer's."""
+    if word.isdecimal():
+        return int(word)
+    headers = "".join((HERE / name).read_text(encoding="utf-8") for name in ("flinders_rules.h", "flinders.h"))
+    found = re.search(rf"#define {word} (\d+)", headers)
     assert found is not None
-    return (int(found[1]),)
+    return int(found[1])
 
 
 RECORD: Final = layout("flinders_record", np.float64)

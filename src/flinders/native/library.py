@@ -56,8 +56,10 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "online_size": (),
     "online_begin": (_A,),
     "online_know": (_A, _A, _A, _D, _D),
+    "online_expect_walk": (_A, _D, _D),
     "online_add": (_A, _A, _A, _N, _A, _N, _A),
     "online_claim_at": (_A, _D, _A),
+    "online_good_s": (_A,),
     "online_adopt": (_A,),
     "online_take_back": (_A,),
     "compare": (_A, _A, _D, _A),
@@ -116,7 +118,7 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
 
 _RESULTS: Final[dict[str, type]] = {
     "workspace_size": _N, "rests": _N, "record_size": _N, "real_size": _N, "message": ctypes.c_char_p,
-    "judgement_size": _N, "widening_by_few": _D, "online_size": _N, "online_add": _N,
+    "judgement_size": _N, "widening_by_few": _D, "online_size": _N, "online_add": _N, "online_good_s": _D,
     "list_outliers": _N, "swap_workspace_size": _N, "facing": _D, "soft_iron_p_value": _D, "turn_deg": _D,
 }  # fmt: skip
 """What functions give that give no status."""

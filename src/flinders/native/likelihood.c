@@ -85,18 +85,17 @@ static void add_sense(const problem *task, const fl_surface *surface, real matri
     add_row(row, (size - task->spread) / width, matrix, gradient, cost);
 }
 
-#ifndef FLINDERS_SMALL
 /* The parameters are normally distributed. */
-static void add_known(const flinders_options *options, const fl_surface *surface, real matrix[81], real gradient[9], real *cost)
+void fl_add_known(const real expected[9], const real information[81], const fl_surface *surface, real matrix[81],
+                  real gradient[9], real *cost)
 {
     real left[9], pull[9];
-    for (int i = 0; i < 3; i++) left[i] = options->expected[i] - surface->centre[i];
-    for (int i = 0; i < 6; i++) left[3 + i] = options->expected[3 + i] - surface->shape[i];
-    fl_multiply(options->information, left, 9, 9, 1, pull);
+    for (int i = 0; i < 3; i++) left[i] = expected[i] - surface->centre[i];
+    for (int i = 0; i < 6; i++) left[3 + i] = expected[3 + i] - surface->shape[i];
+    fl_multiply(information, left, 9, 9, 1, pull);
     for (int i = 0; i < 9; i++) gradient[i] += pull[i], *cost += pull[i] * left[i];
-    for (int i = 0; i < 81; i++) matrix[i] += options->information[i];
+    for (int i = 0; i < 81; i++) matrix[i] += information[i];
 }
-#endif
 
 /* Whether something holds what readings leave open. */
 static int is_held(const flinders_options *options) { return fl_is_informed(options) || options->prior > 0; }
@@ -104,25 +103,62 @@ static int is_held(const flinders_options *options) { return fl_is_informed(opti
 /* Add what the prior says, where there is one. */
 static void add_belief(const problem *task, const fl_surface *surface, real matrix[81], real gradient[9], real *cost)
 {
-    if (!is_held(task->options)) return;
-#ifndef FLINDERS_SMALL
-    if (task->options->is_informed) add_known(task->options, surface, matrix, gradient, cost);
-    else
+    const flinders_options *const options = task->options;
+    if (!is_held(options)) return;
+#ifdef FLINDERS_SMALL
+    if (options->known)
+        options->known->add(options->known->expected, options->known->information, surface, matrix, gradient, cost);
+#else
+    if (options->is_informed) fl_add_known(options->expected, options->information, surface, matrix, gradient, cost);
 #endif
-        add_prior(surface, task->options->prior, matrix, gradient, cost);
+    else add_prior(surface, options->prior, matrix, gradient, cost);
     add_sense(task, surface, matrix, gradient, cost);
 }
 
 /* χ² of readings and prior at a surface, in a variance. */
-static real cost_at(const problem *task, const fl_surface *surface, real variance)
+FL_APART static real cost_at(const problem *task, const fl_surface *surface, real variance)
 {
     real matrix[81] = {0}, gradient[9] = {0}, believed = 0;
     add_belief(task, surface, matrix, gradient, &believed);
     return task->kernels->cost(&task->some, surface) / variance + believed;
 }
 
+#ifdef FLINDERS_SMALL /* no room for it */
+/* Keep the cost of the prior at a surface. */
+FL_APART static void keep_prior(const problem *task, fl_posterior *at)
+{
+    real matrix[81] = {0}, gradient[9] = {0};
+    at->prior_cost = 0;
+    add_belief(task, &at->surface, matrix, gradient, &at->prior_cost);
+}
+
+/* Add the prior to normal equations. */
+static void add_kept_prior(const problem *task, const fl_posterior *at, real matrix[81], real gradient[9])
+{
+    real cost = 0;
+    add_belief(task, &at->surface, matrix, gradient, &cost);
+}
+#else
+/* Keep the prior at a surface. */
+static void keep_prior(const problem *task, fl_posterior *at)
+{
+    memset(at->prior_matrix, 0, sizeof at->prior_matrix);
+    memset(at->prior_gradient, 0, sizeof at->prior_gradient);
+    at->prior_cost = 0;
+    add_belief(task, &at->surface, at->prior_matrix, at->prior_gradient, &at->prior_cost);
+}
+
+/* Add the prior to normal equations. */
+static void add_kept_prior(const problem *task, const fl_posterior *at, real matrix[81], real gradient[9])
+{
+    (void)task;
+    for (int i = 0; i < 81; i++) matrix[i] += at->prior_matrix[i];
+    for (int i = 0; i < 9; i++) gradient[i] += at->prior_gradient[i];
+}
+#endif
+
 /* Linearise the likelihood and the prior at a surface. */
-static void linearise(const problem *task, const fl_view *view, const fl_surface *surface, int sound, fl_posterior *at)
+FL_APART static void linearise(const problem *task, const fl_view *view, const fl_surface *surface, int sound, fl_posterior *at)
 {
     real sums[55];
     at->surface = *surface;
@@ -133,10 +169,7 @@ static void linearise(const problem *task, const fl_view *view, const fl_surface
             else if (a < 9) at->gradient[a] = sums[sum];
             else at->cost = sums[sum];
         }
-    memset(at->prior_matrix, 0, sizeof at->prior_matrix);
-    memset(at->prior_gradient, 0, sizeof at->prior_gradient);
-    at->prior_cost = 0;
-    add_belief(task, surface, at->prior_matrix, at->prior_gradient, &at->prior_cost);
+    keep_prior(task, at);
     const real freedom = at->count > 10 ? (real)at->count - 9 : 1;
     at->noise = fl_sqrt((at->cost > 0 ? at->cost : 0) / freedom);
     const real least = FL_FINEST * surface->radius;
@@ -164,7 +197,7 @@ static void spurious(void *context, size_t most, real *matrix)
 }
 
 /* Which directions the readings observe, looked at once. */
-static const fl_support *support_at(const problem *task, fl_posterior *at)
+FL_APART static const fl_support *support_at(const problem *task, fl_posterior *at)
 {
     if (!at->has_support) {
         real weighed[81];
@@ -176,15 +209,10 @@ static const fl_support *support_at(const problem *task, fl_posterior *at)
     return &at->support;
 }
 
-/* Solve the equations of readings and prior, with `less` subtracted from the gradient of the readings. */
-static void solve(const problem *task, fl_posterior *at, const real *less, real step[9])
+/* Solve normal equations; nonzero where they leave a direction open. */
+FL_APART static int solve_scaled(const real matrix[81], const real gradient[9], real step[9])
 {
-    real matrix[81], gradient[9], scale[9], scaled[81], largest = 0;
-    for (int i = 0; i < 81; i++) matrix[i] = at->matrix[i] / at->variance;
-    for (int i = 0; i < 9; i++) gradient[i] = at->gradient[i] / at->variance - (less ? less[i] : 0);
-    if (!at->sound) fl_support_keep(support_at(task, at), matrix, gradient);
-    for (int i = 0; i < 81; i++) matrix[i] += at->prior_matrix[i];
-    for (int i = 0; i < 9; i++) gradient[i] += at->prior_gradient[i];
+    real scale[9], scaled[81], largest = 0;
     for (int i = 0; i < 9; i++) largest = matrix[10 * i] > largest ? matrix[10 * i] : largest;
     const real least = FL_ROUNDING * largest > FL_TINY ? FL_ROUNDING * largest : FL_TINY;
     for (int i = 0; i < 9; i++) scale[i] = fl_sqrt(matrix[10 * i] > least ? matrix[10 * i] : least);
@@ -192,29 +220,47 @@ static void solve(const problem *task, fl_posterior *at, const real *less, real 
         step[i] = gradient[i] / scale[i];
         for (int j = 0; j < 9; j++) scaled[9 * i + j] = matrix[9 * i + j] / (scale[i] * scale[j]);
     }
-    if (!fl_solve(scaled, 9, step)) {
-        for (int i = 0; i < 9; i++) step[i] /= scale[i];
-        return;
-    }
-    fl_inverse(matrix, 9, scaled);
-    fl_multiply(scaled, gradient, 9, 9, 1, step);
+    if (fl_solve(scaled, 9, step)) return 1;
+    for (int i = 0; i < 9; i++) step[i] /= scale[i];
+    return 0;
+}
+
+/* Solve the equations of readings and prior, with `less` subtracted from the gradient of the readings. */
+FL_APART static void solve_with(const problem *task, const fl_posterior *at, const fl_support *support, const real *less,
+                                real step[9])
+{
+    real matrix[81], gradient[9];
+    for (int i = 0; i < 81; i++) matrix[i] = at->matrix[i] / at->variance;
+    for (int i = 0; i < 9; i++) gradient[i] = at->gradient[i] / at->variance - (less ? less[i] : 0);
+    if (support) fl_support_keep(support, matrix, gradient);
+    add_kept_prior(task, at, matrix, gradient);
+    if (!solve_scaled(matrix, gradient, step)) return;
+    fl_inverse(matrix, 9, matrix);
+    fl_multiply(matrix, gradient, 9, 9, 1, step);
+}
+
+/* The same in the directions that readings observe. */
+static void solve(const problem *task, fl_posterior *at, const real *less, real step[9])
+{
+    solve_with(task, at, at->sound ? NULL : support_at(task, at), less, step);
 }
 
 /* Take the longest of a step, its half, its quarter ... that leaves the fit no worse; zero where none does. Where the
- * step before had to be halved, the cost is looked at first. */
+ * step before had to be halved, the cost is looked at first; so it is where `tried` is `now`, for want of memory. */
 static int improve(const problem *task, fl_posterior *now, int *was_halved, real step[9], fl_posterior *tried)
 {
     const int sound = now->sound || support_at(task, now)->is_whole;
     const int unseen = fl_support_unseen(support_at(task, now));
-    const real most = now->cost / now->variance + now->prior_cost + NO_WORSE;
+    const real variance = now->variance, most = now->cost / variance + now->prior_cost + NO_WORSE;
+    const int is_first = !*was_halved && tried != now;
     fl_surface surface;
     for (int halving = 0; halving < HALVINGS; halving++) {
         const int is_closed_there = !moved(&now->surface, step, &surface);
         const int is_any = !sound && unseen; /* their cost is noise */
-        if (is_closed_there && (is_any || (halving == 0 && !*was_halved) || cost_at(task, &surface, now->variance) <= most)) {
+        if (is_closed_there && (is_any || (halving == 0 && is_first) || cost_at(task, &surface, variance) <= most)) {
             linearise(task, &task->some, &surface, sound, tried);
             *was_halved = halving > 0;
-            if (is_any || tried->cost / now->variance + tried->prior_cost <= most) return 1;
+            if (is_any || tried == now || tried->cost / variance + tried->prior_cost <= most) return 1;
         }
         for (int i = 0; i < 9; i++) step[i] /= 2;
     }
@@ -236,9 +282,13 @@ static int is_last(const problem *task, fl_posterior *now, const real step[9], r
 
 /* Iterate until steps vanish or none makes the fit better; counts the steps. The corrected equation is solved by one more
  * step anyway. */
-static int settle(const problem *task, int most_steps, fl_posterior *now)
+FL_APART static int settle(const problem *task, int most_steps, fl_posterior *now)
 {
-    fl_posterior tried;
+#ifdef FLINDERS_SMALL
+    fl_posterior *const tried = now;
+#else
+    fl_posterior other, *const tried = &other;
+#endif
     real step[9];
     int steps = 0, was_halved = 0;
     for (; steps < most_steps; steps++) {
@@ -248,21 +298,28 @@ static int settle(const problem *task, int most_steps, fl_posterior *now)
         largest /= now->surface.radius;
         if (!isfinite(largest) || (task->options->bias_correction ? is_last(task, now, step, largest) : !(largest > SETTLED))) break;
         for (int i = 0; i < 9 && largest > LONGEST_STEP; i++) step[i] *= LONGEST_STEP / largest;
-        if (!improve(task, now, &was_halved, step, &tried)) break;
-        *now = tried;
+        if (!improve(task, now, &was_halved, step, tried)) break;
+        *now = *tried;
     }
     return steps;
 }
 
 /* Covariance for independent residuals, without directions that are not observed. */
-static void covariance_at(const problem *task, fl_posterior *at, real covariance[81])
+FL_APART static void covariance_with(const problem *task, const fl_posterior *at, const fl_support *support,
+                                     real covariance[81])
 {
     real information[81], weighed[81], gradient[9] = {0};
     for (int i = 0; i < 81; i++) information[i] = weighed[i] = at->matrix[i] / at->variance;
-    if (task->options->bias_correction) fl_support_information(support_at(task, at), weighed, information);
-    else fl_support_keep(support_at(task, at), information, gradient);
-    for (int i = 0; i < 81; i++) information[i] += at->prior_matrix[i];
+    if (task->options->bias_correction) fl_support_information(support, weighed, information);
+    else fl_support_keep(support, information, gradient);
+    add_kept_prior(task, at, information, gradient);
     fl_inverse(information, 9, covariance);
+}
+
+/* The same of the directions that readings observe. */
+static void covariance_at(const problem *task, fl_posterior *at, real covariance[81])
+{
+    covariance_with(task, at, support_at(task, at), covariance);
 }
 
 /* Whether what a step leaves out, of second order in it, is small next to the uncertainty. */
@@ -283,7 +340,7 @@ static int is_near(const real step[9], const real covariance[81], real radius)
 
 /* Largest share of the information about any combination of parameters that comes from the prior; what is known of them is
  * none. */
-static real prior_share(const problem *task, const fl_surface *surface, const real covariance[81])
+FL_APART static real prior_share(const problem *task, const fl_surface *surface, const real covariance[81])
 {
     real prior[81] = {0}, gradient[9] = {0}, cost = 0, vectors[81], values[9], half[81], product[81], shares[9];
     real at_most = 0;

@@ -1,7 +1,7 @@
 /* Small matrices: eigenvalues, Cholesky factors, symmetric 3 × 3 matrices, and the k-th smallest of a list. */
 #include "internal.h"
 
-enum { LARGEST = FL_WIDEST, SWEEPS = 60 };
+enum { LARGEST = FL_WIDEST > 10 ? FL_WIDEST : 10 /* of a quadric */, SWEEPS = 60 };
 
 #define REGULAR ((real)1e-3) /* smallest entry on the diagonal of a factor in which no direction is lost */
 

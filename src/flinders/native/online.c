@@ -8,9 +8,8 @@
  */
 #include "online.h"
 
-#ifndef FLINDERS_SMALL
-
-enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_GROUPS = 24, SUSPECTS = 3 };
+enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_GROUPS = 24, SUSPECTS = 3,
+       HALVINGS = 40 };
 
 #define TURNED ((real)0.06)        /* rad from which on a direction is another one */
 #define MOST_TOGETHER_S ((real)2)  /* that readings of one direction are averaged over */
@@ -49,6 +48,7 @@ enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_
 #define NEAR_AGAIN ((real)3)       /* the same of one that is not */
 #define HEELED ((real)2.5)         /* times the scatter of the height, that readings of a level vehicle are within */
 #define HEIGHTS ((real)128)        /* readings that this height is an average over */
+#define LONGEST_S ((real)(10 * 365.25 * 86400)) /* that a claim is looked ahead for */
 #define LEAN ((real)0.8)           /* of how far a level vehicle tilts, that follows its heading, as heel does, and looks like an offset */
 
 /* Bytes of the record. */
@@ -65,10 +65,37 @@ static void drop_before(flinders_online *online, int first)
     online->doubtful = online->doubtful < 0 ? -1 : online->doubtful > first ? online->doubtful - first : 0;
 }
 
-/* End a block: what is known latest is what is known, and its evidence is gone. */
-static void close_block(flinders_online *online, const fl_lent *memory)
+#ifdef FLINDERS_SMALL
+/* Drop every other reading that was compared: few then cover as long a time as many. */
+static void thin(flinders_online *online)
 {
-    real prior[81], offset[3], covariance[9], d[3];
+    const int compared = online->tested, count = online->kept;
+    online->kept = 0;
+    for (int row = 0; row < count; row++) {
+        if (row < compared && row % 2) continue;
+        memmove(online->field + 3 * online->kept, online->field + 3 * row, 3 * sizeof(real));
+        online->time[online->kept++] = online->time[row];
+    }
+    online->tested = (compared + 1) / 2;
+    if (online->doubtful > compared) online->doubtful -= compared - online->tested;
+    else if (online->doubtful >= 0) online->doubtful = (online->doubtful + 1) / 2;
+}
+#endif
+
+/* What stays known of a block when it has ended. */
+FL_APART void fl_closed(const flinders_online *online, real covariance[81])
+{
+    real prior[81];
+    memcpy(prior, online->known_covariance, sizeof prior);
+    memcpy(covariance, online->latest_covariance, sizeof prior);
+    fl_age(online, online->known, online->latest_at - online->known_at, prior);
+    if (online->latest_at > online->known_at) fl_keep_open(prior, SAME, covariance);
+}
+
+/* End a block: what is known latest is what is known, and its evidence is gone. */
+FL_APART static void close_block(flinders_online *online, const fl_lent *memory)
+{
+    real offset[3], covariance[9], d[3];
     const real seconds = online->latest_at - online->known_at;
     if (!online->kept || !(online->latest_at > online->known_at)) {
         drop_before(online, online->kept);
@@ -79,11 +106,9 @@ static void close_block(flinders_online *online, const fl_lent *memory)
         for (int i = 0; i < 9; i++) covariance[i] += online->known_covariance[9 * (i / 3) + i % 3];
         fl_weigh_rates(online, d, covariance, seconds);
     }
-    memcpy(prior, online->known_covariance, sizeof prior);
-    fl_age(online, online->known, seconds, prior);
+    fl_closed(online, online->known_covariance);
     memcpy(online->known, online->latest, sizeof online->known);
-    fl_keep_open(prior, SAME, online->latest_covariance);
-    memcpy(online->known_covariance, online->latest_covariance, sizeof online->known_covariance);
+    memcpy(online->latest_covariance, online->known_covariance, sizeof online->known_covariance);
     online->known_at = online->latest_at;
     drop_before(online, online->kept);
 }
@@ -398,6 +423,7 @@ static int32_t look(flinders_online *online, const fl_lent *memory)
     return events | adopt_better(online);
 }
 
+#ifndef FLINDERS_SMALL /* a board is given its first calibration */
 /* How far readings scatter along z. */
 static real height_sigma_of(const flinders_online *online, real mean)
 {
@@ -452,6 +478,7 @@ static int32_t begin_to_know(flinders_online *online, const fl_lent *memory)
     flinders_online_know(online, parameters, judgement.covariance, record.noise, online->time[online->kept - 1]);
     return FLINDERS_LEARNT | FLINDERS_ADOPTED;
 }
+#endif
 
 /* Angle between the directions of two readings, by what is known. */
 static real turned_by(const flinders_online *online, const real a[3], const real b[3])
@@ -490,13 +517,21 @@ static int32_t keep(flinders_online *online, int is_still, const fl_lent *memory
     }
     if (online->kept == FL_EVIDENCE) {
         if (online->state == FLINDERS_UNDISTURBED) close_block(online, memory);
+#ifdef FLINDERS_SMALL
+        else if (online->tested > 1) thin(online);
+#endif
         else drop_before(online, FL_EVIDENCE / 2);
     }
     for (int axis = 0; axis < 3; axis++) online->field[3 * online->kept + axis] = online->sum[axis] / (real)online->averaged;
     if (online->is_level) online->field[3 * online->kept + 2] = online->height; /* laid flat */
     online->time[online->kept++] = online->sum_time / (real)online->averaged;
     forget_direction(online);
-    if (online->state == FLINDERS_LEARNING) return begin_to_know(online, memory);
+    if (online->state == FLINDERS_LEARNING)
+#ifdef FLINDERS_SMALL
+        return 0;
+#else
+        return begin_to_know(online, memory);
+#endif
     const int32_t events = look_at_one(online, is_still);
     return events ? events : look(online, memory);
 }
@@ -580,7 +615,7 @@ static int32_t add(flinders_online *online, const real x[3], real time, const fl
 void flinders_online_begin(flinders_online *online)
 {
     memset(online, 0, sizeof *online);
-    online->version = FLINDERS_RECORD_VERSION;
+    online->version = FLINDERS_ONLINE_VERSION;
     online->target_deg = 1, online->dip_deg = 60;
     online->now = -FL_HUGE, online->last_at = FL_NOT_A_NUMBER;
     online->began = online->known_at = online->latest_at = online->adopted_at = online->noise = online->moved_at = online->disturbed_at = FL_NOT_A_NUMBER;
@@ -588,6 +623,8 @@ void flinders_online_begin(flinders_online *online)
     for (int i = 0; i < FL_PARAMETERS; i++)
         online->known[i] = online->latest[i] = online->in_force[i] = online->replaced[i] = FL_NOT_A_NUMBER;
     memcpy(online->rates, fl_probable_rates, sizeof online->rates);
+    memcpy(online->probable_rates, fl_probable_rates, sizeof online->probable_rates);
+    online->expected_walk = online->expected_walk_sigma = FL_NOT_A_NUMBER;
     online->scatter = SCATTER, online->place = PLACE;
     clear_doubt(online);
 }
@@ -608,8 +645,18 @@ int flinders_online_know(flinders_online *online, const real parameters[9], cons
     memcpy(online->in_force, parameters, sizeof online->in_force);
     online->known_at = online->latest_at = online->adopted_at = time;
     online->noise = noise, online->state = FLINDERS_UNDISTURBED;
+    fl_expect_walk(online);
     clear_doubt(online);
     drop_before(online, online->kept);
+    return FLINDERS_OK;
+}
+
+/* The rate at which the offset walks is known. */
+int flinders_online_expect_walk(flinders_online *online, real walk, real log_sigma)
+{
+    if (!(walk > 0 && isfinite(walk) && log_sigma > 0 && isfinite(log_sigma))) return FLINDERS_BAD_OPTION;
+    online->expected_walk = walk, online->expected_walk_sigma = log_sigma;
+    if (online->state != FLINDERS_LEARNING) fl_expect_walk(online);
     return FLINDERS_OK;
 }
 
@@ -632,7 +679,6 @@ size_t flinders_online_add(flinders_online *online, const real *field, const rea
 int flinders_online_claim_at(const flinders_online *online, real time, flinders_online_claim *claim)
 {
     fl_surface surface;
-    fl_bound shared;
     real rms;
     claim->rms_deg = claim->worst_deg = claim->bound_deg = claim->latest_deg = claim->age_s = claim->walk = FL_NOT_A_NUMBER;
     for (int i = 0; i < 81; i++) claim->covariance[i] = FL_NOT_A_NUMBER;
@@ -653,10 +699,40 @@ int flinders_online_claim_at(const flinders_online *online, real time, flinders_
         for (int j = 0; j < FL_PARAMETERS; j++)
             covariance[9 * i + j] += (online->in_force[i] - online->latest[i]) * (online->in_force[j] - online->latest[j]);
     fl_level_errors(&surface, covariance, online->dip_deg, &claim->rms_deg, &claim->worst_deg);
+#ifndef FLINDERS_SMALL
+    fl_bound shared;
     fl_bound_begin(&shared);
     claim->bound_deg = fl_heading_bound(&surface, covariance, online->dip_deg, NULL, &shared);
+#endif
     claim->age_s = time - online->latest_at;
     claim->walk = fl_sqrt(fl_walk_variance(online)) * fl_mean_radius(online->latest);
     return FLINDERS_OK;
 }
-#endif
+
+/* How long the claim stays within the target. */
+real flinders_online_good_s(const flinders_online *online)
+{
+    flinders_online_claim claim;
+    real low = 0, high = LONGEST_S;
+    if (!(online->now > -FL_HUGE) || flinders_online_claim_at(online, online->now, &claim)) return FL_NOT_A_NUMBER;
+    if (!(claim.worst_deg <= online->target_deg)) return FL_NOT_A_NUMBER;
+    flinders_online_claim_at(online, online->now + high, &claim);
+    if (claim.worst_deg <= online->target_deg) return (real)INFINITY;
+    for (int halving = 0; halving < HALVINGS && high - low > 1; halving++) {
+        const real middle = (low + high) / 2;
+        flinders_online_claim_at(online, online->now + middle, &claim);
+        *(claim.worst_deg <= online->target_deg ? &low : &high) = middle;
+    }
+    return low;
+}
+
+/* Count times from a later origin. */
+void flinders_online_shift(flinders_online *online, real seconds)
+{
+    real *const times[] = {&online->began, &online->now, &online->known_at, &online->latest_at, &online->adopted_at,
+                           &online->disturbed_at, &online->moved_at, &online->last_at};
+    for (size_t i = 0; i < sizeof times / sizeof *times; i++) *times[i] -= seconds;
+    for (int k = 0; k < 4; k++) online->newest_at[k] -= seconds;
+    for (int row = 0; row < online->kept; row++) online->time[row] -= seconds;
+    online->sum_time -= (real)online->averaged * seconds;
+}

@@ -5,9 +5,7 @@
 #include "judge.h"
 #include "residuals.h"
 
-#ifndef FLINDERS_SMALL
-
-enum { FL_PARAMETERS = 9, FL_EVIDENCE = 768 /* readings */, FL_RATES = 7 };
+enum { FL_PARAMETERS = 9, FL_EVIDENCE = FLINDERS_EVIDENCE, FL_RATES = 7 };
 
 /* Memory that is lent to fits. */
 typedef struct {
@@ -27,9 +25,10 @@ real fl_chance_of_offsets(const real d[3], const real one[9], const real other[9
 void fl_offset_covariance(const flinders_online *online, real time, real out[9]);
 void fl_learn(flinders_online *online, const fl_lent *memory);
 void fl_keep_open(const real before[81], real same, real covariance[81]);
+void fl_expect_walk(flinders_online *online);
+void fl_closed(const flinders_online *online, real covariance[81]);
 void fl_weigh_rates(flinders_online *online, const real d[3], const real covariance[9], real seconds);
 void fl_count_move(flinders_online *online, real square);
 real fl_unseen_moves(const flinders_online *online, real seconds);
 
-#endif
 #endif

@@ -39,6 +39,10 @@ class Online(Library):
         """Put offset and shape (9,) with their covariance (9, 9) in force, as they were known at a time, s."""
         self._require(self._library.flinders_online_know(online, row_of(parameters), row_of(covariance), noise, time))
 
+    def online_expect_walk(self, online: Records, walk: float, log_sigma: float) -> None:
+        """Let the rate at which the offset walks be known: unit per root hour, and 1 σ of its natural logarithm."""
+        self._require(self._library.flinders_online_expect_walk(online, walk, log_sigma))
+
     def online_add(self, online: Records, field: Floats, time: Floats) -> tuple[int, int]:
         """Add readings (N, 3) with times (N,), s, up to the first at which something happened.
 
@@ -59,6 +63,10 @@ class Online(Library):
         claim = blank(ONLINE_CLAIM)
         self._library.flinders_online_claim_at(online, time, claim)
         return claim
+
+    def online_good_s(self, online: Records) -> float:
+        """Seconds for which the claim stays within the target; NaN where it is not, infinite beyond ten years."""
+        return float(self._library.flinders_online_good_s(online))
 
     def online_adopt(self, online: Records) -> None:
         """Put what is known latest in force."""

@@ -126,12 +126,23 @@ int fl_fit_turn(fl_task *of, flinders_record *record);
 int fl_is_turn(const flinders_record *ellipsoid, const flinders_record *turn, const fl_scatter *readings,
                const flinders_options *options);
 
+/* What a fit knows of the majority that it was made of. */
+typedef struct {
+    int few;                  /* steps after which outliers are looked for */
+    real centre[3], shape[6]; /* of the surface that the distances of outliers were taken from, unit */
+    real beyond;              /* distance from which on they are rejected, unit */
+    int dense, is_robust;     /* as in a record; so is ... */
+    int64_t rejected;
+} fl_majority;
+
 /* fit.c: with little memory, and no statistics asked for, a room without `keys` and `some` will do; `scratch` may then be
  * the first half of `order`, and `distances` the second. */
 void fl_clear_record(flinders_record *record);
 void fl_place(const fl_surface *surface, flinders_record *record);
 void fl_place_sums(const flinders_sums *sums, flinders_record *record);
 void fl_place_fit(const fl_fit *fit, flinders_record *record);
+int fl_fit_majority(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
+                    const fl_surface *start_of_majority, const fl_room *room, fl_fit *fit, fl_majority *majority);
 int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
                 const fl_surface *start_of_majority, const fl_room *room, fl_fit *fit, flinders_record *record);
 int fl_look(const fl_kernels *kernels, fl_view *view, const flinders_options *options, int fewest, int axes, fl_room *room,
@@ -152,12 +163,12 @@ enum { FL_SUSPECTS = 2 };
 
 int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room);
 int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
-              const fl_room *room, fl_fit *fit, flinders_record *record);
+              const fl_room *room, fl_fit *fit, fl_majority *majority);
 void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real dip_deg,
               const fl_room *room, flinders_record *record);
 void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, int has_sigma,
              const fl_room *room, flinders_record *record);
-void fl_forget_outliers(fl_view *view, flinders_record *record);
+void fl_forget_outliers(fl_view *view, fl_majority *majority);
 void fl_inlier_covariance(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real limit,
                           const fl_room *room, real covariance[6]);
 void fl_covariance_of(const fl_kernels *kernels, const fl_view *view, const flinders_options *options, fl_fit *fit,

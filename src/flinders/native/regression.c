@@ -168,26 +168,6 @@ int fl_regress(const fl_residuals *all, const real *products, int first, int wid
     return 1;
 }
 
-/* Square of a change (n,) in units of its covariance (n, n), over what that leaves free; counts these directions. */
-int fl_chi_square(const real *change, const real *covariance, int n, real *square)
-{
-    real scale[FL_WIDEST], vectors[FL_WIDEST * FL_WIDEST], values[FL_WIDEST];
-    int freedom = 0;
-    *square = 0;
-    for (int i = 0; i < n; i++) scale[i] = covariance[(n + 1) * i] > 0 ? fl_sqrt(covariance[(n + 1) * i]) : 0;
-    for (int i = 0; i < n * n; i++)
-        vectors[i] = covariance[i] / ((scale[i / n] > 0 ? scale[i / n] : 1) * (scale[i % n] > 0 ? scale[i % n] : 1));
-    fl_eigen(vectors, n, values);
-    for (int k = 0; k < n; k++) {
-        real along = 0;
-        if (!(values[k] > FL_DEPENDENT * values[n - 1])) continue;
-        for (int i = 0; i < n; i++) along += scale[i] > 0 ? vectors[n * i + k] * change[i] / scale[i] : 0;
-        *square += along * along / values[k];
-        freedom++;
-    }
-    return freedom;
-}
-
 /* Share of the readings that are not another one again: so much is a square of their sum worth. */
 static real share_of_distinct(const flinders_record *record)
 {

@@ -100,6 +100,26 @@ real fl_time_of(const real *autocovariance, int lags)
     return 1 + 2 * sum / (autocovariance[0] > FL_TINY ? autocovariance[0] : FL_TINY);
 }
 
+#ifdef FLINDERS_SMALL /* what a board has in the place of slow noise */
+#define MOST_FREEDOM ((real)1.3) /* that correlated residuals take from a covariance */
+
+/* Readings that say as much as an independent one: from the autocovariance of distances, in their order. */
+FL_APART real fl_time_of_distances(real *distances, size_t n)
+{
+    real autocovariance[FL_LAGS];
+    size_t begins[2] = {0, n};
+    fl_residuals residuals = {.n = n, .stretches = 1, .begins = begins, .distances = distances};
+    return fl_time_of(autocovariance, fl_autocovariance(&residuals, autocovariance));
+}
+
+/* Factor by which correlated residuals widen a covariance, those that the parameters take up with them. */
+real fl_widening_by_time(real used, real time)
+{
+    const real independent = used / time, fewer = independent / (independent - 9 > 1 ? independent - 9 : 1);
+    return time > 1 ? time * (fewer < MOST_FREEDOM ? fewer : MOST_FREEDOM) : 1;
+}
+#endif
+
 /* Lags at which products are taken, and their weights: linear between them. Counts them. */
 static int quadrature(const real *autocovariance, int count, int lags[TAKEN], real weights[TAKEN])
 {
@@ -239,6 +259,26 @@ void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals
     fl_raise(scatter, white, residuals->width, EVENNESS);
 }
 
+/* Square of a change (n,) in units of its covariance (n, n), over what that leaves free; counts these directions. */
+int fl_chi_square(const real *change, const real *covariance, int n, real *square)
+{
+    real scale[FL_WIDEST], vectors[FL_WIDEST * FL_WIDEST], values[FL_WIDEST];
+    int freedom = 0;
+    *square = 0;
+    for (int i = 0; i < n; i++) scale[i] = covariance[(n + 1) * i] > 0 ? fl_sqrt(covariance[(n + 1) * i]) : 0;
+    for (int i = 0; i < n * n; i++)
+        vectors[i] = covariance[i] / ((scale[i / n] > 0 ? scale[i / n] : 1) * (scale[i % n] > 0 ? scale[i % n] : 1));
+    fl_eigen(vectors, n, values);
+    for (int k = 0; k < n; k++) {
+        real along = 0;
+        if (!(values[k] > FL_DEPENDENT * values[n - 1])) continue;
+        for (int i = 0; i < n; i++) along += scale[i] > 0 ? vectors[n * i + k] * change[i] / scale[i] : 0;
+        *square += along * along / values[k];
+        freedom++;
+    }
+    return freedom;
+}
+
 /* How often chance alone makes chi-square as large (E. B. Wilson, M. M. Hilferty, PNAS 17 (1931) 684), where `others` are
  * the degrees of freedom of its unit, or none of a known one (E. Paulson, Ann. Math. Stat. 13 (1942) 233). */
 real fl_chance_of(real chi_square, real freedom, real others)
@@ -247,7 +287,7 @@ real fl_chance_of(real chi_square, real freedom, real others)
     if (!isfinite(chi_square)) return 0;
     const real ours = 2 / (9 * freedom), theirs = others > 0 ? 2 / (9 * others) : 0, root = fl_cbrt(chi_square / freedom);
     const real normal = ((1 - theirs) * root - (1 - ours)) / fl_sqrt(theirs * root * root + ours);
-    return (real)erfc((double)normal / 1.4142135623730951) / 2;
+    return fl_erfc(normal / (real)1.4142135623730951) / 2;
 }
 
 /* What blocks scatter over what they may, where chance does not explain it; else 1. */

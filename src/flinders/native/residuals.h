@@ -40,6 +40,10 @@ real fl_lag_one(const fl_residuals *residuals);
 real fl_steps_kurtosis(const fl_residuals *residuals);
 int fl_autocovariance(const fl_residuals *residuals, real out[FL_LAGS]);
 real fl_time_of(const real *autocovariance, int lags);
+#ifdef FLINDERS_SMALL
+real fl_time_of_distances(real *distances, size_t n);
+real fl_widening_by_time(real used, real time);
+#endif
 void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals, const real *white,
                         const real *autocovariance, int lags, real *scatter);
 real fl_creep(fl_blocks *blocks, const real scatter[81]);
@@ -59,6 +63,7 @@ real fl_expected_variation(const fl_residuals *residuals, const fl_surface *surf
 void fl_scatter_of_variation(const fl_residuals *residuals, real variance, size_t used, real scatter[81]);
 int fl_principal(const real *matrix, int n, real *values, real *vectors);
 real fl_chance_of(real chi_square, real freedom, real others);
+int fl_chi_square(const real *change, const real *covariance, int n, real *square);
 /* regression.c */
 typedef struct {
     fl_residuals left; /* whose distances have not been freed of the solution */
@@ -79,7 +84,6 @@ void fl_covariance_of_terms(const fl_kernels *kernels, const fl_regression *of, 
 real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix,
                                const real *inverse, real *covariance);
 int fl_is_noisy(const fl_residuals *residuals, const fl_surface *surface);
-int fl_chi_square(const real *change, const real *covariance, int n, real *square);
 
 #define FL_PROVEN ((real)1e-4) /* chance below which terms of the axes are none, as BY_CHANCE of systematic.py */
 

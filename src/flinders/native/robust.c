@@ -95,7 +95,7 @@ static int coefficients_at(const real x[3], int is_flat, real row[9])
 
 /* Quadric through points in the least-squares sense, pulled a little towards the sphere; through points laid flat one whose
  * equator is their conic. */
-static int quadric_of(const real *points, const uint32_t *chosen, int count, int is_flat, real quadric[10])
+FL_APART static int quadric_of(const real *points, const uint32_t *chosen, int count, int is_flat, real quadric[10])
 {
     real normal[81] = {0}, right[9] = {0}, row[9], trace = 0;
     int n = 0;
@@ -122,7 +122,7 @@ static int quadric_of(const real *points, const uint32_t *chosen, int count, int
 
 /* The readings of a view, or `most` of them at random, in units of their median distance from their median; counts
  * them, 0 where all are alike. */
-static size_t standardised(const fl_view *view, size_t n, size_t most, fl_random *random, const fl_room *room,
+FL_APART static size_t standardised(const fl_view *view, size_t n, size_t most, fl_random *random, const fl_room *room,
                            real *local, real middle[3], real *scale)
 {
     const size_t chosen = n < most ? n : most;
@@ -151,7 +151,7 @@ static size_t standardised(const fl_view *view, size_t n, size_t most, fl_random
 }
 
 /* Choose so many of n at random, at most twelve: those of the smallest of n random numbers. */
-static void draw_points(fl_random *random, size_t n, uint32_t count, uint32_t chosen[POINTS])
+FL_APART static void draw_points(fl_random *random, size_t n, uint32_t count, uint32_t chosen[POINTS])
 {
     uint64_t smallest[POINTS + 1];
     uint32_t places[POINTS + 1];
@@ -185,7 +185,12 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
                         size_t scored, const fl_room *room, fl_surface *surface)
 {
     static const real ORIGIN[3] = {0, 0, 0};
-    real local[3 * SCORED], middle[3], scale, distances[SCORED], best = FL_HUGE, quadric[10], axes[3];
+#ifdef FLINDERS_SMALL
+    real *const distances = room->scratch; /* which nobody needs here */
+#else
+    real distances[SCORED];
+#endif
+    real local[3 * SCORED], middle[3], scale, best = FL_HUGE, quadric[10], axes[3];
     uint32_t order[POINTS];
     fl_surface tried, winner;
     if (!is_flat && n < POINTS) return 1;
@@ -357,7 +362,7 @@ typedef struct {
 
 /* Fit the majority about a surface: reject far readings and fit the others, until the limit of rejection settles. */
 static int fit_about(const fl_kernels *kernels, const samples *of, const flinders_options *options,
-                     const fl_surface *start, const fl_room *room, fl_fit *fit, flinders_record *record)
+                     const fl_surface *start, const fl_room *room, fl_fit *fit, fl_majority *majority)
 {
     const size_t rows = of->every.rows;
     real limit = 0;
@@ -380,13 +385,14 @@ static int fit_about(const fl_kernels *kernels, const samples *of, const flinder
     mark_far(room, looked, limit);
     dense = flinders_dense(room->far, looked, rows, (unsigned char *)room->scratch);
     if (of->part.stride > 1) absolute(kernels, &of->every, &fit->surface, room->distances), mark_far(room, rows, limit);
-    memcpy(record->majority_centre, fit->surface.centre, sizeof record->majority_centre);
-    memcpy(record->majority_shape, fit->surface.shape, sizeof record->majority_shape);
-    record->dense = dense;
-    record->rejected_beyond = limit;
+    memcpy(majority->centre, fit->surface.centre, sizeof majority->centre);
+    memcpy(majority->shape, fit->surface.shape, sizeof majority->shape);
+    majority->dense = dense;
+    majority->beyond = limit;
     return fit_near(kernels, &of->every, options, dense, room, fit);
 }
 
+#ifndef FLINDERS_SMALL /* a board has no room for another fit beside one, and claims nothing of it */
 /* Whether the runs that a fit rejects say more of some combination of parameters than the readings that it keeps. */
 static int outweigh(const fl_kernels *kernels, const fl_view *every, const flinders_options *options, const fl_fit *fit,
                     int dense, const fl_room *room)
@@ -407,26 +413,27 @@ static int outweigh(const fl_kernels *kernels, const fl_view *every, const flind
  * then holds again. */
 static void scatter_of_others(const fl_kernels *kernels, const samples *of, const flinders_options *options,
                               const fl_surface *first, fl_random *random, const fl_room *room, fl_fit *fit,
-                              flinders_record *record)
+                              fl_majority *majority)
 {
     fl_surface start;
     fl_fit other;
     real apart[9];
     for (int draw = 0; draw < OTHERS; draw++) {
         if (subset_start(kernels, &of->spread, of->sampled, 0, random, DRAWS, SCORED, room, &start)) continue;
-        if (fit_about(kernels, of, options, &start, room, &other, record) != FLINDERS_OK) continue;
+        if (fit_about(kernels, of, options, &start, room, &other, majority) != FLINDERS_OK) continue;
         for (int i = 0; i < 3; i++) apart[i] = other.surface.centre[i] - fit->surface.centre[i];
         for (int i = 0; i < 6; i++) apart[3 + i] = other.surface.shape[i] - fit->surface.shape[i];
         for (int i = 0; i < 9; i++)
             for (int j = 0; j < 9; j++) fit->others[9 * i + j] += apart[i] * apart[j] / OTHERS;
     }
-    fit_about(kernels, of, options, first, room, &other, record);
+    fit_about(kernels, of, options, first, room, &other, majority);
 }
+#endif
 
 /* The robust fit from a start, or NULL for that through a few readings; the view then leaves out what was rejected. Where
  * that outweighs what is left, draws of other subsets show whether the majority is one by chance. */
 int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
-              const fl_room *room, fl_fit *fit, flinders_record *record)
+              const fl_room *room, fl_fit *fit, fl_majority *majority)
 {
     fl_random random = fl_random_begin();
     const size_t rows = view->rows, n = spread_out(kernels, view->field, rows, FL_ENOUGH, &random, room);
@@ -438,14 +445,16 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
     if (n < UNKNOWNS) return FLINDERS_NOT_AN_ELLIPSOID;
     if (start) first = *start;
     else if (subset_start(kernels, &of.spread, n, 0, &random, DRAWS, SCORED, room, &first)) return FLINDERS_NOT_AN_ELLIPSOID;
-    const int status = fit_about(kernels, &of, options, &first, room, fit, record);
+    const int status = fit_about(kernels, &of, options, &first, room, fit, majority);
     if (status != FLINDERS_OK) return status;
-    if (!start && outweigh(kernels, &of.every, options, fit, record->dense, room))
-        scatter_of_others(kernels, &of, options, &first, &random, room, fit, record);
+#ifndef FLINDERS_SMALL
+    if (!start && outweigh(kernels, &of.every, options, fit, majority->dense, room))
+        scatter_of_others(kernels, &of, options, &first, &random, room, fit, majority);
+#endif
     view->rejected = room->rejected;
-    record->is_robust = 1;
-    for (size_t i = 0; i < rows; i++) record->rejected += room->rejected[i];
-    fit->is_doubtful = certain_runs(room, rows, record->rejected_beyond, room->far);
+    majority->is_robust = 1;
+    for (size_t i = 0; i < rows; i++) majority->rejected += room->rejected[i];
+    fit->is_doubtful = certain_runs(room, rows, majority->beyond, room->far);
     return FLINDERS_OK;
 }
 
@@ -462,11 +471,11 @@ int fl_ellipse_start(const fl_kernels *kernels, const real *field, size_t rows, 
 #endif
 
 /* The fit to all readings stands: none is rejected. */
-void fl_forget_outliers(fl_view *view, flinders_record *record)
+void fl_forget_outliers(fl_view *view, fl_majority *majority)
 {
     view->rejected = NULL;
-    record->is_robust = 0;
-    record->rejected = 0;
-    record->rejected_beyond = 0;
-    record->dense = FLINDERS_NO_RUN;
+    majority->is_robust = 0;
+    majority->rejected = 0;
+    majority->beyond = 0;
+    majority->dense = FLINDERS_NO_RUN;
 }

@@ -110,20 +110,28 @@ def open_with(fit: Fit, recording: AnySource, *, sensor: str | None = None, **re
 
 def agree(calibration: Calibration, recording: Recording) -> None:
     """Give a recording the calibration's unit, or refuse where it states another kind, or other axes."""
-    is_table = isinstance(recording, TextRecording | TableRecording)
     if isinstance(recording, TextRecording | TableRecording) and not recording.states_unit:
         recording.unit = calibration.raw
-    frame = frame_of(recording)
-    if frame != calibration.frame and not (is_table and frame == "sensor"):  # a table does not say
-        raise AxesError(
-            f"{recording.source} is in axes of the {frame}, the calibration is for readings in axes of the "
-            f"{calibration.frame}: calibrate again from a recording like this one"
-        )
+    refuse_other_frame(calibration.frame, recording)
     if recording.unit.inside != calibration.unit:
         raise UnitError(
             f"{recording.source} is in {recording.unit.name}, the calibration is for readings in "
             f"{calibration.raw.name}: it belongs to another kind of recording; calibrate again from a recording "
             "like this one"
+        )
+
+
+def refuse_other_frame(frame: str, recording: Recording) -> None:
+    """Raise `AxesError` for a recording in axes of the vehicle where a calibration is for those of the sensor, or v. v.
+
+    A table does not say that it is in those of the sensor.
+    """
+    found = frame_of(recording)
+    says_nothing = isinstance(recording, TextRecording | TableRecording) and found == "sensor"
+    if found != frame and not says_nothing:
+        raise AxesError(
+            f"{recording.source} is in axes of the {found}, the calibration is for readings in axes of the {frame}: "
+            "calibrate again from a recording like this one"
         )
 
 

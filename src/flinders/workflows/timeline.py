@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 Doing = Literal["learning", "undisturbed", "disturbed"]
-Code = Literal["learnt", "contradicted", "passed", "moved", "adopted", "clock-back", "taken-back"]
+Code = Literal["learnt", "contradicted", "passed", "moved", "adopted", "clock-back", "taken-back", "other-release"]
 
 EVERY_S: Final = 60.0
 """From one point to the next, without an event."""
@@ -122,8 +122,9 @@ def _due_s(time_s: float) -> float:
 
 
 def _point(time_s: float, doing: Doing, is_read: bool, events: list[Code], *rest: float | None) -> OnlinePoint:
-    """A row of a file as a point; ValueError for one that is none."""
-    if doing not in get_args(Doing) or not set(events) <= set(get_args(Code)):
+    """A row of a file as a point, without what other releases call events; ValueError for one that is none."""
+    if doing not in get_args(Doing):
         raise ValueError("a point of its timeline is none")
     error, bound, x, y, z, of_x, of_y, of_z = (math.nan if number is None else float(number) for number in rest)
-    return OnlinePoint(float(time_s), doing, error, bound, (x, y, z), (of_x, of_y, of_z), bool(is_read), tuple(events))
+    codes = tuple(code for code in events if code in get_args(Code))
+    return OnlinePoint(float(time_s), doing, error, bound, (x, y, z), (of_x, of_y, of_z), bool(is_read), codes)

@@ -24,10 +24,10 @@ from flinders.native.build import HERE as NATIVE
 BOARD: Final = Path(__file__).parent / "board"
 
 ENGINE: Final = (
-    "flinders.h", "flinders_rules.h", "internal.h", "judge.h", "random.h", "record.h", "residuals.h", "sums.h",
-    "claim.c", "cloud.c", "covariance.c", "dispatch.c", "fit.c", "guidance.c", "heading.c", "judge.c", "kernels.c",
-    "likelihood.c", "linear.c", "quality.c", "random.c", "residuals.c", "rests.c", "robust.c", "rules.c", "runs.c",
-    "start.c", "sums.c",
+    "flinders.h", "flinders_rules.h", "internal.h", "judge.h", "online.h", "random.h", "record.h", "residuals.h",
+    "sums.h", "about.c", "claim.c", "cloud.c", "covariance.c", "dispatch.c", "fit.c", "guidance.c", "heading.c",
+    "judge.c", "kernels.c", "knowledge.c", "likelihood.c", "linear.c", "online.c", "quality.c", "random.c",
+    "residuals.c", "rests.c", "robust.c", "rules.c", "runs.c", "start.c", "sums.c",
 )  # fmt: skip
 """Files of the engine that a board needs."""
 

@@ -419,11 +419,11 @@ def _shares(judged: int, odd: int) -> dict[str, int]:
 
 @contextlib.contextmanager
 def drift_table(
-    path: str | os.PathLike[str] | None, *, force: bool = False
-) -> Iterator[Callable[[Sequence[UnitDrift]], None] | None]:
+    path: str | os.PathLike[str] | None, record: type = UnitDrift, *, force: bool = False
+) -> Iterator[Callable[[Sequence[Any]], None] | None]:
     """Write a Parquet file that appears under its name when the block ends well; raises OutputError.
 
-    Yields a function that takes some units at a time; None if there is no path.
+    Yields a function that takes some units at a time, each a `record`; None if there is no path.
     """
     if path is None:
         yield None
@@ -433,22 +433,22 @@ def drift_table(
 
     with (
         replacing(path, force=force) as file,
-        parquet.ParquetWriter(cast("TextIO", file).buffer, drift_schema(), write_page_checksum=True) as writer,
+        parquet.ParquetWriter(cast("TextIO", file).buffer, drift_schema(record), write_page_checksum=True) as writer,
     ):
-        yield lambda units: writer.write_table(_units_table(arrow, units))
+        yield lambda units: writer.write_table(_units_table(arrow, units, drift_schema(record)))
 
 
-def drift_schema() -> Any:  # noqa: ANN401 - pyarrow ships no types
-    """Fields of `UnitDrift` as columns."""
+def drift_schema(record: type = UnitDrift) -> Any:  # noqa: ANN401 - pyarrow ships no types
+    """Fields of a record of units as columns."""
     arrow = needs_arrow()
     kinds = {"str": arrow.string(), "int": arrow.int64(), "float": arrow.float64()}
-    return arrow.schema([(field.name, kinds[str(field.type)]) for field in dataclasses.fields(UnitDrift)])
+    kinds["tuple[float, ...]"] = arrow.list_(arrow.float64())
+    return arrow.schema([(field.name, kinds[str(field.type)]) for field in dataclasses.fields(record)])
 
 
-def _units_table(arrow: Any, units: Sequence[UnitDrift]) -> Any:  # noqa: ANN401
+def _units_table(arrow: Any, units: Sequence[Any], schema: Any) -> Any:  # noqa: ANN401
     """Table of some units, null for NaN."""
     columns = [
-        arrow.array([getattr(unit, field.name) for unit in units], field.type, from_pandas=True)
-        for field in drift_schema()
+        arrow.array([getattr(unit, field.name) for unit in units], field.type, from_pandas=True) for field in schema
     ]
-    return arrow.table(columns, schema=drift_schema())
+    return arrow.table(columns, schema=schema)

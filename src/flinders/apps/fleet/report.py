@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Container, Mapping, Sequence
 
     from flinders.apps.fleet.overview import BatchDrift, FleetDrift, Histogram, Overview, UnitDrift, UnitStep
+    from flinders.apps.fleet.walks import UnitWalk
 
 # ----------------------------------------------------------------------------------------------------------- the page
 
@@ -96,7 +97,7 @@ def chance(p_value: float) -> str:
 # ------------------------------------------------------------------------------------------------------------- words
 
 
-def common_unit(rows: Sequence[UnitDrift | UnitStep]) -> str:
+def common_unit(rows: Sequence[UnitDrift | UnitStep | UnitWalk]) -> str:
     """The unit of field that all rows have, which then stands in the heading; empty where units differ."""
     units = {label(row.unit_of_field) for row in rows}
     return units.pop() if len(units) == 1 else ""

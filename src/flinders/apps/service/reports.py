@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 from flinders.apps.service.clocks import FROM_1970_S
 from flinders.errors import figures
-from flinders.workflows.online import CODES, DOING, WORDS
+from flinders.workflows.online_events import CODES, DOING, WORDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,7 +25,7 @@ VERDICTS: Final[dict[Verdict, str]] = {
     "refused": "the heading error is beyond five times the target",
 }
 """What a verdict means that changed without an event of the calibration."""
-EVENTS: Final = (*CODES.values(), "good", "limited", "refused", "sent", "not-sent")
+EVENTS: Final = (*CODES.values(), "other-release", "good", "limited", "refused", "sent", "not-sent")
 """What is counted."""
 
 
@@ -45,7 +45,11 @@ class Report:
     latest_deg: float | None  # heading error with the newest calibration, which may not be in force
     age_s: float | None  # since readings last told something of the calibration
     walk: float | None  # by which the offset moves in an hour, 1 σ, in `unit`
-    unit: str | None  # of `walk`: `uT`, or `counts` where no scale is known; None before the first reading
+    offset: tuple[float, float, float] | None  # newest estimate, in force or not, in `unit`; None without one
+    offset_sigma: tuple[float, float, float] | None  # 1 σ of its components, in `unit`
+    radius: float | None  # mean length of readings about the offset, in `unit`
+    # of `walk`, `offset` and `radius`: `uT`, or `counts` where no scale is known; None before the first reading
+    unit: str | None
     target_deg: float  # heading error that is good enough
     good_until_s: (
         float | None
@@ -128,6 +132,8 @@ def words_of(code: str) -> str:
 
 
 def _known(value: Any) -> Any:  # noqa: ANN401 - JSON
+    if isinstance(value, tuple):
+        return list(value) if all(map(math.isfinite, value)) else None
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from flinders.apps.service.clocks import FROM_1970_S, MachineClock, RecordedClock
 from flinders.core.units import Unit
-from flinders.errors import UnitError, UnreadableInput
+from flinders.errors import UnitError, UnreadableInput, UsageError
 from flinders.links.feeds import FeedEvent
 from flinders.links.recipients import Recipient
 from flinders.links.recorder import Recorder
@@ -241,3 +241,14 @@ def raw_readings(samples: Samples, unit: Unit) -> Floats:
             "to another kind of recording"
         )
     return samples.field if unit.scale == 1.0 else samples.field / unit.scale
+
+
+def driving_of(samples: Samples, name: str) -> Floats:
+    """(N,) values of a disturbance that the calibration follows; `UsageError` where a source has none."""
+    values = samples.driving(name)
+    if values is None:
+        raise UsageError(
+            f"the calibration follows {name}, which {samples.source} does not record: record it, or begin with a "
+            "calibration without it"
+        )
+    return values

@@ -18,7 +18,6 @@ import math
 import time
 from collections import Counter, deque
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -28,9 +27,11 @@ import numpy as np
 from flinders.apps.service.clocks import duration
 from flinders.apps.service.kept import Kept
 from flinders.apps.service.reports import Report, date_of, moment, words_of
-from flinders.apps.service.sources import raw_readings, raw_unit
+from flinders.apps.service.sources import driving_of, raw_readings, raw_unit
 from flinders.core.files import write_text
+from flinders.errors import UnitError
 from flinders.links.feeds import FeedEvent
+from flinders.workflows.offset_history import adopted_name
 from flinders.workflows.online import OnlineCalibration
 
 if TYPE_CHECKING:
@@ -44,7 +45,8 @@ if TYPE_CHECKING:
     from flinders.core.units import Unit
     from flinders.errors import OutputError
     from flinders.fitting.result import Fit
-    from flinders.workflows.online import OnlineEvent, OnlineState
+    from flinders.workflows.online_events import OnlineEvent, OnlineState
+    from flinders.workflows.walk import Walk
 
 WAIT_S: Final = 0.1  # Longest wait for readings: how soon the end is noticed
 EVERY_S: Final = 60.0
@@ -59,19 +61,32 @@ TOLD: Final = 30  # Events of the source, and verdicts that changed, that the pa
 class Begun:
     """How a calibration begins where it is not one that goes on.
 
-    ``start``, ``axes``, ``target_deg`` and ``dip_deg`` are as `OnlineCalibration` takes them; its unit is that of the
-    first reading.
+    ``start``, ``axes``, ``target_deg``, ``dip_deg`` and ``walk`` are as `OnlineCalibration` takes them, the walk in
+    ``walk_unit``, if that is known; its unit and frame are those of the first reading.
     """
 
     start: Fit | None = None
     axes: str = "x,y,z"
     target_deg: float = 1.0
     dip_deg: float | None = None
+    walk: Walk | float | None = None
+    walk_unit: str | None = None
 
-    def calibration(self, unit: Unit) -> OnlineCalibration:
-        """Begin, with readings in a unit."""
+    def calibration(self, unit: Unit, frame: str = "sensor") -> OnlineCalibration:
+        """Begin, with readings in a unit and in axes of the sensor or the vehicle.
+
+        Raises `UnitError` where the walk is in another unit.
+        """
+        if self.walk_unit not in (None, unit.inside):
+            raise UnitError(f"the walk is in {self.walk_unit}, readings are in {unit.name}: they are of another sensor")
         return OnlineCalibration(
-            self.start, unit=unit, axes=self.axes, target_deg=self.target_deg, dip_deg=self.dip_deg
+            self.start,
+            unit=unit,
+            axes=self.axes,
+            frame=frame,
+            target_deg=self.target_deg,
+            dip_deg=self.dip_deg,
+            walk=self.walk,
         )
 
 
@@ -134,6 +149,7 @@ class Watch:
         if self._online is not None:
             self._online.is_locked = is_locked
         self._field, self._time = np.empty((0, 3)), np.empty(0)
+        self._driving: dict[str, Floats] = {}
         self._heard = clock()
         self._due = math.nan
         self._verdict = "refused" if self._online is None else self._online.state.verdict
@@ -162,6 +178,8 @@ class Watch:
             What the source raises.
         """
         try:
+            if self._online is not None and self._online.is_converted:
+                self._note(self._online.history[-1:])
             while not self._is_over and not self._stopped():
                 self._take(self._source.next(WAIT_S))
                 self._hand_over()
@@ -209,6 +227,9 @@ class Watch:
             latest_deg=None if state is None else state.latest_deg,
             age_s=None if state is None else state.age_s,
             walk=None if state is None else state.walk,
+            offset=None if state is None else state.offset,
+            offset_sigma=None if state is None else state.offset_sigma,
+            radius=None if state is None else state.radius,
             unit=None if self._unit is None else self._unit.inside,
             target_deg=self._begun.target_deg if state is None else state.target_deg,
             good_until_s=until,
@@ -256,7 +277,7 @@ class Watch:
         """Take readings in, by whole seconds."""
         if self._online is None:
             self._unit = self._unit or raw_unit(samples)
-            self._online = self._begun.calibration(self._unit)
+            self._online = self._begun.calibration(self._unit, samples.frame)
             self._online.is_locked = self._is_locked
         assert self._unit is not None
         assert samples.time is not None
@@ -273,6 +294,10 @@ class Watch:
         assert samples.time is not None
         self._field = np.concatenate([self._field, readings])
         self._time = np.concatenate([self._time, samples.time])
+        self._driving = {
+            name: np.concatenate([self._driving.get(name, np.empty(0)), driving_of(samples, name)])
+            for name in self._online.disturbances
+        }
         seconds = np.floor(self._time)
         ends = (np.flatnonzero(np.diff(seconds)) + 1).tolist()
         if len(self._time) - (ends[-1] if ends else 0) > TOGETHER:
@@ -282,18 +307,20 @@ class Watch:
     def _learn_to(self, ends: list[int]) -> None:
         """Take in what waits, in pieces that end there."""
         for start, end in zip([0, *ends], ends, strict=False):
-            self._learn_piece(self._field[start:end], self._time[start:end])
+            self._learn_piece(slice(start, end))
         if ends:
             self._field, self._time = self._field[ends[-1] :], self._time[ends[-1] :]
+            self._driving = {name: values[ends[-1] :] for name, values in self._driving.items()}
 
     def _flush(self) -> None:
         """Take in what waits."""
         if len(self._time):
             self._learn_to([len(self._time)])
 
-    def _learn_piece(self, readings: Floats, times: Floats) -> None:
+    def _learn_piece(self, rows: slice) -> None:
         assert self._online is not None
-        happened = self._online.add(readings, time=times)
+        times, driving = self._time[rows], {name: values[rows] for name, values in self._driving.items()}
+        happened = self._online.add(self._field[rows], time=times, **driving)
         self._readings += len(times)
         self._note(happened)
         self._tick(float(times[-1]))
@@ -355,7 +382,7 @@ class Watch:
         if path is None or self._adopted is None:
             return
         fit, time_s = self._adopted
-        file = Path(path) / _name_at(time_s) if Path(path).is_dir() else Path(path)
+        file = Path(path) / adopted_name(time_s) if Path(path).is_dir() else Path(path)
         if self._calibration.write(lambda: fit.save(file, force=True)):
             self._adopted = None
 
@@ -453,14 +480,14 @@ def unit_of(calibration: OnlineCalibration | Begun) -> Unit | None:
     return None if calibration.start is None else calibration.start.calibration.raw
 
 
+def frame_in(calibration: OnlineCalibration | Begun) -> str | None:
+    """What axes a calibration takes readings in: ``sensor`` or ``vehicle``; None where the first reading decides."""
+    if isinstance(calibration, OnlineCalibration):
+        return calibration.frame if calibration.state.doing != "learning" else None
+    return None if calibration.start is None else calibration.start.calibration.frame
+
+
 def since_of(calibration: OnlineCalibration | Begun) -> float | None:
     """Time that a calibration which goes on has reached; None where it has not begun."""
     reached = calibration.time_s if isinstance(calibration, OnlineCalibration) else math.nan
     return reached if math.isfinite(reached) else None
-
-
-def _name_at(time_s: float) -> str:
-    """Name of a calibration file by the time at which it was adopted."""
-    if date_of(time_s) is None:
-        return f"calibration-{time_s:.2f}s.json"
-    return f"calibration-{datetime.fromtimestamp(time_s, UTC):%Y%m%dT%H%M%SZ}.json"

@@ -1,4 +1,4 @@
-"""``flinders drift``: which units of a fleet have a compass that changed, and where something was moved."""
+"""``flinders drift``: which units of a fleet have a compass that changed, where it was moved, and how it walks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class Drift(program.Group):
     """Tables of calibrations, what changes are held against, and what is written."""
 
-    tables: tuple[str, ...] = program.argument("TABLE...", nargs=-1)
+    tables: tuple[str, ...] = program.argument("TABLE|HISTORY...", nargs=-1)
     out: str | None = program.member(
         "-o", "--out", what="the table", metavar="FILE.parquet", help="Also write a table with a row for each unit."
     )
@@ -59,11 +59,12 @@ class Drift(program.Group):
 Example:
   flinders drift calibrations.parquet --report drift.html
   flinders drift january.parquet june.parquet --against previous --out drift.parquet
+  flinders drift states/*.state
 
 \b
 Exit codes:
-  0  no unit is to be recalibrated
-  3  some are
+  0  no unit is to be recalibrated; none of HISTORY walks faster, or moved
+  3  some are, or did
 """,
 )
 def command(options: Drift) -> int:
@@ -72,11 +73,18 @@ def command(options: Drift) -> int:
     TABLE is what `flinders fleet` writes, with several recordings of each unit; those of one unit may be in several
     tables, and count once. A change is held against what both calibrations claim, and a step against how this fleet
     drifts slowly. Recordings are taken in the order of their dates, else of their names.
+
+    HISTORY is what `flinders watch` has kept of a unit: its state, the folder of --adopted, or the lines of --json; or
+    a folder of such. Of these, how fast the offset of each unit walks, which walks faster, and which moved.
     """
     from flinders.apps.fleet.drift import drift_of, drift_table
     from flinders.apps.fleet.drift_page import of_drift
+    from flinders.workflows.offset_history import is_history
 
     refuse_twice(options.tables)
+    of_units = [is_history(path) for path in options.tables]
+    if any(of_units):
+        return _walks(options, options.tables[of_units.index(False)] if False in of_units else None)
     _refuse_no_table(options.tables)
     outputs = options.checked_outputs()
     with working() as watch, drift_table(options.out, force=options.force) as each:
@@ -96,6 +104,32 @@ def command(options: Drift) -> int:
     outputs.print(drift.as_dict, lambda: of_drift(drift))
     outputs.say_written()
     return LIMITED if drift.states["recalibrate"] else GOOD
+
+
+def _walks(options: Drift, other: str | None) -> int:
+    """Say how offsets of units went, by their histories; `other` is an input that is none."""
+    from flinders.apps.fleet.drift import drift_table
+    from flinders.apps.fleet.walks import UnitWalk, walks_of
+    from flinders.apps.fleet.walks_page import of_walks
+    from flinders.apps.fleet.walks_report import page_of
+
+    if other is not None:
+        raise UsageError(f"{other} is no history of `flinders watch`: give tables alone, or histories alone")
+    for name, field in (("--against", "against"), ("--batch", "batch")):
+        if program.is_typed(field):
+            raise UsageError(f"{name} goes with tables of a fleet: leave it out")
+    outputs = options.checked_outputs()
+    with working() as watch, drift_table(options.out, UnitWalk, force=options.force) as each:
+        if watch is not None:
+            watch("reading histories")
+        fleet = walks_of(
+            options.tables, target_deg=options.target_deg, dip_deg=options.dip_deg, most=options.limit, each=each
+        )
+    if options.report is not None:
+        outputs.write(page_of(fleet, options.tables), options.report)
+    outputs.print(fleet.as_dict, lambda: of_walks(fleet))
+    outputs.say_written()
+    return LIMITED if fleet.states["moved"] or fleet.states["faster"] else GOOD
 
 
 def _refuse_no_table(paths: Iterable[str]) -> None:

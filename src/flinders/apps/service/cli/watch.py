@@ -91,7 +91,7 @@ class WatchedSource(program.Group):
     def opened(self, stack: contextlib.ExitStack, calibration: OnlineCalibration | Begun) -> Source:
         """Open what is named; readings that name no unit are in that of the calibration."""
         from flinders.apps.service import sources
-        from flinders.apps.service.watching import since_of, unit_of
+        from flinders.apps.service.watching import frame_in, since_of, unit_of
         from flinders.core.units import Unit
         from flinders.links.feeds import feed_kind
         from flinders.links.transports import StandardInput, opened_lines, opened_link
@@ -101,7 +101,7 @@ class WatchedSource(program.Group):
         if unit is not None and self.lines.unit is None:
             reading |= {"unit": unit.name} if unit == Unit.of(unit.name) else {"unit": unit.name, "scale": unit.scale}
         if self.replay is not None:
-            return self._replayed(stack, unit)
+            return self._replayed(stack, unit, frame_in(calibration))
         if self.files:
             return sources.of_pipe(StandardInput(), since, **reading)
         if self.mavlink is not None:
@@ -112,17 +112,20 @@ class WatchedSource(program.Group):
         stack.enter_context(contextlib.closing(wire))
         return sources.of_wire(wire, since, **reading)
 
-    def _replayed(self, stack: contextlib.ExitStack, unit: Unit | None) -> Source:
+    def _replayed(self, stack: contextlib.ExitStack, unit: Unit | None, frame: str | None) -> Source:
         """Recordings, one after the other."""
         from flinders.apps.service.sources import of_recordings
+        from flinders.core.samples import frame_of
         from flinders.estimators.data import CountedRecording
         from flinders.readers import TableRecording, TextRecording, open_recording
+        from flinders.workflows.recordings import refuse_other_frame
 
         reading = {name: value for name, value in self.lines.as_dict().items() if value is not None}
         recordings = [open_recording(path, **reading) for path in (str(self.replay), *self.files)]
         for recording in recordings:
             if unit is not None and self.lines.unit is None and isinstance(recording, TextRecording | TableRecording):
                 recording.unit = recording.unit if recording.states_unit else unit
+            refuse_other_frame(frame or frame_of(recordings[0]), recording)
         parts = [CountedRecording(recording) for recording in recordings]
         for part in reversed(parts):
             stack.callback(say_read, part)
@@ -135,6 +138,13 @@ class Watch(program.Group):
     source: WatchedSource = program.group(WatchedSource)
     calibration: str | None = program.member(
         "--calibration", metavar="CALIBRATION", help="Begin with a calibration file [default: the readings make one]."
+    )
+    walk: float | None = program.member(
+        "--walk", type=program.positive, metavar="RATE",
+        help="How far the offset of this unit walks in an hour, 1 σ, in µT or counts, known within a factor of two.",
+    )  # fmt: skip
+    history: str | None = program.member(
+        "--history", metavar="HISTORY", help="Take how the offset of this unit walks from an earlier state of it."
     )
     axes: str = program.same_as(option.AxesOptions, "axes")
     target_deg: float = option.target()
@@ -183,7 +193,9 @@ class Watch(program.Group):
 
         self.source.check()
         self._check_sending()
-        read = [*self.source.files, *filter(None, (self.source.replay, self.calibration))]
+        if self.walk is not None and self.history is not None:
+            raise UsageError("--walk and --history say the same: leave one of them out")
+        read = [*self.source.files, *filter(None, (self.source.replay, self.calibration, self.history))]
         files = {
             "--state": self.state, "--status": self.status, "--prometheus": self.prometheus, "--page": self.page,
             "--adopted": None if self.adopted is None or Path(self.adopted).is_dir() else self.adopted,
@@ -232,16 +244,39 @@ class Watch(program.Group):
         if self.state is not None and Path(self.state).exists():
             online = OnlineCalibration.load(self.state)
             self._refuse_others(online.state.target_deg)
-            say(f"{self.state}: goes on{', and --calibration is not used' if self.calibration else ''}")
+            begins = {"--calibration": self.calibration, "--walk": self.walk, "--history": self.history}
+            unused = " and ".join(name for name, value in begins.items() if value is not None)
+            words = f", and {unused} is not used" if unused else ""
+            words += "; it is of another release, whose evidence is left out" if online.is_converted else ""
+            say(f"{self.state}: goes on{words}")
             return online
+        walk = self.known_walk()
         if self.calibration is None:
-            return Begun(None, self.axes, self.target_deg, self.dip_deg)
+            return Begun(None, self.axes, self.target_deg, self.dip_deg, **walk)
         if program.is_typed("axes"):
             raise UsageError("--axes are those of --calibration: leave one of them out")
         start = load("watch --calibration", self.calibration)
-        begun = Begun(start, target_deg=self.target_deg, dip_deg=self.dip_deg)
+        begun = Begun(start, target_deg=self.target_deg, dip_deg=self.dip_deg, **walk)
         begun.calibration(start.calibration.raw)  # what cannot go on is said before anything is opened
         return begun
+
+    def known_walk(self) -> dict[str, Any]:
+        """How the offset of this unit walks, as far as that is known; `UsageError` of a short history."""
+        from flinders.core.units import label
+        from flinders.workflows.offset_history import OffsetHistory
+        from flinders.workflows.walk import MIN_STEPS
+
+        if self.history is None:
+            return {"walk": self.walk}
+        history = OffsetHistory.read(self.history)
+        if (walk := history.walk) is None:
+            found = len(history.estimates.time_s)
+            raise UsageError(
+                f"{self.history} tells no walk: it has {found} estimates of the offset that are two hours apart, and "
+                f"{MIN_STEPS + 1} are needed: give a longer one, or --walk"
+            )
+        say(f"{self.history}: the offset of this unit walks {walk}, in {label(history.unit)}")
+        return {"walk": walk, "walk_unit": history.unit}
 
     def _refuse_others(self, target_deg: float) -> None:
         """Refuse options that a state has otherwise."""
@@ -263,7 +298,7 @@ class Watch(program.Group):
     "watch",
     Watch,
     common=("port", "udp", "tcp", "mavlink", "replay", "state", "as_json"),
-    headings={"Source": ("baud", "compass"), "Begin": ("calibration",)},
+    headings={"Source": ("baud", "compass"), "Begin": ("calibration", "walk", "history")},
     epilog="""\b
 Example:
   flinders watch --serial /dev/ttyACM0 --state compass.state
@@ -275,7 +310,7 @@ Example:
 Exit codes:
   0  ended by Ctrl-C or a signal, or read to the end
   5  no port, or no reading came
-  6  the state, or the calibration that came into force, cannot be written
+  6  the state, or the calibration that came into force, cannot be written, or another program keeps that state
 """,
 )
 def command(options: Watch) -> None:
@@ -286,10 +321,13 @@ def command(options: Watch) -> None:
     What passes, such as iron beside the road, is told from an offset that has moved.
     """
     from flinders.apps.service.watching import Watch as Watching
+    from flinders.core.files import exclusive
 
     options.check()
-    calibration = options.began()
     with contextlib.ExitStack() as stack:
+        if options.state is not None:
+            stack.enter_context(exclusive(options.state))
+        calibration = options.began()
         source = options.source.opened(stack, calibration)
         stopped = stack.enter_context(stopping(patient=False))
         say(f"watching {source.name}{'' if options.source.replay else '; Ctrl-C ends it'}")

@@ -1,18 +1,10 @@
 /* A calibration that grows with each reading, in a few kilobytes: readings spread over the sphere, and the engine's fit of
  * them. */
-#include "flinders_board.h"
-#include "residuals.h"
+#include "answer.h"
 
 enum { READINGS = FLINDERS_BOARD_READINGS, CELLS = 100, FEWEST = 12 };
 
-#define MOST_FREEDOM ((real)1.3) /* that correlated residuals take from a covariance */
-#define MOVED ((real)0.1)       /* of the extent: cells are counted anew about a centre that is as far off */
-
-#ifdef __GNUC__
-#define APART __attribute__((noinline)) static /* its locals are not on the stack of its caller */
-#else
-#define APART static
-#endif
+#define MOVED ((real)0.1) /* of the extent: cells are counted anew about a centre that is as far off */
 
 /* Begin. */
 void flinders_board_begin(flinders_board *board)
@@ -42,7 +34,7 @@ static void direction_of(const flinders_board *board, const real reading[3], rea
     for (int axis = 0; axis < 3; axis++) direction[axis] /= length > FL_SHORT ? length : FL_SHORT;
 }
 
-/* The cell of the sphere that each of up to eight readings lies in. */
+/* The cell of the sphere that each of up to a block of readings lies in. */
 static void cells_of(const flinders_board *board, const real *readings, int n, uint8_t *out)
 {
     real direction[3], axes[3][FL_BLOCK];
@@ -137,7 +129,7 @@ real flinders_board_seen(const flinders_board *board)
 }
 
 /* The largest gap between directions of readings that are not rejected, degrees from its middle. */
-APART real hole_deg(const flinders_board *board, const real centres[CELLS][3], const unsigned char *rejected)
+FL_APART static real hole_deg(const flinders_board *board, const real centres[CELLS][3], const unsigned char *rejected)
 {
     real nearest[CELLS], farthest = 1, direction[3];
     for (int cell = 0; cell < CELLS; cell++) nearest[cell] = -1;
@@ -162,23 +154,6 @@ static real upright_of(const flinders_board *board, const real centres[CELLS][3]
     return sum;
 }
 
-/* Readings that say as much as an independent one: from the autocovariance of the residuals, in their order. */
-APART real correlation_time(flinders_board *board, const fl_view *view, const fl_surface *surface)
-{
-    real autocovariance[FL_LAGS];
-    size_t begins[2] = {0, fl_view_count(view)};
-    fl_residuals residuals = {.n = begins[1], .stretches = 1, .begins = begins, .distances = board->work};
-    fl_kernels_chosen(1)->distances(view, surface, board->work);
-    return fl_time_of(autocovariance, fl_autocovariance(&residuals, autocovariance));
-}
-
-/* Factor by which correlated residuals widen a covariance, those that the parameters take up with them. */
-static real widening(real used, real time)
-{
-    const real independent = used / time, fewer = independent / (independent - 9 > 1 ? independent - 9 : 1);
-    return time > 1 ? time * (fewer < MOST_FREEDOM ? fewer : MOST_FREEDOM) : 1;
-}
-
 /* The level heading that advice is given for. */
 static flinders_goal goal_of(const flinders_board *board, real dip_deg)
 {
@@ -189,7 +164,7 @@ static flinders_goal goal_of(const flinders_board *board, real dip_deg)
 }
 
 /* Where the next readings would tell most; a reading is worth as much as the covariance is wider than for independent ones. */
-APART void advise(flinders_board *board, const flinders_record *record, real variance)
+FL_APART static void advise(flinders_board *board, const flinders_record *record, real variance)
 {
     const flinders_goal goal = goal_of(board, record->dip_deg);
     flinders_belief belief = {.variance = variance, .readings = (real)record->used};
@@ -201,24 +176,31 @@ APART void advise(flinders_board *board, const flinders_record *record, real var
     board->answer.after_deg = advice.after_deg;
 }
 
+/* Put a calibration into an answer. */
+void fl_answer_of(const fl_surface *surface, real noise, flinders_answer *answer)
+{
+    static const unsigned char ENTRY[9] = {0, 3, 4, 3, 1, 5, 4, 5, 2};
+    memcpy(answer->offset, surface->centre, sizeof answer->offset);
+    for (int i = 0; i < 9; i++) answer->matrix[i] = surface->inverse[ENTRY[i]] * surface->radius;
+    answer->field = surface->radius, answer->noise = noise;
+}
+
 /* Put the calibration of a record into the answer. */
 static void place(flinders_board *board, const flinders_record *record, const fl_surface *surface)
 {
-    static const unsigned char ENTRY[9] = {0, 3, 4, 3, 1, 5, 4, 5, 2};
-    flinders_answer *const answer = &board->answer;
-    memcpy(answer->offset, record->centre, sizeof answer->offset);
-    for (int i = 0; i < 9; i++) answer->matrix[i] = surface->inverse[ENTRY[i]] * record->radius;
-    answer->field = record->radius, answer->noise = record->noise;
+    fl_answer_of(surface, record->noise, &board->answer);
     memcpy(board->centre, surface->centre, sizeof board->centre);
     memcpy(board->inverse, surface->inverse, sizeof board->inverse);
 }
 
 /* Widen the covariance of a record for correlated residuals, and fill in what the engine does without its statistics; what
  * a board does not know is not known to the judge. */
-APART void complete(flinders_board *board, const fl_view *view, const fl_surface *surface, const real centres[CELLS][3],
+FL_APART static void complete(flinders_board *board, const fl_view *view, const fl_surface *surface, const real centres[CELLS][3],
                     flinders_record *record)
 {
-    const real time = correlation_time(board, view, surface), wider = widening((real)record->used, time);
+    fl_kernels_chosen(1)->distances(view, surface, board->work);
+    const real time = fl_time_of_distances(board->work, fl_view_count(view));
+    const real wider = fl_widening_by_time((real)record->used, time);
     for (int i = 0; i < 81; i++) record->covariance[i] = wider * record->textbook[i];
     record->correlation_time = time, record->excess_variance = 1;
     record->fitted_distinct = record->fitted; /* none that equals the one before it is stored */
@@ -231,7 +213,7 @@ APART void complete(flinders_board *board, const fl_view *view, const fl_surface
 }
 
 /* Judge a fit. */
-APART void judge(flinders_board *board, flinders_record *record)
+FL_APART static void judge(flinders_board *board, flinders_record *record)
 {
     flinders_answer *const answer = &board->answer;
     flinders_request request;
@@ -243,12 +225,14 @@ APART void judge(flinders_board *board, flinders_record *record)
     answer->heading_rms_deg = judgement.rms_deg, answer->heading_worst_deg = judgement.worst_deg;
     answer->verdict = judgement.verdict > FLINDERS_NOTE ? judgement.verdict : FLINDERS_NOTE;
     memcpy(answer->findings, judgement.severities, sizeof answer->findings);
+    for (int i = 0, k = 0; i < 9; i++) /* for a calibration that goes on: flinders_service_begin */
+        for (int j = 0; j <= i; j++) board->work[k++] = judgement.covariance[9 * i + j];
     for (int i = 0; i < FLINDERS_RULES_OF_A_FIT; i++)
         answer->is_checked[i] = (uint8_t)flinders_is_checked(i, judgement.quantities);
 }
 
 /* Widen the covariance of a fit, and judge it; returns the variance of a further reading. */
-APART real describe(flinders_board *board, const fl_view *view, const fl_surface *surface, flinders_record *record)
+FL_APART static real describe(flinders_board *board, const fl_view *view, const fl_surface *surface, flinders_record *record)
 {
     real centres[CELLS][3];
     place(board, record, surface);

@@ -4,57 +4,18 @@
 // seen, what heading error to expect and how to hold the sensor next. The first good calibration is stored in EEPROM; one
 // that a computer sends (`flinders send --port`, MotionCal) is stored in its place and stays.
 //
-// Needs 24 kB of RAM. Boards without EEPROM: take out the lines of EEPROM, and nothing is stored.
+// Needs 20 kB of RAM. Boards without EEPROM: take out the lines of EEPROM, and nothing is stored.
 
 #include <EEPROM.h>
-#include <Wire.h>
 #include <flinders_board.h>
+#include <flinders_lis3mdl.h>
 
-const uint8_t ADDRESS = 0x1C;                // 0x1E where SDO/SA1 is high, as on Pololu's board
-const float UT_PER_COUNT = 100.0 / 6842.0;   // at 4 gauss
 const unsigned long SOLVE_MS = 1000;
 
 static flinders_board board;
 static flinders_answer inUse;                // calibration in EEPROM
 static unsigned char packet[FLINDERS_PACKET];
 static bool isStored = false;                // since the sketch began
-
-void writeRegister(uint8_t name, uint8_t value) {
-  Wire.beginTransmission(ADDRESS);
-  Wire.write(name);
-  Wire.write(value);
-  Wire.endTransmission();
-}
-
-// Ask for registers from one on; false where the sensor does not answer.
-bool request(uint8_t name, uint8_t count) {
-  Wire.beginTransmission(ADDRESS);
-  Wire.write((uint8_t)(name | 0x80));        // the next ones follow
-  if (Wire.endTransmission() != 0) return false;
-  return Wire.requestFrom(ADDRESS, count) == count;
-}
-
-bool beginSensor() {
-  if (!request(0x0F, 1) || Wire.read() != 0x3D) return false;
-  writeRegister(0x20, 0x7C);                 // x and y: best performance, 80 Hz
-  writeRegister(0x21, 0x00);                 // 4 gauss
-  writeRegister(0x23, 0x0C);                 // z: best performance
-  writeRegister(0x24, 0x40);                 // low and high bytes of one measurement
-  writeRegister(0x22, 0x00);                 // measure continuously
-  return true;
-}
-
-int16_t readCount() {
-  const uint8_t low = Wire.read();
-  return (int16_t)(low | (uint16_t)Wire.read() << 8);
-}
-
-bool readField(float field[3]) {
-  if (!request(0x27, 1) || !(Wire.read() & 8)) return false; // no new reading
-  if (!request(0x28, 6)) return false;
-  for (int axis = 0; axis < 3; axis++) field[axis] = readCount() * UT_PER_COUNT;
-  return true;
-}
 
 void store(const flinders_answer &answer) {
   inUse = answer;

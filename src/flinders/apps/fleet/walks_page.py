@@ -1,0 +1,128 @@
+"""How the offsets of units went, as a page of the terminal.
+
+>>> shown_time(1795946435.0), shown_time(93600.0), shown_time(float("nan"))
+('2026-11-29 10:00', '26.0 h', '–')
+"""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from rich.console import Group
+from rich.table import Column
+
+from flinders.apps.fleet.report import chance, common_unit
+from flinders.apps.fleet.walks import STATES
+from flinders.core.units import label
+from flinders.errors import counted, figures
+from flinders.report.formatting import degrees, with_uncertainty
+from flinders.report.terminal import page, styled, table
+from flinders.workflows.offset_history import FROM_1970_S
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from typing import Any
+
+    from rich.console import RenderableType
+    from rich.table import Table
+
+    from flinders.apps.fleet.walks import FleetWalk, UnitWalk
+
+STATE_COLOURS: Final = {"moved": "red", "faster": "yellow", "steady": "green"}
+SHOWN: Final = 12
+"""Units, steps and estimates that are listed; ``--out`` and ``--json`` have more."""
+
+
+def of_walks(fleet: FleetWalk) -> RenderableType:
+    """Lay out how units went: states, walks, what moved; of one alone its offset over time."""
+    unit = fleet.listed[0].unit_of_field if fleet.listed else ""
+    history = None if fleet.history is None else _history(fleet.history, unit)
+    steps = _steps(fleet) if fleet.steps else None
+    return page(_states(fleet), _units(fleet), steps, history, Group(*remarks(fleet)))
+
+
+def shown_time(seconds: float) -> str:
+    """Write a time: a date and hour where it counts from 1970, else hours."""
+    if not math.isfinite(seconds):
+        return "–"
+    if seconds < FROM_1970_S:
+        return f"{seconds / 3600.0:,.1f} h"
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M}"
+
+
+def walk_words(one: UnitWalk) -> str:
+    """The rate of a unit with its 95 % interval."""
+    if math.isnan(one.walk):
+        return "–"
+    return f"{figures(one.walk)} ({figures(one.walk_low)} to {figures(one.walk_high)})"
+
+
+def remarks(fleet: FleetWalk) -> list[str]:
+    """What else there is to know, a line each."""
+    found = ["walk: what an offset moves by in an hour, 1 σ, with its 95 % interval; it grows with the root of time"]
+    if math.isfinite(fleet.walk_spread):
+        found.append(
+            f"a unit walks {degrees(fleet.typical_walk_deg)} of heading in a day in the median; units are within a "
+            f"factor of {figures(fleet.walk_spread)} of that (1 σ)"
+        )
+    share = f"{fleet.false_alarm_probability:.0%}"
+    what = f"a step between {counted(fleet.intervals, 'pair')} of estimates, or a faster unit,"
+    return [*found, f"chance alone lists {what} in {share} of fleets of this size in which nothing changed"]
+
+
+def _states(fleet: FleetWalk) -> Table:
+    rows = [
+        styled(STATE_COLOURS.get(name, "dim"), name, f"{fleet.states[name]:,}", words)
+        for name, words in STATES.items()
+        if fleet.states[name]
+    ]
+    return table((Column("units", no_wrap=True), "", Column("")), rows, is_dense=True)
+
+
+def _units(fleet: FleetWalk) -> Table:
+    unit = common_unit(fleet.listed)
+    headings = (
+        Column("unit", no_wrap=True), Column("state", no_wrap=True), f"walk, {unit}" if unit else "walk", "in a day",
+        "steps", "from", "to",
+    )  # fmt: skip
+    rows = [
+        (one.unit, one.state, walk_words(one) if unit else f"{walk_words(one)} {label(one.unit_of_field)}",
+         "" if math.isnan(one.walk_deg) else degrees(one.walk_deg), str(one.steps),
+         shown_time(one.begin_s), shown_time(one.end_s))
+        for one in fleet.listed[:SHOWN]
+    ]  # fmt: skip
+    return table(headings, [*rows, *_more(fleet.units)], is_dense=True)
+
+
+def _steps(fleet: FleetWalk) -> Table:
+    unit = common_unit(fleet.steps)
+    by = f"offset by, {unit}" if unit else "offset by"
+    rows = [
+        (one.unit, degrees(one.worst_deg),
+         f"{figures(math.hypot(*one.offset_change))} {label(one.unit_of_field)}".removesuffix(f" {unit}"),
+         chance(one.p_value), shown_time(one.before_s), shown_time(one.after_s))
+        for one in fleet.steps[:SHOWN]
+    ]  # fmt: skip
+    headings = (Column("moved", no_wrap=True), "heading", by, "chance", "after", "before")
+    return table(headings, [*rows, *_more(fleet.step_count)], is_dense=True)
+
+
+def _history(history: Mapping[str, Sequence[Any]], unit: str) -> Table:
+    """A dozen estimates of a unit, the first and the last among them."""
+    count = len(history["time_s"])
+    places = np.unique(np.linspace(0, count - 1, min(count, SHOWN)).round().astype(int)).tolist() if count else []
+    rows = [
+        (shown_time(history["time_s"][place]),
+         *map(with_uncertainty, history["offset"][place], history["sigma"][place]))
+        for place in places
+    ]  # fmt: skip
+    shown = label(unit)
+    return table((Column("time", no_wrap=True), *(f"offset {axis}, {shown}" for axis in "xyz")), rows, is_dense=True)
+
+
+def _more(count: int) -> list[tuple[str]]:
+    """A row that says how many are not shown, if there are any."""
+    return [(f"and {count - SHOWN:,} more",)] if count > SHOWN else []

@@ -1,0 +1,58 @@
+"""Numbers of a calibration that keeps itself as its file has them: by name, NaN and infinity as words."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flinders.native.layouts import ONLINE, blank
+from flinders.native.online import EVIDENCE
+from flinders.workflows.online_events import DOING
+
+if TYPE_CHECKING:
+    from flinders.native.layouts import Records
+
+
+def record_of(saved: dict[str, Any]) -> Records:
+    """A record of its numbers by name; ValueError for one that this engine has not written.
+
+    Its counts are places in memory.
+    """
+    record = blank(ONLINE)
+    for name in ONLINE.names or ():
+        values = np.array(saved[name])
+        if values.shape != record[name].shape:
+            raise ValueError(f"{name} has {values.size} numbers, and not {record[name].size}")
+        record[name] = values
+    kept, tested, doubtful = (int(record[name]) for name in ("kept", "tested", "doubtful"))
+    is_sound = 0 <= tested <= kept <= EVIDENCE and -1 <= doubtful <= kept and record["averaged"] >= 0
+    if not (is_sound and 0 <= record["state"] < len(DOING)):
+        raise ValueError("its counts are none")
+    return record
+
+
+def listed(values: Records) -> Any:  # noqa: ANN401 - JSON
+    """Numbers for JSON; words for those that it has not."""
+    return values.tolist() if np.isfinite(values).all() else finite(values.tolist())
+
+
+def finite(content: Any) -> Any:  # noqa: ANN401 - JSON
+    """JSON has no NaN and no infinity: words in their place."""
+    if isinstance(content, dict):
+        return {name: finite(value) for name, value in content.items()}
+    if isinstance(content, list):
+        return [finite(value) for value in content]
+    return str(content) if isinstance(content, float) and not math.isfinite(content) else content
+
+
+def numbers(values: Any) -> Any:  # noqa: ANN401 - a number or a list of them
+    """The numbers of a file, whose words are NaN and infinity."""
+    return (
+        [numbers(value) for value in values]
+        if isinstance(values, list)
+        else float(values)
+        if isinstance(values, str)
+        else values
+    )

@@ -1,0 +1,69 @@
+"""Fits that a calibration which keeps itself begins with, and the one in force as a fit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import UsageError
+from flinders.findings.catalogue import OF_CALIBRATION
+from flinders.findings.rules import linked
+from flinders.fitting.claim import Claim
+from flinders.fitting.evidence import Evidence
+from flinders.fitting.result import Fit, Judgement, Provenance
+from flinders.fitting.verdict import judged_parts
+from flinders.heading.error_propagation import HeadingError
+
+if TYPE_CHECKING:
+    from flinders.core.calibration import Calibration
+    from flinders.native.layouts import Records
+
+METHOD: Final = "online"
+
+
+def fit_of(
+    calibration: Calibration,
+    claimed: Records,
+    *,
+    noise: float,
+    dip_deg: float,
+    is_dip_assumed: bool,
+    target_deg: float,
+) -> Fit:
+    """A fit of a calibration in force and of what the engine claims of it."""
+    error = HeadingError(float(claimed["rms_deg"]), float(claimed["worst_deg"]), dip_deg)
+    claim = Claim(
+        calibration,
+        np.array(claimed["covariance"]).reshape(9, 9),
+        heading_error_deg=error,
+        dip_deg=dip_deg,
+        dip_assumed=is_dip_assumed,
+        target_deg=target_deg,
+    )
+    findings = linked(
+        judged_parts(
+            calibration,
+            ("heading-error", *OF_CALIBRATION),
+            target_deg=target_deg,
+            values={"next_step": ("record-longer",)},
+            level_worst_deg=error.worst,
+        )
+    )
+    return Fit(calibration, Evidence(method=METHOD, noise=noise), claim, Judgement(findings), Provenance(METHOD))
+
+
+def refuse(start: Fit) -> None:
+    """Raise UsageError for a calibration that cannot go on."""
+    calibration = start.calibration
+    why = (
+        "is refused" if start.verdict == "refused"
+        else "states no uncertainty" if not start.claim.states_uncertainty
+        else "is of a level turn, which is learnt anew" if start.claim.plane is not None
+        else "follows a disturbance with a lag" if any(one.lag_s for one in calibration.disturbances)
+        else "is linearized" if calibration.linearization is not None
+        else "has a mounting that an aid found" if calibration.rotation != "symmetric"
+        else ""
+    )  # fmt: skip
+    if why:
+        raise UsageError(f"{start.name} {why}: begin with a calibration of the magnetometer alone, or with none")

@@ -1,0 +1,276 @@
+"""The offset of one sensor over time, as a calibration that goes on has written it down.
+
+>>> from flinders import OnlineCalibration, simulate
+>>> tumble = simulate.tumble(seed=1, n=9000).samples
+>>> online = OnlineCalibration()
+>>> _ = online.add(tumble.field, time=tumble.time)
+>>> history = OffsetHistory.of(online, name="U17")
+>>> history.offset.shape[1], history.unit, history.walk is None                        # three minutes tell no walk
+(3, 'uT', True)
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from array import array
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Self
+
+import msgspec
+import numpy as np
+
+from flinders.core.files import reason
+from flinders.core.geomag import ASSUMED_DIP_DEG
+from flinders.errors import DocumentError
+from flinders.estimators.data import LARGEST, SMALLEST
+from flinders.fitting.result import Fit
+from flinders.workflows.online import FORMAT, OnlineCalibration
+from flinders.workflows.walk import walk_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.workflows.walk import Walk
+
+CELL_S: Final = 7200.0
+"""From one estimate to the next at least, of which a walk is told: those close together are one estimate."""
+MOST: Final = 400
+"""Such estimates."""
+FROM_1970_S: Final = 1e8
+"""Seconds from which on a time counts from 1970."""
+LATEST_S: Final = 2.5e11
+"""Seconds from 1970 that a date can have."""
+ADOPTED: Final = re.compile(r"calibration-(?:(\d{8}T\d{6})Z|(-?\d+(?:\.\d+)?)s)\.json")
+"""Name of a calibration by the time at which it came into force."""
+HEAD: Final = 200  # Bytes of a file in which its kind is looked for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OffsetHistory:
+    """The offset of one sensor over time."""
+
+    name: str
+    time_s: Floats  #: (n,) s, ascending: by the clock of the readings, from 1970 where that is known
+    offset: Floats  #: (n, 3), in `unit`: the newest estimate then
+    sigma: Floats  #: (n, 3): 1 σ of each component
+    unit: str  #: ``uT`` or ``counts``
+    radius: float  #: mean length of readings about the offset, in `unit`
+    dip_deg: float  #: inclination of the field, for headings
+    moved_s: tuple[float, ...] = ()  #: times at which an offset that had moved was learnt anew
+    heading_error_deg: float = np.nan  #: that was claimed at the end
+
+    @classmethod
+    def of(cls, online: OnlineCalibration, *, name: str = "calibration") -> Self:
+        """What a calibration that goes on has known over time."""
+        points = [point for point in online.timeline if point.is_read and np.isfinite(point.offset).all()]
+        state = online.state
+        return cls(
+            name,
+            np.array([point.time_s for point in points]),
+            np.array([point.offset for point in points]).reshape(-1, 3),
+            np.array([point.offset_sigma for point in points]).reshape(-1, 3),
+            unit=online.unit.inside,
+            radius=state.radius,
+            dip_deg=online.dip_deg,
+            moved_s=tuple(point.time_s for point in points if "moved" in point.events),
+            heading_error_deg=state.heading_error_deg,
+        )
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], *, name: str | None = None) -> Self:
+        """Read what `flinders watch` has written: a state, a folder of adopted calibrations, or lines of JSON.
+
+        Raises `DocumentError` for anything else.
+        """
+        path = Path(path)
+        name = path.stem if name is None else name
+        try:
+            if path.is_dir():
+                return cls._of_folder(path, name)
+            with path.open("rb") as file:
+                head = file.read(HEAD)
+            if f'"{FORMAT}"'.encode() in head:
+                return cls.of(OnlineCalibration.load(path), name=name)
+            return cls._of_lines(path, name)
+        except OSError as error:
+            raise DocumentError(f"{path}: cannot be read: {reason(error)}") from None
+
+    @classmethod
+    def _of_folder(cls, folder: Path, name: str) -> Self:
+        """Of calibrations that came into force, a file each."""
+        times = {path: time for path in folder.iterdir() if (time := adopted_s(path.name)) is not None}
+        if not times:
+            raise DocumentError(
+                f"{folder}: holds no calibration-TIME.json: give a folder of calibrations that `flinders watch` adopted"
+            )
+        paths = sorted(times, key=times.__getitem__)
+        fits = [Fit.load(path) for path in paths]
+        last = fits[-1]
+        unit = last.calibration.unit
+        alike = [place for place, fit in enumerate(fits) if fit.calibration.unit == unit]
+        return cls(
+            name,
+            np.array([times[paths[place]] for place in alike]),
+            np.array([fits[place].calibration.offset for place in alike]),
+            np.array([np.sqrt(fits[place].claim.covariance.diagonal()[:3]) for place in alike]),
+            unit=unit,
+            radius=last.calibration.ellipsoid.radius,
+            dip_deg=last.claim.known_dip_deg,
+            heading_error_deg=last.heading_error_deg.worst,
+        )
+
+    @classmethod
+    def _of_lines(cls, path: Path, name: str) -> Self:
+        """Of lines of ``--json``; the last one may be cut. Lines before a change of the unit are left out."""
+        rows, moved, last = array("d"), list[float](), None
+        with path.open("rb") as file:
+            for line in _reports(file, path):
+                if line.kind == "source" or line.time_s is None or line.offset is None or line.offset_sigma is None:
+                    continue
+                if last is not None and line.unit != last.unit:
+                    rows, moved = array("d"), []
+                rows.extend((line.time_s, *line.offset, *line.offset_sigma))
+                moved += [line.time_s] if line.event == "moved" else []
+                last = line
+        if last is None or last.radius is None:
+            raise DocumentError(f"{path}: no line has an offset: no calibration was found yet")
+        table = np.frombuffer(rows).reshape(-1, 7)
+        if last.radius < SMALLEST or np.abs(table).max() > LARGEST:
+            raise DocumentError(
+                f"{path}: has numbers that no magnetometer gives: give the lines of JSON as they were printed"
+            )
+        table = table[np.argsort(table[:, 0], kind="stable")]
+        return cls(
+            name,
+            *(table[:, 0], table[:, 1:4], table[:, 4:]),
+            unit=last.unit or "counts",
+            radius=last.radius,
+            dip_deg=ASSUMED_DIP_DEG,
+            moved_s=tuple(moved),
+            heading_error_deg=last.heading_error_deg or np.nan,
+        )
+
+    @property
+    def is_dated(self) -> bool:
+        """Whether times count from 1970."""
+        return bool(len(self.time_s)) and bool(self.time_s[0] >= FROM_1970_S)
+
+    @property
+    def estimates(self) -> Self:
+        """Those far enough apart to be estimates of their own: of each two hours the surest, where it differs."""
+        if not len(self.time_s):
+            return self
+        cell_s = max(CELL_S, float(self.time_s[-1] - self.time_s[0]) / MOST)
+        cells = np.floor((self.time_s - self.time_s[0]) / cell_s)
+        surest_last = np.lexsort((-self.sigma.sum(axis=1), cells))
+        rows = surest_last[np.flatnonzero(np.diff(cells[surest_last], append=np.inf))]
+        is_new = np.concatenate([[True], (np.diff(self.offset[rows], axis=0) != 0.0).any(axis=1)])
+        rows = rows[is_new]
+        return self._replaced(self.time_s[rows], self.offset[rows], self.sigma[rows])
+
+    def _replaced(self, time_s: Floats, offset: Floats, sigma: Floats) -> Self:
+        others = self.unit, self.radius, self.dip_deg, self.moved_s, self.heading_error_deg
+        return type(self)(self.name, time_s, offset, sigma, *others)
+
+    @property
+    def walk(self) -> Walk | None:
+        """How fast the offset walks; None where too little time has passed to tell."""
+        estimates = self.estimates
+        return walk_of(estimates.time_s, estimates.offset, estimates.sigma)
+
+
+def histories_in(paths: Sequence[str | os.PathLike[str]]) -> dict[Path, str]:
+    """Histories of units with the name of each, that of its file or folder.
+
+    A folder that holds no adopted calibrations is one of such files or folders. Where several have one name, all are
+    named by their paths. Raises `DocumentError` for a folder without any, or one that cannot be read.
+    """
+    found = [each for path in paths for each in _within(Path(path))]
+    is_clear = len({path.stem for path in found}) == len(found)
+    return {path: path.stem if is_clear else os.fspath(path) for path in found}
+
+
+def _within(path: Path) -> Iterable[Path]:
+    """The histories that a path leads to."""
+    try:
+        if not path.is_dir() or any(adopted_s(each.name) is not None for each in path.iterdir()):
+            return [path]
+        found = sorted(each for each in path.iterdir() if is_history(each))
+    except OSError as error:
+        raise DocumentError(f"{path}: cannot be read: {reason(error)}") from None
+    if not found:
+        raise DocumentError(f"{path}: holds nothing that `flinders watch` wrote: give states, or adopted calibrations")
+    return found
+
+
+def is_history(path: str | os.PathLike[str]) -> bool:
+    """Whether a path leads to what `OffsetHistory.read` may read: a folder, a state, or lines of ``watch --json``."""
+    try:
+        if Path(path).is_dir():
+            return True
+        with Path(path).open("rb") as file:
+            head = file.read(HEAD)
+    except OSError:
+        return False
+    return f'"{FORMAT}"'.encode() in head or re.match(rb'\{ *"kind" *:', head) is not None
+
+
+def adopted_name(time_s: float) -> str:
+    """Name of a calibration file by the time at which it came into force.
+
+    >>> adopted_name(1795946435.0), adopted_name(4.836)
+    ('calibration-20261129T100035Z.json', 'calibration-4.84s.json')
+    """
+    if not FROM_1970_S <= time_s <= LATEST_S:
+        return f"calibration-{time_s:.2f}s.json"
+    return f"calibration-{datetime.fromtimestamp(time_s, UTC):%Y%m%dT%H%M%SZ}.json"
+
+
+def adopted_s(name: str) -> float | None:
+    """The time that the name of a calibration file tells, s; None of other names.
+
+    >>> adopted_s("calibration-20261129T100035Z.json"), adopted_s("calibration-4.84s.json"), adopted_s("old.json")
+    (1795946435.0, 4.84, None)
+    """
+    match = ADOPTED.fullmatch(name)
+    if match is None:
+        return None
+    date, seconds = match.groups()
+    try:
+        return float(seconds) if date is None else datetime.strptime(f"{date}+0000", "%Y%m%dT%H%M%S%z").timestamp()
+    except ValueError:
+        return None
+
+
+class _Line(msgspec.Struct):
+    """What a line of ``flinders watch --json`` says, as far as it counts here."""
+
+    kind: str
+    event: str | None
+    time_s: float | None
+    offset: tuple[float, float, float] | None
+    offset_sigma: tuple[float, float, float] | None
+    radius: float | None
+    unit: str | None
+    heading_error_deg: float | None
+
+
+def _reports(lines: Iterable[bytes], path: Path) -> Iterator[_Line]:
+    """Lines of ``flinders watch --json``; DocumentError for others, unless it is the last one and cut."""
+    decoder = msgspec.json.Decoder(_Line)
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        try:
+            yield decoder.decode(line)
+        except (msgspec.DecodeError, UnicodeDecodeError):
+            if number > 1 and not line.endswith(b"\n"):
+                return
+            raise DocumentError(
+                f"{path}: line {number} is none that `flinders watch` prints as JSON: give its state, a folder of the "
+                "calibrations that it adopted, or what it printed"
+            ) from None

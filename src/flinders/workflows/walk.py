@@ -1,0 +1,148 @@
+"""How fast the offset of a sensor walks, from estimates of it over time.
+
+An estimate is off by a share of what it claims, and the offset moves between two of them: both are found together, by
+a Kalman filter for each pair of a rate and a share, whose innovations have Student's distribution, so that a step is
+no walk.
+
+>>> rng = np.random.default_rng(1)
+>>> hours = np.arange(0.0, 400.0, 4.0)
+>>> truth = np.cumsum(rng.normal(0.0, 0.2 * 2.0, (100, 3)), axis=0)                           # 0.2 µT in an hour
+>>> walk = walk_of(3600.0 * hours, truth + rng.normal(0.0, 0.1, (100, 3)), np.full((100, 3), 0.1))
+>>> walk.low < 0.2 < walk.high < 1.5 * walk.low
+True
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.errors import UsageError, figures
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+
+    Flags = NDArray[np.bool_]
+
+HOUR_S: Final = 3600.0
+KNOWN_FACTOR: Final = 2.0
+"""Within which a rate is known that is a bare number, 1 σ."""
+BOUND: Final = 1.96
+"""Standard deviations of a 95 % interval."""
+MIN_STEPS: Final = 8
+"""Of an offset, from one estimate to the next, below which nothing is said of how fast it walks."""
+FREEDOM: Final = 4.0
+"""Degrees of freedom of innovations: of less regular ones a step counts as much as of normal ones."""
+NORMAL: Final = 0.8310
+"""Scale of Student's distribution of that freedom that is nearest to a normal distribution of scale 1."""
+SHARES: Final = np.geomspace(1.0 / 16.0, 4.0, 7)
+"""Of the variances that estimates claim, that they may be off by."""
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """How fast an offset walks.
+
+    >>> print(Walk.known(0.1))
+    0.10 (0.026 to 0.39) per root hour
+    """
+
+    rate: float  #: by which it moves in an hour along each axis, 1 σ, in the unit of the offset; it grows with √t
+    low: float  #: of the 95 % interval
+    high: float
+
+    @classmethod
+    def known(cls, rate: float, factor: float = KNOWN_FACTOR) -> Self:
+        """A rate that is known within a factor, 1 σ; `UsageError` for one that is not positive."""
+        if not (0.0 < rate < math.inf and factor > 1.0):
+            raise UsageError(f"walk is {rate:g}: need what the offset moves in an hour, 1 σ, a positive number")
+        wide = factor**BOUND
+        return cls(rate, rate / wide, rate * wide)
+
+    @property
+    def log_sigma(self) -> float:
+        """1 σ of the natural logarithm of the rate."""
+        return math.log(self.high / self.low) / (2.0 * BOUND)
+
+    def heading_deg(self, seconds: float, *, radius: float, dip_deg: float) -> float:
+        """Worst 1 σ of the heading of a level vehicle, in degrees, that the walk makes in a time."""
+        moved = self.rate * math.sqrt(seconds / HOUR_S)
+        return math.degrees(moved / (radius * math.cos(math.radians(dip_deg))))
+
+    def __str__(self) -> str:
+        return f"{figures(self.rate)} ({figures(self.low)} to {figures(self.high)}) per root hour"
+
+
+def walk_of(time_s: Floats, offset: Floats, sigma: Floats, moved: Flags | None = None) -> Walk | None:
+    """How fast an offset walks; None of fewer than `MIN_STEPS` steps.
+
+    An estimate that follows slowly moves less from one time to the next than the offset does: where every other
+    estimate shows a larger rate, they are taken.
+
+    Parameters
+    ----------
+    time_s : (n,) s
+        Ascending.
+    offset, sigma : (n, 3)
+        Estimates and what they claim, 1 σ. An axis that hardly ever changes tells nothing.
+    moved : (n,) bool, optional
+        Whether the offset moved at once since the estimate before, which is no walk.
+    """
+    moves = np.zeros(len(time_s), int) if moved is None else np.cumsum(moved)
+    walk: Walk | None = None
+    for every in (1, 2, 4, 8, 16):
+        rows = np.arange(len(time_s))[::-every][::-1]  # the newest is one of them
+        is_cut = np.diff(moves[rows], prepend=0) > 0
+        longer = _walk_of(time_s[rows], offset[rows], sigma[rows], is_cut) if len(rows) > MIN_STEPS else None
+        if longer is None or (walk is not None and longer.rate < walk.high):
+            break
+        walk = longer
+    return walk
+
+
+def _walk_of(time_s: Floats, offset: Floats, sigma: Floats, moved: Flags) -> Walk | None:
+    """The same of these estimates alone; None where no axis changes."""
+    steps = np.diff(offset, axis=0)[~moved[1:]]
+    if len(steps) < MIN_STEPS or not (axes := np.mean(steps != 0.0, axis=0) > 0.5).any():
+        return None
+    hours, at = time_s / HOUR_S, offset[:, axes]
+    variance = np.maximum(sigma[:, axes] ** 2, np.finfo(float).tiny)
+    squares = np.mean(steps[:, axes] ** 2, axis=1) / np.diff(hours)[~moved[1:]]
+    guess = math.sqrt(float(np.median(squares)))
+    rates = np.geomspace(0.01 * guess, 10.0 * guess, 41)
+    low, _, high = _quantiles(rates, _log_likelihood(hours, at, variance, rates, moved))
+    rates = np.geomspace(low / 1.5, high * 1.5, 31)
+    low, middle, high = _quantiles(rates, _log_likelihood(hours, at, variance, rates, moved))
+    return Walk(middle / NORMAL, low / NORMAL, high / NORMAL)
+
+
+def _log_likelihood(hours: Floats, offset: Floats, variance: Floats, rates: Floats, moved: Flags) -> Floats:
+    """(rates, shares) logarithms of likelihoods."""
+    walk, share = (rates**2)[:, np.newaxis, np.newaxis], SHARES[:, np.newaxis]
+    shape = len(rates), len(SHARES), offset.shape[1]
+    at, unknown = np.broadcast_to(offset[0], shape), np.broadcast_to(share * variance[0], shape)
+    total = np.zeros(shape)
+    for step, hour in enumerate(np.diff(hours).tolist(), 1):
+        noise = share * variance[step]
+        if moved[step]:
+            at, unknown = np.broadcast_to(offset[step], shape), np.broadcast_to(noise, shape)
+            continue
+        unknown = unknown + walk * hour
+        spread, off = unknown + noise, offset[step] - at
+        total -= (FREEDOM + 1.0) / 2.0 * np.log1p(off**2 / (FREEDOM * spread)) + np.log(spread) / 2.0
+        at, unknown = at + unknown / spread * off, unknown * noise / spread
+    likelihood: Floats = total.sum(axis=2)
+    return likelihood
+
+
+def _quantiles(rates: Floats, log_likelihood: Floats) -> tuple[float, float, float]:
+    """Ends of the 95 % interval and median of the rates, any share as probable beforehand as any other."""
+    density = np.exp(log_likelihood - log_likelihood.max()).sum(axis=1)
+    below = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
+    low, middle, high = np.exp(np.interp([0.025, 0.5, 0.975], below / below[-1], np.log(rates))).tolist()
+    return low, middle, high
