@@ -116,7 +116,7 @@ FL_APART static void weaken(const real expected[9], real factor, found *out)
 }
 
 #ifdef FLINDERS_SMALL
-/* Fit evidence as a board fits: what lasts in its residuals widens the covariance by a factor. */
+/* Fit evidence as a board fits: its noise is taken for independent, and what it scatters beyond that is learnt of groups. */
 FL_APART static int fit_evidence(const fl_view *evidence, real dip_deg, const real expected[9], const fl_lent *memory, found *out)
 {
     const struct fl_known known = {expected, out->information, fl_add_known};
@@ -136,9 +136,7 @@ FL_APART static int fit_evidence(const fl_view *evidence, real dip_deg, const re
     if (fl_start_about(&view, expected, &start)) return FLINDERS_NOT_AN_ELLIPSOID;
     const int status = fl_fit_majority(kernels, &view, &options, &start, &start, &room, &fit, &majority);
     if (status != FLINDERS_OK) return status;
-    kernels->distances(&view, &fit.surface, work);
-    const real wider = fl_widening_by_time((real)fit.used, fl_time_of_distances(work, fl_view_count(&view)));
-    for (int i = 0; i < 81; i++) out->covariance[i] = wider * fit.covariance[i];
+    memcpy(out->covariance, fit.covariance, sizeof out->covariance);
     memcpy(out->parameters, fit.surface.centre, sizeof fit.surface.centre);
     memcpy(out->parameters + 3, fit.surface.shape, sizeof fit.surface.shape);
     out->noise = fit.noise, out->used = (real)fit.used;

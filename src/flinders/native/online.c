@@ -9,12 +9,13 @@
 #include "online.h"
 
 enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_GROUPS = 24, SUSPECTS = 3,
-       HALVINGS = 40 };
+       HALVINGS = 40, FEWEST_COMPARED = 8 };
 
 #define TURNED ((real)0.06)        /* rad from which on a direction is another one */
 #define MOST_TOGETHER_S ((real)2)  /* that readings of one direction are averaged over */
 #define GAP_S ((real)120)          /* without readings, or turning, after which a block has ended */
 #define BLOCK_S ((real)1200)       /* that a block lasts at most */
+#define FULL_S ((real)120)         /* that it lasts at least on a board, where few readings have to do for it */
 #define GROUP_TURN_DEG ((real)25)  /* from the mean of a group, that it is compared from */
 #define AS_FAR ((real)2)           /* times as far as a moved offset is seen to have moved, it may have where nothing is seen */
 #define ANYWHERE ((real)0.3)       /* of the radius: where an offset may be that nothing is known of */
@@ -67,19 +68,18 @@ static void drop_before(flinders_online *online, int first)
 }
 
 #ifdef FLINDERS_SMALL
-/* Drop every other reading that was compared: few then cover as long a time as many. */
+/* Drop half of the readings that were compared, those that follow each other soonest: few then cover as long a time as many. */
 static void thin(flinders_online *online)
 {
-    const int compared = online->tested, count = online->kept;
-    online->kept = 0;
-    for (int row = 0; row < count; row++) {
-        if (row < compared && row % 2) continue;
-        memmove(online->field + 3 * online->kept, online->field + 3 * row, 3 * sizeof(real));
-        online->time[online->kept++] = online->time[row];
+    for (int left = online->tested / 2; left > 0; left--) {
+        int soonest = 1;
+        for (int row = 2; row + 1 < online->tested; row++)
+            if (online->time[row + 1] - online->time[row - 1] < online->time[soonest + 1] - online->time[soonest - 1]) soonest = row;
+        const size_t behind = (size_t)(online->kept - soonest - 1);
+        memmove(online->field + 3 * soonest, online->field + 3 * (soonest + 1), 3 * behind * sizeof(real));
+        memmove(online->time + soonest, online->time + soonest + 1, behind * sizeof(real));
+        online->kept--, online->tested--, online->doubtful -= online->doubtful > soonest;
     }
-    online->tested = (compared + 1) / 2;
-    if (online->doubtful > compared) online->doubtful -= compared - online->tested;
-    else if (online->doubtful >= 0) online->doubtful = (online->doubtful + 1) / 2;
 }
 #endif
 
@@ -517,10 +517,12 @@ static int32_t keep(flinders_online *online, int is_still, const fl_lent *memory
         return 0;
     }
     if (online->kept == FL_EVIDENCE) {
-        if (online->state == FLINDERS_UNDISTURBED) close_block(online, memory);
 #ifdef FLINDERS_SMALL
-        else if (online->tested > 1) thin(online);
+        const int is_long = online->time[FL_EVIDENCE - 1] - online->time[0] > FULL_S && online->state == FLINDERS_UNDISTURBED;
+        if (online->tested > FEWEST_COMPARED && !is_long) thin(online);
+        else
 #endif
+        if (online->state == FLINDERS_UNDISTURBED) close_block(online, memory);
         else drop_before(online, FL_EVIDENCE / 2);
     }
     for (int axis = 0; axis < 3; axis++) online->field[3 * online->kept + axis] = online->sum[axis] / (real)online->averaged;

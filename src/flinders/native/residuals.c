@@ -100,26 +100,6 @@ real fl_time_of(const real *autocovariance, int lags)
     return 1 + 2 * sum / (autocovariance[0] > FL_TINY ? autocovariance[0] : FL_TINY);
 }
 
-#ifdef FLINDERS_SMALL /* what a board has in the place of slow noise */
-#define MOST_FREEDOM ((real)1.3) /* that correlated residuals take from a covariance */
-
-/* Readings that say as much as an independent one: from the autocovariance of distances, in their order. */
-FL_APART real fl_time_of_distances(real *distances, size_t n)
-{
-    real autocovariance[FL_LAGS];
-    size_t begins[2] = {0, n};
-    fl_residuals residuals = {.n = n, .stretches = 1, .begins = begins, .distances = distances};
-    return fl_time_of(autocovariance, fl_autocovariance(&residuals, autocovariance));
-}
-
-/* Factor by which correlated residuals widen a covariance, those that the parameters take up with them. */
-real fl_widening_by_time(real used, real time)
-{
-    const real independent = used / time, fewer = independent / (independent - 9 > 1 ? independent - 9 : 1);
-    return time > 1 ? time * (fewer < MOST_FREEDOM ? fewer : MOST_FREEDOM) : 1;
-}
-#endif
-
 /* Lags at which products are taken, and their weights: linear between them. Counts them. */
 static int quadrature(const real *autocovariance, int count, int lags[TAKEN], real weights[TAKEN])
 {

@@ -40,10 +40,6 @@ real fl_lag_one(const fl_residuals *residuals);
 real fl_steps_kurtosis(const fl_residuals *residuals);
 int fl_autocovariance(const fl_residuals *residuals, real out[FL_LAGS]);
 real fl_time_of(const real *autocovariance, int lags);
-#ifdef FLINDERS_SMALL
-real fl_time_of_distances(real *distances, size_t n);
-real fl_widening_by_time(real used, real time);
-#endif
 void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals, const real *white,
                         const real *autocovariance, int lags, real *scatter);
 real fl_creep(fl_blocks *blocks, const real scatter[81]);

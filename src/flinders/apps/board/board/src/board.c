@@ -4,7 +4,8 @@
 
 enum { READINGS = FLINDERS_BOARD_READINGS, CELLS = 100, FEWEST = 12 };
 
-#define MOVED ((real)0.1) /* of the extent: cells are counted anew about a centre that is as far off */
+#define MOST_FREEDOM ((real)1.3) /* that correlated residuals take from a covariance */
+#define MOVED ((real)0.1)       /* of the extent: cells are counted anew about a centre that is as far off */
 
 /* Begin. */
 void flinders_board_begin(flinders_board *board)
@@ -154,6 +155,23 @@ static real upright_of(const flinders_board *board, const real centres[CELLS][3]
     return sum;
 }
 
+/* Readings that say as much as an independent one: from the autocovariance of the residuals, in their order. */
+FL_APART static real correlation_time(flinders_board *board, const fl_view *view, const fl_surface *surface)
+{
+    real autocovariance[FL_LAGS];
+    size_t begins[2] = {0, fl_view_count(view)};
+    fl_residuals residuals = {.n = begins[1], .stretches = 1, .begins = begins, .distances = board->work};
+    fl_kernels_chosen(1)->distances(view, surface, board->work);
+    return fl_time_of(autocovariance, fl_autocovariance(&residuals, autocovariance));
+}
+
+/* Factor by which correlated residuals widen a covariance, those that the parameters take up with them. */
+static real widening(real used, real time)
+{
+    const real independent = used / time, fewer = independent / (independent - 9 > 1 ? independent - 9 : 1);
+    return time > 1 ? time * (fewer < MOST_FREEDOM ? fewer : MOST_FREEDOM) : 1;
+}
+
 /* The level heading that advice is given for. */
 static flinders_goal goal_of(const flinders_board *board, real dip_deg)
 {
@@ -198,9 +216,7 @@ static void place(flinders_board *board, const flinders_record *record, const fl
 FL_APART static void complete(flinders_board *board, const fl_view *view, const fl_surface *surface, const real centres[CELLS][3],
                     flinders_record *record)
 {
-    fl_kernels_chosen(1)->distances(view, surface, board->work);
-    const real time = fl_time_of_distances(board->work, fl_view_count(view));
-    const real wider = fl_widening_by_time((real)record->used, time);
+    const real time = correlation_time(board, view, surface), wider = widening((real)record->used, time);
     for (int i = 0; i < 81; i++) record->covariance[i] = wider * record->textbook[i];
     record->correlation_time = time, record->excess_variance = 1;
     record->fitted_distinct = record->fitted; /* none that equals the one before it is stored */
