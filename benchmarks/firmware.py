@@ -168,8 +168,9 @@ STORED: Final = np.dtype(
         ("version", "<u4"), ("sequence", "<u4"), ("clock_s", "<u4"), ("is_level", "<i4"), ("in_force", "<f4", (9,)),
         ("latest", "<f4", (9,)), ("covariance", "<f4", (45,)), ("latest_s", "<f4"), ("moved_s", "<f4"),
         ("worst_deg", "<f4"), ("target_deg", "<f4"), ("dip_deg", "<f4"), ("noise", "<f4"), ("place", "<f4"),
-        ("scatter", "<f4"), ("rates", "<f4", (7,)), ("moves", "<f4"), ("moves_square", "<f4"), ("watched", "<f4"),
-        ("moved", "<f4", (3,)), ("height", "<f4"), ("height_now", "<f4"), ("height_sigma", "<f4"), ("checksum", "<u4"),
+        ("scatter", "<f4"), ("rates", "<f4", (7,)), ("expected_walk", "<f4"), ("expected_walk_sigma", "<f4"),
+        ("moves", "<f4"), ("moves_square", "<f4"), ("watched", "<f4"), ("moved", "<f4", (3,)),
+        ("height", "<f4"), ("height_now", "<f4"), ("height_sigma", "<f4"), ("checksum", "<u4"),
     ]
 )  # fmt: skip
 """What a calibration that goes on stores."""

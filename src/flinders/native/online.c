@@ -15,6 +15,7 @@ enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_
 #define MOST_TOGETHER_S ((real)2)  /* that readings of one direction are averaged over */
 #define GAP_S ((real)120)          /* without readings, or turning, after which a block has ended */
 #define BLOCK_S ((real)1200)       /* that a block lasts at most */
+#define DENSER ((real)1.37)        /* times as many readings a second, of a part that is thinned alone */
 #define FULL_S ((real)120)         /* that it lasts at least on a board, where few readings have to do for it */
 #define GROUP_TURN_DEG ((real)25)  /* from the mean of a group, that it is compared from */
 #define AS_FAR ((real)2)           /* times as far as a moved offset is seen to have moved, it may have where nothing is seen */
@@ -68,18 +69,23 @@ static void drop_before(flinders_online *online, int first)
 }
 
 #ifdef FLINDERS_SMALL
-/* Drop half of the readings that were compared, those that follow each other soonest: few then cover as long a time as many. */
+/* Drop every other reading of those that were compared, or of their newer half where that is denser in time: few readings then
+ * cover as long a time as many. */
 static void thin(flinders_online *online)
 {
-    for (int left = online->tested / 2; left > 0; left--) {
-        int soonest = 1;
-        for (int row = 2; row + 1 < online->tested; row++)
-            if (online->time[row + 1] - online->time[row - 1] < online->time[soonest + 1] - online->time[soonest - 1]) soonest = row;
-        const size_t behind = (size_t)(online->kept - soonest - 1);
-        memmove(online->field + 3 * soonest, online->field + 3 * (soonest + 1), 3 * behind * sizeof(real));
-        memmove(online->time + soonest, online->time + soonest + 1, behind * sizeof(real));
-        online->kept--, online->tested--, online->doubtful -= online->doubtful > soonest;
+    const real *const time = online->time;
+    const int compared = online->tested, half = compared / 2, count = online->kept;
+    const real older = (time[half] - time[0]) / (real)half, newer = (time[compared - 1] - time[half]) / (real)(compared - 1 - half);
+    const int from = older > DENSER * newer ? half : 0;
+    online->kept = from;
+    for (int row = from; row < count; row++) {
+        if (row < compared && (row - from) % 2) continue;
+        memmove(online->field + 3 * online->kept, online->field + 3 * row, 3 * sizeof(real));
+        online->time[online->kept++] = time[row];
     }
+    online->tested = from + (compared - from + 1) / 2;
+    if (online->doubtful >= compared) online->doubtful -= compared - online->tested;
+    else if (online->doubtful > from) online->doubtful = from + (online->doubtful - from + 1) / 2;
 }
 #endif
 

@@ -30,7 +30,7 @@
 #endif
 
 typedef struct flinders_service {
-    flinders_online online;       /* `is_locked`, `target_deg` and `dip_deg` may be set */
+    flinders_online online;       /* `is_locked`, `target_deg` and `dip_deg` may be set, and a walk be expected */
 
     /* What follows is the library's. */
     uint32_t origin_ms;           /* of the board's clock, where times of `online` begin */
@@ -62,7 +62,7 @@ typedef struct flinders_stored {
     float latest_s, moved_s;      /* ages when it was stored; NaN: never moved */
     float worst_deg;              /* claimed then */
     float target_deg, dip_deg;
-    float noise, place, scatter, rates[7], moves, moves_square, watched, moved[3];
+    float noise, place, scatter, rates[7], expected_walk, expected_walk_sigma, moves, moves_square, watched, moved[3];
     float height, height_now, height_sigma;
     uint32_t checksum;            /* CRC-32 of all before it */
 } flinders_stored;

@@ -186,6 +186,8 @@ int flinders_service_store(flinders_service *service, uint32_t clock_s, flinders
     record->target_deg = (float)online->target_deg, record->dip_deg = (float)online->dip_deg;
     record->noise = (float)online->noise, record->place = (float)online->place, record->scatter = (float)online->scatter;
     for (int k = 0; k < FL_RATES; k++) record->rates[k] = (float)online->rates[k];
+    record->expected_walk = (float)online->expected_walk;
+    record->expected_walk_sigma = (float)online->expected_walk_sigma;
     record->moves = (float)online->moves, record->moves_square = (float)online->moves_square;
     record->watched = (float)online->watched;
     for (int i = 0; i < 3; i++) record->moved[i] = (float)online->moved[i];
@@ -209,6 +211,7 @@ static int take(flinders_service *service, const flinders_stored *record, real o
     online->now = -off, online->moved_at = -off - (real)record->moved_s;
     online->target_deg = record->target_deg, online->dip_deg = record->dip_deg;
     online->place = record->place, online->scatter = record->scatter;
+    flinders_online_expect_walk(online, record->expected_walk, record->expected_walk_sigma); /* where it is known */
     for (int k = 0; k < FL_RATES; k++) online->rates[k] = record->rates[k];
     online->moves = record->moves, online->moves_square = record->moves_square, online->watched = record->watched;
     for (int i = 0; i < 3; i++) online->moved[i] = record->moved[i];
