@@ -4,6 +4,8 @@ import re
 import warnings
 from importlib.metadata import version as installed
 
+from numpydoc import docscrape_sphinx
+
 project = "Flinders"
 author = "The Flinders developers"
 copyright = "2026, The Flinders developers"
@@ -34,6 +36,21 @@ INNER = rf"flinders\.(.*\._\w+|estimators\.(auto|rests)|apps\.({APPS}))\..*"  # 
 nitpick_ignore_regex = [(r"py:.*", r"(?!flinders\.).*"), (r"py:.*", INNER)]
 suppress_warnings = ["misc.highlighting_failure"]  # of sessions that show files, whose apostrophes open no string
 autodoc_inherit_docstrings = False
+
+
+def made_once(make):
+    """Make one environment of Jinja: numpydoc makes one for each docstring, and compiles its template 8,000 times."""
+    made = []
+
+    def environment(loader):
+        if not made:
+            made.append(make(loader=loader))
+        return made[0]
+
+    return environment
+
+
+docscrape_sphinx.SandboxedEnvironment = made_once(docscrape_sphinx.SandboxedEnvironment)
 
 
 def keep_bars(_app, _what, _name, _object, _options, lines):

@@ -12,6 +12,8 @@ from flinders import simulate
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from flinders.arrays import Floats
+
 HEAD: Final = b"\xa3\x95"
 SHAPES: Final = {
     "PARM": (33, "<Q16sf", "QNf", "TimeUS,Name,Value"),
@@ -23,18 +25,19 @@ SHAPES: Final = {
 OFFSETS: Final = {"MAG": (-47, 112, 20), "MAG2": (0, 0, 0)}
 
 
-def dataflash() -> Iterator[bytes]:
-    """Yield its messages."""
+def dataflash(first: Floats | None = None, *, week: int = 2400) -> Iterator[bytes]:
+    """Yield its messages; `first` is what the first compass reads at 10 Hz, µT, and `week` that of the satellites."""
     yield _said("FMT", 128, 89, "BBnNZ", "Type,Length,Name,Format,Columns")
     for name, (number, layout, letters, labels) in SHAPES.items():
         yield _said(name, number, 3 + struct.calcsize(layout), letters, labels)
     for name, offset in zip("XYZ", OFFSETS["MAG"], strict=True):
         yield _message("PARM", 0, f"COMPASS_OFS_{name}".encode(), float(offset))
-    yield _message("GPS", 1_000, 3, 388_800_000, 2400, 12, 80, 437_700_000, 112_600_000, 5_000)
+    yield _message("GPS", 1_000, 3, 388_800_000, week, 12, 80, 437_700_000, 112_600_000, 5_000)
     for number, seed in enumerate((2, 5)):
-        field = 10.0 * simulate.tumble(seed=seed, motion="uniform" if number == 0 else "tilted").samples.field
+        field = simulate.tumble(seed=seed, motion="uniform" if number == 0 else "tilted").samples.field
+        field = field if first is None or number else first
         name = ("MAG", "MAG2")[number]
-        corrected = np.rint(field[:1200] + OFFSETS[name]).astype(int).tolist()
+        corrected = np.rint(10.0 * field + OFFSETS[name]).astype(int).tolist()
         for row, axes in enumerate(corrected):
             yield _message(name, 20_000 + 100_000 * row + 5_000_000 * (row > 600), *axes, *OFFSETS[name])
 

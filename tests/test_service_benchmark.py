@@ -36,6 +36,12 @@ def drone() -> Life:
     return live("drone", 1, days=0.2, kinds=DRIFTS)
 
 
+@pytest.fixture(scope="module")
+def calm() -> Life:
+    """Three hours of a drone to which nothing happens."""
+    return live("drone", 4, days=0.12, kinds=())
+
+
 def strengths(life: Life) -> Floats:
     """(n,) lengths of readings that the truth corrects, µT."""
     corrected = np.linalg.solve(life.iron, (life.field - life.offset_at(life.seconds)).T)
@@ -199,9 +205,8 @@ def test_a_report_without_a_step_is_false() -> None:
     ("name", "limit_deg"),
     [("once", 1.0), ("refit", 1.0), ("px4", 4.0), ("kalman", 1.0), ("pypilot", 9.0), ("betaflight", 9.0)],
 )
-def test_a_peer_is_right_where_nothing_happens(name: str, limit_deg: float) -> None:
-    life = live("drone", 4, days=0.12, kinds=())
-    score = service.scored(life, name, ESTIMATORS[name])
+def test_a_peer_is_right_where_nothing_happens(name: str, limit_deg: float, calm: Life) -> None:
+    score = service.scored(calm, name, ESTIMATORS[name])
     assert score.answers[-1].error < limit_deg
 
 

@@ -82,7 +82,7 @@ def ran(*command: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("real", [None, nightly("-DFLINDERS_FLOAT")], ids=["double", "float"])
 def test_no_memory_error_and_nothing_undefined(tmp_path: Path, trials: Choose, real: str | None) -> None:
     """A few calls are sooner made than an optimising compiler is done."""
-    claim = trials(1_000_000, 500)
+    claim = trials(1_000_000, 200)
     calls, optimised = claim.count, "-O1" if claim.widening == 1.0 else "-O0"
     done = ran(str(harness(tmp_path, optimised, *([real] if real else []))), str(calls))
     assert done.returncode == 0, done.stdout + done.stderr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -38,7 +39,7 @@ KEYS = [
 
 
 def record(
-    name: str,
+    name: str | Path,
     seed: int,
     *,
     offset: float = 0.0,
@@ -62,13 +63,20 @@ def edit(source: str, target: str, **parts: dict[str, object] | None) -> None:
     Path(target).write_text(json.dumps(content), encoding="utf-8")
 
 
-@pytest.fixture(autouse=True)
-def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two recordings of a sensor and their calibrations."""
-    monkeypatch.chdir(tmp_path)
+    folder = tmp_path_factory.mktemp("made")
     for seed, name in ((3, "monday"), (4, "tuesday")):
-        record(f"{name}.csv", seed)
-        flinders.fit(flinders.read(f"{name}.csv")).save(f"{name}.json")
+        record(folder / f"{name}.csv", seed)
+        flinders.fit(flinders.read(folder / f"{name}.csv")).save(folder / f"{name}.json")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def home(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A copy for each test."""
+    monkeypatch.chdir(shutil.copytree(made, tmp_path, dirs_exist_ok=True))
 
 
 # compare

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -81,9 +82,14 @@ FITS: Final[dict[str, Callable[[], Fit]]] = {
 }
 
 
+@cache
+def made(name: str) -> Fit:
+    return FITS[name]()
+
+
 @pytest.fixture(params=FITS)
 def fit(request: pytest.FixtureRequest) -> Fit:
-    return FITS[request.param]()
+    return made(request.param)
 
 
 def test_every_door_states_one_number(fit: Fit) -> None:
@@ -167,7 +173,7 @@ def test_a_fleet_states_it(change: Callable[[Floats], Floats]) -> None:
 
 def test_what_the_mounting_adds_is_said_wherever_the_rotation_was_seen() -> None:
     """By the terminal, of a fit and of its file, and by the file."""
-    fit = FITS["with dip"]()
+    fit = made("with dip")
     loaded = Fit.from_document(fit.to_document())
     for page in (of_fit(fit), of_file(loaded, is_verbose=False)):
         console = Console(file=io.StringIO(), width=200)
@@ -177,7 +183,7 @@ def test_what_the_mounting_adds_is_said_wherever_the_rotation_was_seen() -> None
 
 def test_before_and_after_are_of_the_same_axes() -> None:
     """The turn that a page draws is that of the numbers beside it, also where the sensor sits turned in the body."""
-    fit = FITS["clean"]()
+    fit = made("clean")
     turn = rotations(np.array([[0.3, -0.2, 1.4]]))[0]
     turned = replace(fit.calibration, matrix=turn @ fit.calibration.matrix, rotation="composed")
     mounted = fit.with_calibration(turned)
@@ -200,5 +206,5 @@ def test_a_merged_calibration_has_what_belongs_to_the_direction() -> None:
 def test_what_belongs_to_the_direction_is_in_the_claim() -> None:
     """Else the doors above would agree on too small a number."""
     for name in ("structure", "a nonlinear axis", "a late axis"):
-        fit = FITS[name]()
+        fit = made(name)
         assert fit.heading_error_deg.worst > fit.claim.structure_deg > 0.1, name

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
@@ -19,6 +19,9 @@ from flinders import OnlineCalibration
 from flinders.apps.service.simulate_boat import BEGINS_S, MOVED_UT, boat
 from flinders.cli import main
 from flinders.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 PAGE: Final = ROOT / "docs" / "service" / "week.md"
 CONSOLE: Final = re.compile(r"(?<=^```console\n)(.*?)(?=^```$)", re.MULTILINE | re.DOTALL)
@@ -89,13 +92,13 @@ def test_a_watch_that_was_killed_knows_the_same_in_the_end(tmp_path: Path, monke
     assert "The offset has moved" in Path("boat.html").read_text(encoding="utf-8")
 
 
-def answered(line: str) -> str:
+def answered(line: str, routine: Sequence[str] = ROUTINE) -> str:
     """What a command prints, without what is said again and again."""
     ended = CliRunner().invoke(main, line.split()[1:], prog_name="flinders")
     assert ended.exit_code == 0, ended.output
     lines: list[str] = []
     for shown in ended.output.splitlines():
-        if not any(words in shown for words in ROUTINE):
+        if not any(words in shown for words in routine):
             lines.append(shown)
         elif lines[-1:] != ["…"]:
             lines.append("…")

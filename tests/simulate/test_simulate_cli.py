@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -29,11 +30,21 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.fixture
-def calibrated() -> None:
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``tumble.csv``, its truth, and its ``calibration.json``."""
-    assert flinders_("simulate", "three-axis", "-o", "tumble.csv", "--readings", "800").code == 0
-    assert flinders_("calibrate", "tumble.csv", "-o", "calibration.json").code == 0
+    folder = tmp_path_factory.mktemp("made")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert flinders_("simulate", "three-axis", "-o", "tumble.csv", "--readings", "800").code == 0
+        assert flinders_("calibrate", "tumble.csv", "-o", "calibration.json").code == 0
+    return folder
+
+
+@pytest.fixture
+def calibrated(made: Path, home: Path) -> None:
+    """A copy of these for each test."""
+    shutil.copytree(made, home, dirs_exist_ok=True)
 
 
 # simulate

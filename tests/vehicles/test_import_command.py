@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import numpy.testing as npt
@@ -17,15 +18,22 @@ from flinders.core.units import Unit
 from flinders.targets import read_back
 
 
-@pytest.fixture(autouse=True)
-def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The working directory, with a calibration, what some targets make of it, and a recording."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
-    Calibration(MATRIX, OFFSET, 49.0, True, raw=Unit.of("mG")).save("calibration.json")
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A calibration, what some targets make of it, and a recording."""
+    folder = tmp_path_factory.mktemp("made")
+    Calibration(MATRIX, OFFSET, 49.0, True, raw=Unit.of("mG")).save(folder / "calibration.json")
     for name, path in (("ardupilot", "compass.param"), ("px4-shell", "px4.txt"), ("motioncal", "packet.bin")):
-        assert run("export", "--to", name, "calibration.json", "-o", path).exit_code == 0
-    write_field("tumble.csv", simulate.tumble(seed=2).samples.field)
+        assert run("export", "--to", name, str(folder / "calibration.json"), "-o", str(folder / path)).exit_code == 0
+    write_field(folder / "tumble.csv", simulate.tumble(seed=2).samples.field)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def home(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working directory, with a copy of these."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.chdir(shutil.copytree(made, tmp_path, dirs_exist_ok=True))
     return tmp_path
 
 

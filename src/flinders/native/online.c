@@ -44,6 +44,7 @@ enum { FEWEST = 48, STEP = 32, GROUP = 16, LARGE_GROUP = 64, IN_A_ROW = 2, MOST_
 #define BACK_S ((real)900)         /* in which it becomes e times less probable that what has moved moves back */
 #define JUMP ((real)6)             /* a jump is larger than so many usual steps from one reading to the next */
 #define AT_ONCE_S ((real)1)        /* s that the four newest readings may take for a jump to be looked for */
+#define AS_SOON ((real)2)          /* times as far apart as their neighbours, that readings before and after a jump are at most */
 #define CALM ((real)0.3)           /* of a jump: most that the readings before it, and those after it, differ by */
 #define STEPS ((real)64)           /* that their mean square is an average over */
 #define FAR_ALONE ((real)6)        /* times as far as places differ, that the strength in one reading is off */
@@ -558,7 +559,8 @@ static int32_t jump(flinders_online *online, const real x[3], real time, const f
     real *const at = online->newest_at, steps[3] = {0}, d[3];
     memmove(online->newest, online->newest + 3, 9 * sizeof(real)), memmove(at, at + 1, 3 * sizeof(real));
     memcpy(online->newest + 9, x, 3 * sizeof *x), at[3] = time;
-    if (!(at[3] - at[0] < AT_ONCE_S)) return 0;
+    const real before = at[1] - at[0], after = at[3] - at[2];
+    if (!(at[3] - at[0] < AT_ONCE_S) || at[2] - at[1] > AS_SOON * (before > after ? before : after)) return 0;
     for (int k = 0; k < 3; k++)
         for (int axis = 0; axis < 3; axis++) {
             const real step = online->newest[3 * k + 3 + axis] - online->newest[3 * k + axis];
@@ -574,7 +576,7 @@ static int32_t jump(flinders_online *online, const real x[3], real time, const f
     if (online->kept && online->state == FLINDERS_UNDISTURBED) close_block(online, memory);
     for (int i = 0; i < 3; i++) {
         online->latest[i] += d[i], online->known[i] += d[i];
-        if (i == 2) online->height_now += d[i];
+        if (i == 2) online->height += d[i], online->height_now += d[i];
         for (int j = 0; j < 3; j++) {
             const real unknown = (i == j ? usual + CALM * CALM * CALM * steps[1] : 0);
             online->latest_covariance[9 * i + j] += unknown, online->known_covariance[9 * i + j] += unknown;

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 from flinders.apps.service.clocks import FROM_1970_S
-from flinders.errors import figures
+from flinders.report.formatting import degrees
 from flinders.workflows.online_events import CODES, DOING, WORDS
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class Report:
         error, bound, until = self.heading_error_deg, self.bound_deg, self.good_until_s
         if error is None or bound is None or not math.isfinite(error):
             return "" if self.kind == "source" else "no calibration yet"
-        claim = f"heading error {figures(error)}°, 95 % within {figures(bound)}°"
+        claim = f"heading error {degrees(error)}, 95 % within {degrees(bound)}"
         if self.verdict != "good" or until is None or math.isnan(until):
             return f"{claim}, target {self.target_deg:g}°"
         return f"{claim}, good {f'until {moment(until)}' if math.isfinite(until) else 'for ten years'}"

@@ -144,12 +144,12 @@ def of_recordings(recordings: Sequence[Recording], starts: Sequence[float] = ())
     """
     dated = list(zip(recordings, starts or [0.0] * len(recordings), strict=True))
     if all(start >= FROM_1970_S for _, start in dated):
-        dated.sort(key=lambda each: each[1] + _first(each[0]))
+        dated.sort(key=lambda each: each[1] + first_time(each[0]))
     return _Replayed(_Recordings(dated), [recording for recording, _ in dated])
 
 
-def _first(recording: Recording) -> float:
-    """First time of a recording."""
+def first_time(recording: Recording) -> float:
+    """First time of a recording, s; infinite where it has none."""
     times = (block.time[0] for block in recording.blocks() if block.time is not None and len(block))
     return float(next(times, math.inf))
 

@@ -19,7 +19,6 @@ import numpy as np
 
 from flinders.apps.service.clocks import FROM_1970_S
 from flinders.apps.service.reports import moment, words_of
-from flinders.errors import figures
 from flinders.report.charts import (
     Axis,
     Plot,
@@ -32,6 +31,7 @@ from flinders.report.charts import (
     shape,
     text,
 )
+from flinders.report.formatting import degrees
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -264,7 +264,7 @@ def _events(plots: Sequence[Plot], points: Sequence[OnlinePoint]) -> str:
         x, y = claim.x(point.time_s), claim.top - LANE_PX / 2.0
         if code == "moved":
             parts += [segment("moved", x, plot.top, x, plot.bottom) for plot in plots]
-        words = f"{moment(point.time_s)}: {words_of(code)}, heading error {figures(point.heading_error_deg)}°"
+        words = f"{moment(point.time_s)}: {words_of(code)}, heading error {degrees(point.heading_error_deg)}"
         parts.append(
             f'<path class="mark {code}" d="M{x:.1f} {y:.1f}{MARKS[code]}"><title>{escape(words)}</title></path>'
         )

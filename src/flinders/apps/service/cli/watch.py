@@ -19,11 +19,13 @@ from flinders.errors import UnreadableInput, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from datetime import datetime
 
     from flinders.apps.service.handover import Handover
     from flinders.apps.service.reports import Report
     from flinders.apps.service.sources import Source
     from flinders.apps.service.watching import Begun, Files
+    from flinders.core.samples import Recording
     from flinders.core.units import Unit
     from flinders.workflows.online import OnlineCalibration
 
@@ -129,7 +131,7 @@ class WatchedSource(program.Group):
         parts = [CountedRecording(recording) for recording in recordings]
         for part in reversed(parts):
             stack.callback(say_read, part)
-        return of_recordings(parts, [clock_start(recording) for recording in recordings])
+        return of_recordings(parts, [_start(recording) for recording in recordings])
 
 
 class Watch(program.Group):
@@ -351,6 +353,14 @@ def command(options: Watch) -> None:
 def _json(report: Report) -> None:
     """A line for programs."""
     click.echo(json.dumps(plain(report.as_dict())))
+
+
+def _start(recording: Recording) -> float:
+    """Seconds from 1970 at which the times of a recording start to count; 0 where they count from something else."""
+    from flinders.apps.service.sources import first_time
+
+    begun: datetime | None = getattr(recording, "begun", None)  # of a log of a vehicle: its first reading
+    return clock_start(recording) if begun is None else begun.timestamp() - first_time(recording)
 
 
 def _told() -> Callable[[Report], None]:
