@@ -489,7 +489,7 @@ def test_a_vehicle_is_watched_over_mavlink() -> None:
         autopilot.is_over.set()
     assert watch.returncode == 0, err
     assert "PX4" in lines_of(out)[0]["words"]
-    assert lines_of(out)[-1]["unit"] == "G"
+    assert lines_of(out)[-1]["unit"] == "uT"  # of the walk; HIGHRES_IMU is in G
 
 
 def test_garbage_is_counted() -> None:
