@@ -309,7 +309,7 @@ def test_a_board_learns_and_holds_and_a_step_is_found_and_learnt_again(seed: int
     steps = life(firmware.HOST, seed)
     begun, *_, held = (rows := firmware.go_on(firmware.HOST, going_on, steps[:4])[0])
     assert held["answer"]["in_force"]["heading_worst_deg"] < 0.7 * begun["answer"]["in_force"]["heading_worst_deg"]
-    assert off_ut(rows) < 0.15
+    assert off_ut(rows) < 0.3
     assert held["answer"]["in_force"]["verdict"] == 1
     assert held["answer"]["good_s"] > 600
     assert np.isnan(held["answer"]["moved_s"])
