@@ -415,3 +415,12 @@ def test_a_calibration_goes_on_following_a_current_that_is_recorded(tmp_path: Pa
     assert np.degrees(np.median(np.linalg.norm(apart, axis=1))) < 0.3
     with pytest.raises(UsageError, match="current, which was not given"):
         online.add(flown[:5], time=later[:5] + 100.0)
+
+
+def test_a_young_calibration_is_contradicted_by_no_clean_reading() -> None:
+    for seed in (2, 4, 6):
+        field, time, _ = tumbled(seed, sensor_seed=seed)
+        read = np.ones(len(time), dtype=bool)
+        read[2000:2025] = read[2500:2540] = False  # lost on the way, while the sensor turns
+        events = OnlineCalibration().add(field[read], time=time[read])
+        assert {event.code for event in events} == {"learnt", "adopted"}
